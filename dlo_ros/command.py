@@ -1,0 +1,191 @@
+"""Imposed motion: what a `dlo/command` says, checked and sampled (no ROS here).
+
+Stamps are integer nanoseconds as in ROS; times within a command are seconds from its start.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dlo_ros.errors import CommandError
+from dlo_ros.spline import FloatArray
+
+START = "start"
+END = "end"
+CONTROL_POINT = "control_point_"
+NANOSECONDS = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class Command:
+    """A trajectory of imposed positions and clamp frames.
+
+    Args:
+        stamp: start of the trajectory [ns]; 0 must have been replaced by the moment of receipt.
+        names: what is imposed, K of `start`, `end`, `control_point_1` ... `control_point_n`.
+        times: seconds from the start, growing, shape (T,).
+        positions: [m], shape (T, K, 3).
+        rotations: unit quaternions x y z w, shape (T, K, 4); used for `start` and `end` only.
+        velocities: [m/s], shape (T, K, 3), NaN where a point carries none.
+        control_points: n of the published basis, which the names count in.
+        frame_id: frame of the positions.
+
+    Raises:
+        CommandError: the command is malformed; the message says what and where.
+    """
+
+    stamp: int
+    names: tuple[str, ...]
+    times: FloatArray
+    positions: FloatArray
+    rotations: FloatArray
+    velocities: FloatArray
+    control_points: int
+    frame_id: str = "board"
+
+    def __post_init__(self) -> None:
+        check_names(self.names, self.control_points)
+        points, count = len(self.times), len(self.names)
+        if points == 0:
+            raise CommandError("dlo/command has no points; give at least one")
+        shapes = {
+            "transforms": (self.positions.shape, (points, count, 3)),
+            "rotations": (self.rotations.shape, (points, count, 4)),
+            "velocities": (self.velocities.shape, (points, count, 3)),
+        }
+        for what, (found, expected) in shapes.items():
+            if found != expected:
+                raise CommandError(
+                    f"dlo/command has {what} of shape {found}; its names and points need {expected}"
+                )
+        if not np.all(np.isfinite(self.times)):
+            raise CommandError("dlo/command has a time that is not finite")
+        if np.any(np.diff(self.times) <= 0.0):
+            at = int(np.argmax(np.diff(self.times) <= 0.0)) + 1
+            raise CommandError(
+                f"dlo/command: time_from_start of point {at} is {self.times[at]:g} s, not after "
+                f"the one before ({self.times[at - 1]:g} s); times must grow"
+            )
+        if not np.all(np.isfinite(self.positions)):
+            raise CommandError("dlo/command has a position that is not finite (NaN or infinite)")
+        for k, name in enumerate(self.names):
+            if name in (START, END):
+                norms = np.linalg.norm(self.rotations[:, k], axis=-1)
+                if not np.all(np.abs(norms - 1.0) < 0.1):
+                    raise CommandError(
+                        f"dlo/command: a rotation of '{name}' is no unit quaternion (x, y, z, w)"
+                    )
+
+    def sample(self, stamp: int) -> tuple[FloatArray, FloatArray]:
+        """Imposed values at a stamp [ns].
+
+        Returns:
+            Positions [m], shape (K, 3), and unit quaternions x y z w, shape (K, 4).
+        """
+        t = (stamp - self.stamp) / NANOSECONDS
+        after = int(np.searchsorted(self.times, t, side="right"))
+        if after == 0 or after == len(self.times):
+            at = max(after - 1, 0)
+            return self.positions[at].copy(), _normalised(self.rotations[at])
+        a, b = after - 1, after
+        h = float(self.times[b] - self.times[a])
+        s = (t - float(self.times[a])) / h
+        p0, p1 = self.positions[a], self.positions[b]
+        v0, v1 = self.velocities[a] * h, self.velocities[b] * h
+        linear = p0 + s * (p1 - p0)
+        hermite = (
+            (1 + 2 * s) * (1 - s) ** 2 * p0
+            + s * (1 - s) ** 2 * v0
+            + s * s * (3 - 2 * s) * p1
+            + s * s * (s - 1) * v1
+        )
+        known = np.all(np.isfinite(v0) & np.isfinite(v1), axis=-1, keepdims=True)
+        position = np.where(known, hermite, linear)
+        return position, _slerp(self.rotations[a], self.rotations[b], s)
+
+    @property
+    def end_stamp(self) -> int:
+        """Stamp [ns] after which the values hold."""
+        return self.stamp + round(float(self.times[-1]) * NANOSECONDS)
+
+
+@dataclass
+class Motion:
+    """The commands received so far; a new one replaces the old from its start on."""
+
+    commands: list[Command] = field(default_factory=list)
+
+    def add(self, command: Command) -> None:
+        """Take a command; those that would start at or after it are dropped."""
+        self.commands = [c for c in self.commands if c.stamp < command.stamp] + [command]
+
+    def at(self, stamp: int) -> Command | None:
+        """The command that holds at a stamp [ns]; before the first, the first."""
+        if not self.commands:
+            return None
+        valid = [c for c in self.commands if c.stamp <= stamp]
+        return valid[-1] if valid else self.commands[0]
+
+
+def check_names(names: Sequence[str], control_points: int) -> None:
+    """Check what a command imposes against the rules of the interface.
+
+    Raises:
+        CommandError: unknown or doubled names, two names for one control point, or a second
+            control point without its end.
+    """
+    if not names:
+        raise CommandError("dlo/command names nothing; give joint_names such as 'start'")
+    n = control_points
+    owner: dict[int, str] = {}
+    for name in names:
+        if name == START:
+            points = (1, 2)
+        elif name == END:
+            points = (n - 1, n)
+        else:
+            digits = name.removeprefix(CONTROL_POINT)
+            known = name.startswith(CONTROL_POINT) and digits.isascii() and digits.isdigit()
+            # A canonical number only: 'control_point_01' is no name of the interface.
+            if not known or digits != str(int(digits[:9])) or not 1 <= int(digits) <= n:
+                raise CommandError(
+                    f"dlo/command names '{name[:60]}'; known are start, end and "
+                    f"control_point_1 to control_point_{n}"
+                )
+            points = (int(digits),)
+        for point in points:
+            if point in owner:
+                raise CommandError(
+                    f"dlo/command: '{owner[point]}' and '{name}' both impose control point {point}"
+                )
+            owner[point] = name
+    for inner, outer in ((2, 1), (n - 1, n)):
+        if inner in owner and outer not in owner:
+            raise CommandError(
+                f"dlo/command imposes control_point_{inner} without control_point_{outer}; "
+                "together they give the direction of the end"
+            )
+
+
+def _normalised(quaternions: FloatArray) -> FloatArray:
+    norm = np.linalg.norm(quaternions, axis=-1, keepdims=True)
+    identity = np.array([0.0, 0.0, 0.0, 1.0])
+    usable = np.isfinite(norm) & (norm > 1e-9)
+    result: FloatArray = np.where(usable, quaternions / np.where(usable, norm, 1.0), identity)
+    return result
+
+
+def _slerp(a: FloatArray, b: FloatArray, s: float) -> FloatArray:
+    """Spherical interpolation of unit quaternions, the short way round, shape (K, 4)."""
+    a, b = _normalised(a), _normalised(b)
+    dot = np.sum(a * b, axis=-1, keepdims=True)
+    b = np.where(dot < 0.0, -b, b)
+    angle = np.arccos(np.clip(np.abs(dot), 0.0, 1.0))
+    small = angle < 1e-6
+    sine = np.where(small, 1.0, np.sin(angle))
+    wa = np.where(small, 1.0 - s, np.sin((1.0 - s) * angle) / sine)
+    wb = np.where(small, s, np.sin(s * angle) / sine)
+    return _normalised(wa * a + wb * b)

@@ -1,0 +1,32 @@
+"""The exceptions of the package.
+
+Every message is one line for a person: which input, what is wrong with it, what would be right.
+"""
+
+
+class DloError(Exception):
+    """Root of all errors that the package raises on purpose."""
+
+
+class InputError(DloError):
+    """A file, message or parameter cannot be used (exit status 2 of the command line tools)."""
+
+
+class ParameterError(InputError):
+    """A parameter is missing, has the wrong type or lies outside its range."""
+
+
+class CommandError(InputError):
+    """A `dlo/command` is malformed; it is refused whole."""
+
+
+class RecordingError(InputError):
+    """A bag cannot be read, lacks a topic, or cannot be written."""
+
+
+class VisionError(DloError):
+    """No credible DLO was found in an image; the message says why."""
+
+
+class SimulationError(DloError):
+    """The rod model could not be solved: no equilibrium, or a step that does not converge."""

@@ -1,0 +1,152 @@
+"""The clamped uniform cubic B-spline that describes a DLO's shape (paper, eqs. (1) and (2)).
+
+n control points and the length L fix the basis, so a shape travels as its control points alone.
+Control points of several coordinates are stored as arrays of shape (n, d), one row a control point.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import BSpline
+from scipy.linalg import cho_factor, cho_solve
+
+from dlo_ros.errors import InputError
+
+FloatArray = NDArray[np.float64]
+
+DEGREE = 3
+ORDER = DEGREE + 1
+
+
+@dataclass(frozen=True)
+class SplineBasis:
+    """Clamped uniform cubic B-spline basis over the material coordinate u in [0, L].
+
+    Args:
+        control_points: number n of control points, at least 4.
+        length: L [m], positive and finite.
+
+    Raises:
+        InputError: fewer than four control points or a length that is not positive.
+    """
+
+    control_points: int
+    length: float
+
+    def __post_init__(self) -> None:
+        if self.control_points < ORDER:
+            raise InputError(
+                f"control_points is {self.control_points}; a cubic spline needs at least {ORDER}"
+            )
+        if not (np.isfinite(self.length) and self.length > 0.0):
+            raise InputError(f"length is {self.length} m; it must be positive and finite")
+
+    @property
+    def spans(self) -> int:
+        """Number of knot spans, n - 3."""
+        return self.control_points - DEGREE
+
+    @property
+    def span_length(self) -> float:
+        """Length of one knot span [m]."""
+        return self.length / self.spans
+
+    @cached_property
+    def knots(self) -> FloatArray:
+        """Knot vector, shape (n + 4,) [m]."""
+        breaks = np.linspace(0.0, self.length, self.spans + 1)
+        return np.concatenate([np.zeros(DEGREE), breaks, np.full(DEGREE, self.length)])
+
+    @cached_property
+    def greville(self) -> FloatArray:
+        """Greville abscissae of the control points, shape (n,) [m]."""
+        k = self.knots
+        result: FloatArray = (k[1:-3] + k[2:-2] + k[3:-1]) / 3.0
+        return result
+
+    def matrix(self, u: ArrayLike, derivative: int = 0) -> FloatArray:
+        """Basis functions or their derivatives at u.
+
+        Args:
+            u: material coordinates [m], shape (m,); values outside [0, L] are clipped to it.
+            derivative: 0 to 3.
+
+        Returns:
+            Matrix of shape (m, n): `matrix(u) @ control_points` evaluates the spline.
+        """
+        u = np.clip(np.atleast_1d(np.asarray(u, dtype=np.float64)), 0.0, self.length)
+        if derivative == 0:
+            return np.asarray(BSpline.design_matrix(u, self.knots, DEGREE).toarray())
+        spline = BSpline(self.knots, np.eye(self.control_points), DEGREE)
+        return np.asarray(spline.derivative(derivative)(u))
+
+    def evaluate(self, control_points: FloatArray, u: ArrayLike, derivative: int = 0) -> FloatArray:
+        """Value (or derivative) of the spline at u, shape (m, d)."""
+        return self.matrix(u, derivative) @ control_points
+
+    def quadrature(self, points: int = ORDER) -> tuple[FloatArray, FloatArray]:
+        """Gauss-Legendre rule on every knot span.
+
+        Args:
+            points: points per span; the default integrates products of two basis functions exactly.
+
+        Returns:
+            Abscissae u [m] and weights [m], each of shape (spans * points,).
+        """
+        x, w = np.polynomial.legendre.leggauss(points)
+        h = self.span_length
+        left = np.arange(self.spans)[:, None] * h
+        u = (left + 0.5 * h * (x + 1.0)).ravel()
+        return u, np.tile(0.5 * h * w, self.spans)
+
+    @cached_property
+    def gram(self) -> FloatArray:
+        """Integral of b_i b_j over [0, L], shape (n, n) [m] (eq. (5) without J)."""
+        u, w = self.quadrature()
+        b = self.matrix(u)
+        return b.T @ (w[:, None] * b)
+
+    def projection(self, source: SplineBasis) -> FloatArray:
+        """Least-squares projection of splines in another basis onto this one, both ends kept.
+
+        Args:
+            source: basis of the same length.
+
+        Returns:
+            Matrix of shape (n, source.control_points).
+        """
+        u, w = SplineBasis(max(self.spans, source.spans) * 2 + DEGREE, self.length).quadrature()
+        b, s = self.matrix(u), source.matrix(u)
+        n = self.control_points
+        result = np.zeros((n, source.control_points))
+        result[0, 0] = 1.0
+        result[-1, -1] = 1.0
+        inner = b[:, 1:-1]
+        rest = s - b[:, [0]] * result[0] - b[:, [-1]] * result[-1]
+        normal = cho_factor(inner.T @ (w[:, None] * inner))
+        result[1:-1] = cho_solve(normal, inner.T @ (w[:, None] * rest))
+        return result
+
+    def fit(self, u: ArrayLike, points: FloatArray, weights: ArrayLike | None = None) -> FloatArray:
+        """Least-squares spline through points at known u (a trace of smoothing bridges gaps).
+
+        Args:
+            u: material coordinates [m], shape (m,).
+            points: shape (m, d).
+            weights: one per point, shape (m,); default 1.
+
+        Returns:
+            Control points, shape (n, d).
+        """
+        b = self.matrix(u)
+        w = np.ones(b.shape[0]) if weights is None else np.asarray(weights, dtype=np.float64)
+        uq, wq = self.quadrature(2)
+        curvature = self.matrix(uq, 2)
+        smooth = curvature.T @ (wq[:, None] * curvature) * self.length**3
+        normal = b.T @ (w[:, None] * b)
+        normal += 1e-9 * np.trace(normal) / np.trace(smooth) * smooth
+        return np.asarray(np.linalg.solve(normal, b.T @ (w[:, None] * points)))
