@@ -109,11 +109,15 @@ PARAMETERS: tuple[Parameter, ...] = (
     Parameter(
         "frame_id", "string", "board", "fixed frame of all splines and commands", read_only=True
     ),
+    Parameter("rod.length", "double", None, "length of the DLO", "m", 1e-2, 1e2, read_only=True),
     Parameter(
-        "rod.length", "double", None, "length of the DLO", "m", 1e-2, 1e2, read_only=True
-    ),
-    Parameter(
-        "rod.diameter", "double", None, "diameter of the round cross-section", "m", 1e-4, 1e-1,
+        "rod.diameter",
+        "double",
+        None,
+        "diameter of the round cross-section",
+        "m",
+        1e-4,
+        1e-1,
         read_only=True,
     ),
     Parameter(
@@ -126,57 +130,114 @@ PARAMETERS: tuple[Parameter, ...] = (
         "rod.density", "double", None, "volumetric density mu, initial guess", "kg/m^3", 1.0, 1e5
     ),
     Parameter(
-        "rod.density_std", "double", 0.0,
+        "rod.density_std",
+        "double",
+        0.0,
         "standard deviation of the density where it was weighed; 0: the density is a guess",
-        "kg/m^3", 0.0, 1e5,
+        "kg/m^3",
+        0.0,
+        1e5,
     ),
     Parameter(
-        "rod.control_points", "integer", 10, "control points n of the published splines", "", 4, 200,
+        "rod.control_points",
+        "integer",
+        10,
+        "control points n of the published splines",
+        "",
+        4,
+        200,
         read_only=True,
     ),
     Parameter(
         "gravity", "double[3]", (0.0, 0.0, -9.81), "gravity in frame_id", "m/s^2", -100.0, 100.0
     ),
     Parameter(
-        "damping.air_drag", "double", 0.01, "c: force per length is -c times the velocity",
-        "N s/m^2", 0.0, 1e3,
+        "damping.air_drag",
+        "double",
+        0.01,
+        "c: force per length is -c times the velocity",
+        "N s/m^2",
+        0.0,
+        1e3,
     ),
     Parameter(
-        "damping.air_drag_std", "double", 0.0,
-        "standard deviation of the drag where it is known; 0: a guess", "N s/m^2", 0.0, 1e3,
+        "damping.air_drag_std",
+        "double",
+        0.0,
+        "standard deviation of the drag where it is known; 0: a guess",
+        "N s/m^2",
+        0.0,
+        1e3,
     ),
     Parameter(
-        "damping.relaxation_time", "double", 0.002,
-        "t_r of Kelvin-Voigt damping: stress = E (strain + t_r strain rate)", "s", 0.0, 10.0,
+        "damping.relaxation_time",
+        "double",
+        0.002,
+        "t_r of Kelvin-Voigt damping: stress = E (strain + t_r strain rate)",
+        "s",
+        0.0,
+        10.0,
     ),
     Parameter(
-        "damping.relaxation_time_std", "double", 0.0,
-        "standard deviation of t_r where it is known; 0: a guess", "s", 0.0, 10.0,
+        "damping.relaxation_time_std",
+        "double",
+        0.0,
+        "standard deviation of t_r where it is known; 0: a guess",
+        "s",
+        0.0,
+        10.0,
     ),
     Parameter(
-        "camera.translation", "double[3]", (0.0, 0.0, 1.2),
-        "origin of frame_id in the camera's optical frame", "m", -1e3, 1e3,
+        "camera.translation",
+        "double[3]",
+        (0.0, 0.0, 1.2),
+        "origin of frame_id in the camera's optical frame",
+        "m",
+        -1e3,
+        1e3,
     ),
     Parameter(
-        "camera.rotation", "double[4]", (0.70710678, 0.0, 0.0, 0.70710678),
-        "rotation of frame_id in the camera's optical frame, quaternion x y z w", "", -1.0001, 1.0001,
+        "camera.rotation",
+        "double[4]",
+        (0.70710678, 0.0, 0.0, 0.70710678),
+        "rotation of frame_id in the camera's optical frame, quaternion x y z w",
+        "",
+        -1.0001,
+        1.0001,
     ),
     Parameter(
-        "simulation.tolerance", "double", 2e-4,
-        "shape error that the discretisation may have, as a fraction of the length", "", 1e-6, 0.1,
+        "simulation.tolerance",
+        "double",
+        2e-4,
+        "shape error that the discretisation may have, as a fraction of the length",
+        "",
+        1e-6,
+        0.1,
     ),
     Parameter(
-        "simulation.start", "string", "equilibrium",
+        "simulation.start",
+        "string",
+        "equilibrium",
         "how a simulation starts from the observed shapes",
         choices=("equilibrium", "observed", "moving"),
     ),
     Parameter(
-        "simulation.rate", "double", 50.0, "rate of dlo/predicted", "Hz", 0.1, 1000.0,
+        "simulation.rate",
+        "double",
+        50.0,
+        "rate of dlo/predicted",
+        "Hz",
+        0.1,
+        1000.0,
         read_only=True,
     ),
     Parameter(
-        "image_transport", "string", "auto", "which camera topic is used: raw, compressed or "
-        "whichever is published", choices=("auto", "raw", "compressed"), nodes=("observer",),
+        "image_transport",
+        "string",
+        "auto",
+        "which camera topic is used: raw, compressed or whichever is published",
+        choices=("auto", "raw", "compressed"),
+        nodes=("observer",),
         read_only=True,
     ),
 )
@@ -340,9 +401,7 @@ class Settings:
 
     def with_material(self, young_modulus: float, density: float) -> Settings:
         """The same settings with another E [Pa] and mu [kg/m^3]."""
-        return replace(
-            self, rod=replace(self.rod, young_modulus=young_modulus, density=density)
-        )
+        return replace(self, rod=replace(self.rod, young_modulus=young_modulus, density=density))
 
 
 def read_parameter_file(path: Path) -> dict[str, Any]:
@@ -360,7 +419,9 @@ def read_parameter_file(path: Path) -> dict[str, Any]:
         raise ParameterError(f"{path}: is no valid YAML ({first})") from err
     values: dict[str, Any] = {}
     sections = tree.values() if isinstance(tree, dict) else []
-    blocks = [s["ros__parameters"] for s in sections if isinstance(s, dict) and "ros__parameters" in s]
+    blocks = [
+        s["ros__parameters"] for s in sections if isinstance(s, dict) and "ros__parameters" in s
+    ]
     if not blocks or not all(isinstance(b, dict) for b in blocks):
         raise ParameterError(f"{path}: has no block '/**: ros__parameters:' with parameters")
     for block in blocks:
