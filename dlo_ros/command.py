@@ -142,6 +142,7 @@ def check_names(names: Sequence[str], control_points: int) -> None:
     n = control_points
     owner: dict[int, str] = {}
     for name in names:
+        points: tuple[int, ...]
         if name == START:
             points = (1, 2)
         elif name == END:
