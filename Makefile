@@ -1,0 +1,63 @@
+# make demo    the main job end to end on a recording that is made on the spot
+# make test    style, types and tests
+# Both set up .venv by themselves, from requirements.lock; a second run finds it done.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+DEMO_OUTPUT ?= build/demo
+
+INSTALLED := $(VENV)/.installed
+COMPILED := $(VENV)/.compiled
+
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+
+.PHONY: all setup demo picture test test-slow lint clean lock help
+
+help:
+	@sed -n 's/^# //p' Makefile | head -3
+	@echo "also: setup, test-slow, lint, picture, lock, clean"
+
+setup: $(COMPILED)
+
+$(INSTALLED): requirements.lock setup.cfg setup.py
+	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(None if (3, 10) <= v <= (3, 13) else f"Python {v[0]}.{v[1]} found; 3.10 to 3.13 is needed: make PYTHON=python3.11 ...")'
+	@echo "Creating $(VENV) with the versions of requirements.lock (some 250 MB to download)"
+	@$(PYTHON) -m venv --clear $(VENV) || { \
+		echo "Python cannot make a virtual environment; on Debian and Ubuntu: apt install python3-venv" >&2; exit 1; }
+	$(BIN)/pip install --quiet --require-hashes -r requirements.lock
+	$(BIN)/pip install --quiet --no-deps --no-build-isolation --editable .
+	@touch $@
+
+$(COMPILED): $(INSTALLED) $(wildcard dlo_ros/rod/*.py)
+	@echo "Compiling the rod model (numba); later runs find it in its cache"
+	$(BIN)/python -m dlo_ros.rod.compile
+	@touch $@
+
+demo: $(COMPILED)
+	$(BIN)/dlo_ros demo --output $(DEMO_OUTPUT) $(if $(BAG),--bag $(BAG)) $(if $(PARAMS),--params $(PARAMS))
+
+# The README's picture, from the result of the demo.
+picture: demo
+	$(BIN)/python -m dlo_ros.demo.picture $(DEMO_OUTPUT) docs/demo.png
+
+lint: $(INSTALLED)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+test: $(COMPILED) lint
+	$(BIN)/python -m pytest -m "not slow"
+
+test-slow: $(COMPILED)
+	$(BIN)/python -m pytest -m slow
+
+# Needs uv. The lock names no registry, so that it serves a mirror as well.
+lock:
+	uv pip compile setup.py --extra ros --extra test --universal --python-version 3.10 \
+		--generate-hashes --no-header --no-annotate --no-emit-index-url --upgrade \
+		--output-file requirements.lock
+	sed -i '1i # Made by `make lock` from setup.cfg, for Python 3.10 to 3.13.' requirements.lock
+
+clean:
+	rm -rf build install log $(VENV)

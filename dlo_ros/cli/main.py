@@ -1,0 +1,222 @@
+"""`dlo_ros NAME ...`: runs the nodes and tools by name, also where there is no ros2 command.
+
+A tool is a module `dlo_ros.cli.NAME` with `add_arguments(parser)` and `run(arguments) -> int`; a
+node is a module `dlo_ros.nodes.NAME` with `main(arguments) -> int`. Only the chosen one is
+imported, so that tools which need no ROS run where there is none.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import logging
+import os
+import sys
+import traceback
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from dlo_ros import __version__
+from dlo_ros.errors import DloError
+
+DONE = 0
+FAILED = 1
+UNUSABLE = 2
+INTERRUPTED = 130
+
+DEBUG_VARIABLE = "DLO_ROS_DEBUG"
+
+# Besides all that end in _msgs.
+ROS_MODULES = ("ament_index_python", "builtin_interfaces", "rcl_interfaces", "rclpy", "std_srvs")
+
+
+@dataclass(frozen=True)
+class Executable:
+    """One name of `dlo_ros NAME` and `ros2 run dlo_ros NAME`.
+
+    Args:
+        name: as typed.
+        summary: what it does, one line.
+        example: arguments of a typical call.
+        node: whether it is a ROS node, which takes ROS arguments.
+    """
+
+    name: str
+    summary: str
+    example: str
+    node: bool = False
+
+
+EXECUTABLES: tuple[Executable, ...] = (
+    Executable(
+        "observer",
+        "node: camera images in, observed splines out",
+        "--ros-args --params-file params.yaml",
+        node=True,
+    ),
+    Executable(
+        "simulator",
+        "node: imposed motion in, predicted splines out",
+        "--ros-args --params-file params.yaml -p use_sim_time:=true",
+        node=True,
+    ),
+    Executable(
+        "identifier",
+        "node: observed splines in, ERR and estimates of E and mu out",
+        "--ros-args --params-file params.yaml",
+        node=True,
+    ),
+    Executable(
+        "observe",
+        "offline: a bag or image files in, observed splines out",
+        "--params params.yaml --output observed.mcap recording",
+    ),
+    Executable(
+        "predict",
+        "offline: a bag's commands in, predicted splines and their ERR out",
+        "--params params.yaml --output predicted.mcap recording",
+    ),
+    Executable(
+        "identify",
+        "offline: bags in, the estimate of E and mu out",
+        "--params params.yaml --output build/estimate recording",
+    ),
+    Executable(
+        "play",
+        "plays a bag onto live topics, with /clock",
+        "--rate 0.5 recording",
+    ),
+    Executable(
+        "synthesize",
+        "writes a bag of a simulated experiment, with images and the known truth",
+        "config/experiments/c_shape.yaml --output build/c_shape",
+    ),
+    Executable(
+        "demo",
+        "the main job end to end: a recording plays, the live nodes identify the rope",
+        "--output build/demo",
+    ),
+)
+
+NAMES = tuple(e.name for e in EXECUTABLES)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one executable.
+
+    Args:
+        arguments: its name and its own arguments; those of the process where None.
+
+    Returns:
+        Exit status: 0 done, 2 an input is unusable, 130 interrupted, 1 a defect of this program.
+    """
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    if not words or words[0] in ("-h", "--help"):
+        print(overview())
+        return DONE if words else UNUSABLE
+    if words[0] == "--version":
+        print(f"dlo_ros {__version__}")
+        return DONE
+    chosen = next((e for e in EXECUTABLES if e.name == words[0]), None)
+    if chosen is None:
+        print(f"dlo_ros: '{words[0]}' is unknown; choose from {', '.join(NAMES)}", file=sys.stderr)
+        return UNUSABLE
+    return _guarded(chosen, words[1:])
+
+
+def overview() -> str:
+    """The help text that lists all executables."""
+    width = max(len(name) for name in NAMES)
+    lines = [
+        "usage: dlo_ros NAME [arguments]",
+        "",
+        "Watch, simulate and identify deformable linear objects.",
+        "",
+        *(f"  {e.name:<{width}}  {e.summary}" for e in EXECUTABLES),
+        "",
+        "dlo_ros NAME --help explains one of them; dlo_ros --version says the version.",
+        "Example: dlo_ros demo --output build/demo",
+    ]
+    return "\n".join(lines)
+
+
+def _guarded(executable: Executable, words: list[str]) -> int:
+    """Run an executable so that no traceback reaches the user."""
+    name = executable.name
+    try:
+        return _run_node(executable, words) if executable.node else _run_tool(executable, words)
+    except DloError as err:
+        return _complain(name, str(err), UNUSABLE)
+    except KeyboardInterrupt:
+        return DONE if executable.node else INTERRUPTED
+    except ModuleNotFoundError as err:
+        if not _belongs_to_ros(err.name or ""):
+            return _defect(name, err)
+        message = (
+            f"{err.name} is not installed; source a ROS 2 Jazzy installation, "
+            "or pip install 'dlo_ros[ros]'"
+        )
+        return _complain(name, message, UNUSABLE)
+    except BrokenPipeError:
+        # The reader of a pipe (`| head`) has left; Python must not complain at exit either.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return DONE
+    except OSError as err:
+        where = f"{err.filename}: " if err.filename else ""
+        return _complain(name, f"{where}{err.strerror or err}", UNUSABLE)
+    except Exception as err:
+        return _defect(name, err)
+
+
+def _belongs_to_ros(module: str) -> bool:
+    root = module.partition(".")[0]
+    return root in ROS_MODULES or root.endswith("_msgs")
+
+
+def _defect(name: str, err: Exception) -> int:
+    if os.environ.get(DEBUG_VARIABLE):
+        traceback.print_exception(err)
+    hint = f"this is a defect of dlo_ros; {DEBUG_VARIABLE}=1 shows where"
+    return _complain(name, f"{type(err).__name__}: {err} ({hint})", FAILED)
+
+
+def _complain(name: str, message: str, status: int) -> int:
+    print(f"dlo_ros {name}: {' '.join(message.split())}", file=sys.stderr)
+    return status
+
+
+def _run_tool(executable: Executable, words: list[str]) -> int:
+    module = importlib.import_module(f"dlo_ros.cli.{executable.name}")
+    parser = argparse.ArgumentParser(
+        prog=f"dlo_ros {executable.name}",
+        description=executable.summary,
+        epilog=_example(executable),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    module.add_arguments(parser)
+    try:
+        parsed = parser.parse_args(words)
+    except SystemExit as leaving:  # argparse has said why
+        return int(leaving.code or 0)
+    logging.basicConfig(level=logging.WARNING, format="%(levelname)s: %(message)s")
+    return int(module.run(parsed))
+
+
+def _run_node(executable: Executable, words: list[str]) -> int:
+    own = words[: words.index("--ros-args")] if "--ros-args" in words else words
+    if "-h" in own or "--help" in own:
+        print(f"usage: dlo_ros {executable.name} [--ros-args ROS arguments]\n")
+        print(executable.summary)
+        print("\nROS arguments: --params-file FILE, -p NAME:=VALUE, -r FROM:=TO, --log-level LEVEL")
+        print(_example(executable))
+        return DONE
+    module = importlib.import_module(f"dlo_ros.nodes.{executable.name}")
+    return int(module.main(words))
+
+
+def _example(executable: Executable) -> str:
+    return f"\nexample: dlo_ros {executable.name} {executable.example}"
+
+
+if __name__ == "__main__":
+    sys.exit(main())

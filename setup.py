@@ -1,0 +1,5 @@
+"""For colcon, which wants this file; everything stands in setup.cfg."""
+
+from setuptools import setup
+
+setup()

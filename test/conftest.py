@@ -1,0 +1,23 @@
+"""What the tests share: a quiet, local ROS graph of their own, and the folder of measured data."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+
+# Before any test imports rclpy: messages with wrong field types fail, and nothing leaves this
+# machine. Each run of the tests has a domain of its own, so that two may run side by side.
+os.environ.setdefault("ROS_PYTHON_CHECK_FIELDS", "1")
+os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
+
+
+@pytest.fixture(scope="session")
+def shared_data() -> Path:
+    """Measured recordings beside the repository; the test is skipped where they are absent."""
+    folder = Path(os.environ.get("DLO_SHARED_DATA", ROOT.parent / "shared" / "data"))
+    if not folder.is_dir():
+        pytest.skip(f"measured data are not at {folder} (DLO_SHARED_DATA says where)")
+    return folder

@@ -1,0 +1,139 @@
+"""`dlo_ros NAME`: names, help, versions, and what a user sees when something goes wrong."""
+
+import importlib.util
+import os
+import subprocess
+import sys
+import types
+
+import pytest
+from conftest import ROOT
+
+from dlo_ros import __version__
+from dlo_ros.cli import main as cli
+from dlo_ros.errors import RecordingError
+
+
+def pretend_tool(monkeypatch, behaviour):
+    """Put a tool in the place of `play` that does as told."""
+    module = types.ModuleType("dlo_ros.cli.play")
+    module.add_arguments = lambda parser: parser.add_argument("bag", nargs="?")
+    module.run = behaviour
+    monkeypatch.setitem(sys.modules, "dlo_ros.cli.play", module)
+
+
+def raising(err):
+    def run(arguments):
+        raise err
+
+    return run
+
+
+def test_version(capsys):
+    assert cli.main(["--version"]) == 0
+    assert capsys.readouterr().out.strip() == f"dlo_ros {__version__}"
+
+
+def test_overview_names_everything(capsys):
+    assert cli.main(["--help"]) == 0
+    text = capsys.readouterr().out
+    for name in cli.NAMES:
+        assert f"  {name} " in text
+
+
+def test_nothing_given_explains_itself(capsys):
+    assert cli.main([]) == 2
+    assert "usage: dlo_ros NAME" in capsys.readouterr().out
+
+
+def test_unknown_name_lists_the_valid_ones(capsys):
+    assert cli.main(["calibrat"]) == 2
+    text = capsys.readouterr().err
+    assert text.count("\n") == 1 and "'calibrat'" in text
+    for name in cli.NAMES:
+        assert name in text
+
+
+@pytest.mark.parametrize("name", cli.NAMES)
+def test_help_has_an_example(name, capsys):
+    assert cli.main([name, "--help"]) == 0
+    text = capsys.readouterr().out
+    assert f"usage: dlo_ros {name}" in text
+    assert f"example: dlo_ros {name} " in text
+
+
+@pytest.mark.parametrize("executable", cli.EXECUTABLES, ids=lambda e: e.name)
+def test_every_name_has_its_module(executable):
+    package = "nodes" if executable.node else "cli"
+    assert importlib.util.find_spec(f"dlo_ros.{package}.{executable.name}")
+
+
+def test_arguments_reach_the_tool(monkeypatch):
+    seen = []
+    pretend_tool(monkeypatch, lambda a: seen.append(a.bag) or 7)
+    assert cli.main(["play", "some/bag"]) == 7
+    assert seen == ["some/bag"]
+
+
+def test_unusable_input_is_one_line_and_2(monkeypatch, capsys):
+    pretend_tool(monkeypatch, raising(RecordingError("bag x: is cut short;\n record it again")))
+    assert cli.main(["play"]) == 2
+    assert capsys.readouterr().err == "dlo_ros play: bag x: is cut short; record it again\n"
+
+
+def test_a_file_that_cannot_be_written_is_named(monkeypatch, capsys, tmp_path):
+    pretend_tool(monkeypatch, lambda a: (tmp_path / "none" / "out.json").write_text(""))
+    assert cli.main(["play"]) == 2
+    text = capsys.readouterr().err
+    assert "out.json: No such file" in text and text.count("\n") == 1
+
+
+def test_wrong_arguments_are_2(monkeypatch, capsys):
+    pretend_tool(monkeypatch, lambda a: 0)
+    assert cli.main(["play", "--no-such-option"]) == 2
+    assert "--no-such-option" in capsys.readouterr().err
+
+
+def test_interrupt_is_quiet(monkeypatch, capsys):
+    pretend_tool(monkeypatch, raising(KeyboardInterrupt()))
+    assert cli.main(["play"]) == 130
+    assert capsys.readouterr() == ("", "")
+
+
+def test_missing_ros_says_how_to_get_it(monkeypatch, capsys):
+    pretend_tool(monkeypatch, raising(ModuleNotFoundError("no", name="sensor_msgs.msg")))
+    assert cli.main(["play"]) == 2
+    assert "dlo_ros[ros]" in capsys.readouterr().err
+
+
+def test_a_defect_is_one_line_and_1(monkeypatch, capsys):
+    pretend_tool(monkeypatch, raising(ZeroDivisionError("division by zero")))
+    monkeypatch.delenv(cli.DEBUG_VARIABLE, raising=False)
+    assert cli.main(["play"]) == 1
+    text = capsys.readouterr().err
+    assert text.count("\n") == 1 and "ZeroDivisionError" in text and cli.DEBUG_VARIABLE in text
+
+
+def test_a_defect_shows_its_place_on_request(monkeypatch, capsys):
+    pretend_tool(monkeypatch, raising(ZeroDivisionError("division by zero")))
+    monkeypatch.setenv(cli.DEBUG_VARIABLE, "1")
+    assert cli.main(["play"]) == 1
+    assert "Traceback" in capsys.readouterr().err
+
+
+def test_a_closed_pipe_is_no_error():
+    command = f"{sys.executable} -m dlo_ros.cli.main --help | head -1"
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        ["bash", "-o", "pipefail", "-c", command], capture_output=True, text=True, env=environment
+    )
+    assert done.stderr == "" and "usage" in done.stdout
+
+
+def test_wrappers_are_those_of_the_table():
+    wrappers = {p.name: p for p in (ROOT / "scripts").iterdir()}
+    assert set(wrappers) == set(cli.NAMES)
+    for path in wrappers.values():
+        assert path.read_text().startswith("#!/usr/bin/env python3\n")
+        assert os.access(path, os.X_OK)
+    assert len({p.read_text() for p in wrappers.values()}) == 1
