@@ -1,0 +1,237 @@
+"""From the package's data to messages, of a bag or of rclpy alike.
+
+A `MessageFactory` makes the message objects; `BagMessages` makes those that a bag is written from.
+Whatever is not finite is refused here, so that it leaves neither a node nor a tool.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+
+from dlo_ros.command import NANOSECONDS, Command
+from dlo_ros.errors import InputError
+from dlo_ros.observation import CentrelinePoints
+from dlo_ros.recordings.bag import TYPESTORE
+from dlo_ros.recordings.images import CameraInfo, Image
+from dlo_ros.spline import FloatArray
+
+FLOAT32 = 7
+POINT_FIELDS = ("x", "y", "z", "u", "std")
+
+
+class MessageFactory(Protocol):
+    """Makes message objects of one middleware."""
+
+    def make(self, kind: str, /, **fields: Any) -> Any:
+        """A message of a type such as `geometry_msgs/msg/Point`, every field given."""
+
+    def octets(self, data: bytes) -> Any:
+        """The value of a uint8[] field."""
+
+    def doubles(self, values: Iterable[float]) -> Any:
+        """The value of a float64[] field."""
+
+
+class BagMessages:
+    """Messages of rosbags' Jazzy types."""
+
+    def make(self, kind: str, /, **fields: Any) -> Any:
+        """A message of a type such as `geometry_msgs/msg/Point`, every field given."""
+        return TYPESTORE.types[kind](**fields)
+
+    def octets(self, data: bytes) -> Any:
+        """The value of a uint8[] field."""
+        return np.frombuffer(data, dtype=np.uint8)
+
+    def doubles(self, values: Iterable[float]) -> Any:
+        """The value of a float64[] field."""
+        return np.array(list(values), dtype=np.float64)
+
+
+BAG_MESSAGES = BagMessages()
+
+
+def header(factory: MessageFactory, stamp: int, frame_id: str) -> Any:
+    """A std_msgs/Header at a stamp [ns]."""
+    seconds, nanoseconds = divmod(int(stamp), NANOSECONDS)
+    time = factory.make("builtin_interfaces/msg/Time", sec=seconds, nanosec=nanoseconds)
+    return factory.make("std_msgs/msg/Header", stamp=time, frame_id=frame_id)
+
+
+def _vector(factory: MessageFactory, kind: str, xyz: Sequence[float] | FloatArray) -> Any:
+    x, y, z = (float(v) for v in xyz)
+    return factory.make(f"geometry_msgs/msg/{kind}", x=x, y=y, z=z)
+
+
+def _quaternion(factory: MessageFactory, xyzw: Sequence[float] | FloatArray) -> Any:
+    x, y, z, w = (float(v) for v in xyzw)
+    return factory.make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
+
+
+def spline_message(
+    factory: MessageFactory, stamp: int, frame_id: str, control_points: FloatArray
+) -> Any:
+    """geometry_msgs/PoseArray of control points x, y, z [m] (and theta [rad]), shape (n, 3 or 4).
+
+    Raises:
+        InputError: a number that is not finite, or another shape.
+    """
+    values = np.asarray(control_points, dtype=np.float64)
+    if values.ndim != 2 or values.shape[1] not in (3, 4) or not np.all(np.isfinite(values)):
+        raise InputError(f"a spline of shape {values.shape} is not finite or no (n, 4) array")
+    theta = values[:, 3] if values.shape[1] == 4 else np.zeros(len(values))
+    poses = [
+        factory.make(
+            "geometry_msgs/msg/Pose",
+            position=_vector(factory, "Point", row[:3]),
+            orientation=_quaternion(factory, (math.sin(t / 2.0), 0.0, 0.0, math.cos(t / 2.0))),
+        )
+        for row, t in zip(values, theta, strict=True)
+    ]
+    return factory.make(
+        "geometry_msgs/msg/PoseArray", header=header(factory, stamp, frame_id), poses=poses
+    )
+
+
+def points_message(
+    factory: MessageFactory, stamp: int, frame_id: str, points: CentrelinePoints
+) -> Any:
+    """sensor_msgs/PointCloud2 with the fields x, y, z, u, std of measured points.
+
+    Raises:
+        InputError: a number that is not finite.
+    """
+    table = np.column_stack([points.positions, points.u, points.std]).astype("<f4")
+    if not np.all(np.isfinite(table)):
+        raise InputError("a measured point is not finite")
+    fields = [
+        factory.make(
+            "sensor_msgs/msg/PointField", name=name, offset=4 * i, datatype=FLOAT32, count=1
+        )
+        for i, name in enumerate(POINT_FIELDS)
+    ]
+    return factory.make(
+        "sensor_msgs/msg/PointCloud2",
+        header=header(factory, stamp, frame_id),
+        height=1,
+        width=len(table),
+        fields=fields,
+        is_bigendian=False,
+        point_step=4 * len(fields),
+        row_step=4 * len(fields) * len(table),
+        data=factory.octets(table.tobytes()),
+        is_dense=True,
+    )
+
+
+def float_message(factory: MessageFactory, value: float) -> Any:
+    """std_msgs/Float64.
+
+    Raises:
+        InputError: the number is not finite.
+    """
+    if not math.isfinite(value):
+        raise InputError(f"{value} is not finite")
+    return factory.make("std_msgs/msg/Float64", data=float(value))
+
+
+def command_message(factory: MessageFactory, command: Command) -> Any:
+    """trajectory_msgs/MultiDOFJointTrajectory of an imposed motion."""
+    zero = _vector(factory, "Vector3", (0.0, 0.0, 0.0))
+    points = []
+    for i, time in enumerate(command.times):
+        nanoseconds = round(float(time) * NANOSECONDS)
+        transforms = [
+            factory.make(
+                "geometry_msgs/msg/Transform",
+                translation=_vector(factory, "Vector3", command.positions[i, k]),
+                rotation=_quaternion(factory, command.rotations[i, k]),
+            )
+            for k in range(len(command.names))
+        ]
+        twists = []
+        if np.all(np.isfinite(command.velocities[i])):
+            twists = [
+                factory.make(
+                    "geometry_msgs/msg/Twist",
+                    linear=_vector(factory, "Vector3", velocity),
+                    angular=zero,
+                )
+                for velocity in command.velocities[i]
+            ]
+        points.append(
+            factory.make(
+                "trajectory_msgs/msg/MultiDOFJointTrajectoryPoint",
+                transforms=transforms,
+                velocities=twists,
+                accelerations=[],
+                time_from_start=factory.make(
+                    "builtin_interfaces/msg/Duration",
+                    sec=nanoseconds // NANOSECONDS,
+                    nanosec=nanoseconds % NANOSECONDS,
+                ),
+            )
+        )
+    return factory.make(
+        "trajectory_msgs/msg/MultiDOFJointTrajectory",
+        header=header(factory, command.stamp, command.frame_id),
+        joint_names=list(command.names),
+        points=points,
+    )
+
+
+def image_message(factory: MessageFactory, stamp: int, frame_id: str, picture: Image) -> Any:
+    """sensor_msgs/Image of a BGR picture (height, width, 3) or a grey one (height, width)."""
+    grey = picture.ndim == 2
+    return factory.make(
+        "sensor_msgs/msg/Image",
+        header=header(factory, stamp, frame_id),
+        height=int(picture.shape[0]),
+        width=int(picture.shape[1]),
+        encoding="mono8" if grey else "bgr8",
+        is_bigendian=0,
+        step=int(picture.shape[1]) * (1 if grey else 3),
+        data=factory.octets(np.ascontiguousarray(picture, dtype=np.uint8).tobytes()),
+    )
+
+
+def compressed_message(
+    factory: MessageFactory, stamp: int, frame_id: str, data: bytes, kind: str = "jpeg"
+) -> Any:
+    """sensor_msgs/CompressedImage of a JPEG or PNG file's bytes."""
+    return factory.make(
+        "sensor_msgs/msg/CompressedImage",
+        header=header(factory, stamp, frame_id),
+        format=kind,
+        data=factory.octets(data),
+    )
+
+
+def camera_info_message(factory: MessageFactory, stamp: int, info: CameraInfo) -> Any:
+    """sensor_msgs/CameraInfo of an unbinned image, P = [K | 0]."""
+    k = info.k
+    return factory.make(
+        "sensor_msgs/msg/CameraInfo",
+        header=header(factory, stamp, info.frame_id),
+        height=info.height,
+        width=info.width,
+        distortion_model=info.distortion_model,
+        d=factory.doubles(info.d),
+        k=factory.doubles(k),
+        r=factory.doubles((1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)),
+        p=factory.doubles((*k[:3], 0.0, *k[3:6], 0.0, *k[6:9], 0.0)),
+        binning_x=0,
+        binning_y=0,
+        roi=factory.make(
+            "sensor_msgs/msg/RegionOfInterest",
+            x_offset=0,
+            y_offset=0,
+            height=0,
+            width=0,
+            do_rectify=False,
+        ),
+    )

@@ -1,0 +1,210 @@
+"""Reading a recording: commands, observed splines and images of a rosbag2."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dlo_ros.command import Command
+from dlo_ros.errors import InputError, RecordingError
+from dlo_ros.observation import Observation
+from dlo_ros.parameters import Settings
+from dlo_ros.recordings import topics
+from dlo_ros.recordings.bag import Bag, deserialise, open_bag
+from dlo_ros.recordings.images import CameraInfo, Image, read_camera_info, read_image
+from dlo_ros.recordings.messages import (
+    read_command,
+    read_observation,
+    read_points,
+    stamp_of,
+    unwrap_in_time,
+)
+
+LOG = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What a bag tells about one manipulation.
+
+    Args:
+        name: name of the bag's folder.
+        path: the folder.
+        commands: in the order of receipt.
+        observations: observed splines by growing stamp, each stamp once.
+        has_images: whether the bag holds camera images.
+        skipped: a line for each message that was unusable.
+    """
+
+    name: str
+    path: Path
+    commands: tuple[Command, ...]
+    observations: tuple[Observation, ...]
+    has_images: bool
+    skipped: tuple[str, ...]
+
+
+def read_recording(
+    path: Path | str, settings: Settings, *, require_command: bool = True
+) -> Recording:
+    """Read the commands and observed splines of a bag.
+
+    A bag without `dlo/observed` is accepted where it holds images, so that the observer can be run
+    on it; `observations` is empty then.
+
+    Args:
+        path: rosbag2 folder.
+        settings: whose length, control points and frame the messages must fit.
+        require_command: whether a bag without a usable `dlo/command` is refused.
+
+    Raises:
+        RecordingError: no bag, damaged, a topic missing or of the wrong type, nothing usable.
+    """
+    path = Path(path)
+    skipped: list[str] = []
+    with open_bag(path) as bag:
+        commands = _commands(bag, settings, skipped)
+        if require_command and not commands:
+            _refuse(bag, topics.COMMAND, skipped, "record the imposed motion on it")
+        has_images = bool(bag.find(topics.COMPRESSED) or bag.find(topics.IMAGE))
+        observations = _observations(bag, settings, skipped)
+        if not observations and not has_images:
+            _refuse(bag, topics.OBSERVED, skipped, "record it, or the camera's images")
+    for line in skipped:
+        LOG.warning("%s: %s", path, line)
+    return Recording(
+        name=path.resolve().name,
+        path=path,
+        commands=tuple(commands),
+        observations=tuple(observations),
+        has_images=has_images,
+        skipped=tuple(skipped),
+    )
+
+
+def iterate_images(
+    path: Path | str, on_skip: Callable[[str], None] = LOG.warning
+) -> Iterator[tuple[int, Image, CameraInfo]]:
+    """The camera images of a bag in the order of recording.
+
+    Compressed images are taken where both transports were recorded. Each image comes with the
+    camera_info of its stamp, else the one before it, else the first.
+
+    Args:
+        on_skip: is told one line for each image that is unusable.
+
+    Yields:
+        Stamp [ns], BGR picture of shape (height, width, 3), intrinsics.
+
+    Raises:
+        RecordingError: no bag, damaged, no images, no usable camera_info, or no usable image.
+    """
+    path = Path(path)
+    with open_bag(path) as bag:
+        images = bag.find(topics.COMPRESSED) or bag.find(topics.IMAGE)
+        if not images:
+            raise RecordingError(
+                f"{path}: has no images; record {topics.IMAGE} or {topics.COMPRESSED}"
+            )
+        stamps, infos = _camera_infos(bag, images[0].topic)
+        usable = 0
+        for raw in bag.messages(images):
+            try:
+                message = deserialise(raw)
+                picture, stamp = read_image(message), stamp_of(message)
+                info = infos[max(int(np.searchsorted(stamps, stamp, side="right")) - 1, 0)]
+                if picture.shape[:2] != (info.height, info.width):
+                    raise InputError(
+                        f"image of {picture.shape[1]} x {picture.shape[0]} pixels; "
+                        f"camera_info says {info.width} x {info.height}"
+                    )
+            except InputError as err:
+                on_skip(f"{path}: {raw.topic} at {raw.stamp / 1e9:.3f} s skipped: {err}")
+                last = err
+                continue
+            usable += 1
+            yield stamp, picture, info
+        if not usable:
+            raise RecordingError(f"{path}: no image is usable ({last})")
+
+
+def _camera_infos(bag: Bag, image_topic: str) -> tuple[list[int], list[CameraInfo]]:
+    connections = bag.find(topics.CAMERA_INFO, near=image_topic)
+    if not connections:
+        raise RecordingError(
+            f"{bag.path}: has no {topics.CAMERA_INFO}; record it with the images, "
+            "or calibrate the camera"
+        )
+    found: dict[int, CameraInfo] = {}
+    reason: InputError | None = None
+    for raw in bag.messages(connections):
+        try:
+            message = deserialise(raw)
+            found[stamp_of(message)] = read_camera_info(message)
+        except InputError as err:
+            reason = err
+    if not found:
+        raise RecordingError(f"{bag.path}: no usable camera_info ({reason})")
+    stamps = sorted(found)
+    return stamps, [found[s] for s in stamps]
+
+
+def _commands(bag: Bag, settings: Settings, skipped: list[str]) -> list[Command]:
+    commands = []
+    for raw in bag.messages(bag.find(topics.COMMAND)):
+        try:
+            commands.append(read_command(deserialise(raw), settings, raw.stamp))
+        except InputError as err:
+            skipped.append(f"{raw.topic} at {raw.stamp / 1e9:.3f} s skipped: {err}")
+    return commands
+
+
+def _observations(bag: Bag, settings: Settings, skipped: list[str]) -> list[Observation]:
+    found = bag.find(topics.OBSERVED)
+    if not found:
+        return []
+    clouds: dict[int, Any] = {}
+    for raw in bag.messages(bag.find(topics.OBSERVED_POINTS, near=found[0].topic)):
+        try:
+            message = deserialise(raw)
+            clouds[stamp_of(message)] = read_points(message, settings)
+        except InputError as err:
+            skipped.append(f"{raw.topic} at {raw.stamp / 1e9:.3f} s skipped: {err}")
+    observations: dict[int, Observation] = {}
+    for raw in bag.messages(found):
+        try:
+            observation = read_observation(deserialise(raw), settings)
+        except InputError as err:
+            skipped.append(f"{raw.topic} at {raw.stamp / 1e9:.3f} s skipped: {err}")
+            continue
+        stamp = observation.stamp
+        if stamp in observations:
+            skipped.append(f"{raw.topic}: a second spline at {stamp / 1e9:.3f} s is skipped")
+            continue
+        observations[stamp] = Observation(stamp, observation.control_points, clouds.get(stamp))
+    return _continuous([observations[stamp] for stamp in sorted(observations)])
+
+
+def _continuous(observations: list[Observation]) -> list[Observation]:
+    """The same splines with the twist unwrapped in time."""
+    result: list[Observation] = []
+    for observation in observations:
+        points = observation.control_points.copy()
+        if result:
+            points[:, 3] = unwrap_in_time(points[:, 3], result[-1].control_points[:, 3])
+        result.append(Observation(observation.stamp, points, observation.points))
+    return result
+
+
+def _refuse(bag: Bag, topic: str, skipped: list[str], mend: str) -> None:
+    """Raise the error that a topic is missing, or that none of its messages is usable."""
+    if not bag.find(topic):
+        held = ", ".join(sorted({c.topic for c in bag.connections})[:8]) or "nothing"
+        raise RecordingError(f"{bag.path}: has no {topic} (it has {held}); {mend}")
+    first = next((line for line in skipped if topics.relative(line.split(" ")[0]) == topic), "")
+    raise RecordingError(f"{bag.path}: no message on {topic} is usable ({first})")

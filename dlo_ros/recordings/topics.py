@@ -1,0 +1,44 @@
+"""Names and types of the topics of the interface, in one place (relative names, remappable)."""
+
+from __future__ import annotations
+
+IMAGE = "image_raw"
+COMPRESSED = "image_raw/compressed"
+CAMERA_INFO = "camera_info"
+COMMAND = "dlo/command"
+OBSERVED = "dlo/observed"
+OBSERVED_POINTS = "dlo/observed_points"
+PREDICTED = "dlo/predicted"
+ERR = "dlo/err"
+YOUNG_MODULUS = "dlo/young_modulus"
+DENSITY = "dlo/density"
+MARKERS = "dlo/markers"
+OVERLAY = "dlo/overlay"
+
+TYPES: dict[str, str] = {
+    IMAGE: "sensor_msgs/msg/Image",
+    COMPRESSED: "sensor_msgs/msg/CompressedImage",
+    CAMERA_INFO: "sensor_msgs/msg/CameraInfo",
+    COMMAND: "trajectory_msgs/msg/MultiDOFJointTrajectory",
+    OBSERVED: "geometry_msgs/msg/PoseArray",
+    OBSERVED_POINTS: "sensor_msgs/msg/PointCloud2",
+    PREDICTED: "geometry_msgs/msg/PoseArray",
+    ERR: "std_msgs/msg/Float64",
+    YOUNG_MODULUS: "std_msgs/msg/Float64",
+    DENSITY: "std_msgs/msg/Float64",
+    MARKERS: "visualization_msgs/msg/MarkerArray",
+    OVERLAY: "sensor_msgs/msg/Image",
+}
+
+LATCHED = frozenset({COMMAND, YOUNG_MODULUS, DENSITY})
+"""Published transient local: who comes later still gets the last message."""
+
+
+def is_topic(full_name: str, topic: str) -> bool:
+    """Whether a full name such as `/left/dlo/observed` is the topic in some namespace."""
+    return full_name.lstrip("/") == topic or full_name.endswith("/" + topic)
+
+
+def relative(full_name: str) -> str | None:
+    """The topic of the interface that a full name stands for, None where it is another's."""
+    return next((topic for topic in TYPES if is_topic(full_name, topic)), None)
