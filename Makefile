@@ -22,7 +22,7 @@ setup: $(COMPILED)
 
 $(INSTALLED): requirements.lock setup.cfg setup.py
 	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(None if (3, 10) <= v <= (3, 13) else f"Python {v[0]}.{v[1]} found; 3.10 to 3.13 is needed: make PYTHON=python3.11 ...")'
-	@echo "Creating $(VENV) with the versions of requirements.lock (some 250 MB to download)"
+	@echo "Creating $(VENV) with the versions of requirements.lock (a minute or two)"
 	@$(PYTHON) -m venv --clear $(VENV) || { \
 		echo "Python cannot make a virtual environment; on Debian and Ubuntu: apt install python3-venv" >&2; exit 1; }
 	$(BIN)/pip install --quiet --require-hashes -r requirements.lock

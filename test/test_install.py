@@ -1,0 +1,193 @@
+"""The package installs with pip, with colcon and editable, and imports where there is no ROS."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import sysconfig
+import venv
+from pathlib import Path
+
+import pytest
+from conftest import ROOT
+
+from dlo_ros import __version__
+from dlo_ros.cli.main import EXECUTABLES, NAMES
+
+NODES = [e.name for e in EXECUTABLES if e.node]
+DEPENDENCIES = sysconfig.get_paths()["purelib"]
+
+
+def run(*command, **options):
+    """Run to the end; a failure shows what was printed."""
+    done = subprocess.run(
+        [str(word) for word in command], capture_output=True, text=True, timeout=300, **options
+    )
+    assert done.returncode == 0, f"{command} gave {done.returncode}\n{done.stdout}\n{done.stderr}"
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def source(tmp_path_factory):
+    """The sources as a clone has them, so that building leaves nothing in the working tree."""
+    folder = tmp_path_factory.mktemp("source") / "dlo_ros"
+    generated = ("build", "install", "log", "dist", ".*", "__pycache__", "*.egg-info")
+    shutil.copytree(ROOT, folder, ignore=shutil.ignore_patterns(*generated))
+    return folder
+
+
+def fresh_environment(folder):
+    """A virtual environment that sees the dependencies of this one, but not its dlo_ros."""
+    venv.create(folder, with_pip=False)
+    python = folder / "bin" / "python"
+    purelib = run(python, "-c", "import sysconfig; print(sysconfig.get_paths()['purelib'])")
+    # Paths in a .pth file are added as they are: an editable dlo_ros there stays out of sight.
+    Path(purelib.strip(), "dependencies.pth").write_text(DEPENDENCIES + "\n")
+    return python
+
+
+def pip_install(python, *what):
+    pip = (sys.executable, "-m", "pip", "--python", python)
+    options = ("--no-deps", "--no-build-isolation", "--ignore-installed", "--no-index")
+    run(*pip, "install", *options, *what)
+
+
+def environment_of(prefix, **more):
+    """As after `source activate` and with the prefix in ROS's index, away from this checkout."""
+    environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
+    environment["PATH"] = f"{prefix / 'bin'}{os.pathsep}{environment['PATH']}"
+    environment["AMENT_PREFIX_PATH"] = str(prefix)
+    return environment | more
+
+
+@pytest.fixture(scope="module")
+def pip_prefix(source, tmp_path_factory):
+    prefix = tmp_path_factory.mktemp("pip") / "venv"
+    pip_install(fresh_environment(prefix), source)
+    return prefix
+
+
+@pytest.fixture(scope="module")
+def colcon_prefix(source, tmp_path_factory):
+    pytest.importorskip("colcon_ros", reason="colcon-ros is not installed")
+    work = tmp_path_factory.mktemp("colcon")
+    colcon = Path(sysconfig.get_path("scripts"), "colcon")
+    places = ("--build-base", "build", "--install-base", "install", "--base-paths", source)
+    run(colcon, "--log-base", "log", "build", *places, cwd=work)
+    return work / "install" / "dlo_ros"
+
+
+@pytest.fixture(params=["pip", "colcon"])
+def prefix(request):
+    """Where each of the two installers put the package."""
+    return request.getfixturevalue(f"{request.param}_prefix")
+
+
+def shell(prefix, command):
+    """Output of a command in a shell as a user has it, for either installer."""
+    setup = prefix.parent / "setup.bash"
+    if setup.exists():
+        # colcon: the environment this runs in takes the place of the underlay
+        script = f"source {setup} && {command}"
+        return run("bash", "-c", script, cwd=prefix, env=environment_of(Path(sys.prefix)))
+    return run("bash", "-c", command, cwd=prefix, env=environment_of(prefix))
+
+
+def test_ros2_run_finds_every_executable(prefix):
+    folder = prefix / "lib" / "dlo_ros"
+    found = {p.name for p in folder.iterdir() if os.access(p, os.X_OK) and p.is_file()}
+    assert found == set(NAMES)
+
+
+@pytest.mark.parametrize("name", NODES)
+def test_an_executable_runs(prefix, name):
+    assert f"usage: dlo_ros {name}" in shell(prefix, f"{prefix}/lib/dlo_ros/{name} --help")
+
+
+def test_the_ros_index_knows_the_package(prefix):
+    code = "from ament_index_python import get_package_share_directory as d; print(d('dlo_ros'))"
+    share = Path(shell(prefix, f'python3 -c "{code}"').strip())
+    assert share == prefix / "share" / "dlo_ros"
+    for kind in ("config/experiments/*.yaml", "launch/*.launch.py", "package.xml"):
+        installed = {p.name for p in share.glob(kind)}
+        assert installed == {p.name for p in ROOT.glob(kind)} and installed
+
+
+def test_the_installed_package_is_the_one_that_runs(prefix):
+    code = "import dlo_ros; print(dlo_ros.__file__)"
+    assert shell(prefix, f'python3 -c "{code}"').startswith(str(prefix))
+    assert shell(prefix, "dlo_ros --version") == f"dlo_ros {__version__}\n"
+
+
+def test_package_data_is_installed(prefix):
+    code = "import dlo_ros; print(*dlo_ros.__path__)"
+    package = Path(shell(prefix, f'python3 -c "{code}"').strip())
+    assets = {p.name for p in (ROOT / "dlo_ros" / "report" / "assets").iterdir()}
+    assert {p.name for p in (package / "report" / "assets").iterdir()} == assets
+    assert (package / "py.typed").is_file()
+
+
+def test_an_installed_node_ends_quietly_on_ctrl_c(pip_prefix):
+    executable = pip_prefix / "lib" / "dlo_ros" / "observer"
+    parameters = ("rod.length:=0.4", "rod.diameter:=0.004")
+    material = ("rod.young_modulus:=1000000.0", "rod.density:=2000.0")
+    arguments = [word for p in (*parameters, *material) for word in ("-p", p)]
+    node = subprocess.Popen(
+        [executable, "--ros-args", *arguments],
+        env=environment_of(pip_prefix, PYTHONUNBUFFERED="1"),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    try:
+        first = node.stdout.readline()  # a node says that it is there
+        node.send_signal(signal.SIGINT)
+        rest, _ = node.communicate(timeout=30)
+    finally:
+        node.kill()
+    assert node.returncode == 0 and first and "Traceback" not in rest, first + rest
+
+
+def test_editable(source, tmp_path):
+    prefix = tmp_path / "venv"
+    pip_install(fresh_environment(prefix), "--editable", source)
+    environment = environment_of(prefix)
+    code = "import dlo_ros; print(dlo_ros.__file__)"
+    where = run(prefix / "bin" / "python", "-c", code, cwd=tmp_path, env=environment)
+    assert where.strip() == str(source / "dlo_ros" / "__init__.py")
+    said = run(prefix / "bin" / "dlo_ros", "--version", cwd=tmp_path, env=environment)
+    assert said == f"dlo_ros {__version__}\n"
+
+
+WITHOUT_ROS = """
+import sys
+
+class NoRos:
+    def find_spec(self, name, path=None, target=None):
+        root = name.partition(".")[0]
+        if root in {"rclpy", "std_srvs", "rcl_interfaces", "ament_index_python"} or (
+            root.endswith("_msgs")
+        ):
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+
+sys.meta_path.insert(0, NoRos())
+"""
+
+
+def test_what_needs_no_ros_imports_without_it():
+    code = WITHOUT_ROS + (
+        "import dlo_ros.rod, dlo_ros.vision, dlo_ros.identification, dlo_ros.recordings\n"
+        "import dlo_ros.synthesis, dlo_ros.report\n"
+        "from dlo_ros.cli import identify, observe, predict, synthesize\n"
+    )
+    run(sys.executable, "-c", code, cwd=ROOT)
+
+
+@pytest.mark.parametrize("name", NODES)
+def test_a_node_without_ros_says_what_is_missing(name):
+    code = WITHOUT_ROS + f"from dlo_ros.cli.main import main; sys.exit(main([{name!r}]))"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 2
+    assert "is not installed" in done.stderr and "dlo_ros[ros]" in done.stderr
+    assert done.stderr.count("\n") == 1
