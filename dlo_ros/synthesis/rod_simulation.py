@@ -1,0 +1,216 @@
+"""Equilibria and motion of the planar discrete elastic rod.
+
+Time stepping is BDF2 with Newton's method on the exact Hessian of each step's potential; strain
+rates are differenced in the same way, so that the Hessian stays symmetric.
+
+All properties of the rod are arrays and may be changed between two calls of `Simulation.advance`;
+hidden effects (a stiff segment, a hung mass, a gust) are made that way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from dlo_ros.errors import SimulationError
+from dlo_ros.spline import FloatArray
+from dlo_ros.synthesis import rod_kernels
+from dlo_ros.synthesis.discrete_rod import DiscreteRod
+
+
+@dataclass(frozen=True)
+class Boundary:
+    """What is imposed at one instant.
+
+    Args:
+        positions: x and z [m] of imposed nodes by their index.
+        start, end: imposed direction of growing u at that end [rad]; None leaves it free.
+    """
+
+    positions: Mapping[int, FloatArray]
+    start: float | None = None
+    end: float | None = None
+
+    @property
+    def clamps(self) -> FloatArray:
+        """Directions with NaN where free, shape (2,)."""
+        return np.array([np.nan if a is None else a for a in (self.start, self.end)])
+
+    def held(self, nodes: int) -> FloatArray:
+        """1 where a node is imposed, else 0, shape (N + 1,)."""
+        result = np.zeros(nodes)
+        result[list(self.positions)] = 1.0
+        return result
+
+    def impose(self, x: FloatArray) -> None:
+        """Write the imposed positions into nodes x, shape (N + 1, 2)."""
+        for node, position in self.positions.items():
+            x[node] = position
+
+
+class Simulation:
+    """The rod in time.
+
+    Args:
+        rod: its properties.
+        boundary: what is imposed at a time [s].
+        x: nodes [m] at the start, shape (N + 1, 2), at rest.
+        step: largest time step [s].
+        time: start [s].
+    """
+
+    def __init__(
+        self,
+        rod: DiscreteRod,
+        boundary: Callable[[float], Boundary],
+        x: FloatArray,
+        *,
+        step: float = 1e-3,
+        time: float = 0.0,
+    ) -> None:
+        self.rod = rod
+        self.boundary = boundary
+        self.step = step
+        self.time = time
+        self.x: FloatArray = np.array(x, dtype=np.float64)
+        self.v: FloatArray = np.zeros_like(self.x)
+        self._rest()
+
+    def _rest(self) -> None:
+        """Make the history that of a rod which has been at rest."""
+        self.v = np.zeros_like(self.x)
+        self._x_before = self.x.copy()
+        self._v_before = np.zeros_like(self.x)
+        self._used_step = 0.0
+        clamps = self.boundary(self.time).clamps
+        self._strains = rod_kernels.strains(self.x, self.rod.lengths, clamps)
+        self._strains_before = self._strains
+
+    def settle(self) -> FloatArray:
+        """Bring the rod to the stable equilibrium under the present boundary, downhill from here.
+
+        Returns:
+            The nodes [m], shape (N + 1, 2).
+
+        Raises:
+            SimulationError: no stable equilibrium was reached.
+        """
+        boundary = self.boundary(self.time)
+        boundary.impose(self.x)
+        # A rough curve has kinks and the wrong length here and there, at which a fine rod would
+        # crumple. A coarse one, soft in stretch at first, buckles in long waves instead.
+        edges = len(self.rod.lengths)
+        for every in (max(edges // 20, 1), max(edges // 60, 1), 1):
+            keep = np.union1d(np.arange(0, edges, every), [*boundary.positions, edges])
+            rod = self.rod.coarsened(keep)
+            where = {int(np.searchsorted(keep, i)): p for i, p in boundary.positions.items()}
+            x = self.x[keep]
+            softest = rod.softest_stretch() if every > 1 else 1.0
+            for factor in np.geomspace(softest, 1.0, 3 if softest < 1.0 else 1):
+                soft = replace(rod, stretch_stiffness=factor * rod.stretch_stiffness)
+                x = _descend(soft, replace(boundary, positions=where), x)
+            self.x = CubicSpline(rod.u, x)(self.rod.u)
+            boundary.impose(self.x)
+        self._rest()
+        return self.x
+
+    def advance(self, until: float) -> FloatArray:
+        """Step to a later time [s].
+
+        Returns:
+            The nodes [m], shape (N + 1, 2).
+
+        Raises:
+            SimulationError: a step did not converge.
+        """
+        span = until - self.time
+        count = max(int(np.ceil(span / self.step - 1e-9)), 1)
+        start = self.time
+        for k in range(count):
+            self._advance_one(start + span * (k + 1) / count, span / count)
+        return self.x
+
+    def _advance_one(self, time: float, h: float) -> None:
+        rod = self.rod
+        # BDF2 for a step h after a step g: dy/dt = c0 y_new - c1 y + c2 y_before.
+        g = self._used_step or h
+        c0 = (2.0 * h + g) / (h * (h + g))
+        c1 = (h + g) / (h * g)
+        c2 = h / (g * (h + g))
+        past_x = c2 * self._x_before - c1 * self.x
+        past_v = c2 * self._v_before - c1 * self.v
+        stiffness = rod.stiffness()
+        offsets = rod.rest_offsets()
+        damped, held_back = [], []
+        for k, f, now, before in zip(
+            stiffness, offsets, self._strains, self._strains_before, strict=True
+        ):
+            damped.append(k * (1.0 + rod.relaxation_time * c0))
+            held_back.append(f - k * rod.relaxation_time * (c2 * before - c1 * now))
+        spring = rod.mass * c0**2 + rod.drag * c0
+        load = rod.weight - rod.mass[:, None] * (c0 * past_x + past_v) - rod.drag[:, None] * past_x
+        boundary = self.boundary(time)
+        x = self.x + h * self.v
+        boundary.impose(x)
+        iterations = rod_kernels.minimise(
+            x,
+            boundary.held(len(rod.mass)),
+            rod.lengths,
+            boundary.clamps,
+            (damped[0], damped[1]),
+            (held_back[0], held_back[1]),
+            spring,
+            load,
+            1e-10,
+        )
+        if iterations < 0 or not np.all(np.isfinite(x)):
+            raise SimulationError(f"the discrete rod's step at {time:.4f} s did not converge")
+        self._x_before, self.x = self.x, x
+        self._v_before, self.v = self.v, c0 * x + past_x
+        self._strains_before = self._strains
+        self._strains = rod_kernels.strains(x, rod.lengths, boundary.clamps)
+        self._used_step = h
+        self.time = time
+
+
+def _descend(rod: DiscreteRod, boundary: Boundary, x: FloatArray) -> FloatArray:
+    """Follow the energy downhill: implicit steps of a growing pseudo time, at last plain Newton."""
+    held, clamps = boundary.held(len(rod.mass)), boundary.clamps
+    direction = np.empty_like(x)
+    still = np.zeros_like(x)
+    energy = rod.energy(x, still, clamps)
+    rounding = 1e-12 * float(np.sum(np.abs(rod.weight))) * rod.u[-1] + 1e-16
+    limit = 0.2 * float(np.min(rod.lengths))
+    h = 1e-3
+    for _ in range(2000):
+        spring = rod.mass / h**2
+        _, definite = rod_kernels.newton_direction(
+            x,
+            held,
+            rod.lengths,
+            clamps,
+            rod.stiffness(),
+            rod.rest_offsets(),
+            spring,
+            rod.weight + spring[:, None] * x,
+            direction,
+        )
+        if definite:
+            largest = float(np.max(np.abs(direction)))
+            trial = x + direction * (limit / max(largest, limit))
+            after = rod.energy(trial, still, clamps)
+            if after <= energy + rounding + 1e-12 * abs(energy):
+                x, energy = trial, after
+                if h > 1e3 and largest < 1e-9:
+                    return x
+                h *= 1.6
+                continue
+        h *= 0.3
+        if h < 1e-9:
+            break
+    raise SimulationError(
+        "the rope found no stable equilibrium from its initial shape; give a shape that sags"
+    )
