@@ -1,0 +1,24 @@
+"""Reports for people: self-contained HTML that opens without a network.
+
+`page` is the shell, `elements` the table and the text, `plots` the figures over time, `player` the
+shapes with a time slider; `identification` puts them together for one job.
+"""
+
+from dlo_ros.report.identification import (
+    Estimate,
+    IdentificationReport,
+    ParameterTrack,
+    RecordingResult,
+    write_identification_report,
+)
+from dlo_ros.report.player import Photograph, ShapeFrame
+
+__all__ = [
+    "Estimate",
+    "IdentificationReport",
+    "ParameterTrack",
+    "Photograph",
+    "RecordingResult",
+    "ShapeFrame",
+    "write_identification_report",
+]

@@ -1,0 +1,72 @@
+"""Small pieces of HTML and numbers as people write them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from html import escape
+
+UNKNOWN = "\N{EM DASH}"
+
+
+def paragraph(text: str) -> str:
+    """Plain text as a paragraph."""
+    return f"<p>{escape(text)}</p>"
+
+
+def figure(content: str, caption: str) -> str:
+    """A picture (HTML or SVG) with its caption (plain text)."""
+    return f"<figure>{content}<figcaption>{escape(caption)}</figcaption></figure>"
+
+
+def table(headers: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table of plain text; the first column names the row."""
+    head = "".join(f'<th scope="col">{escape(h)}</th>' for h in headers)
+    body = []
+    for first, *others in rows:
+        cells = "".join(f"<td>{escape(cell)}</td>" for cell in others)
+        body.append(f'<tr><th scope="row">{escape(first)}</th>{cells}</tr>')
+    return (
+        f'<div class="scroll"><table><thead><tr>{head}</tr></thead>'
+        f"<tbody>{''.join(body)}</tbody></table></div>"
+    )
+
+
+def number(value: float | None, unit: str = "", digits: int = 3) -> str:
+    """A number with its unit; a dash where it is unknown or unbounded."""
+    if value is None or not math.isfinite(value):
+        return UNKNOWN
+    magnitude = abs(value)
+    plain = value == 0.0 or 1e-3 <= magnitude < 1e5
+    text = _plain(value, digits) if plain else f"{value:.{digits - 1}e}"
+    return f"{text} {unit}".rstrip()
+
+
+def measured(value: float | None, std: float | None, unit: str = "") -> str:
+    """A value with its standard deviation to two digits, both to the same place."""
+    if value is None or not math.isfinite(value):
+        return UNKNOWN
+    if std is None or not math.isfinite(std) or std <= 0.0:
+        return f"{number(value)} +- {UNKNOWN} {unit}".rstrip()
+    place = math.floor(math.log10(std)) - 1
+    exponent = math.floor(math.log10(abs(value))) if value else 0
+    if -3 <= exponent < 5 and place <= 0:
+        return f"{value:.{-place}f} +- {std:.{-place}f} {unit}".rstrip()
+    if -3 <= exponent < 5 and std < 1e5:
+        return f"{round(value, -place):.0f} +- {round(std, -place):.0f} {unit}".rstrip()
+    # One power of ten for both, so that the eye can compare them.
+    shown = min(max(exponent - place, 0), 6)
+    scale = 10.0**exponent
+    return f"({value / scale:.{shown}f} +- {std / scale:.{shown}f})e{exponent:+03d} {unit}".rstrip()
+
+
+def millimetres(metres: float | None, digits: int = 3) -> str:
+    """A length given in metres, shown in millimetres."""
+    return number(None if metres is None else metres * 1e3, "mm", digits)
+
+
+def _plain(value: float, digits: int) -> str:
+    if value == 0.0:
+        return "0"
+    decimals = max(digits - 1 - math.floor(math.log10(abs(value))), 0)
+    return f"{value:.{decimals}f}"

@@ -1,0 +1,247 @@
+"""The report of an identification: what was found, how sure it is, and the shapes that show it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+
+import numpy as np
+
+from dlo_ros.report.elements import (
+    UNKNOWN,
+    figure,
+    measured,
+    millimetres,
+    number,
+    paragraph,
+    table,
+)
+from dlo_ros.report.page import Section, page, write_page
+from dlo_ros.report.player import ShapeFrame, player
+from dlo_ros.report.plots import Level, LinePlot, Series, line_plot
+from dlo_ros.spline import FloatArray
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One parameter as it was found.
+
+    Args:
+        name: in words, such as "Young's modulus E".
+        unit: SI unit.
+        value, std: in that unit; None where unknown or unbounded.
+        true: the truth where it is known.
+        identifiable: whether the data determine it; None where nobody asked.
+    """
+
+    name: str
+    unit: str
+    value: float | None
+    std: float | None
+    true: float | None = None
+    identifiable: bool | None = None
+
+
+@dataclass(frozen=True)
+class ParameterTrack:
+    """How an estimate moved.
+
+    Args:
+        name, unit: as in `Estimate`.
+        times: [s], or the number of the iteration, shape (m,).
+        values, std: in the unit, shape (m,); a std that is unknown is NaN.
+        true: the truth where it is known.
+    """
+
+    name: str
+    unit: str
+    times: FloatArray
+    values: FloatArray
+    std: FloatArray
+    true: float | None = None
+
+
+@dataclass(frozen=True)
+class RecordingResult:
+    """One recording.
+
+    Args:
+        name: of the bag.
+        role: train or validate.
+        length: L of the spline basis [m].
+        err_initial, err: eq. (10) before and after [m]; None where not known.
+        frames: the shapes in the order of time; may be empty.
+    """
+
+    name: str
+    role: str
+    length: float
+    err_initial: float | None
+    err: float | None
+    frames: tuple[ShapeFrame, ...] = ()
+
+
+@dataclass(frozen=True)
+class IdentificationReport:
+    """All that the report shows.
+
+    Args:
+        title: for the heading.
+        headline: the result in one line.
+        estimates: what was found.
+        recordings: from what.
+        tracks: how the estimates moved; may be empty.
+        track_label: what the tracks go over, with its unit.
+        noise_floor: the ERR that a perfect model would have [m]; None where not known.
+        remarks: sentences for the reader, such as what the data cannot tell.
+    """
+
+    title: str
+    headline: str
+    estimates: tuple[Estimate, ...]
+    recordings: tuple[RecordingResult, ...]
+    tracks: tuple[ParameterTrack, ...] = ()
+    track_label: str = "time [s]"
+    noise_floor: float | None = None
+    remarks: tuple[str, ...] = ()
+
+
+def write_identification_report(path: Path | str, report: IdentificationReport) -> None:
+    """Write a report as one HTML file that needs nothing else.
+
+    Raises:
+        InputError: a shape in it is not finite.
+        OSError: the file cannot be written.
+    """
+    write_page(path, identification_page(report))
+
+
+def identification_page(report: IdentificationReport) -> str:
+    """The report as an HTML document."""
+    summary = f'<p class="headline">{escape(report.headline)}</p>'
+    sections = [Section("What was found", _estimates(report))]
+    shapes = "".join(_shapes(r, len(report.recordings) > 1) for r in report.recordings)
+    if shapes:
+        sections.append(Section("Observed and predicted shape", shapes))
+    if any(r.frames for r in report.recordings):
+        sections.append(Section("ERR over time", _err(report)))
+    if report.tracks:
+        sections.append(Section("Parameters over time", _tracks(report)))
+    if report.recordings:
+        sections.append(Section("Recordings", _recordings(report)))
+    return page(report.title, summary, sections)
+
+
+def _estimates(report: IdentificationReport) -> str:
+    truth = any(e.true is not None for e in report.estimates)
+    headers = ["parameter", "estimate +- std", "determined by the data"]
+    if truth:
+        headers += ["true value", "error"]
+    rows = []
+    for e in report.estimates:
+        row = [e.name, measured(e.value, e.std, e.unit), _yes_no(e.identifiable)]
+        if truth:
+            row += [number(e.true, e.unit), _error(e)]
+        rows.append(row)
+    text = "".join(paragraph(r) for r in (*_plain_words(report), *report.remarks))
+    return table(headers, rows) + text
+
+
+def _plain_words(report: IdentificationReport) -> list[str]:
+    """What the flags mean, in a sentence."""
+    weak = [e.name for e in report.estimates if e.identifiable is False]
+    if not weak:
+        return []
+    verb = "is" if len(weak) == 1 else "are"
+    return [
+        f"{' and '.join(weak)} {verb} not determined by these data: many values explain them "
+        "equally well, so the number shown leans on what was given beforehand. A known force "
+        "(a weighing, a known drag, a hung mass) would settle it."
+    ]
+
+
+def _yes_no(flag: bool | None) -> str:
+    return UNKNOWN if flag is None else ("yes" if flag else "no")
+
+
+def _error(estimate: Estimate) -> str:
+    if estimate.true is None or estimate.value is None or estimate.true == 0.0:
+        return UNKNOWN
+    return f"{100.0 * (estimate.value / estimate.true - 1.0):+.1f} %"
+
+
+def _shapes(recording: RecordingResult, several: bool) -> str:
+    if not any(f.observed is not None or f.predicted is not None for f in recording.frames):
+        return ""
+    heading = f"<h3>{escape(recording.name)} ({escape(recording.role)})</h3>" if several else ""
+    caption = (
+        "Move the slider through the recording. Observed: the spline that was fitted to the "
+        "camera's image; predicted: the simulated one at the same instant."
+    )
+    return heading + figure(player(recording.frames, recording.length), caption)
+
+
+def _err(report: IdentificationReport) -> str:
+    colours = ("observed", "predicted", "other", "ink")
+    series = []
+    for k, recording in enumerate(report.recordings):
+        frames = [f for f in recording.frames if f.err is not None]
+        if not frames:
+            continue
+        times = np.array([f.time for f in frames])
+        err = np.array([f.err for f in frames], dtype=float)
+        series.append(
+            Series(
+                recording.name,
+                colours[k % len(colours)],
+                times,
+                1e3 * err,
+                dashed=recording.role == "validate",
+            )
+        )
+    levels: tuple[Level, ...] = ()
+    if report.noise_floor is not None and math.isfinite(report.noise_floor):
+        levels = (Level("noise floor", "true", 1e3 * report.noise_floor),)
+    plot = LinePlot("err", "time [s]", "ERR [mm]", tuple(series), levels)
+    caption = (
+        "Mean distance between the observed and the predicted spline, eq. (10) of the paper. "
+        "A perfect model would stay at the noise floor."
+    )
+    return figure(line_plot(plot), caption)
+
+
+def _tracks(report: IdentificationReport) -> str:
+    return "".join(_track(k, t, report.track_label) for k, t in enumerate(report.tracks))
+
+
+def _track(k: int, track: ParameterTrack, x_label: str) -> str:
+    positive = bool(np.all(track.values > 0.0))
+    # A positive parameter is uncertain by a factor: the band is that of its logarithm.
+    relative = np.clip(track.std / np.abs(track.values), 0.0, 50.0) if positive else track.std
+    lower = track.values * np.exp(-relative) if positive else track.values - relative
+    upper = track.values * np.exp(relative) if positive else track.values + relative
+    series = Series("estimate, band: 1 std", "observed", track.times, track.values, lower, upper)
+    levels = () if track.true is None else (Level("true value", "true", track.true),)
+    label = f"{track.name} [{track.unit}]"
+    plot = LinePlot(f"track{k}", x_label, label, (series,), levels, logarithmic=positive)
+    last = measured(float(track.values[-1]), float(track.std[-1]), track.unit)
+    return figure(line_plot(plot), f"{track.name}: {last} at the end.")
+
+
+def _recordings(report: IdentificationReport) -> str:
+    rows = [
+        [r.name, r.role, millimetres(r.err_initial), millimetres(r.err), _share(r)]
+        for r in report.recordings
+    ]
+    headers = ["recording", "role", "ERR at first", "ERR at the end", "of the length"]
+    floor = report.noise_floor
+    text = "" if floor is None else paragraph(f"Noise floor: {millimetres(floor)}.")
+    return table(headers, rows) + text
+
+
+def _share(recording: RecordingResult) -> str:
+    if recording.err is None:
+        return UNKNOWN
+    return f"{100.0 * recording.err / recording.length:.2f} %"

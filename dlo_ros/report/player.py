@@ -1,0 +1,210 @@
+"""Shapes over time with a slider: observed and predicted curve on a photograph or a grid."""
+
+from __future__ import annotations
+
+import base64
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from html import escape
+from typing import Any
+
+import numpy as np
+
+from dlo_ros.errors import InputError
+from dlo_ros.report.elements import millimetres
+from dlo_ros.spline import FloatArray, SplineBasis
+
+CURVE_POINTS = 80
+MOST_FRAMES = 60
+INTERVAL = 120  # ms between frames while playing
+
+CURVES = {"observed": "observed", "predicted": "predicted", "initial": "predicted at first"}
+
+
+@dataclass(frozen=True)
+class Photograph:
+    """What the camera saw, with the curves in its pixels.
+
+    Args:
+        jpeg: the file's bytes.
+        width, height: its size [px].
+        observed, predicted: curves [px], shape (m, 2); None where there is none.
+    """
+
+    jpeg: bytes
+    width: int
+    height: int
+    observed: FloatArray | None = None
+    predicted: FloatArray | None = None
+
+
+@dataclass(frozen=True)
+class ShapeFrame:
+    """The shapes of one instant.
+
+    Args:
+        time: from the recording's start [s].
+        observed, predicted: control points of the published basis [m], shape (n, 3) or (n, 4);
+            None where there is none.
+        initial: what was predicted before anything was identified, likewise.
+        err: eq. (10) of the paper [m]; None where it is not known.
+        photograph: the picture behind; None shows the grid alone.
+    """
+
+    time: float
+    observed: FloatArray | None = None
+    predicted: FloatArray | None = None
+    initial: FloatArray | None = None
+    err: float | None = None
+    photograph: Photograph | None = None
+
+
+def player(frames: Sequence[ShapeFrame], length: float) -> str:
+    """An HTML element that shows the frames, thinned out to what a reader can look at.
+
+    Args:
+        frames: in the order of time.
+        length: L of the spline basis [m].
+
+    Raises:
+        InputError: there is no frame, or a spline is not finite.
+    """
+    shown = _thinned(frames)
+    if not shown:
+        raise InputError("a report needs at least one frame with a shape")
+    curves = [_curves(frame, length) for frame in shown]
+    planes = _planes(curves)
+    views: list[dict[str, Any]] = []
+    pictured = [f.photograph for f in shown if f.photograph is not None]
+    if pictured:
+        size = max(p.width for p in pictured), max(p.height for p in pictured)
+        views.append({"photograph": True, "box": [0, 0, *size]})
+    views += [_grid(curves, axes) for axes in planes]
+    data = {
+        "interval": INTERVAL,
+        "views": views,
+        "frames": [
+            _frame(frame, c, planes, bool(pictured)) for frame, c in zip(shown, curves, strict=True)
+        ],
+    }
+    present = [name for name in CURVES if any(name in c for c in curves)]
+    return _element(data, len(views), len(shown), present)
+
+
+def _thinned(frames: Sequence[ShapeFrame]) -> list[ShapeFrame]:
+    """At most MOST_FRAMES, evenly over time; where there are photographs, those with one."""
+    kept = [f for f in frames if f.observed is not None or f.predicted is not None]
+    with_picture = [f for f in kept if f.photograph is not None]
+    kept = with_picture or kept
+    if len(kept) <= MOST_FRAMES:
+        return kept
+    at = np.linspace(0, len(kept) - 1, MOST_FRAMES).round().astype(int)
+    return [kept[i] for i in at]
+
+
+def _curves(frame: ShapeFrame, length: float) -> dict[str, FloatArray]:
+    """Points of each curve of a frame [mm], shape (CURVE_POINTS, 3)."""
+    result = {}
+    for name in CURVES:
+        points: FloatArray | None = getattr(frame, name)
+        if points is None:
+            continue
+        if not np.all(np.isfinite(points)):
+            raise InputError(f"the {CURVES[name]} spline at {frame.time:g} s is not finite")
+        basis = SplineBasis(len(points), length)
+        u = np.linspace(0.0, length, CURVE_POINTS)
+        result[name] = 1e3 * (basis.matrix(u) @ points[:, :3])
+    return result
+
+
+def _planes(curves: Sequence[dict[str, FloatArray]]) -> list[tuple[int, int]]:
+    """The planes to look at: x-z, and x-y as well where the shapes leave the plane y = 0."""
+    points = np.concatenate([p for c in curves for p in c.values()])
+    extent = np.ptp(points, axis=0)
+    return [(0, 2), (0, 1)] if extent[1] > 0.05 * float(extent.max()) else [(0, 2)]
+
+
+def _grid(curves: Sequence[dict[str, FloatArray]], axes: tuple[int, int]) -> dict[str, Any]:
+    points = np.concatenate([p for c in curves for p in c.values()])[:, list(axes)]
+    low, high = points.min(axis=0), points.max(axis=0)
+    margin = 0.08 * float((high - low).max())
+    low, high = low - margin, high + margin
+    step = _step(float((high - low).max()) / 6.0)
+    names = "xyz"
+    return {
+        "box": [_short(v) for v in (low[0], -high[1], high[0] - low[0], high[1] - low[1])],
+        "x_ticks": _ticks(low[0], high[0], step),
+        "y_ticks": _ticks(low[1], high[1], step),
+        "label": f"{names[axes[0]]} to the right, {names[axes[1]]} up, in mm",
+    }
+
+
+def _step(least: float) -> float:
+    """The smallest of 1, 2, 5, 10, ... mm that is not below `least`."""
+    power = 10.0 ** math.floor(math.log10(least)) if least > 0.0 else 1.0
+    return next(power * f for f in (1.0, 2.0, 5.0, 10.0) if power * f >= least * (1 - 1e-9))
+
+
+def _ticks(low: float, high: float, step: float) -> list[float]:
+    first, last = math.ceil(low / step), math.floor(high / step)
+    return [_short(k * step) for k in range(first, last + 1)]
+
+
+def _frame(
+    frame: ShapeFrame,
+    curves: dict[str, FloatArray],
+    planes: Sequence[tuple[int, int]],
+    pictured: bool,
+) -> dict[str, Any]:
+    drawn = []
+    photograph = frame.photograph
+    if pictured:
+        pixels = {
+            "observed": photograph.observed if photograph else None,
+            "predicted": photograph.predicted if photograph else None,
+        }
+        drawn.append({k: _flat(v) for k, v in pixels.items() if v is not None})
+    for horizontal, vertical in planes:
+        flip = np.array([1.0, -1.0])  # up in the world is down in SVG
+        drawn.append({k: _flat(p[:, [horizontal, vertical]] * flip) for k, p in curves.items()})
+    result: dict[str, Any] = {
+        "text": f"{frame.time:.2f} s, ERR {millimetres(frame.err)}",
+        "curves": drawn,
+    }
+    if photograph is not None:
+        encoded = base64.b64encode(photograph.jpeg).decode("ascii")
+        result["photograph"] = f"data:image/jpeg;base64,{encoded}"
+    return result
+
+
+def _flat(points: FloatArray) -> list[float]:
+    """x, y, x, y, ... to a tenth; parts that are not finite are left out."""
+    finite = points[np.all(np.isfinite(points), axis=1)]
+    return [_short(v) for v in finite.ravel()]
+
+
+def _short(value: float) -> float:
+    rounded = round(float(value), 1)
+    return int(rounded) if rounded == int(rounded) else rounded
+
+
+def _element(data: dict[str, Any], views: int, frames: int, present: Sequence[str]) -> str:
+    # "</" inside the data must not end the script element.
+    text = json.dumps(data, separators=(",", ":")).replace("</", "<\\/")
+    pictures = '<svg role="img" aria-label="observed and predicted shape"></svg>' * views
+    legend = "".join(
+        f'<span><svg viewBox="0 0 40 10"><path class="curve {name}" d="M2 5L38 5"/></svg>'
+        f"{escape(CURVES[name])}</span>"
+        for name in present
+    )
+    return (
+        f'<div class="player"><script type="application/json">{text}</script>'
+        f'<div class="views">{pictures}</div>'
+        f'<div class="legend">{legend}</div>'
+        f'<div class="controls"><button type="button">Play</button>'
+        f'<input type="range" min="0" max="{frames - 1}" value="{frames - 1}" step="1" '
+        f'aria-label="time"><output></output></div>'
+        "<noscript><p>The time slider needs JavaScript; the figures do not.</p></noscript></div>"
+    )

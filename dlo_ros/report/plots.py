@@ -1,0 +1,158 @@
+"""Figures over time as SVG that stands in the page and follows its light or dark colours."""
+
+from __future__ import annotations
+
+import io
+import re
+from dataclasses import dataclass, field
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogFormatterSciNotation, MaxNLocator
+
+from dlo_ros.spline import FloatArray
+
+# Colours of Okabe and Ito, which most colour-blind people tell apart. The page's style defines
+# them again, brighter on a dark ground, so each is replaced by the name of its variable.
+COLOURS = {
+    "ink": "#333334",
+    "grid": "#cccccd",
+    "observed": "#0072b2",
+    "predicted": "#d55e00",
+    "true": "#009e73",
+    "other": "#cc79a7",
+}
+
+STYLE = {
+    "svg.fonttype": "none",
+    "font.size": 10,
+    "font.family": "sans-serif",
+    "text.color": COLOURS["ink"],
+    "axes.edgecolor": COLOURS["ink"],
+    "axes.labelcolor": COLOURS["ink"],
+    "xtick.color": COLOURS["ink"],
+    "ytick.color": COLOURS["ink"],
+    "grid.color": COLOURS["grid"],
+    "axes.grid": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "lines.linewidth": 1.8,
+    "legend.frameon": False,
+}
+
+
+@dataclass(frozen=True)
+class Series:
+    """One curve.
+
+    Args:
+        label: for the legend.
+        colour: a key of `COLOURS`.
+        x, y: shape (m,); NaN leaves a gap.
+        lower, upper: edges of a band around it, shape (m,).
+        dashed: drawn with dashes, so that colour is not all that tells curves apart.
+    """
+
+    label: str
+    colour: str
+    x: FloatArray
+    y: FloatArray
+    lower: FloatArray | None = None
+    upper: FloatArray | None = None
+    dashed: bool = False
+
+
+@dataclass(frozen=True)
+class Level:
+    """A horizontal line, such as a true value or the noise floor."""
+
+    label: str
+    colour: str
+    y: float
+
+
+@dataclass(frozen=True)
+class LinePlot:
+    """Curves over one axis.
+
+    Args:
+        name: unique on the page.
+        x_label, y_label: with units.
+        series: the curves.
+        levels: horizontal lines.
+        logarithmic: whether y is; it then shows whole decades only where the data span some.
+    """
+
+    name: str
+    x_label: str
+    y_label: str
+    series: tuple[Series, ...]
+    levels: tuple[Level, ...] = ()
+    logarithmic: bool = False
+    size: tuple[float, float] = field(default=(6.4, 2.7))
+
+
+def line_plot(plot: LinePlot) -> str:
+    """The figure as an SVG element without any reference to the outside."""
+    with rc_context(STYLE):
+        figure = Figure(figsize=plot.size, layout="constrained")
+        axes = figure.add_subplot()
+        for series in plot.series:
+            colour = COLOURS[series.colour]
+            style = "--" if series.dashed else "-"
+            axes.plot(series.x, series.y, style, color=colour, label=series.label)
+            if series.lower is not None and series.upper is not None:
+                axes.fill_between(
+                    series.x, series.lower, series.upper, color=colour, alpha=0.2, linewidth=0
+                )
+        for level in plot.levels:
+            axes.axhline(
+                level.y, color=COLOURS[level.colour], linestyle=(0, (6, 3)), label=level.label
+            )
+        if plot.logarithmic:
+            axes.set_yscale("log")
+            axes.yaxis.set_minor_formatter(LogFormatterSciNotation(minor_thresholds=(1.2, 0.4)))
+        else:
+            axes.yaxis.set_major_locator(MaxNLocator(nbins=5))
+        limits = _limits(plot)
+        if limits is not None:
+            axes.set_ylim(*limits)
+        axes.set_xlabel(plot.x_label)
+        axes.set_ylabel(plot.y_label)
+        if len(plot.series) + len(plot.levels) > 1:
+            axes.legend(loc="best", fontsize=9)
+        buffer = io.StringIO()
+        figure.savefig(buffer, format="svg", transparent=True)
+    return _embed(buffer.getvalue(), plot)
+
+
+def _limits(plot: LinePlot) -> tuple[float, float] | None:
+    """Room for curves and levels; a band that has no bounds yet must not squeeze them."""
+    parts = [s.y for s in plot.series] + [np.array([level.y]) for level in plot.levels]
+    values = np.concatenate(parts) if parts else np.zeros(0)
+    values = values[np.isfinite(values)]
+    if plot.logarithmic:
+        values = values[values > 0.0]
+    if not len(values):
+        return None
+    low, high = float(values.min()), float(values.max())
+    if plot.logarithmic:
+        margin = max(high / low, 1.3) ** 0.12
+        return low / margin, high * margin
+    margin = 0.12 * ((high - low) or abs(high) or 1.0)
+    return (0.0 if low >= 0.0 else low - margin), high + margin
+
+
+def _embed(svg: str, plot: LinePlot) -> str:
+    """Make a matplotlib file an element of the page: own ids, named colours, no addresses."""
+    svg = svg[svg.index("<svg") :]
+    svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
+    svg = re.sub(r'\s+xmlns(:\w+)?="[^"]*"', "", svg)
+    svg = re.sub(r'\bid="', f'id="{plot.name}-', svg)
+    svg = svg.replace("url(#", f"url(#{plot.name}-").replace('href="#', f'href="#{plot.name}-')
+    for name, colour in COLOURS.items():
+        svg = svg.replace(colour, f"var(--{name})")
+    # The width follows the page's column.
+    view_box = re.compile(r'<svg[^>]*?viewBox="([^"]*)"[^>]*>')
+    return view_box.sub(r'<svg viewBox="\1" role="img">', svg, count=1).strip()
