@@ -8,24 +8,38 @@ from html import escape
 
 UNKNOWN = "\N{EM DASH}"
 
+SIGNS = {"+-": "\N{PLUS-MINUS SIGN}", "^2": "\N{SUPERSCRIPT TWO}", "^3": "\N{SUPERSCRIPT THREE}"}
+
+
+def typeset(text: str) -> str:
+    """Text as terminals show it (+-, m^2) with the signs of print."""
+    for plain, sign in SIGNS.items():
+        text = text.replace(plain, sign)
+    return text
+
+
+def markup(text: str) -> str:
+    """Plain text as HTML."""
+    return escape(typeset(text))
+
 
 def paragraph(text: str) -> str:
     """Plain text as a paragraph."""
-    return f"<p>{escape(text)}</p>"
+    return f"<p>{markup(text)}</p>"
 
 
 def figure(content: str, caption: str) -> str:
     """A picture (HTML or SVG) with its caption (plain text)."""
-    return f"<figure>{content}<figcaption>{escape(caption)}</figcaption></figure>"
+    return f"<figure>{content}<figcaption>{markup(caption)}</figcaption></figure>"
 
 
 def table(headers: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """A table of plain text; the first column names the row."""
-    head = "".join(f'<th scope="col">{escape(h)}</th>' for h in headers)
+    head = "".join(f'<th scope="col">{markup(h)}</th>' for h in headers)
     body = []
     for first, *others in rows:
-        cells = "".join(f"<td>{escape(cell)}</td>" for cell in others)
-        body.append(f'<tr><th scope="row">{escape(first)}</th>{cells}</tr>')
+        cells = "".join(f"<td>{markup(cell)}</td>" for cell in others)
+        body.append(f'<tr><th scope="row">{markup(first)}</th>{cells}</tr>')
     return (
         f'<div class="scroll"><table><thead><tr>{head}</tr></thead>'
         f"<tbody>{''.join(body)}</tbody></table></div>"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from html import escape
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +11,7 @@ import numpy as np
 from dlo_ros.report.elements import (
     UNKNOWN,
     figure,
+    markup,
     measured,
     millimetres,
     number,
@@ -120,7 +120,7 @@ def write_identification_report(path: Path | str, report: IdentificationReport) 
 
 def identification_page(report: IdentificationReport) -> str:
     """The report as an HTML document."""
-    summary = f'<p class="headline">{escape(report.headline)}</p>'
+    summary = f'<p class="headline">{markup(report.headline)}</p>'
     sections = [Section("What was found", _estimates(report))]
     shapes = "".join(_shapes(r, len(report.recordings) > 1) for r in report.recordings)
     if shapes:
@@ -175,7 +175,7 @@ def _error(estimate: Estimate) -> str:
 def _shapes(recording: RecordingResult, several: bool) -> str:
     if not any(f.observed is not None or f.predicted is not None for f in recording.frames):
         return ""
-    heading = f"<h3>{escape(recording.name)} ({escape(recording.role)})</h3>" if several else ""
+    heading = f"<h3>{markup(f'{recording.name} ({recording.role})')}</h3>" if several else ""
     caption = (
         "Move the slider through the recording. Observed: the spline that was fitted to the "
         "camera's image; predicted: the simulated one at the same instant."

@@ -11,6 +11,7 @@ from importlib import resources
 from pathlib import Path
 
 from dlo_ros import __version__
+from dlo_ros.report.elements import markup
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,7 @@ def page(title: str, summary: str, sections: Sequence[Section]) -> str:
         summary: HTML below the heading, what a hurried reader needs.
         sections: the rest, in order.
     """
-    parts = [f"<section><h2>{escape(s.title)}</h2>\n{s.body}\n</section>" for s in sections]
+    parts = [f"<section><h2>{markup(s.title)}</h2>\n{s.body}\n</section>" for s in sections]
     body = "\n".join(parts)
     return f"""<!DOCTYPE html>
 <html lang="en">
@@ -52,7 +53,7 @@ def page(title: str, summary: str, sections: Sequence[Section]) -> str:
 {summary}
 </header>
 {body}
-<footer>Made by dlo_ros {escape(__version__)}. SI units; a value +- its standard deviation.</footer>
+<footer>Made by dlo_ros {escape(__version__)}. SI units; a value \N{PLUS-MINUS SIGN} its standard deviation.</footer>
 </main>
 <script>
 {_asset("player.js")}</script>

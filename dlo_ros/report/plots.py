@@ -11,6 +11,7 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatterSciNotation, MaxNLocator
 
+from dlo_ros.report.elements import typeset
 from dlo_ros.spline import FloatArray
 
 # Colours of Okabe and Ito, which most colour-blind people tell apart. The page's style defines
@@ -118,8 +119,8 @@ def line_plot(plot: LinePlot) -> str:
         limits = _limits(plot)
         if limits is not None:
             axes.set_ylim(*limits)
-        axes.set_xlabel(plot.x_label)
-        axes.set_ylabel(plot.y_label)
+        axes.set_xlabel(typeset(plot.x_label))
+        axes.set_ylabel(typeset(plot.y_label))
         if len(plot.series) + len(plot.levels) > 1:
             axes.legend(loc="best", fontsize=9)
         buffer = io.StringIO()
