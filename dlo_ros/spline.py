@@ -79,6 +79,8 @@ class SplineBasis:
             Matrix of shape (m, n): `matrix(u) @ control_points` evaluates the spline.
         """
         u = np.clip(np.atleast_1d(np.asarray(u, dtype=np.float64)), 0.0, self.length)
+        if u.size == 0:
+            return np.zeros((0, self.control_points))
         if derivative == 0:
             return np.asarray(BSpline.design_matrix(u, self.knots, DEGREE).toarray())
         spline = BSpline(self.knots, np.eye(self.control_points), DEGREE)

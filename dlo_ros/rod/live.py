@@ -1,0 +1,82 @@
+"""The simulation as a live node needs it: fed piece by piece, never losing its last good state."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from dlo_ros.command import Command, Motion
+from dlo_ros.errors import InputError
+from dlo_ros.observation import Observation
+from dlo_ros.parameters import Settings
+from dlo_ros.rod.simulation import Prediction, Simulation
+
+
+class LiveSimulation:
+    """A simulation that takes commands, parameters and its start in any order.
+
+    Args:
+        settings: the parameter file.
+    """
+
+    def __init__(self, settings: Settings) -> None:
+        self.settings = settings
+        self.motion = Motion()
+        self._simulation: Simulation | None = None
+
+    @property
+    def started(self) -> bool:
+        """Whether there is a state to advance from."""
+        return self._simulation is not None
+
+    @property
+    def ready(self) -> bool:
+        """Whether a command is known, without which a start is refused."""
+        return bool(self.motion.commands)
+
+    @property
+    def control_points(self) -> int:
+        """Control points of the simulation's own basis, 0 before the start."""
+        return self._simulation.control_points if self._simulation else 0
+
+    def set_command(self, command: Command) -> None:
+        """Take an imposed motion; it replaces the old one from its start on.
+
+        Raises:
+            CommandError: the command cannot be followed at its first instant.
+        """
+        if command.control_points != self.settings.rod.control_points:
+            raise InputError(
+                f"the command counts {command.control_points} control points; "
+                f"rod.control_points is {self.settings.rod.control_points}"
+            )
+        self.motion.add(command)
+
+    def start(self, observations: Sequence[Observation]) -> None:
+        """Start from the first observed shapes as simulation.start says.
+
+        Raises:
+            InputError, SimulationError: see `Simulation.start`; nothing is changed then.
+        """
+        simulation = Simulation(self.settings, self.motion)
+        simulation.start(observations)
+        self._simulation = simulation
+
+    def advance(self, stamp: int) -> Prediction:
+        """Simulate to a stamp [ns] and return the shape there.
+
+        Raises:
+            InputError, SimulationError: the last good state is kept.
+        """
+        if self._simulation is None:
+            raise InputError("the simulation has no initial shape yet")
+        return self._simulation.advance(stamp)
+
+    def update(self, settings: Settings) -> None:
+        """Change parameters while running."""
+        if self._simulation is not None:
+            self._simulation.update(settings)
+        self.settings = settings
+
+    def reset(self) -> None:
+        """Forget the state; commands are kept."""
+        self._simulation = None

@@ -1,0 +1,112 @@
+"""How fine the simulation must be: its own discretisation error, estimated and kept below a bound.
+
+A spline rod with the message's ten control points is millimetres off (numerics.md), so the
+simulation has a basis of its own, whose knots contain the published ones.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dlo_ros.command import Command
+from dlo_ros.errors import SimulationError
+from dlo_ros.parameters import Settings
+from dlo_ros.rod.boundary import Boundary
+from dlo_ros.rod.model import RodModel
+from dlo_ros.rod.state import rest_state
+from dlo_ros.rod.statics import settle
+from dlo_ros.spline import DEGREE, FloatArray, SplineBasis
+
+LOG = logging.getLogger(__name__)
+
+LARGEST = 300  # knot spans
+PROBES = 8  # instants of a motion at which the error is estimated
+
+
+@dataclass(frozen=True)
+class Resolution:
+    """A number of knot spans and the shape error that it has.
+
+    Args:
+        spans: knot spans of the simulation's basis.
+        error: mean distance to the solution with twice the spans, over L, at the worst instant.
+    """
+
+    spans: int
+    error: float
+
+
+def build(settings: Settings, command: Command, spans: int) -> tuple[RodModel, Boundary]:
+    """Model and boundary conditions with the given number of knot spans."""
+    rod = settings.rod
+    basis = SplineBasis(spans + DEGREE, rod.length)
+    boundary = Boundary(command.names, basis, SplineBasis(rod.control_points, rod.length))
+    model = RodModel(settings, basis, not boundary.clamped_start, not boundary.clamped_end)
+    return model, boundary
+
+
+def choose(
+    settings: Settings, command: Command, shape: FloatArray, stamps: Sequence[int]
+) -> Resolution:
+    """The coarsest nested refinement of the published basis that keeps simulation.tolerance.
+
+    The rod is led quasi-statically through the command, and each resolution is compared with the
+    next finer one.
+
+    Args:
+        shape: first control points, published basis, shape (n, 4).
+        stamps: instants of interest [ns], growing; at most `PROBES` of them are used.
+
+    Raises:
+        SimulationError: the rod has no equilibrium at any resolution.
+    """
+    rod = settings.rod
+    published = SplineBasis(rod.control_points, rod.length)
+    pick = np.unique(np.linspace(0, len(stamps) - 1, PROBES).round().astype(int))
+    probes = [stamps[k] for k in pick]
+    spans = published.spans
+    u, weight = SplineBasis(4 * spans + DEGREE, rod.length).quadrature()
+    failure: SimulationError | None = None
+    coarse: FloatArray | None = None
+    error = np.inf
+    while spans <= LARGEST:
+        try:
+            fine = _path(settings, command, shape, probes, spans, u)
+        except SimulationError as err:
+            failure, coarse = err, None
+            spans *= 2
+            continue
+        if coarse is not None:
+            apart = np.linalg.norm(fine - coarse, axis=2) @ weight / rod.length**2
+            error = float(apart.max())
+            if error <= settings.simulation.tolerance:
+                return Resolution(spans // 2, error)
+        coarse = fine
+        spans *= 2
+    if coarse is None:
+        raise failure or SimulationError("no static equilibrium found at any resolution")
+    spans //= 2
+    LOG.warning(
+        "the simulation keeps an error of %.2g L with %d control points; simulation.tolerance "
+        "asks for %.2g", error, spans + DEGREE, settings.simulation.tolerance,
+    )  # fmt: skip
+    return Resolution(spans, error)
+
+
+def _path(
+    settings: Settings, command: Command, shape: FloatArray, stamps: Sequence[int], spans: int,
+    u: FloatArray,
+) -> FloatArray:  # fmt: skip
+    """Equilibrium shapes along a command, shape (instants, points, 3)."""
+    model, boundary = build(settings, command, spans)
+    published = SplineBasis(settings.rod.control_points, settings.rod.length)
+    state = rest_state(stamps[0], model.basis.projection(published) @ shape, model)
+    shapes = []
+    for stamp in stamps:
+        state = settle(model, boundary, state, command, stamp).state
+        shapes.append(model.basis.evaluate(state.q[:, :3], u))
+    return np.array(shapes)

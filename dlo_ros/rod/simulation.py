@@ -1,0 +1,256 @@
+"""Simulate a DLO under imposed motion: the rod, its start, its resolution, what is published."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dlo_ros.command import NANOSECONDS, Command, Motion
+from dlo_ros.errors import InputError, SimulationError
+from dlo_ros.observation import Observation
+from dlo_ros.parameters import Settings
+from dlo_ros.rod import dynamics, resolution
+from dlo_ros.rod.boundary import Boundary
+from dlo_ros.rod.model import SENSITIVITIES, RodModel
+from dlo_ros.rod.state import (
+    Sensitivity,
+    State,
+    Strains,
+    refined,
+    rest_state,
+    strains_of,
+    twist_angle,
+)
+from dlo_ros.rod.statics import reachable, relax_stretch, settle, static_sensitivity
+from dlo_ros.spline import DEGREE, FloatArray, SplineBasis
+
+LOG = logging.getLogger(__name__)
+
+RECHECK_RATIO = 1.5  # change of E/mu after which the resolution is judged anew
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """A simulated shape.
+
+    Args:
+        stamp: simulated instant [ns].
+        control_points: x, y, z [m], theta [rad] in the published basis, shape (n, 4).
+        sensitivity: derivatives of x, y, z with respect to the logarithms of the P parameters
+            asked for, shape (P, n, 3); None where none were.
+    """
+
+    stamp: int
+    control_points: FloatArray
+    sensitivity: FloatArray | None = None
+
+
+class Simulation:
+    """One simulated DLO.
+
+    Args:
+        settings: the parameter file.
+        motion: the imposed motion; commands may be added while the simulation runs.
+        parameters: which of `SENSITIVITIES` the derivatives are wanted of.
+        spans: knot spans of the simulation; default: as many as simulation.tolerance needs.
+
+    Raises:
+        InputError: an unknown parameter is asked for.
+    """
+
+    def __init__(
+        self,
+        settings: Settings,
+        motion: Motion,
+        *,
+        parameters: Sequence[str] = (),
+        spans: int | None = None,
+    ) -> None:
+        unknown = [p for p in parameters if p not in SENSITIVITIES]
+        if unknown:
+            raise InputError(
+                f"no sensitivity to '{unknown[0]}'; known are {', '.join(SENSITIVITIES)}"
+            )
+        self.settings = settings
+        self.motion = motion
+        self.published = SplineBasis(settings.rod.control_points, settings.rod.length)
+        self.scales = np.eye(4)[[SENSITIVITIES.index(p) for p in parameters]]
+        self._spans = spans
+        self.resolution: resolution.Resolution | None = None
+        self.state: State | None = None
+        self.stable = True
+        self._judged = settings.rod.specific_modulus
+
+    def start(self, observations: Sequence[Observation], last_stamp: int | None = None) -> None:
+        """Set the initial state as simulation.start says.
+
+        Args:
+            observations: the first observed shapes; one, or two for `moving`.
+            last_stamp: until when the motion matters for the resolution [ns]; default: the
+                command's end.
+
+        Raises:
+            InputError: too few observations, a wrong number of control points, no command.
+            SimulationError: no equilibrium, or imposed ends out of reach.
+        """
+        mode = self.settings.simulation.start
+        needed = 2 if mode == "moving" else 1
+        if len(observations) < needed:
+            raise InputError(f"simulation.start '{mode}' needs {needed} observed shapes")
+        n = self.published.control_points
+        for observation in observations[:needed]:
+            if len(observation.control_points) != n:
+                raise InputError(
+                    f"the observed spline has {len(observation.control_points)} control points; "
+                    f"rod.control_points is {n}"
+                )
+        first = observations[needed - 1]
+        command = self._command(first.stamp)
+        stop = command.end_stamp if last_stamp is None else last_stamp
+        stamps = np.linspace(first.stamp, max(stop, first.stamp), 200).astype(np.int64)
+        shape = first.control_points
+        if self._spans is None:
+            self.resolution = resolution.choose(
+                self.settings, command, shape, [int(s) for s in stamps]
+            )
+            self._spans = self.resolution.spans
+        model, boundary = resolution.build(self.settings, command, self._spans)
+        lift = model.basis.projection(self.published)
+        held = boundary.held(command, first.stamp)
+        reachable(model, held, boundary)
+        if mode == "equilibrium":
+            found = settle(
+                model, boundary, rest_state(first.stamp, lift @ shape, model), command, first.stamp
+            )
+            state, self.stable = found.state, found.stable
+            if not found.stable:
+                LOG.warning("the initial equilibrium is unstable")
+            if len(self.scales):
+                sensitivity = static_sensitivity(model, boundary, state, self.scales)
+                state = replace(state, sensitivity=sensitivity)
+        else:
+            state = rest_state(
+                first.stamp, relax_stretch(model, boundary, held, lift @ shape), model
+            )
+            if mode == "moving":
+                before = observations[0]
+                elapsed = (first.stamp - before.stamp) / NANOSECONDS
+                if elapsed <= 0.0:
+                    raise InputError("the first two observed shapes have the same stamp")
+                velocity = lift @ (first.control_points - before.control_points) / elapsed
+                velocity[:, 3] = 0.0
+                state = replace(state, velocity=velocity)
+            state = dynamics.with_consistent_acceleration(model, boundary, state)
+            state = replace(state, sensitivity=self._insensitive(model))
+        self._judged = self.settings.rod.specific_modulus
+        self.state, self.model, self.boundary = state, model, boundary
+
+    def _insensitive(self, model: RodModel) -> Sensitivity | None:
+        count = len(self.scales)
+        if not count:
+            return None
+        zero = np.zeros((count, model.basis.control_points, 4))
+        none = Strains(
+            np.zeros((count, model.rule.stretch_weight.size)),
+            np.zeros((count, model.rule.weight.size, 3)),
+        )
+        return Sensitivity(zero, zero, zero, zero, none, none)
+
+    def _command(self, stamp: int) -> Command:
+        command = self.motion.at(stamp)
+        if command is None:
+            raise InputError("there is no dlo/command; the simulation needs to know what is held")
+        return command
+
+    def advance(self, stamp: int) -> Prediction:
+        """Simulate to a stamp [ns].
+
+        Raises:
+            InputError: not started, or the stamp lies before the present instant.
+            SimulationError: the motion cannot be followed; the state stays as it was.
+        """
+        state = self._started()
+        if stamp < state.stamp:
+            raise InputError(
+                f"the simulation is at {state.stamp / NANOSECONDS:.3f} s and cannot go back to "
+                f"{stamp / NANOSECONDS:.3f} s; reset it"
+            )
+        scales = self.scales if len(self.scales) else None
+        while state.stamp < stamp:
+            command = self._command(state.stamp)
+            until = self._change_of_command(state.stamp, stamp)
+            state = self._under(state, command)
+            held = self.boundary.held(command, until)
+            reachable(self.model, held, self.boundary)
+            state = dynamics.advance(self.model, self.boundary, state, command, until, scales)
+        self.state = state
+        return self.prediction()
+
+    def _change_of_command(self, now: int, stamp: int) -> int:
+        """The stamp, or the start of the next command before it."""
+        starts = [c.stamp for c in self.motion.commands if now < c.stamp < stamp]
+        return min(starts, default=stamp)
+
+    def _under(self, state: State, command: Command) -> State:
+        """The state with the boundary conditions of a command that may hold other things."""
+        if command.names == self.boundary.names:
+            return state
+        assert self._spans is not None
+        self.model, self.boundary = resolution.build(self.settings, command, self._spans)
+        for frame in (state.start, state.end):
+            frame.body = None  # a new grip takes the DLO as it is
+        now = strains_of(state.q, self.model, state.reference)
+        state = replace(state, strains=now, previous=now, last_step=0.0)
+        return replace(state, sensitivity=self._insensitive(self.model))
+
+    def prediction(self) -> Prediction:
+        """The present shape in the published basis."""
+        state = self._started()
+        down = self.published.projection(self.model.basis)
+        shape = down @ state.q
+        shape[:, 3] = down @ twist_angle(state, self.model)
+        derivative = None
+        if state.sensitivity is not None:
+            derivative = np.einsum("ij,pjc->pic", down, state.sensitivity.q[:, :, :3])
+        return Prediction(state.stamp, shape, derivative)
+
+    def update(self, settings: Settings) -> None:
+        """Change material, damping, gravity or tolerance while the simulation runs.
+
+        The basis is refined where the new parameters need it (never coarsened).
+        """
+        self.settings = settings
+        if self.state is None:
+            return
+        self.model = self.model.with_settings(settings)
+        ratio = settings.rod.specific_modulus / self._judged
+        if max(ratio, 1.0 / ratio) < RECHECK_RATIO or self.resolution is None:
+            return
+        self._judged = settings.rod.specific_modulus
+        command = self._command(self.state.stamp)
+        stamps = np.linspace(self.state.stamp, max(command.end_stamp, self.state.stamp), 200)
+        shape = self.prediction().control_points
+        try:
+            found = resolution.choose(settings, command, shape, [int(s) for s in stamps])
+        except SimulationError as err:
+            LOG.warning("the resolution could not be judged anew: %s", err)
+            return
+        if found.spans > self.model.basis.spans:
+            finer, boundary = resolution.build(settings, command, found.spans)
+            self.state = refined(self.state, self.model, finer)
+            self.state = replace(self.state, sensitivity=self._insensitive(finer))
+            self.model, self.boundary = finer, boundary
+            self._spans, self.resolution = found.spans, found
+
+    def _started(self) -> State:
+        if self.state is None:
+            raise InputError("the simulation has no initial shape yet")
+        return self.state
+
+    @property
+    def control_points(self) -> int:
+        """Control points of the simulation's own basis."""
+        return (self._spans or self.published.spans) + DEGREE

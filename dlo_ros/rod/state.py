@@ -1,0 +1,113 @@
+"""The state of a simulated rod and its sensitivities at one instant."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dlo_ros.rod.frames import EndFrame, twist_free
+from dlo_ros.rod.kernels import DOF, Reference, strains
+from dlo_ros.rod.model import RodModel
+from dlo_ros.spline import FloatArray
+
+
+@dataclass(frozen=True)
+class Strains:
+    """Strains at the quadrature points: stretch (ns,), and kappa_1, kappa_2, twist (nb, 3).
+
+    With a leading axis of P parameters where they are sensitivities.
+    """
+
+    stretch: FloatArray
+    other: FloatArray
+
+    def combined(self, a: float, rival: Strains, b: float) -> Strains:
+        """Linear combination: a times these plus b times the others."""
+        return Strains(a * self.stretch + b * rival.stretch, a * self.other + b * rival.other)
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """Derivatives of the state with respect to P parameters (logarithms), shapes (P, n, 4)."""
+
+    q: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+    auxiliary: FloatArray
+    strains: Strains
+    previous: Strains
+
+
+@dataclass(frozen=True)
+class State:
+    """A rod at one instant.
+
+    Args:
+        stamp: simulated instant [ns].
+        q, velocity, acceleration: x, y, z [m] and theta [rad], and rates, shape (n, 4).
+        auxiliary: acceleration-like variable of the generalised-alpha method, shape (n, 4).
+        reference: frame at the bending points.
+        start, end: frames at both ends.
+        strains, previous: strains now and one step ago (for the strain rate).
+        last_step: length of the last step [s], 0 at a start.
+        next_step: step [s] that the error control proposes, 0 where it has no opinion yet.
+        sensitivity: derivatives, where asked for.
+    """
+
+    stamp: int
+    q: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+    auxiliary: FloatArray
+    reference: Reference
+    start: EndFrame
+    end: EndFrame
+    strains: Strains
+    previous: Strains
+    last_step: float = 0.0
+    next_step: float = 0.0
+    sensitivity: Sensitivity | None = None
+
+
+def strains_of(q: FloatArray, model: RodModel, reference: Reference) -> Strains:
+    """Strains of a configuration (n, 4)."""
+    stretch, other = strains(np.ascontiguousarray(q), model.rule, reference)
+    return Strains(stretch, other)
+
+
+def rest_state(stamp: int, q: FloatArray, model: RodModel) -> State:
+    """A rod at rest, free of twist, in the shape q (n, 4)."""
+    q = np.array(q, dtype=np.float64)
+    q[:, 3] = 0.0
+    reference, start, end = twist_free(q, model.basis, model.points)
+    now = strains_of(q, model, reference)
+    zero = np.zeros((model.basis.control_points, DOF))
+    return State(stamp, q, zero, zero, zero, reference, start, end, now, now)
+
+
+def twist_angle(state: State, model: RodModel) -> FloatArray:
+    """Axial twist against the twist-free frame of the centreline, as control points (n,) [rad].
+
+    It is the integral along u of the twist strain, from the angle at u = 0.
+    """
+    slope = model.twist_fit @ state.strains.other[:, 2]
+    return np.concatenate([[state.q[0, 3]], state.q[0, 3] + slope])
+
+
+def refined(state: State, model: RodModel, finer: RodModel) -> State:
+    """The same state in another basis, exact where its knots contain the old ones.
+
+    Sensitivities are not carried over.
+    """
+    change = finer.basis.projection(model.basis)
+    q = change @ state.q
+    q[:, 3] = change @ twist_angle(state, model)
+    reference, _, end = twist_free(q, finer.basis, finer.points, state.start.director)
+    end.body, end.theta = state.end.body, float(q[-1, 3])
+    now = strains_of(q, finer, reference)
+    return State(
+        state.stamp, q, change @ state.velocity, change @ state.acceleration,
+        change @ state.auxiliary, reference, state.start.copy(), end, now, now,
+        0.0, state.next_step,
+    )  # fmt: skip

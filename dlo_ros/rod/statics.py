@@ -1,0 +1,196 @@
+"""Static equilibrium under imposed motion, and its sensitivities."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dlo_ros.command import END, START, Command
+from dlo_ros.errors import SimulationError
+from dlo_ros.rod import solver
+from dlo_ros.rod.boundary import Boundary, Held
+from dlo_ros.rod.frames import EndFrame
+from dlo_ros.rod.kernels import DOF
+from dlo_ros.rod.model import RodModel
+from dlo_ros.rod.state import Sensitivity, State, Strains, rest_state, strains_of
+from dlo_ros.spline import FloatArray
+
+TOLERANCE = 1e-9
+MOVE_LIMIT = 0.05  # imposed motion per increment, of L
+TURN_LIMIT = 0.15  # imposed rotation per increment [rad]
+
+
+@dataclass(frozen=True)
+class Equilibrium:
+    """A rod at rest.
+
+    Args:
+        state: the state, without velocity.
+        stable: whether it is a minimum of the energy; pinned rods are not judged (True).
+        iterations: Newton iterations that it took.
+    """
+
+    state: State
+    stable: bool
+    iterations: int
+
+
+def impose(
+    state: State, boundary: Boundary, held: Held, share: float = 1.0
+) -> tuple[FloatArray, EndFrame, EndFrame]:
+    """Values (n, 4) of the fixed degrees of freedom, and the end frames that go with them.
+
+    Args:
+        share: fraction of the way from the present values to the imposed ones.
+    """
+    target = held.values.copy()
+    start, end = state.start.copy(), state.end.copy()
+    for name, frame, row in ((START, start, 0), (END, end, -1)):
+        theta = state.q[row, 3]
+        if name in held.rotations:
+            theta = frame.turn(held.rotations[name])
+        elif name in held.directions:
+            frame.follow(held.directions[name])
+        target[row, 3] = theta
+    if share < 1.0:
+        target = state.q + share * (target - state.q)
+    return target, start, end
+
+
+def settle(
+    model: RodModel, boundary: Boundary, state: State, command: Command, stamp: int
+) -> Equilibrium:
+    """Static equilibrium at a stamp, on the branch that leads there from the given state.
+
+    Raises:
+        SimulationError: no equilibrium was found, for example because the imposed ends are
+            further apart than the DLO is long.
+    """
+    held = boundary.held(command, stamp)
+    reachable(model, held, boundary)
+    fixed = boundary.fixed
+    total = 0
+    full, start, end = impose(state, boundary, held)
+    change = np.where(fixed.reshape(-1, DOF), full - state.q, 0.0)
+    pin_now = boundary.basis.matrix(boundary.pin_abscissae) @ state.q[:, :3]
+    pin_move = np.abs(held.pin_positions - pin_now).max(initial=0.0)
+    move = max(float(np.abs(change[:, :3]).max()), float(pin_move)) / model.basis.length
+    turn = max(
+        float(np.abs(change[:, 3]).max()),
+        *(
+            float(np.arccos(np.clip(a.tangent @ b.tangent, -1.0, 1.0)))
+            for a, b in ((state.start, start), (state.end, end))
+        ),
+    )
+    count = max(1, int(np.ceil(max(move / MOVE_LIMIT, turn / TURN_LIMIT))))
+    q, reference = state.q.copy(), state.reference
+    negative = 0
+    for k in range(1, count + 1):
+        share = k / count
+        wanted = state.q + share * (full - state.q)
+        increment = np.where(fixed, (wanted - q).ravel(), 0.0)
+        pins = pin_now + share * (held.pin_positions - pin_now)
+        gap = boundary.pin_values(replace(held, pin_positions=pins), np.where(
+            fixed.reshape(-1, DOF), wanted, 0.0)) - boundary.pins @ q.ravel()  # fmt: skip
+        iterations, negative, reference = solver.equilibrium(
+            q, increment, fixed, boundary.pins, gap, model.rule, model.stiffness, reference,
+            model.load.ravel(), model.mass, model.spin, model.rate2, model.basis.length, TOLERANCE,
+        )  # fmt: skip
+        total += abs(iterations)
+        if iterations < 0 or not np.all(np.isfinite(q)):
+            raise SimulationError(
+                f"no static equilibrium found after {total} iterations; check that the imposed "
+                "ends can be reached and that stiffness and density are of a sensible size"
+            )
+    zero = np.zeros_like(q)
+    now = strains_of(q, model, reference)
+    rest = State(stamp, q, zero, zero, zero, reference, start, end, now, now)
+    return Equilibrium(rest, negative == 0, total)
+
+
+def reachable(model: RodModel, held: Held, boundary: Boundary) -> None:
+    """Refuse ends that are further apart than the DLO can span.
+
+    Raises:
+        SimulationError: with both distances.
+    """
+    fixed = boundary.fixed.reshape(-1, DOF)
+    points = [(model.basis.greville[k], held.values[k, :3]) for k in (0, -1) if fixed[k, 0]]
+    points += list(zip(boundary.pin_abscissae, held.pin_positions, strict=True))
+    points.sort(key=lambda p: float(p[0]))
+    for (u0, r0), (u1, r1) in zip(points[:-1], points[1:], strict=True):
+        apart, length = float(np.linalg.norm(r1 - r0)), float(u1 - u0)
+        if apart > 1.02 * length:
+            raise SimulationError(
+                f"the command holds two points {apart:.4g} m apart, but the DLO between them is "
+                f"only {length:.4g} m long"
+            )
+
+
+def relax_stretch(model: RodModel, boundary: Boundary, held: Held, q: FloatArray) -> FloatArray:
+    """The nearest shape that is held as commanded and not stretched.
+
+    An observed spline has noise along its axis, which stiff stretch would turn into violent
+    vibration. Minimises the stretch energy plus a weak pull to the given shape q (n, 4).
+    """
+    stiff = model.stiffness
+    soft = stiff._replace(bend=0.0 * stiff.bend, twist=0.0 * stiff.twist + 1.0)
+    state = rest_state(0, q, model)
+    target, _, _ = impose(state, boundary, held)
+    unit, none = model.gram, np.zeros_like(model.gram)
+    pull = 1e-4 * float(stiff.stretch.mean()) / model.basis.length**2
+    rhs = np.empty_like(state.q)
+    solver.multiply_scalar(unit, unit, state.q, rhs)
+    result = state.q.copy()
+    iterations, _ = solver.implicit_step(
+        result, target, boundary.fixed, boundary.pins, boundary.pin_values(held, target),
+        model.rule, soft, state.reference, unit, unit, none, none, pull, 0.0, pull * rhs,
+        model.basis.length, 1e-8, 50,
+    )  # fmt: skip
+    if iterations < 0:
+        raise SimulationError(
+            "the first observed shape cannot be brought to rod.length; check the length and the "
+            "observed spline"
+        )
+    return result
+
+
+def static_sensitivity(
+    model: RodModel, boundary: Boundary, state: State, scales: FloatArray
+) -> Sensitivity:
+    """Derivatives of an equilibrium with respect to the logarithms of P parameters.
+
+    Args:
+        scales: shape (P, 4): how each parameter scales stiffness, inertia with load, drag and
+            relaxation time (of which the last two do not act at rest).
+
+    Returns:
+        Sensitivities of shape (P, n, 4); velocities and accelerations are zero.
+    """
+    rule, stiff = model.rule, model.stiffness
+    none = np.zeros_like(model.gram)
+    band, diagonal, _, grad_s, grad_o = solver.linearise(
+        state.q, boundary.fixed, rule, stiff, state.reference, none, none, none, none, 0.0, 0.0
+    )
+    stress = stresses(model, state.strains)
+    count = len(scales)
+    forces = solver.stress_forces(
+        rule, grad_s, grad_o,
+        scales[:, 0, None] * stress.stretch, scales[:, 0, None, None] * stress.other,
+    )  # fmt: skip
+    rhs = scales[:, 1, None] * model.load.ravel() - forces
+    solver.back_substitute(band, diagonal, boundary.fixed, boundary.pins, rhs)
+    dq = rhs.reshape(count, -1, DOF)
+    zero = np.zeros_like(dq)
+    change = Strains(*solver.strain_sensitivities(rule, grad_s, grad_o, dq))
+    return Sensitivity(dq, zero, zero, zero, change, change)
+
+
+def stresses(model: RodModel, strain: Strains) -> Strains:
+    """Elastic stress resultants of strains (of which the rest strains are subtracted)."""
+    stiff = model.stiffness
+    other = np.empty_like(strain.other)
+    other[..., :2] = stiff.bend * (strain.other[..., :2] - stiff.bend_rest)
+    other[..., 2] = stiff.twist * (strain.other[..., 2] - stiff.twist_rest)
+    return Strains(stiff.stretch * (strain.stretch - stiff.stretch_rest), other)
