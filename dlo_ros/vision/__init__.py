@@ -1,0 +1,6 @@
+"""From a camera image to the observed spline: camera, segmentation, centreline, fit."""
+
+from dlo_ros.vision.camera import Camera
+from dlo_ros.vision.observer import Observer, VisionResult
+
+__all__ = ["Camera", "Observer", "VisionResult"]

@@ -1,0 +1,268 @@
+"""Chains: smooth pieces of centreline that the picture shows without a break.
+
+A chain ends where a strand crosses another one, is hidden, leaves the picture or ends. Which chain
+goes on in which is decided by `linking`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
+
+from dlo_ros.spline import FloatArray
+from dlo_ros.vision.segmentation import ORIENTATIONS, BarMap
+
+SHORTEST = 1.5  # widths; a shorter chain is noise
+SHARP_TURN = 1.0  # [rad] over two widths: no bend of a DLO, so the chain is cut there
+END_SPAN = 2.0  # widths over which direction and curvature at a chain's end are measured
+
+
+@dataclass(frozen=True, eq=False)
+class Chain:
+    """A piece of centreline, in pixels of the bar map.
+
+    Args:
+        points: (x, y), about 1 px apart, shape (m, 2).
+        strength: contrast at the points [grey levels], shape (m,).
+        colour: mean colour, BGR, shape (3,).
+    """
+
+    points: FloatArray
+    strength: FloatArray
+    colour: FloatArray
+
+    @property
+    def length(self) -> float:
+        """Arc length [px]."""
+        return float(np.sum(np.hypot(*np.diff(self.points, axis=0).T)))
+
+    def part(self, first: int, last: int) -> Chain:
+        """The points first to last (exclusive)."""
+        return Chain(self.points[first:last], self.strength[first:last], self.colour)
+
+
+@dataclass(frozen=True)
+class ChainEnd:
+    """Where a chain ends: position, direction out of the chain and signed curvature going on."""
+
+    position: FloatArray
+    direction: FloatArray
+    curvature: float
+
+
+def find_chains(bars: BarMap) -> list[Chain]:
+    """Trace the ridges of a bar map, strongest first."""
+    rows, columns, offsets = _ridge(bars.strength, bars.orientation, round(0.9 * bars.width))
+    if len(rows) == 0:
+        return []
+    order = np.argsort(-bars.strength[rows, columns], kind="stable")
+    index = np.full(bars.strength.shape, -1, dtype=np.int64)
+    index[rows, columns] = np.arange(len(rows))
+    angles = bars.orientation[rows, columns].astype(np.float64) * (math.pi / ORIENTATIONS)
+    members, starts = _trace(rows, columns, angles, order, index)
+    xy = np.column_stack([columns + offsets[:, 0], rows + offsets[:, 1]])
+    chains: list[Chain] = []
+    for first, last in pairwise(starts):
+        if last - first < max(4, SHORTEST * bars.width):
+            continue
+        which = members[first:last]
+        points = gaussian_filter1d(xy[which], 0.35 * bars.width, axis=0, mode="nearest")
+        at = (rows[which], columns[which])
+        chain = Chain(
+            points,
+            bars.strength[at].astype(np.float64),
+            np.median(bars.colour[at].astype(np.float64), axis=0),
+        )
+        chains.extend(_cut_at_turns(chain, bars.width))
+    return chains
+
+
+def _cut_at_turns(chain: Chain, width: float) -> list[Chain]:
+    """Cut where the direction changes more sharply than a DLO bends."""
+    reach = max(2, round(width))
+    count = len(chain.points)
+    cuts = [0]
+    if count > 2 * reach:
+        p = chain.points
+        ahead = p[2 * reach :] - p[reach:-reach]
+        behind = p[reach:-reach] - p[: -2 * reach]
+        turn = np.abs(
+            np.arctan2(
+                behind[:, 0] * ahead[:, 1] - behind[:, 1] * ahead[:, 0],
+                np.sum(behind * ahead, axis=1),
+            )
+        )
+        at = 0
+        while at < len(turn):
+            if turn[at] > SHARP_TURN:
+                window = turn[at : at + 2 * reach]
+                peak = at + int(np.argmax(window))
+                cuts.append(peak + reach)
+                at = peak + 2 * reach
+            else:
+                at += 1
+    cuts.append(count)
+    parts = [chain.part(a, b) for a, b in pairwise(cuts)]
+    return [part for part in parts if len(part.points) >= max(4, SHORTEST * width)]
+
+
+def chain_end(chain: Chain, last: bool, width: float) -> ChainEnd:
+    """Position, outward direction and curvature at one end of a chain.
+
+    Args:
+        chain: at least four points.
+        last: the end with the last point, else the one with the first.
+        width: of the DLO in the chain's pixels.
+    """
+    span = max(5, round(END_SPAN * width))
+    p = chain.points[-span:] if last else chain.points[:span][::-1]
+    s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(p, axis=0).T))])
+    s -= s[-1]
+    quadratic = len(p) >= 2 * width and len(p) >= 6
+    basis = np.column_stack([np.ones_like(s), s, 0.5 * s * s][: 3 if quadratic else 2])
+    c, *_ = np.linalg.lstsq(basis, p, rcond=None)
+    direction = c[1] / max(float(np.hypot(*c[1])), 1e-9)
+    curvature = float(direction[0] * c[2, 1] - direction[1] * c[2, 0]) if quadratic else 0.0
+    # An end's curvature is uncertain; a DLO hardly bends sharper than two widths of radius.
+    limit = 0.25 / width
+    return ChainEnd(c[0], direction, float(np.clip(curvature, -limit, limit)))
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def _ridge(
+    strength: NDArray[np.float32], orientation: NDArray[np.int8], reach: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64], FloatArray]:
+    """Local maxima across the bar's direction, with sub-pixel offsets (x, y)."""
+    height, width = strength.shape
+    rows = np.empty(height * width, dtype=np.int64)
+    columns = np.empty(height * width, dtype=np.int64)
+    offsets = np.empty((height * width, 2))
+    count = 0
+    for y in range(1, height - 1):
+        for x in range(1, width - 1):
+            value = strength[y, x]
+            if value <= 0.0:
+                continue
+            angle = orientation[y, x] * math.pi / ORIENTATIONS
+            nx, ny = -math.sin(angle), math.cos(angle)
+            dx = 1 if nx > 0.3827 else (-1 if nx < -0.3827 else 0)
+            dy = 1 if ny > 0.3827 else (-1 if ny < -0.3827 else 0)
+            ahead = strength[y + dy, x + dx]
+            behind = strength[y - dy, x - dx]
+            if value < ahead or value <= behind:
+                continue
+            # The blur of a strong bar makes weak ones beside it.
+            beside = False
+            for step in range(2, reach + 1):
+                for sign in (-1, 1):
+                    yy = y + round(sign * step * ny)
+                    xx = x + round(sign * step * nx)
+                    if 0 <= yy < height and 0 <= xx < width and strength[yy, xx] > 2.0 * value:
+                        beside = True
+            if beside:
+                continue
+            shift = 0.5 * (ahead - behind) / max(2.0 * value - ahead - behind, 1e-6)
+            shift = min(max(shift, -0.5), 0.5)
+            rows[count] = y
+            columns[count] = x
+            offsets[count, 0] = shift * dx
+            offsets[count, 1] = shift * dy
+            count += 1
+    return rows[:count].copy(), columns[:count].copy(), offsets[:count].copy()
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def _trace(
+    rows: NDArray[np.int64],
+    columns: NDArray[np.int64],
+    angles: FloatArray,
+    order: NDArray[np.int64],
+    index: NDArray[np.int64],
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Chains of ridge points: members of all chains one after the other, and where each starts."""
+    total = len(rows)
+    height, width = index.shape
+    used = np.zeros(total, dtype=np.bool_)
+    members = np.empty(total, dtype=np.int64)
+    starts = np.empty(total + 1, dtype=np.int64)
+    chains = 0
+    filled = 0
+    forward = np.empty(total, dtype=np.int64)
+    backward = np.empty(total, dtype=np.int64)
+    for seed in order:
+        if used[seed]:
+            continue
+        used[seed] = True
+        lengths = [0, 0]
+        for side in range(2):
+            here = seed
+            tx = math.cos(angles[seed]) * (1.0 if side == 0 else -1.0)
+            ty = math.sin(angles[seed]) * (1.0 if side == 0 else -1.0)
+            while True:
+                best = -1
+                least = 1e9
+                bx, by = 0.0, 0.0
+                for dy in range(-2, 3):
+                    y = rows[here] + dy
+                    if y < 0 or y >= height:
+                        continue
+                    for dx in range(-2, 3):
+                        x = columns[here] + dx
+                        if x < 0 or x >= width:
+                            continue
+                        other = index[y, x]
+                        if other < 0 or used[other]:
+                            continue
+                        distance = math.sqrt(dx * dx + dy * dy)
+                        ahead = (dx * tx + dy * ty) / distance
+                        if ahead < 0.6:
+                            continue
+                        ox, oy = math.cos(angles[other]), math.sin(angles[other])
+                        same = ox * tx + oy * ty
+                        if same < 0.0:
+                            ox, oy, same = -ox, -oy, -same
+                        if same < 0.8:
+                            continue
+                        cost = distance + 3.0 * (1.0 - same) + 2.0 * (1.0 - ahead)
+                        if cost < least:
+                            least = cost
+                            best = other
+                            bx, by = ox, oy
+                if best < 0:
+                    break
+                used[best] = True
+                tx, ty = 0.6 * tx + 0.4 * bx, 0.6 * ty + 0.4 * by
+                norm = math.sqrt(tx * tx + ty * ty)
+                tx, ty = tx / norm, ty / norm
+                # Neighbours beside the step belong to the same ridge.
+                for dy in range(-1, 2):
+                    for dx in range(-1, 2):
+                        y, x = rows[best] + dy, columns[best] + dx
+                        if 0 <= y < height and 0 <= x < width:
+                            beside = index[y, x]
+                            if beside >= 0 and abs(dx * tx + dy * ty) < 0.75:
+                                used[beside] = True
+                if side == 0:
+                    forward[lengths[0]] = best
+                else:
+                    backward[lengths[1]] = best
+                lengths[side] += 1
+                here = best
+        starts[chains] = filled
+        chains += 1
+        for k in range(lengths[1] - 1, -1, -1):
+            members[filled] = backward[k]
+            filled += 1
+        members[filled] = seed
+        filled += 1
+        for k in range(lengths[0]):
+            members[filled] = forward[k]
+            filled += 1
+    starts[chains] = filled
+    return members[:filled].copy(), starts[: chains + 1].copy()

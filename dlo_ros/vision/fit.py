@@ -1,0 +1,201 @@
+"""From located pixels to the observed spline of fixed length in the board's plane y = 0.
+
+The measured middle is joined by a smooth curve that is finer than the published spline. Its arc
+length gives every point its material coordinate: the whole DLO lies between the two ends, so u is
+the share of the arc length times L, and how far the seen length is from L is reported. The
+published control points are then a least-squares fit at known u.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dlo_ros.errors import VisionError
+from dlo_ros.observation import CentrelinePoints, Observation
+from dlo_ros.spline import FloatArray, SplineBasis
+from dlo_ros.vision.camera import Camera
+from dlo_ros.vision.profile import Located, Mask
+from dlo_ros.vision.smoothing import SmoothCurve, Support, smooth
+
+KNOT_SPAN = 3.0  # [widths] of the fine curve
+CLAMP_STD = 0.25  # [widths] how well a clamp's position is trusted against the picture
+CLAMP_DIRECTION_STD = 0.05  # [rad]
+POINT_STD_FLOOR = 0.03  # [px] systematic errors of sampling that scatter does not show
+UNSEEN_WEIGHT = 0.05  # of bridged parts in the published spline, against 1
+MOST_POINTS = 250  # published points of the centreline
+
+
+@dataclass(frozen=True, eq=False)
+class ClampBoard:
+    """A clamp in the board's plane: (x, z) [m] and the unit direction of growing u, shapes (2,)."""
+
+    position: FloatArray
+    direction: FloatArray | None
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A fitted DLO.
+
+    Args:
+        observation: control points and measured points.
+        residual: root mean square distance of the measured points across the spline [m].
+        residual_px: the same [px].
+        curve: fine curve (x, z) [m], equally spaced in u, shape (m, 2).
+        curve_seen: whether it was seen there, shape (m,).
+        seen_length: length of the fine curve from end to end [m]; it would be L if the camera, L
+            and the ends were exact.
+        fraction_seen: share of that length where an edge of the DLO was seen.
+    """
+
+    observation: Observation
+    residual: float
+    residual_px: float
+    curve: FloatArray
+    curve_seen: Mask
+    seen_length: float
+    fraction_seen: float
+
+
+def fit_spline(
+    located: Located,
+    camera: Camera,
+    basis: SplineBasis,
+    stamp: int,
+    start: ClampBoard | None = None,
+    end: ClampBoard | None = None,
+    domain: tuple[float, float] | None = None,
+) -> Fit:
+    """Fit the published spline.
+
+    Args:
+        located: the DLO's middle along a curve that runs from its start to its end.
+        camera: that took the picture.
+        basis: of the published spline; its length is L.
+        stamp: of the image [ns].
+        start, end: clamps where they are known.
+        domain: where on the curve the DLO starts and ends, in profiles; default the whole curve.
+
+    Raises:
+        VisionError: too little was seen, or it lies beyond the board's horizon.
+    """
+    count = len(located.curve)
+    low, high = domain if domain is not None else (0.0, float(count - 1))
+    index = np.arange(count, dtype=np.float64)
+    seen = located.seen & (index >= low) & (index <= high)
+    if np.count_nonzero(seen) < 12:
+        raise VisionError("hardly anything of the DLO is visible")
+    pixels = located.points[seen]
+    plane = camera.to_board(pixels)[:, [0, 2]]
+    if not np.all(np.isfinite(plane)):
+        raise VisionError(
+            "the DLO would lie beyond the horizon of the board; check camera.rotation"
+        )
+    scale = float(np.median(camera.metres_per_pixel(pixels[:: max(1, len(pixels) // 50)])))
+    p = index[seen]
+    span = KNOT_SPAN * located.width / located.spacing
+    supports = _supports(start, end, low, high, p, plane, located, scale)
+    curve, _ = smooth(p, plane, span, (low, high), supports)
+
+    grid = np.linspace(low, high, max(200, 2 * count))
+    dense = curve(grid)
+    s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(dense, axis=0).T))])
+    total = float(s[-1])
+    u_of = basis.length / total
+    u = np.interp(p, grid, s) * u_of
+    normal = _normals(curve(p, 1))
+    across = np.sum((plane - curve(p)) * normal, axis=1)
+    points = _publish(p, u, curve, across, located, scale)
+
+    grid_seen = located.seen[np.clip(np.rint(grid).astype(int), 0, count - 1)]
+    weights = np.where(grid_seen, 1.0, UNSEEN_WEIGHT)
+    weights[[0, -1]] = 0.05 * len(grid)
+    flat = basis.fit(s * u_of, dense, weights)
+    control_points = np.zeros((basis.control_points, 4))
+    control_points[:, 0], control_points[:, 2] = flat[:, 0], flat[:, 1]
+
+    model = basis.evaluate(flat, u)
+    misfit = np.sum((plane - model) * normal, axis=1)
+    residual = float(np.sqrt(np.mean(misfit**2)))
+    at = np.linspace(0.0, total, len(grid))
+    even = np.column_stack([np.interp(at, s, dense[:, 0]), np.interp(at, s, dense[:, 1])])
+    even_seen = np.interp(at, s, grid_seen.astype(float)) > 0.5
+    return Fit(
+        Observation(stamp, control_points, points),
+        residual,
+        residual / scale,
+        even,
+        even_seen,
+        total,
+        float(np.mean(even_seen)),
+    )
+
+
+def _normals(tangent: FloatArray) -> FloatArray:
+    norm = np.maximum(np.hypot(tangent[:, 0], tangent[:, 1]), 1e-300)
+    return np.column_stack([-tangent[:, 1] / norm, tangent[:, 0] / norm])
+
+
+def _supports(
+    start: ClampBoard | None,
+    end: ClampBoard | None,
+    low: float,
+    high: float,
+    p: FloatArray,
+    plane: FloatArray,
+    located: Located,
+    scale: float,
+) -> tuple[Support, ...]:
+    """Clamps as weak observations: where the DLO is seen the picture prevails."""
+    result = []
+    noise = 0.15  # [px] of one profile; only the ratio of the weights matters
+    speed = located.spacing * scale  # [m] per profile
+    for clamp, at in ((start, low), (end, high)):
+        if clamp is None:
+            continue
+        value_weight = (noise / (CLAMP_STD * located.width)) ** 2
+        slope, slope_weight = None, 0.0
+        if clamp.direction is not None:
+            slope = clamp.direction * speed
+            slope_weight = (noise / (CLAMP_DIRECTION_STD * located.spacing)) ** 2
+        result.append(Support(at, clamp.position, value_weight, slope, slope_weight))
+    return tuple(result)
+
+
+def _publish(
+    p: FloatArray,
+    u: FloatArray,
+    curve: SmoothCurve,
+    across: FloatArray,
+    located: Located,
+    scale: float,
+) -> CentrelinePoints:
+    """Means over blocks of profiles, with the standard deviation that their scatter shows.
+
+    Neighbouring profiles share pixels, so their errors are correlated: the scatter of block means
+    is measured instead of being derived from that of single profiles.
+    """
+    length = p[-1] - p[0]
+    size = max(1.0, located.width / located.spacing, length / MOST_POINTS)
+    block = np.floor((p - p[0]) / size).astype(np.int64)
+    number = np.bincount(block)
+    enough = number >= max(1.0, 0.5 * size)
+
+    def mean(values: FloatArray) -> FloatArray:
+        total = np.bincount(block, values)
+        return np.asarray(total[enough] / number[enough])
+
+    offset = mean(across)
+    # The fine curve follows part of the scatter: one coefficient for KNOT_SPAN widths.
+    freedom = max(0.3, 1.0 - size / max(size, KNOT_SPAN * located.width / located.spacing))
+    usual = 1.4826 * float(np.median(np.abs(offset))) / np.sqrt(freedom)
+    local = np.sqrt(np.convolve(np.minimum(np.abs(offset), 6 * usual) ** 2, np.ones(7), "same") / 7)
+    std = np.sqrt(
+        np.maximum(usual, 0.7 * local / np.sqrt(freedom)) ** 2 + (POINT_STD_FLOOR * scale) ** 2
+    )
+    at = mean(p)  # not the mean of the positions, which lies inside a bend
+    xz = curve(at) + offset[:, None] * _normals(curve(at, 1))
+    positions = np.column_stack([xz[:, 0], np.zeros(len(xz)), xz[:, 1]])
+    return CentrelinePoints(positions, mean(u), std)

@@ -1,0 +1,354 @@
+"""The vision stage: image in, observed spline out.
+
+A frame is first searched where the last shape predicts the DLO. Where that fails, or at the start,
+the whole image is searched. A frame without a credible DLO raises a VisionError that says why: a
+wrong shape would be worse than none.
+
+Without a command the start is the end that lies further left on the board (smaller x; the lower one
+where x agrees to a diameter). Once found, the ends keep their names as long as the DLO is tracked.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+
+import numpy as np
+
+from dlo_ros.command import Motion
+from dlo_ros.errors import VisionError
+from dlo_ros.observation import Observation
+from dlo_ros.parameters import Settings
+from dlo_ros.spline import FloatArray, SplineBasis
+from dlo_ros.vision.camera import Camera
+from dlo_ros.vision.chains import find_chains
+from dlo_ros.vision.clamps import EndPoses, ends_at, to_pixel
+from dlo_ros.vision.fit import Fit, fit_spline
+from dlo_ros.vision.path import ClampPixel, Path, PathSearch
+from dlo_ros.vision.profile import (
+    Located,
+    Mask,
+    follow,
+    inside,
+    locate,
+    resample,
+    smooth_curve,
+    spacing_for,
+)
+from dlo_ros.vision.segmentation import Image, as_bgr, bar_map
+
+LOG = logging.getLogger(__name__)
+
+LEAST_SEEN = 0.55  # share of the length that must be seen
+LENGTH_LIMIT = 0.12  # of L: a seen length further off is another object
+TRACKING_LENGTH_LIMIT = 0.03  # of the length at the last frame
+TRACKING_SEARCH = (2.0, 5.0)  # [widths] to each side, second attempt where the first fails
+LARGEST_RESIDUAL = 1.0  # [widths] between measured points and spline
+EXTENSION = 3.0  # [widths] a free end is looked for beyond where it was
+FRESH = 500_000_000  # [ns] an older shape predicts nothing
+
+
+@dataclass(frozen=True, eq=False)
+class VisionResult:
+    """What one image showed.
+
+    Args:
+        observation: control points and measured points, with the image's stamp.
+        residual: root mean square distance of the measured points across the spline [m].
+        residual_px: the same [px].
+        fraction_seen: share of the length where the DLO was seen.
+        seen_length: length from end to end [m]; compare with rod.length.
+        pixels: the centreline in the image, from start to end [px], shape (m, 2).
+        pixels_seen: which of them were seen (else bridged), shape (m,).
+        width: of the DLO [px].
+        contrast: of the DLO to its background [grey levels].
+        tracked: whether the last shape's surroundings sufficed (else the whole image was searched).
+    """
+
+    observation: Observation
+    residual: float
+    residual_px: float
+    fraction_seen: float
+    seen_length: float
+    pixels: FloatArray
+    pixels_seen: Mask
+    width: float
+    contrast: float
+    tracked: bool
+
+
+@dataclass(frozen=True, eq=False)
+class _Shape:
+    """The last shape: what tracking starts from."""
+
+    stamp: int
+    curve: FloatArray
+    seen_length: float
+    width: float
+    colour: FloatArray
+    contrast: float
+    ends: EndPoses
+
+
+class Observer:
+    """Finds one DLO of known length and diameter in a camera's images.
+
+    Args:
+        settings: a whole parameter file.
+        camera: intrinsics and the board's pose.
+        motion: the commands; it may grow between frames. None where there are none.
+    """
+
+    def __init__(self, settings: Settings, camera: Camera, motion: Motion | None = None) -> None:
+        self.settings = settings
+        self.camera = camera
+        self.motion = motion
+        self.basis = SplineBasis(settings.rod.control_points, settings.rod.length)
+        self._last: _Shape | None = None
+        self._velocity: FloatArray | None = None
+
+    def reset(self) -> None:
+        """Forget the last shape."""
+        self._last = None
+        self._velocity = None
+
+    def observe(self, stamp: int, image: Image) -> VisionResult:
+        """Find the DLO in an image.
+
+        Args:
+            stamp: of the image [ns].
+            image: BGR or mono, uint8, shape (h, w, 3) or (h, w).
+
+        Raises:
+            VisionError: no credible DLO; the message says why.
+        """
+        image = as_bgr(image)
+        height, width = image.shape[:2]
+        if (width, height) != (self.camera.width, self.camera.height):
+            raise VisionError(
+                f"the image is {width} x {height} px, camera_info says "
+                f"{self.camera.width} x {self.camera.height}"
+            )
+        ends = ends_at(self.motion, stamp)
+        last = self._last
+        if last is not None and not 0 <= stamp - last.stamp <= FRESH:
+            last = self._last = None
+            self._velocity = None
+        if last is not None:
+            for search in TRACKING_SEARCH:
+                try:
+                    return self._track(stamp, image, ends, last, search)
+                except VisionError as err:
+                    LOG.debug("not tracked within %g widths: %s", search, err)
+        self.reset()
+        return self._acquire(stamp, image, ends)
+
+    def _acquire(self, stamp: int, image: Image, ends: EndPoses) -> VisionResult:
+        """Search the whole image."""
+        width = self._expected_width(ends)
+        bars = bar_map(image, width)
+        chains = find_chains(bars)
+        clamps = [
+            None if end is None else to_pixel(end, self.camera, 0.2 * self.settings.rod.diameter)
+            for end in (ends.start, ends.end)
+        ]
+        local = [
+            None if c is None else ClampPixel(bars.from_image(c.position), c.direction)
+            for c in clamps
+        ]
+
+        def metric(points: FloatArray) -> FloatArray:
+            plane = self.camera.to_board(bars.to_image(points))[:, [0, 2]]
+            return np.where(np.isfinite(plane), plane, 1e6)
+
+        path = PathSearch(chains, bars, self.basis.length, metric, local[0], local[1]).find()
+        points = bars.to_image(path.points)
+        if ends.start is None and ends.end is None and self._backwards(points):
+            points = points[::-1]
+        return self._measure(stamp, image, ends, points, path, width)
+
+    def _measure(
+        self,
+        stamp: int,
+        image: Image,
+        ends: EndPoses,
+        points: FloatArray,
+        path: Path,
+        width: float,
+    ) -> VisionResult:
+        spacing = spacing_for(width)
+        curve, before = self._extended(points, ends, width, spacing)
+        curve = smooth_curve(curve, 0.8 * width / spacing)
+        moved = follow(image, curve, width, 0.8 * width, path.colour, path.contrast)
+        located = locate(image, resample(moved, spacing), width, None)
+        return self._finish(stamp, located, ends, before, None)
+
+    def _track(
+        self, stamp: int, image: Image, ends: EndPoses, last: _Shape, search: float
+    ) -> VisionResult:
+        """Search around where the last shape and the imposed motion predict the DLO."""
+        plane = self._predict(stamp, last, ends)
+        board = np.column_stack([plane[:, 0], np.zeros(len(plane)), plane[:, 1]])
+        points = self.camera.project(board)
+        if not np.all(np.isfinite(points)) or np.mean(inside(image, points)) < LEAST_SEEN:
+            raise VisionError("the DLO has left the picture")
+        spacing = spacing_for(last.width)
+        curve, before = self._extended(points, ends, last.width, spacing)
+        moved = follow(image, curve, last.width, search * last.width, last.colour, last.contrast)
+        located = locate(image, resample(moved, spacing), last.width, last.colour)
+        if not 0.6 * last.contrast < located.contrast < 1.7 * last.contrast:
+            raise VisionError("what lies near the last shape has another contrast")
+        return self._finish(stamp, located, ends, before, last)
+
+    def _predict(self, stamp: int, last: _Shape, ends: EndPoses) -> FloatArray:
+        curve = last.curve
+        dt = (stamp - last.stamp) * 1e-9
+        if self._velocity is not None:
+            curve = curve + dt * self._velocity
+        share = np.linspace(0.0, 1.0, len(curve))[:, None]
+        for end, at, weight in ((ends.start, 0, 1.0 - share), (ends.end, -1, share)):
+            if end is not None:
+                curve = curve + weight * (end.position - curve[at])
+        return curve
+
+    def _extended(
+        self, points: FloatArray, ends: EndPoses, width: float, spacing: float
+    ) -> tuple[FloatArray, float]:
+        """Equally spaced curve, prolonged where an end is free; and the prolongation [px]."""
+        extra = EXTENSION * width
+        span = max(2, min(len(points) - 1, round(2 * width / max(spacing, 1e-9))))
+        curve = resample(points, spacing)
+        pieces = [curve]
+        steps = np.arange(1, int(extra / spacing) + 1)[:, None] * spacing
+        if ends.start is None:
+            away = curve[0] - curve[min(span, len(curve) - 1)]
+            pieces.insert(0, (curve[0] + steps * away / np.hypot(*away))[::-1])
+        if ends.end is None:
+            away = curve[-1] - curve[-1 - min(span, len(curve) - 1)]
+            pieces.append(curve[-1] + steps * away / np.hypot(*away))
+        return np.vstack(pieces), extra
+
+    def _finish(
+        self,
+        stamp: int,
+        located: Located,
+        ends: EndPoses,
+        prolonged: float,
+        last: _Shape | None,
+    ) -> VisionResult:
+        """Ends, spline and checks."""
+        count = len(located.curve)
+        low, high = 0.0, count - 1.0
+        if ends.start is None:
+            low = _free_end(located, prolonged, from_start=True)
+        if ends.end is None:
+            high = _free_end(located, prolonged, from_start=False)
+        fit = fit_spline(located, self.camera, self.basis, stamp, ends.start, ends.end, (low, high))
+        self._check(fit, located, last)
+        self._remember(stamp, fit, located, ends)
+        board = np.column_stack([fit.curve[:, 0], np.zeros(len(fit.curve)), fit.curve[:, 1]])
+        return VisionResult(
+            fit.observation,
+            fit.residual,
+            fit.residual_px,
+            fit.fraction_seen,
+            fit.seen_length,
+            self.camera.project(board),
+            fit.curve_seen,
+            located.width,
+            located.contrast,
+            last is not None,
+        )
+
+    def _check(self, fit: Fit, located: Located, last: _Shape | None) -> None:
+        """Refuse what is not credible.
+
+        Raises:
+            VisionError: with the reason.
+        """
+        length = self.basis.length
+        if fit.fraction_seen < LEAST_SEEN:
+            raise VisionError(
+                f"only {100 * fit.fraction_seen:.0f} % of the DLO is visible, at least "
+                f"{100 * LEAST_SEEN:.0f} % are needed"
+            )
+        if abs(fit.seen_length / length - 1.0) > LENGTH_LIMIT:
+            raise VisionError(
+                f"what looks like the DLO is {fit.seen_length:.3g} m long, rod.length is "
+                f"{length:.3g} m"
+            )
+        if fit.residual_px > LARGEST_RESIDUAL * located.width:
+            raise VisionError(
+                f"the spline misses the measured centreline by {1000 * fit.residual:.1f} mm; "
+                "more control points are needed, or it is no DLO"
+            )
+        if last is not None:
+            change = abs(fit.seen_length / last.seen_length - 1.0)
+            if change > TRACKING_LENGTH_LIMIT:
+                raise VisionError(
+                    f"the length changed by {100 * change:.1f} % since the last image"
+                )
+
+    def _remember(self, stamp: int, fit: Fit, located: Located, ends: EndPoses) -> None:
+        last = self._last
+        curve = resample_count(fit.curve, 400)
+        if last is not None and stamp > last.stamp:
+            self._velocity = (curve - last.curve) / ((stamp - last.stamp) * 1e-9)
+        else:
+            self._velocity = None
+        self._last = _Shape(
+            stamp, curve, fit.seen_length, located.width, located.colour, located.contrast, ends
+        )
+
+    def _expected_width(self, ends: EndPoses) -> float:
+        """Width of the DLO in the image [px]."""
+        known = [end.position for end in (ends.start, ends.end) if end is not None]
+        pixels = np.array([[0.5 * self.camera.width, 0.5 * self.camera.height]])
+        if known:
+            board = np.array([[p[0], 0.0, p[1]] for p in known])
+            projected = self.camera.project(board)
+            if np.all(np.isfinite(projected)):
+                pixels = np.vstack([pixels, projected])
+        scale = float(np.nanmedian(self.camera.metres_per_pixel(pixels)))
+        if not np.isfinite(scale) or scale <= 0.0:
+            raise VisionError(
+                "the camera does not look at the board's plane; check camera.translation and "
+                "camera.rotation"
+            )
+        return self.settings.rod.diameter / scale
+
+    def _backwards(self, points: FloatArray) -> bool:
+        """Whether a path without known ends runs against the rule for the start."""
+        first, last = self.camera.to_board(points[[0, -1]])[:, [0, 2]]
+        if abs(first[0] - last[0]) > self.settings.rod.diameter:
+            return bool(first[0] > last[0])
+        return bool(first[1] > last[1])
+
+
+def resample_count(points: FloatArray, count: int) -> FloatArray:
+    """A number of equally spaced points along a polyline, shape (count, d)."""
+    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    at = np.linspace(0.0, s[-1], count)
+    return np.column_stack([np.interp(at, s, column) for column in points.T])
+
+
+def _free_end(located: Located, prolonged: float, from_start: bool) -> float:
+    """Profile (with fraction) where the DLO's colour ends, near a prolonged end."""
+    likeness = located.likeness if from_start else located.likeness[::-1]
+    count = len(likeness)
+    inner = min(count - 1, round(2.0 * prolonged / located.spacing))
+    at = inner
+    gap = max(1, round(0.5 * located.width / located.spacing))
+    # Outwards as long as it looks like the DLO, over short interruptions.
+    missed = 0
+    for k in range(inner, -1, -1):
+        if likeness[k] > 0.5:
+            at, missed = k, 0
+        else:
+            missed += 1
+            if missed > gap:
+                break
+    position = float(at)
+    if at > 0 and likeness[at - 1] < 0.5 < likeness[at]:
+        position -= float((likeness[at] - 0.5) / (likeness[at] - likeness[at - 1]))
+    return position if from_start else count - 1.0 - position

@@ -1,0 +1,304 @@
+"""Orders chains into one DLO from its start to its end.
+
+Best-first search over sequences of chains. Known clamps fix where a path starts and ends; the known
+length decides between paths that are equally smooth.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from dlo_ros.errors import VisionError
+from dlo_ros.spline import FloatArray
+from dlo_ros.vision.chains import Chain
+from dlo_ros.vision.linking import (
+    Ends,
+    bending_costs,
+    bridge,
+    chain_ends,
+    colour_costs,
+    split_at,
+    unseen_cost,
+)
+from dlo_ros.vision.segmentation import BarMap
+
+LENGTH_STD = 0.03  # of the length: how well the seen length is expected to agree
+LENGTH_LIMIT = 0.15  # of the length: a path further off is none
+FREE_END = 1.5  # cost of ending where no clamp says so
+LINK_LIMIT = 14.0  # a dearer link is none
+PREFER_NEAR = 0.12  # per width, when choosing which links to examine
+MOST_EXPANSIONS = 4000
+MOST_LINKS = 8  # tried from each end
+AMBIGUITY = 1.5  # a second path that is dearer by less makes the first doubtful
+
+Metric = Callable[[FloatArray], FloatArray]
+
+
+@dataclass(frozen=True, eq=False)
+class ClampPixel:
+    """A clamp in the picture: position [px] and unit direction of growing u, shapes (2,).
+
+    The direction is None where only the end's position is known.
+    """
+
+    position: FloatArray
+    direction: FloatArray | None
+
+
+@dataclass(frozen=True, eq=False)
+class Path:
+    """An ordered centreline in pixels of the bar map.
+
+    Args:
+        points: shape (m, 2), from the start to the end.
+        seen: whether a chain lies there (else a bridge), shape (m,).
+        cost: of the links and of the length.
+        length: in the unit of the metric.
+        contrast: median contrast of the chains [grey levels].
+        colour: of the DLO, BGR, shape (3,).
+    """
+
+    points: FloatArray
+    seen: np.ndarray
+    cost: float
+    length: float
+    contrast: float
+    colour: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class _Partial:
+    cost: float
+    length: float
+    chains: tuple[int, ...]  # chain * 2 + (1 where it is run through backwards)
+
+
+class PathSearch:
+    """Finds the path of a DLO of known length through chains.
+
+    Args:
+        chains: from `find_chains`, in pixels of the bar map.
+        bars: the bar map.
+        length: of the DLO, in the unit of the metric.
+        metric: takes points of the bar map, shape (m, 2), to a plane where lengths are true.
+        start, end: clamps where they are known, in pixels of the bar map.
+    """
+
+    def __init__(
+        self,
+        chains: list[Chain],
+        bars: BarMap,
+        length: float,
+        metric: Metric,
+        start: ClampPixel | None,
+        end: ClampPixel | None,
+    ) -> None:
+        for clamp in (start, end):
+            if clamp is not None:
+                chains = split_at(chains, clamp.position, bars.width)
+        self.chains, self.bars, self.length, self.metric = chains, bars, length, metric
+        self.start, self.end = start, end
+        self.ends: Ends = chain_ends(chains, bars.width)
+        self.lengths = np.array([self._measure(c.points) for c in chains])
+        self._links: dict[int, list[tuple[float, float, int]]] = {}
+        self._closings: dict[int, tuple[float, float]] = {}
+
+    def _measure(self, points: FloatArray) -> float:
+        step = max(1, round(self.bars.width / 2))
+        some = points if len(points) < 3 * step else np.vstack([points[::step], points[-1:]])
+        return float(np.sum(np.linalg.norm(np.diff(self.metric(some), axis=0), axis=1)))
+
+    def find(self) -> Path:
+        """The best path.
+
+        Raises:
+            VisionError: no path of about the right length, or two that are equally good.
+        """
+        if not self.chains:
+            raise VisionError("nothing in the picture looks like a DLO of the expected width")
+        heap: list[tuple[float, int, _Partial]] = []
+        for cost, length, state in self._beginnings():
+            heapq.heappush(heap, (cost, len(heap), _Partial(cost, length, (state,))))
+        counter = len(heap)
+        complete: list[tuple[float, _Partial]] = []
+        longest = 0.0
+        expansions = 0
+        while heap and expansions < MOST_EXPANSIONS:
+            cost, _, partial = heapq.heappop(heap)
+            if complete and cost > min(c for c, _ in complete) + 2 * AMBIGUITY:
+                break
+            expansions += 1
+            longest = max(longest, partial.length)
+            closing, rest = self._close(partial.chains[-1])
+            total = partial.length + rest
+            if np.isfinite(closing) and abs(total / self.length - 1.0) < LENGTH_LIMIT:
+                penalty = 0.5 * ((total / self.length - 1.0) / LENGTH_STD) ** 2
+                complete.append((cost + closing + penalty, partial))
+            used = {state // 2 for state in partial.chains}
+            for link, gap, state in self._next(partial.chains[-1]):
+                if state // 2 in used:
+                    continue
+                length = partial.length + gap + float(self.lengths[state // 2])
+                if length > (1.0 + LENGTH_LIMIT) * self.length:
+                    continue
+                counter += 1
+                new = _Partial(cost + link, length, (*partial.chains, state))
+                heapq.heappush(heap, (new.cost, counter, new))
+        if not complete:
+            where = "between the clamps" if self.start and self.end else "in the picture"
+            raise VisionError(
+                f"no continuous DLO of the length {self.length:.3g} m found {where} "
+                f"(the longest piece is {longest:.3g} m)"
+            )
+        complete.sort(key=lambda item: item[0])
+        best = complete[0]
+        for cost, partial in complete[1:]:
+            if cost - best[0] < AMBIGUITY and self._differ(best[1], partial):
+                raise VisionError(
+                    "two courses of the DLO are equally plausible (an ambiguous crossing or gap)"
+                )
+        return self._path(best[0], best[1])
+
+    def _beginnings(self) -> list[tuple[float, float, int]]:
+        """Cost, length and first chain of the paths to start with."""
+        if self.start is not None:
+            return [
+                (cost, gap + float(self.lengths[state // 2]), state)
+                for cost, gap, state in self._from_clamp(self.start, forward=True)
+            ]
+        strong = 0.3 * float(np.max(self.ends.strengths))
+        return [
+            (FREE_END, float(self.lengths[k // 2]), k)
+            for k in range(len(self.ends))
+            if self.ends.strengths[k] > strong
+        ]
+
+    def _from_clamp(self, clamp: ClampPixel, forward: bool) -> list[tuple[float, float, int]]:
+        """Links between a clamp and chains; states run away from a start, towards an end."""
+        width = self.bars.width
+        if clamp.direction is None:
+            offset = self.ends.positions - clamp.position
+            distance = np.hypot(offset[:, 0], offset[:, 1])
+            costs = np.where(distance < 3.0 * width, 0.5 * (distance / width) ** 2 * 0.5, np.inf)
+        else:
+            direction = clamp.direction if forward else -clamp.direction
+            costs, distance = bending_costs(clamp.position, direction, 0.0, self.ends, width)
+        result = []
+        near_first = costs + PREFER_NEAR * distance / width
+        for k in np.argsort(near_first)[: 3 * MOST_LINKS]:
+            if not costs[k] < LINK_LIMIT:
+                break
+            points = self._clamp_bridge(clamp, int(k), forward)
+            colour, strength = self.ends.colours[k], float(self.ends.strengths[k])
+            unseen, _ = unseen_cost(points, colour, strength, self.bars)
+            cost = float(costs[k]) + unseen
+            if cost < LINK_LIMIT:
+                # Entering at the first point runs the chain forwards; an end clamp is reached
+                # from the last point of a chain that runs forwards.
+                state = int(k) if forward else int(k) ^ 1
+                result.append((cost, self._measure(points), state))
+        return result
+
+    def _clamp_bridge(self, clamp: ClampPixel, k: int, forward: bool) -> FloatArray:
+        position, direction = self.ends.positions[k], -self.ends.directions[k]
+        if clamp.direction is None:
+            out = direction
+        else:
+            out = clamp.direction if forward else -clamp.direction
+        points = bridge(clamp.position, out, position, direction)
+        return points if forward else points[::-1]
+
+    def _close(self, state: int) -> tuple[float, float]:
+        """Cost and length from the end of a chain to the end of the DLO."""
+        if self.end is None:
+            return FREE_END, 0.0
+        if not self._closings:
+            for cost, gap, k in self._from_clamp(self.end, forward=False):
+                self._closings[k] = (cost, gap)
+        return self._closings.get(state, (np.inf, 0.0))
+
+    def _next(self, state: int) -> list[tuple[float, float, int]]:
+        """Cheapest links from the exit of a chain: cost, length of the bridge, next state."""
+        if state in self._links:
+            return self._links[state]
+        k = state ^ 1  # entered at one end, left at the other
+        ends, width = self.ends, self.bars.width
+        colour, strength = ends.colours[k], float(ends.strengths[k])
+        costs, gaps = bending_costs(
+            ends.positions[k], ends.directions[k], float(ends.curvatures[k]), ends, width
+        )
+        costs = costs + colour_costs(colour, strength, ends) + 0.1
+        costs[[k, k ^ 1]] = np.inf
+        result = []
+        near_first = costs + PREFER_NEAR * gaps / width
+        for j in np.argsort(near_first)[: 4 * MOST_LINKS]:
+            if not costs[j] < LINK_LIMIT:
+                break
+            points = self._bridge(k, int(j))
+            unseen, _ = unseen_cost(points, colour, strength, self.bars)
+            cost = float(costs[j]) + unseen
+            if cost < LINK_LIMIT:
+                result.append((cost, self._measure(points), int(j)))
+        result.sort()
+        self._links[state] = result[:MOST_LINKS]
+        return self._links[state]
+
+    def _bridge(self, k: int, j: int) -> FloatArray:
+        ends = self.ends
+        return bridge(ends.positions[k], ends.directions[k], ends.positions[j], -ends.directions[j])
+
+    def _differ(self, one: _Partial, other: _Partial) -> bool:
+        """Whether two paths differ by more than short pieces."""
+        a, b = {s // 2 for s in one.chains}, {s // 2 for s in other.chains}
+        changed = sum(float(self.lengths[c]) for c in a ^ b)
+        if (
+            self.start is None
+            and self.end is None
+            and one.chains == tuple(s ^ 1 for s in reversed(other.chains))
+        ):
+            return False  # the same path backwards
+        if changed > 0.06 * self.length:
+            return True
+        shared = {s // 2: s for s in one.chains}
+        turned = [s for s in other.chains if s // 2 in shared and shared[s // 2] != s]
+        free = self.start is None and self.end is None
+        total = sum(float(self.lengths[s // 2]) for s in turned)
+        if free:
+            total = min(total, self.length - total)
+        return total > 0.06 * self.length
+
+    def _path(self, cost: float, partial: _Partial) -> Path:
+        pieces: list[FloatArray] = []
+        seen: list[np.ndarray] = []
+
+        def add(points: FloatArray, visible: bool) -> None:
+            if len(points):
+                pieces.append(points)
+                seen.append(np.full(len(points), visible))
+
+        if self.start is not None:
+            add(self._clamp_bridge(self.start, partial.chains[0], True)[:-1], False)
+        for position, state in enumerate(partial.chains):
+            points = self.chains[state // 2].points
+            add(points if state % 2 == 0 else points[::-1], True)
+            if position + 1 < len(partial.chains):
+                add(self._bridge(state ^ 1, partial.chains[position + 1])[1:-1], False)
+        if self.end is not None:
+            add(self._clamp_bridge(self.end, partial.chains[-1] ^ 1, False)[1:], False)
+        which = [state // 2 for state in partial.chains]
+        weights = self.lengths[which]
+        strengths = np.array([np.median(self.chains[k].strength) for k in which])
+        colours = np.array([self.chains[k].colour for k in which])
+        points = np.vstack(pieces)
+        return Path(
+            points,
+            np.concatenate(seen),
+            cost,
+            self._measure(points),
+            float(np.average(strengths, weights=weights)),
+            np.average(colours, axis=0, weights=weights),
+        )

@@ -1,0 +1,324 @@
+"""Sub-pixel position of a DLO across a curve that is already close to it.
+
+The picture is sampled on lines across the curve, which straightens the DLO into a strip. In the
+strip its two edges are located, each against its own background, so that texture of the DLO, uneven
+light and different ground on the two sides do not shift the middle.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d, median_filter
+
+from dlo_ros.spline import FloatArray
+from dlo_ros.vision.segmentation import Image
+
+Float32 = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+CORE = 0.3  # half width of the part taken as the DLO's own colour, in widths
+GROUND = (0.75, 1.05)  # where its background is measured, in widths from the middle
+STEEPNESS = 0.08  # cost of moving by a pixel from one profile to the next
+WEAK_SIDE = 0.3  # a side of less than this share of the usual contrast shows no edge
+COLOUR_LIMIT = 0.6  # of the contrast: a larger change of colour is another object
+
+
+@dataclass(frozen=True, eq=False)
+class Located:
+    """The DLO's middle along a curve.
+
+    Args:
+        curve: points of the curve that was searched across [px], shape (m, 2).
+        normals: unit normals there, shape (m, 2).
+        offset: of the DLO's middle along the normal [px], shape (m,); interpolated where unseen.
+        seen: whether an edge was found there, shape (m,).
+        likeness: how much the middle has the DLO's colour, 1 alike and 0 not, shape (m,).
+        width: of the DLO [px].
+        contrast: median contrast to the background [grey levels].
+        colour: median colour of the DLO, BGR, shape (3,).
+        spacing: of the curve's points [px].
+    """
+
+    curve: FloatArray
+    normals: FloatArray
+    offset: FloatArray
+    seen: Mask
+    likeness: FloatArray
+    width: float
+    contrast: float
+    colour: FloatArray
+    spacing: float
+
+    @property
+    def points(self) -> FloatArray:
+        """The middle of the DLO [px], shape (m, 2)."""
+        return self.curve + self.offset[:, None] * self.normals
+
+
+def spacing_for(width: float) -> float:
+    """Distance of the profiles [px] for a DLO of a width [px]."""
+    return float(np.clip(width / 5.0, 1.0, 4.0))
+
+
+def resample(points: FloatArray, spacing: float) -> FloatArray:
+    """Equally spaced points along a polyline, both ends kept, shape (m, 2)."""
+    steps = np.hypot(*np.diff(points, axis=0).T)
+    keep = np.concatenate([[True], steps > 1e-9])
+    points = points[keep]
+    s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+    count = max(4, round(float(s[-1]) / spacing) + 1)
+    at = np.linspace(0.0, s[-1], count)
+    return np.column_stack([np.interp(at, s, points[:, 0]), np.interp(at, s, points[:, 1])])
+
+
+def smooth_curve(points: FloatArray, sigma: float) -> FloatArray:
+    """Gaussian smoothing along a curve that neither shortens its ends nor bends them."""
+    if sigma <= 0.0:
+        return points
+    count = min(len(points) - 1, int(3 * sigma) + 1)
+    head = 2 * points[0] - points[count:0:-1]
+    tail = 2 * points[-1] - points[-2 : -count - 2 : -1]
+    smooth = gaussian_filter1d(np.vstack([head, points, tail]), sigma, axis=0)
+    return np.asarray(smooth[count : count + len(points)])
+
+
+def normals_of(points: FloatArray) -> FloatArray:
+    """Unit normals (the tangent turned from x to y) along a curve, shape (m, 2)."""
+    tangent = np.gradient(points, axis=0)
+    tangent /= np.maximum(np.hypot(tangent[:, 0], tangent[:, 1]), 1e-12)[:, None]
+    return np.column_stack([-tangent[:, 1], tangent[:, 0]])
+
+
+def _strip(image: Image, curve: FloatArray, normals: FloatArray, offsets: FloatArray) -> Float32:
+    """Colours on lines across a curve, shape (m, k, 3)."""
+    x = (curve[:, 0, None] + normals[:, 0, None] * offsets).astype(np.float32)
+    y = (curve[:, 1, None] + normals[:, 1, None] * offsets).astype(np.float32)
+    sampled = cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(sampled, dtype=np.float32)
+
+
+def inside(image: Image, points: FloatArray, margin: float = 0.0) -> Mask:
+    """Which points lie within the picture."""
+    height, width = image.shape[:2]
+    x, y = points[:, 0], points[:, 1]
+    return np.asarray(
+        (x >= margin) & (y >= margin) & (x <= width - 1 - margin) & (y <= height - 1 - margin)
+    )
+
+
+def follow(
+    image: Image,
+    curve: FloatArray,
+    width: float,
+    search: float,
+    colour: FloatArray | None = None,
+    contrast: float | None = None,
+) -> FloatArray:
+    """Move a curve onto the bar that runs beside it (dynamic programming over the offset).
+
+    Args:
+        image: BGR.
+        curve: equally spaced points [px], shape (m, 2).
+        width: of the DLO [px].
+        search: largest distance of the DLO from the curve [px].
+        colour: of the DLO, where it is known, shape (3,).
+        contrast: of the DLO, where it is known [grey levels].
+
+    Returns:
+        The moved and smoothed curve, shape (m, 2).
+    """
+    step = max(1.0, width / 10.0)
+    reach = int(np.ceil(search / step))
+    margin = int(np.ceil(1.1 * width / step))
+    offsets: FloatArray = np.arange(-reach - margin, reach + margin + 1.0) * step
+    normals = normals_of(smooth_curve(curve, 1.5 * width / spacing_for(width)))
+    strip = _strip(image, curve, normals, offsets)
+    total = np.cumsum(strip, axis=1, dtype=np.float32)
+    count = 2 * reach + 1
+
+    def mean(low: float, high: float) -> Float32:
+        first = margin + round(low * width / step)
+        last = max(first + 1, margin + round(high * width / step) + 1)
+        upper = total[:, last - 1 : last - 1 + count]
+        return np.asarray((upper - total[:, first - 1 : first - 1 + count]) / (last - first))
+
+    core = mean(-CORE, CORE)
+    left, right = mean(-0.95, -0.65), mean(0.65, 0.95)
+    score = np.minimum(np.linalg.norm(core - left, axis=2), np.linalg.norm(core - right, axis=2))
+    scale = contrast if contrast else float(np.percentile(score.max(axis=1), 60))
+    scale = max(scale, 1.0)
+    score = np.minimum(score / scale, 1.0)
+    if colour is not None:
+        unlike = np.linalg.norm(core - colour.astype(np.float32), axis=2) / scale
+        score -= np.minimum(unlike, 1.5)
+    shift = _best_course(score.astype(np.float64), STEEPNESS * step * step, 2) - reach
+    sigma = 0.6 * width / spacing_for(width)
+    moved = smooth_curve((shift * step)[:, None], sigma)
+    return curve + moved * normals
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def _best_course(score: FloatArray, steepness: float, largest: int) -> FloatArray:
+    """Offset index per row that maximises the sum of scores less the cost of moving."""
+    rows, count = score.shape
+    value = score[0].copy()
+    new = np.empty(count)
+    origin = np.zeros((rows, count), dtype=np.int16)
+    for i in range(1, rows):
+        for j in range(count):
+            best = -1e18
+            source = j
+            for d in range(-largest, largest + 1):
+                k = j + d
+                if 0 <= k < count:
+                    v = value[k] - steepness * d * d
+                    if v > best:
+                        best = v
+                        source = k
+            new[j] = best + score[i, j]
+            origin[i, j] = source
+        value[:] = new
+    result = np.empty(rows)
+    j = int(np.argmax(value))
+    for i in range(rows - 1, -1, -1):
+        result[i] = j
+        j = origin[i, j]
+    return result
+
+
+def locate(
+    image: Image, curve: FloatArray, width: float, colour: FloatArray | None = None
+) -> Located:
+    """Sub-pixel middle of the DLO across a curve that lies on it to about a third of its width.
+
+    Args:
+        image: BGR.
+        curve: equally spaced points [px], shape (m, 2).
+        width: of the DLO [px], to about a fifth; it is measured anew.
+        colour: of the DLO where it is known.
+    """
+    spacing = float(np.median(np.hypot(*np.diff(curve, axis=0).T)))
+    normals = normals_of(smooth_curve(curve, width / spacing))
+    step = float(np.clip(width / 12.0, 0.5, 1.5))
+    reach = int(np.ceil(1.15 * width / step))
+    offsets: FloatArray = np.arange(-reach, reach + 1.0) * step
+    strip = _strip(image, curve, normals, offsets)
+    along = 0.4 * width / spacing
+
+    def mean(low: float, high: float) -> Float32:
+        chosen = (offsets >= low * width - 1e-6) & (offsets <= high * width + 1e-6)
+        return np.asarray(
+            gaussian_filter1d(strip[:, chosen].mean(axis=1), along, axis=0, mode="nearest")
+        )
+
+    core, left, right = mean(-CORE, CORE), mean(-GROUND[1], -GROUND[0]), mean(*GROUND)
+    contrast_left = np.linalg.norm(core - left, axis=1)
+    contrast_right = np.linalg.norm(core - right, axis=1)
+    usual = float(np.median(np.minimum(contrast_left, contrast_right)))
+    usual = max(usual, 1.0)
+    typical = np.median(core, axis=0) if colour is None else colour
+    unlike = np.linalg.norm(core - typical, axis=1) / max(
+        usual, float(np.median(np.maximum(contrast_left, contrast_right))) * 0.5
+    )
+    likeness = np.clip(1.0 - unlike, 0.0, 1.0)
+
+    fine = gaussian_filter1d(strip, along, axis=0, mode="nearest")
+    middle = np.zeros(len(curve))
+    half = 0.5 * width
+    for _ in range(2):
+        edge_left, found_left = _edge(fine, offsets, core - left, middle - half, width, 1.0)
+        edge_right, found_right = _edge(fine, offsets, core - right, middle + half, width, -1.0)
+        found_left &= contrast_left > WEAK_SIDE * usual
+        found_right &= contrast_right > WEAK_SIDE * usual
+        both = found_left & found_right
+        if np.any(both):
+            half = 0.5 * float(np.median((edge_right - edge_left)[both]))
+            half = float(np.clip(half, 0.3 * width, 0.75 * width))
+        middle, seen = _middle(edge_left, found_left, edge_right, found_right, half)
+        size = max(3, 2 * round(width / spacing) + 1)
+        middle = median_filter(_fill(middle, seen), size=size, mode="nearest")
+    middle, seen = _middle(edge_left, found_left, edge_right, found_right, half)
+    seen &= likeness > 1.0 - COLOUR_LIMIT
+    seen &= inside(image, curve + middle[:, None] * normals, 1.0)
+    seen &= ~_outliers(middle, seen, width, spacing)
+    return Located(
+        curve,
+        normals,
+        _fill(middle, seen),
+        np.asarray(seen, dtype=np.bool_),
+        likeness.astype(np.float64),
+        2.0 * half,
+        usual,
+        np.asarray(typical, dtype=np.float64),
+        spacing,
+    )
+
+
+def _edge(
+    strip: Float32,
+    offsets: FloatArray,
+    axis: Float32,
+    expected: FloatArray,
+    width: float,
+    sign: float,
+) -> tuple[FloatArray, Mask]:
+    """Position of the steepest change towards the DLO's colour near an expected offset.
+
+    The centroid of the squared slope is taken: it depends on neither level, so that a rope that is
+    brighter on one side is not shifted.
+    """
+    norm = np.linalg.norm(axis, axis=1, keepdims=True)
+    unit = axis / np.maximum(norm, 1e-6)
+    profile = np.einsum("ikc,ic->ik", strip, unit)
+    slope = sign * np.gradient(profile, offsets, axis=1)
+    window = min(0.42 * width, 0.25 * width + 2.0)
+    distance = np.abs(offsets[None, :] - expected[:, None])
+    # A window that fades out does not jump when a sample enters or leaves it.
+    taper = np.clip((window - distance) / (0.3 * window), 0.0, 1.0)
+    slope = np.maximum(slope, 0.0) * taper
+    peak = slope.max(axis=1, keepdims=True)
+    weight = np.maximum(slope - 0.25 * peak, 0.0) ** 2
+    total = weight.sum(axis=1)
+    good = total > 1e-9
+    position = np.where(good, (weight * offsets).sum(axis=1) / np.where(good, total, 1.0), expected)
+    # An edge climbs at least a quarter of the contrast within a third of the width.
+    good &= peak[:, 0] > 0.25 * norm[:, 0] / max(0.33 * width, 2.0)
+    return position, np.asarray(good, dtype=np.bool_)
+
+
+def _middle(
+    left: FloatArray, has_left: Mask, right: FloatArray, has_right: Mask, half: float
+) -> tuple[FloatArray, Mask]:
+    """The middle from both edges, or from one and the width."""
+    both = has_left & has_right
+    fits = np.abs(right - left - 2 * half) < 0.3 * half + 0.7
+    middle = np.where(both, 0.5 * (left + right), np.where(has_left, left + half, right - half))
+    seen = (both & fits) | (has_left ^ has_right)
+    return np.where(seen, middle, 0.0), np.asarray(seen, dtype=np.bool_)
+
+
+def _fill(values: FloatArray, seen: Mask) -> FloatArray:
+    """Values with those that were not seen interpolated."""
+    if not np.any(seen):
+        return np.zeros(len(values))
+    index = np.arange(len(values))
+    return np.asarray(np.interp(index, index[seen], values[seen]))
+
+
+def _outliers(middle: FloatArray, seen: Mask, width: float, spacing: float) -> Mask:
+    """Points that jump away from their neighbours."""
+    index = np.flatnonzero(seen)
+    result = np.zeros(len(middle), dtype=np.bool_)
+    if len(index) < 5:
+        return result
+    size = min(len(index), 2 * max(2, round(1.5 * width / spacing)) + 1)
+    values = middle[index]
+    residual = values - median_filter(values, size=size, mode="nearest")
+    spread = 1.4826 * float(np.median(np.abs(residual))) + 0.02 * width + 0.05
+    result[index] = np.abs(residual) > 6.0 * spread
+    return result

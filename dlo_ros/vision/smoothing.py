@@ -1,0 +1,146 @@
+"""Smoothing spline through measured points of a curve, with gaps bridged at least bending.
+
+A P-spline (Eilers and Marx, Statist. Sci. 11, 1996): uniform cubic B-splines whose second
+differences are penalised, solved in the band. The penalty is so small that it acts in gaps only.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import BSpline
+from scipy.linalg import solveh_banded
+
+from dlo_ros.spline import DEGREE, FloatArray
+
+PENALTY = 1e-6
+HUBER = 1.5
+ROUNDS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothCurve:
+    """A fitted curve over a parameter p, shape of values (m, d)."""
+
+    knots: FloatArray
+    coefficients: FloatArray
+
+    def __call__(self, p: FloatArray, derivative: int = 0) -> FloatArray:
+        """Values (or derivatives) at p."""
+        spline = BSpline(self.knots, self.coefficients, DEGREE)
+        return np.asarray(spline(p, derivative))
+
+
+@dataclass(frozen=True, eq=False)
+class Support:
+    """What is known of an end besides the points: a value and a derivative, with weights."""
+
+    p: float
+    value: FloatArray
+    value_weight: float
+    slope: FloatArray | None = None
+    slope_weight: float = 0.0
+
+
+def smooth(
+    p: FloatArray,
+    points: FloatArray,
+    span: float,
+    domain: tuple[float, float],
+    supports: tuple[Support, ...] = (),
+) -> tuple[SmoothCurve, FloatArray]:
+    """Robust spline through points (Huber weights).
+
+    Args:
+        p: parameters of the points, within the domain, shape (m,).
+        points: shape (m, d).
+        span: distance of the knots, in p.
+        domain: where the curve is wanted.
+        supports: known ends. Their weights count in points of unit weight.
+
+    Returns:
+        The curve and the weights of the points, at most 1, shape (m,).
+    """
+    low, high = domain
+    spans = max(1, round((high - low) / span))
+    step = (high - low) / spans
+    knots: FloatArray = low + step * np.arange(-DEGREE, spans + DEGREE + 1.0)
+    count = spans + DEGREE
+    first, basis = _basis(p, knots, count)
+    weights = np.ones(len(p))
+    curve = SmoothCurve(knots, np.zeros((count, points.shape[1])))
+    for _ in range(ROUNDS):
+        bands = np.zeros((DEGREE + 1, count))
+        right = np.zeros((count, points.shape[1]))
+        _add(bands, right, first, basis, weights, points)
+        scale = max(float(np.max(bands[0])), 1e-12)
+        for support in supports:
+            at = np.array([support.p])
+            f, b = _basis(at, knots, count)
+            _add(bands, right, f, b, np.array([support.value_weight]), support.value[None])
+            if support.slope is not None:
+                d = _slopes(at, f, knots)
+                _add(bands, right, f, d, np.array([support.slope_weight]), support.slope[None])
+        _penalise(bands, PENALTY * scale)
+        curve = SmoothCurve(knots, np.asarray(solveh_banded(bands, right, lower=True)))
+        distance = np.linalg.norm(curve(p) - points, axis=1)
+        spread = 1.4826 * float(np.median(distance)) / 0.9  # of one component, roughly
+        limit = HUBER * max(spread, 1e-12)
+        new = np.where(distance > limit, limit / np.maximum(distance, 1e-300), 1.0)
+        if np.max(np.abs(new - weights), initial=0.0) < 0.05:
+            break
+        weights = new
+    return curve, weights
+
+
+def _basis(p: FloatArray, knots: FloatArray, count: int) -> tuple[np.ndarray, FloatArray]:
+    """First non-zero B-spline and the four values for each p (uniform knots)."""
+    step = knots[1] - knots[0]
+    x = (p - knots[DEGREE]) / step
+    cell = np.clip(np.floor(x).astype(np.int64), 0, count - DEGREE - 1)
+    t = x - cell
+    values = np.column_stack(
+        [
+            (1 - t) ** 3 / 6,
+            (3 * t**3 - 6 * t**2 + 4) / 6,
+            (-3 * t**3 + 3 * t**2 + 3 * t + 1) / 6,
+            t**3 / 6,
+        ]
+    )
+    return cell, values
+
+
+def _slopes(p: FloatArray, cell: np.ndarray, knots: FloatArray) -> FloatArray:
+    step = knots[1] - knots[0]
+    t = (p - knots[DEGREE]) / step - cell
+    values = np.column_stack([-((1 - t) ** 2), 3 * t**2 - 4 * t, -3 * t**2 + 2 * t + 1, t**2])
+    return np.asarray(values / (2 * step))
+
+
+def _add(
+    bands: FloatArray,
+    right: FloatArray,
+    cell: np.ndarray,
+    basis: FloatArray,
+    weights: FloatArray,
+    values: FloatArray,
+) -> None:
+    """Add weighted observation equations to the lower bands of the normal matrix."""
+    count = bands.shape[1]
+    for a in range(DEGREE + 1):
+        wa = weights * basis[:, a]
+        for b in range(a, DEGREE + 1):
+            bands[b - a] += np.bincount(cell + a, wa * basis[:, b], minlength=count)
+        for d in range(right.shape[1]):
+            right[:, d] += np.bincount(cell + a, wa * values[:, d], minlength=count)
+
+
+def _penalise(bands: FloatArray, amount: float) -> None:
+    """Add the squared second differences of the coefficients."""
+    count = bands.shape[1]
+    rows = max(count - 2, 0)
+    difference = (1.0, -2.0, 1.0)
+    for a in range(3):
+        for b in range(a, 3):
+            bands[b - a, a : a + rows] += amount * difference[a] * difference[b]
