@@ -10,7 +10,7 @@ from numba import njit
 
 
 @njit(cache=True)
-def factorise(band, diagonal):  # type: ignore[no-untyped-def]
+def factorise(band, diagonal):
     """Factorise in place, A = L D L^T.
 
     Args:
@@ -45,7 +45,7 @@ def factorise(band, diagonal):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def solve(band, diagonal, x):  # type: ignore[no-untyped-def]
+def solve(band, diagonal, x):
     """Solve L D L^T x = b in place for the right-hand side x of shape (N,)."""
     size, w = band.shape[0], band.shape[1] - 1
     for i in range(size):
@@ -62,8 +62,8 @@ def solve(band, diagonal, x):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def multiply(band, x, out):  # type: ignore[no-untyped-def]
-    """out (N,) = A x for a symmetric banded matrix that is not factorised."""
+def multiply(band, x, out):
+    """Write A x to out (N,), for a symmetric banded matrix that is not factorised."""
     size, w = band.shape[0], band.shape[1] - 1
     out[:] = 0.0
     for i in range(size):

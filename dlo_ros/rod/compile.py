@@ -21,7 +21,7 @@ def compile_kernels() -> float:
     basis = SplineBasis(settings.rod.control_points, settings.rod.length)
     shape = np.zeros((basis.control_points, 4))
     shape[:, 0] = basis.greville
-    position = np.array([[[0.0, 0.0, 0.0], [0.18, 0.0, -0.02]]])
+    position = np.array([[[0.0, 0.0, 0.0], [0.2, 0.0, -0.1]]])
     command = Command(
         0,
         ("start", "control_point_6"),

@@ -70,7 +70,7 @@ class Reference(NamedTuple):
 
 
 @njit(cache=True, inline="always")
-def _interpolate(q, span, b1, b2, p, s):  # type: ignore[no-untyped-def]
+def _interpolate(q, span, b1, b2, p, s):
     for c in range(3):
         p[c] = 0.0
         s[c] = 0.0
@@ -81,25 +81,25 @@ def _interpolate(q, span, b1, b2, p, s):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, inline="always")
-def _cross(a, b, out):  # type: ignore[no-untyped-def]
+def _cross(a, b, out):
     out[0] = a[1] * b[2] - a[2] * b[1]
     out[1] = a[2] * b[0] - a[0] * b[2]
     out[2] = a[0] * b[1] - a[1] * b[0]
 
 
 @njit(cache=True, inline="always")
-def _dot(a, b):  # type: ignore[no-untyped-def]
+def _dot(a, b):
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @njit(cache=True, inline="always")
-def _projected_curvature(k, p, n, v, t0):  # type: ignore[no-untyped-def]
+def _projected_curvature(k, p, n, v, t0):
     """Component of the curvature vector k / n^3 along v, carried from t0 to the tangent p / n."""
     return (_dot(k, v) - _dot(p, v) * _dot(k, t0) / (n + _dot(p, t0))) / n**3
 
 
 @njit(cache=True)
-def strains(q, rule, ref):  # type: ignore[no-untyped-def]
+def strains(q, rule, ref):
     """All strains of a configuration.
 
     Returns:
@@ -134,7 +134,7 @@ def strains(q, rule, ref):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, inline="always")
-def _material_directors(ref, e, theta, m1, m2):  # type: ignore[no-untyped-def]
+def _material_directors(ref, e, theta, m1, m2):
     d1 = ref.director[e]
     _cross(ref.tangent[e], d1, m2)
     c, s = np.cos(theta), np.sin(theta)
@@ -145,7 +145,7 @@ def _material_directors(ref, e, theta, m1, m2):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def transport(q, rule, ref):  # type: ignore[no-untyped-def]
+def transport(q, rule, ref):
     """The reference frame carried to configuration q; the strains of q do not change by it."""
     nb = rule.weight.size
     tangent, rate = np.empty((nb, 3)), np.empty((nb, 3))
@@ -168,7 +168,7 @@ def transport(q, rule, ref):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def carry(director, t0, t, out):  # type: ignore[no-untyped-def]
+def carry(director, t0, t, out):
     """Rotate a director the short way from tangent t0 to tangent t, and make it unit and normal."""
     f = _dot(director, t) / (1.0 + _dot(t0, t))
     for i in range(3):
@@ -182,7 +182,7 @@ def carry(director, t0, t, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _point_derivatives(p, s, t0, c0, v, moment, m1, m2, grad, hess):  # type: ignore[no-untyped-def]
+def _point_derivatives(p, s, t0, c0, v, moment, m1, m2, grad, hess):
     """Derivatives of the strains at one point with respect to (p, s).
 
     grad (3, 8): rows kappa_1, kappa_2, twist; columns p, s (theta, theta' are filled elsewhere).
@@ -267,14 +267,14 @@ def _point_derivatives(p, s, t0, c0, v, moment, m1, m2, grad, hess):  # type: ig
 
 
 @njit(cache=True, inline="always")
-def _levi_civita(i, j, a):  # type: ignore[no-untyped-def]
+def _levi_civita(i, j, a):
     if i == j:
         return 0.0
     return a[3 - i - j] if (j - i) % 3 == 1 else -a[3 - i - j]
 
 
 @njit(cache=True)
-def assemble(q, rule, stiff, ref, gradient, band, grad_stretch, grad_other):  # type: ignore[no-untyped-def]
+def assemble(q, rule, stiff, ref, gradient, band, grad_stretch, grad_other):
     """Elastic energy, its gradient and its exact Hessian.
 
     Args:
@@ -382,8 +382,8 @@ def assemble(q, rule, stiff, ref, gradient, band, grad_stretch, grad_other):  # 
 
 
 @njit(cache=True)
-def scatter_stress(rule, grad_stretch, grad_other, stress_s, stress_o, out):  # type: ignore[no-untyped-def]
-    """Add the generalised force of given stresses: out (4 n,) += sum of weight stress d(strain)/dq."""
+def scatter_stress(rule, grad_stretch, grad_other, stress_s, stress_o, out):
+    """Add the generalised force of given stresses, sum of weight stress d(strain)/dq, to out."""
     for e in range(rule.stretch_weight.size):
         for i in range(4):
             at = DOF * (rule.stretch_span[e] + i)
@@ -406,7 +406,7 @@ def scatter_stress(rule, grad_stretch, grad_other, stress_s, stress_o, out):  # 
 
 
 @njit(cache=True)
-def strain_increments(rule, grad_stretch, grad_other, dq, stretch, other):  # type: ignore[no-untyped-def]
+def strain_increments(rule, grad_stretch, grad_other, dq, stretch, other):
     """First-order strains of an increment dq (n, 4): the transpose of `scatter_stress`."""
     for e in range(rule.stretch_weight.size):
         x = 0.0

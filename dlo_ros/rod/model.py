@@ -68,7 +68,7 @@ class RodModel:
 
     @cached_property
     def twist_fit(self) -> FloatArray:
-        """Control points 2..n of a spline that starts at 0, from its slope at the bending points."""
+        """Control points 2..n of a spline that starts at 0, from its slope at the points."""
         slope = self.basis.matrix(self.points, 1)[:, 1:]
         return np.asarray(np.linalg.pinv(slope))
 

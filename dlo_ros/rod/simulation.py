@@ -13,7 +13,6 @@ from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.rod import dynamics, resolution
-from dlo_ros.rod.boundary import Boundary
 from dlo_ros.rod.model import SENSITIVITIES, RodModel
 from dlo_ros.rod.state import (
     Sensitivity,

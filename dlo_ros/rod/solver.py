@@ -25,7 +25,7 @@ FREE_ITERATIONS = 60  # of those, without a check of the energy
 
 
 @njit(cache=True)
-def add_scalar_band(band, scalar, spin, factor):  # type: ignore[no-untyped-def]
+def add_scalar_band(band, scalar, spin, factor):
     """Add factor times a basis matrix: `scalar` (n, 4) for x, y, z and `spin` (n, 4) for theta."""
     for i in range(scalar.shape[0]):
         for j in range(max(0, i - 3), i + 1):
@@ -36,8 +36,8 @@ def add_scalar_band(band, scalar, spin, factor):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def multiply_scalar(scalar, spin, x, out):  # type: ignore[no-untyped-def]
-    """out (n, 4) = basis matrix times x (n, 4)."""
+def multiply_scalar(scalar, spin, x, out):
+    """Write basis matrix times x (n, 4) to out."""
     out[:, :] = 0.0
     for i in range(scalar.shape[0]):
         for j in range(max(0, i - 3), i + 1):
@@ -50,7 +50,7 @@ def multiply_scalar(scalar, spin, x, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _eliminate(band, rhs, fixed, increment):  # type: ignore[no-untyped-def]
+def _eliminate(band, rhs, fixed, increment):
     """Replace the equations of fixed degrees of freedom by x = increment."""
     size = band.shape[0]
     for i in range(size):
@@ -69,7 +69,7 @@ def _eliminate(band, rhs, fixed, increment):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _constrain(band, diagonal, pins, gap, x):  # type: ignore[no-untyped-def]
+def _constrain(band, diagonal, pins, gap, x):
     """Correct the solution x so that pins @ x = gap; returns False where that is impossible."""
     m = pins.shape[0]
     if m == 0:
@@ -93,7 +93,7 @@ def _constrain(band, diagonal, pins, gap, x):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _largest(x):  # type: ignore[no-untyped-def]
+def _largest(x):
     """Largest move of a control point [m] and largest change of theta [rad]."""
     move, turn = 0.0, 0.0
     for i in range(x.size // DOF):
@@ -104,7 +104,7 @@ def _largest(x):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def elastic_energy(q, rule, stiff, ref):  # type: ignore[no-untyped-def]
+def elastic_energy(q, rule, stiff, ref):
     """Elastic energy [J] of configuration q."""
     stretch, other = strains(q, rule, ref)
     energy = 0.0
@@ -128,7 +128,7 @@ def elastic_energy(q, rule, stiff, ref):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def equilibrium(q, increment, fixed, pins, gap, rule, stiff, ref, load, mass, spin, rate2,
-                length, tolerance):  # type: ignore[no-untyped-def]  # fmt: skip
+                length, tolerance):  # fmt: skip
     """Static equilibrium: Newton's method with a mass shift, descending in total energy.
 
     Args:
@@ -222,7 +222,7 @@ def equilibrium(q, increment, fixed, pins, gap, rule, stiff, ref, load, mass, sp
 
 @njit(cache=True)
 def implicit_step(q, target, fixed, pins, gap, rule, stiff, ref, mass, spin, drag, still, c_mass,
-                  c_drag, rhs, length, tolerance, max_iterations):  # type: ignore[no-untyped-def]  # fmt: skip
+                  c_drag, rhs, length, tolerance, max_iterations):  # fmt: skip
     """Solve (c_mass M + c_drag C) q + elastic gradient(q) = rhs for one step in time.
 
     Args:
@@ -279,7 +279,7 @@ def implicit_step(q, target, fixed, pins, gap, rule, stiff, ref, mass, spin, dra
 
 
 @njit(cache=True)
-def linearise(q, fixed, rule, stiff, ref, mass, spin, drag, still, c_mass, c_drag):  # type: ignore[no-untyped-def]
+def linearise(q, fixed, rule, stiff, ref, mass, spin, drag, still, c_mass, c_drag):
     """Factorised tangent matrix at q, and the derivatives of the strains there.
 
     Returns:
@@ -299,7 +299,7 @@ def linearise(q, fixed, rule, stiff, ref, mass, spin, drag, still, c_mass, c_dra
 
 
 @njit(cache=True)
-def back_substitute(band, diagonal, fixed, pins, rhs):  # type: ignore[no-untyped-def]
+def back_substitute(band, diagonal, fixed, pins, rhs):
     """Solve the factorised tangent system for several right-hand sides, in place.
 
     Args:
@@ -315,7 +315,7 @@ def back_substitute(band, diagonal, fixed, pins, rhs):  # type: ignore[no-untype
 
 
 @njit(cache=True)
-def stress_forces(rule, grad_s, grad_o, stress_s, stress_o):  # type: ignore[no-untyped-def]
+def stress_forces(rule, grad_s, grad_o, stress_s, stress_o):
     """Generalised forces (P, 4 n) of stresses (P, ns) and (P, nb, 3)."""
     n = rule.span.max() + 4
     out = np.zeros((stress_s.shape[0], DOF * n))
@@ -325,7 +325,7 @@ def stress_forces(rule, grad_s, grad_o, stress_s, stress_o):  # type: ignore[no-
 
 
 @njit(cache=True)
-def strain_sensitivities(rule, grad_s, grad_o, dq):  # type: ignore[no-untyped-def]
+def strain_sensitivities(rule, grad_s, grad_o, dq):
     """Strains (P, ns) and (P, nb, 3) of increments dq of shape (P, n, 4), to first order."""
     count = dq.shape[0]
     stretch = np.empty((count, rule.stretch_weight.size))
@@ -336,7 +336,7 @@ def strain_sensitivities(rule, grad_s, grad_o, dq):  # type: ignore[no-untyped-d
 
 
 @njit(cache=True)
-def factorised_mass(mass, spin, fixed):  # type: ignore[no-untyped-def]
+def factorised_mass(mass, spin, fixed):
     """Factors (band, diagonal) of the mass matrix with fixed degrees of freedom eliminated."""
     size = fixed.size
     band, diagonal = np.zeros((size, BAND + 1)), np.empty(size)

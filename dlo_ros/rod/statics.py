@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -119,7 +120,7 @@ def reachable(model: RodModel, held: Held, boundary: Boundary) -> None:
     points = [(model.basis.greville[k], held.values[k, :3]) for k in (0, -1) if fixed[k, 0]]
     points += list(zip(boundary.pin_abscissae, held.pin_positions, strict=True))
     points.sort(key=lambda p: float(p[0]))
-    for (u0, r0), (u1, r1) in zip(points[:-1], points[1:], strict=True):
+    for (u0, r0), (u1, r1) in pairwise(points):
         apart, length = float(np.linalg.norm(r1 - r0)), float(u1 - u0)
         if apart > 1.02 * length:
             raise SimulationError(
@@ -139,21 +140,27 @@ def relax_stretch(model: RodModel, boundary: Boundary, held: Held, q: FloatArray
     state = rest_state(0, q, model)
     target, _, _ = impose(state, boundary, held)
     unit, none = model.gram, np.zeros_like(model.gram)
-    pull = 1e-4 * float(stiff.stretch.mean()) / model.basis.length**2
-    rhs = np.empty_like(state.q)
-    solver.multiply_scalar(unit, unit, state.q, rhs)
-    result = state.q.copy()
-    iterations, _ = solver.implicit_step(
-        result, target, boundary.fixed, boundary.pins, boundary.pin_values(held, target),
-        model.rule, soft, state.reference, unit, unit, none, none, pull, 0.0, pull * rhs,
-        model.basis.length, 1e-8, 50,
-    )  # fmt: skip
-    if iterations < 0:
+    stiffest = float(stiff.stretch.mean()) / model.basis.length**2
+    given = np.empty_like(state.q)
+    solver.multiply_scalar(unit, unit, state.q, given)
+    best = None
+    q = state.q.copy()
+    # From a strong pull to a weak one: without bending stiffness a compressed shape buckles.
+    for pull in stiffest * np.logspace(0, -4, 5):
+        iterations, _ = solver.implicit_step(
+            q, target, boundary.fixed, boundary.pins, boundary.pin_values(held, target),
+            model.rule, soft, state.reference, unit, unit, none, none, pull, 0.0, pull * given,
+            model.basis.length, 1e-8, 50,
+        )  # fmt: skip
+        if iterations < 0:
+            break
+        best = q.copy()
+    if best is None:
         raise SimulationError(
-            "the first observed shape cannot be brought to rod.length; check the length and the "
-            "observed spline"
+            "the first observed shape cannot be held as commanded; check rod.length, the command "
+            "and the observed spline"
         )
-    return result
+    return best
 
 
 def static_sensitivity(
