@@ -151,7 +151,7 @@ class DiscreteRod:
         return min(max(1e-3, 10.0 * max(weight, kink) / np.min(self.stretch_stiffness)), 1.0)
 
     def stiffness(self) -> tuple[FloatArray, FloatArray]:
-        """Stiffness [J] against stretch of the edges, (N,), and turning of the vertices, (N + 1,)."""
+        """Stiffness [J] of the edges against stretch, (N,), of the vertices against turning."""
         return self.stretch_stiffness * self.lengths, self.bending_stiffness / self.vertex_lengths
 
     def rest_offsets(self) -> tuple[FloatArray, FloatArray]:

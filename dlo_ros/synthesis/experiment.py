@@ -1,0 +1,268 @@
+"""The experiment file: a rope of known properties, what moves it, and the camera that watches.
+
+    parameters:          # the truth, written as in a parameter file
+      rod: {length: 0.4, ...}
+      camera: {translation: [...], rotation: [...]}
+    guess:               # what params.yaml says instead
+      rod: {young_modulus: 1000000.0}
+    duration: 3.0        # s
+    initial_shape: [[x, z], ...]   # rough curve along which the rope is laid before it settles [m]
+    motion:              # names of dlo/command; what is not named is free
+      control_point_1:
+        - {time: 0.0, position: [x, y, z]}
+      end:
+        - {time: 0.0, position: [x, y, z], angle: 0.0}
+    camera: {...}        # intrinsics, see `look.SimulatedCamera`
+    look: {...}          # see `look.Look`
+    measurement: {...}   # see `look.Measurement`
+
+`angle` is the direction of growing u at a clamp, positive from x towards -z [rad].
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from dlo_ros.command import END, NANOSECONDS, START, Command
+from dlo_ros.errors import CommandError, InputError, ParameterError
+from dlo_ros.parameters import TABLE, Settings
+from dlo_ros.spline import FloatArray
+from dlo_ros.synthesis.look import Look, Measurement, SimulatedCamera
+from dlo_ros.synthesis.sections import Section
+
+START_STAMP = 1_760_000_000 * NANOSECONDS
+"""Stamp of the first image [ns], the same in every run so that bags are reproducible."""
+
+REACH = 1e3  # [m] positions further away are typing errors
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A whole experiment file.
+
+    Args:
+        name: of the experiment.
+        truth: parameters of the simulated rope, and the camera's pose.
+        guess: parameters that the parameter file beside the bag gives.
+        duration: from the first image to the last [s].
+        initial_shape: rough curve x, z [m], shape (m, 2).
+        command: imposed motion; its stamp is the start of the recording.
+        camera: intrinsics and quality.
+        look: of board and rope.
+        measurement: noise where no images are made.
+    """
+
+    name: str
+    truth: Settings
+    guess: Settings
+    duration: float
+    initial_shape: FloatArray
+    command: Command
+    camera: SimulatedCamera
+    look: Look
+    measurement: Measurement
+
+    @property
+    def stamps(self) -> list[int]:
+        """Stamps of the images [ns]."""
+        count = int(np.floor(self.duration * self.camera.rate + 1e-6)) + 1
+        return [START_STAMP + round(k / self.camera.rate * NANOSECONDS) for k in range(count)]
+
+
+def load_experiment(path: Path | str) -> Experiment:
+    """Read an experiment file.
+
+    Raises:
+        InputError: the file is missing, is no YAML, or holds something unusable.
+    """
+    path = Path(path)
+    try:
+        tree = yaml.safe_load(path.read_text())
+    except OSError as err:
+        raise InputError(f"{path}: cannot be read ({err.strerror})") from err
+    except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as err:
+        first = str(err).splitlines()[0] if str(err) else type(err).__name__
+        raise InputError(f"{path}: is no valid YAML ({first})") from err
+    return read_experiment(tree, path.stem, str(path))
+
+
+def read_experiment(tree: Any, name: str, where: str) -> Experiment:
+    """Check and convert the content of an experiment file.
+
+    Args:
+        tree: as YAML gives it.
+        name: of the experiment, where the file has no `name`.
+        where: for messages, the file.
+
+    Raises:
+        InputError: something is missing, unknown or out of range.
+    """
+    top = Section(tree, where)
+    name = str(top.raw("name", name))
+    top.raw("description")
+    parameters = _flat(top.required("parameters", "the rope's true parameters"), where)
+    override = _flat(top.raw("guess", {}), where)
+    try:
+        truth = Settings.from_mapping(parameters)
+        guess = Settings.from_mapping({**parameters, **override})
+    except ParameterError as err:
+        raise InputError(f"{where}: {err}") from err
+    if abs(truth.gravity[1]) > 1e-9:
+        raise InputError(f"{where}: gravity has a y component; the simulated rope moves in y = 0")
+    experiment = Experiment(
+        name=name,
+        truth=truth,
+        guess=guess,
+        duration=top.number("duration", 3.0, 0.01, 3600.0),
+        initial_shape=_curve(top),
+        command=_motion(top.block("motion"), truth),
+        camera=_finished(SimulatedCamera.read, top.block("camera")),
+        look=_finished(Look.read, top.block("look")),
+        measurement=_finished(Measurement.read, top.block("measurement")),
+    )
+    top.finish()
+    _check_reach(experiment.command, truth.rod.length, where)
+    return experiment
+
+
+def _finished(read: Any, section: Section) -> Any:
+    result = read(section)
+    section.finish()
+    return result
+
+
+def _flat(block: Any, where: str, prefix: str = "") -> dict[str, Any]:
+    """Dotted names of a tree of parameters, all of them known."""
+    if not isinstance(block, Mapping):
+        raise InputError(f"{where}: {prefix or 'parameters'} must be a block of 'key: value'")
+    result: dict[str, Any] = {}
+    for key, value in block.items():
+        name = f"{prefix}{key}"
+        if isinstance(value, Mapping):
+            result |= _flat(value, where, f"{name}.")
+        elif name in TABLE:
+            result[name] = value
+        else:
+            raise InputError(f"{where}: '{name}' is no parameter; known are {', '.join(TABLE)}")
+    return result
+
+
+def _curve(top: Section) -> FloatArray:
+    points = top.required("initial_shape", "a rough curve, a list of [x, z] in m")
+    if not isinstance(points, list) or len(points) < 2:
+        raise InputError(f"{top.where}: initial_shape must be a list of at least two [x, z]")
+    return np.array([top.check_all(p, "initial_shape", 2, -REACH, REACH) for p in points])
+
+
+def _motion(section: Section, truth: Settings) -> Command:
+    """The command of the block `motion`: all names get points at all the times that occur."""
+    names = tuple(section._values)
+    tracks: list[tuple[list[float], FloatArray]] = []
+    for name in names:
+        points = section.raw(name)
+        if not isinstance(points, list) or not points:
+            raise InputError(f"{section.where}: {name} must be a list of {{time, position}}")
+        times, rows = [], []
+        for point in points:
+            entry = Section(point, f"{section.where}: {name}")
+            times.append(entry.number("time", 0.0, 0.0, 1e5))
+            position = entry.required("position", "[x, y, z] in m")
+            x, y, z = entry.check_all(position, "position", 3, -REACH, REACH)
+            if abs(y) > 1e-9:
+                raise InputError(f"{entry.where}: y is {y:g} m; the simulated rope moves in y = 0")
+            clamp = name in (START, END)
+            if clamp:
+                entry.required("angle", "the clamp's direction in rad")
+            rows.append([x, z, entry.number("angle", 0.0, -1e3, 1e3) if clamp else 0.0])
+            entry.finish()
+        if any(b <= a for a, b in pairwise(times)):
+            raise InputError(f"{section.where}: the times of {name} must grow")
+        tracks.append((times, np.array(rows)))
+    every = np.unique(np.concatenate([t for t, _ in tracks])) if tracks else np.zeros(1)
+    every = _refined(every, tracks)
+    positions = np.zeros((len(every), len(names), 3))
+    rotations = np.zeros((len(every), len(names), 4))
+    for k, (at, values) in enumerate(tracks):
+        positions[:, k, 0] = np.interp(every, at, values[:, 0])
+        positions[:, k, 2] = np.interp(every, at, values[:, 1])
+        half = 0.5 * np.interp(every, at, values[:, 2])
+        rotations[:, k, 1], rotations[:, k, 3] = np.sin(half), np.cos(half)
+    try:
+        return Command(
+            stamp=START_STAMP,
+            names=names,
+            times=every,
+            positions=positions,
+            rotations=rotations,
+            velocities=np.full_like(positions, np.nan),
+            control_points=truth.rod.control_points,
+            frame_id=truth.frame_id,
+        )
+    except CommandError as err:
+        raise InputError(f"{section.where}: {err}") from err
+
+
+def _refined(times: FloatArray, tracks: list[tuple[list[float], FloatArray]]) -> FloatArray:
+    """Times between which no clamp turns so far that slerp would take the other way round."""
+    result = [times[:1]]
+    for a, b in pairwise(times):
+        turns = [np.ptp(np.interp([a, b], t, rows[:, 2])) for t, rows in tracks]
+        pieces = int(np.ceil(max(turns, default=0.0) / 1.5)) or 1
+        result.append(np.linspace(a, b, pieces + 1)[1:])
+    return np.concatenate(result)
+
+
+def _check_reach(command: Command, length: float, where: str) -> None:
+    """Both ends held further apart than the rope is long cannot be simulated."""
+    first = [k for k, n in enumerate(command.names) if n in (START, "control_point_1")]
+    last_name = f"control_point_{command.control_points}"
+    last = [k for k, n in enumerate(command.names) if n in (END, last_name)]
+    if not first or not last:
+        return
+    apart = np.linalg.norm(command.positions[:, first[0]] - command.positions[:, last[0]], axis=1)
+    worst = int(np.argmax(apart))
+    if apart[worst] > length:
+        raise InputError(
+            f"{where}: the ends are {apart[worst]:.3f} m apart at {command.times[worst]:g} s, "
+            f"but the rope is {length:g} m long"
+        )
+
+
+def experiment_folders() -> list[Path]:
+    """Where bundled experiments may lie: source tree, ROS installation, Python environment."""
+    relative = Path("config") / "experiments"
+    folders = [Path(__file__).resolve().parents[2] / relative]
+    try:
+        from ament_index_python.packages import get_package_share_directory
+
+        folders.append(Path(get_package_share_directory("dlo_ros")) / relative)
+    except (ImportError, LookupError, ValueError, OSError):
+        pass  # no ROS here, or the package is not registered with it
+    folders.append(Path(sys.prefix) / "share" / "dlo_ros" / relative)
+    return folders
+
+
+def find_experiment(name: str) -> Path:
+    """File of an experiment that is given by its path or its bundled name.
+
+    Raises:
+        InputError: there is none; the message lists the bundled ones.
+    """
+    given = Path(name)
+    if given.is_file():
+        return given
+    bundled: dict[str, Path] = {}
+    for folder in reversed(experiment_folders()):
+        bundled |= {path.stem: path for path in sorted(folder.glob("*.yaml"))}
+    if name in bundled:
+        return bundled[name]
+    known = ", ".join(sorted(bundled)) or "none"
+    raise InputError(f"{name}: no such experiment file; bundled experiments are {known}")
