@@ -240,6 +240,14 @@ PARAMETERS: tuple[Parameter, ...] = (
         nodes=("observer",),
         read_only=True,
     ),
+    Parameter(
+        "simulator_node",
+        "string",
+        "simulator",
+        "name of the simulator node that the identifier keeps in step",
+        nodes=("identifier",),
+        read_only=True,
+    ),
 )
 
 TABLE: Mapping[str, Parameter] = {p.name: p for p in PARAMETERS}
@@ -326,6 +334,7 @@ class Settings:
     camera: CameraPose = field(default_factory=CameraPose)
     simulation: SimulationParameters = field(default_factory=SimulationParameters)
     image_transport: str = "auto"
+    simulator_node: str = "simulator"
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any]) -> Settings:

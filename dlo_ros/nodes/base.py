@@ -1,0 +1,131 @@
+"""What the three nodes have in common: settings, health, guarded callbacks, reset, time jumps."""
+
+from __future__ import annotations
+
+import os
+import traceback
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.clock import Clock, ClockType, JumpThreshold
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from std_srvs.srv import Trigger
+
+from dlo_ros.errors import DloError
+from dlo_ros.nodes.diagnostics import Health
+from dlo_ros.nodes.messages import message_class
+from dlo_ros.nodes.parameters import LiveSettings, declare
+from dlo_ros.parameters import Settings
+from dlo_ros.recordings import topics
+
+JUMP_BACK = 0.5
+"""Seconds that time must go back to count as a restart; less is messages out of order."""
+
+
+class DloNode(Node):
+    """Base of the nodes.
+
+    Args:
+        name: observer, simulator or identifier.
+        task: what it does, for the diagnostics.
+
+    Raises:
+        ParameterError: a parameter is missing or unusable.
+    """
+
+    def __init__(self, name: str, task: str, **options: Any) -> None:
+        super().__init__(name, automatically_declare_parameters_from_overrides=True, **options)
+        settings = declare(self, name)
+        self.health = Health(self, task)
+        self._live = LiveSettings(self, settings, self._settings_changed)
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_service(Trigger, "~/reset", self._on_reset)
+        threshold = JumpThreshold(
+            min_forward=None, min_backward=Duration(seconds=-JUMP_BACK), on_clock_change=True
+        )
+        self._jumps = self.get_clock().create_jump_callback(
+            threshold, post_callback=self.guarded("time", self._on_jump)
+        )
+
+    @property
+    def settings(self) -> Settings:
+        """The parameters as they are now."""
+        return self._live.current
+
+    def reset(self) -> None:
+        """Forget what was received and start afresh."""
+        raise NotImplementedError
+
+    def restart(self, now: int) -> None:
+        """Time went back to `now` [ns]: forget what lies in the future."""
+        raise NotImplementedError
+
+    def apply(self, settings: Settings) -> None:
+        """Take changed parameters over."""
+        raise NotImplementedError
+
+    def now(self) -> int:
+        """ROS time [ns]."""
+        return int(self.get_clock().now().nanoseconds)
+
+    def publisher(self, topic: str, qos: QoSProfile) -> Any:
+        """A publisher of one of the interface's topics, its QoS open to overrides."""
+        options = QoSOverridingOptions.with_default_policies()
+        kind = message_class(topics.TYPES[topic])
+        return self.create_publisher(kind, topic, qos, qos_overriding_options=options)
+
+    def subscribe(self, topic: str, callback: Callable[[Any], None], qos: QoSProfile) -> Any:
+        """A guarded subscription to one of the interface's topics, its QoS open to overrides."""
+        options = QoSOverridingOptions.with_default_policies()
+        kind = message_class(topics.TYPES[topic])
+        guarded = self.guarded(topic, callback)
+
+        def receive(message: Any) -> None:
+            guarded(message)
+
+        return self.create_subscription(kind, topic, receive, qos, qos_overriding_options=options)
+
+    def every(self, period: float, callback: Callable[[], None], *, wall: bool = True) -> Any:
+        """A guarded timer, of wall time or of ROS time; period in seconds."""
+        guarded = self.guarded("timer", callback)
+
+        def tick() -> None:
+            guarded()
+
+        return self.create_timer(period, tick, clock=self._steady if wall else None)
+
+    def guarded(self, what: str, callback: Callable[..., None]) -> Callable[..., None]:
+        """The callback, so that whatever arrives is at worst a warning and the node lives on."""
+
+        def call(*arguments: Any) -> None:
+            try:
+                callback(*arguments)
+            except DloError as err:
+                self.health.warn(what, str(err))
+            except Exception as err:
+                if os.environ.get("DLO_ROS_DEBUG"):
+                    traceback.print_exc()
+                self.health.error(what, f"{what}: {type(err).__name__}: {err}")
+
+        return call
+
+    def _settings_changed(self, settings: Settings) -> None:
+        self.guarded("parameters", self.apply)(settings)
+
+    def _on_reset(self, _: Any, response: Any) -> Any:
+        try:
+            self.reset()
+        except Exception as err:
+            response.success, response.message = False, f"{type(err).__name__}: {err}"
+            return response
+        self.get_logger().info("reset")
+        response.success, response.message = True, "reset"
+        return response
+
+    def _on_jump(self, _: Any) -> None:
+        now = self.now()
+        self.get_logger().info(f"time jumped to {now / 1e9:.3f} s, starting afresh")
+        self.restart(now)

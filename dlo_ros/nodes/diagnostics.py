@@ -1,0 +1,116 @@
+"""What a node says about itself on /diagnostics, and its warnings, which never flood the log."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import Counter
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+
+PERIOD = 1.0
+"""Seconds between two messages on /diagnostics."""
+
+REMEMBERED = 3.0
+"""Seconds for which a problem is shown after it last occurred."""
+
+REPEATED = 5.0
+"""Seconds before the same kind of warning is logged again."""
+
+OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+
+
+class Health:
+    """State, problems and rates of a node.
+
+    Args:
+        node: whose they are.
+        task: what the node does, the second part of the status' name.
+        hardware_id: which DLO, or which camera.
+    """
+
+    def __init__(self, node: Node, task: str, hardware_id: str = "") -> None:
+        self.values: dict[str, Any] = {}
+        self.state: tuple[bytes, str] = (WARN, "starting")
+        self._node = node
+        self._task = task
+        self._hardware_id = hardware_id
+        self._problems: dict[str, tuple[float, bytes, str]] = {}
+        self._logged: dict[str, float] = {}
+        self._counts: Counter[str] = Counter()
+        self._before: Counter[str] = Counter()
+        self._since = time.monotonic()
+        self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        # Wall time: diagnostics go on where /clock stands still.
+        clock = Clock(clock_type=ClockType.STEADY_TIME)
+        node.create_timer(PERIOD, self.publish, clock=clock)
+
+    def waiting(self, message: str) -> None:
+        """Say what is missing before work can begin."""
+        self.state = (WARN, f"waiting for {message}")
+
+    def running(self, message: str) -> None:
+        """Say that all is well."""
+        self.state = (OK, message)
+
+    def warn(self, kind: str, message: str) -> None:
+        """Report a problem: logged at most every five seconds a kind, shown in the diagnostics."""
+        self._report(kind, message, WARN)
+
+    def error(self, kind: str, message: str) -> None:
+        """Report a failure in the same way."""
+        self._report(kind, message, ERROR)
+
+    def solved(self, kind: str) -> None:
+        """A problem is over."""
+        self._problems.pop(kind, None)
+
+    def count(self, what: str) -> None:
+        """Count an event; its total and its rate are shown."""
+        self._counts[what] += 1
+
+    def publish(self) -> None:
+        """Publish the status; called by a timer."""
+        now = time.monotonic()
+        problems = [p for p in self._problems.values() if now - p[0] < REMEMBERED]
+        level, message = self.state
+        if problems:
+            level = ERROR if any(p[1] == ERROR for p in problems) else max(level, WARN)
+            message = max(problems)[2]
+        elapsed = max(now - self._since, 1e-3)
+        values = {key: show(value) for key, value in self.values.items()}
+        for what, total in sorted(self._counts.items()):
+            values[what] = str(total)
+            values[f"{what} [Hz]"] = f"{(total - self._before[what]) / elapsed:.1f}"
+        self._before, self._since = self._counts.copy(), now
+        status = DiagnosticStatus(
+            level=level,
+            name=f"{self._node.get_fully_qualified_name().lstrip('/')}: {self._task}",
+            message=message,
+            hardware_id=self._hardware_id,
+            values=[KeyValue(key=k, value=v) for k, v in values.items()],
+        )
+        array = DiagnosticArray(status=[status])
+        array.header.stamp = self._node.get_clock().now().to_msg()
+        self._publisher.publish(array)
+
+    def _report(self, kind: str, message: str, level: bytes) -> None:
+        now = time.monotonic()
+        self._problems[kind] = (now, level, message)
+        self._counts[f"problems: {kind}"] += 1
+        if now - self._logged.get(kind, -math.inf) >= REPEATED:
+            self._logged[kind] = now
+            log = self._node.get_logger()
+            (log.error if level == ERROR else log.warning)(message)
+
+
+def show(value: Any) -> str:
+    """A value as a person reads it; numbers that are unknown or unbounded as a dash."""
+    if isinstance(value, float):
+        return f"{value:.4g}" if math.isfinite(value) else "-"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return "-" if value is None else str(value)

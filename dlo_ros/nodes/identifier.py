@@ -1,0 +1,207 @@
+"""The node `identifier`: observed and predicted splines in; ERR and estimates of E and mu out."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import OrderedDict, deque
+from typing import Any
+
+from std_srvs.srv import SetBool
+
+from dlo_ros.command import NANOSECONDS, Command, Motion
+from dlo_ros.errors import InputError
+from dlo_ros.identification.err import shape_error
+from dlo_ros.identification.online import Estimate
+from dlo_ros.nodes import qos
+from dlo_ros.nodes.base import JUMP_BACK, DloNode
+from dlo_ros.nodes.commands import CommandSubscription
+from dlo_ros.nodes.link import SimulatorLink
+from dlo_ros.nodes.markers import Markers
+from dlo_ros.nodes.messages import ROS_MESSAGES
+from dlo_ros.nodes.pairing import Pairing
+from dlo_ros.nodes.runtime import run
+from dlo_ros.nodes.worker import EstimatorThread
+from dlo_ros.observation import CentrelinePoints, Observation
+from dlo_ros.parameters import Settings
+from dlo_ros.recordings import topics
+from dlo_ros.recordings.building import float_message
+from dlo_ros.recordings.messages import read_observation, read_points, read_spline, stamp_of
+from dlo_ros.spline import SplineBasis
+
+PATIENCE = 0.1
+"""Seconds that an observed spline waits for its measured points, where somebody publishes them."""
+
+CLOUDS = 50
+"""Measured points that are kept until their spline comes."""
+
+
+class IdentifierNode(DloNode):
+    """Compares prediction and observation, estimates E and mu, keeps the simulator in step."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__("identifier", "identification", **options)
+        rod = self.settings.rod
+        self._basis = SplineBasis(rod.control_points, rod.length)
+        self._pairing = Pairing()
+        self._motion = Motion()
+        self._paused = False
+        self._clouds: OrderedDict[int, CentrelinePoints] = OrderedDict()
+        self._held: deque[tuple[float, Observation]] = deque()
+        self._last_observed = 0
+        self._err = math.nan
+        self._err_publisher = self.publisher(topics.ERR, qos.RELIABLE)
+        self._young_publisher = self.publisher(topics.YOUNG_MODULUS, qos.LATCHED)
+        self._density_publisher = self.publisher(topics.DENSITY, qos.LATCHED)
+        self._markers = Markers(self, "identified", (1.0, 1.0, 1.0))
+        self._link = SimulatorLink(self, self.settings.simulator_node)
+        self._wake = self.create_guard_condition(self.guarded("estimator", self._take_outcomes))
+        self._estimator = EstimatorThread(self.settings, self._wake.trigger)
+        self._command_subscription = CommandSubscription(self, self._on_command)
+        self.subscribe(topics.OBSERVED, self._on_observed, qos.RELIABLE)
+        self.subscribe(topics.OBSERVED_POINTS, self._on_points, qos.RELIABLE)
+        self.subscribe(topics.PREDICTED, self._on_predicted, qos.RELIABLE)
+        self.create_service(SetBool, "~/pause", self._on_pause)
+        self.every(PATIENCE / 2, self._release)
+        self.health.waiting(topics.OBSERVED)
+
+    def reset(self) -> None:
+        """Forget estimates and what was received; the command still holds."""
+        self._forget()
+        self._link.forget()
+        self._estimator.restart(self.settings)
+        for command in self._motion.commands:
+            self._estimator.command(command)
+
+    def restart(self, now: int) -> None:
+        """Time went back: start afresh."""
+        if self._last_observed > now + JUMP_BACK * NANOSECONDS:
+            self.reset()
+
+    def apply(self, settings: Settings) -> None:
+        """Changed parameters are a new initial guess."""
+        self.reset()
+
+    def destroy_node(self) -> None:
+        """End the estimator's thread, too."""
+        self._estimator.stop()
+        super().destroy_node()
+
+    def _forget(self) -> None:
+        self._pairing.clear()
+        self._clouds.clear()
+        self._held.clear()
+        self._last_observed = 0
+        self._err = math.nan
+
+    def _on_command(self, command: Command) -> None:
+        self._motion.add(command)
+        del self._motion.commands[:-500]
+        self._estimator.command(command)
+
+    def _on_points(self, message: Any) -> None:
+        self._clouds[stamp_of(message)] = read_points(message, self.settings)
+        while len(self._clouds) > CLOUDS:
+            self._clouds.popitem(last=False)
+        self._release()
+
+    def _on_observed(self, message: Any) -> None:
+        observation = read_observation(message, self.settings)
+        stamp = observation.stamp
+        if stamp < self._last_observed - JUMP_BACK * NANOSECONDS:
+            self.get_logger().info("the observed splines start again, starting afresh")
+            self.reset()
+        self.health.solved(topics.OBSERVED)
+        self.health.count("observed splines")
+        self._pairing.observed(stamp, observation.control_points)
+        self._compare()
+        if stamp <= self._last_observed:
+            self.health.count("late splines left out of the estimate")
+            return
+        self._last_observed = stamp
+        self._held.append((time.monotonic() + PATIENCE, observation))
+        self._release()
+
+    def _on_predicted(self, message: Any) -> None:
+        self._pairing.predicted(
+            stamp_of(message), read_spline(message, self.settings, topics.PREDICTED)
+        )
+        self._compare()
+
+    def _compare(self) -> None:
+        """Publish ERR of each observed spline for which the prediction is known."""
+        for stamp, observed, predicted in self._pairing.pairs():
+            self._err = shape_error(predicted, observed, self._basis)
+            self._err_publisher.publish(float_message(ROS_MESSAGES, self._err))
+            self.health.count("compared splines")
+            self.health.values["ERR [mm]"] = 1000.0 * self._err
+            self._markers.text(stamp, observed[0], f"ERR {1000.0 * self._err:.2f} mm")
+        self.health.values["splines without prediction"] = self._pairing.missed
+
+    def _release(self) -> None:
+        """Hand observed splines to the estimator, in order, with their points where they come."""
+        expected = self.count_publishers(topics.OBSERVED_POINTS) > 0
+        while self._held:
+            deadline, observation = self._held[0]
+            points = self._clouds.pop(observation.stamp, None)
+            if points is None and expected and time.monotonic() < deadline:
+                return
+            self._held.popleft()
+            if not self._paused:
+                self._estimator.observe(
+                    Observation(observation.stamp, observation.control_points, points)
+                )
+        self.health.values["splines waiting for the estimator"] = self._estimator.waiting
+        self.health.values["splines dropped"] = self._estimator.dropped
+
+    def _take_outcomes(self) -> None:
+        for outcome in self._estimator.take():
+            if outcome.problem:
+                self.health.warn("estimator", f"estimate not updated: {outcome.problem}")
+            elif outcome.estimate is not None:
+                self._publish(outcome.estimate)
+
+    def _publish(self, estimate: Estimate) -> None:
+        try:
+            young = float_message(ROS_MESSAGES, estimate.young_modulus)
+            density = float_message(ROS_MESSAGES, estimate.density)
+        except InputError as err:
+            self.health.warn("estimator", f"estimate not published: {err}")
+            return
+        self._young_publisher.publish(young)
+        self._density_publisher.publish(density)
+        self.health.solved("estimator")
+        self.health.count("estimates")
+        if estimate.significant:
+            self._link.pass_on(estimate.young_modulus, estimate.density)
+        self._describe(estimate)
+
+    def _describe(self, estimate: Estimate) -> None:
+        values = self.health.values
+        for name, unit in (
+            ("young_modulus", "Pa"),
+            ("density", "kg/m^3"),
+            ("specific_modulus", "m^2/s^2"),
+        ):
+            values[f"{name} [{unit}]"] = float(getattr(estimate, name))
+            values[f"{name} std [{unit}]"] = float(getattr(estimate, f"{name}_std"))
+            values[f"{name} identifiable"] = bool(estimate.identifiable.get(name, False))
+        known = [name for name, yes in estimate.identifiable.items() if yes]
+        state = "paused" if self._paused else "estimating"
+        self.health.running(
+            f"{state}; the data determine {', '.join(known)}"
+            if known
+            else f"{state}; the data do not determine the material yet"
+        )
+
+    def _on_pause(self, request: Any, response: Any) -> Any:
+        self._paused = bool(request.data)
+        response.success = True
+        response.message = "paused" if self._paused else "running"
+        self.health.running(response.message)
+        return response
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the node until Ctrl-C; returns the exit status."""
+    return run("identifier", IdentifierNode, arguments)

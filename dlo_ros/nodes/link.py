@@ -1,0 +1,97 @@
+"""Passing estimates on to the simulator, as `ros2 param set` would do it by hand."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import SetParametersAtomically
+
+from dlo_ros.nodes.base import DloNode
+
+TIMEOUT = 2.0
+"""Seconds after which a call counts as lost and is repeated."""
+
+POLL = 0.25
+"""Seconds between two looks at whether the simulator is there."""
+
+
+class SimulatorLink:
+    """Sets E and mu of the simulator node, without waiting for it.
+
+    A simulator that was started again gets the last values again.
+
+    Args:
+        node: the identifier.
+        simulator: the simulator's name, in the identifier's namespace where it is relative.
+    """
+
+    def __init__(self, node: DloNode, simulator: str) -> None:
+        self._node = node
+        self._name = simulator
+        self._client = node.create_client(
+            SetParametersAtomically, f"{simulator}/set_parameters_atomically"
+        )
+        self._wanted: tuple[float, float] | None = None
+        self._sent: tuple[float, float] | None = None
+        self._pending: tuple[float, Any] | None = None
+        node.every(POLL, self._poll)
+
+    def pass_on(self, young_modulus: float, density: float) -> None:
+        """Ask for these values, E [Pa] and mu [kg/m^3]; the newest wish counts."""
+        self._wanted = (young_modulus, density)
+        self._send()
+
+    def forget(self) -> None:
+        """No wish any more."""
+        self._wanted = self._sent = None
+
+    def _poll(self) -> None:
+        if self._pending is not None and time.monotonic() - self._pending[0] > TIMEOUT:
+            self._client.remove_pending_request(self._pending[1])
+            self._pending = None
+        if not self._client.service_is_ready():
+            self._sent = None
+            if self._wanted is not None:
+                self._node.health.warn("simulator", f"the node {self._name} is not there")
+        self._send()
+
+    def _send(self) -> None:
+        busy = self._pending is not None or self._wanted in (None, self._sent)
+        if busy or not self._client.service_is_ready():
+            return
+        assert self._wanted is not None
+        values = self._wanted
+        request = SetParametersAtomically.Request(
+            parameters=[
+                _double("rod.young_modulus", values[0]),
+                _double("rod.density", values[1]),
+            ]
+        )
+        future = self._client.call_async(request)
+        self._pending = (time.monotonic(), future)
+        # A value that is refused is not repeated.
+        self._sent = values
+        future.add_done_callback(self._node.guarded("simulator", self._done))
+
+    def _done(self, future: Any) -> None:
+        if self._pending is None or future is not self._pending[1]:
+            return
+        self._pending = None
+        result = future.result().result
+        if result.successful:
+            self._node.health.solved("simulator")
+            self._node.health.count("parameter changes of the simulator")
+        else:
+            self._node.health.warn(
+                "simulator", f"{self._name} refuses the estimate: {result.reason}"
+            )
+        self._send()
+
+
+def _double(name: str, value: float) -> Any:
+    return Parameter(
+        name=name,
+        value=ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=float(value)),
+    )

@@ -1,0 +1,120 @@
+"""A listener that keeps what the three nodes publish, for the demo."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from dlo_ros.demo.heard import Heard
+from dlo_ros.errors import InputError
+from dlo_ros.nodes.messages import message_class
+from dlo_ros.nodes.qos import LATCHED, RELIABLE
+from dlo_ros.nodes.runtime import ros
+from dlo_ros.parameters import Settings
+from dlo_ros.recordings import read_spline, topics
+from dlo_ros.recordings.messages import stamp_of
+
+NODES = ("observer", "simulator", "identifier")
+
+
+@contextmanager
+def monitoring(settings: Settings) -> Iterator[Monitor]:
+    """A monitor while the block runs, ROS started and shut down around it."""
+    with ros([]):
+        monitor = Monitor(settings)
+        try:
+            yield monitor
+        finally:
+            monitor.close()
+
+
+class Monitor(Node):
+    """Hears splines, ERR, estimates and diagnostics.
+
+    Args:
+        settings: of the nodes, which the splines must fit.
+    """
+
+    def __init__(self, settings: Settings) -> None:
+        use_sim_time = Parameter("use_sim_time", Parameter.Type.BOOL, True)
+        super().__init__("demo_monitor", parameter_overrides=[use_sim_time])
+        self.heard = Heard()
+        self.received = 0
+        self._executor = SingleThreadedExecutor()
+        self._settings = settings
+        self._states: dict[str, str] = {}
+        self._hear(topics.OBSERVED, lambda m: self._spline(topics.OBSERVED, m))
+        self._hear(topics.PREDICTED, lambda m: self._spline(topics.PREDICTED, m))
+        self._hear(topics.ERR, lambda m: self.heard.err.append((self.heard.now, m.data)))
+        self._hear(topics.YOUNG_MODULUS, lambda m: self.heard.take_estimate(m.data, None))
+        self._hear(topics.DENSITY, lambda m: self.heard.take_estimate(None, m.data))
+        self.create_subscription(DiagnosticArray, "/diagnostics", self._diagnostics, 10)
+        self._executor.add_node(self)
+
+    def listen(self, seconds: float) -> None:
+        """Take what comes, at most one message, waiting for it as long as that."""
+        self._executor.spin_once(timeout_sec=seconds)
+
+    def missing(self) -> list[str]:
+        """Nodes that were not heard of yet, or whose topics are not there yet."""
+        present = set(self.get_node_names())
+        expected = {
+            "observer": (topics.OBSERVED,),
+            "simulator": (topics.PREDICTED,),
+            "identifier": (topics.ERR, topics.YOUNG_MODULUS, topics.DENSITY),
+        }
+        return [
+            name
+            for name, published in expected.items()
+            if name not in present
+            or name not in self._states
+            or not all(self.count_publishers(topic) for topic in published)
+        ]
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._executor.remove_node(self)
+        self._executor.shutdown(timeout_sec=1.0)
+        self.destroy_node()
+
+    def state(self, name: str) -> str:
+        """What a node last said of itself."""
+        return self._states.get(name, "it has said nothing")
+
+    def _hear(self, topic: str, callback: Any) -> None:
+        def receive(message: Any) -> None:
+            self.received += 1
+            self.heard.tick(int(self.get_clock().now().nanoseconds))
+            callback(message)
+
+        qos = LATCHED if topic in topics.LATCHED else RELIABLE
+        self.create_subscription(message_class(topics.TYPES[topic]), topic, receive, qos)
+
+    def _spline(self, topic: str, message: Any) -> None:
+        kept = self.heard.observed if topic == topics.OBSERVED else self.heard.predicted
+        try:
+            kept[stamp_of(message)] = read_spline(message, self._settings, topic)
+        except InputError as err:
+            self.get_logger().warning(str(err), throttle_duration_sec=5.0)
+
+    def _diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            name = status.name.partition(":")[0].rpartition("/")[2]
+            if name not in NODES:
+                continue
+            self._states[name] = status.message
+            if status.level not in (DiagnosticStatus.OK, DiagnosticStatus.STALE):
+                self._warn(f"{name}: {status.message}")
+            if name == "identifier":
+                self.heard.take_diagnostics({v.key: v.value for v in status.values})
+
+    def _warn(self, text: str) -> None:
+        # What nodes say before the recording plays is that they wait for it.
+        if self.heard.now and text not in self.heard.warnings:
+            self.heard.warnings.append(text)

@@ -1,0 +1,207 @@
+"""The node `observer`: camera images in, observed splines out."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+
+from dlo_ros.command import NANOSECONDS, Command, Motion
+from dlo_ros.errors import InputError, VisionError
+from dlo_ros.nodes import overlay, qos
+from dlo_ros.nodes.base import JUMP_BACK, DloNode
+from dlo_ros.nodes.commands import CommandSubscription
+from dlo_ros.nodes.markers import Markers
+from dlo_ros.nodes.messages import ROS_MESSAGES
+from dlo_ros.nodes.runtime import run
+from dlo_ros.parameters import Settings
+from dlo_ros.recordings import topics
+from dlo_ros.recordings.building import image_message, points_message, spline_message
+from dlo_ros.recordings.images import CameraInfo, Image, read_camera_info, read_image
+from dlo_ros.recordings.messages import read_spline, stamp_of
+from dlo_ros.spline import FloatArray, SplineBasis
+from dlo_ros.vision.camera import Camera
+from dlo_ros.vision.observer import Observer, VisionResult
+
+POLL = 0.2
+"""Seconds between two looks at which transport is published."""
+
+RECENT = 1.0
+"""Seconds for which a prediction is drawn beside the observed curve."""
+
+
+class ObserverNode(DloNode):
+    """Fits a spline to the DLO in every image that shows one credibly."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__("observer", "observation", **options)
+        rod = self.settings.rod
+        basis = SplineBasis(rod.control_points, rod.length)
+        self._samples = basis.matrix(np.linspace(0.0, rod.length, 200))
+        self._motion = Motion()
+        self._info: CameraInfo | None = None
+        self._observer: Observer | None = None
+        self._predicted: tuple[int, FloatArray] | None = None
+        self._last_stamp = 0
+        self._spline_publisher = self.publisher(topics.OBSERVED, qos.RELIABLE)
+        self._points_publisher = self.publisher(topics.OBSERVED_POINTS, qos.RELIABLE)
+        self._overlay_publisher = self.publisher(topics.OVERLAY, qos.RELIABLE)
+        self._markers = Markers(self, "observed", (0.2, 0.9, 0.3))
+        self._command_subscription = CommandSubscription(self, self._on_command)
+        self.subscribe(topics.CAMERA_INFO, self._on_camera_info, qos.SENSOR)
+        self.subscribe(topics.PREDICTED, self._on_predicted, qos.RELIABLE)
+        self._transport = ""
+        self._image_subscription: Any = None
+        self._choose_transport()
+        self.every(POLL, self._choose_transport)
+        self.health.waiting(f"{topics.IMAGE} and {topics.CAMERA_INFO}")
+
+    def reset(self) -> None:
+        """Forget the last shape; the next image is searched as a whole."""
+        self._predicted = None
+        self._last_stamp = 0
+        if self._observer is not None:
+            self._observer.reset()
+
+    def restart(self, now: int) -> None:
+        """Time went back: what was seen later predicts nothing."""
+        if self._last_stamp > now + JUMP_BACK * NANOSECONDS:
+            self.reset()
+
+    def apply(self, settings: Settings) -> None:
+        """Take a changed pose of the camera (and all else) over."""
+        self._build()
+
+    def _choose_transport(self) -> None:
+        """Subscribe to raw or compressed images, whichever is published; compressed if both."""
+        wanted = self.settings.image_transport
+        if wanted == "auto":
+            if self.count_publishers(topics.COMPRESSED):
+                wanted = "compressed"
+            elif self.count_publishers(topics.IMAGE) or not self._transport:
+                wanted = "raw"
+            else:
+                wanted = self._transport
+        if wanted == self._transport:
+            return
+        if self._image_subscription is not None:
+            self.destroy_subscription(self._image_subscription)
+        topic = topics.COMPRESSED if wanted == "compressed" else topics.IMAGE
+        self._image_subscription = self.subscribe(topic, self._on_image, qos.SENSOR)
+        self._transport = wanted
+        self.health.values["image transport"] = wanted
+
+    def _on_command(self, command: Command) -> None:
+        self._motion.add(command)
+        del self._motion.commands[:-500]
+
+    def _on_predicted(self, message: Any) -> None:
+        shape = read_spline(message, self.settings, topics.PREDICTED)
+        self._predicted = (stamp_of(message), shape)
+
+    def _on_camera_info(self, message: Any) -> None:
+        info = read_camera_info(message)
+        self.health.solved(topics.CAMERA_INFO)
+        if info != self._info:
+            self._info = info
+            self._build()
+
+    def _build(self) -> None:
+        if self._info is None:
+            return
+        camera = Camera(
+            matrix=np.array(self._info.k),
+            distortion=self._info.d,
+            width=self._info.width,
+            height=self._info.height,
+            pose=self.settings.camera,
+            model=self._info.distortion_model,
+        )
+        self._observer = Observer(self.settings, camera, self._motion)
+
+    def _on_image(self, message: Any) -> None:
+        began = time.perf_counter()
+        self.health.count("images")
+        stamp = stamp_of(message)
+        if self._observer is None:
+            self.health.warn(
+                topics.CAMERA_INFO, f"images come, but no usable {topics.CAMERA_INFO} yet"
+            )
+            return
+        if stamp < self._last_stamp - JUMP_BACK * NANOSECONDS:
+            self.reset()
+        self._last_stamp = stamp
+        image = read_image(message)
+        try:
+            result = self._observer.observe(stamp, image)
+        except VisionError as err:
+            self.health.warn("image", f"no DLO found: {err}")
+            self.health.values["last image"] = str(err)
+            self._publish_overlay(stamp, message, image, None)
+            return
+        self._publish(stamp, result)
+        self.health.solved("image")
+        self.health.values["processing time [ms]"] = 1000.0 * (time.perf_counter() - began)
+        age = (self.now() - stamp) / NANOSECONDS
+        self.health.values["latency [ms]"] = 1000.0 * age
+        self._publish_overlay(stamp, message, image, result)
+
+    def _publish(self, stamp: int, result: VisionResult) -> None:
+        observation, frame = result.observation, self.settings.frame_id
+        try:
+            spline = spline_message(ROS_MESSAGES, stamp, frame, observation.control_points)
+            points = (
+                None
+                if observation.points is None
+                else points_message(ROS_MESSAGES, stamp, frame, observation.points)
+            )
+        except InputError as err:
+            self.health.warn("image", f"fit not published: {err}")
+            return
+        # The points go first, so that who wants both has them when the spline comes.
+        if points is not None:
+            self._points_publisher.publish(points)
+        self._spline_publisher.publish(spline)
+        self._markers.spline(stamp, observation.control_points)
+        self.health.count("observed splines")
+        self.health.values.update(
+            {
+                "seen [%]": 100.0 * result.fraction_seen,
+                "residual [px]": float(result.residual_px),
+                "residual [mm]": 1000.0 * float(result.residual),
+                "length seen [m]": float(result.seen_length),
+                "width [px]": float(result.width),
+                "tracked": result.tracked,
+                "last image": "found",
+            }
+        )
+        self.health.running("observing")
+
+    def _publish_overlay(
+        self, stamp: int, message: Any, image: Image, result: VisionResult | None
+    ) -> None:
+        if not self._overlay_publisher.get_subscription_count():
+            return
+        empty = np.empty((0, 2))
+        picture = overlay.draw(
+            image,
+            empty if result is None else result.pixels,
+            np.empty(0, dtype=bool) if result is None else np.asarray(result.pixels_seen),
+            self._predicted_pixels(stamp),
+        )
+        frame = str(message.header.frame_id)
+        self._overlay_publisher.publish(image_message(ROS_MESSAGES, stamp, frame, picture))
+
+    def _predicted_pixels(self, stamp: int) -> FloatArray | None:
+        if self._predicted is None or self._observer is None:
+            return None
+        if abs(stamp - self._predicted[0]) > RECENT * NANOSECONDS:
+            return None
+        curve = self._samples @ self._predicted[1][:, :3]
+        return np.asarray(self._observer.camera.project(curve))
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the node until Ctrl-C; returns the exit status."""
+    return run("observer", ObserverNode, arguments)

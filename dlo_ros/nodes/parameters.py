@@ -1,0 +1,132 @@
+"""Parameters of the nodes, declared from the one table in `dlo_ros.parameters`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
+from rclpy.node import Node
+
+from dlo_ros.errors import ParameterError
+from dlo_ros.parameters import EFFECTS_PREFIX, PARAMETERS, TABLE, Parameter, Settings
+
+# Present in every node, and rclpy's business.
+FOREIGN = ("use_sim_time", "qos_overrides.", "start_type_description_service")
+
+
+def declare(node: Node, name: str) -> Settings:
+    """Check the parameters that the node was started with and declare all that are its own.
+
+    The node must have been built with `automatically_declare_parameters_from_overrides`: whole
+    numbers are then accepted where a floating-point one is expected, and effects may be given
+    without being known beforehand.
+
+    Args:
+        name: observer, simulator or identifier.
+
+    Raises:
+        ParameterError: one is missing or unusable.
+    """
+    given: dict[str, Any] = {}
+    for key, parameter in node.get_parameters_by_prefix("").items():
+        if key.startswith(FOREIGN):
+            continue
+        node.undeclare_parameter(key)
+        if key in TABLE or key.startswith(EFFECTS_PREFIX):
+            given[key] = _plain(parameter.value)
+        else:
+            node.get_logger().warning(f"unknown parameter {key} is ignored")
+    settings = Settings.from_mapping(given)
+    values = settings.flat()
+    for parameter in PARAMETERS:
+        if name in parameter.nodes:
+            value = values[parameter.name]
+            node.declare_parameter(
+                parameter.name,
+                list(value) if isinstance(value, tuple) else value,
+                descriptor(parameter),
+                ignore_override=True,
+            )
+    return settings
+
+
+def descriptor(parameter: Parameter) -> ParameterDescriptor:
+    """What `ros2 param describe` shows."""
+    unit = f" [{parameter.unit}]" if parameter.unit else ""
+    result = ParameterDescriptor(
+        description=parameter.description + unit,
+        read_only=parameter.read_only,
+        # Types are checked by the table, which takes a whole number for a floating-point one.
+        dynamic_typing=True,
+    )
+    if parameter.choices:
+        result.additional_constraints = "one of " + ", ".join(parameter.choices)
+    bounded = math.isfinite(parameter.lower) and math.isfinite(parameter.upper)
+    if bounded and parameter.kind == "integer":
+        result.integer_range = [
+            IntegerRange(from_value=int(parameter.lower), to_value=int(parameter.upper), step=0)
+        ]
+    elif bounded and parameter.kind == "double":
+        result.floating_point_range = [
+            FloatingPointRange(
+                from_value=float(parameter.lower), to_value=float(parameter.upper), step=0.0
+            )
+        ]
+    elif bounded:
+        result.additional_constraints = (
+            f"{parameter.size} numbers from {parameter.lower:g} to {parameter.upper:g}"
+        )
+    return result
+
+
+class LiveSettings:
+    """The node's settings, changed as a set by `ros2 param set` and refused as a set.
+
+    Args:
+        node: whose parameters were declared.
+        settings: as they were declared.
+        changed: is called with the new settings after a change.
+    """
+
+    def __init__(self, node: Node, settings: Settings, changed: Callable[[Settings], None]) -> None:
+        self.current = settings
+        self._changed = changed
+        node.add_on_set_parameters_callback(self._check)
+        node.add_post_set_parameters_callback(self._apply)
+
+    def _merged(self, parameters: Sequence[Any]) -> Settings | None:
+        """The settings with these changes; None where none of them is ours."""
+        changes = {p.name: _plain(p.value) for p in parameters if p.name in TABLE}
+        if not changes:
+            return None
+        for key, value in changes.items():
+            if value is None:
+                raise ParameterError(f"{key} cannot be removed")
+        return Settings.from_mapping({**self.current.flat(), **changes})
+
+    def _check(self, parameters: Sequence[Any]) -> SetParametersResult:
+        try:
+            self._merged(parameters)
+        except ParameterError as err:
+            return SetParametersResult(successful=False, reason=str(err))
+        return SetParametersResult(successful=True)
+
+    def _apply(self, parameters: Sequence[Any]) -> None:
+        settings = self._merged(parameters)
+        if settings is not None and settings != self.current:
+            self.current = settings
+            self._changed(settings)
+
+
+def _plain(value: Any) -> Any:
+    """A parameter's value in plain Python (arrays as lists)."""
+    if value is None or isinstance(value, (str, bool, int, float)):
+        return value
+    return list(value)

@@ -1,0 +1,51 @@
+"""Quality of service of the topics, as the interface promises it."""
+
+from __future__ import annotations
+
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+from dlo_ros.recordings import topics
+
+RELIABLE = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=10,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.VOLATILE,
+)
+"""Splines, ERR, markers."""
+
+LATCHED = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=1,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+"""Commands and estimates: who comes later gets the last one."""
+
+SENSOR = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=5,
+    reliability=ReliabilityPolicy.BEST_EFFORT,
+    durability=DurabilityPolicy.VOLATILE,
+)
+"""Subscriptions to images and camera_info: they match every camera driver."""
+
+CLOCK = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=1,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.VOLATILE,
+)
+"""/clock as a player offers it; its subscribers are best effort."""
+
+
+def offered(topic: str, *, latched: bool = False) -> QoSProfile:
+    """Profile to publish a recorded topic with: reliable, so that it matches every subscriber.
+
+    Args:
+        topic: full name.
+        latched: whether it was recorded from a transient local publisher.
+    """
+    if latched or any(topics.is_topic(topic, name) for name in topics.LATCHED):
+        return LATCHED
+    return RELIABLE

@@ -1,0 +1,177 @@
+"""The node `simulator`: imposed motion and first observed shape in, predicted splines out."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import Any
+
+from dlo_ros.command import NANOSECONDS, Command
+from dlo_ros.errors import DloError
+from dlo_ros.nodes import qos
+from dlo_ros.nodes.base import JUMP_BACK, DloNode
+from dlo_ros.nodes.commands import CommandSubscription
+from dlo_ros.nodes.markers import Markers
+from dlo_ros.nodes.messages import ROS_MESSAGES
+from dlo_ros.nodes.runtime import run
+from dlo_ros.observation import Observation
+from dlo_ros.parameters import Settings
+from dlo_ros.recordings import topics
+from dlo_ros.recordings.building import spline_message
+from dlo_ros.recordings.messages import read_observation
+from dlo_ros.rod.live import LiveSimulation
+
+WINDOW = 1.0
+"""Seconds of observed shapes that are kept while no command has come; the oldest one is the start.
+
+A recording's first shape is thus not lost where its command arrives a little later, and a node that
+waits for hours does not start from a shape of then.
+"""
+
+LONGEST_GAP = 10.0
+"""Seconds that the simulation catches up with; further behind it starts afresh."""
+
+TURN = 0.1
+"""Seconds of wall time after which other callbacks have their turn."""
+
+COMMANDS = 500
+"""Commands that are remembered; each but the last is partly replaced by the next."""
+
+RETRY = 0.5
+"""Seconds of wall time between two attempts to start."""
+
+
+class SimulatorNode(DloNode):
+    """Predicts the DLO's shape from `dlo/command`, at `simulation.rate` on the ROS clock."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__("simulator", "prediction", **options)
+        self._simulation = LiveSimulation(self.settings)
+        self._observations: list[Observation] = []
+        self._next = 0
+        self._period = round(NANOSECONDS / self.settings.simulation.rate)
+        self._retry_at = 0.0
+        self._publisher = self.publisher(topics.PREDICTED, qos.RELIABLE)
+        self._markers = Markers(self, "predicted", (1.0, 0.5, 0.0))
+        self._command_subscription = CommandSubscription(self, self._on_command)
+        self.subscribe(topics.OBSERVED, self._on_observed, qos.RELIABLE)
+        # Twice as often as it publishes, so that a /clock of coarse steps costs little delay.
+        self.every(0.5 / self.settings.simulation.rate, self._tick, wall=False)
+        self._say_what_is_missing()
+
+    def reset(self) -> None:
+        """Start afresh from the next observed shape; the command still holds."""
+        self._observations.clear()
+        self._stop()
+
+    def restart(self, now: int) -> None:
+        """Time went back: what was simulated or seen beyond is forgotten."""
+        limit = now + round(JUMP_BACK * NANOSECONDS)
+        self._observations = [o for o in self._observations if o.stamp <= limit]
+        if not self._simulation.started or self._next > limit:
+            self._stop()
+
+    def apply(self, settings: Settings) -> None:
+        """Take changed parameters over, without interrupting the motion."""
+        self._simulation.update(settings)
+        self.get_logger().info(
+            f"E {settings.rod.young_modulus:.4g} Pa, density {settings.rod.density:.4g} kg/m^3"
+        )
+
+    def _on_command(self, command: Command) -> None:
+        self._simulation.set_command(command)
+        # What lies long before the newest is over; a robot may send thousands.
+        del self._simulation.motion.commands[:-COMMANDS]
+        self._say_what_is_missing()
+        self._try_to_start()
+
+    def _on_observed(self, message: Any) -> None:
+        observation = read_observation(message, self.settings)
+        self.health.solved(topics.OBSERVED)
+        last = self._observations[-1].stamp if self._observations else observation.stamp
+        if observation.stamp < last - JUMP_BACK * NANOSECONDS:
+            self.restart(observation.stamp)
+        if self._simulation.started:
+            self._observations = [observation]
+            return
+        kept = {o.stamp: o for o in (*self._observations, observation)}
+        newest = max(kept)
+        self._observations = [kept[s] for s in sorted(kept) if newest - s <= WINDOW * NANOSECONDS]
+        self._say_what_is_missing()
+        self._try_to_start()
+
+    def _needed(self) -> int:
+        return 2 if self.settings.simulation.start == "moving" else 1
+
+    def _try_to_start(self) -> None:
+        if self._simulation.started or not self._simulation.ready:
+            return
+        if len(self._observations) < self._needed() or time.monotonic() < self._retry_at:
+            return
+        chosen: Sequence[Observation] = self._observations[: self._needed()]
+        try:
+            self._simulation.start(chosen)
+        except DloError as err:
+            self._retry_at = time.monotonic() + RETRY
+            self._observations = self._observations[1:]
+            self.health.warn("start", f"the simulation does not start: {err}")
+            return
+        self._next = chosen[-1].stamp
+        self.health.solved("start")
+        self.health.running("predicting")
+        self.get_logger().info(f"simulation starts at {self._next / 1e9:.3f} s")
+
+    def _tick(self) -> None:
+        if not self._simulation.started:
+            self._try_to_start()
+            return
+        now = self.now()
+        behind = (now - self._next) / NANOSECONDS
+        if behind > LONGEST_GAP:
+            self.health.warn("lag", f"{behind:.1f} s behind the clock; starting afresh")
+            self._stop()
+            return
+        self.health.values["lag [s]"] = max(behind, 0.0)
+        until = time.monotonic() + TURN
+        while self._next <= now and time.monotonic() < until:
+            self._predict(self._next)
+            self._next += self._period
+        if (now - self._next) / NANOSECONDS > max(TURN, 10 * self._period / NANOSECONDS):
+            # Too slow for this rate: fewer predictions, but each at its right time.
+            self._next += (now - self._next) // self._period * self._period
+            self.health.warn(
+                "lag", f"slower than real time; {behind:.2f} s behind, predictions are left out"
+            )
+
+    def _predict(self, stamp: int) -> None:
+        try:
+            prediction = self._simulation.advance(stamp)
+            message = spline_message(
+                ROS_MESSAGES, prediction.stamp, self.settings.frame_id, prediction.control_points
+            )
+        except DloError as err:
+            self.health.warn("simulation", f"the last good shape is held: {err}")
+            return
+        self.health.solved("simulation")
+        self._publisher.publish(message)
+        self.health.count("predictions")
+        self._markers.spline(prediction.stamp, prediction.control_points)
+
+    def _stop(self) -> None:
+        self._simulation.reset()
+        self._next = 0
+        self._retry_at = 0.0
+        self._say_what_is_missing()
+
+    def _say_what_is_missing(self) -> None:
+        if self._simulation.started:
+            return
+        missing = [] if self._simulation.ready else [topics.COMMAND]
+        if len(self._observations) < self._needed():
+            missing.append(f"{self._needed()} of {topics.OBSERVED}")
+        self.health.waiting(" and ".join(missing) or "an observed shape that it can start from")
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the node until Ctrl-C; returns the exit status."""
+    return run("simulator", SimulatorNode, arguments)

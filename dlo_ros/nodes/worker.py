@@ -1,0 +1,121 @@
+"""The estimator in a thread of its own, so that the node's callbacks stay quick (no ROS here)."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable
+from typing import NamedTuple
+
+from dlo_ros.command import Command
+from dlo_ros.errors import DloError
+from dlo_ros.identification.online import Estimate, OnlineEstimator
+from dlo_ros.observation import Observation
+from dlo_ros.parameters import Settings
+
+WAITING = 60
+"""Observed splines that may wait for the estimator; two seconds of a camera at 30 Hz."""
+
+
+class Outcome(NamedTuple):
+    """What an observed spline led to: an estimate, or the reason why there is none."""
+
+    stamp: int
+    estimate: Estimate | None
+    problem: str
+
+
+class EstimatorThread:
+    """Feeds an `OnlineEstimator`.
+
+    Args:
+        settings: the parameter file.
+        ready: is called from the thread whenever an outcome can be taken.
+    """
+
+    def __init__(self, settings: Settings, ready: Callable[[], None]) -> None:
+        self._ready = ready
+        self._changed = threading.Condition()
+        self._tasks: deque[Settings | Command | Observation] = deque([settings])
+        self._outcomes: deque[Outcome] = deque(maxlen=WAITING)
+        self._generation = 0
+        self._stopping = False
+        self.dropped = 0
+        self._thread = threading.Thread(target=self._run, name="estimator", daemon=True)
+        self._thread.start()
+
+    @property
+    def waiting(self) -> int:
+        """Number of tasks that wait."""
+        return len(self._tasks)
+
+    def command(self, command: Command) -> None:
+        """Take an imposed motion."""
+        self._put(command)
+
+    def observe(self, observation: Observation) -> None:
+        """Take an observed spline; where too many wait the oldest is dropped."""
+        with self._changed:
+            splines = [task for task in self._tasks if isinstance(task, Observation)]
+            if len(splines) >= WAITING:
+                self._tasks.remove(splines[0])
+                self.dropped += 1
+        self._put(observation)
+
+    def restart(self, settings: Settings) -> None:
+        """Start afresh with these settings; what waits is dropped."""
+        with self._changed:
+            self._tasks.clear()
+            self._outcomes.clear()
+            self._generation += 1
+        self._put(settings)
+
+    def take(self) -> list[Outcome]:
+        """The outcomes since the last call."""
+        with self._changed:
+            outcomes = list(self._outcomes)
+            self._outcomes.clear()
+        return outcomes
+
+    def stop(self) -> None:
+        """End the thread; a step that is under way may take longer than this call."""
+        with self._changed:
+            self._stopping = True
+            self._changed.notify()
+        self._thread.join(timeout=2.0)
+
+    def _put(self, task: Settings | Command | Observation) -> None:
+        with self._changed:
+            self._tasks.append(task)
+            self._changed.notify()
+
+    def _run(self) -> None:
+        estimator: OnlineEstimator | None = None
+        while True:
+            with self._changed:
+                while not self._tasks and not self._stopping:
+                    self._changed.wait()
+                if self._stopping:
+                    return
+                task = self._tasks.popleft()
+                generation = self._generation
+            estimate, problem = None, ""
+            try:
+                if isinstance(task, Settings):
+                    estimator = OnlineEstimator(task)
+                elif estimator is not None and isinstance(task, Command):
+                    estimator.set_command(task)
+                elif estimator is not None and isinstance(task, Observation):
+                    estimator.observe(task)
+                    estimate = estimator.estimate
+            except DloError as err:
+                problem = str(err)
+            except Exception as err:  # a defect must not end the thread, the node tells of it
+                problem = f"{type(err).__name__}: {err}"
+            if estimate is None and not problem:
+                continue
+            stamp = task.stamp if isinstance(task, (Command, Observation)) else 0
+            with self._changed:
+                if generation == self._generation:
+                    self._outcomes.append(Outcome(stamp, estimate, problem))
+            self._ready()
