@@ -53,7 +53,8 @@ def page(title: str, summary: str, sections: Sequence[Section]) -> str:
 {summary}
 </header>
 {body}
-<footer>Made by dlo_ros {escape(__version__)}. SI units; a value \N{PLUS-MINUS SIGN} its standard deviation.</footer>
+<footer>Made by dlo_ros {escape(__version__)}. SI units; a value \N{PLUS-MINUS SIGN} its standard
+deviation.</footer>
 </main>
 <script>
 {_asset("player.js")}</script>

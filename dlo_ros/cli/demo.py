@@ -1,0 +1,80 @@
+"""`demo`: the main job end to end, with live nodes, on a recording made on the spot or a given."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+from rich.console import Console
+
+from dlo_ros.demo.overview import write_overview
+from dlo_ros.demo.photographs import photographs
+from dlo_ros.demo.plan import params_beside, plan_run
+from dlo_ros.demo.result import estimate_tree, last_line, read_truth, report, write_json
+from dlo_ros.errors import InputError, RecordingError
+from dlo_ros.parameters import Settings
+from dlo_ros.report import write_identification_report
+from dlo_ros.share import shared_file
+
+EXPERIMENT = "config/experiments/c_shape.yaml"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("--bag", type=Path, help="recording to play instead of a synthetic one")
+    parser.add_argument(
+        "--params", type=Path, help="parameter file; params.yaml in or beside the bag by default"
+    )
+    parser.add_argument(
+        "--output", type=Path, default=Path("build/demo"), help="folder of the results"
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run the demo.
+
+    Raises:
+        DloError: an input is unusable or a node died.
+    """
+    console = Console()
+    output: Path = arguments.output
+    output.mkdir(parents=True, exist_ok=True)
+    bag = arguments.bag or _synthesize(output, console)
+    params = arguments.params or params_beside(bag)
+    settings = Settings.load(params)
+    live = plan_run(bag, params, settings, output / "log")
+    from dlo_ros.demo.live import run_live  # here, so that --help and bad input need no ROS
+
+    heard = run_live(live, console)
+    sample = heard.estimate()
+    if sample is None:
+        raise RecordingError(f"{bag}: the identifier published no estimate")
+    truth = read_truth(bag)
+    console.print("Writing the report")
+    pictures = photographs(bag, settings, heard) if live.has_images else {}
+    name = bag.resolve().name
+    page = report(heard, sample, name, settings.rod.length, truth, pictures, remarks=heard.warnings)
+    write_json(output / "estimate.json", estimate_tree(heard, sample, name, truth))
+    write_identification_report(output / "report.html", page)
+    write_overview(output / "overview.png", page)
+    console.print(f"{output}/estimate.json, {output}/report.html", soft_wrap=True)
+    console.print(last_line(heard, sample, truth), highlight=False, soft_wrap=True)
+    return 0
+
+
+def _synthesize(output: Path, console: Console) -> Path:
+    """Make the recording of the third experiment."""
+    experiment = shared_file(EXPERIMENT)
+    bag = output / "recording"
+    console.print(f"Making the recording of {experiment.stem} (simulated rope, rendered images)")
+    if bag.exists():
+        shutil.rmtree(bag)
+    command = [sys.executable, "-m", "dlo_ros.cli.main", "synthesize"]
+    done = subprocess.run([*command, str(experiment), "--output", str(bag)], env=os.environ)
+    if done.returncode != 0:
+        raise InputError(f"the recording of {experiment} could not be made")
+    return bag

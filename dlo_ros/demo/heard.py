@@ -1,0 +1,151 @@
+"""What was heard from the live nodes (no ROS here)."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dlo_ros.spline import FloatArray
+
+YOUNG_MODULUS = "young_modulus"
+DENSITY = "density"
+SPECIFIC_MODULUS = "specific_modulus"
+QUANTITIES = (YOUNG_MODULUS, DENSITY, SPECIFIC_MODULUS)
+
+UNITS: Mapping[str, str] = {
+    YOUNG_MODULUS: "Pa",
+    DENSITY: "kg/m^3",
+    SPECIFIC_MODULUS: "m^2/s^2",
+}
+SYMBOLS: Mapping[str, str] = {YOUNG_MODULUS: "E", DENSITY: "mu", SPECIFIC_MODULUS: "E/mu"}
+
+# An estimate is determined by the data where its relative standard deviation is below this.
+IDENTIFIABLE = 0.25
+
+
+@dataclass(frozen=True)
+class Sample:
+    """The estimate at one instant.
+
+    Args:
+        stamp: time of the recording [ns].
+        values: by the names in `QUANTITIES`, SI units.
+        std: likewise; infinite where unknown.
+    """
+
+    stamp: int
+    values: Mapping[str, float]
+    std: Mapping[str, float]
+
+
+@dataclass
+class Heard:
+    """Everything that came from the nodes so far, by the recording's time.
+
+    Args:
+        observed, predicted: control points, shape (n, 4), by stamp [ns].
+        err: stamp [ns] and ERR [m], in the order of arrival.
+        samples: the estimates, likewise.
+        facts: the last key values of the identifier's diagnostics.
+        warnings: texts of diagnostics above OK, each once.
+        now: the clock [ns]; 0 before the first tick.
+    """
+
+    observed: dict[int, FloatArray] = field(default_factory=dict)
+    predicted: dict[int, FloatArray] = field(default_factory=dict)
+    err: list[tuple[int, float]] = field(default_factory=list)
+    samples: list[Sample] = field(default_factory=list)
+    facts: dict[str, str] = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)
+    now: int = 0
+    young_modulus: float = math.nan
+    density: float = math.nan
+
+    def estimate(self) -> Sample | None:
+        """The estimate as it stands, None before the first."""
+        if not (math.isfinite(self.young_modulus) and math.isfinite(self.density)):
+            return None
+        values = {
+            YOUNG_MODULUS: self.young_modulus,
+            DENSITY: self.density,
+            SPECIFIC_MODULUS: self.young_modulus / self.density,
+        }
+        return Sample(self.now, values, {name: self._std(name) for name in QUANTITIES})
+
+    def tick(self, now: int) -> None:
+        """The clock [ns]; the first tick dates what was known before."""
+        first = not self.now
+        self.now = now
+        if first and now:
+            self._keep()
+
+    def take_estimate(self, young_modulus: float | None, density: float | None) -> None:
+        """A value of dlo/young_modulus or dlo/density; the other one stays."""
+        self.young_modulus = self.young_modulus if young_modulus is None else young_modulus
+        self.density = self.density if density is None else density
+        self._keep()
+
+    def take_diagnostics(self, facts: Mapping[str, str]) -> None:
+        """Key values of the identifier's diagnostics."""
+        self.facts.update(facts)
+        self._keep()
+
+    def identifiable(self, name: str) -> bool:
+        """Whether the data determine a quantity."""
+        said = self.facts.get(f"{name}_identifiable", "")
+        if said in ("yes", "no"):
+            return said == "yes"
+        sample = self.estimate()
+        return sample is not None and sample.std[name] < IDENTIFIABLE * abs(sample.values[name])
+
+    def noise_floor(self) -> float | None:
+        """The ERR that a perfect model would have [m], where the identifier says it."""
+        value = _number(self.facts.get("noise_floor"))
+        return value if math.isfinite(value) else None
+
+    def predicted_at(self, stamp: int) -> FloatArray | None:
+        """The predicted control points at a stamp [ns], between the two nearest; None outside."""
+        if stamp in self.predicted:
+            return self.predicted[stamp]
+        stamps = sorted(self.predicted)
+        after = bisect_left(stamps, stamp)
+        if after in (0, len(stamps)):
+            return None
+        a, b = stamps[after - 1], stamps[after]
+        share = (stamp - a) / (b - a)
+        result: FloatArray = (1.0 - share) * self.predicted[a] + share * self.predicted[b]
+        return result
+
+    def _std(self, name: str) -> float:
+        value = _number(self.facts.get(f"{name}_std"))
+        return value if math.isfinite(value) else math.inf
+
+    def _keep(self) -> None:
+        """Remember how the estimate moved, the last state of each instant."""
+        sample = self.estimate()
+        if sample is None or not self.now:
+            return
+        if self.samples and self.samples[-1].stamp == sample.stamp:
+            self.samples.pop()
+        self.samples.append(sample)
+
+
+def err_before_and_after(err: list[tuple[int, float]], span: int = 1_000_000_000) -> FloatArray:
+    """Mean ERR [m] over the first and over the last `span` [ns], shape (2,); NaN without any."""
+    if not err:
+        return np.full(2, math.nan)
+    first, last = err[0][0], err[-1][0]
+    before = [value for stamp, value in err if stamp <= first + span]
+    after = [value for stamp, value in err if stamp >= last - span]
+    return np.array([np.mean(before), np.mean(after)])
+
+
+def _number(text: str | None) -> float:
+    try:
+        return float(text) if text is not None else math.nan
+    except ValueError:
+        return math.nan

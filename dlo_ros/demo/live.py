@@ -1,0 +1,89 @@
+"""The live run: three nodes and a player as processes of their own, and a listener."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+
+from rich.console import Console
+
+from dlo_ros.demo.heard import Heard
+from dlo_ros.demo.network import isolate
+from dlo_ros.demo.plan import LiveRun
+from dlo_ros.demo.processes import Child, Children, ProcessError
+from dlo_ros.demo.progress import Progress
+from dlo_ros.nodes.monitor import NODES, Monitor, monitoring
+
+READY_WITHIN = 60.0
+"""Seconds that the nodes may take to start and to find each other."""
+
+QUIET = 1.5
+"""Seconds without a message after which everything that was played has been worked off."""
+
+DRAINED_WITHIN = 20.0
+
+
+def run_live(run: LiveRun, console: Console) -> Heard:
+    """Start the nodes, play the recording, listen, end the nodes.
+
+    Raises:
+        ProcessError: a node or the player died, or the nodes did not find each other.
+    """
+    domain = isolate(run.logs)
+    arguments = ["--ros-args", "--params-file", str(run.params), "-p", "use_sim_time:=true"]
+    with Children(run.logs, os.environ) as children, monitoring(run.settings) as monitor:
+        console.print(f"Starting {', '.join(NODES)} (ROS domain {domain}, this machine only)")
+        for name in NODES:
+            children.start(name, arguments)
+        _wait_until_ready(monitor, children)
+        console.print(f"Playing {run.bag} ({run.duration:.1f} s)", soft_wrap=True)
+        player = children.start("play", [str(run.bag), "--topics", *run.topics])
+        with Progress(console, run.duration) as progress:
+            _listen(monitor, children, player, progress)
+        return monitor.heard
+
+
+def _wait_until_ready(monitor: Monitor, children: Children) -> None:
+    deadline = time.monotonic() + READY_WITHIN
+    while missing := monitor.missing():
+        children.check()
+        if time.monotonic() > deadline:
+            raise ProcessError(
+                f"{' and '.join(missing)} did not appear within {READY_WITHIN:.0f} s; "
+                "see the log files beside the output"
+            )
+        monitor.listen(0.05)
+
+
+def _listen(monitor: Monitor, children: Children, player: Child, progress: Progress) -> None:
+    """Keep listening while the recording plays, and then until nothing more comes."""
+
+    def spin_while(condition: Callable[[], bool]) -> None:
+        while condition():
+            children.check(player)
+            monitor.listen(0.05)
+            progress.update(monitor.heard)
+
+    spin_while(lambda: player.process.poll() is None)
+    last, since = monitor.received, time.monotonic()
+    deadline = since + DRAINED_WITHIN
+
+    def busy() -> bool:
+        nonlocal last, since
+        now = time.monotonic()
+        if monitor.received != last:
+            last, since = monitor.received, now
+        return now < min(since + QUIET, deadline)
+
+    spin_while(busy)
+    if not monitor.heard.observed:
+        raise ProcessError(
+            f"nothing was observed while the recording played; observer: "
+            f"{monitor.state('observer')}"
+        )
+    if not monitor.heard.err:
+        raise ProcessError(
+            f"no observed shape could be compared with a simulated one; simulator: "
+            f"{monitor.state('simulator')}; identifier: {monitor.state('identifier')}"
+        )

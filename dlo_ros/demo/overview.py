@@ -1,0 +1,74 @@
+"""One picture of a run, for the README: overlay, ERR and E/mu over time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from dlo_ros.report import IdentificationReport, ParameterTrack, ShapeFrame
+from dlo_ros.report.elements import typeset
+from dlo_ros.report.plots import COLOURS, STYLE
+
+
+def write_overview(path: Path, report: IdentificationReport) -> None:
+    """Write a PNG of the last photograph with its curves, ERR and the last parameter's track."""
+    frames = [f for r in report.recordings for f in r.frames]
+    pictured = [f for f in frames if f.photograph is not None and f.predicted is not None]
+    with rc_context(STYLE):
+        figure = Figure(figsize=(10.0, 4.2), layout="constrained", dpi=110)
+        if pictured:
+            left, right = figure.subplots(1, 2, width_ratios=(1.25, 1.0), squeeze=True)
+            _draw_photograph(left, pictured[-1])
+            grid = right.get_subplotspec().subgridspec(2, 1)
+            right.remove()
+            upper, lower = figure.add_subplot(grid[0]), figure.add_subplot(grid[1])
+        else:
+            upper, lower = figure.subplots(2, 1)
+        _draw_err(upper, frames)
+        if report.tracks:
+            _draw_track(lower, report.tracks[-1])
+        figure.savefig(path, format="png")
+
+
+def _draw_photograph(axes: Axes, frame: ShapeFrame) -> None:
+    photograph = frame.photograph
+    assert photograph is not None
+    picture = cv2.imdecode(np.frombuffer(photograph.jpeg, np.uint8), cv2.IMREAD_COLOR)
+    assert picture is not None
+    axes.imshow(picture[:, :, ::-1])
+    for name, style in (("observed", "-"), ("predicted", "--")):
+        curve = getattr(photograph, name)
+        if curve is not None:
+            axes.plot(curve[:, 0], curve[:, 1], style, color=COLOURS[name], lw=2.2, label=name)
+    axes.set_axis_off()
+    axes.set_title(f"camera image at {frame.time:.1f} s", fontsize=10)
+    axes.legend(loc="lower right", frameon=True, fontsize=9)
+
+
+def _draw_err(axes: Axes, frames: list[ShapeFrame]) -> None:
+    known = [(f.time, 1e3 * f.err) for f in frames if f.err is not None]
+    axes.plot(*zip(*known, strict=True), color=COLOURS["observed"])
+    axes.set_ylabel("ERR [mm]")
+    axes.set_ylim(bottom=0.0)
+    axes.tick_params(labelbottom=False)
+
+
+def _draw_track(axes: Axes, track: ParameterTrack) -> None:
+    relative = np.clip(track.std / np.abs(track.values), 0.0, 50.0)
+    low, high = track.values * np.exp(-relative), track.values * np.exp(relative)
+    axes.set_yscale("log")
+    axes.plot(track.times, track.values, color=COLOURS["observed"], label="estimate, 1 std")
+    limits = axes.get_ylim()
+    axes.fill_between(track.times, low, high, color=COLOURS["observed"], alpha=0.2, linewidth=0)
+    if track.true is not None:
+        axes.axhline(track.true, color=COLOURS["true"], linestyle="--", label="true value")
+        limits = min(limits[0], 0.8 * track.true), max(limits[1], 1.25 * track.true)
+    axes.set_ylim(*limits)
+    axes.set_xlabel("time [s]")
+    axes.set_ylabel(typeset(f"{track.name} [{track.unit}]"))
+    axes.legend(fontsize=9)

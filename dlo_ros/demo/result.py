@@ -1,0 +1,197 @@
+"""From what was heard to estimate.json, the last line and the report."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from dlo_ros.demo.heard import (
+    DENSITY,
+    QUANTITIES,
+    SPECIFIC_MODULUS,
+    UNITS,
+    YOUNG_MODULUS,
+    Heard,
+    Sample,
+    err_before_and_after,
+)
+from dlo_ros.errors import InputError
+from dlo_ros.report import (
+    Estimate,
+    IdentificationReport,
+    ParameterTrack,
+    Photograph,
+    RecordingResult,
+    ShapeFrame,
+)
+
+NAMES: Mapping[str, str] = {
+    YOUNG_MODULUS: "Young's modulus E",
+    DENSITY: "density mu",
+    SPECIFIC_MODULUS: "E/mu",
+}
+
+
+def read_truth(bag: Path) -> dict[str, float]:
+    """True values by the names in `QUANTITIES`; empty where the recording has none beside it.
+
+    Raises:
+        InputError: truth.yaml is there and has no usable E and mu.
+    """
+    path = bag / "truth.yaml"
+    if not path.is_file():
+        return {}
+    try:
+        tree = yaml.safe_load(path.read_text())
+        rod = tree.get("/**", {}).get("ros__parameters", tree)["rod"]
+        truth = {name: float(rod[name]) for name in (YOUNG_MODULUS, DENSITY)}
+    except (yaml.YAMLError, KeyError, TypeError, ValueError, AttributeError) as err:
+        raise InputError(
+            f"{path}: rod.young_modulus and rod.density cannot be read from it ({err})"
+        ) from err
+    return truth | {SPECIFIC_MODULUS: truth[YOUNG_MODULUS] / truth[DENSITY]}
+
+
+def estimate_tree(heard: Heard, sample: Sample, bag: str, truth: Mapping[str, float]) -> Any:
+    """What estimate.json holds: the keys of `identify`, and `true` where the truth is known."""
+    before, after = err_before_and_after(heard.err)
+    tree: dict[str, Any] = {
+        name: {"value": sample.values[name], "std": _finite(sample.std[name])}
+        for name in QUANTITIES
+    }
+    tree["identifiable"] = {name: heard.identifiable(name) for name in QUANTITIES}
+    tree["noise_floor"] = heard.noise_floor()
+    tree["recordings"] = [
+        {"bag": bag, "role": "train", "err": _finite(after), "err_initial": _finite(before)}
+    ]
+    if truth:
+        tree["true"] = {name: {"value": truth[name], "std": 0.0} for name in QUANTITIES}
+    return tree
+
+
+def write_json(path: Path, tree: Any) -> None:
+    """Write JSON so that a reader sees the old file or the whole new one."""
+    temporary = path.with_name(f".{path.name}.part")
+    temporary.write_text(json.dumps(tree, indent=2, allow_nan=False) + "\n")
+    temporary.replace(path)
+
+
+def last_line(heard: Heard, sample: Sample, truth: Mapping[str, float]) -> str:
+    """The result in one line, such as `ERR 31.2 -> 1.4 mm; E/mu 1.98e+04 +- 0.03e+04 m^2/s^2`."""
+    before, after = err_before_and_after(heard.err) * 1e3
+    text = f"ERR {before:.1f} -> {after:.1f} mm; E/mu {with_std(sample, SPECIFIC_MODULUS)}"
+    if truth:
+        text += f" (true {truth[SPECIFIC_MODULUS]:.2e})"
+    return text
+
+
+def with_std(sample: Sample, name: str) -> str:
+    """A quantity with its standard deviation, both with one power of ten, and its unit."""
+    value, std = sample.values[name], sample.std[name]
+    exponent = math.floor(math.log10(abs(value))) if value else 0
+    if math.isfinite(std):
+        # As many places as make the standard deviation visible, two at least.
+        small = exponent - math.floor(math.log10(std)) if std > 0.0 else 2
+        places = min(max(small, 2), 5)
+        shown = f"{std / 10.0**exponent:.{places}f}e{exponent:+03d}"
+    else:
+        places, shown = 2, "unknown"
+    return f"{value:.{places}e} +- {shown} {UNITS[name]}"
+
+
+def report(
+    heard: Heard,
+    sample: Sample,
+    bag: str,
+    length: float,
+    truth: Mapping[str, float],
+    photographs: Mapping[int, Photograph],
+    remarks: Sequence[str],
+) -> IdentificationReport:
+    """The report of a live run.
+
+    Args:
+        heard: everything that was heard.
+        sample: the estimate at the end.
+        bag: name of the recording.
+        length: of the DLO [m].
+        truth: from `read_truth`.
+        photographs: by the stamp of the observed spline.
+        remarks: sentences for the reader.
+    """
+    start = min(heard.observed)
+    before, after = err_before_and_after(heard.err)
+    estimates = [
+        Estimate(
+            NAMES[name],
+            UNITS[name],
+            sample.values[name],
+            _finite(sample.std[name]),
+            truth.get(name),
+            heard.identifiable(name),
+        )
+        for name in QUANTITIES
+    ]
+    recording = RecordingResult(
+        bag, "live", length, _finite(before), _finite(after), _frames(heard, start, photographs)
+    )
+    return IdentificationReport(
+        title=f"Live identification of {bag}",
+        headline=last_line(heard, sample, truth),
+        estimates=tuple(estimates),
+        recordings=(recording,),
+        tracks=tuple(_track(heard.samples, name, start, truth.get(name)) for name in QUANTITIES),
+        noise_floor=heard.noise_floor(),
+        remarks=tuple(remarks),
+    )
+
+
+def _frames(
+    heard: Heard, start: int, photographs: Mapping[int, Photograph]
+) -> tuple[ShapeFrame, ...]:
+    err = _err_by_observation(heard)
+    return tuple(
+        ShapeFrame(
+            time=(stamp - start) / 1e9,
+            observed=heard.observed[stamp],
+            predicted=heard.predicted_at(stamp),
+            err=err.get(stamp),
+            photograph=photographs.get(stamp),
+        )
+        for stamp in sorted(heard.observed)
+    )
+
+
+def _err_by_observation(heard: Heard) -> dict[int, float]:
+    """ERR by the observed stamp it belongs to.
+
+    dlo/err carries no stamp: it belongs to the last spline that was observed before it came.
+    """
+    stamps = np.array(sorted(heard.observed))
+    result = {}
+    for arrival, value in heard.err:
+        at = int(np.searchsorted(stamps, arrival, side="right")) - 1
+        if at >= 0:
+            result[int(stamps[at])] = value
+    return result
+
+
+def _track(samples: Sequence[Sample], name: str, start: int, true: float | None) -> ParameterTrack:
+    return ParameterTrack(
+        NAMES[name],
+        UNITS[name],
+        np.array([(s.stamp - start) / 1e9 for s in samples]),
+        np.array([s.values[name] for s in samples]),
+        np.array([s.std[name] for s in samples]),
+        true,
+    )
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
