@@ -96,7 +96,7 @@ class Heard:
 
     def identifiable(self, name: str) -> bool:
         """Whether the data determine a quantity."""
-        said = self.facts.get(f"{name}_identifiable", "")
+        said = self.facts.get(f"{name} identifiable", "")
         if said in ("yes", "no"):
             return said == "yes"
         sample = self.estimate()
@@ -104,8 +104,8 @@ class Heard:
 
     def noise_floor(self) -> float | None:
         """The ERR that a perfect model would have [m], where the identifier says it."""
-        value = _number(self.facts.get("noise_floor"))
-        return value if math.isfinite(value) else None
+        value = _number(self.facts.get("noise floor [mm]"))
+        return 1e-3 * value if math.isfinite(value) else None
 
     def predicted_at(self, stamp: int) -> FloatArray | None:
         """The predicted control points at a stamp [ns], between the two nearest; None outside."""
@@ -121,7 +121,7 @@ class Heard:
         return result
 
     def _std(self, name: str) -> float:
-        value = _number(self.facts.get(f"{name}_std"))
+        value = _number(self.facts.get(f"{name} std [{UNITS[name]}]"))
         return value if math.isfinite(value) else math.inf
 
     def _keep(self) -> None:
