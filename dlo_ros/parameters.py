@@ -397,6 +397,10 @@ class Settings:
 
     def dump(self, path: Path | str, comment: str = "") -> None:
         """Write a parameter file that nodes and tools load as it is."""
+        Path(path).write_text(self.text(comment))
+
+    def text(self, comment: str = "") -> str:
+        """Content of a parameter file that nodes and tools load as it is."""
         tree: dict[str, Any] = {}
         for name, value in self.flat().items():
             *groups, key = name.split(".")
@@ -404,9 +408,9 @@ class Settings:
             for group in groups:
                 node = node.setdefault(group, {})
             node[key] = list(value) if isinstance(value, tuple) else value
-        text = yaml.safe_dump({"/**": {"ros__parameters": tree}}, sort_keys=False)
+        text: str = yaml.safe_dump({"/**": {"ros__parameters": tree}}, sort_keys=False)
         lines = "".join(f"# {line}\n" for line in comment.splitlines())
-        Path(path).write_text(lines + text)
+        return lines + text
 
     def with_material(self, young_modulus: float, density: float) -> Settings:
         """The same settings with another E [Pa] and mu [kg/m^3]."""

@@ -21,7 +21,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
@@ -34,12 +33,15 @@ import yaml
 from dlo_ros.command import END, NANOSECONDS, START, Command
 from dlo_ros.errors import CommandError, InputError, ParameterError
 from dlo_ros.parameters import TABLE, Settings
+from dlo_ros.share import shared_file
 from dlo_ros.spline import FloatArray
 from dlo_ros.synthesis.look import Look, Measurement, SimulatedCamera
 from dlo_ros.synthesis.sections import Section
 
 START_STAMP = 1_760_000_000 * NANOSECONDS
 """Stamp of the first image [ns], the same in every run so that bags are reproducible."""
+
+FOLDER = "config/experiments"
 
 REACH = 1e3  # [m] positions further away are typing errors
 
@@ -236,33 +238,17 @@ def _check_reach(command: Command, length: float, where: str) -> None:
         )
 
 
-def experiment_folders() -> list[Path]:
-    """Where bundled experiments may lie: source tree, ROS installation, Python environment."""
-    relative = Path("config") / "experiments"
-    folders = [Path(__file__).resolve().parents[2] / relative]
-    try:
-        from ament_index_python.packages import get_package_share_directory
-
-        folders.append(Path(get_package_share_directory("dlo_ros")) / relative)
-    except (ImportError, LookupError, ValueError, OSError):
-        pass  # no ROS here, or the package is not registered with it
-    folders.append(Path(sys.prefix) / "share" / "dlo_ros" / relative)
-    return folders
-
-
 def find_experiment(name: str) -> Path:
     """File of an experiment that is given by its path or its bundled name.
 
     Raises:
         InputError: there is none; the message lists the bundled ones.
     """
-    given = Path(name)
-    if given.is_file():
-        return given
-    bundled: dict[str, Path] = {}
-    for folder in reversed(experiment_folders()):
-        bundled |= {path.stem: path for path in sorted(folder.glob("*.yaml"))}
+    if Path(name).is_file():
+        return Path(name)
+    folder = shared_file(f"{FOLDER}/c_shape.yaml").parent
+    bundled = {path.stem: path for path in folder.glob("*.yaml")}
     if name in bundled:
         return bundled[name]
-    known = ", ".join(sorted(bundled)) or "none"
+    known = ", ".join(sorted(bundled))
     raise InputError(f"{name}: no such experiment file; bundled experiments are {known}")

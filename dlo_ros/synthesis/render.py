@@ -80,6 +80,10 @@ class Renderer:
             picture[region] = np.clip(self._blurred(mean), 0, 255).astype(np.uint8)
         return self._noisy(picture)
 
+    def spacing(self, length: float) -> FloatArray:
+        """Material coordinates [m] that sample a rope of a length [m] closely enough to draw it."""
+        return np.linspace(0.0, length, max(int(0.5 * length / self._pixel), 50) + 1)
+
     def encode(self, picture: Image) -> bytes:
         """The picture as a JPEG file."""
         quality = [cv2.IMWRITE_JPEG_QUALITY, self.geometry.camera.jpeg_quality]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,22 +27,33 @@ class Truth:
         stamps: [ns], T of them.
         rod: the discrete rod, whose nodes these are.
         nodes: x and z [m], shape (T, N + 1, 2).
+        velocities: of the nodes [m/s], shape (T, N + 1, 2).
     """
 
     stamps: tuple[int, ...]
     rod: DiscreteRod
     nodes: FloatArray
+    velocities: FloatArray
 
-    def centreline(self, index: int, u: FloatArray) -> FloatArray:
-        """Points of the rope's axis at u [m] in the board frame, shape (m, 3)."""
-        return centreline(self.rod, self.nodes[index], u)
+    def centreline(self, index: int, u: FloatArray, later: float = 0.0) -> FloatArray:
+        """Points of the rope's axis in the board frame.
+
+        Args:
+            index: of the image.
+            u: material coordinates [m], shape (m,).
+            later: instant within the exposure, after the stamp [s].
+
+        Returns:
+            Points [m], shape (m, 3), y = 0.
+        """
+        return centreline(self.rod, self.nodes[index] + later * self.velocities[index], u)
 
     def control_points(self, index: int, basis: SplineBasis) -> FloatArray:
         """Least-squares projection onto a published basis, both ends kept, shape (n, 3)."""
         return project(basis, lambda u: self.centreline(index, u))
 
 
-def project(basis: SplineBasis, curve) -> FloatArray:  # type: ignore[no-untyped-def]
+def project(basis: SplineBasis, curve: Callable[[FloatArray], FloatArray]) -> FloatArray:
     """Least-squares spline of a curve given as a function of u, both ends kept, shape (n, 3)."""
     u, w = SplineBasis(basis.spans * 4 + 3, basis.length).quadrature()
     b, points = basis.matrix(u), curve(u)
@@ -145,8 +156,11 @@ def simulate(simulation: Simulation, stamps: Iterable[int]) -> Truth:
         SimulationError: a step did not converge.
     """
     stamps = tuple(stamps)
-    nodes = []
+    nodes, velocities = [], []
     for stamp in stamps:
         time = (stamp - START_STAMP) / NANOSECONDS
-        nodes.append(simulation.advance(time) if time > simulation.time else simulation.x)
-    return Truth(stamps, simulation.rod, np.array(nodes))
+        if time > simulation.time:
+            simulation.advance(time)
+        nodes.append(simulation.x)
+        velocities.append(simulation.v)
+    return Truth(stamps, simulation.rod, np.array(nodes), np.array(velocities))

@@ -1,0 +1,194 @@
+"""Writes the recording of a simulated experiment: a bag, and beside it the truth."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from dlo_ros.command import NANOSECONDS
+from dlo_ros.observation import CentrelinePoints
+from dlo_ros.recordings import topics
+from dlo_ros.recordings.building import (
+    BAG_MESSAGES,
+    camera_info_message,
+    command_message,
+    compressed_message,
+    points_message,
+    spline_message,
+)
+from dlo_ros.recordings.images import CameraInfo
+from dlo_ros.recordings.write import BagWriter
+from dlo_ros.spline import FloatArray, SplineBasis
+from dlo_ros.synthesis.experiment import Experiment
+from dlo_ros.synthesis.geometry import Geometry
+from dlo_ros.synthesis.render import Renderer
+from dlo_ros.synthesis.truth import Truth, build_simulation, simulate
+
+LOG = logging.getLogger(__name__)
+
+LEAD = NANOSECONDS // 100
+"""How long before its stamp the command is logged [ns], so that it is played first."""
+
+CAMERA_FRAME = "camera"
+BLUR_INSTANTS = 8
+
+Progress = Callable[[Iterable[int], int], Iterable[int]]
+"""Wraps the loop over the frames, given how many there are; rich.progress.track does."""
+
+
+def synthesize(
+    experiment: Experiment,
+    output: Path,
+    *,
+    seed: int = 0,
+    images: bool = True,
+    force: bool = False,
+    progress: Progress = lambda frames, _: frames,
+) -> Truth:
+    """Simulate an experiment and record it.
+
+    Args:
+        experiment: what happens and who watches.
+        output: folder of the bag.
+        seed: of noise and texture; the same seed gives the same bag.
+        images: whether a camera is rendered; otherwise the observed splines are written directly.
+        force: whether an existing bag is replaced.
+        progress: wraps the loop over the frames.
+
+    Returns:
+        The true motion.
+
+    Raises:
+        RecordingError: the bag cannot be written.
+        SimulationError: the rope cannot be simulated.
+    """
+    with BagWriter(output, force) as writer:
+        simulation, grips = build_simulation(experiment)
+        truth = simulate(simulation, experiment.stamps)
+        frame = experiment.truth.frame_id
+        command = command_message(BAG_MESSAGES, experiment.command)
+        writer.write(topics.COMMAND, command, experiment.command.stamp - LEAD)
+        frames = progress(range(len(truth.stamps)), len(truth.stamps))
+        if images:
+            camera = experiment.camera
+            geometry = Geometry(camera, experiment.truth.camera)
+            instants = BLUR_INSTANTS if camera.exposure > 0.0 else 1
+            within = camera.exposure * ((np.arange(instants) + 0.5) / instants - 0.5)
+            _warn_out_of_sight(geometry, truth)
+            renderer = Renderer(geometry, experiment.look, experiment.truth.rod.diameter, seed)
+            u = renderer.spacing(experiment.truth.rod.length)
+            info = camera_info(experiment)
+            for i in frames:
+                stamp = truth.stamps[i]
+                lines = [truth.centreline(i, u, later=float(dt)) for dt in within]
+                data = renderer.encode(renderer.frame(lines, u, grips.places))
+                message = camera_info_message(BAG_MESSAGES, stamp, info)
+                writer.write(topics.CAMERA_INFO, message, stamp)
+                message = compressed_message(BAG_MESSAGES, stamp, CAMERA_FRAME, data)
+                writer.write(topics.COMPRESSED, message, stamp)
+        else:
+            for i, points, control_points in measure(experiment, truth, frames, seed):
+                stamp = truth.stamps[i]
+                cloud = points_message(BAG_MESSAGES, stamp, frame, points)
+                writer.write(topics.OBSERVED_POINTS, cloud, stamp)
+                spline = spline_message(BAG_MESSAGES, stamp, frame, control_points)
+                writer.write(topics.OBSERVED, spline, stamp)
+        writer.write_text("params.yaml", parameter_text(experiment))
+        writer.write_text("truth.yaml", truth_text(experiment, truth))
+    return truth
+
+
+def camera_info(experiment: Experiment) -> CameraInfo:
+    """Intrinsics of the simulated camera."""
+    camera = experiment.camera
+    return CameraInfo(
+        width=camera.width,
+        height=camera.height,
+        distortion_model=camera.model,
+        d=camera.distortion,
+        k=tuple(float(v) for v in camera.matrix.ravel()),
+        frame_id=CAMERA_FRAME,
+    )
+
+
+def measure(
+    experiment: Experiment, truth: Truth, frames: Iterable[int], seed: int
+) -> Iterator[tuple[int, CentrelinePoints, FloatArray]]:
+    """What an observer would publish: points with noise across the rope, and their spline.
+
+    Yields:
+        Index of the frame, the points, and control points of shape (n, 3).
+    """
+    rod, measurement = experiment.truth.rod, experiment.measurement
+    basis = SplineBasis(rod.control_points, rod.length)
+    count = max(int(rod.length / measurement.spacing) + 1, 2 * rod.control_points)
+    u = np.linspace(0.0, rod.length, count)
+    step = 1e-3 * rod.length
+    rng = np.random.default_rng(seed)
+    for i in frames:
+        points = truth.centreline(i, u)
+        ahead = truth.centreline(i, np.minimum(u + step, rod.length))
+        tangent = ahead - truth.centreline(i, np.maximum(u - step, 0.0))
+        tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+        across = np.column_stack([-tangent[:, 2], np.zeros(count), tangent[:, 0]])
+        points = points + rng.normal(0.0, measurement.std, count)[:, None] * across
+        std = np.full(count, measurement.std)
+        yield i, CentrelinePoints(points, u, std), basis.fit(u, points)
+
+
+def parameter_text(experiment: Experiment) -> str:
+    """The parameter file beside the bag: what an experimenter would know, E and mu guessed."""
+    return experiment.guess.text(
+        f"Parameters for the simulated experiment '{experiment.name}'.\n"
+        "What was really simulated stands in truth.yaml."
+    )
+
+
+def truth_text(experiment: Experiment, truth: Truth) -> str:
+    """YAML with the true parameters and, for each image, the true spline.
+
+    The control points are the least-squares projection of the true curve onto the published basis,
+    ends kept; `projection_error` is their mean distance [m].
+    """
+    rod = experiment.truth.rod
+    basis = SplineBasis(rod.control_points, rod.length)
+    u = np.linspace(0.0, rod.length, 401)
+    shapes, errors = [], []
+    for i in range(len(truth.stamps)):
+        q = truth.control_points(i, basis)
+        miss = np.linalg.norm(basis.evaluate(q, u) - truth.centreline(i, u), axis=1)
+        errors.append(float(np.mean(miss)))
+        shapes.append([[round(float(v), 7) for v in row] for row in q])
+    flat = experiment.truth.flat()
+    tree: dict[str, object] = {"experiment": experiment.name}
+    for group in ("rod", "damping"):
+        tree[group] = {
+            name.partition(".")[2]: value
+            for name, value in flat.items()
+            if name.startswith(f"{group}.")
+        }
+    tree["gravity"] = list(experiment.truth.gravity)
+    tree["specific_modulus"] = rod.specific_modulus
+    tree["stamps"] = list(truth.stamps)
+    tree["projection_error"] = [round(e, 8) for e in errors]
+    head = yaml.safe_dump(tree, sort_keys=False)
+    body = yaml.safe_dump({"control_points": shapes}, default_flow_style=None, width=100)
+    return f"# Truth of a simulated experiment; SI units, stamps in ns.\n{head}{body}"
+
+
+def _warn_out_of_sight(geometry: Geometry, truth: Truth) -> None:
+    """Say when the rope leaves the picture, since nothing would show it afterwards."""
+    u = np.linspace(0.0, truth.rod.u[-1], 100)
+    size = np.array([geometry.camera.width, geometry.camera.height]) - 1
+    for i, stamp in enumerate(truth.stamps):
+        pixels = geometry.project(truth.centreline(i, u))
+        if np.any((pixels < 0) | (pixels > size)):
+            LOG.warning(
+                "the rope leaves the picture %.2f s after the start; move the camera",
+                (stamp - truth.stamps[0]) / NANOSECONDS,
+            )
+            return
