@@ -17,6 +17,7 @@ from dlo_ros.vision.segmentation import BarMap
 
 BENDING = 2.0  # times 4 (a^2 + ab + b^2) w / gap: bending energy of the bridge
 UNSEEN = 0.25  # per width of bridge over pixels that do not look like the DLO
+HIDDEN = 0.06  # per width of bridge over pixels like the DLO: a crossing, not a chain
 COLOUR = 1.0  # for a change of colour by half the contrast
 BACK = 0.75  # [widths] ends are moved back by this: chains overlap, or stop short of crossings
 LARGEST_TURN = 1.8  # [rad] between the chord of a bridge and an end
@@ -109,7 +110,7 @@ def unseen_cost(
     unlike = np.clip(difference / (0.6 * max(strength, 1.0)) - 0.3, 0.0, 1.0)
     length = float(np.sum(np.hypot(*np.diff(points, axis=0).T)))
     seen = float(np.mean(unlike))
-    return UNSEEN * seen * length / bars.width + 0.03 * length / bars.width, seen * length
+    return (UNSEEN * seen + HIDDEN) * length / bars.width, seen * length
 
 
 def colour_costs(colour: FloatArray, strength: float, ends: Ends) -> FloatArray:

@@ -24,6 +24,7 @@ from dlo_ros.vision.camera import Camera
 from dlo_ros.vision.chains import find_chains
 from dlo_ros.vision.clamps import EndPoses, ends_at, to_pixel
 from dlo_ros.vision.fit import Fit, fit_spline
+from dlo_ros.vision.metric import PlaneGrid
 from dlo_ros.vision.path import ClampPixel, Path, PathSearch
 from dlo_ros.vision.profile import (
     Located,
@@ -157,15 +158,18 @@ class Observer:
             for c in clamps
         ]
 
-        def metric(points: FloatArray) -> FloatArray:
-            plane = self.camera.to_board(bars.to_image(points))[:, [0, 2]]
-            return np.where(np.isfinite(plane), plane, 1e6)
-
+        metric = PlaneGrid(self.camera, bars)
         path = PathSearch(chains, bars, self.basis.length, metric, local[0], local[1]).find()
         points = bars.to_image(path.points)
         if ends.start is None and ends.end is None and self._backwards(points):
             points = points[::-1]
-        return self._measure(stamp, image, ends, points, path, width)
+        result = self._measure(stamp, image, ends, points, path, width)
+        if ends.start is not None and ends.end is not None:
+            return result
+        # A free end is looked for beyond the last chain; from a fitted curve that is surer.
+        assert self._last is not None
+        points = result.pixels
+        return self._measure(stamp, image, ends, points, self._last, result.width)
 
     def _measure(
         self,
@@ -173,13 +177,14 @@ class Observer:
         image: Image,
         ends: EndPoses,
         points: FloatArray,
-        path: Path,
+        known: Path | _Shape,
         width: float,
     ) -> VisionResult:
+        """Locate the DLO along a rough course and fit it."""
         spacing = spacing_for(width)
         curve, before = self._extended(points, ends, width, spacing)
         curve = smooth_curve(curve, 0.8 * width / spacing)
-        moved = follow(image, curve, width, 0.8 * width, path.colour, path.contrast)
+        moved = follow(image, curve, width, 0.8 * width, known.colour, known.contrast)
         located = locate(image, resample(moved, spacing), width, None)
         return self._finish(stamp, located, ends, before, None)
 
@@ -348,6 +353,10 @@ def _free_end(located: Located, prolonged: float, from_start: bool) -> float:
             missed += 1
             if missed > gap:
                 break
+    # Where no edge is seen along it any more, a dark patch of the board goes on.
+    seen = located.seen if from_start else located.seen[::-1]
+    outermost = int(np.argmax(seen)) if np.any(seen) else 0
+    at = max(at, outermost - round(0.8 * located.width / located.spacing))
     position = float(at)
     if at > 0 and likeness[at - 1] < 0.5 < likeness[at]:
         position -= float((likeness[at] - 0.5) / (likeness[at] - likeness[at - 1]))

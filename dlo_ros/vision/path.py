@@ -32,7 +32,9 @@ FREE_END = 1.5  # cost of ending where no clamp says so
 LINK_LIMIT = 14.0  # a dearer link is none
 PREFER_NEAR = 0.12  # per width, when choosing which links to examine
 MOST_EXPANSIONS = 4000
+SAME_LENGTH = 0.02  # of the length: paths to one chain that differ by less are not kept apart
 MOST_LINKS = 8  # tried from each end
+DIFFERENT = 4.0  # [widths] two paths that are nowhere further apart are one
 AMBIGUITY = 1.5  # a second path that is dearer by less makes the first doubtful
 
 Metric = Callable[[FloatArray], FloatArray]
@@ -125,12 +127,17 @@ class PathSearch:
             heapq.heappush(heap, (cost, len(heap), _Partial(cost, length, (state,))))
         counter = len(heap)
         complete: list[tuple[float, _Partial]] = []
-        longest = 0.0
+        visited: dict[int, list[float]] = {}
+        longest, least = 0.0, np.inf
         expansions = 0
         while heap and expansions < MOST_EXPANSIONS:
             cost, _, partial = heapq.heappop(heap)
-            if complete and cost > min(c for c, _ in complete) + 2 * AMBIGUITY:
+            if cost > least + 2 * AMBIGUITY:
                 break
+            visits = visited.setdefault(partial.chains[-1], [])
+            if any(abs(partial.length - other) < SAME_LENGTH * self.length for other in visits):
+                continue  # a cheaper path came here
+            visits.append(partial.length)
             expansions += 1
             longest = max(longest, partial.length)
             closing, rest = self._close(partial.chains[-1])
@@ -138,6 +145,7 @@ class PathSearch:
             if np.isfinite(closing) and abs(total / self.length - 1.0) < LENGTH_LIMIT:
                 penalty = 0.5 * ((total / self.length - 1.0) / LENGTH_STD) ** 2
                 complete.append((cost + closing + penalty, partial))
+                least = min(least, complete[-1][0])
             used = {state // 2 for state in partial.chains}
             for link, gap, state in self._next(partial.chains[-1]):
                 if state // 2 in used:
@@ -252,24 +260,12 @@ class PathSearch:
         return bridge(ends.positions[k], ends.directions[k], ends.positions[j], -ends.directions[j])
 
     def _differ(self, one: _Partial, other: _Partial) -> bool:
-        """Whether two paths differ by more than short pieces."""
-        a, b = {s // 2 for s in one.chains}, {s // 2 for s in other.chains}
-        changed = sum(float(self.lengths[c]) for c in a ^ b)
-        if (
-            self.start is None
-            and self.end is None
-            and one.chains == tuple(s ^ 1 for s in reversed(other.chains))
-        ):
-            return False  # the same path backwards
-        if changed > 0.06 * self.length:
-            return True
-        shared = {s // 2: s for s in one.chains}
-        turned = [s for s in other.chains if s // 2 in shared and shared[s // 2] != s]
-        free = self.start is None and self.end is None
-        total = sum(float(self.lengths[s // 2]) for s in turned)
-        if free:
-            total = min(total, self.length - total)
-        return total > 0.06 * self.length
+        """Whether two paths run differently, and not only through other pieces of one course."""
+        a, b = (_sampled(self._path(0.0, partial).points) for partial in (one, other))
+        distances = [np.hypot(*(a - b).T).max()]
+        if self.start is None and self.end is None:  # the same path backwards is no other path
+            distances.append(np.hypot(*(a - b[::-1]).T).max())
+        return bool(min(distances) > DIFFERENT * self.bars.width)
 
     def _path(self, cost: float, partial: _Partial) -> Path:
         pieces: list[FloatArray] = []
@@ -302,3 +298,10 @@ class PathSearch:
             float(np.average(strengths, weights=weights)),
             np.average(colours, axis=0, weights=weights),
         )
+
+
+def _sampled(points: FloatArray, count: int = 100) -> FloatArray:
+    """Points at equal shares of the arc length, shape (count, 2)."""
+    s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+    at = np.linspace(0.0, s[-1], count)
+    return np.column_stack([np.interp(at, s, points[:, 0]), np.interp(at, s, points[:, 1])])

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter1d, median_filter
+from scipy.ndimage import gaussian_filter1d, median_filter, minimum_filter1d
 
 from dlo_ros.spline import FloatArray
 from dlo_ros.vision.segmentation import Image
@@ -24,6 +24,7 @@ Mask = NDArray[np.bool_]
 CORE = 0.3  # half width of the part taken as the DLO's own colour, in widths
 GROUND = (0.75, 1.05)  # where its background is measured, in widths from the middle
 STEEPNESS = 0.08  # cost of moving by a pixel from one profile to the next
+WIDTH_WINDOW = 8.0  # [widths] to each side, for the usual distance of the edges
 WEAK_SIDE = 0.3  # a side of less than this share of the usual contrast shows no edge
 COLOUR_LIMIT = 0.6  # of the contrast: a larger change of colour is another object
 
@@ -243,7 +244,8 @@ def locate(
         size = max(3, 2 * round(width / spacing) + 1)
         middle = median_filter(_fill(middle, seen), size=size, mode="nearest")
     middle, seen = _middle(edge_left, found_left, edge_right, found_right, half)
-    seen &= likeness > 1.0 - COLOUR_LIMIT
+    seen &= ~(both & _odd_width(edge_right - edge_left, both, width / spacing))
+    seen &= _eroded(likeness > 1.0 - COLOUR_LIMIT, round(along))
     seen &= inside(image, curve + middle[:, None] * normals, 1.0)
     seen &= ~_outliers(middle, seen, width, spacing)
     return Located(
@@ -300,6 +302,33 @@ def _middle(
     middle = np.where(both, 0.5 * (left + right), np.where(has_left, left + half, right - half))
     seen = (both & fits) | (has_left ^ has_right)
     return np.where(seen, middle, 0.0), np.asarray(seen, dtype=np.bool_)
+
+
+def _odd_width(width: FloatArray, both: Mask, profiles: float) -> Mask:
+    """Where the edges' distance differs from that of the neighbourhood: an edge is another's.
+
+    A hole or another strand of the DLO's tone beside it shifts one edge, and the middle by half.
+    The width may change slowly, with the distance from the camera.
+    """
+    result = np.zeros(len(width), dtype=np.bool_)
+    index = np.flatnonzero(both)
+    if len(index) < 5:
+        return result
+    size = min(len(index), 2 * round(WIDTH_WINDOW * profiles) + 1)
+    step = max(1, size // 64)  # a median over many profiles needs but some of them
+    usual = median_filter(width[index][::step], size=max(3, size // step), mode="nearest")
+    usual = np.interp(index, index[::step], usual)
+    difference = np.abs(width[index] - usual)
+    spread = 1.4826 * float(np.median(difference))
+    result[index] = difference > 4.0 * spread + 0.1 + 0.006 * usual
+    return result
+
+
+def _eroded(mask: Mask, size: int) -> Mask:
+    """A mask without what lies within a size of where it is false."""
+    if size < 1 or mask.all():
+        return mask
+    return np.asarray(minimum_filter1d(mask, 2 * size + 1, mode="nearest"), dtype=np.bool_)
 
 
 def _fill(values: FloatArray, seen: Mask) -> FloatArray:
