@@ -12,7 +12,7 @@ from std_srvs.srv import SetBool
 from dlo_ros.command import NANOSECONDS, Command, Motion
 from dlo_ros.errors import InputError
 from dlo_ros.identification.err import shape_error
-from dlo_ros.identification.online import Estimate
+from dlo_ros.identification.estimate import Estimate
 from dlo_ros.nodes import qos
 from dlo_ros.nodes.base import JUMP_BACK, DloNode
 from dlo_ros.nodes.commands import CommandSubscription
@@ -184,7 +184,8 @@ class IdentifierNode(DloNode):
             ("specific_modulus", "m^2/s^2"),
         ):
             values[f"{name} [{unit}]"] = float(getattr(estimate, name))
-            values[f"{name} std [{unit}]"] = float(getattr(estimate, f"{name}_std"))
+            std = getattr(estimate, f"{name}_std")
+            values[f"{name} std [{unit}]"] = "unbounded" if std is None else float(std)
             values[f"{name} identifiable"] = bool(estimate.identifiable.get(name, False))
         known = [name for name, yes in estimate.identifiable.items() if yes]
         state = "paused" if self._paused else "estimating"

@@ -9,12 +9,13 @@ from typing import NamedTuple
 
 from dlo_ros.command import Command
 from dlo_ros.errors import DloError
-from dlo_ros.identification.online import Estimate, OnlineEstimator
+from dlo_ros.identification.estimate import Estimate
+from dlo_ros.identification.online import OnlineEstimator
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
 
-WAITING = 60
-"""Observed splines that may wait for the estimator; two seconds of a camera at 30 Hz."""
+WAITING = 600
+"""Observed splines that may wait for the estimator; twenty seconds of a camera at 30 Hz."""
 
 
 class Outcome(NamedTuple):

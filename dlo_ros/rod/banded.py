@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def factorise(band, diagonal):
     """Factorise in place, A = L D L^T.
 
@@ -44,7 +44,7 @@ def factorise(band, diagonal):
     return negative
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def solve(band, diagonal, x):
     """Solve L D L^T x = b in place for the right-hand side x of shape (N,)."""
     size, w = band.shape[0], band.shape[1] - 1
@@ -61,7 +61,7 @@ def solve(band, diagonal, x):
             x[j] -= band[i, w - i + j] * s
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def multiply(band, x, out):
     """Write A x to out (N,), for a symmetric banded matrix that is not factorised."""
     size, w = band.shape[0], band.shape[1] - 1

@@ -98,7 +98,7 @@ def _projected_curvature(k, p, n, v, t0):
     return (_dot(k, v) - _dot(p, v) * _dot(k, t0) / (n + _dot(p, t0))) / n**3
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def strains(q, rule, ref):
     """All strains of a configuration.
 
@@ -144,7 +144,7 @@ def _material_directors(ref, e, theta, m1, m2):
         m2[i] = -s * d1[i] + c * d2
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def transport(q, rule, ref):
     """The reference frame carried to configuration q; the strains of q do not change by it."""
     nb = rule.weight.size
@@ -167,7 +167,7 @@ def transport(q, rule, ref):
     return Reference(tangent, rate, director, twist)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def carry(director, t0, t, out):
     """Rotate a director the short way from tangent t0 to tangent t, and make it unit and normal."""
     f = _dot(director, t) / (1.0 + _dot(t0, t))
@@ -181,7 +181,7 @@ def carry(director, t0, t, out):
         out[i] *= f
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _point_derivatives(p, s, t0, c0, v, moment, m1, m2, grad, hess):
     """Derivatives of the strains at one point with respect to (p, s).
 
@@ -273,7 +273,7 @@ def _levi_civita(i, j, a):
     return a[3 - i - j] if (j - i) % 3 == 1 else -a[3 - i - j]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def assemble(q, rule, stiff, ref, gradient, band, grad_stretch, grad_other):
     """Elastic energy, its gradient and its exact Hessian.
 
@@ -381,7 +381,7 @@ def assemble(q, rule, stiff, ref, gradient, band, grad_stretch, grad_other):
     return energy
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def scatter_stress(rule, grad_stretch, grad_other, stress_s, stress_o, out):
     """Add the generalised force of given stresses, sum of weight stress d(strain)/dq, to out."""
     for e in range(rule.stretch_weight.size):
@@ -405,7 +405,7 @@ def scatter_stress(rule, grad_stretch, grad_other, stress_s, stress_o, out):
             out[at + 3] += rule.b[e, i] * column[6] + rule.b1[e, i] * column[7]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def strain_increments(rule, grad_stretch, grad_other, dq, stretch, other):
     """First-order strains of an increment dq (n, 4): the transpose of `scatter_stress`."""
     for e in range(rule.stretch_weight.size):

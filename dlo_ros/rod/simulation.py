@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -146,6 +147,12 @@ class Simulation:
             state = replace(state, sensitivity=self._insensitive(model))
         self._judged = self.settings.rod.specific_modulus
         self.state, self.model, self.boundary = state, model, boundary
+
+    def fork(self, settings: Settings) -> Simulation:
+        """An independent simulation that goes on from the present state with other parameters."""
+        twin = copy(self)
+        twin.update(settings)
+        return twin
 
     def _insensitive(self, model: RodModel) -> Sensitivity | None:
         count = len(self.scales)

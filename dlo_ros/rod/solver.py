@@ -24,7 +24,7 @@ MAX_STATIC_ITERATIONS = 300
 FREE_ITERATIONS = 60  # of those, without a check of the energy
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def add_scalar_band(band, scalar, spin, factor):
     """Add factor times a basis matrix: `scalar` (n, 4) for x, y, z and `spin` (n, 4) for theta."""
     for i in range(scalar.shape[0]):
@@ -35,7 +35,7 @@ def add_scalar_band(band, scalar, spin, factor):
             band[DOF * i + 3, BAND - DOF * (i - j)] += factor * spin[i, k]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def multiply_scalar(scalar, spin, x, out):
     """Write basis matrix times x (n, 4) to out."""
     out[:, :] = 0.0
@@ -49,7 +49,7 @@ def multiply_scalar(scalar, spin, x, out):
                     out[j, c] += a * x[i, c]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _eliminate(band, rhs, fixed, increment):
     """Replace the equations of fixed degrees of freedom by x = increment."""
     size = band.shape[0]
@@ -68,7 +68,7 @@ def _eliminate(band, rhs, fixed, increment):
             rhs[i] = increment[i]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _constrain(band, diagonal, pins, gap, x):
     """Correct the solution x so that pins @ x = gap; returns False where that is impossible."""
     m = pins.shape[0]
@@ -92,7 +92,7 @@ def _constrain(band, diagonal, pins, gap, x):
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _largest(x):
     """Largest move of a control point [m] and largest change of theta [rad]."""
     move, turn = 0.0, 0.0
@@ -103,7 +103,7 @@ def _largest(x):
     return move, turn
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def elastic_energy(q, rule, stiff, ref):
     """Elastic energy [J] of configuration q."""
     stretch, other = strains(q, rule, ref)
@@ -126,7 +126,7 @@ def elastic_energy(q, rule, stiff, ref):
     return energy
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def equilibrium(q, increment, fixed, pins, gap, rule, stiff, ref, load, mass, spin, rate2,
                 length, tolerance):  # fmt: skip
     """Static equilibrium: Newton's method with a mass shift, descending in total energy.
@@ -220,7 +220,7 @@ def equilibrium(q, increment, fixed, pins, gap, rule, stiff, ref, load, mass, sp
     return -MAX_STATIC_ITERATIONS, 0, ref
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def implicit_step(q, target, fixed, pins, gap, rule, stiff, ref, mass, spin, drag, still, c_mass,
                   c_drag, rhs, length, tolerance, max_iterations):  # fmt: skip
     """Solve (c_mass M + c_drag C) q + elastic gradient(q) = rhs for one step in time.
@@ -278,7 +278,7 @@ def implicit_step(q, target, fixed, pins, gap, rule, stiff, ref, mass, spin, dra
     return -max_iterations, 0
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def linearise(q, fixed, rule, stiff, ref, mass, spin, drag, still, c_mass, c_drag):
     """Factorised tangent matrix at q, and the derivatives of the strains there.
 
@@ -298,7 +298,7 @@ def linearise(q, fixed, rule, stiff, ref, mass, spin, drag, still, c_mass, c_dra
     return band, diagonal, negative, grad_s, grad_o
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def back_substitute(band, diagonal, fixed, pins, rhs):
     """Solve the factorised tangent system for several right-hand sides, in place.
 
@@ -314,7 +314,7 @@ def back_substitute(band, diagonal, fixed, pins, rhs):
         _constrain(band, diagonal, pins, still, rhs[a])
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def stress_forces(rule, grad_s, grad_o, stress_s, stress_o):
     """Generalised forces (P, 4 n) of stresses (P, ns) and (P, nb, 3)."""
     n = rule.span.max() + 4
@@ -324,7 +324,7 @@ def stress_forces(rule, grad_s, grad_o, stress_s, stress_o):
     return out
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def strain_sensitivities(rule, grad_s, grad_o, dq):
     """Strains (P, ns) and (P, nb, 3) of increments dq of shape (P, n, 4), to first order."""
     count = dq.shape[0]
@@ -335,7 +335,7 @@ def strain_sensitivities(rule, grad_s, grad_o, dq):
     return stretch, other
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def factorised_mass(mass, spin, fixed):
     """Factors (band, diagonal) of the mass matrix with fixed degrees of freedom eliminated."""
     size = fixed.size

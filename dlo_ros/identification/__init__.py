@@ -1,0 +1,19 @@
+"""Identification: from residuals to (E, mu) with honest uncertainty, without ROS."""
+
+from dlo_ros.identification.err import shape_error
+from dlo_ros.identification.estimate import Estimate
+from dlo_ros.identification.forecast import Forecast, Manipulation, forecast
+from dlo_ros.identification.offline import Identification, RecordingResult, identify
+from dlo_ros.identification.online import OnlineEstimator
+
+__all__ = [
+    "Estimate",
+    "Forecast",
+    "Identification",
+    "Manipulation",
+    "OnlineEstimator",
+    "RecordingResult",
+    "forecast",
+    "identify",
+    "shape_error",
+]

@@ -1,0 +1,159 @@
+"""Estimates of (E, mu): values, honest standard deviations, and what the data determine."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from dlo_ros.parameters import Settings
+from dlo_ros.rod.model import SENSITIVITIES
+from dlo_ros.spline import FloatArray
+
+IDENTIFIED = 0.25  # relative standard deviation below which the data determine a parameter
+UNBOUNDED = 1.0  # relative standard deviation above which no number is given
+# Guesses guide the search but are no knowledge: standard deviations of the logarithms.
+GUESS = {"young_modulus": 4.0, "density": 0.3, "air_drag": 1.5, "relaxation_time": 1.5}
+RIDGE = 1e-8  # keeps flat directions finite: standard deviation 1e4 of a logarithm
+COMBINATIONS = {
+    "young_modulus": np.array([1.0, 0.0, 0.0, 0.0]),
+    "density": np.array([0.0, 1.0, 0.0, 0.0]),
+    "specific_modulus": np.array([1.0, -1.0, 0.0, 0.0]),
+}
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Estimated parameters.
+
+    Args:
+        settings: the parameter file with the estimated E, mu and, where fitted, damping.
+        young_modulus, density, specific_modulus: Pa, kg/m^3, m^2/s^2.
+        young_modulus_std, density_std, specific_modulus_std: None where unbounded.
+        identifiable: per parameter, whether the recordings together with known forces determine
+            it, leaving density_std aside.
+        covariance: of the logarithms of `SENSITIVITIES`, known prior information included,
+            shape (4, 4).
+        traded: pairs of parameters with a correlation beyond 0.95.
+        significant: whether it differs enough from what was last reported as significant to be
+            passed on to a running simulation (online only).
+    """
+
+    settings: Settings
+    young_modulus: float
+    density: float
+    specific_modulus: float
+    young_modulus_std: float | None
+    density_std: float | None
+    specific_modulus_std: float | None
+    identifiable: dict[str, bool]
+    covariance: FloatArray
+    traded: tuple[tuple[str, str], ...] = ()
+    significant: bool = False
+
+
+def logarithms(settings: Settings) -> FloatArray:
+    """Logarithms of (E, mu, c, t_r), shape (4,); a damping of zero gives -inf."""
+    values = (
+        settings.rod.young_modulus,
+        settings.rod.density,
+        settings.damping.air_drag,
+        settings.damping.relaxation_time,
+    )
+    return np.array([math.log(v) if v > 0.0 else -math.inf for v in values])
+
+
+def with_logarithms(settings: Settings, theta: FloatArray) -> Settings:
+    """The settings with ln (E, mu, c, t_r) = theta."""
+    e, mu, c, t_r = (float(x) for x in np.exp(theta))
+    flat = settings.flat()
+    flat.update(
+        {
+            "rod.young_modulus": min(max(e, 1e3), 1e12),
+            "rod.density": min(max(mu, 1.0), 1e5),
+            "damping.air_drag": min(c, 1e3),
+            "damping.relaxation_time": min(t_r, 10.0),
+        }
+    )
+    return Settings.from_mapping(flat)
+
+
+def known_information(settings: Settings, *, weighed: bool) -> FloatArray:
+    """Information (4, 4) on the logarithms from what is known beforehand.
+
+    Args:
+        weighed: whether density_std counts; `identifiable` leaves it aside.
+    """
+    rod, damping = settings.rod, settings.damping
+    known = np.zeros(4)
+    pairs = (
+        (1, rod.density, rod.density_std if weighed else 0.0),
+        (2, damping.air_drag, damping.air_drag_std),
+        (3, damping.relaxation_time, damping.relaxation_time_std),
+    )
+    for k, value, std in pairs:
+        if std > 0.0 and value > 0.0:
+            known[k] = (value / std) ** 2
+    return np.diag(known)
+
+
+def search_information(settings: Settings) -> FloatArray:
+    """Information (4, 4) that guides the search: what is known, and weakly the guesses."""
+    known = np.diag(known_information(settings, weighed=True))
+    guess = np.array([GUESS[name] ** -2 for name in SENSITIVITIES])
+    # A parameter of value zero has no logarithm; it stays what it is.
+    absent = ~np.isfinite(logarithms(settings))
+    return np.diag(np.where(absent, 1e12, np.where(known > 0.0, known, guess)))
+
+
+def summarise(initial: Settings, theta: FloatArray, data_information: FloatArray) -> Estimate:
+    """Turn a fit into an estimate with standard deviations and identifiability.
+
+    Args:
+        initial: the settings before the fit, whose std fields are the prior knowledge.
+        theta: estimated ln (E, mu, c, t_r).
+        data_information: of the data alone, correlation accounted for, shape (4, 4).
+    """
+    covariance = _inverse(data_information + known_information(initial, weighed=True))
+    unweighed = _inverse(data_information + known_information(initial, weighed=False))
+    settings = with_logarithms(initial, theta)
+    spread = {k: math.sqrt(max(float(c @ covariance @ c), 0.0)) for k, c in COMBINATIONS.items()}
+    alone = {k: math.sqrt(max(float(c @ unweighed @ c), 0.0)) for k, c in COMBINATIONS.items()}
+    value = {
+        "young_modulus": settings.rod.young_modulus,
+        "density": settings.rod.density,
+        "specific_modulus": settings.rod.specific_modulus,
+    }
+    std = {k: value[k] * s if s < UNBOUNDED else None for k, s in spread.items()}
+    return Estimate(
+        settings,
+        value["young_modulus"],
+        value["density"],
+        value["specific_modulus"],
+        std["young_modulus"],
+        std["density"],
+        std["specific_modulus"],
+        {k: s < IDENTIFIED for k, s in alone.items()},
+        covariance,
+        _traded(covariance),
+    )
+
+
+def _inverse(information: FloatArray) -> FloatArray:
+    """Inverse of an information matrix that may have flat directions."""
+    values, vectors = np.linalg.eigh(0.5 * (information + information.T))
+    # Rounding must not pretend to know a flat direction.
+    floor = max(RIDGE, 1e-13 * float(values.max()))
+    return np.asarray(vectors / np.maximum(values, floor) @ vectors.T)
+
+
+def _traded(covariance: FloatArray) -> tuple[tuple[str, str], ...]:
+    std = np.sqrt(np.diag(covariance))
+    correlation = covariance / np.outer(std, std)
+    return tuple(
+        (SENSITIVITIES[i], SENSITIVITIES[j])
+        for i in range(4)
+        for j in range(i + 1, 4)
+        if abs(correlation[i, j]) > 0.95 and std[i] < 1e3 and std[j] < 1e3
+    )

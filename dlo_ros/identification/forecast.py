@@ -1,0 +1,119 @@
+"""Forecast a recording with a model, and compare: residuals and their derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from dlo_ros.command import Command, Motion
+from dlo_ros.errors import InputError
+from dlo_ros.identification.err import shape_error
+from dlo_ros.observation import Observation
+from dlo_ros.parameters import Settings
+from dlo_ros.rod.simulation import Simulation
+from dlo_ros.spline import FloatArray, SplineBasis
+
+
+@dataclass(frozen=True)
+class Manipulation:
+    """A measured manipulation: what was imposed and what was seen.
+
+    Args:
+        name: for messages and reports.
+        commands: in the order of receipt.
+        observations: by growing stamp, at least one.
+    """
+
+    name: str
+    commands: tuple[Command, ...]
+    observations: tuple[Observation, ...]
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """Predicted shapes beside the observed ones.
+
+    Args:
+        stamps: [ns], shape (F,), of the observations that the model could be compared with.
+        predicted: control points, shape (F, n, 4).
+        residual: observed minus predicted in coefficients of which the squares sum to the mean
+            squared distance along u, and of which white noise along the DLO makes white numbers;
+            shape (F, n, 3) [m].
+        derivative: of the prediction in these coefficients with respect to the logarithms of the
+            P parameters, shape (F, P, n, 3); None where not asked for.
+        err: eq. (10), shape (F,) [m].
+        spans: knot spans of the simulation.
+        resolution_error: the simulation's own error, over L; NaN where it was not judged.
+    """
+
+    stamps: np.ndarray
+    predicted: FloatArray
+    residual: FloatArray
+    derivative: FloatArray | None
+    err: FloatArray
+    spans: int
+    resolution_error: float
+
+
+@lru_cache(maxsize=32)
+def whitening(control_points: int, length: float) -> FloatArray:
+    """Symmetric square root of the Gram matrix over L, shape (n, n)."""
+    values, vectors = np.linalg.eigh(SplineBasis(control_points, length).gram / length)
+    return np.asarray(vectors * np.sqrt(values) @ vectors.T)
+
+
+def forecast(
+    manipulation: Manipulation,
+    settings: Settings,
+    *,
+    parameters: Sequence[str] = (),
+    spans: int | None = None,
+    last_stamp: int | None = None,
+) -> Forecast:
+    """Simulate a manipulation from its first observed shape and compare at every observed stamp.
+
+    Args:
+        parameters: of which derivatives are wanted, see `dlo_ros.rod.SENSITIVITIES`.
+        spans: knot spans; default: as simulation.tolerance asks.
+        last_stamp: leave out later observations [ns].
+
+    Raises:
+        InputError: no observation, or observations that do not fit the settings.
+        SimulationError: the motion cannot be simulated.
+    """
+    observations = [
+        o for o in manipulation.observations if last_stamp is None or o.stamp <= last_stamp
+    ]
+    if not observations:
+        raise InputError(f"{manipulation.name}: there is no observed shape to compare with")
+    motion = Motion()
+    for command in manipulation.commands:
+        motion.add(command)
+    simulation = Simulation(settings, motion, parameters=parameters, spans=spans)
+    simulation.start(observations[:2], observations[-1].stamp)
+    if settings.simulation.start == "moving":
+        observations = observations[1:]
+    white = whitening(settings.rod.control_points, settings.rod.length)
+    basis = simulation.published
+    predicted, residual, derivative, err = [], [], [], []
+    for observation in observations:
+        prediction = simulation.advance(observation.stamp)
+        gap = observation.control_points[:, :3] - prediction.control_points[:, :3]
+        predicted.append(prediction.control_points)
+        residual.append(white @ gap)
+        if prediction.sensitivity is not None:
+            derivative.append(white @ prediction.sensitivity)
+        err.append(shape_error(observation.control_points, prediction.control_points, basis))
+    judged = simulation.resolution
+    return Forecast(
+        np.array([o.stamp for o in observations], dtype=np.int64),
+        np.array(predicted),
+        np.array(residual),
+        np.array(derivative) if derivative else None,
+        np.array(err),
+        simulation.model.basis.spans,
+        judged.error if judged else np.nan,
+    )

@@ -1,0 +1,87 @@
+"""How noisy the observed splines are, and how far their residuals are independent."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dlo_ros.identification.forecast import whitening
+from dlo_ros.observation import Observation
+from dlo_ros.spline import FloatArray, SplineBasis
+
+FRAMES_FOR_NOISE = 8  # fewer tell too little about the scatter from frame to frame
+
+
+def correlation_length(residuals: Sequence[FloatArray], axis: int) -> float:
+    """Integrated autocorrelation of residual fields along one axis, in samples; at least 1.
+
+    The mean is not subtracted: a residual that is the same everywhere is one measurement, however
+    often it was taken. The sum is cut where the correlation has died out.
+
+    Args:
+        residuals: one field per recording, shape (F, n, 3).
+        axis: 0 for time, 1 for the position along the DLO.
+    """
+    total, power, longest = np.zeros(0), 0.0, max(r.shape[axis] for r in residuals)
+    total = np.zeros(longest)
+    for field in residuals:
+        f = np.moveaxis(field, axis, 0).reshape(field.shape[axis], -1)
+        count = len(f)
+        spectrum = np.fft.rfft(f, 2 * count, axis=0)
+        lagged = np.fft.irfft(np.abs(spectrum) ** 2, 2 * count, axis=0)[:count].sum(axis=1)
+        total[:count] += lagged
+        power += float(lagged[0])
+    if power <= 0.0:
+        return 1.0
+    rho = total / power
+    below = np.flatnonzero(rho < 0.05)
+    stop = int(below[0]) if len(below) else longest
+    return float(max(1.0, 1.0 + 2.0 * rho[1:stop].sum()))
+
+
+def frame_scatter(observations: Sequence[Observation], length: float) -> float | None:
+    """Standard deviation of the observed splines from frame to frame, per coordinate [m].
+
+    Second differences in time, which smooth motion does not enter; the root mean square along u.
+    None where there are too few frames, or where they are copies of one another.
+    """
+    if len(observations) < FRAMES_FOR_NOISE:
+        return None
+    n = len(observations[0].control_points)
+    white = whitening(n, length)
+    shapes = np.array([white @ o.control_points[:, :3] for o in observations])
+    stamps = np.array([o.stamp for o in observations], dtype=np.float64) * 1e-9
+    a = np.diff(stamps)
+    # Interpolate each frame from its neighbours; weights sum the noise of three frames.
+    share = (a[:-1] / (a[:-1] + a[1:]))[:, None, None]
+    gap = shapes[1:-1] - (1.0 - share) * shapes[:-2] - share * shapes[2:]
+    factor = 1.0 + (1.0 - share) ** 2 + share**2
+    power = np.sum(gap**2 / factor, axis=1)  # (F - 2, 3): mean square along u
+    seen = power.mean(axis=0)
+    # A planar recording has two noisy coordinates.
+    active = seen > 1e-3 * seen.max()
+    # The median over time: frames in violent motion do not count.
+    typical = float(np.median(power[:, active].mean(axis=1))) if active.any() else 0.0
+    return float(np.sqrt(typical)) if typical > 1e-18 else None
+
+
+def point_noise(observations: Sequence[Observation], basis: SplineBasis) -> float | None:
+    """The same from the stated std of the measured points, where a recording has them [m]."""
+    values = [
+        float(np.sqrt(np.mean(o.points.std**2) * basis.control_points / len(o.points.std)))
+        for o in observations
+        if o.points is not None and len(o.points.std) >= basis.control_points
+    ]
+    return float(np.median(values)) if values else None
+
+
+def noise_floor(observations: Sequence[Observation], basis: SplineBasis) -> float | None:
+    """The ERR that a perfect model would have [m]; None where the recording does not tell.
+
+    The mean length of a two-dimensional normal vector is sqrt(pi / 2) times its deviation.
+    """
+    sigma = frame_scatter(observations, basis.length)
+    if sigma is None:
+        sigma = point_noise(observations, basis)
+    return None if sigma is None else float(np.sqrt(np.pi / 2.0) * sigma)
