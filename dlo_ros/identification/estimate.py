@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,6 +15,8 @@ IDENTIFIED = 0.25  # relative standard deviation below which the data determine 
 UNBOUNDED = 1.0  # relative standard deviation above which no number is given
 # Guesses guide the search but are no knowledge: standard deviations of the logarithms.
 GUESS = {"young_modulus": 4.0, "density": 0.3, "air_drag": 1.5, "relaxation_time": 1.5}
+NOISE_SHARE = 0.1  # of the residual that the simulation's own error may be
+FINEST = 1e-5  # of the length: no finer simulation is asked for
 RIDGE = 1e-8  # keeps flat directions finite: standard deviation 1e4 of a logarithm
 COMBINATIONS = {
     "young_modulus": np.array([1.0, 0.0, 0.0, 0.0]),
@@ -77,6 +79,18 @@ def with_logarithms(settings: Settings, theta: FloatArray) -> Settings:
         }
     )
     return Settings.from_mapping(flat)
+
+
+def within_noise(settings: Settings, rms: float) -> Settings:
+    """Settings whose simulation error is a small part of a residual.
+
+    Args:
+        rms: root mean square distance between observed and predicted shapes [m].
+    """
+    simulation = settings.simulation
+    wanted = max(NOISE_SHARE * rms / settings.rod.length, FINEST)
+    tolerance = min(simulation.tolerance, wanted)
+    return replace(settings, simulation=replace(simulation, tolerance=tolerance))
 
 
 def known_information(settings: Settings, *, weighed: bool) -> FloatArray:

@@ -16,6 +16,7 @@ from dlo_ros.identification.estimate import (
     search_information,
     summarise,
     with_logarithms,
+    within_noise,
 )
 from dlo_ros.identification.forecast import Forecast, Manipulation, forecast
 from dlo_ros.identification.noise import correlation_length, noise_floor
@@ -107,6 +108,12 @@ def identify(
     guess = logarithms(settings)
     theta = _best_start(train, settings, guess, progress)
     fit, iterations, converged = _descend(train, settings, guess, theta, progress)
+    rms = float(np.sqrt(fit.power / sum(len(f.stamps) for f in fit.forecasts)))
+    fine = within_noise(settings, rms)
+    if fine != settings:
+        # The simulation's own error must lie below the noise, or it would bias the estimate.
+        fit, more, converged = _descend(train, fine, guess, fit.theta, progress)
+        iterations += more
     estimate = summarise(settings, fit.theta, data_information(fit.forecasts))
     basis = SplineBasis(settings.rod.control_points, settings.rod.length)
     results = []

@@ -24,6 +24,7 @@ from dlo_ros.identification.estimate import (
     search_information,
     summarise,
     with_logarithms,
+    within_noise,
 )
 from dlo_ros.identification.forecast import whitening
 from dlo_ros.identification.noise import correlation_length
@@ -37,7 +38,8 @@ LOG = logging.getLogger(__name__)
 
 WINDOW = 20.0  # [s] of past that is simulated again; older information is kept as a summary
 FEWEST = 3  # observations before anything is concluded
-RELINEARISE = 0.1  # change of a logarithm
+SHORTEST_STEP = 0.01  # change of a logarithm that never needs a new linearisation
+NEGLECTED = 1.0  # second-order part of a change of the shapes that may be neglected, in sigma
 SMALLEST_STD = 1e-6  # [m] of a residual number; below is rounding
 LONGEST_STEP = 1.5  # change of a logarithm at one relinearisation
 RIVALS = (1 / 30, 1 / 8, 1 / 3, 3.0, 8.0, 30.0)  # of E/mu
@@ -97,7 +99,7 @@ class OnlineEstimator:
         self._passed = self._guess[:2]  # what the running simulation is known to have
         self._past: list[Observation] = []
         self._anchor: Simulation | None = None  # where the window starts, once it has moved
-        self._spans: tuple[float, int] | None = None  # E/mu and the knot spans that it needs
+        self._spans: tuple[tuple[float, float], int] | None = None
         self._pass: _Pass | None = None
         self._summary = np.zeros((4, 4))  # information from before the window
         self._centre = self._guess.copy()  # and where that information is centred
@@ -163,23 +165,37 @@ class OnlineEstimator:
 
     def _run(self, theta: FloatArray, parameters: Sequence[str], spans: int | None = None) -> _Pass:
         """Simulate the past with given parameters."""
-        settings = with_logarithms(self._initial, theta)
+        settings = self._finer(with_logarithms(self._initial, theta))
         new_start = self._anchor is None
         if self._anchor is not None:
             simulation = self._anchor.fork(settings)
         else:
             ratio = settings.rod.specific_modulus
-            if spans is None and self._spans and 1 / 1.5 < ratio / self._spans[0] < 1.5:
+            key = (ratio, settings.simulation.tolerance)
+            if spans is None and self._spans and self._comparable(key):
                 spans = self._spans[1]
             simulation = Simulation(settings, self._motion, parameters=parameters, spans=spans)
             simulation.start(self._past[:2], self._past[-1].stamp)
             if spans is None:
-                self._spans = (ratio, simulation.model.basis.spans)
+                self._spans = (key, simulation.model.basis.spans)
         new = _Pass(theta, simulation)
         first = 1 if new_start and settings.simulation.start == "moving" else 0
         for observation in self._past[first:]:
             new.add(observation, self._white)
         return new
+
+    def _comparable(self, key: tuple[float, float]) -> bool:
+        """Whether E/mu and tolerance are near those for which the knot spans were judged."""
+        assert self._spans is not None
+        ratios = [a / b for a, b in zip(key, self._spans[0], strict=True)]
+        return all(1 / 1.5 < r < 1.5 for r in ratios)
+
+    def _finer(self, settings: Settings) -> Settings:
+        """Ask for a simulation whose own error lies below the noise, once that is known."""
+        run = self._pass
+        if run is None or run.used < REPEATS_EVERY:
+            return settings
+        return within_noise(settings, (run.power / run.used) ** 0.5)
 
     def _run_again(self, theta: FloatArray) -> None:
         try:
@@ -199,7 +215,7 @@ class OnlineEstimator:
             theta = self._solve(self._pass)
             step = theta - self._pass.theta
             step = np.where(np.isfinite(step), step, 0.0)
-            if float(np.abs(step).max()) < RELINEARISE:
+            if self._linear(self._pass, step):
                 break
             step *= min(1.0, LONGEST_STEP / float(np.abs(step).max()))
             previous = self._pass
@@ -214,6 +230,12 @@ class OnlineEstimator:
         self._publish(theta)
         if elapsed > WINDOW:
             self._fold()
+
+    def _linear(self, run: _Pass, step: FloatArray) -> bool:
+        """Whether a step is so short that what the linear model neglects lies below the noise."""
+        largest = float(np.abs(step).max())
+        effect = np.sqrt(max(float(step @ run.normal @ step) * self._scale(run), 0.0))
+        return largest < SHORTEST_STEP or largest * effect < NEGLECTED
 
     def _scale(self, run: _Pass) -> float:
         """Information per squared metre of residual, correlation left aside."""
