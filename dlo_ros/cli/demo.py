@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -18,9 +16,8 @@ from dlo_ros.demo.result import estimate_tree, last_line, read_truth, report, wr
 from dlo_ros.errors import InputError, RecordingError
 from dlo_ros.parameters import Settings
 from dlo_ros.report import write_identification_report
-from dlo_ros.share import shared_file
 
-EXPERIMENT = "config/experiments/c_shape.yaml"
+EXPERIMENT = "c_shape"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -68,13 +65,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _synthesize(output: Path, console: Console) -> Path:
     """Make the recording of the third experiment."""
-    experiment = shared_file(EXPERIMENT)
-    bag = output / "recording"
-    console.print(f"Making the recording of {experiment.stem} (simulated rope, rendered images)")
-    if bag.exists():
-        shutil.rmtree(bag)
-    command = [sys.executable, "-m", "dlo_ros.cli.main", "synthesize"]
-    done = subprocess.run([*command, str(experiment), "--output", str(bag)], env=os.environ)
+    bag = output / EXPERIMENT
+    console.print(f"Making the recording of {EXPERIMENT} (simulated rope, rendered images)")
+    command = [sys.executable, "-m", "dlo_ros.cli.main", "synthesize", EXPERIMENT]
+    done = subprocess.run([*command, "--output", str(bag), "--force"])
     if done.returncode != 0:
-        raise InputError(f"the recording of {experiment} could not be made")
+        raise InputError(f"the recording of {EXPERIMENT} could not be made")
     return bag

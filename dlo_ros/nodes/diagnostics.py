@@ -72,6 +72,11 @@ class Health:
         """Count an event; its total and its rate are shown."""
         self._counts[what] += 1
 
+    def refresh(self, interval: float) -> None:
+        """Publish the status where the last one is older than `interval` [s]."""
+        if time.monotonic() - self._since >= interval:
+            self.publish()
+
     def publish(self) -> None:
         """Publish the status; called by a timer."""
         now = time.monotonic()

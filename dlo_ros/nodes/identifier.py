@@ -32,6 +32,9 @@ from dlo_ros.spline import SplineBasis
 PATIENCE = 0.1
 """Seconds that an observed spline waits for its measured points, where somebody publishes them."""
 
+FRESH = 0.1
+"""Seconds after which standard deviations on /diagnostics are too old beside a new estimate."""
+
 CLOUDS = 50
 """Measured points that are kept until their spline comes."""
 
@@ -175,6 +178,7 @@ class IdentifierNode(DloNode):
         if estimate.significant:
             self._link.pass_on(estimate.young_modulus, estimate.density)
         self._describe(estimate)
+        self.health.refresh(FRESH)
 
     def _describe(self, estimate: Estimate) -> None:
         values = self.health.values
