@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -91,7 +92,7 @@ def paint_rope(canvas, camera, xz, scene, colour):
     u = np.linspace(0.0, 1.0, len(xz))
     pieces = 12
     bounds = np.linspace(0, len(xz) - 1, pieces + 1).astype(int)
-    for piece, (a, b) in enumerate(zip(bounds[:-1], bounds[1:], strict=True)):
+    for piece, (a, b) in enumerate(pairwise(bounds)):
         p = pixels[a : b + 1]
         dense_u = np.linspace(0, 1, max(50, int(8 * np.sum(np.hypot(*np.diff(p, axis=0).T)))))
         at = np.linspace(0, 1, len(p))

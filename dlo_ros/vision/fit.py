@@ -16,8 +16,9 @@ from dlo_ros.errors import VisionError
 from dlo_ros.observation import CentrelinePoints, Observation
 from dlo_ros.spline import FloatArray, SplineBasis
 from dlo_ros.vision.camera import Camera
-from dlo_ros.vision.profile import Located, Mask
+from dlo_ros.vision.profile import Located
 from dlo_ros.vision.smoothing import SmoothCurve, Support, smooth
+from dlo_ros.vision.strip import Mask
 
 KNOT_SPAN = 3.0  # [widths] of the fine curve
 CLAMP_STD = 0.25  # [widths] how well a clamp's position is trusted against the picture

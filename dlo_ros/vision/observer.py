@@ -23,20 +23,14 @@ from dlo_ros.spline import FloatArray, SplineBasis
 from dlo_ros.vision.camera import Camera
 from dlo_ros.vision.chains import find_chains
 from dlo_ros.vision.clamps import EndPoses, ends_at, to_pixel
+from dlo_ros.vision.ends import free_end, prolong
 from dlo_ros.vision.fit import Fit, fit_spline
+from dlo_ros.vision.following import follow
 from dlo_ros.vision.metric import PlaneGrid
 from dlo_ros.vision.path import ClampPixel, Path, PathSearch
-from dlo_ros.vision.profile import (
-    Located,
-    Mask,
-    follow,
-    inside,
-    locate,
-    resample,
-    smooth_curve,
-    spacing_for,
-)
+from dlo_ros.vision.profile import Located, locate
 from dlo_ros.vision.segmentation import Image, as_bgr, bar_map
+from dlo_ros.vision.strip import Mask, inside, resample, smooth_curve, spacing_for
 
 LOG = logging.getLogger(__name__)
 
@@ -45,7 +39,6 @@ LENGTH_LIMIT = 0.12  # of L: a seen length further off is another object
 TRACKING_LENGTH_LIMIT = 0.03  # of the length at the last frame
 TRACKING_SEARCH = (2.0, 5.0)  # [widths] to each side, second attempt where the first fails
 LARGEST_RESIDUAL = 1.0  # [widths] between measured points and spline
-EXTENSION = 3.0  # [widths] a free end is looked for beyond where it was
 FRESH = 500_000_000  # [ns] an older shape predicts nothing
 
 
@@ -182,7 +175,7 @@ class Observer:
     ) -> VisionResult:
         """Locate the DLO along a rough course and fit it."""
         spacing = spacing_for(width)
-        curve, before = self._extended(points, ends, width, spacing)
+        curve, before = prolong(points, width, spacing, ends.start is None, ends.end is None)
         curve = smooth_curve(curve, 0.8 * width / spacing)
         moved = follow(image, curve, width, 0.8 * width, known.colour, known.contrast)
         located = locate(image, resample(moved, spacing), width, None)
@@ -198,7 +191,7 @@ class Observer:
         if not np.all(np.isfinite(points)) or np.mean(inside(image, points)) < LEAST_SEEN:
             raise VisionError("the DLO has left the picture")
         spacing = spacing_for(last.width)
-        curve, before = self._extended(points, ends, last.width, spacing)
+        curve, before = prolong(points, last.width, spacing, ends.start is None, ends.end is None)
         moved = follow(image, curve, last.width, search * last.width, last.colour, last.contrast)
         located = locate(image, resample(moved, spacing), last.width, last.colour)
         if not 0.6 * last.contrast < located.contrast < 1.7 * last.contrast:
@@ -216,23 +209,6 @@ class Observer:
                 curve = curve + weight * (end.position - curve[at])
         return curve
 
-    def _extended(
-        self, points: FloatArray, ends: EndPoses, width: float, spacing: float
-    ) -> tuple[FloatArray, float]:
-        """Equally spaced curve, prolonged where an end is free; and the prolongation [px]."""
-        extra = EXTENSION * width
-        span = max(2, min(len(points) - 1, round(2 * width / max(spacing, 1e-9))))
-        curve = resample(points, spacing)
-        pieces = [curve]
-        steps = np.arange(1, int(extra / spacing) + 1)[:, None] * spacing
-        if ends.start is None:
-            away = curve[0] - curve[min(span, len(curve) - 1)]
-            pieces.insert(0, (curve[0] + steps * away / np.hypot(*away))[::-1])
-        if ends.end is None:
-            away = curve[-1] - curve[-1 - min(span, len(curve) - 1)]
-            pieces.append(curve[-1] + steps * away / np.hypot(*away))
-        return np.vstack(pieces), extra
-
     def _finish(
         self,
         stamp: int,
@@ -245,9 +221,9 @@ class Observer:
         count = len(located.curve)
         low, high = 0.0, count - 1.0
         if ends.start is None:
-            low = _free_end(located, prolonged, from_start=True)
+            low = free_end(located, prolonged, from_start=True)
         if ends.end is None:
-            high = _free_end(located, prolonged, from_start=False)
+            high = free_end(located, prolonged, from_start=False)
         fit = fit_spline(located, self.camera, self.basis, stamp, ends.start, ends.end, (low, high))
         self._check(fit, located, last)
         self._remember(stamp, fit, located, ends)
@@ -335,29 +311,3 @@ def resample_count(points: FloatArray, count: int) -> FloatArray:
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     at = np.linspace(0.0, s[-1], count)
     return np.column_stack([np.interp(at, s, column) for column in points.T])
-
-
-def _free_end(located: Located, prolonged: float, from_start: bool) -> float:
-    """Profile (with fraction) where the DLO's colour ends, near a prolonged end."""
-    likeness = located.likeness if from_start else located.likeness[::-1]
-    count = len(likeness)
-    inner = min(count - 1, round(2.0 * prolonged / located.spacing))
-    at = inner
-    gap = max(1, round(0.5 * located.width / located.spacing))
-    # Outwards as long as it looks like the DLO, over short interruptions.
-    missed = 0
-    for k in range(inner, -1, -1):
-        if likeness[k] > 0.5:
-            at, missed = k, 0
-        else:
-            missed += 1
-            if missed > gap:
-                break
-    # Where no edge is seen along it any more, a dark patch of the board goes on.
-    seen = located.seen if from_start else located.seen[::-1]
-    outermost = int(np.argmax(seen)) if np.any(seen) else 0
-    at = max(at, outermost - round(0.8 * located.width / located.spacing))
-    position = float(at)
-    if at > 0 and likeness[at - 1] < 0.5 < likeness[at]:
-        position -= float((likeness[at] - 0.5) / (likeness[at] - likeness[at - 1]))
-    return position if from_start else count - 1.0 - position

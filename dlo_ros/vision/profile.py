@@ -9,21 +9,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d, median_filter, minimum_filter1d
 
 from dlo_ros.spline import FloatArray
 from dlo_ros.vision.segmentation import Image
+from dlo_ros.vision.strip import (
+    CORE,
+    Float32,
+    Mask,
+    inside,
+    normals_of,
+    smooth_curve,
+    strip_along,
+)
 
-Float32 = NDArray[np.float32]
-Mask = NDArray[np.bool_]
-
-CORE = 0.3  # half width of the part taken as the DLO's own colour, in widths
 GROUND = (0.75, 1.05)  # where its background is measured, in widths from the middle
-STEEPNESS = 0.08  # cost of moving by a pixel from one profile to the next
 WIDTH_WINDOW = 8.0  # [widths] to each side, for the usual distance of the edges
 WEAK_SIDE = 0.3  # a side of less than this share of the usual contrast shows no edge
 COLOUR_LIMIT = 0.6  # of the contrast: a larger change of colour is another object
@@ -43,6 +44,9 @@ class Located:
         contrast: median contrast to the background [grey levels].
         colour: median colour of the DLO, BGR, shape (3,).
         spacing: of the curve's points [px].
+        width_spread: standard deviation of the width along the DLO [px] (robust).
+        imbalance: difference of the backgrounds on the two sides over the contrast to the nearer
+            one, median; large along the edge of an object.
     """
 
     curve: FloatArray
@@ -54,142 +58,13 @@ class Located:
     contrast: float
     colour: FloatArray
     spacing: float
+    width_spread: float
+    imbalance: float
 
     @property
     def points(self) -> FloatArray:
         """The middle of the DLO [px], shape (m, 2)."""
         return self.curve + self.offset[:, None] * self.normals
-
-
-def spacing_for(width: float) -> float:
-    """Distance of the profiles [px] for a DLO of a width [px]."""
-    return float(np.clip(width / 5.0, 1.0, 4.0))
-
-
-def resample(points: FloatArray, spacing: float) -> FloatArray:
-    """Equally spaced points along a polyline, both ends kept, shape (m, 2)."""
-    steps = np.hypot(*np.diff(points, axis=0).T)
-    keep = np.concatenate([[True], steps > 1e-9])
-    points = points[keep]
-    s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
-    count = max(4, round(float(s[-1]) / spacing) + 1)
-    at = np.linspace(0.0, s[-1], count)
-    return np.column_stack([np.interp(at, s, points[:, 0]), np.interp(at, s, points[:, 1])])
-
-
-def smooth_curve(points: FloatArray, sigma: float) -> FloatArray:
-    """Gaussian smoothing along a curve that neither shortens its ends nor bends them."""
-    if sigma <= 0.0:
-        return points
-    count = min(len(points) - 1, int(3 * sigma) + 1)
-    head = 2 * points[0] - points[count:0:-1]
-    tail = 2 * points[-1] - points[-2 : -count - 2 : -1]
-    smooth = gaussian_filter1d(np.vstack([head, points, tail]), sigma, axis=0)
-    return np.asarray(smooth[count : count + len(points)])
-
-
-def normals_of(points: FloatArray) -> FloatArray:
-    """Unit normals (the tangent turned from x to y) along a curve, shape (m, 2)."""
-    tangent = np.gradient(points, axis=0)
-    tangent /= np.maximum(np.hypot(tangent[:, 0], tangent[:, 1]), 1e-12)[:, None]
-    return np.column_stack([-tangent[:, 1], tangent[:, 0]])
-
-
-def _strip(image: Image, curve: FloatArray, normals: FloatArray, offsets: FloatArray) -> Float32:
-    """Colours on lines across a curve, shape (m, k, 3)."""
-    x = (curve[:, 0, None] + normals[:, 0, None] * offsets).astype(np.float32)
-    y = (curve[:, 1, None] + normals[:, 1, None] * offsets).astype(np.float32)
-    sampled = cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(sampled, dtype=np.float32)
-
-
-def inside(image: Image, points: FloatArray, margin: float = 0.0) -> Mask:
-    """Which points lie within the picture."""
-    height, width = image.shape[:2]
-    x, y = points[:, 0], points[:, 1]
-    return np.asarray(
-        (x >= margin) & (y >= margin) & (x <= width - 1 - margin) & (y <= height - 1 - margin)
-    )
-
-
-def follow(
-    image: Image,
-    curve: FloatArray,
-    width: float,
-    search: float,
-    colour: FloatArray | None = None,
-    contrast: float | None = None,
-) -> FloatArray:
-    """Move a curve onto the bar that runs beside it (dynamic programming over the offset).
-
-    Args:
-        image: BGR.
-        curve: equally spaced points [px], shape (m, 2).
-        width: of the DLO [px].
-        search: largest distance of the DLO from the curve [px].
-        colour: of the DLO, where it is known, shape (3,).
-        contrast: of the DLO, where it is known [grey levels].
-
-    Returns:
-        The moved and smoothed curve, shape (m, 2).
-    """
-    step = max(1.0, width / 10.0)
-    reach = int(np.ceil(search / step))
-    margin = int(np.ceil(1.1 * width / step))
-    offsets: FloatArray = np.arange(-reach - margin, reach + margin + 1.0) * step
-    normals = normals_of(smooth_curve(curve, 1.5 * width / spacing_for(width)))
-    strip = _strip(image, curve, normals, offsets)
-    total = np.cumsum(strip, axis=1, dtype=np.float32)
-    count = 2 * reach + 1
-
-    def mean(low: float, high: float) -> Float32:
-        first = margin + round(low * width / step)
-        last = max(first + 1, margin + round(high * width / step) + 1)
-        upper = total[:, last - 1 : last - 1 + count]
-        return np.asarray((upper - total[:, first - 1 : first - 1 + count]) / (last - first))
-
-    core = mean(-CORE, CORE)
-    left, right = mean(-0.95, -0.65), mean(0.65, 0.95)
-    score = np.minimum(np.linalg.norm(core - left, axis=2), np.linalg.norm(core - right, axis=2))
-    scale = contrast if contrast else float(np.percentile(score.max(axis=1), 60))
-    scale = max(scale, 1.0)
-    score = np.minimum(score / scale, 1.0)
-    if colour is not None:
-        unlike = np.linalg.norm(core - colour.astype(np.float32), axis=2) / scale
-        score -= np.minimum(unlike, 1.5)
-    shift = _best_course(score.astype(np.float64), STEEPNESS * step * step, 2) - reach
-    sigma = 0.6 * width / spacing_for(width)
-    moved = smooth_curve((shift * step)[:, None], sigma)
-    return curve + moved * normals
-
-
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
-def _best_course(score: FloatArray, steepness: float, largest: int) -> FloatArray:
-    """Offset index per row that maximises the sum of scores less the cost of moving."""
-    rows, count = score.shape
-    value = score[0].copy()
-    new = np.empty(count)
-    origin = np.zeros((rows, count), dtype=np.int16)
-    for i in range(1, rows):
-        for j in range(count):
-            best = -1e18
-            source = j
-            for d in range(-largest, largest + 1):
-                k = j + d
-                if 0 <= k < count:
-                    v = value[k] - steepness * d * d
-                    if v > best:
-                        best = v
-                        source = k
-            new[j] = best + score[i, j]
-            origin[i, j] = source
-        value[:] = new
-    result = np.empty(rows)
-    j = int(np.argmax(value))
-    for i in range(rows - 1, -1, -1):
-        result[i] = j
-        j = origin[i, j]
-    return result
 
 
 def locate(
@@ -208,7 +83,7 @@ def locate(
     step = float(np.clip(width / 12.0, 0.5, 1.5))
     reach = int(np.ceil(1.15 * width / step))
     offsets: FloatArray = np.arange(-reach, reach + 1.0) * step
-    strip = _strip(image, curve, normals, offsets)
+    strip = strip_along(image, curve, normals, offsets)
     along = 0.4 * width / spacing
 
     def mean(low: float, high: float) -> Float32:
@@ -258,7 +133,15 @@ def locate(
         usual,
         np.asarray(typical, dtype=np.float64),
         spacing,
+        _spread((edge_right - edge_left)[both]),
+        float(np.median(np.linalg.norm(left - right, axis=1))) / usual,
     )
+
+
+def _spread(values: FloatArray) -> float:
+    if len(values) == 0:
+        return float("inf")
+    return 1.4826 * float(np.median(np.abs(values - np.median(values))))
 
 
 def _edge(
