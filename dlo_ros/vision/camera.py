@@ -18,7 +18,7 @@ from dlo_ros.parameters import CameraPose
 from dlo_ros.spline import FloatArray
 
 # Number of coefficients that sensor_msgs/CameraInfo carries for each model.
-MODELS = {"plumb_bob": (0, 4, 5), "rational_polynomial": (0, 4, 5, 8)}
+MODELS = {"plumb_bob": (0, 4, 5), "rational_polynomial": (0, 4, 5, 8, 12, 14)}
 NEWTON_STEPS = 8
 STEP_X, STEP_Y = np.array([1.0, 0.0]), np.array([0.0, 1.0])
 ROUND_TRIP = 0.05  # [px] above this a pixel lies where the distortion cannot be undone
@@ -30,7 +30,7 @@ class Camera:
 
     Args:
         matrix: K, shape (3, 3) [px].
-        distortion: k1 k2 p1 p2 [k3 [k4 k5 k6]]; empty for none.
+        distortion: k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s2 s3 s4 [tx ty]]]]; empty for none.
         width, height: of the image [px].
         pose: pose of the board in the camera's optical frame.
         model: `plumb_bob` or `rational_polynomial`; empty where there is no distortion.
@@ -65,11 +65,16 @@ class Camera:
                 f"camera_info has the distortion model '{self.model[:40]}'; known are "
                 + " and ".join(MODELS)
             )
-        allowed = MODELS.get(self.model, (0, 4, 5, 8))
+        allowed = MODELS.get(self.model, MODELS["rational_polynomial"])
         if len(self.distortion) not in allowed:
             raise InputError(
                 f"camera_info has {len(self.distortion)} distortion coefficients; "
-                f"{self.model} has {allowed[-1]}"
+                f"{self.model} has {' or '.join(str(a) for a in allowed[1:])}"
+            )
+        if any(self.distortion[12:]):
+            raise InputError(
+                "camera_info has a tilted sensor (the last two distortion coefficients), which is "
+                "not supported; calibrate without it"
             )
         if not np.all(np.isfinite(self.distortion)):
             raise InputError("camera_info has NaN or infinite distortion coefficients")
@@ -110,8 +115,8 @@ class Camera:
 
     @cached_property
     def _coefficients(self) -> FloatArray:
-        result = np.zeros(8)
-        result[: len(self.distortion)] = self.distortion
+        result = np.zeros(12)
+        result[: len(self.distortion[:12])] = self.distortion[:12]
         return result
 
     @property
@@ -120,14 +125,14 @@ class Camera:
 
     def _distort(self, p: FloatArray) -> FloatArray:
         """Normalised image points, ideal to distorted, shape (m, 2) (OpenCV's model)."""
-        k1, k2, p1, p2, k3, k4, k5, k6 = self._coefficients
+        k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4 = self._coefficients
         x, y = p[:, 0], p[:, 1]
         r2 = x * x + y * y
         radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
         return np.column_stack(
             [
-                x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
-                y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
+                x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x) + r2 * (s1 + r2 * s2),
+                y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y + r2 * (s3 + r2 * s4),
             ]
         )
 

@@ -107,18 +107,16 @@ def draw_overlay(
         seen = np.interp(at, known, result.pixels_seen.astype(float)) > 0.5
         draw_curve(canvas, pixels, OBSERVED, np.asarray(seen, dtype=np.bool_))
     if message:
-        size = max(0.4, max(canvas.shape[:2]) / 1600)
-        thick = max(1, round(2 * size))
-        where = (round(12 * size), round(32 * size))
-        for colour, extra in (((0, 0, 0), 2 * thick), ((255, 255, 255), 0)):
-            cv2.putText(
-                canvas,
-                message,
-                where,
-                cv2.FONT_HERSHEY_SIMPLEX,
-                size,
-                colour,
-                thick + extra,
-                cv2.LINE_AA,
-            )
+        write_message(canvas, message)
     return canvas
+
+
+def write_message(image: Image, message: str) -> None:
+    """Write a line into the upper left corner, in place."""
+    size = max(0.4, max(image.shape[:2]) / 1600)
+    thick = max(1, round(2 * size))
+    where = (round(12 * size), round(32 * size))
+    for colour, width in (((0, 0, 0), 3 * thick), ((255, 255, 255), thick)):
+        cv2.putText(
+            image, message, where, cv2.FONT_HERSHEY_SIMPLEX, size, colour, width, cv2.LINE_AA
+        )

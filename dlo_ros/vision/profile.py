@@ -101,7 +101,7 @@ def locate(
     unlike = np.linalg.norm(core - typical, axis=1) / max(
         usual, float(np.median(np.maximum(contrast_left, contrast_right))) * 0.5
     )
-    likeness = np.clip(1.0 - unlike, 0.0, 1.0)
+    likeness = np.where(inside(image, curve), np.clip(1.0 - unlike, 0.0, 1.0), 0.0)
 
     fine = gaussian_filter1d(strip, along, axis=0, mode="nearest")
     middle = np.zeros(len(curve))

@@ -1,0 +1,255 @@
+"""`observe [--params FILE] --output OUT INPUT ...`: finds DLOs in a bag or in image files."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from rich.console import Console
+from rich.progress import Progress
+
+from dlo_ros.command import Motion
+from dlo_ros.errors import DloError, InputError, RecordingError, VisionError
+from dlo_ros.parameters import Settings
+from dlo_ros.recordings import topics
+from dlo_ros.recordings.bag import open_bag
+from dlo_ros.recordings.building import BAG_MESSAGES, points_message, spline_message
+from dlo_ros.recordings.images import Image
+from dlo_ros.recordings.read import iterate_images, read_recording
+from dlo_ros.recordings.write import BagWriter, copy_topics
+from dlo_ros.vision.camera import Camera
+from dlo_ros.vision.observer import Observer, VisionResult
+from dlo_ros.vision.overlay import PALETTE, draw_curve, draw_overlay, write_message
+from dlo_ros.vision.photo import FoundDlo, find_dlos
+
+LOG = logging.getLogger(__name__)
+
+BAG_SUFFIXES = (".mcap", ".db3")
+
+
+@dataclass(frozen=True, eq=False)
+class ObservedFrame:
+    """One image of a recording.
+
+    Args:
+        stamp: [ns].
+        image: BGR.
+        camera: that took it.
+        result: what was found, None where nothing credible was.
+        reason: why nothing was found.
+    """
+
+    stamp: int
+    image: Image
+    camera: Camera
+    result: VisionResult | None
+    reason: str = ""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The arguments of the tool."""
+    parser.add_argument("inputs", nargs="+", type=Path, metavar="INPUT", help="a bag, or images")
+    parser.add_argument(
+        "--params", type=Path, metavar="FILE", help="parameter file; needed for a bag"
+    )
+    parser.add_argument(
+        "--output",
+        type=Path,
+        required=True,
+        metavar="OUT",
+        help="bag to write, or folder for the centrelines and overlays of image files",
+    )
+    parser.add_argument(
+        "--overlays", type=Path, metavar="FOLDER", help="bag only: write each image's overlay there"
+    )
+    parser.add_argument("--force", action="store_true", help="replace an existing bag")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Observe; returns the exit status.
+
+    Raises:
+        DloError: an input or the output is unusable.
+    """
+    inputs: list[Path] = arguments.inputs
+    bags = [p for p in inputs if p.is_dir() or p.suffix in BAG_SUFFIXES]
+    if not bags:
+        return _observe_files(inputs, arguments.output)
+    if len(inputs) > 1:
+        raise InputError(f"{bags[0]}: is a bag; give one bag, or image files only")
+    if arguments.params is None:
+        raise InputError(f"{bags[0]}: is a bag; give its parameter file with --params")
+    settings = Settings.load(arguments.params)
+    return _observe_bag(
+        bags[0], settings, arguments.output, arguments.overlays, force=arguments.force
+    )
+
+
+def observe_recording(
+    path: Path | str, settings: Settings, on_skip: Callable[[str], None] = LOG.warning
+) -> Iterator[ObservedFrame]:
+    """Run the observer on a recording's images, one after the other.
+
+    Args:
+        path: rosbag2 folder with images, camera_info and, where motion was imposed, commands.
+        settings: parameter file of the recording.
+        on_skip: is told one line for each unusable image.
+
+    Yields:
+        Every image that could be decoded, with what was found.
+
+    Raises:
+        DloError: the bag or its camera_info is unusable.
+    """
+    recording = read_recording(path, settings, require_command=False)
+    motion = Motion()
+    for command in recording.commands:
+        motion.add(command)
+    observer: Observer | None = None
+    known = None
+    for stamp, image, info in iterate_images(path, on_skip):
+        if observer is None or info != known:
+            camera = Camera.from_info(
+                info.k, info.d, info.distortion_model, info.width, info.height, settings.camera
+            )
+            observer, known = Observer(settings, camera, motion), info
+        try:
+            yield ObservedFrame(stamp, image, camera, observer.observe(stamp, image))
+        except VisionError as err:
+            yield ObservedFrame(stamp, image, camera, None, str(err))
+
+
+def _observe_bag(
+    path: Path, settings: Settings, output: Path, overlays: Path | None, force: bool
+) -> int:
+    with open_bag(path) as bag:
+        total = sum(c.msgcount for c in bag.find(topics.COMPRESSED) or bag.find(topics.IMAGE))
+    if overlays is not None:
+        overlays.mkdir(parents=True, exist_ok=True)
+    if output.exists() and path.exists() and output.resolve() == path.resolve():
+        raise RecordingError(f"{output}: is the input; give the output another name")
+    frame_id = settings.frame_id
+    reasons: Counter[str] = Counter()
+    found: list[VisionResult] = []
+    with (
+        BagWriter(output, force=force) as writer,
+        Progress(console=Console(stderr=True), transient=True) as progress,
+    ):
+        task = progress.add_task("Observing", total=total)
+        for frame in observe_recording(path, settings):
+            progress.advance(task)
+            if overlays is not None:
+                picture = draw_overlay(
+                    frame.image,
+                    frame.camera,
+                    settings.rod.length,
+                    frame.result,
+                    message=frame.reason,
+                )
+                _write_image(overlays / f"{path.name}_{frame.stamp}.png", picture)
+            if frame.result is None:
+                reasons[frame.reason] += 1
+                continue
+            observation = frame.result.observation
+            if observation.points is not None:
+                points = points_message(BAG_MESSAGES, frame.stamp, frame_id, observation.points)
+                writer.write(topics.OBSERVED_POINTS, points, frame.stamp)
+            spline = spline_message(BAG_MESSAGES, frame.stamp, frame_id, observation.control_points)
+            writer.write(topics.OBSERVED, spline, frame.stamp)
+            found.append(frame.result)
+        if not found:
+            reason = reasons.most_common(1)[0][0]
+            raise InputError(f"{path}: no image shows a credible DLO ({reason})")
+        copy_topics(path, writer, exclude=(topics.OBSERVED, topics.OBSERVED_POINTS))
+    seen = 100.0 * float(np.mean([r.fraction_seen for r in found]))
+    residual = 1000.0 * float(np.median([r.residual for r in found]))
+    length = float(np.median([r.seen_length for r in found]))
+    print(
+        f"{output}: {len(found)} of {len(found) + sum(reasons.values())} images show the DLO, "
+        f"{seen:.0f} % of it seen, {length:.4g} m long (rod.length {settings.rod.length:.4g} m), "
+        f"spline within {residual:.2f} mm (median)"
+    )
+    for reason, count in reasons.most_common(5):
+        print(f"  {count} without: {reason}")
+    return 0
+
+
+def _observe_files(inputs: list[Path], output: Path) -> int:
+    names: dict[str, Path] = {}
+    for path in inputs:
+        if path.stem in names:
+            raise InputError(
+                f"{path}: has the same name as {names[path.stem]}; give them one at a time, with "
+                "outputs of their own"
+            )
+        names[path.stem] = path
+        target = output / f"{path.stem}.png"
+        if target.exists() and path.exists() and target.samefile(path):
+            raise InputError(f"{path}: would be overwritten; give another --output")
+    if output.exists() and not output.is_dir():
+        raise InputError(f"{output}: is a file; give a folder for the results")
+    images = {path: _read_image(path) for path in inputs[:1]}
+    output.mkdir(parents=True, exist_ok=True)
+    for path in inputs:
+        image = images[path] if path in images else _read_image(path)
+        try:
+            dlos = find_dlos(image)
+        except DloError as err:
+            raise InputError(f"{path}: {err}") from err
+        _write_table(output / f"{path.stem}.csv", dlos)
+        _write_image(output / f"{path.stem}.png", _marked(image, dlos))
+        lengths = ", ".join(f"{dlo.length:.0f}" for dlo in dlos)
+        what = f"{len(dlos)} found, {lengths} px long" if dlos else "no credible DLO found"
+        print(f"{path}: {what}")
+    return 0
+
+
+def _read_image(path: Path) -> Image:
+    """An image file as BGR, turned as its EXIF tag says."""
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; give a bag or image files")
+    data = np.fromfile(path, dtype=np.uint8)
+    image = None
+    if data.size:
+        try:
+            image = cv2.imdecode(data, cv2.IMREAD_COLOR)
+        except cv2.error:
+            image = None
+    if image is None:
+        raise InputError(f"{path}: is no image that can be read; JPEG, PNG, TIFF, BMP or WebP can")
+    return np.asarray(image, dtype=np.uint8)
+
+
+def _marked(image: Image, dlos: list[FoundDlo]) -> Image:
+    canvas = image.copy()
+    for number, dlo in enumerate(dlos):
+        draw_curve(canvas, dlo.pixels, PALETTE[number % len(PALETTE)], dlo.seen)
+    if not dlos:
+        write_message(canvas, "no credible DLO found")
+    return canvas
+
+
+def _write_table(path: Path, dlos: list[FoundDlo]) -> None:
+    lines = ["dlo,u,x_px,y_px"]
+    for number, dlo in enumerate(dlos):
+        lines += [
+            f"{number},{u:.6f},{x:.3f},{y:.3f}" for u, (x, y) in zip(dlo.u, dlo.pixels, strict=True)
+        ]
+    temporary = path.with_name(f".{path.name}.part")
+    temporary.write_text("\n".join(lines) + "\n")
+    temporary.replace(path)
+
+
+def _write_image(path: Path, image: Image) -> None:
+    good, data = cv2.imencode(".png", image)
+    if not good:
+        raise InputError(f"{path}: the overlay cannot be encoded")
+    temporary = path.with_name(f".{path.name}.part")
+    temporary.write_bytes(data.tobytes())
+    temporary.replace(path)
