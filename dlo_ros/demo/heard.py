@@ -27,6 +27,11 @@ SYMBOLS: Mapping[str, str] = {YOUNG_MODULUS: "E", DENSITY: "mu", SPECIFIC_MODULU
 IDENTIFIABLE = 0.25
 
 
+# The first moments [ns] show the initial guess: the identifier needs a few shapes before it moves.
+FIRST_MOMENTS = 100_000_000
+LAST_MOMENTS = 500_000_000
+
+
 @dataclass(frozen=True)
 class Sample:
     """The estimate at one instant.
@@ -134,13 +139,13 @@ class Heard:
         self.samples.append(sample)
 
 
-def err_before_and_after(err: list[tuple[int, float]], span: int = 1_000_000_000) -> FloatArray:
-    """Mean ERR [m] over the first and over the last `span` [ns], shape (2,); NaN without any."""
+def err_before_and_after(err: list[tuple[int, float]]) -> FloatArray:
+    """Mean ERR [m] over the first and over the last moments, shape (2,); NaN without any."""
     if not err:
         return np.full(2, math.nan)
     first, last = err[0][0], err[-1][0]
-    before = [value for stamp, value in err if stamp <= first + span]
-    after = [value for stamp, value in err if stamp >= last - span]
+    before = [value for stamp, value in err if stamp <= first + FIRST_MOMENTS]
+    after = [value for stamp, value in err if stamp >= last - LAST_MOMENTS]
     return np.array([np.mean(before), np.mean(after)])
 
 

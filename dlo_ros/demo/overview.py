@@ -22,7 +22,7 @@ def write_overview(path: Path, report: IdentificationReport) -> None:
     with rc_context(STYLE):
         figure = Figure(figsize=(10.0, 4.2), layout="constrained", dpi=110)
         if pictured:
-            left, right = figure.subplots(1, 2, width_ratios=(1.25, 1.0), squeeze=True)
+            left, right = figure.subplots(1, 2, width_ratios=(1.0, 1.1), squeeze=True)
             _draw_photograph(left, pictured[-1])
             grid = right.get_subplotspec().subgridspec(2, 1)
             right.remove()
@@ -44,7 +44,7 @@ def _draw_photograph(axes: Axes, frame: ShapeFrame) -> None:
     for name, style in (("observed", "-"), ("predicted", "--")):
         curve = getattr(photograph, name)
         if curve is not None:
-            axes.plot(curve[:, 0], curve[:, 1], style, color=COLOURS[name], lw=2.2, label=name)
+            axes.plot(curve[:, 0], curve[:, 1], style, color=COLOURS[name], lw=1.8, label=name)
     axes.set_axis_off()
     axes.set_title(f"camera image at {frame.time:.1f} s", fontsize=10)
     axes.legend(loc="lower right", frameon=True, fontsize=9)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -16,9 +17,60 @@ from dlo_ros.report.player import MOST_FRAMES
 from dlo_ros.spline import FloatArray, SplineBasis
 from dlo_ros.vision.camera import Camera
 
-WIDTH = 720  # px, at most
-QUALITY = 70
+WIDTH = 640  # px, at most
+QUALITY = 75
+MARGIN = 0.25  # around the curves, of their extent
 CURVE_POINTS = 80
+
+
+@dataclass(frozen=True)
+class Curves:
+    """Where the shapes of one instant lie in the image.
+
+    Args:
+        observed, predicted: [px], the first pixel's centre at (0, 0), shape (m, 2); None where
+            there is none.
+    """
+
+    observed: FloatArray
+    predicted: FloatArray | None
+
+
+@dataclass(frozen=True)
+class Window:
+    """The part of the images that is shown, columns and rows [px]."""
+
+    left: int
+    top: int
+    right: int
+    bottom: int
+
+    @classmethod
+    def around(cls, points: FloatArray, width: int, height: int) -> Window:
+        """The part of an image that holds the points, shape (m, 2), with a margin."""
+        low, high = points.min(axis=0), points.max(axis=0)
+        margin = MARGIN * float((high - low).max()) + 10.0
+        left, top = np.clip(np.floor(low - margin).astype(int), 0, (width - 2, height - 2))
+        right, bottom = np.clip(
+            np.ceil(high + margin).astype(int), (left + 2, top + 2), (width, height)
+        )
+        return cls(int(left), int(top), int(right), int(bottom))
+
+    def show(self, picture: Image, curves: Curves) -> Photograph:
+        """The window of a picture, not larger than WIDTH."""
+        part = picture[self.top : self.bottom, self.left : self.right]
+        scale = min(WIDTH / part.shape[1], 1.0)
+        size = max(round(part.shape[1] * scale), 1), max(round(part.shape[0] * scale), 1)
+        small = cv2.resize(part, size, interpolation=cv2.INTER_AREA)
+        done, jpeg = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+        assert done
+        # Pixels count from the centre of the first one, drawings from its corner.
+        corner = np.array([self.left, self.top]) - 0.5
+
+        def moved(curve: FloatArray | None) -> FloatArray | None:
+            return None if curve is None else (curve - corner) * scale
+
+        return Photograph(jpeg.tobytes(), *size, moved(curves.observed), moved(curves.predicted))
 
 
 def photographs(bag: Path, settings: Settings, heard: Heard) -> dict[int, Photograph]:
@@ -30,36 +82,30 @@ def photographs(bag: Path, settings: Settings, heard: Heard) -> dict[int, Photog
     stamps = sorted(heard.observed)
     chosen = np.linspace(0, len(stamps) - 1, min(MOST_FRAMES, len(stamps))).round().astype(int)
     wanted = {stamps[k] for k in chosen}
+    curves: dict[int, Curves] = {}
+    window: Window | None = None
     result = {}
     for stamp, picture, info in iterate_images(bag):
-        if stamp in wanted:
-            result[stamp] = _photograph(stamp, picture, info, settings, heard)
+        if stamp not in wanted:
+            continue
+        if window is None:
+            curves = {s: _curves(s, info, settings, heard) for s in wanted}
+            lines = [line for c in curves.values() for line in (c.observed, c.predicted)]
+            points = np.concatenate([line for line in lines if line is not None])
+            finite = points[np.all(np.isfinite(points), axis=1)]
+            window = Window.around(finite, info.width, info.height)
+        result[stamp] = window.show(picture, curves[stamp])
     return result
 
 
-def _photograph(
-    stamp: int, picture: Image, info: CameraInfo, settings: Settings, heard: Heard
-) -> Photograph:
+def _curves(stamp: int, info: CameraInfo, settings: Settings, heard: Heard) -> Curves:
     camera = Camera.from_info(
         info.k, info.d, info.distortion_model, info.width, info.height, settings.camera
     )
-    scale = min(WIDTH / info.width, 1.0)
-    size = round(info.width * scale), round(info.height * scale)
-    small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
-    done, jpeg = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
-    assert done
     basis = SplineBasis(settings.rod.control_points, settings.rod.length)
     matrix = basis.matrix(np.linspace(0.0, settings.rod.length, CURVE_POINTS))
-
-    def pixels(control_points: FloatArray | None) -> FloatArray | None:
-        if control_points is None:
-            return None
-        # The centre of the first pixel is (0, 0) for the camera; SVG begins at its corner.
-        return (camera.project(matrix @ control_points[:, :3]) + 0.5) * scale
-
-    return Photograph(
-        jpeg.tobytes(),
-        *size,
-        observed=pixels(heard.observed[stamp]),
-        predicted=pixels(heard.predicted_at(stamp)),
+    predicted = heard.predicted_at(stamp)
+    return Curves(
+        camera.project(matrix @ heard.observed[stamp][:, :3]),
+        None if predicted is None else camera.project(matrix @ predicted[:, :3]),
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -49,6 +50,7 @@ class Monitor(Node):
         self._executor = SingleThreadedExecutor()
         self._settings = settings
         self._states: dict[str, str] = {}
+        self._kinds: set[str] = set()
         self._hear(topics.OBSERVED, lambda m: self._spline(topics.OBSERVED, m))
         self._hear(topics.PREDICTED, lambda m: self._spline(topics.PREDICTED, m))
         self._hear(topics.ERR, lambda m: self.heard.err.append((self.heard.now, m.data)))
@@ -115,6 +117,10 @@ class Monitor(Node):
                 self.heard.take_diagnostics({v.key: v.value for v in status.values})
 
     def _warn(self, text: str) -> None:
-        # What nodes say before the recording plays is that they wait for it.
-        if self.heard.now and text not in self.heard.warnings:
+        """Keep a warning, once for all numbers that it may show; waiting is no fault."""
+        if ": waiting for " in text:
+            return
+        kind = re.sub(r"[\d.]+", "#", text)
+        if kind not in self._kinds:
+            self._kinds.add(kind)
             self.heard.warnings.append(text)
