@@ -187,11 +187,9 @@ def equilibrium(q, increment, fixed, pins, gap, rule, stiff, ref, load, mass, sp
             trial = q + step.reshape(q.shape)
             # A long step bends before it stretches back: its energy says nothing at first, so
             # the descent is demanded only of a search that does not converge by itself.
-            if first:
-                accepted = True
-            elif move > 0.1 * length or turn > 1.0:
+            if move > 0.1 * length or turn > 1.0:
                 accepted = False
-            elif iteration <= FREE_ITERATIONS:
+            elif first or iteration <= FREE_ITERATIONS:
                 accepted = True
             else:
                 new = elastic_energy(trial, rule, stiff, ref) - np.dot(load, trial.ravel())

@@ -1,0 +1,234 @@
+"""Equilibria against closed forms, boundary value problems and stability theory."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from rods import PAPER, SECOND, command, held_start, settled, straight
+from scipy.integrate import solve_bvp
+from scipy.optimize import brentq
+
+from dlo_ros.errors import SimulationError
+from dlo_ros.parameters import RodParameters, Settings
+from dlo_ros.rod.resolution import build, choose
+from dlo_ros.rod.state import twist_angle
+from dlo_ros.rod.statics import settle, static_sensitivity
+
+
+def elastica(settings):
+    """Extensible cantilever under its own weight, clamped along x, as a boundary value problem.
+
+    Unknowns: angle (from x towards -z), moment, x, z over the material coordinate. The energy per
+    reference length is B/2 (curvature per deformed length)^2 + EA/2 (stretch)^2, as the rod's.
+    """
+    rod = settings.rod
+    b, w, length = rod.bending_stiffness, rod.linear_density * 9.81, rod.length
+    ea = rod.young_modulus * rod.area
+
+    def slope(s, y, w):
+        angle, moment = y[0], y[1]
+        tension = w * (length - s) * np.sin(angle)
+        stretch = (ea + tension) / (ea - moment**2 / b)
+        return np.vstack(
+            [moment / b * stretch**2, -w * (length - s) * np.cos(angle) * stretch,
+             np.cos(angle) * stretch, -np.sin(angle) * stretch]
+        )  # fmt: skip
+
+    def ends(a, b):
+        return np.array([a[0], b[1], a[2], a[3]])
+
+    # From weak gravity to the full one: a soft rod has no other way to its solution.
+    s, y = np.linspace(0.0, length, 200), np.zeros((4, 200))
+    y[2] = s
+    for share in np.geomspace(1e-3, 1.0, 8):
+        found = solve_bvp(
+            lambda s, y, w=share * w: slope(s, y, w), ends, s, y, tol=1e-8, max_nodes=50000
+        )
+        assert found.success
+        s, y = found.x, found.y
+    return found.sol
+
+
+def distance_to(reference, model, state):
+    u, weight = model.basis.quadrature(6)
+    r = model.basis.evaluate(state.q, u)
+    y = reference(u)
+    return float(weight @ np.hypot(r[:, 0] - y[2], r[:, 2] - y[3])) / model.basis.length**2
+
+
+@pytest.mark.parametrize(
+    ("young_modulus", "spans", "limit"),
+    [(5e7, 7, 8e-4), (5e7, 28, 2e-5), (1e6, 56, 5e-4), (1e10, 7, 1e-5)],
+)
+def test_cantilever_is_the_elastica(young_modulus, spans, limit):
+    settings = PAPER.with_material(young_modulus, 2500.0)
+    model, _, found = settled(settings, held_start(), spans)
+    assert found.stable
+    assert distance_to(elastica(settings), model, found.state) < limit
+
+
+def test_refinement_converges():
+    reference = elastica(PAPER)
+    errors = []
+    for spans in (7, 14, 28):
+        model, _, found = settled(PAPER, held_start(), spans)
+        errors.append(distance_to(reference, model, found.state))
+    assert errors[0] > 5.0 * errors[1] > 15.0 * errors[2]
+
+
+def test_small_deflection_under_own_weight():
+    settings = PAPER.with_material(1e11, 2500.0)
+    _, _, found = settled(settings, held_start(), 10)
+    rod = settings.rod
+    expected = rod.linear_density * 9.81 * rod.length**4 / (8.0 * rod.bending_stiffness)
+    assert -found.state.q[-1, 2] == pytest.approx(expected, rel=1e-3)
+
+
+def test_without_bending_stiffness_it_is_a_catenary():
+    settings = replace(
+        PAPER, rod=RodParameters(1.0, 0.002, 2e7, 2000.0)
+    )  # B/w so small that L/l is 100
+    imposed = command(
+        ["control_point_1", "control_point_10"],
+        [0.0, 1.0],
+        [[0, 0, 0], [0.98, 0, -0.05], [0, 0, 0], [0.6, 0, 0.0]],
+    )
+    model, boundary = build(settings, imposed, 56)
+    state = settle(model, boundary, straight(model), imposed, 0).state
+    found = settle(model, boundary, state, imposed, SECOND)
+    u = np.linspace(0.0, 1.0, 21)
+    r = model.basis.evaluate(found.state.q, u)
+    # 2 a sinh(d / 2a) = L
+    a = brentq(lambda a: 2 * a * np.sinh(0.3 / a) - 1.0, 0.05, 10.0)
+    x = 0.3 + a * np.arcsinh((u - 0.5) / a)
+    z = a * np.cosh((x - 0.3) / a) - a * np.cosh(0.3 / a)
+    assert np.hypot(r[:, 0] - x, r[:, 2] - z).max() < 4e-3
+
+
+def test_upright_column_buckles_under_its_own_weight():
+    rod = PAPER.rod
+    critical = (7.8373 * rod.bending_stiffness / (rod.linear_density * 9.81)) ** (1.0 / 3.0)
+    upright = command(
+        ["start"], [0.0], [[0.0, 0.0, 0.0]], [[0.0, -np.sqrt(0.5), 0.0, np.sqrt(0.5)]]
+    )
+    for share, stable in ((0.98, True), (1.02, False)):
+        settings = replace(PAPER, rod=replace(rod, length=share * critical))
+        _, _, found = settled(settings, upright, 14, direction=(0.0, 0.0, 1.0))
+        assert found.stable is stable
+        assert np.abs(found.state.q[:, 0]).max() < 1e-9
+
+
+def test_twist_between_clamps_is_uniform_and_counts_full_turns():
+    weightless = replace(PAPER, gravity=(0.0, 0.0, 0.0))
+    turns = np.linspace(0.0, 1.5 * 2.0 * np.pi, 13)
+    quarter = [[[0.0, 0.0, 0.0, 1.0], [np.sin(a / 2), 0.0, 0.0, np.cos(a / 2)]] for a in turns]
+    # Pulled straight, so that the twist does not buckle it.
+    imposed = command(["start", "end"], np.arange(13.0), [[[0, 0, 0], [0.404, 0, 0]]] * 13, quarter)
+    model, boundary = build(weightless, imposed, 14)
+    state = straight(model)
+    for k in range(13):
+        state = settle(model, boundary, state, imposed, k * SECOND).state
+    np.testing.assert_allclose(
+        twist_angle(state, model)[[0, -1]], [0.0, 1.5 * 2.0 * np.pi], atol=1e-6
+    )
+    np.testing.assert_allclose(state.strains.other[:, 2], 1.5 * 2.0 * np.pi / 0.4, rtol=1e-6)
+
+
+def test_twisted_rod_buckles_where_stability_theory_says():
+    """A rod clamped at both ends with free end distance buckles at C twist / B = 8.9868 / L.
+
+    Here the ends are held at the distance L, where the tension that arises after buckling does
+    not matter for the onset.
+    """
+    weightless = replace(PAPER, gravity=(0.0, 0.0, 0.0))
+    rod = weightless.rod
+    ratio = rod.bending_stiffness / (rod.shear_modulus * 2.0 * rod.second_moment)
+    critical = 8.9868 * ratio
+    for share, stable in ((0.97, True), (1.03, False)):
+        steps = np.linspace(0.0, share * critical, 9)
+        turned = [[[0.0, 0.0, 0.0, 1.0], [np.sin(a / 2), 0.0, 0.0, np.cos(a / 2)]] for a in steps]
+        imposed = command(["start", "end"], np.arange(9.0), [[[0, 0, 0], [0.4, 0, 0]]] * 9, turned)
+        model, boundary = build(weightless, imposed, 28)
+        state = straight(model)
+        for k in range(9):
+            found = settle(model, boundary, state, imposed, k * SECOND)
+            state = found.state
+        assert found.stable is stable
+
+
+@pytest.mark.parametrize(
+    ("end", "limit"),
+    [
+        ([0.3, 0.0, -0.15], 1e-6),
+        # In space the twist that the spline of theta leaves over is carried along the path.
+        ([0.3, 0.05, -0.15], 1e-4),
+    ],
+)
+def test_sensitivities_agree_with_differences(end, limit):
+    imposed = command(["start", "control_point_10"], [0.0], [[0.0, 0.0, 0.0], end])
+    model, boundary, found = settled(PAPER, imposed, 14)
+    derivative = static_sensitivity(model, boundary, found.state, np.eye(4)[:2]).q
+    step = 1e-4
+    for k, (e, mu) in enumerate(((1.0, 0.0), (0.0, 1.0))):
+        shapes = []
+        for sign in (1.0, -1.0):
+            changed = PAPER.with_material(
+                5e7 * np.exp(sign * step * e), 2500.0 * np.exp(sign * step * mu)
+            )
+            other = model.with_settings(changed)
+            shapes.append(settle(other, boundary, found.state, imposed, 0).state.q)
+        expected = (shapes[0] - shapes[1]) / (2.0 * step)
+        np.testing.assert_allclose(
+            derivative[k, :, :3], expected[:, :3], atol=limit * np.abs(expected).max()
+        )
+
+
+def test_only_the_ratio_of_stiffness_and_density_shapes_a_settled_rod():
+    model, boundary, found = settled(PAPER, held_start(), 14)
+    derivative = static_sensitivity(model, boundary, found.state, np.eye(4)[:2]).q
+    np.testing.assert_allclose(derivative[0], -derivative[1], atol=1e-9)
+
+
+def test_held_points_are_held_exactly():
+    imposed = command(
+        ["start", "control_point_6", "control_point_10"],
+        [0.0],
+        [[0.0, 0.0, 0.0], [0.2, 0.0, -0.05], [0.33, 0.0, 0.0]],
+    )
+    model, boundary, found = settled(PAPER, imposed, 14)
+    q = found.state.q
+    np.testing.assert_allclose(q[0, :3], [0.0, 0.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(q[-1, :3], [0.33, 0.0, 0.0], atol=1e-12)
+    tangent = model.basis.evaluate(q, 0.0, 1)[0, :3]
+    np.testing.assert_allclose(tangent, [1.0, 0.0, 0.0], atol=1e-12)
+    pin = model.basis.evaluate(q, boundary.pin_abscissae)[0, :3]
+    np.testing.assert_allclose(pin, [0.2, 0.0, -0.05], atol=1e-10)
+
+
+def test_ends_out_of_reach_are_refused():
+    imposed = command(["start", "end"], [0.0], [[0.0, 0.0, 0.0], [0.6, 0.0, 0.0]])
+    with pytest.raises(SimulationError, match=r"0\.6 m apart.*0\.4 m long"):
+        settled(PAPER, imposed, 7)
+
+
+def test_resolution_is_as_fine_as_the_tolerance_asks():
+    shape = np.zeros((10, 4))
+    shape[:, 0] = np.linspace(0.0, 0.4, 10)
+    soft = PAPER.with_material(1e6, 2000.0)
+    spans = []
+    for tolerance in (1e-2, 2e-4):
+        asked = replace(soft, simulation=replace(soft.simulation, tolerance=tolerance))
+        found = choose(asked, held_start(), shape, [0])
+        assert found.error <= tolerance
+        spans.append(found.spans)
+    assert spans[0] < spans[1]
+    model, _, equilibrium = settled(soft, held_start(), spans[1])
+    assert distance_to(elastica(soft), model, equilibrium.state) < 3e-4
+
+
+def test_long_soft_and_short_stiff_rods_settle_with_the_same_settings():
+    for length, young_modulus in ((1.0, 2e5), (0.1, 1e9)):
+        settings = Settings(rod=RodParameters(length, 0.004, young_modulus, 2000.0))
+        _, _, found = settled(settings, held_start(), 28)
+        assert found.stable
+        assert np.all(np.isfinite(found.state.q))
