@@ -9,7 +9,7 @@ import numpy as np
 
 from dlo_ros.command import NANOSECONDS, Command, Motion
 from dlo_ros.errors import InputError, VisionError
-from dlo_ros.nodes import overlay, qos
+from dlo_ros.nodes import qos
 from dlo_ros.nodes.base import JUMP_BACK, DloNode
 from dlo_ros.nodes.commands import CommandSubscription
 from dlo_ros.nodes.markers import Markers
@@ -20,9 +20,10 @@ from dlo_ros.recordings import topics
 from dlo_ros.recordings.building import image_message, points_message, spline_message
 from dlo_ros.recordings.images import CameraInfo, Image, read_camera_info, read_image
 from dlo_ros.recordings.messages import read_spline, stamp_of
-from dlo_ros.spline import FloatArray, SplineBasis
+from dlo_ros.spline import FloatArray
 from dlo_ros.vision.camera import Camera
 from dlo_ros.vision.observer import Observer, VisionResult
+from dlo_ros.vision.overlay import draw_overlay
 
 POLL = 0.2
 """Seconds between two looks at which transport is published."""
@@ -36,9 +37,6 @@ class ObserverNode(DloNode):
 
     def __init__(self, **options: Any) -> None:
         super().__init__("observer", "observation", **options)
-        rod = self.settings.rod
-        basis = SplineBasis(rod.control_points, rod.length)
-        self._samples = basis.matrix(np.linspace(0.0, rod.length, 200))
         self._motion = Motion()
         self._info: CameraInfo | None = None
         self._observer: Observer | None = None
@@ -138,7 +136,7 @@ class ObserverNode(DloNode):
         except VisionError as err:
             self.health.warn("image", f"no DLO found: {err}")
             self.health.values["last image"] = str(err)
-            self._publish_overlay(stamp, message, image, None)
+            self._publish_overlay(stamp, message, image, None, str(err))
             return
         self._publish(stamp, result)
         self.health.solved("image")
@@ -179,27 +177,22 @@ class ObserverNode(DloNode):
         self.health.running("observing")
 
     def _publish_overlay(
-        self, stamp: int, message: Any, image: Image, result: VisionResult | None
+        self,
+        stamp: int,
+        message: Any,
+        image: Image,
+        result: VisionResult | None,
+        problem: str = "",
     ) -> None:
-        if not self._overlay_publisher.get_subscription_count():
+        if self._observer is None or not self._overlay_publisher.get_subscription_count():
             return
-        empty = np.empty((0, 2))
-        picture = overlay.draw(
-            image,
-            empty if result is None else result.pixels,
-            np.empty(0, dtype=bool) if result is None else np.asarray(result.pixels_seen),
-            self._predicted_pixels(stamp),
-        )
+        predicted: FloatArray | None = None
+        if self._predicted and abs(stamp - self._predicted[0]) <= RECENT * NANOSECONDS:
+            predicted = self._predicted[1]
+        length = self.settings.rod.length
+        picture = draw_overlay(image, self._observer.camera, length, result, predicted, problem)
         frame = str(message.header.frame_id)
         self._overlay_publisher.publish(image_message(ROS_MESSAGES, stamp, frame, picture))
-
-    def _predicted_pixels(self, stamp: int) -> FloatArray | None:
-        if self._predicted is None or self._observer is None:
-            return None
-        if abs(stamp - self._predicted[0]) > RECENT * NANOSECONDS:
-            return None
-        curve = self._samples @ self._predicted[1][:, :3]
-        return np.asarray(self._observer.camera.project(curve))
 
 
 def main(arguments: list[str] | None = None) -> int:

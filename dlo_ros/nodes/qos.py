@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-from dlo_ros.recordings import topics
-
 RELIABLE = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
     depth=10,
@@ -37,15 +35,3 @@ CLOCK = QoSProfile(
     durability=DurabilityPolicy.VOLATILE,
 )
 """/clock as a player offers it; its subscribers are best effort."""
-
-
-def offered(topic: str, *, latched: bool = False) -> QoSProfile:
-    """Profile to publish a recorded topic with: reliable, so that it matches every subscriber.
-
-    Args:
-        topic: full name.
-        latched: whether it was recorded from a transient local publisher.
-    """
-    if latched or any(topics.is_topic(topic, name) for name in topics.LATCHED):
-        return LATCHED
-    return RELIABLE

@@ -109,6 +109,15 @@ class SimulatorNode(DloNode):
         if len(self._observations) < self._needed() or time.monotonic() < self._retry_at:
             return
         chosen: Sequence[Observation] = self._observations[: self._needed()]
+        off = (self.now() - chosen[-1].stamp) / NANOSECONDS
+        if abs(off) > LONGEST_GAP:
+            self._observations = self._observations[1:]
+            self.health.warn(
+                "clock",
+                f"the observed shape is {off:.1f} s older than the clock; "
+                "with a recording set use_sim_time and play it with /clock",
+            )
+            return
         try:
             self._simulation.start(chosen)
         except DloError as err:
@@ -118,6 +127,7 @@ class SimulatorNode(DloNode):
             return
         self._next = chosen[-1].stamp
         self.health.solved("start")
+        self.health.solved("clock")
         self.health.running("predicting")
         self.get_logger().info(f"simulation starts at {self._next / 1e9:.3f} s")
 

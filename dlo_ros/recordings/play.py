@@ -7,6 +7,8 @@ from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from rosbags.interfaces import Connection
+
 from dlo_ros.errors import RecordingError
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.bag import Bag, RawMessage, open_bag
@@ -32,12 +34,14 @@ class Playlist:
     Args:
         path: the bag.
         topics: full name and message type of each topic that is played.
+        latched: those whose last message holds until the next, such as a command.
         start, end: times of recording between which it is played [ns].
         rate: seconds of the recording per second of wall time.
     """
 
     path: Path
     topics: tuple[tuple[str, str], ...]
+    latched: frozenset[str]
     start: int
     end: int
     rate: float
@@ -66,7 +70,7 @@ class Playlist:
             held: dict[str, RawMessage] = {}
             for message in bag.messages(chosen):
                 if message.stamp < self.start:
-                    if _is_latched(message):
+                    if message.topic in self.latched:
                         held[message.topic] = message
                     continue
                 yield from (Due(0.0, early) for early in held.values())
@@ -116,6 +120,7 @@ def plan(
         return Playlist(
             path=Path(path),
             topics=tuple(chosen),
+            latched=frozenset(c.topic for c in bag.connections if _is_latched(c)),
             start=start + round(start_offset * 1e9),
             end=end,
             rate=rate,
@@ -141,8 +146,8 @@ def _choose(bag: Bag, selection: Collection[str]) -> list[tuple[str, str]]:
     ]
 
 
-def _is_latched(message: RawMessage) -> bool:
-    if any(topics.is_topic(message.topic, name) for name in topics.LATCHED):
+def _is_latched(connection: Connection) -> bool:
+    if any(topics.is_topic(connection.topic, name) for name in topics.LATCHED):
         return True
-    profiles = getattr(message.connection.ext, "offered_qos_profiles", [])
+    profiles = getattr(connection.ext, "offered_qos_profiles", [])
     return any(profile.durability.name == "TRANSIENT_LOCAL" for profile in profiles)

@@ -1,0 +1,64 @@
+"""`play`: a bag onto live topics with /clock."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from dlo_ros.errors import RecordingError
+from dlo_ros.recordings.play import plan
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the tool's arguments."""
+    parser.add_argument("bag", metavar="BAG", nargs="?", help="folder of a rosbag2 recording")
+    parser.add_argument(
+        "--rate", type=float, default=1.0, metavar="R", help="speed, 1 is the recording's"
+    )
+    parser.add_argument("--loop", action="store_true", help="play again and again until Ctrl-C")
+    parser.add_argument(
+        "--start-offset",
+        type=float,
+        default=0.0,
+        metavar="S",
+        help="seconds of the recording to leave out at its start",
+    )
+    parser.add_argument(
+        "--topics", nargs="+", default=[], metavar="T", help="only these topics (default: all)"
+    )
+    parser.add_argument("--no-clock", action="store_true", help="do not publish /clock")
+    parser.add_argument(
+        "--ros-args", nargs=argparse.REMAINDER, default=[], help="ROS arguments, such as remappings"
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Play the bag; returns the exit status.
+
+    Raises:
+        RecordingError: the bag or an argument is unusable.
+    """
+    bag, topics = arguments.bag, list(arguments.topics)
+    if bag is None and len(topics) > 1:
+        bag = topics.pop()  # `play --topics T ... BAG`
+    if bag is None:
+        raise RecordingError("no bag is given; name the folder of a rosbag2 recording")
+    # ROS is imported here, so that --help works without it.
+    from dlo_ros.nodes.messages import installed
+    from dlo_ros.nodes.player import play
+
+    playlist = plan(
+        Path(bag),
+        rate=arguments.rate,
+        start_offset=arguments.start_offset,
+        selection=topics,
+        playable=installed,
+    )
+    print(
+        f"playing {playlist.path}: {len(playlist.topics)} topics, {playlist.duration:.1f} s",
+        flush=True,
+    )
+    ros_arguments = ["--ros-args", *arguments.ros_args] if arguments.ros_args else []
+    return play(
+        playlist, loop=arguments.loop, clock=not arguments.no_clock, arguments=ros_arguments
+    )

@@ -1,0 +1,196 @@
+"""Publishing a recording's messages as they lie in the bag, with /clock."""
+
+from __future__ import annotations
+
+import math
+import queue
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rosgraph_msgs.msg import Clock
+
+from dlo_ros.command import NANOSECONDS
+from dlo_ros.nodes import qos
+from dlo_ros.nodes.messages import message_class
+from dlo_ros.nodes.runtime import Stop, ros
+from dlo_ros.recordings.play import Due, Playlist
+
+CLOCK_PERIOD = 0.01
+"""Seconds of wall time between two /clock messages."""
+
+READ_AHEAD = 24
+"""Messages that are read before they are due, so that unpacking delays none."""
+
+DISCOVERY = 3.0
+"""Seconds to wait at most for subscribers of every topic."""
+
+SETTLED = 0.5
+"""Seconds without a new subscriber after which the graph counts as complete."""
+
+RUN_OUT = 0.25
+"""Seconds of the recording that /clock goes on for, so that the last message is worked off."""
+
+
+class Player:
+    """Plays a playlist on live topics.
+
+    Args:
+        node: that publishes.
+        playlist: what and how fast.
+        clock: whether /clock is published, too.
+    """
+
+    def __init__(self, node: Node, playlist: Playlist, *, clock: bool = True) -> None:
+        self._node = node
+        self._playlist = playlist
+        self._publishers: dict[str, Any] = {}
+        for topic, kind in playlist.topics:
+            # Reliable offers match every subscription; what was latched reaches late ones, too.
+            profile = qos.LATCHED if topic in playlist.latched else qos.RELIABLE
+            self._publishers[topic] = node.create_publisher(message_class(kind), topic, profile)
+        self._clock = node.create_publisher(Clock, "/clock", qos.CLOCK) if clock else None
+        self._ticked = -math.inf
+        self.latest = 0.0
+        self.published = 0
+
+    def wait_for_subscribers(self, stop: Stop) -> None:
+        """Wait until each topic has matched subscribers and no new ones come, at most 3 s."""
+        began = changed = time.monotonic()
+        before: list[int] = []
+        while not stop.requested:
+            now = time.monotonic()
+            matched = [p.get_subscription_count() for p in self._publishers.values()]
+            if matched != before:
+                before, changed = matched, now
+            if now - began > DISCOVERY or (all(matched) and now - changed > SETTLED):
+                return
+            # Nodes on simulated time need a time before the first message.
+            self._tick(0.0)
+            time.sleep(0.02)
+
+    def play(self, stop: Stop) -> None:
+        """Publish all messages once, each when it is due.
+
+        Raises:
+            RecordingError: the bag is damaged.
+        """
+        began = time.monotonic()
+        self._tick(0.0)
+        with _ReadAhead(self._playlist) as messages:
+            for due in messages:
+                self._wait(began, due.after, stop)
+                if stop.requested:
+                    return
+                self._publishers[due.message.topic].publish(due.message.data)
+                self.published += 1
+                self.latest = max(self.latest, time.monotonic() - began - due.after)
+        self._wait(began, self._playlist.duration, stop)
+        self._ticked = -math.inf  # the next pass begins with a tick, however short this one was
+
+    def run_out(self, stop: Stop) -> None:
+        """Let /clock run on a little and wait until reliable subscribers have everything."""
+        began, length = time.monotonic(), self._playlist.duration
+        self._wait(began - length, length + RUN_OUT / self._playlist.rate, stop)
+        for publisher in self._publishers.values():
+            if not stop.requested:
+                publisher.wait_for_all_acked(Duration(seconds=1))
+
+    def _wait(self, began: float, after: float, stop: Stop) -> None:
+        """Wait until `after` seconds after the beginning, keeping the clock going."""
+        while not stop.requested:
+            elapsed = time.monotonic() - began
+            if elapsed >= after:
+                self._tick(after)
+                return
+            self._tick(elapsed)
+            time.sleep(min(after - elapsed, CLOCK_PERIOD))
+
+    def _tick(self, after: float) -> None:
+        now = time.monotonic()
+        if self._clock is not None and now - self._ticked >= 0.9 * CLOCK_PERIOD:
+            self._ticked = now
+            seconds, nanoseconds = divmod(self._playlist.time_at(after), NANOSECONDS)
+            self._clock.publish(Clock(clock=Time(sec=seconds, nanosec=nanoseconds)))
+
+
+def play(
+    playlist: Playlist,
+    *,
+    loop: bool = False,
+    clock: bool = True,
+    arguments: Sequence[str] = (),
+) -> int:
+    """Play until the end, or again and again until Ctrl-C.
+
+    Args:
+        arguments: ROS arguments.
+
+    Returns:
+        Exit status 0.
+
+    Raises:
+        RecordingError: the bag is damaged.
+    """
+    with ros(arguments) as stop:
+        node = Node("player")
+        try:
+            player = Player(node, playlist, clock=clock)
+            stop.interrupts = False
+            player.wait_for_subscribers(stop)
+            player.play(stop)
+            while loop and not stop.requested:
+                player.play(stop)
+            player.run_out(stop)
+            node.get_logger().info(
+                f"{player.published} messages, at worst {1000.0 * player.latest:.1f} ms late"
+            )
+        finally:
+            node.destroy_node()
+    return 0
+
+
+class _ReadAhead:
+    """Iterates over a playlist's messages, read by a thread some messages ahead."""
+
+    def __init__(self, playlist: Playlist) -> None:
+        self._playlist = playlist
+        self._queue: queue.Queue[Due | Exception | None] = queue.Queue(READ_AHEAD)
+        self._left = threading.Event()
+        self._thread = threading.Thread(target=self._read, name="reader", daemon=True)
+
+    def __enter__(self) -> Iterator[Due]:
+        self._thread.start()
+        return self._messages()
+
+    def __exit__(self, *error: object) -> None:
+        self._left.set()
+        self._thread.join(timeout=5.0)
+
+    def _messages(self) -> Iterator[Due]:
+        while (item := self._queue.get()) is not None:
+            if isinstance(item, Exception):
+                raise item
+            yield item
+
+    def _read(self) -> None:
+        try:
+            for due in self._playlist.messages():
+                if not self._put(due):
+                    return
+            self._put(None)
+        except Exception as err:  # raised again in the thread that plays
+            self._put(err)
+
+    def _put(self, item: Due | Exception | None) -> bool:
+        while not self._left.is_set():
+            try:
+                self._queue.put(item, timeout=0.1)
+            except queue.Full:
+                continue
+            return True
+        return False
