@@ -29,9 +29,8 @@ $(INSTALLED): requirements.lock setup.cfg setup.py
 	$(BIN)/pip install --quiet --no-deps --no-build-isolation --editable .
 	@touch $@
 
-$(COMPILED): $(INSTALLED) $(wildcard dlo_ros/rod/*.py)
-	@echo "Compiling the rod model (numba); later runs find it in its cache"
-	$(BIN)/python -m dlo_ros.rod.compile
+$(COMPILED): $(INSTALLED) $(wildcard dlo_ros/rod/*.py dlo_ros/vision/*.py dlo_ros/synthesis/*.py)
+	$(BIN)/python -m dlo_ros.compile
 	@touch $@
 
 demo: $(COMPILED)

@@ -18,6 +18,9 @@ from dlo_ros.nodes.monitor import NODES, Monitor, monitoring
 READY_WITHIN = 60.0
 """Seconds that the nodes may take to start and to find each other."""
 
+RATE = 0.5
+"""Half speed: an eye can follow, and four processes keep up on two slow cores."""
+
 QUIET = 1.5
 """Seconds without a message after which everything that was played has been worked off."""
 
@@ -37,8 +40,13 @@ def run_live(run: LiveRun, console: Console) -> Heard:
         for name in NODES:
             children.start(name, arguments)
         _wait_until_ready(monitor, children)
-        console.print(f"Playing {run.bag} ({run.duration:.1f} s)", soft_wrap=True)
-        player = children.start("play", [str(run.bag), "--topics", *run.topics])
+        console.print(
+            f"Playing {run.bag}: {run.duration:.1f} s in {run.duration / RATE:.1f} s",
+            soft_wrap=True,
+        )
+        player = children.start(
+            "play", [str(run.bag), "--rate", str(RATE), "--topics", *run.topics]
+        )
         with Progress(console, run.duration) as progress:
             _listen(monitor, children, player, progress)
         return monitor.heard
