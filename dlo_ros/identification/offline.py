@@ -179,7 +179,7 @@ def _count(residual: FloatArray) -> int:
     """Numbers of a residual that carry information: planar recordings have no y."""
     power = np.sum(residual**2, axis=(0, 1))
     active = int(np.count_nonzero(power > 1e-9 * max(float(power.max()), 1e-300)))
-    frames, n, _ = residual.shape
+    frames, n, _ = (int(k) for k in residual.shape)
     return frames * n * max(active, 1)
 
 

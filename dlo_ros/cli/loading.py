@@ -1,0 +1,71 @@
+"""What `predict` and `identify` read: parameter file, bags, and splines observed on the way."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+from dataclasses import replace
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import track
+
+from dlo_ros.cli.observe import observe_recording
+from dlo_ros.errors import RecordingError
+from dlo_ros.identification.forecast import Manipulation
+from dlo_ros.observation import Observation
+from dlo_ros.parameters import TABLE, Settings
+from dlo_ros.recordings.read import read_recording
+
+LOG = logging.getLogger(__name__)
+
+
+def add_model_arguments(parser: argparse.ArgumentParser) -> None:
+    """The arguments that name the model: `--params` and `--start`."""
+    parser.add_argument(
+        "--params", type=Path, required=True, metavar="FILE", help="parameter file of the DLO"
+    )
+    parser.add_argument(
+        "--start",
+        choices=TABLE["simulation.start"].choices,
+        help="how the simulation starts from the observed shapes; default: as the file says",
+    )
+
+
+def load_settings(arguments: argparse.Namespace) -> Settings:
+    """The parameter file, with what the command line overrides.
+
+    Raises:
+        ParameterError: the file is unusable.
+    """
+    settings = Settings.load(arguments.params)
+    if arguments.start is None:
+        return settings
+    return replace(settings, simulation=replace(settings.simulation, start=arguments.start))
+
+
+def load_manipulation(path: Path, settings: Settings) -> Manipulation:
+    """A bag's commands and observed shapes; where it has images only, the observer runs first.
+
+    Raises:
+        RecordingError: the bag is unusable, or no image shows a credible DLO.
+    """
+    recording = read_recording(path, settings)
+    observations = recording.observations
+    if not observations:
+        observations = tuple(_observe(path, settings))
+    return Manipulation(recording.name, recording.commands, observations)
+
+
+def _observe(path: Path, settings: Settings) -> list[Observation]:
+    console = Console(stderr=True)
+    found, reason = [], "it has no images"
+    frames = observe_recording(path, settings)
+    for frame in track(frames, f"Observing {path.name}", console=console, transient=True):
+        if frame.result is None:
+            reason = frame.reason
+        else:
+            found.append(frame.result.observation)
+    if not found:
+        raise RecordingError(f"{path}: no image shows a credible DLO ({reason})")
+    return found

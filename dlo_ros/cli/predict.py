@@ -1,0 +1,57 @@
+"""`predict --params FILE --output OUT.mcap BAG`: simulates a bag's commands."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from dlo_ros.cli.loading import add_model_arguments, load_manipulation, load_settings
+from dlo_ros.errors import InputError
+from dlo_ros.identification.forecast import forecast
+from dlo_ros.recordings import topics
+from dlo_ros.recordings.building import BAG_MESSAGES, float_message, spline_message
+from dlo_ros.recordings.write import BagWriter, copy_topics
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The arguments of the tool."""
+    parser.add_argument("bag", type=Path, metavar="BAG", help="recording with commands")
+    add_model_arguments(parser)
+    parser.add_argument(
+        "--output", type=Path, required=True, metavar="OUT.mcap", help="bag to write"
+    )
+    parser.add_argument("--force", action="store_true", help="replace an existing bag")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Predict; returns the exit status.
+
+    Raises:
+        DloError: an input or the output is unusable, or the motion cannot be simulated.
+    """
+    settings = load_settings(arguments)
+    bag, output = arguments.bag, arguments.output
+    if output.exists() and bag.exists() and output.resolve() == bag.resolve():
+        raise InputError(f"{output}: is the input; give the output another name")
+    # The output is tried before the work is done.
+    with BagWriter(output, force=arguments.force) as writer:
+        manipulation = load_manipulation(bag, settings)
+        found = forecast(manipulation, settings)
+        copy_topics(bag, writer, exclude=(topics.PREDICTED, topics.ERR, *_images()))
+        for stamp, shape, err in zip(found.stamps, found.predicted, found.err, strict=True):
+            message = spline_message(BAG_MESSAGES, int(stamp), settings.frame_id, shape)
+            writer.write(topics.PREDICTED, message, int(stamp))
+            writer.write(topics.ERR, float_message(BAG_MESSAGES, float(err)), int(stamp))
+    own = 1e3 * found.resolution_error * settings.rod.length
+    accuracy = "" if np.isnan(own) else f" (the simulation's own error is {own:.2g} mm)"
+    print(
+        f"{output}: {len(found.stamps)} predicted splines, ERR {1e3 * found.err.mean():.2f} mm in "
+        f"the mean, {1e3 * found.err.max():.2f} mm at most{accuracy}"
+    )
+    return 0
+
+
+def _images() -> tuple[str, ...]:
+    return (topics.IMAGE, topics.COMPRESSED, topics.CAMERA_INFO)
