@@ -26,8 +26,11 @@ CLOCK_PERIOD = 0.01
 READ_AHEAD = 24
 """Messages that are read before they are due, so that unpacking delays none."""
 
-DISCOVERY = 3.0
-"""Seconds to wait at most for subscribers of every topic."""
+DISCOVERY = 5.0
+"""Seconds to wait at most for the first subscriber: DDS repeats a lost announcement after three."""
+
+COMPLETE = 2.0
+"""Seconds to wait at most, after the first subscriber, for those of the other topics."""
 
 SETTLED = 0.5
 """Seconds without a new subscriber after which the graph counts as complete."""
@@ -59,15 +62,19 @@ class Player:
         self.published = 0
 
     def wait_for_subscribers(self, stop: Stop) -> None:
-        """Wait until each topic has matched subscribers and no new ones come, at most 3 s."""
-        began = changed = time.monotonic()
+        """Wait until each topic has matched subscribers and no new ones come, a bounded time."""
+        changed = time.monotonic()
+        deadline, found = changed + DISCOVERY, False
         before: list[int] = []
         while not stop.requested:
             now = time.monotonic()
             matched = [p.get_subscription_count() for p in self._publishers.values()]
             if matched != before:
                 before, changed = matched, now
-            if now - began > DISCOVERY or (all(matched) and now - changed > SETTLED):
+            if any(matched) and not found:
+                deadline, found = now + COMPLETE, True
+            settled = now - changed > SETTLED or now > deadline + DISCOVERY
+            if settled and (all(matched) or now > deadline):
                 return
             # Nodes on simulated time need a time before the first message.
             self._tick(0.0)

@@ -19,6 +19,7 @@ from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.building import spline_message
 from dlo_ros.recordings.messages import read_observation
+from dlo_ros.rod.compile import compile_kernels
 from dlo_ros.rod.live import LiveSimulation
 
 WINDOW = 1.0
@@ -46,6 +47,7 @@ class SimulatorNode(DloNode):
 
     def __init__(self, **options: Any) -> None:
         super().__init__("simulator", "prediction", **options)
+        compile_kernels()  # or load them: the first shape must not wait for it
         self._simulation = LiveSimulation(self.settings)
         self._observations: list[Observation] = []
         self._next = 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 from collections import deque
 from collections.abc import Callable
@@ -13,6 +14,11 @@ from dlo_ros.identification.estimate import Estimate
 from dlo_ros.identification.online import OnlineEstimator
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
+from dlo_ros.rod.compile import compile_kernels
+
+SWITCH = 2e-4
+"""Seconds after which the estimator's thread lets the node's callbacks run; by default Python takes
+25 times longer, which a clock and several topics add up to a stand-still."""
 
 WAITING = 600
 """Observed splines that may wait for the estimator; twenty seconds of a camera at 30 Hz."""
@@ -42,6 +48,7 @@ class EstimatorThread:
         self._generation = 0
         self._stopping = False
         self.dropped = 0
+        sys.setswitchinterval(SWITCH)
         self._thread = threading.Thread(target=self._run, name="estimator", daemon=True)
         self._thread.start()
 
@@ -92,6 +99,7 @@ class EstimatorThread:
 
     def _run(self) -> None:
         estimator: OnlineEstimator | None = None
+        compile_kernels()
         while True:
             with self._changed:
                 while not self._tasks and not self._stopping:

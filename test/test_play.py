@@ -1,0 +1,151 @@
+"""The player: schedule without ROS, then real playback to a real subscriber."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import recordings_samples as samples
+
+from dlo_ros.errors import RecordingError
+from dlo_ros.recordings import BAG_MESSAGES, float_message
+from dlo_ros.recordings.play import plan
+
+MS = 1_000_000
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("play") / "bag"
+    return samples.write_plain(path, samples.messages())
+
+
+def test_schedule_at_a_rate(bag):
+    playlist = plan(bag, rate=0.5)
+    assert playlist.start == samples.START - samples.STEP
+    due = list(playlist.messages())
+    assert len(due) == len(samples.messages())
+    for item, (topic, _, stamp) in zip(due, samples.messages(), strict=True):
+        assert item.message.topic == topic
+        assert item.after == pytest.approx((stamp - playlist.start) / 1e9 / 0.5)
+        assert abs(playlist.time_at(item.after) - stamp) <= 1
+    assert playlist.duration == pytest.approx(due[-1].after)
+
+
+def test_a_command_from_before_the_offset_still_holds(bag):
+    playlist = plan(bag, start_offset=0.05)
+    due = list(playlist.messages())
+    assert (due[0].message.topic, due[0].after) == ("/dlo/command", 0.0)
+    assert due[0].message.stamp < playlist.start
+    rest = [item.message.stamp for item in due[1:]]
+    assert rest == [t for _, _, t in samples.messages() if t >= playlist.start]
+
+
+def test_selection_and_types_that_are_not_installed(bag, tmp_path):
+    assert [t for t, _ in plan(bag, selection=["dlo/observed", "/image_raw"]).topics] == [
+        "/dlo/observed",
+        "/image_raw",
+    ]
+    kind = "sensor_msgs/msg/Image"
+    playlist = plan(bag, playable=lambda k: k != kind)
+    assert "/image_raw" not in dict(playlist.topics) and len(playlist.topics) == 4
+    with pytest.raises(RecordingError, match="not installed"):
+        plan(bag, selection=["image_raw"], playable=lambda k: k != kind)
+    with pytest.raises(RecordingError, match="nothing that can be played"):
+        plan(bag, playable=lambda k: False)
+    clock = [("/clock", float_message(BAG_MESSAGES, 1.0), 5), *samples.messages()]
+    path = samples.write_plain(tmp_path / "clock", clock)
+    assert "/clock" not in dict(plan(path).topics)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        ({"rate": 0.0}, "--rate is 0"),
+        ({"rate": -1.0}, "--rate is -1"),
+        ({"rate": float("nan")}, "--rate is nan"),
+        ({"start_offset": 9.0}, "bag is 0.080 s long"),
+        ({"start_offset": -1.0}, "--start-offset is -1"),
+        ({"selection": ["nothing"]}, "no topic nothing; it has /camera_info"),
+    ],
+)
+def test_unusable_arguments(bag, arguments, reason):
+    with pytest.raises(RecordingError) as caught:
+        plan(bag, **arguments)
+    assert reason in str(caught.value)
+
+
+# --- live -----------------------------------------------------------------------------------
+
+pytest.importorskip("rclpy")
+
+
+@pytest.fixture(scope="module")
+def client():
+    from live_graph import Client
+
+    client = Client()
+    yield client
+    client.close()
+
+
+def test_playback_in_order_with_clock_to_every_kind_of_subscriber(client, tmp_path):
+    from live_graph import Process
+    from rclpy.qos import qos_profile_sensor_data
+
+    from dlo_ros.nodes.qos import CLOCK, LATCHED
+
+    path = samples.write_plain(tmp_path / "bag", samples.messages())
+    # The command asks for what is latched, the images are best effort, the splines reliable.
+    command = client.hear("dlo/command", LATCHED)
+    images = client.hear("image_raw", qos_profile_sensor_data)
+    splines = client.hear("dlo/observed")
+    clouds = client.hear("dlo/observed_points")
+    infos = client.hear("camera_info", qos_profile_sensor_data)
+    clock = client.hear("/clock", CLOCK, "rosgraph_msgs/msg/Clock")
+    # `--topics T ... BAG` as the interface writes it.
+    names = ["dlo/command", "image_raw", "dlo/observed", "dlo/observed_points", "camera_info"]
+    process = Process(tmp_path, "play", "--rate", "0.25", "--topics", *names, str(path))
+    client.until(lambda: not process.alive, 25.0, "end of playback")
+    client.spin(0.2)
+    assert process.wait() == 0 and "Traceback" not in process.said
+    assert len(command) == 1 and len(splines) == 4 and len(images) == 4
+    assert len(clouds) == 2 and len(infos) == 4
+    stamps = [m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for m in splines]
+    assert stamps == [samples.START + i * samples.STEP for i in range(4)]
+    assert bytes(images[2].data) == samples.picture(2).tobytes()
+    times = [m.clock.sec * 10**9 + m.clock.nanosec for m in clock]
+    start, end = samples.START - samples.STEP, samples.START + 3 * samples.STEP
+    assert times == sorted(times) and times[0] == start
+    # It runs on a little after the last message, so that this is worked off.
+    assert end + 150 * MS < times[-1] < end + 300 * MS
+    # At a quarter of the speed the clock advances by a quarter of the wall time.
+    steps = [b - a for a, b in zip(times, times[1:], strict=False) if b > a]
+    assert max(steps) < 30 * MS and len(steps) > 25
+
+
+def test_loop_plays_again_until_ctrl_c(client, tmp_path):
+    from live_graph import Process
+
+    path = samples.write_plain(tmp_path / "bag", samples.messages(images=False))
+    splines = client.hear("dlo/observed")
+    splines.clear()
+    process = Process(tmp_path, "play", str(path), "--loop", "--no-clock")
+    client.until(lambda: len(splines) > 12, 25.0, "third pass")
+    assert process.interrupt(times=2) == 0
+    assert "Traceback" not in process.said
+    stamps = [m.header.stamp.nanosec for m in splines[:12]]
+    assert stamps == stamps[:4] * 3
+
+
+def test_damaged_bag_ends_with_status_2(tmp_path):
+    from live_graph import Process
+
+    path = samples.write_plain(tmp_path / "bag", samples.messages())
+    (stored,) = path.glob("*.mcap")
+    stored.write_bytes(stored.read_bytes()[:2000])
+    process = Process(tmp_path, "play", str(path))
+    assert process.wait() == 2
+    assert "damaged or cut short" in process.said and "Traceback" not in process.said
+    process = Process(tmp_path, "play", str(tmp_path / "none"))
+    assert process.wait() == 2 and "no such bag" in process.said
