@@ -35,6 +35,8 @@ RELATIVE_CONTRAST = 0.3  # of that of the clearest DLO in the picture
 RELATIVE_LENGTH = 0.1  # of that of the longest
 CHAIN_CONTRAST = 0.15  # of that of the clearest long chain
 LARGEST_IMBALANCE = 0.7
+MOST_CHAINS = 500
+MOST_COURSES = 50  # that are followed at one width
 WIDTH_SPREAD = 0.22  # of the width: a DLO is equally wide all along
 OVERLAP = 0.4  # share of a course that lies on a better one: it is the same DLO
 
@@ -78,7 +80,7 @@ def find_dlos(image: Image) -> list[FoundDlo]:
     width = narrowest = max(NARROWEST, NARROWEST_SHARE * largest)
     while width <= max(narrowest, WIDEST * largest):
         bars = bar_map(image, width)
-        for path in join(_clear(find_chains(bars), bars.width), bars):
+        for path in join(_clear(find_chains(bars), bars.width), bars)[:MOST_COURSES]:
             if path.length < 0.7 * SHORTEST * bars.width:
                 break  # they come longest first
             dlo = _measured(image, bars, path, width)
@@ -93,7 +95,9 @@ def _clear(chains: list[Chain], width: float) -> list[Chain]:
     strength = [float(np.median(c.strength)) for c in chains]
     long = [s for c, s in zip(chains, strength, strict=True) if c.length > 5 * width]
     least = CHAIN_CONTRAST * max(long, default=0.0)
-    return [c for c, s in zip(chains, strength, strict=True) if s >= least]
+    clear = [c for c, s in zip(chains, strength, strict=True) if s >= least]
+    # In a picture full of texture only the longest can be parts of a DLO.
+    return sorted(clear, key=lambda c: -len(c.points))[:MOST_CHAINS]
 
 
 def _measured(image: Image, bars: BarMap, path: Path, width: float) -> FoundDlo | None:
