@@ -14,7 +14,7 @@ from dlo_ros.spline import FloatArray
 IDENTIFIED = 0.25  # relative standard deviation below which the data determine a parameter
 UNBOUNDED = 1.0  # relative standard deviation above which no number is given
 # Guesses guide the search but are no knowledge: standard deviations of the logarithms.
-GUESS = {"young_modulus": 4.0, "density": 0.3, "air_drag": 1.5, "relaxation_time": 1.5}
+GUESS = {"young_modulus": 4.0, "density": 0.3, "air_drag": 3.0, "relaxation_time": 2.0}
 NOISE_SHARE = 0.1  # of the residual that the simulation's own error may be
 FINEST = 1e-5  # of the length: no finer simulation is asked for
 RIDGE = 1e-8  # keeps flat directions finite: standard deviation 1e4 of a logarithm

@@ -45,6 +45,7 @@ LONGEST_STEP = 1.5  # change of a logarithm at one relinearisation
 RIVALS = (1 / 30, 1 / 8, 1 / 3, 3.0, 8.0, 30.0)  # of E/mu
 TRIALS = (0.3, 0.8, 1.6, 3.2)  # [s] of past after which rivals are tried
 SIGNIFICANT = 0.01  # change of a logarithm that is worth passing on
+UNKNOWN_WEIGHT = 0.1  # of a change that leaves E/mu alone where only E/mu is determined
 FORGETTING = 0.7  # weight of older windows: a DLO warms up and wears
 REPEATS_EVERY = 10  # observations between looks at the correlation of the residuals
 
@@ -264,7 +265,9 @@ class OnlineEstimator:
         theta = np.where(np.isfinite(self._guess), np.clip(theta, low, high), self._guess)
         estimate = summarise(self._initial, theta, information)
         change = logarithms(estimate.settings)[:2] - self._passed
-        if max(float(np.abs(change).max()), abs(float(change[0] - change[1]))) > SIGNIFICANT:
+        known = estimate.identifiable["density"]
+        scale = float(np.abs(change).max()) * (1.0 if known else UNKNOWN_WEIGHT)
+        if max(scale, abs(float(change[0] - change[1]))) > SIGNIFICANT:
             self._passed = self._passed + change
             estimate = replace(estimate, significant=True)
         self._estimate = estimate

@@ -32,6 +32,9 @@ waits for hours does not start from a shape of then.
 LONGEST_GAP = 10.0
 """Seconds that the simulation catches up with; further behind it starts afresh."""
 
+CATCH_UP = 2.0
+"""Seconds behind the clock up to which no prediction is left out: a start takes its time."""
+
 TURN = 0.1
 """Seconds of wall time after which other callbacks have their turn."""
 
@@ -148,7 +151,7 @@ class SimulatorNode(DloNode):
         while self._next <= now and time.monotonic() < until:
             self._predict(self._next)
             self._next += self._period
-        if (now - self._next) / NANOSECONDS > max(TURN, 10 * self._period / NANOSECONDS):
+        if (now - self._next) / NANOSECONDS > CATCH_UP:
             # Too slow for this rate: fewer predictions, but each at its right time.
             self._next += (now - self._next) // self._period * self._period
             self.health.warn(

@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 
-from dlo_ros.command import Command, Motion
-from dlo_ros.errors import InputError
+import numpy as np
+
+from dlo_ros.command import NANOSECONDS, Command, Motion
+from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.simulation import Prediction, Simulation
+
+LOG = logging.getLogger(__name__)
+
+EARLY = 5.0  # [s] after the start: simulated again in less than a second
+CORRECTION = 0.02  # change of ln(E/mu) that is worth it
 
 
 class LiveSimulation:
@@ -22,6 +30,7 @@ class LiveSimulation:
         self.settings = settings
         self.motion = Motion()
         self._simulation: Simulation | None = None
+        self._first: tuple[Observation, ...] = ()
 
     @property
     def started(self) -> bool:
@@ -60,6 +69,7 @@ class LiveSimulation:
         simulation = Simulation(self.settings, self.motion)
         simulation.start(observations)
         self._simulation = simulation
+        self._first = tuple(observations)
 
     def advance(self, stamp: int) -> Prediction:
         """Simulate to a stamp [ns] and return the shape there.
@@ -72,10 +82,29 @@ class LiveSimulation:
         return self._simulation.advance(stamp)
 
     def update(self, settings: Settings) -> None:
-        """Change parameters while running."""
-        if self._simulation is not None:
-            self._simulation.update(settings)
-        self.settings = settings
+        """Change parameters while running.
+
+        Soon after the start a change of E/mu corrects the guess that the simulation started with:
+        it is run again from its start, so that the wrong guess leaves no oscillation behind. Later
+        the motion goes on from the present state.
+        """
+        before, self.settings = self.settings, settings
+        simulation = self._simulation
+        if simulation is None:
+            return
+        ratio = settings.rod.specific_modulus / before.rod.specific_modulus
+        elapsed = (simulation.stamp - self._first[-1].stamp) / NANOSECONDS
+        if elapsed <= EARLY and abs(np.log(ratio)) > CORRECTION:
+            try:
+                again = Simulation(settings, self.motion)
+                again.start(self._first)
+                again.advance(simulation.stamp)
+            except SimulationError as err:
+                LOG.warning("the run is not repeated with the new parameters: %s", err)
+            else:
+                self._simulation = again
+                return
+        simulation.update(settings)
 
     def reset(self) -> None:
         """Forget the state; commands are kept."""

@@ -148,6 +148,11 @@ class Simulation:
         self._judged = self.settings.rod.specific_modulus
         self.state, self.model, self.boundary = state, model, boundary
 
+    @property
+    def stamp(self) -> int:
+        """The simulated instant [ns]."""
+        return self._started().stamp
+
     def fork(self, settings: Settings) -> Simulation:
         """An independent simulation that goes on from the present state with other parameters."""
         twin = copy(self)
