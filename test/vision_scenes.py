@@ -158,7 +158,8 @@ def render(xz, scene):
     for action in scene.extra:
         if action[0] == "below":
             paint_rope(canvas, camera, action[1], scene, action[2])
-    paint_rope(canvas, camera, xz, scene, scene.rope)
+    if xz is not None:
+        paint_rope(canvas, camera, xz, scene, scene.rope)
     for action in scene.extra:
         if action[0] == "box":  # an occluder in pixels
             _, x0, y0, x1, y1, colour = action

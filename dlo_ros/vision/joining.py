@@ -6,13 +6,8 @@ import numpy as np
 
 from dlo_ros.spline import FloatArray
 from dlo_ros.vision.chains import Chain
-from dlo_ros.vision.linking import (
-    bending_costs,
-    bridge,
-    chain_ends,
-    colour_costs,
-    unseen_cost,
-)
+from dlo_ros.vision.linking import Linker, bridge
+from dlo_ros.vision.metric import PlaneGrid
 from dlo_ros.vision.path import Path
 from dlo_ros.vision.segmentation import BarMap
 
@@ -30,24 +25,15 @@ def join(chains: list[Chain], bars: BarMap) -> list[Path]:
     """
     if not chains:
         return []
-    ends, width = chain_ends(chains, bars.width), bars.width
-    candidates: list[tuple[float, int, int]] = []
-    for k in range(len(ends)):
-        costs, gaps = bending_costs(
-            ends.positions[k], ends.directions[k], float(ends.curvatures[k]), ends, width
-        )
-        costs = costs + colour_costs(ends.colours[k], float(ends.strengths[k]), ends)
-        costs[gaps > FURTHEST * width] = np.inf
-        costs[[k, k ^ 1]] = np.inf
-        for j in np.argsort(costs)[:6]:
-            if not costs[j] < LINK_LIMIT:
-                break
-            points = bridge(
-                ends.positions[k], ends.directions[k], ends.positions[j], -ends.directions[j]
-            )
-            unseen, _ = unseen_cost(points, ends.colours[k], float(ends.strengths[k]), bars)
-            if costs[j] + unseen < LINK_LIMIT:
-                candidates.append((float(costs[j]) + unseen, k, int(j)))
+    plane = PlaneGrid.of_pixels(bars)
+    linker = Linker(chains, bars, plane)
+    ends = linker.ends
+    candidates = [
+        (link.cost, k, link.end)
+        for k in range(len(ends))
+        for link in linker.from_end(k, LINK_LIMIT)
+        if link.length < FURTHEST * bars.width
+    ]
     candidates.sort()
     partner: dict[int, int] = {}
     group = list(range(len(chains)))

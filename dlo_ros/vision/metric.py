@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
+from numba import njit
 
 from dlo_ros.spline import FloatArray
 from dlo_ros.vision.camera import Camera
@@ -11,32 +14,65 @@ from dlo_ros.vision.segmentation import BarMap
 CELL = 24.0  # [px of the bar map] distortion and perspective are straight over that
 
 
+@dataclass(frozen=True, eq=False)
 class PlaneGrid:
-    """Takes points of a bar map to the board's plane, by bilinear interpolation.
+    """Takes points of a bar map to a plane where lengths are true, by bilinear interpolation.
 
     Good to a few parts in a thousand of lengths, which suffices to choose between courses, and many
     times faster than undoing the lens for every bridge that is tried.
+
+    Args:
+        nodes: plane coordinates at every CELL px, shape (rows, columns, 2).
     """
 
-    def __init__(self, camera: Camera, bars: BarMap) -> None:
-        height, width = bars.strength.shape
-        self._columns = max(2, int(np.ceil(width / CELL)) + 1)
-        self._rows = max(2, int(np.ceil(height / CELL)) + 1)
-        x, y = np.meshgrid(np.arange(self._columns) * CELL, np.arange(self._rows) * CELL)
-        pixels = bars.to_image(np.column_stack([x.ravel(), y.ravel()]))
-        plane = camera.to_board(pixels)[:, [0, 2]]
+    nodes: FloatArray
+
+    @classmethod
+    def of_board(cls, camera: Camera, bars: BarMap) -> PlaneGrid:
+        """The board's plane, x and z [m]."""
+        x, y = _lattice(bars)
+        plane = camera.to_board(bars.to_image(np.column_stack([x.ravel(), y.ravel()])))[:, [0, 2]]
         # Beyond the horizon everything is far away.
         plane = np.where(np.isfinite(plane), plane, 1e6)
-        self._plane = plane.reshape(self._rows, self._columns, 2)
+        return cls(np.ascontiguousarray(plane.reshape(*x.shape, 2)))
 
-    def __call__(self, points: FloatArray) -> FloatArray:
-        """Points (x, z) [m] of points of the bar map, shape (m, 2)."""
-        q = points / CELL
-        column = np.clip(q[:, 0].astype(np.int64), 0, self._columns - 2)
-        row = np.clip(q[:, 1].astype(np.int64), 0, self._rows - 2)
-        s = (q[:, 0] - column)[:, None]
-        t = (q[:, 1] - row)[:, None]
-        p = self._plane
-        upper = (1 - s) * p[row, column] + s * p[row, column + 1]
-        lower = (1 - s) * p[row + 1, column] + s * p[row + 1, column + 1]
-        return np.asarray((1 - t) * upper + t * lower)
+    @classmethod
+    def of_pixels(cls, bars: BarMap) -> PlaneGrid:
+        """The bar map itself [px], where no camera is known."""
+        return cls(np.ascontiguousarray(np.stack(_lattice(bars), axis=-1)))
+
+    def length(self, points: FloatArray, step: int = 1) -> float:
+        """True length of a curve given by points of the bar map, shape (m, 2)."""
+        some = points if len(points) < 3 * step else np.vstack([points[::step], points[-1:]])
+        return float(polyline_length(self.nodes, np.ascontiguousarray(some)))
+
+
+def _lattice(bars: BarMap) -> tuple[FloatArray, FloatArray]:
+    height, width = bars.strength.shape
+    columns = max(2, int(np.ceil(width / CELL)) + 1)
+    rows = max(2, int(np.ceil(height / CELL)) + 1)
+    x, y = np.meshgrid(np.arange(columns) * CELL, np.arange(rows) * CELL)
+    return x, y
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def polyline_length(nodes: FloatArray, points: FloatArray) -> float:
+    """Length in the plane of a polyline in the bar map."""
+    rows, columns = nodes.shape[0], nodes.shape[1]
+    total = 0.0
+    before_x, before_z = 0.0, 0.0
+    for k in range(len(points)):
+        qx, qy = points[k, 0] / CELL, points[k, 1] / CELL
+        column = min(max(int(qx), 0), columns - 2)
+        row = min(max(int(qy), 0), rows - 2)
+        s, t = qx - column, qy - row
+        a, b = (1 - s) * (1 - t), s * (1 - t)
+        c, d = (1 - s) * t, s * t
+        p, q = nodes[row, column], nodes[row, column + 1]
+        u, v = nodes[row + 1, column], nodes[row + 1, column + 1]
+        x = a * p[0] + b * q[0] + c * u[0] + d * v[0]
+        z = a * p[1] + b * q[1] + c * u[1] + d * v[1]
+        if k > 0:
+            total += np.sqrt((x - before_x) ** 2 + (z - before_z) ** 2)
+        before_x, before_z = x, z
+    return total

@@ -151,8 +151,8 @@ class Observer:
             for c in clamps
         ]
 
-        metric = PlaneGrid(self.camera, bars)
-        path = PathSearch(chains, bars, self.basis.length, metric, local[0], local[1]).find()
+        plane = PlaneGrid.of_board(self.camera, bars)
+        path = PathSearch(chains, bars, self.basis.length, plane, local[0], local[1]).find()
         points = bars.to_image(path.points)
         if ends.start is None and ends.end is None and self._backwards(points):
             points = points[::-1]

@@ -7,7 +7,6 @@ length decides between paths that are equally smooth.
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,29 +14,18 @@ import numpy as np
 from dlo_ros.errors import VisionError
 from dlo_ros.spline import FloatArray
 from dlo_ros.vision.chains import Chain
-from dlo_ros.vision.linking import (
-    Ends,
-    bending_costs,
-    bridge,
-    chain_ends,
-    colour_costs,
-    split_at,
-    unseen_cost,
-)
+from dlo_ros.vision.linking import Link, Linker, bridge, split_at
+from dlo_ros.vision.metric import PlaneGrid
 from dlo_ros.vision.segmentation import BarMap
 
 LENGTH_STD = 0.03  # of the length: how well the seen length is expected to agree
 LENGTH_LIMIT = 0.15  # of the length: a path further off is none
 FREE_END = 1.5  # cost of ending where no clamp says so
-LINK_LIMIT = 14.0  # a dearer link is none
-PREFER_NEAR = 0.12  # per width, when choosing which links to examine
 MOST_EXPANSIONS = 4000
 SAME_LENGTH = 0.02  # of the length: paths to one chain that differ by less are not kept apart
 MOST_LINKS = 8  # tried from each end
 DIFFERENT = 4.0  # [widths] two paths that are nowhere further apart are one
 AMBIGUITY = 1.5  # a second path that is dearer by less makes the first doubtful
-
-Metric = Callable[[FloatArray], FloatArray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +47,7 @@ class Path:
         points: shape (m, 2), from the start to the end.
         seen: whether a chain lies there (else a bridge), shape (m,).
         cost: of the links and of the length.
-        length: in the unit of the metric.
+        length: in the unit of the plane.
         contrast: median contrast of the chains [grey levels].
         colour: of the DLO, BGR, shape (3,).
     """
@@ -85,8 +73,8 @@ class PathSearch:
     Args:
         chains: from `find_chains`, in pixels of the bar map.
         bars: the bar map.
-        length: of the DLO, in the unit of the metric.
-        metric: takes points of the bar map, shape (m, 2), to a plane where lengths are true.
+        length: of the DLO, in the unit of the plane.
+        plane: where lengths are true.
         start, end: clamps where they are known, in pixels of the bar map.
     """
 
@@ -95,24 +83,23 @@ class PathSearch:
         chains: list[Chain],
         bars: BarMap,
         length: float,
-        metric: Metric,
+        plane: PlaneGrid,
         start: ClampPixel | None,
         end: ClampPixel | None,
     ) -> None:
         for clamp in (start, end):
             if clamp is not None:
                 chains = split_at(chains, clamp.position, bars.width)
-        self.chains, self.bars, self.length, self.metric = chains, bars, length, metric
+        self.chains, self.bars, self.length, self.plane = chains, bars, length, plane
         self.start, self.end = start, end
-        self.ends: Ends = chain_ends(chains, bars.width)
+        self._linker = Linker(chains, bars, plane)
+        self.ends = self._linker.ends
         self.lengths = np.array([self._measure(c.points) for c in chains])
-        self._links: dict[int, list[tuple[float, float, int]]] = {}
-        self._closings: dict[int, tuple[float, float]] = {}
+        self._links: dict[int, list[Link]] = {}
+        self._closings: dict[int, tuple[float, float]] | None = None
 
     def _measure(self, points: FloatArray) -> float:
-        step = max(1, round(self.bars.width / 2))
-        some = points if len(points) < 3 * step else np.vstack([points[::step], points[-1:]])
-        return float(np.sum(np.linalg.norm(np.diff(self.metric(some), axis=0), axis=1)))
+        return self.plane.length(points, max(1, round(self.bars.width / 2)))
 
     def find(self) -> Path:
         """The best path.
@@ -186,30 +173,14 @@ class PathSearch:
         ]
 
     def _from_clamp(self, clamp: ClampPixel, forward: bool) -> list[tuple[float, float, int]]:
-        """Links between a clamp and chains; states run away from a start, towards an end."""
-        width = self.bars.width
-        if clamp.direction is None:
-            offset = self.ends.positions - clamp.position
-            distance = np.hypot(offset[:, 0], offset[:, 1])
-            costs = np.where(distance < 3.0 * width, 0.5 * (distance / width) ** 2 * 0.5, np.inf)
-        else:
-            direction = clamp.direction if forward else -clamp.direction
-            costs, distance = bending_costs(clamp.position, direction, 0.0, self.ends, width)
-        result = []
-        near_first = costs + PREFER_NEAR * distance / width
-        for k in np.argsort(near_first)[: 3 * MOST_LINKS]:
-            if not costs[k] < LINK_LIMIT:
-                break
-            points = self._clamp_bridge(clamp, int(k), forward)
-            colour, strength = self.ends.colours[k], float(self.ends.strengths[k])
-            unseen, _ = unseen_cost(points, colour, strength, self.bars)
-            cost = float(costs[k]) + unseen
-            if cost < LINK_LIMIT:
-                # Entering at the first point runs the chain forwards; an end clamp is reached
-                # from the last point of a chain that runs forwards.
-                state = int(k) if forward else int(k) ^ 1
-                result.append((cost, self._measure(points), state))
-        return result
+        """Cost, length and chain of the links between a clamp and chains."""
+        direction = clamp.direction
+        if direction is not None and not forward:
+            direction = -direction
+        # Entering at the first point runs a chain forwards; an end clamp is reached from the
+        # last point of a chain that runs forwards.
+        links = self._linker.from_clamp(clamp.position, direction)
+        return [(c, gap, k if forward else k ^ 1) for c, gap, k in links[: 2 * MOST_LINKS]]
 
     def _clamp_bridge(self, clamp: ClampPixel, k: int, forward: bool) -> FloatArray:
         position, direction = self.ends.positions[k], -self.ends.directions[k]
@@ -217,47 +188,28 @@ class PathSearch:
             out = direction
         else:
             out = clamp.direction if forward else -clamp.direction
-        points = bridge(clamp.position, out, position, direction)
+        points: FloatArray = bridge(clamp.position, out, position, direction)
         return points if forward else points[::-1]
 
     def _close(self, state: int) -> tuple[float, float]:
         """Cost and length from the end of a chain to the end of the DLO."""
         if self.end is None:
             return FREE_END, 0.0
-        if not self._closings:
-            for cost, gap, k in self._from_clamp(self.end, forward=False):
-                self._closings[k] = (cost, gap)
+        if self._closings is None:
+            self._closings = {k: (c, gap) for c, gap, k in self._from_clamp(self.end, False)}
         return self._closings.get(state, (np.inf, 0.0))
 
-    def _next(self, state: int) -> list[tuple[float, float, int]]:
-        """Cheapest links from the exit of a chain: cost, length of the bridge, next state."""
-        if state in self._links:
-            return self._links[state]
-        k = state ^ 1  # entered at one end, left at the other
-        ends, width = self.ends, self.bars.width
-        colour, strength = ends.colours[k], float(ends.strengths[k])
-        costs, gaps = bending_costs(
-            ends.positions[k], ends.directions[k], float(ends.curvatures[k]), ends, width
-        )
-        costs = costs + colour_costs(colour, strength, ends) + 0.1
-        costs[[k, k ^ 1]] = np.inf
-        result = []
-        near_first = costs + PREFER_NEAR * gaps / width
-        for j in np.argsort(near_first)[: 4 * MOST_LINKS]:
-            if not costs[j] < LINK_LIMIT:
-                break
-            points = self._bridge(k, int(j))
-            unseen, _ = unseen_cost(points, colour, strength, self.bars)
-            cost = float(costs[j]) + unseen
-            if cost < LINK_LIMIT:
-                result.append((cost, self._measure(points), int(j)))
-        result.sort()
-        self._links[state] = result[:MOST_LINKS]
+    def _next(self, state: int) -> list[Link]:
+        """Cheapest links from the exit of a chain, which is not where it was entered."""
+        if state not in self._links:
+            self._links[state] = self._linker.from_end(state ^ 1)[:MOST_LINKS]
         return self._links[state]
 
     def _bridge(self, k: int, j: int) -> FloatArray:
         ends = self.ends
-        return bridge(ends.positions[k], ends.directions[k], ends.positions[j], -ends.directions[j])
+        return np.asarray(
+            bridge(ends.positions[k], ends.directions[k], ends.positions[j], -ends.directions[j])
+        )
 
     def _differ(self, one: _Partial, other: _Partial) -> bool:
         """Whether two paths run differently, and not only through other pieces of one course."""
