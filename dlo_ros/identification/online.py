@@ -39,6 +39,7 @@ LOG = logging.getLogger(__name__)
 WINDOW = 20.0  # [s] of past that is simulated again; older information is kept as a summary
 FEWEST = 3  # observations before anything is concluded
 SHORTEST_STEP = 0.01  # change of a logarithm that never needs a new linearisation
+NUISANCE_WEIGHT = 0.1
 NEGLECTED = 1.0  # second-order part of a change of the shapes that may be neglected, in sigma
 SMALLEST_STD = 1e-6  # [m] of a residual number; below is rounding
 LONGEST_STEP = 1.5  # change of a logarithm at one relinearisation
@@ -234,7 +235,8 @@ class OnlineEstimator:
 
     def _linear(self, run: _Pass, step: FloatArray) -> bool:
         """Whether a step is so short that what the linear model neglects lies below the noise."""
-        largest = float(np.abs(step).max())
+        # Damping is a nuisance here: it may be further off before it matters to E/mu.
+        largest = max(abs(float(step[0] - step[1])), NUISANCE_WEIGHT * float(np.abs(step).max()))
         effect = np.sqrt(max(float(step @ run.normal @ step) * self._scale(run), 0.0))
         return largest < SHORTEST_STEP or largest * effect < NEGLECTED
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import threading
 from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from typing import NamedTuple
 
 from dlo_ros.command import Command
@@ -19,6 +21,8 @@ from dlo_ros.rod.compile import compile_kernels
 SWITCH = 2e-4
 """Seconds after which the estimator's thread lets the node's callbacks run; by default Python takes
 25 times longer, which a clock and several topics add up to a stand-still."""
+
+NICENESS = 10
 
 WAITING = 600
 """Observed splines that may wait for the estimator; twenty seconds of a camera at 30 Hz."""
@@ -99,6 +103,9 @@ class EstimatorThread:
 
     def _run(self) -> None:
         estimator: OnlineEstimator | None = None
+        # Where processors are scarce, observing and predicting come first: they cannot wait.
+        with suppress(OSError, AttributeError):
+            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICENESS)
         compile_kernels()
         while True:
             with self._changed:
