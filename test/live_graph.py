@@ -28,11 +28,11 @@ ROOT = Path(__file__).resolve().parent.parent
 class Process:
     """`dlo_ros NAME ...` as the user runs it; what it prints goes to a file."""
 
-    def __init__(self, folder: Path, *words: str) -> None:
+    def __init__(self, folder: Path, *words: str, domain: int = DOMAIN) -> None:
         self.log = folder / f"{words[0]}-{time.monotonic_ns()}.log"
         environment = dict(
             os.environ,
-            ROS_DOMAIN_ID=str(DOMAIN),
+            ROS_DOMAIN_ID=str(domain),
             ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST",
             ROS_PYTHON_CHECK_FIELDS="1",
             ROS_LOG_DIR=str(folder),
@@ -75,9 +75,9 @@ class Process:
 class Client:
     """A node in the test's own process."""
 
-    def __init__(self) -> None:
+    def __init__(self, domain: int = DOMAIN) -> None:
         self.context = rclpy.Context()
-        rclpy.init(context=self.context, domain_id=DOMAIN)
+        rclpy.init(context=self.context, domain_id=domain)
         self.node = Node("client", context=self.context)
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)

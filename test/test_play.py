@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -120,7 +121,7 @@ def test_playback_in_order_with_clock_to_every_kind_of_subscriber(client, tmp_pa
     # It runs on a little after the last message, so that this is worked off.
     assert end + 150 * MS < times[-1] < end + 300 * MS
     # At a quarter of the speed the clock advances by a quarter of the wall time.
-    steps = [b - a for a, b in zip(times, times[1:], strict=False) if b > a]
+    steps = [b - a for a, b in pairwise(times) if b > a]
     assert max(steps) < 30 * MS and len(steps) > 25
 
 

@@ -143,11 +143,11 @@ def play(
     Raises:
         RecordingError: the bag is damaged.
     """
-    with ros(arguments) as stop:
+    with ros(arguments, interrupts=False) as stop:
         node = Node("player")
         try:
             player = Player(node, playlist, clock=clock)
-            stop.interrupts = False
+            stop.building = False
             player.wait_for_subscribers(stop)
             player.play(stop)
             while loop and not stop.requested:

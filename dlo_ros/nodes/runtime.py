@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -23,39 +25,56 @@ UNUSABLE = 2
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
+PATIENCE = 3.0
+"""Seconds that a node which is still being built may take to end by itself."""
+
+
 class Stop:
     """Whether somebody asked the process to end (Ctrl-C, or SIGTERM of a launch file).
 
-    While a node is being built the first signal interrupts it; afterwards signals set a flag only,
-    so that a second one, which `ros2 launch` sends for the same Ctrl-C, cannot disturb the ending.
+    Args:
+        interrupts: whether the first signal raises KeyboardInterrupt. Nodes only note it: raised
+            inside a callback of some library it would be printed there, and `ros2 launch` sends a
+            second one for the same Ctrl-C.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, interrupts: bool) -> None:
         self.requested = False
-        self.interrupts = True
+        self.building = not interrupts
+        self._interrupts = interrupts
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
         """Take a signal."""
-        self.requested = True
-        if self.interrupts:
-            self.interrupts = False
+        first, self.requested = not self.requested, True
+        if not first:
+            return
+        if self._interrupts:
             raise KeyboardInterrupt
+        if self.building:
+            # Compiling takes long, and there is nothing yet that could be lost.
+            patience = threading.Timer(PATIENCE, os._exit, (DONE,))
+            patience.daemon = True
+            patience.start()
 
 
 @contextmanager
-def ros(arguments: Sequence[str]) -> Iterator[Stop]:
-    """ROS started, with signals that end it quietly; shut down on leaving."""
-    stop = Stop()
+def ros(arguments: Sequence[str], *, interrupts: bool = True) -> Iterator[Stop]:
+    """ROS started, with signals that end it quietly; shut down on leaving.
+
+    Args:
+        interrupts: whether Ctrl-C raises KeyboardInterrupt, or is noted in `requested` only.
+    """
+    stop = Stop(interrupts)
     before = {number: signal.signal(number, stop) for number in SIGNALS}
     try:
         rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
         yield stop
     finally:
-        stop.interrupts = False
         with suppress(Exception):
             rclpy.try_shutdown()
         for number, handler in before.items():
-            signal.signal(number, handler)
+            # After one Ctrl-C another one must not kill the process on its way out.
+            signal.signal(number, signal.SIG_IGN if stop.requested else handler)
 
 
 def spin(node: Node, stop: Stop, done: Callable[[], bool] = lambda: False) -> None:
@@ -92,14 +111,14 @@ def run(name: str, make: Callable[[], Any], arguments: Sequence[str] | None = No
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
     try:
-        with ros(words) as stop:
+        with ros(words, interrupts=False) as stop:
             unknown = remove_ros_args(words)
             if unknown:
                 return complain(
                     name, f"unknown argument '{unknown[0]}'; ROS arguments follow --ros-args"
                 )
             node = make()
-            stop.interrupts = False
+            stop.building = False
             try:
                 spin(node, stop)
             finally:

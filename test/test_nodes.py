@@ -1,0 +1,384 @@
+"""The three nodes as real processes: the loop, services, parameters, hostile input, the end."""
+
+from __future__ import annotations
+
+import math
+import signal
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import recordings_samples as samples
+
+pytest.importorskip("rclpy")
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from live_graph import Client, Process, to_ros
+from rclpy.qos import qos_profile_sensor_data
+from std_srvs.srv import SetBool, Trigger
+
+from dlo_ros.command import Command, Motion
+from dlo_ros.demo.network import free_domain
+from dlo_ros.nodes.qos import LATCHED
+from dlo_ros.observation import Observation
+from dlo_ros.parameters import Settings
+from dlo_ros.recordings import BAG_MESSAGES, BagWriter, command_message, spline_message, topics
+from dlo_ros.rod.simulation import Simulation
+from dlo_ros.spline import SplineBasis
+
+N = 10
+START = samples.START
+TRUE_MODULUS = 1.0e7
+GUESS = Settings.from_mapping(
+    {
+        "rod.length": 0.4,
+        "rod.diameter": 0.004,
+        "rod.young_modulus": 4.0e6,
+        "rod.density": 2000.0,
+        "rod.control_points": N,
+        "simulation.tolerance": 0.001,
+    }
+)
+SHAPES = 75
+EVERY = 40_000_000
+NODES = ("observer", "simulator", "identifier")
+
+
+def swing(stamp: int) -> Command:
+    """One end clamped, pointing to the right; turned up and down, then held."""
+    times = np.linspace(0.0, 2.0, 41)
+    angle = 0.5 * np.sin(2 * math.pi * times) * np.minimum(1.0, 2.0 - times)
+    rotations = np.zeros((len(times), 1, 4))
+    rotations[:, 0, 1], rotations[:, 0, 3] = np.sin(angle / 2), np.cos(angle / 2)
+    return Command(
+        stamp=stamp,
+        names=("start",),
+        times=times,
+        positions=np.zeros((len(times), 1, 3)),
+        rotations=rotations,
+        velocities=np.full((len(times), 1, 3), np.nan),
+        control_points=N,
+    )
+
+
+def straight() -> np.ndarray:
+    basis = SplineBasis(N, GUESS.rod.length)
+    return np.column_stack([basis.greville, np.zeros((N, 3))])
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Splines of a rod with another E than the guess, with noise, and the command."""
+    truth = GUESS.with_material(TRUE_MODULUS, GUESS.rod.density)
+    command = swing(START)
+    simulation = Simulation(truth, Motion([command]))
+    simulation.start([Observation(START, straight())])
+    rng = np.random.default_rng(1)
+    path = tmp_path_factory.mktemp("swing") / "swing"
+    with BagWriter(path) as writer:
+        writer.write(topics.COMMAND, command_message(BAG_MESSAGES, command), START - 10_000_000)
+        for i in range(SHAPES):
+            stamp = START + i * EVERY
+            shape = simulation.advance(stamp).control_points.copy()
+            shape[1:, [0, 2]] += rng.normal(0.0, 2e-4, (N - 1, 2))
+            message = spline_message(BAG_MESSAGES, stamp, "board", shape)
+            writer.write(topics.OBSERVED, message, stamp + 1_000_000)
+    return path
+
+
+class System:
+    """The three nodes, and a client."""
+
+    def __init__(self, folder: Path, settings: Settings, *words: str) -> None:
+        params = folder / "params.yaml"
+        settings.dump(params)
+        self.folder = folder
+        self.arguments = ("--ros-args", "--params-file", str(params), *words)
+        self.domain = free_domain()
+        self.nodes = {name: self.start(name, *self.arguments) for name in NODES}
+        self.client = Client(self.domain)
+        self.diagnostics: dict[str, DiagnosticStatus] = {}
+        self._statuses = self.client.hear(
+            "/diagnostics", kind="diagnostic_msgs/msg/DiagnosticArray"
+        )
+
+    def start(self, *words: str) -> Process:
+        return Process(self.folder, *words, domain=self.domain)
+
+    def status(self, name: str) -> DiagnosticStatus | None:
+        found = [s for m in self._statuses for s in m.status if s.name.startswith(f"{name}:")]
+        return found[-1] if found else None
+
+    def values(self, name: str) -> dict[str, str]:
+        status = self.status(name)
+        return {v.key: v.value for v in status.values} if status else {}
+
+    def ready(self) -> None:
+        self.client.until(
+            lambda: all(self.status(name) for name in NODES), 40.0, "diagnostics of all nodes"
+        )
+
+    def all_alive(self) -> None:
+        for name, process in self.nodes.items():
+            assert process.alive, f"{name} died: {process.said}"
+
+    def close(self) -> None:
+        self.client.close()
+        for name, process in self.nodes.items():
+            if process.alive:
+                assert process.interrupt(times=2) == 0, f"{name}: {process.said}"
+            assert "Traceback" not in process.said, process.said
+
+
+@pytest.fixture(scope="module")
+def playing(tmp_path_factory: pytest.TempPathFactory, bag: Path):
+    """Nodes on simulated time that have just seen the recording."""
+    system = System(tmp_path_factory.mktemp("playing"), GUESS, "-p", "use_sim_time:=true")
+    system.ready()
+    for topic in (topics.PREDICTED, topics.ERR, topics.YOUNG_MODULUS, topics.DENSITY):
+        system.client.hear(topic, LATCHED if topic in topics.LATCHED else 50)
+    player = system.start("play", str(bag))
+    system.client.until(lambda: not player.alive, 30.0, "end of playback")
+    assert player.wait() == 0, player.said
+    err = system.client.hear(topics.ERR)
+    system.client.until(lambda: len(err) >= SHAPES, 20.0, "ERR of all splines")
+    system.client.until(
+        lambda: system.values("identifier").get("estimates") == str(SHAPES), 20.0, "all estimates"
+    )
+    system.all_alive()
+    yield system
+    system.close()
+
+
+@pytest.fixture(scope="module")
+def waiting(tmp_path_factory: pytest.TempPathFactory):
+    """Nodes on wall time that nothing was sent to yet."""
+    system = System(tmp_path_factory.mktemp("waiting"), GUESS)
+    system.ready()
+    yield system
+    system.close()
+
+
+def stamp_of(message) -> int:
+    return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+
+
+def test_the_loop_closes(playing):
+    """The identifier finds E from the splines and moves the simulator, whose ERR falls."""
+    client = playing.client
+    predicted = client.hear(topics.PREDICTED)
+    stamps = [stamp_of(m) for m in predicted]
+    # Instants of a grid from the first observed stamp on, each once; few are left out if any.
+    period = 20_000_000
+    assert stamps[0] == START
+    steps = np.diff(stamps)
+    assert np.all(steps > 0) and np.all(steps % period == 0) and np.mean(steps) < 1.5 * period
+    assert stamps[-1] >= START + (SHAPES - 1) * EVERY
+    err = [m.data for m in client.hear(topics.ERR)]
+    assert len(err) == SHAPES
+    early, late = np.mean(err[5:15]), np.mean(err[-15:])
+    assert late < 0.3 * early and late < 0.002, (early, late)
+    young = client.hear(topics.YOUNG_MODULUS)[-1].data
+    density = client.hear(topics.DENSITY)[-1].data
+    ratio = young / density
+    assert ratio == pytest.approx(TRUE_MODULUS / GUESS.rod.density, rel=0.1)
+    simulated = client.get("/simulator", "rod.young_modulus", "rod.density")
+    assert simulated[0] / simulated[1] == pytest.approx(ratio, rel=0.05)
+
+
+def test_estimates_are_latched(playing):
+    """Who comes after the fact still gets them."""
+    late: list = []
+    kind = type(playing.client.hear(topics.DENSITY)[-1])
+    playing.client.node.create_subscription(kind, "/dlo/density", late.append, LATCHED)
+    playing.client.until(lambda: late, what="latched estimate")
+    assert late[0].data == playing.client.hear(topics.DENSITY)[-1].data
+
+
+def test_diagnostics_say_what_the_data_determine(playing):
+    values = playing.values("identifier")
+    assert values["compared splines"] == str(SHAPES) and values["observed splines"] == str(SHAPES)
+    assert float(values["specific_modulus [m^2/s^2]"]) > 0
+    assert float(values["specific_modulus std [m^2/s^2]"]) > 0
+    assert values["specific_modulus identifiable"] == "yes"
+    assert int(playing.values("simulator")["predictions"]) >= 100
+
+
+def test_a_second_run_of_the_recording_starts_afresh(playing, bag):
+    client = playing.client
+    predicted, err = client.hear(topics.PREDICTED), client.hear(topics.ERR)
+    predicted.clear()
+    err.clear()
+    player = playing.start("play", str(bag), "--rate", "2")
+    client.until(lambda: not player.alive, 30.0, "end of playback")
+    client.spin(0.5)
+    playing.all_alive()
+    stamps = [stamp_of(m) for m in predicted if stamp_of(m) >= START]
+    assert START in stamps and stamps[-1] >= START + (SHAPES - 1) * EVERY
+    assert len(err) > 60
+    # The simulator kept what was found, so it is right from the start.
+    assert np.mean([m.data for m in err[:10]]) < 0.004
+
+
+def test_pause_and_reset(playing):
+    client = playing.client
+    answer = client.call(SetBool, "/identifier/pause", SetBool.Request(data=True))
+    assert answer.success and answer.message == "paused"
+    answer = client.call(SetBool, "/identifier/pause", SetBool.Request(data=False))
+    assert answer.success and answer.message == "running"
+    for name in NODES:
+        assert client.call(Trigger, f"/{name}/reset", Trigger.Request()).success
+
+
+def test_parameters_are_described_and_checked_as_a_set(waiting):
+    client = waiting.client
+    descriptor = client.describe("/simulator", "rod.young_modulus")
+    assert "[Pa]" in descriptor.description and not descriptor.read_only
+    assert descriptor.floating_point_range[0].from_value == 1e3
+    assert client.describe("/observer", "rod.length").read_only
+    assert "auto" in client.describe("/observer", "image_transport").additional_constraints
+    assert client.set("/simulator", rod__young_modulus=5_000_000).successful  # a whole number
+    before = client.get("/simulator", "rod.young_modulus", "rod.density")
+    assert before == [5_000_000, 2000.0]
+    refused = client.set("/simulator", rod__young_modulus=6.0e6, rod__density=-1.0)
+    assert not refused.successful and "rod.density" in refused.reason
+    assert client.get("/simulator", "rod.young_modulus", "rod.density") == before
+    for values, reason in (
+        ({"rod__young_modulus": math.nan}, "rod.young_modulus"),
+        ({"rod__young_modulus": "stiff"}, "must be a number"),
+        ({"gravity": [0.0, 0.0]}, "must have 3"),
+        ({"simulation__start": "anyhow"}, "equilibrium | observed | moving"),
+        ({"rod__length": 0.5}, "read-only"),
+    ):
+        refused = client.set("/simulator", **values)
+        assert not refused.successful and reason in refused.reason, refused
+    assert client.set("/simulator", rod__young_modulus=4.0e6).successful
+
+
+def hostile_splines() -> list:
+    shape = straight()
+    good = spline_message(BAG_MESSAGES, START, "board", shape)
+
+    def changed(change) -> object:
+        message = to_ros(good)
+        change(message)
+        return message
+
+    def nan(m):
+        m.poses[3].position.x = math.nan
+
+    def frame(m):
+        m.header.frame_id = "map"
+
+    def none(m):
+        m.poses = []
+
+    def many(m):
+        m.poses = m.poses * 400
+
+    def zero(m):
+        m.poses[2].orientation.w = 0.0
+
+    def far(m):
+        m.poses[2].position.z = 1e300
+
+    return [changed(c) for c in (nan, frame, none, many, zero, far)]
+
+
+def test_hostile_messages_are_warnings(waiting):
+    """Whatever arrives, the nodes live, say so, and do their work afterwards."""
+    client = waiting.client
+    predicted, err = client.hear(topics.PREDICTED, 50), client.hear(topics.ERR, 50)
+    commands = client.publisher(topics.COMMAND, matched=3)  # volatile, as robots publish
+    splines = client.publisher(topics.OBSERVED, matched=2)
+    images = client.publisher(topics.IMAGE, qos_profile_sensor_data)
+    infos = client.publisher(topics.CAMERA_INFO, qos_profile_sensor_data)
+    for message in hostile_splines():
+        splines.publish(message)
+    command = swing(START)
+    bad = to_ros(command_message(BAG_MESSAGES, command))
+    bad.joint_names = ["gripper"]
+    commands.publish(bad)
+    bad = to_ros(command_message(BAG_MESSAGES, command))
+    bad.points[3].transforms[0].translation.y = math.nan
+    commands.publish(bad)
+    info = to_ros(samples.camera_info_message(BAG_MESSAGES, START, samples.INFO))
+    info.k = [0.0] * 9
+    infos.publish(info)
+    image = to_ros(samples.image_message(BAG_MESSAGES, START, "c", samples.picture()))
+    image.step = 7
+    images.publish(image)
+    client.until(
+        lambda: all(waiting.values(name).get("problems: dlo/command") for name in NODES),
+        what="warnings about the command",
+    )
+    assert waiting.status("simulator").level == DiagnosticStatus.WARN
+    for name in ("simulator", "identifier"):
+        assert waiting.values(name).get("problems: dlo/observed") == "6", waiting.values(name)
+    client.until(lambda: "problems: camera_info" in waiting.values("observer"), what="camera_info")
+    info = to_ros(samples.camera_info_message(BAG_MESSAGES, START, samples.INFO))
+    infos.publish(info)
+    client.spin(0.2)
+    for _ in range(3):
+        images.publish(image)
+    client.until(lambda: "problems: image_raw" in waiting.values("observer"), what="lying step")
+    image = to_ros(samples.image_message(BAG_MESSAGES, START, "c", samples.picture()))
+    images.publish(image)  # nothing to be seen in it
+    client.until(lambda: "problems: image" in waiting.values("observer"), what="no DLO")
+    waiting.all_alive()
+    assert predicted == [] and err == []
+    # A good command without a stamp, and a shape of now: prediction begins.
+    now = client.node.get_clock().now().nanoseconds
+    message = to_ros(command_message(BAG_MESSAGES, replace(swing(0), stamp=0)))
+    commands.publish(message)
+    splines.publish(to_ros(spline_message(BAG_MESSAGES, now, "board", straight())))
+    client.until(lambda: len(predicted) > 20, what="prediction after good input")
+    # A malformed command does not end the motion of the last good one.
+    commands.publish(bad)
+    predicted.clear()
+    client.until(lambda: len(predicted) > 20, what="prediction after another bad command")
+    for message in predicted:
+        values = [c for p in message.poses for c in (p.position.x, p.position.y, p.position.z)]
+        assert np.all(np.isfinite(values))
+    waiting.all_alive()
+
+
+def test_a_command_sent_before_a_node_started_is_not_lost(waiting):
+    client = waiting.client
+    latched = client.node.create_publisher(
+        type(to_ros(command_message(BAG_MESSAGES, swing(0)))), "/early/dlo/command", LATCHED
+    )
+    latched.publish(to_ros(command_message(BAG_MESSAGES, swing(START))))
+    node = waiting.start("simulator", *waiting.arguments, "-r", "__ns:=/early")
+    client.until(
+        lambda: waiting.values("early/simulator").get("commands") == "1", what="the early command"
+    )
+    assert "dlo/observed" in waiting.status("early/simulator").message
+    assert node.interrupt(times=1, number=signal.SIGTERM) == 0 and "Traceback" not in node.said
+
+
+@pytest.mark.parametrize("name", NODES)
+def test_parameters_that_are_missing_or_unusable_end_with_status_2(name, tmp_path):
+    process = Process(tmp_path, name, "--ros-args", "-p", "rod.length:=0.4")
+    bad = tmp_path / "bad.yaml"
+    bad.write_text("/**:\n  ros__parameters:\n    rod: {length: [1, 2\n")
+    broken = Process(tmp_path, name, "--ros-args", "--params-file", str(bad))
+    assert process.wait() == 2
+    assert f"dlo_ros {name}: rod.diameter is missing" in process.said
+    assert broken.wait() == 2 and "bad.yaml" in broken.said
+    for said in (process.said, broken.said):
+        assert "Traceback" not in said
+
+
+@pytest.mark.parametrize("name", NODES)
+@pytest.mark.parametrize("after", [0.6, 1.3, 2.5])
+def test_ctrl_c_ends_quietly_at_any_time(name, after, tmp_path):
+    """Twice, as `ros2 launch` does; while it starts, too."""
+    GUESS.dump(tmp_path / "params.yaml")
+    params = str(tmp_path / "params.yaml")
+    process = Process(tmp_path, name, "--ros-args", "--params-file", params)
+    time.sleep(after)
+    assert process.interrupt(times=2) == 0, process.said
+    assert "Traceback" not in process.said, process.said
