@@ -68,9 +68,8 @@ def find_chains(bars: BarMap) -> list[Chain]:
     members, starts = _trace(rows, columns, angles, order, index)
     xy = np.column_stack([columns + offsets[:, 0], rows + offsets[:, 1]])
     chains: list[Chain] = []
-    for first, last in pairwise(starts):
-        if last - first < max(4, SHORTEST * bars.width):
-            continue
+    long = np.flatnonzero(np.diff(starts) >= max(4, SHORTEST * bars.width))
+    for first, last in zip(starts[long], starts[long + 1], strict=True):
         which = members[first:last]
         points = gaussian_filter1d(xy[which], 0.35 * bars.width, axis=0, mode="nearest")
         at = (rows[which], columns[which])

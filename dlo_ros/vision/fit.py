@@ -98,7 +98,13 @@ def fit_spline(
     p = index[seen]
     span = KNOT_SPAN * located.width / located.spacing
     supports = _supports(start, end, low, high, p, plane, located, scale)
-    curve, _ = smooth(p, plane, span, (low, high), supports)
+    trust = located.trust
+    used = (trust > 0.0) & (index >= low) & (index <= high)
+    all_plane = camera.to_board(located.points[used])[:, [0, 2]]
+    keep = np.all(np.isfinite(all_plane), axis=1)
+    curve, _ = smooth(
+        index[used][keep], all_plane[keep], span, (low, high), supports, trust[used][keep]
+    )
 
     grid = np.linspace(low, high, max(200, 2 * count))
     dense = curve(grid)

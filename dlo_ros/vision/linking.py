@@ -25,6 +25,7 @@ HIDDEN = 0.06  # per width of bridge over pixels like the DLO: a crossing, not a
 COLOUR = 1.0  # for a change of colour by half the contrast
 LINK = 0.1  # of any link
 BACK = 0.75  # [widths] ends are moved back by this: chains overlap, or stop short of crossings
+BACK_OF_CLAMP = 1.5  # [widths] the same for clamps, whose place is known less well
 LARGEST_TURN = 1.8  # [rad] between the chord of a bridge and an end
 CURVATURE_TRUST = 0.7  # share of the measured end curvature that is expected to go on
 BESIDE = 3.0  # [widths] how far an end of unknown direction may lie from a chain's end
@@ -154,9 +155,9 @@ def _bend(
     outward: FloatArray,
     target_curvature: float,
     width: float,
+    back: float,
 ) -> tuple[float, float]:
     """Cost of the bend into an end and the length of the gap [px]; infinite if not smooth."""
-    back = BACK * width
     ix, iy = -outward[0], -outward[1]
     cx = target[0] + back * ix - position[0] + back * direction[0]
     cy = target[1] + back * iy - position[1] + back * direction[1]
@@ -214,6 +215,7 @@ def _links(
     """Costs, plane lengths and indices of the links from a place; strength 0 for a clamp."""
     count = len(positions)
     directed = direction[0] != 0.0 or direction[1] != 0.0
+    back = (BACK if strength > 0.0 else BACK_OF_CLAMP) * width
     basic = np.empty(count)
     rank = np.empty(count)
     for j in range(count):
@@ -222,7 +224,14 @@ def _links(
             continue
         if directed:
             cost, gap = _bend(
-                position, direction, curvature, positions[j], directions[j], curvatures[j], width
+                position,
+                direction,
+                curvature,
+                positions[j],
+                directions[j],
+                curvatures[j],
+                width,
+                back,
             )
         else:
             dx, dy = positions[j, 0] - position[0], positions[j, 1] - position[1]
@@ -272,8 +281,9 @@ def split_at(chains: list[Chain], point: FloatArray, width: float) -> list[Chain
     for chain in chains:
         distance = np.hypot(*(chain.points - point).T)
         at = int(np.argmin(distance))
-        if distance[at] > 1.5 * width or at < least or at > len(distance) - least:
+        if distance[at] > 1.5 * width:
             result.append(chain)
             continue
-        result.extend([chain.part(0, at + 1), chain.part(at, len(distance))])
+        parts = (chain.part(0, at + 1), chain.part(at, len(distance)))
+        result.extend(part for part in parts if len(part.points) >= least)
     return result

@@ -20,6 +20,7 @@ from dlo_ros.vision.segmentation import BarMap
 
 LENGTH_STD = 0.03  # of the length: how well the seen length is expected to agree
 LENGTH_LIMIT = 0.15  # of the length: a path further off is none
+LEAST_COVERED = 0.45  # of the length by chains, the rest by bridges
 FREE_END = 1.5  # cost of ending where no clamp says so
 MOST_EXPANSIONS = 4000
 SAME_LENGTH = 0.02  # of the length: paths to one chain that differ by less are not kept apart
@@ -129,7 +130,9 @@ class PathSearch:
             longest = max(longest, partial.length)
             closing, rest = self._close(partial.chains[-1])
             total = partial.length + rest
-            if np.isfinite(closing) and abs(total / self.length - 1.0) < LENGTH_LIMIT:
+            covered = sum(float(self.lengths[state // 2]) for state in partial.chains)
+            right = abs(total / self.length - 1.0) < LENGTH_LIMIT
+            if np.isfinite(closing) and right and covered > LEAST_COVERED * total:
                 penalty = 0.5 * ((total / self.length - 1.0) / LENGTH_STD) ** 2
                 complete.append((cost + closing + penalty, partial))
                 least = min(least, complete[-1][0])

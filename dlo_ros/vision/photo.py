@@ -136,7 +136,10 @@ def _credible(located: Located, low: float, high: float) -> FoundDlo | None:
     if located.imbalance > LARGEST_IMBALANCE:
         return None
     span = 3.0 * located.width / located.spacing
-    curve, _ = smooth(index[seen], located.points[seen], span, (low, high))
+    used = (located.trust > 0.0) & inner
+    curve, _ = smooth(
+        index[used], located.points[used], span, (low, high), trust=located.trust[used]
+    )
     grid = np.linspace(low, high, max(50, int(high - low)))
     pixels = curve(grid)
     if pixels[0, 0] > pixels[-1, 0]:

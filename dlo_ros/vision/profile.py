@@ -26,6 +26,7 @@ from dlo_ros.vision.strip import (
 
 GROUND = (0.75, 1.05)  # where its background is measured, in widths from the middle
 WIDTH_WINDOW = 8.0  # [widths] to each side, for the usual distance of the edges
+FAINT = 0.01  # weight of a profile without an edge but of the DLO's colour
 WEAK_SIDE = 0.3  # a side of less than this share of the usual contrast shows no edge
 COLOUR_LIMIT = 0.6  # of the contrast: a larger change of colour is another object
 
@@ -60,6 +61,11 @@ class Located:
     spacing: float
     width_spread: float
     imbalance: float
+
+    @property
+    def trust(self) -> FloatArray:
+        """Weight of each profile in a fit: 1 where seen, little where only the colour fits."""
+        return np.where(self.seen, 1.0, np.where(self.likeness > 0.5, FAINT, 0.0))
 
     @property
     def points(self) -> FloatArray:

@@ -22,8 +22,9 @@ from dlo_ros.spline import FloatArray
 Image = NDArray[np.uint8]
 
 ORIENTATIONS = 12
-WORKING_WIDTH = 5.0  # [px] width that the DLO has in the image that is searched
+WORKING_WIDTH = 4.6  # [px] about the width that the DLO has in the image that is searched
 SMOOTHING = 0.22  # of the width, standard deviation of the blur before comparing
+MOST_PIXELS = 600_000  # a larger picture is reduced a little more, for speed
 FLANK = 0.95  # distance of the compared background from the middle, in widths
 ALONG = 1.0  # distance of the compared pixels along the DLO, in widths
 LEAST_CONTRAST = 5.0  # [grey levels] below this nothing counts as a DLO
@@ -92,14 +93,18 @@ def bar_map(image: Image, width: float) -> BarMap:
             f"the DLO would be {width:.1f} px wide; at least 1.5 px are needed (move the camera "
             "closer, or check length, diameter and the camera's pose)"
         )
-    scale = min(1.0, WORKING_WIDTH / width)
-    if scale < 1.0:
-        size = (round(image.shape[1] * scale), round(image.shape[0] * scale))
-        if min(size) < 8:
-            raise VisionError(f"the DLO would be {width:.0f} px wide, as large as the image")
-        small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-    else:
-        small = image
+    # Whole pixels are averaged: that is several times faster than a reduction by a fraction.
+    reduction = max(1, int(width / WORKING_WIDTH))
+    if image.shape[0] * image.shape[1] > MOST_PIXELS * reduction**2:
+        reduction = max(1, round(width / WORKING_WIDTH))
+    size = (image.shape[1] // reduction, image.shape[0] // reduction)
+    if min(size) < 8:
+        raise VisionError(f"the DLO would be {width:.0f} px wide, as large as the image")
+    small = image
+    if reduction > 1:
+        whole = image[: size[1] * reduction, : size[0] * reduction]
+        small = np.asarray(cv2.resize(whole, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    scale = 1.0 / reduction
     local = width * scale
     sigma = max(0.6, SMOOTHING * local)
     smooth = np.asarray(cv2.GaussianBlur(small, (0, 0), sigma), dtype=np.uint8)
@@ -107,12 +112,16 @@ def bar_map(image: Image, width: float) -> BarMap:
     threshold = max(LEAST_CONTRAST, NOISE_FACTOR * noise)
     padding = max(PADDING, math.ceil(1.2 * local))
     padded = cv2.copyMakeBorder(smooth, padding, padding, padding, padding, cv2.BORDER_REPLICATE)
+    reach = math.ceil(FLANK * local)
+    window = np.ones((2 * reach + 1, 2 * reach + 1), dtype=np.uint8)
+    span = cv2.subtract(cv2.dilate(smooth, window), cv2.erode(smooth, window))
     angles = np.arange(ORIENTATIONS) * math.pi / ORIENTATIONS
     along = np.column_stack([np.sin(angles), np.cos(angles)]) * local  # (row, column)
     across = np.column_stack([np.cos(angles), -np.sin(angles)]) * local
     strength, orientation = _bars(
         padded,
         padding,
+        np.asarray(span, dtype=np.uint8),
         np.rint(FLANK * across).astype(np.int64),
         np.rint(ALONG * along).astype(np.int64),
         float(threshold),
@@ -132,6 +141,7 @@ def _noise(smooth: Image, width: float) -> float:
 def _bars(
     image: Image,
     padding: int,
+    span: Image,
     across: NDArray[np.int64],
     along: NDArray[np.int64],
     threshold: float,
@@ -144,6 +154,12 @@ def _bars(
     for row in range(height):
         y = row + padding
         for column in range(width):
+            # No two pixels around differ by more than the span: a plain board ends here.
+            d0 = np.int32(span[row, column, 0])
+            d1 = np.int32(span[row, column, 1])
+            d2 = np.int32(span[row, column, 2])
+            if d0 * d0 + d1 * d1 + d2 * d2 < least:
+                continue
             x = column + padding
             b = np.int32(image[y, x, 0])
             g = np.int32(image[y, x, 1])

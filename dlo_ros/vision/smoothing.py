@@ -49,6 +49,7 @@ def smooth(
     span: float,
     domain: tuple[float, float],
     supports: tuple[Support, ...] = (),
+    trust: FloatArray | None = None,
 ) -> tuple[SmoothCurve, FloatArray]:
     """Robust spline through points (Huber weights).
 
@@ -58,6 +59,8 @@ def smooth(
         span: distance of the knots, in p.
         domain: where the curve is wanted.
         supports: known ends. Their weights count in points of unit weight.
+        trust: weight of each point before outliers are weighed down, shape (m,); default 1. The
+            scatter is judged by the points of weight 1.
 
     Returns:
         The curve and the weights of the points, at most 1, shape (m,).
@@ -68,12 +71,14 @@ def smooth(
     knots: FloatArray = low + step * np.arange(-DEGREE, spans + DEGREE + 1.0)
     count = spans + DEGREE
     first, basis = _basis(p, knots, count)
+    base = np.ones(len(p)) if trust is None else trust
+    judged = base >= 1.0
     weights = np.ones(len(p))
     curve = SmoothCurve(knots, np.zeros((count, points.shape[1])))
     for _ in range(ROUNDS):
         bands = np.zeros((DEGREE + 1, count))
         right = np.zeros((count, points.shape[1]))
-        _add(bands, right, first, basis, weights, points)
+        _add(bands, right, first, basis, base * weights, points)
         scale = max(float(np.max(bands[0])), 1e-12)
         for support in supports:
             at = np.array([support.p])
@@ -85,7 +90,7 @@ def smooth(
         _penalise(bands, PENALTY * scale)
         curve = SmoothCurve(knots, np.asarray(solveh_banded(bands, right, lower=True)))
         distance = np.linalg.norm(curve(p) - points, axis=1)
-        spread = 1.4826 * float(np.median(distance)) / 0.9  # of one component, roughly
+        spread = 1.4826 * float(np.median(distance[judged])) / 0.9  # of one component, roughly
         limit = HUBER * max(spread, 1e-12)
         new = np.where(distance > limit, limit / np.maximum(distance, 1e-300), 1.0)
         if np.max(np.abs(new - weights), initial=0.0) < 0.05:
