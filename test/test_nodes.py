@@ -21,6 +21,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from dlo_ros.command import Command, Motion
 from dlo_ros.demo.network import free_domain
+from dlo_ros.nodes.messages import message_class
 from dlo_ros.nodes.qos import LATCHED
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
@@ -357,6 +358,30 @@ def test_a_command_sent_before_a_node_started_is_not_lost(waiting):
     )
     assert "dlo/observed" in waiting.status("early/simulator").message
     assert node.interrupt(times=1, number=signal.SIGTERM) == 0 and "Traceback" not in node.said
+
+
+def test_the_observer_takes_whichever_transport_a_remapped_camera_publishes(waiting):
+    client, camera = waiting.client, "/camera/image_raw"
+    remapped = ["image_raw", "image_raw/compressed"]
+    words = [w for t in remapped for w in ("-r", f"{t}:=/camera/{t}")]
+    node = waiting.start("observer", *waiting.arguments, "-r", "__ns:=/remapped", *words)
+
+    def transport() -> str | None:
+        return waiting.values("remapped/observer").get("image transport")
+
+    raw = client.node.create_publisher(message_class(topics.TYPES[topics.IMAGE]), camera, 10)
+    client.until(lambda: transport() == "raw" and raw.get_subscription_count(), what="raw")
+    kind = message_class(topics.TYPES[topics.COMPRESSED])
+    compressed = client.node.create_publisher(kind, f"{camera}/compressed", 10)
+    client.until(
+        lambda: transport() == "compressed" and compressed.get_subscription_count(),
+        what="compressed images preferred",
+    )
+    compressed.publish(to_ros(samples.compressed()))
+    client.until(
+        lambda: waiting.values("remapped/observer").get("images") == "1", what="an image received"
+    )
+    assert node.interrupt() == 0
 
 
 @pytest.mark.parametrize("name", NODES)

@@ -71,6 +71,10 @@ class DloNode(Node):
         """ROS time [ns]."""
         return int(self.get_clock().now().nanoseconds)
 
+    def is_published(self, topic: str) -> bool:
+        """Whether anybody publishes a topic, remappings included."""
+        return int(self.count_publishers(self.resolve_topic_name(topic))) > 0
+
     def publisher(self, topic: str, qos: QoSProfile) -> Any:
         """A publisher of one of the interface's topics, its QoS open to overrides."""
         options = QoSOverridingOptions.with_default_policies()

@@ -143,7 +143,7 @@ class IdentifierNode(DloNode):
 
     def _release(self) -> None:
         """Hand observed splines to the estimator, in order, with their points where they come."""
-        expected = self.count_publishers(topics.OBSERVED_POINTS) > 0
+        expected = self.is_published(topics.OBSERVED_POINTS)
         while self._held:
             deadline, observation = self._held[0]
             points = self._clouds.pop(observation.stamp, None)

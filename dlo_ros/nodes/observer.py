@@ -75,9 +75,9 @@ class ObserverNode(DloNode):
         """Subscribe to raw or compressed images, whichever is published; compressed if both."""
         wanted = self.settings.image_transport
         if wanted == "auto":
-            if self.count_publishers(topics.COMPRESSED):
+            if self.is_published(topics.COMPRESSED):
                 wanted = "compressed"
-            elif self.count_publishers(topics.IMAGE) or not self._transport:
+            elif self.is_published(topics.IMAGE) or not self._transport:
                 wanted = "raw"
             else:
                 wanted = self._transport
