@@ -157,7 +157,7 @@ def test_every_reference_has_its_target(html):
 def test_the_numbers_stand_in_it_with_units(html):
     assert "19880 \N{PLUS-MINUS SIGN} 320 m\N{SUPERSCRIPT TWO}/s\N{SUPERSCRIPT TWO}" in html
     assert "5.10e+07 \N{PLUS-MINUS SIGN} \N{EM DASH} Pa" in html
-    assert "-0.6 %" in html  # 19876 against 2e4
+    assert "-0.62 %" in html  # 19876 against 2e4
     assert "31.2 mm" in html and "1.42 mm" in html and "0.36 %" in html
     assert "Noise floor: 1.10 mm" in html
 

@@ -10,7 +10,8 @@ from dlo_ros.identification.forecast import whitening
 from dlo_ros.observation import Observation
 from dlo_ros.spline import FloatArray, SplineBasis
 
-FRAMES_FOR_NOISE = 8  # fewer tell too little about the scatter from frame to frame
+DIFFERENCE_ORDERS = (2, 4, 6)
+FRAMES_FOR_NOISE = 12  # fewer tell too little about the scatter from frame to frame
 
 
 def correlation_length(residuals: Sequence[FloatArray], axis: int) -> float:
@@ -43,7 +44,10 @@ def correlation_length(residuals: Sequence[FloatArray], axis: int) -> float:
 def frame_scatter(observations: Sequence[Observation], length: float) -> float | None:
     """Standard deviation of the observed splines from frame to frame, per coordinate [m].
 
-    Second differences in time, which smooth motion does not enter; the root mean square along u.
+    Differences in time of growing order, which smooth motion enters less and less; the smallest
+    counts. The root mean square along u, and the median over time: a moment of violent motion does
+    not count. Where a DLO swings fast for the frame rate this is an upper bound.
+
     None where there are too few frames, or where they are copies of one another.
     """
     if len(observations) < FRAMES_FOR_NOISE:
@@ -51,19 +55,31 @@ def frame_scatter(observations: Sequence[Observation], length: float) -> float |
     n = len(observations[0].control_points)
     white = whitening(n, length)
     shapes = np.array([white @ o.control_points[:, :3] for o in observations])
-    stamps = np.array([o.stamp for o in observations], dtype=np.float64) * 1e-9
-    a = np.diff(stamps)
-    # Interpolate each frame from its neighbours; weights sum the noise of three frames.
-    share = (a[:-1] / (a[:-1] + a[1:]))[:, None, None]
-    gap = shapes[1:-1] - (1.0 - share) * shapes[:-2] - share * shapes[2:]
-    factor = 1.0 + (1.0 - share) ** 2 + share**2
-    power = np.sum(gap**2 / factor, axis=1)  # (F - 2, 3): mean square along u
-    seen = power.mean(axis=0)
-    # A planar recording has two noisy coordinates.
-    active = seen > 1e-3 * seen.max()
-    # The median over time: frames in violent motion do not count.
-    typical = float(np.median(power[:, active].mean(axis=1))) if active.any() else 0.0
+    stamps = np.array([o.stamp - observations[0].stamp for o in observations]) * 1e-9
+    found = []
+    for order in DIFFERENCE_ORDERS:
+        gap = _divided_differences(shapes, stamps, order)
+        power = np.sum(gap**2, axis=1)  # (F - order, 3): mean square along u
+        seen = power.mean(axis=0)
+        # A planar recording has two noisy coordinates.
+        active = seen > 1e-3 * seen.max()
+        if not active.any():
+            return None
+        found.append(float(np.median(power[:, active].mean(axis=1))))
+    typical = min(found)
     return float(np.sqrt(typical)) if typical > 1e-18 else None
+
+
+def _divided_differences(shapes: FloatArray, stamps: FloatArray, order: int) -> FloatArray:
+    """Differences over neighbouring frames, exact for polynomials, with the noise of one frame."""
+    result = np.empty((len(shapes) - order, *shapes.shape[1:]))
+    for k in range(len(result)):
+        t = stamps[k : k + order + 1]
+        t = (t - t[0]) / (t[-1] - t[0])
+        weights = np.array([1.0 / np.prod(x - np.delete(t, i)) for i, x in enumerate(t)])
+        weights /= np.linalg.norm(weights)
+        result[k] = np.tensordot(weights, shapes[k : k + order + 1], axes=1)
+    return result
 
 
 def point_noise(observations: Sequence[Observation], basis: SplineBasis) -> float | None:

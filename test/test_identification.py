@@ -1,0 +1,185 @@
+"""What is identified, how sure it is, and what is said not to be known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from measured import at_rest, swing
+from rods import PAPER, SECOND
+
+from dlo_ros.errors import InputError
+from dlo_ros.identification import Manipulation, OnlineEstimator, identify, shape_error
+from dlo_ros.identification.noise import correlation_length, frame_scatter, noise_floor
+from dlo_ros.observation import Observation
+from dlo_ros.parameters import DampingParameters
+from dlo_ros.spline import SplineBasis
+
+TRUE_RATIO = PAPER.rod.specific_modulus
+BASIS = SplineBasis(10, 0.4)
+
+
+@pytest.fixture(scope="module")
+def swinging():
+    return swing(PAPER)
+
+
+@pytest.fixture(scope="module")
+def resting():
+    return at_rest(PAPER)
+
+
+def guess(factor, **rod):
+    """The paper's rope with a wrong E and a density that is only guessed."""
+    wrong = PAPER.with_material(5e7 * factor, 2000.0)
+    return replace(wrong, rod=replace(wrong.rod, **rod))
+
+
+def test_err_is_the_mean_distance_along_the_dlo():
+    a = np.zeros((10, 4))
+    a[:, 0] = BASIS.greville
+    b = a.copy()
+    b[:, 2] += 0.003
+    b[:, 3] = 1.0  # twist does not count
+    assert shape_error(a, b, BASIS) == pytest.approx(0.003, rel=1e-12)
+    c = a.copy()
+    c[:, 2] = 0.01 * (BASIS.greville / 0.4 - 0.5)  # a straight line that crosses
+    assert shape_error(a, c, BASIS) == pytest.approx(0.0025, rel=1e-3)
+
+
+def test_correlation_counts_repeated_residuals_once():
+    rng = np.random.default_rng(0)
+    white = rng.normal(size=(200, 10, 3))
+    assert correlation_length([white], 0) == pytest.approx(1.0, abs=0.3)
+    same = np.repeat(rng.normal(size=(1, 10, 3)), 50, axis=0)
+    assert correlation_length([same], 0) == pytest.approx(50.0, rel=0.05)
+
+
+def test_noise_is_found_in_the_frames(swinging):
+    sigma = frame_scatter(swinging.observations, 0.4)
+    # 120 points of 0.3 mm through 10 control points
+    assert sigma == pytest.approx(3e-4 * np.sqrt(10 / 120), rel=0.35)
+    assert noise_floor(swinging.observations, BASIS) == pytest.approx(1.25 * sigma, rel=0.01)
+
+
+@pytest.mark.parametrize("factor", [1 / 30, 30.0])
+def test_a_motion_gives_the_ratio_from_far_off(swinging, factor):
+    found = identify([swinging], guess(factor))
+    estimate = found.estimate
+    assert found.converged
+    off = estimate.specific_modulus / TRUE_RATIO - 1.0
+    assert abs(off) < 0.01
+    assert abs(off) * TRUE_RATIO < 4.0 * estimate.specific_modulus_std
+    assert estimate.identifiable == {
+        "young_modulus": False, "density": False, "specific_modulus": True
+    }  # fmt: skip
+    assert estimate.young_modulus_std is None
+    assert estimate.density_std is None
+    assert found.recordings[0].err < 2.0 * found.noise_floor
+    assert found.recordings[0].err_initial > 5.0 * found.recordings[0].err
+
+
+def test_a_shape_at_rest_never_tells_the_density(resting):
+    estimate = identify([resting], guess(0.1)).estimate
+    assert estimate.specific_modulus == pytest.approx(TRUE_RATIO, rel=0.05)
+    assert estimate.identifiable["specific_modulus"]
+    assert not estimate.identifiable["density"]
+    assert estimate.density_std is None
+
+
+def test_a_weighing_gives_e_without_making_it_identified(resting):
+    known = guess(0.1, density=2500.0, density_std=50.0)
+    estimate = identify([resting], known).estimate
+    assert estimate.density == pytest.approx(2500.0, rel=0.01)
+    assert estimate.density_std == pytest.approx(50.0, rel=0.05)
+    assert estimate.young_modulus == pytest.approx(5e7, rel=0.06)
+    assert estimate.young_modulus_std > 0.02 * estimate.young_modulus * 0.9
+    assert not estimate.identifiable["density"]
+
+
+def test_the_same_picture_five_times_is_one_measurement():
+    once = identify([at_rest(PAPER, frames=2)], guess(0.3)).estimate
+    often = identify([at_rest(PAPER, frames=20)], guess(0.3)).estimate
+    assert often.specific_modulus_std == pytest.approx(once.specific_modulus_std, rel=0.3)
+
+
+def test_only_a_known_drag_tells_the_density():
+    windy = replace(PAPER, damping=DampingParameters(air_drag=0.15, relaxation_time=0.002))
+    recording = swing(windy)
+    for std, identified in ((0.005, True), (0.0, False)):
+        known = replace(guess(0.2), damping=replace(windy.damping, air_drag_std=std))
+        estimate = identify([recording], known).estimate
+        assert estimate.identifiable["density"] is identified
+        assert estimate.specific_modulus == pytest.approx(TRUE_RATIO, rel=0.02)
+        if identified:
+            assert abs(estimate.density - 2500.0) < 4.0 * estimate.density_std
+            assert estimate.density_std < 0.1 * 2500.0
+        else:
+            assert estimate.density_std is None
+
+
+def test_what_cannot_be_identified_from_is_refused(resting):
+    with pytest.raises(InputError, match="no recording"):
+        identify([], PAPER)
+    with pytest.raises(InputError, match="at_rest: has no usable dlo/command"):
+        identify([replace(resting, commands=())], PAPER)
+    with pytest.raises(InputError, match="no usable dlo/observed"):
+        identify([Manipulation("empty", resting.commands, ())], PAPER)
+
+
+def run_online(estimator, manipulation, observations=None):
+    for imposed in manipulation.commands:
+        estimator.set_command(imposed)
+    for observation in observations or manipulation.observations:
+        estimator.observe(observation)
+    return estimator.estimate
+
+
+@pytest.mark.parametrize("factor", [1 / 30, 30.0])
+def test_online_the_ratio_converges_within_the_motion(swinging, factor):
+    estimator = OnlineEstimator(guess(factor))
+    within = [o for o in swinging.observations if o.stamp <= 1.5 * SECOND]
+    estimate = run_online(estimator, swinging, within)
+    assert estimate.specific_modulus == pytest.approx(TRUE_RATIO, rel=0.02)
+    assert not estimate.identifiable["density"]
+
+
+def test_online_tells_once_that_a_change_is_significant(swinging):
+    estimator = OnlineEstimator(guess(0.2))
+    for imposed in swinging.commands:
+        estimator.set_command(imposed)
+    told = []
+    for observation in swinging.observations:
+        estimator.observe(observation)
+        if estimator.estimate.significant:
+            told.append(estimator.estimate.specific_modulus)
+    assert 1 <= len(told) < 10
+    assert told[-1] == pytest.approx(TRUE_RATIO, rel=0.03)
+
+
+def test_online_bears_late_double_and_unusable_splines(swinging):
+    observations = list(swinging.observations)
+    observations[10], observations[12] = observations[12], observations[10]
+    observations.insert(20, observations[19])
+    estimator = OnlineEstimator(guess(0.3))
+    with pytest.raises(InputError, match="7 control points"):
+        estimator.observe(Observation(0, np.zeros((7, 4))))
+    estimate = run_online(estimator, swinging, observations)
+    assert estimate.specific_modulus == pytest.approx(TRUE_RATIO, rel=0.02)
+    estimator.reset()
+    assert estimator.estimate.specific_modulus == pytest.approx(0.3 * 5e7 / 2000.0)
+    assert run_online(estimator, swinging).specific_modulus == pytest.approx(TRUE_RATIO, rel=0.02)
+
+
+def test_online_waits_for_a_command(swinging):
+    estimator = OnlineEstimator(guess(0.3))
+    for observation in swinging.observations[:5]:
+        estimator.observe(observation)
+    assert estimator.estimate.specific_modulus_std is None
+
+
+def test_online_keeps_what_it_knows_beyond_its_window(swinging, monkeypatch):
+    monkeypatch.setattr("dlo_ros.identification.online.WINDOW", 0.6)
+    estimator = OnlineEstimator(guess(0.3))
+    estimate = run_online(estimator, swinging)
+    assert estimate.specific_modulus == pytest.approx(TRUE_RATIO, rel=0.03)
+    assert len(estimator._past) <= 20

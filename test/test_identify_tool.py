@@ -1,0 +1,171 @@
+"""`predict` and `identify` as a user types them, on recordings written and read as bags."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from measured import swing
+from rods import PAPER
+
+from dlo_ros.cli.main import main
+from dlo_ros.parameters import Settings
+from dlo_ros.recordings import BAG_MESSAGES, BagWriter, command_message, spline_message
+from dlo_ros.recordings.read import read_recording
+
+
+def write_bag(path, manipulation):
+    with BagWriter(path) as writer:
+        for imposed in manipulation.commands:
+            message = command_message(BAG_MESSAGES, imposed)
+            writer.write("dlo/command", message, imposed.stamp)
+        for observation in manipulation.observations:
+            message = spline_message(
+                BAG_MESSAGES, observation.stamp, "board", observation.control_points
+            )
+            writer.write("dlo/observed", message, observation.stamp)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Two recordings of a swinging rope, and a parameter file with a wrong guess."""
+    path = tmp_path_factory.mktemp("recordings")
+    for seed, name in enumerate(("one", "two")):
+        write_bag(path / name, swing(PAPER, seconds=1.0, seed=seed))
+    PAPER.with_material(1e7, 2000.0).dump(path / "params.yaml")
+    return path
+
+
+def run(*words):
+    return main([str(w) for w in words])
+
+
+def test_identify_writes_estimate_parameters_and_report(folder, tmp_path, capsys):
+    params, output = folder / "params.yaml", tmp_path / "result"
+    status = run(
+        "identify", "--params", params, "--output", output, "--validate", folder / "two",
+        folder / "one",
+    )  # fmt: skip
+    assert status == 0
+    estimate = json.loads((output / "estimate.json").read_text())
+    assert set(estimate) == {
+        "young_modulus", "density", "specific_modulus", "identifiable", "noise_floor", "recordings"
+    }  # fmt: skip
+    ratio = estimate["specific_modulus"]
+    assert abs(ratio["value"] - 2e4) < max(4 * ratio["std"], 100.0)
+    assert estimate["density"]["std"] is None
+    assert estimate["identifiable"] == {
+        "young_modulus": False, "density": False, "specific_modulus": True
+    }  # fmt: skip
+    assert [r["role"] for r in estimate["recordings"]] == ["train", "validate"]
+    assert [r["bag"] for r in estimate["recordings"]] == ["one", "two"]
+    for recording in estimate["recordings"]:
+        assert recording["err"] < 0.05 * recording["err_initial"]
+    settings = Settings.load(output / "estimate.yaml")
+    assert settings.rod.specific_modulus == pytest.approx(ratio["value"])
+    report = (output / "report.html").read_text()
+    assert "E/mu" in report
+    assert "http" not in report.replace("http://www.w3.org", "")
+    out = capsys.readouterr().out
+    assert "E/mu" in out
+    assert "not determined" in out
+
+
+def test_predict_writes_splines_and_err_at_the_observed_stamps(folder, tmp_path):
+    output = tmp_path / "predicted.mcap"
+    PAPER.dump(tmp_path / "true.yaml")
+    assert (
+        run("predict", "--params", tmp_path / "true.yaml", "--output", output, folder / "one") == 0
+    )
+    observed = read_recording(folder / "one", PAPER).observations
+    from rosbags.highlevel import AnyReader
+
+    predicted, err = [], []
+    with AnyReader([output]) as reader:
+        for connection, _, raw in reader.messages():
+            message = reader.deserialize(raw, connection.msgtype)
+            if connection.topic == "/dlo/predicted":
+                stamp = message.header.stamp
+                predicted.append(stamp.sec * 1_000_000_000 + stamp.nanosec)
+                assert len(message.poses) == 10
+            elif connection.topic == "/dlo/err":
+                err.append(message.data)
+    assert predicted == [o.stamp for o in observed]
+    assert len(err) == len(predicted)
+    assert np.mean(err) < 3e-4
+    # The copy of the input's topics lets it be judged again.
+    assert len(read_recording(output, PAPER).observations) == len(observed)
+    assert (
+        run("predict", "--params", tmp_path / "true.yaml", "--output", output, folder / "one") == 2
+    )
+
+
+def test_start_may_be_overridden(folder, tmp_path, capsys):
+    params = tmp_path / "true.yaml"
+    PAPER.dump(params)
+    for start in ("observed", "moving"):
+        output = tmp_path / f"{start}.mcap"
+        words = ("predict", "--params", params, "--start", start, "--output", output)
+        assert run(*words, folder / "one") == 0
+        text = capsys.readouterr().out
+        assert float(text.split("ERR ")[1].split(" mm")[0]) < 3.0
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"bag": "nowhere"}, "no such bag"),
+        ({"params": "nowhere.yaml"}, "cannot be read"),
+        ({"output": "params.yaml"}, "is a file"),
+    ],
+)
+def test_unusable_input_ends_with_one_line(folder, tmp_path, capsys, change, said):
+    bag = folder / change.get("bag", "one")
+    params = folder / change.get("params", "params.yaml")
+    output = folder / change["output"] if "output" in change else tmp_path / "out"
+    assert run("identify", "--params", params, "--output", output, bag) == 2
+    err = capsys.readouterr().err.strip()
+    assert said in err
+    assert "Traceback" not in err
+    assert len(err.splitlines()) == 1
+
+
+def test_a_length_that_cannot_be_is_told(folder, tmp_path, capsys):
+    text = (folder / "params.yaml").read_text().replace("length: 0.4", "length: -1.0")
+    Path(tmp_path / "bad.yaml").write_text(text)
+    status = run(
+        "identify", "--params", tmp_path / "bad.yaml", "--output", tmp_path, folder / "one"
+    )
+    assert status == 2
+    assert "rod.length" in capsys.readouterr().err
+
+
+BLACK = "hanging_loop/black"
+
+
+@pytest.mark.parametrize("factor", [0.1, 1.0, 10.0])
+def test_real_wire_gives_the_same_ratio_from_any_guess(shared_data, tmp_path, factor):
+    folder = shared_data / BLACK
+    given = Settings.load(folder / "params.yaml")
+    given.with_material(factor * given.rod.young_modulus, given.rod.density).dump(
+        tmp_path / "params.yaml"
+    )
+    trials = [folder / f"trial{k}" for k in range(3)]
+    assert run("identify", "--params", tmp_path / "params.yaml", "--output", tmp_path, *trials) == 0
+    estimate = json.loads((tmp_path / "estimate.json").read_text())
+    # No truth is known: three trials that differ by more than they are noisy bound it.
+    assert estimate["specific_modulus"]["value"] == pytest.approx(3.14e4, rel=0.25)
+    assert estimate["specific_modulus"]["std"] > 0.05 * estimate["specific_modulus"]["value"]
+    assert not estimate["identifiable"]["density"]
+
+
+def test_the_photograph_of_a_real_wire_gives_what_its_clicked_points_give(shared_data, tmp_path):
+    folder = shared_data / BLACK
+    values = []
+    for bag in ("photo0", "trial0"):
+        output = tmp_path / bag
+        params = folder / "params.yaml"
+        assert run("identify", "--params", params, "--output", output, folder / bag) == 0
+        estimate = json.loads((output / "estimate.json").read_text())
+        values.append(estimate["specific_modulus"]["value"])
+    assert values[0] == pytest.approx(values[1], rel=0.1)
