@@ -216,11 +216,11 @@ class PathSearch:
 
     def _differ(self, one: _Partial, other: _Partial) -> bool:
         """Whether two paths run differently, and not only through other pieces of one course."""
-        a, b = (_sampled(self._path(0.0, partial).points) for partial in (one, other))
-        distances = [np.hypot(*(a - b).T).max()]
+        a, b = (self._path(0.0, partial).points for partial in (one, other))
+        distances = [_apart(a, b)]
         if self.start is None and self.end is None:  # the same path backwards is no other path
-            distances.append(np.hypot(*(a - b[::-1]).T).max())
-        return bool(min(distances) > DIFFERENT * self.bars.width)
+            distances.append(_apart(a, b[::-1]))
+        return min(distances) > DIFFERENT * self.bars.width
 
     def _path(self, cost: float, partial: _Partial) -> Path:
         pieces: list[FloatArray] = []
@@ -255,8 +255,22 @@ class PathSearch:
         )
 
 
-def _sampled(points: FloatArray, count: int = 100) -> FloatArray:
-    """Points at equal shares of the arc length, shape (count, 2)."""
-    s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
-    at = np.linspace(0.0, s[-1], count)
-    return np.column_stack([np.interp(at, s, points[:, 0]), np.interp(at, s, points[:, 1])])
+def _apart(a: FloatArray, b: FloatArray, count: int = 100) -> float:
+    """Largest distance of points of equal arc length, counted from the start or from the end.
+
+    So two courses are alike where they differ in nothing but how far one of their ends reaches.
+    """
+    result = np.inf
+    for one, other in ((a, b), (a[::-1], b[::-1])):
+        along = [_arc_length(p) for p in (one, other)]
+        at = np.linspace(0.0, min(along[0][-1], along[1][-1]), count)
+        at_one, at_other = (
+            np.column_stack([np.interp(at, s, p[:, 0]), np.interp(at, s, p[:, 1])])
+            for s, p in zip(along, (one, other), strict=True)
+        )
+        result = min(result, float(np.hypot(*(at_one - at_other).T).max()))
+    return result
+
+
+def _arc_length(points: FloatArray) -> FloatArray:
+    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])

@@ -104,9 +104,8 @@ def locate(
     usual = float(np.median(np.minimum(contrast_left, contrast_right)))
     usual = max(usual, 1.0)
     typical = np.median(core, axis=0) if colour is None else colour
-    unlike = np.linalg.norm(core - typical, axis=1) / max(
-        usual, float(np.median(np.maximum(contrast_left, contrast_right))) * 0.5
-    )
+    scale = max(usual, 0.5 * float(np.median(np.maximum(contrast_left, contrast_right))))
+    unlike = np.linalg.norm(core - typical, axis=1) / scale
     likeness = np.where(inside(image, curve), np.clip(1.0 - unlike, 0.0, 1.0), 0.0)
 
     fine = gaussian_filter1d(strip, along, axis=0, mode="nearest")
@@ -193,6 +192,15 @@ def _middle(
     return np.where(seen, middle, 0.0), np.asarray(seen, dtype=np.bool_)
 
 
+def running_median(values: FloatArray, size: int) -> FloatArray:
+    """Median over a window that moves along; over many values it takes but some of them."""
+    index = np.arange(len(values))
+    size = min(len(values), size)
+    step = max(1, size // 32)
+    some = median_filter(values[::step], size=max(3, size // step), mode="nearest")
+    return np.asarray(np.interp(index, index[::step], some))
+
+
 def _odd_width(width: FloatArray, both: Mask, profiles: float) -> Mask:
     """Where the edges' distance differs from that of the neighbourhood: an edge is another's.
 
@@ -203,10 +211,7 @@ def _odd_width(width: FloatArray, both: Mask, profiles: float) -> Mask:
     index = np.flatnonzero(both)
     if len(index) < 5:
         return result
-    size = min(len(index), 2 * round(WIDTH_WINDOW * profiles) + 1)
-    step = max(1, size // 64)  # a median over many profiles needs but some of them
-    usual = median_filter(width[index][::step], size=max(3, size // step), mode="nearest")
-    usual = np.interp(index, index[::step], usual)
+    usual = running_median(width[index], 2 * round(WIDTH_WINDOW * profiles) + 1)
     difference = np.abs(width[index] - usual)
     spread = 1.4826 * float(np.median(difference))
     result[index] = difference > 4.0 * spread + 0.1 + 0.006 * usual
