@@ -67,10 +67,34 @@ class RodModel:
         return self.basis.quadrature(3)[0]
 
     @cached_property
+    def twist_share(self) -> FloatArray:
+        """Weight of each bending point in the twist energy, over its quadrature weight, (nb,).
+
+        With a point in every span and one more at both ends there are as many as theta has free
+        coefficients, so that the twist of the frame, which is no spline, can relax at every one
+        of them: more points would lock, as full quadrature does in stretch. The weights integrate
+        the derivatives of all splines of the basis exactly, so a uniform torque is an equilibrium.
+        """
+        spans = self.basis.spans
+        middle = 3 * np.arange(spans) + 1
+        if spans > 1:
+            keep = np.concatenate([[0, 2], middle[1:-1], [3 * spans - 3, 3 * spans - 1]])
+        else:
+            keep = np.arange(3)
+        slope = self.basis.matrix(self.points[keep], 1)
+        ends = self.basis.matrix([0.0, self.basis.length])
+        weight = np.linalg.lstsq(slope.T, ends[1] - ends[0], rcond=None)[0]
+        share = np.zeros(len(self.points))
+        share[keep] = weight / self.rule.weight[keep]
+        return share
+
+    @cached_property
     def twist_fit(self) -> FloatArray:
-        """Control points 2..n of a spline that starts at 0, from its slope at the points."""
-        slope = self.basis.matrix(self.points, 1)[:, 1:]
-        return np.asarray(np.linalg.pinv(slope))
+        """Control points 2..n of a spline that starts at 0, from its slope at all points."""
+        keep = self.twist_share > 0.0
+        result = np.zeros((self.basis.control_points - 1, len(self.points)))
+        result[:, keep] = np.linalg.inv(self.basis.matrix(self.points[keep], 1)[:, 1:])
+        return result
 
     @cached_property
     def stiffness(self) -> Stiffness:
@@ -82,7 +106,7 @@ class RodModel:
             stretch_rest=np.zeros(ns),
             bend=np.full((nb, 2), rod.bending_stiffness),
             bend_rest=np.zeros((nb, 2)),
-            twist=np.full(nb, rod.shear_modulus * 2.0 * rod.second_moment),
+            twist=rod.shear_modulus * 2.0 * rod.second_moment * self.twist_share,
             twist_rest=np.zeros(nb),
         )
 
