@@ -208,7 +208,7 @@ def _sensitivity_step(
         a_stiff[:, None, None] * strain_o + a_time[:, None, None] * t_r * rate.other + past.other
     )
     residual = solver.stress_forces(model.rule, grad_s, grad_o, stress_s, stress_o)
-    inertia = _times(mass, spin, new.acceleration) - model.load
+    inertia = _times(mass, spin, new.acceleration) - model.weight
     viscous = _times(drag, still, new.velocity)
     for a in range(len(scales)):
         residual[a] += (

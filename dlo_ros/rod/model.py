@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -24,12 +25,17 @@ class RodModel:
         basis: the simulation's own spline basis, finer than the published one.
         full_start, full_end: whether the knot span at that end takes the full stretch quadrature;
             an end whose direction is free needs it, a clamped end must not have it (numerics.md).
+        rest: strain memory eps_0 of eq. (7) as a function of u (m,) [m]: rest curvatures about the
+            two material directors and rest twist, shape (m, 3) [1/m]; None: straight at rest.
+        point_forces: dead forces, each as its place u [m] and its components [N].
     """
 
     settings: Settings
     basis: SplineBasis
     full_start: bool = False
     full_end: bool = False
+    rest: Callable[[FloatArray], FloatArray] | None = None
+    point_forces: tuple[tuple[float, tuple[float, float, float]], ...] = ()
 
     def with_settings(self, settings: Settings) -> RodModel:
         """The same discretisation with other material, damping or gravity."""
@@ -101,13 +107,14 @@ class RodModel:
         """H of eq. (7) at every quadrature point, with the labels put right (physics.md)."""
         rod = self.settings.rod
         ns, nb = self.rule.stretch_weight.size, self.rule.weight.size
+        rest = np.zeros((nb, 3)) if self.rest is None else self.rest(self.points)
         return Stiffness(
             stretch=np.full(ns, rod.young_modulus * rod.area),
             stretch_rest=np.zeros(ns),
             bend=np.full((nb, 2), rod.bending_stiffness),
-            bend_rest=np.zeros((nb, 2)),
+            bend_rest=np.ascontiguousarray(rest[:, :2]),
             twist=rod.shear_modulus * 2.0 * rod.second_moment * self.twist_share,
-            twist_rest=np.zeros(nb),
+            twist_rest=np.ascontiguousarray(rest[:, 2]),
         )
 
     @cached_property
@@ -136,11 +143,19 @@ class RodModel:
         return self.settings.damping.air_drag * self.gram
 
     @property
-    def load(self) -> FloatArray:
+    def weight(self) -> FloatArray:
         """Generalised force of gravity [N], shape (n, 4)."""
         result = np.zeros((self.basis.control_points, DOF))
-        weight = self.settings.rod.linear_density * self.basis.gram.sum(axis=1)
-        result[:, :3] = weight[:, None] * np.asarray(self.settings.gravity)
+        mass = self.settings.rod.linear_density * self.basis.gram.sum(axis=1)
+        result[:, :3] = mass[:, None] * np.asarray(self.settings.gravity)
+        return result
+
+    @property
+    def load(self) -> FloatArray:
+        """Generalised dead load, gravity and point forces [N], shape (n, 4)."""
+        result = self.weight
+        for u, force in self.point_forces:
+            result[:, :3] += self.basis.matrix([u])[0][:, None] * np.asarray(force)
         return result
 
     @property

@@ -186,7 +186,7 @@ def static_sensitivity(
         rule, grad_s, grad_o,
         scales[:, 0, None] * stress.stretch, scales[:, 0, None, None] * stress.other,
     )  # fmt: skip
-    rhs = scales[:, 1, None] * model.load.ravel() - forces
+    rhs = scales[:, 1, None] * model.weight.ravel() - forces
     solver.back_substitute(band, diagonal, boundary.fixed, boundary.pins, rhs)
     dq = rhs.reshape(count, -1, DOF)
     zero = np.zeros_like(dq)
