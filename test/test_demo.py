@@ -1,30 +1,43 @@
 """The demo: its processes end with it, what it hears becomes a result, errors are said."""
 
+import contextlib
 import io
 import json
 import math
 import os
+import re
 import signal
 import socket
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
+import recordings_samples
+from conftest import ROOT
 from rich.console import Console
 
 from dlo_ros.cli import main as cli
 from dlo_ros.demo import processes
-from dlo_ros.demo.heard import QUANTITIES, Heard, Sample, err_before_and_after
 from dlo_ros.demo.network import FIRST_PORT, PORTS, free_domain, looks_free
+from dlo_ros.demo.outcome import Outcome, assess
 from dlo_ros.demo.plan import params_beside, plan_run
 from dlo_ros.demo.processes import Children, ProcessError
 from dlo_ros.demo.progress import Progress, line
 from dlo_ros.demo.result import estimate_tree, last_line, read_truth, report, with_std, write_json
 from dlo_ros.errors import InputError, RecordingError
+from dlo_ros.identification.forecast import Manipulation, forecast
+from dlo_ros.nodes.heard import QUANTITIES, Heard, Sample
 from dlo_ros.parameters import RodParameters, Settings
-from dlo_ros.recordings import BAG_MESSAGES, BagWriter, float_message, spline_message
+from dlo_ros.recordings import (
+    BAG_MESSAGES,
+    BagWriter,
+    float_message,
+    read_recording,
+    spline_message,
+)
 from dlo_ros.report import write_identification_report
 from dlo_ros.share import shared_file
 
@@ -123,7 +136,6 @@ def heard(std=300.0):
                 "young_modulus std [Pa]": "-",
                 "density std [kg/m^3]": "800",
                 "specific_modulus std [m^2/s^2]": f"{std:.4g}",
-                "noise floor [mm]": "1.1",
             }
         )
     return result
@@ -168,15 +180,20 @@ def test_identifiable_is_what_the_node_says_else_what_the_std_says():
     assert not run.identifiable("specific_modulus")
 
 
-def test_err_is_averaged_over_the_first_and_last_moments():
-    err = [(START + k * SECOND // 10, {0: 1.5, 1: 0.5}.get(k, 0.25)) for k in range(41)]
-    assert list(err_before_and_after(err)) == [1.0, 0.25]
-    assert np.all(np.isnan(err_before_and_after([])))
+def outcome(run, **changes):
+    known = {
+        "sample": run.estimate(),
+        "err_initial": 0.0312,
+        "err": 0.00142,
+        "noise_floor": 0.0011,
+        "initial": {s: shape + 0.03 for s, shape in run.observed.items()},
+    }
+    return Outcome(**(known | changes))
 
 
 def test_estimate_json_has_the_contract_s_keys(tmp_path):
     run = heard()
-    write_json(tmp_path / "estimate.json", estimate_tree(run, run.estimate(), "c_shape", TRUTH))
+    write_json(tmp_path / "estimate.json", estimate_tree(run, outcome(run), "c_shape", TRUTH))
     tree = json.loads((tmp_path / "estimate.json").read_text())
     assert tree["young_modulus"]["std"] is None
     assert tree["specific_modulus"] == {"value": pytest.approx(19800.0, rel=1e-6), "std": 300.0}
@@ -185,19 +202,20 @@ def test_estimate_json_has_the_contract_s_keys(tmp_path):
         "density": False,
         "specific_modulus": True,
     }
-    assert tree["noise_floor"] == pytest.approx(0.0011)
+    assert tree["noise_floor"] == 0.0011
     (recording,) = tree["recordings"]
-    assert set(recording) == {"bag", "role", "err", "err_initial"}
-    assert recording["err"] == pytest.approx(0.002, abs=1e-6)
-    assert recording["err_initial"] == pytest.approx(0.01365, abs=1e-5)
+    assert recording == {"bag": "c_shape", "role": "train", "err": 0.00142, "err_initial": 0.0312}
     assert {k: tree["true"][k]["value"] for k in QUANTITIES} == TRUTH
-    assert "true" not in estimate_tree(run, run.estimate(), "c_shape", {})
+    assert "true" not in estimate_tree(run, outcome(run), "c_shape", {})
 
 
 def test_last_line():
-    text = last_line(heard(), heard().estimate(), TRUTH)
-    assert text == ("ERR 13.6 -> 2.0 mm; E/mu 1.98e+04 +- 0.03e+04 m^2/s^2 (true 2.00e+04)")
-    assert last_line(heard(), heard().estimate(), {}).endswith("m^2/s^2")
+    found = outcome(heard())
+    assert last_line(found, TRUTH) == (
+        "ERR 31.2 -> 1.4 mm; E/mu 1.98e+04 +- 0.03e+04 m^2/s^2 (true 2.00e+04)"
+    )
+    assert last_line(found, {}).endswith("m^2/s^2")
+    assert last_line(outcome(heard(), err_initial=None), {}).startswith("ERR unknown -> 1.4 mm;")
 
 
 @pytest.mark.parametrize(
@@ -214,12 +232,35 @@ def test_value_and_std_share_their_power_of_ten(value, std, text):
     assert with_std(sample, "specific_modulus") == text
 
 
+def test_err_at_first_is_that_of_the_initial_guess(tmp_path):
+    bag = recordings_samples.write_plain(
+        tmp_path / "bag", recordings_samples.messages(images=False)
+    )
+    settings = recordings_samples.SETTINGS
+    recording = read_recording(bag, settings)
+    run = Heard()
+    for k, observation in enumerate(recording.observations):
+        run.observed[observation.stamp] = observation.control_points
+        run.tick(observation.stamp)
+        run.err.append((observation.stamp, 0.001 * (k + 1)))
+    with pytest.raises(RecordingError, match="no estimate"):
+        assess(bag, settings, run)
+    run.take_estimate(2e6, 2000.0)
+    found = assess(bag, settings, run)
+    manipulation = Manipulation("bag", recording.commands, recording.observations)
+    expected = forecast(manipulation, settings)
+    assert found.err_initial == pytest.approx(np.mean(expected.err))
+    assert found.err == pytest.approx(0.0025)  # four shapes within the last half second
+    assert set(found.initial) == set(run.observed)
+
+
 def test_report_of_a_run(tmp_path):
     run = heard()
-    page = report(run, run.estimate(), "c_shape", 0.4, TRUTH, {}, ["A remark."])
+    page = report(run, outcome(run), "c_shape", 0.4, TRUTH, {}, ["A remark."])
     frames = page.recordings[0].frames
     assert len(frames) == 91 and frames[0].time == 0.0
     assert frames[0].err == pytest.approx(0.032)  # arrived 8 ms after the spline
+    np.testing.assert_allclose(frames[5].initial, frames[5].observed + 0.03)
     assert len(page.tracks) == 3 and page.tracks[2].true == 2e4
     write_identification_report(tmp_path / "report.html", page)
     assert "A remark." in (tmp_path / "report.html").read_text()
@@ -305,3 +346,103 @@ def test_a_missing_bag_is_one_line_and_2(tmp_path, capsys):
     assert cli.main(["demo", *arguments]) == 2
     text = capsys.readouterr().err
     assert text.count("\n") == 1 and str(tmp_path / "none") in text
+
+
+@pytest.fixture
+def demo(tmp_path):
+    """Start the demo on a small bag of splines, as a user does; it is ended with the test."""
+    recordings_samples.SETTINGS.dump(tmp_path / "params.yaml")
+    bag = recordings_samples.write_plain(
+        tmp_path / "bag", recordings_samples.messages(images=False)
+    )
+    started = []
+
+    def start(*words):
+        arguments = ["--bag", str(bag), "--output", str(tmp_path / "out"), *words]
+        process = subprocess.Popen(
+            [sys.executable, "-m", "dlo_ros.cli.main", "demo", *arguments],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env=os.environ | {"PYTHONPATH": str(ROOT)},
+            cwd=tmp_path,
+        )
+        started.append(process)
+        return process
+
+    yield start
+    for process in started:
+        if process.poll() is None:
+            process.terminate()
+            process.communicate(timeout=30)
+
+
+def children_of(pid, count, seconds=30.0):
+    """Process ids of the nodes that a demo has started, by their names."""
+    deadline = time.monotonic() + seconds
+    while time.monotonic() < deadline:
+        found = {}
+        for folder in Path("/proc").iterdir():
+            if not folder.name.isdigit():
+                continue
+            with contextlib.suppress(OSError):
+                parent = (folder / "stat").read_text().rpartition(")")[2].split()[1]
+                words = (folder / "cmdline").read_bytes().decode().split("\0")
+                if int(parent) == pid and "dlo_ros.cli.main" in words:
+                    found[words[words.index("dlo_ros.cli.main") + 1]] = int(folder.name)
+        if len(found) >= count:
+            return found
+        time.sleep(0.05)
+    raise AssertionError(f"the demo started {sorted(found)} only")
+
+
+def running(pid):
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def test_ctrl_c_stops_the_children(demo):
+    process = demo()
+    nodes = children_of(process.pid, 3)
+    assert set(nodes) == {"observer", "simulator", "identifier"}
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=30)
+    assert process.returncode == 130 and said == ""
+    assert not any(running(pid) for pid in nodes.values())
+
+
+def test_a_node_that_dies_is_reported_and_the_others_stop(demo):
+    process = demo()
+    nodes = children_of(process.pid, 3)
+    os.kill(nodes["simulator"], signal.SIGKILL)
+    _, said = process.communicate(timeout=40)
+    assert process.returncode == 2
+    assert said.count("\n") == 1 and "simulator ended with status -9" in said
+    assert not any(running(pid) for pid in nodes.values())
+
+
+@pytest.mark.slow
+def test_the_demo_finds_the_truth(tmp_path):
+    """The whole of it, as `make demo` runs it: images, three live nodes, the report."""
+    done = subprocess.run(
+        [sys.executable, "-m", "dlo_ros.cli.main", "demo", "--output", str(tmp_path)],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+    )
+    assert done.returncode == 0, done.stderr
+    number = r"\d\.\d+e[+-]\d\d"
+    assert re.fullmatch(
+        rf"ERR \d+\.\d -> \d+\.\d mm; E/mu {number} \+- {number} m\^2/s\^2 \(true 2.00e\+04\)",
+        done.stdout.splitlines()[-1],
+    )
+    tree = json.loads((tmp_path / "estimate.json").read_text())
+    assert tree["specific_modulus"]["value"] == pytest.approx(2e4, rel=0.05)
+    assert tree["identifiable"]["specific_modulus"] and not tree["identifiable"]["density"]
+    (recording,) = tree["recordings"]
+    assert recording["err"] < 0.01 * 0.4 < recording["err_initial"]
+    assert "<svg" in (tmp_path / "report.html").read_text()
+    assert (tmp_path / "overview.png").read_bytes().startswith(b"\x89PNG")

@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 from conftest import ROOT
+from live_graph import DOMAIN, Client
+from recordings_samples import SETTINGS
 
 from dlo_ros import __version__
 from dlo_ros.cli.main import EXECUTABLES, NAMES
@@ -128,25 +130,26 @@ def test_package_data_is_installed(prefix):
     assert (package / "py.typed").is_file()
 
 
-def test_an_installed_node_ends_quietly_on_ctrl_c(pip_prefix):
+def test_an_installed_node_runs(pip_prefix, tmp_path):
+    SETTINGS.dump(tmp_path / "params.yaml")
     executable = pip_prefix / "lib" / "dlo_ros" / "observer"
-    parameters = ("rod.length:=0.4", "rod.diameter:=0.004")
-    material = ("rod.young_modulus:=1000000.0", "rod.density:=2000.0")
-    arguments = [word for p in (*parameters, *material) for word in ("-p", p)]
-    node = subprocess.Popen(
-        [executable, "--ros-args", *arguments],
-        env=environment_of(pip_prefix, PYTHONUNBUFFERED="1"),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
+    environment = environment_of(
+        pip_prefix, ROS_DOMAIN_ID=str(DOMAIN), ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST"
     )
-    try:
-        first = node.stdout.readline()  # a node says that it is there
-        node.send_signal(signal.SIGINT)
-        rest, _ = node.communicate(timeout=30)
-    finally:
-        node.kill()
-    assert node.returncode == 0 and first and "Traceback" not in rest, first + rest
+    client = Client()
+    with (tmp_path / "log").open("w+") as log:
+        arguments = ("--ros-args", "--params-file", tmp_path / "params.yaml")
+        node = subprocess.Popen(
+            [executable, *arguments], env=environment, stdout=log, stderr=subprocess.STDOUT
+        )
+        try:
+            client.until(lambda: "observer" in client.node.get_node_names(), what="observer")
+            node.send_signal(signal.SIGINT)
+            assert node.wait(timeout=20) == 0
+        finally:
+            client.close()
+            node.kill()
+        assert "Traceback" not in (tmp_path / "log").read_text()
 
 
 def test_editable(source, tmp_path):

@@ -9,11 +9,12 @@ from pathlib import Path
 
 from rich.console import Console
 
+from dlo_ros.demo.outcome import assess
 from dlo_ros.demo.overview import write_overview
 from dlo_ros.demo.photographs import photographs
 from dlo_ros.demo.plan import params_beside, plan_run
 from dlo_ros.demo.result import estimate_tree, last_line, read_truth, report, write_json
-from dlo_ros.errors import InputError, RecordingError
+from dlo_ros.errors import InputError
 from dlo_ros.parameters import Settings
 from dlo_ros.report import write_identification_report
 
@@ -47,19 +48,19 @@ def run(arguments: argparse.Namespace) -> int:
     from dlo_ros.demo.live import run_live  # here, so that --help and bad input need no ROS
 
     heard = run_live(live, console)
-    sample = heard.estimate()
-    if sample is None:
-        raise RecordingError(f"{bag}: the identifier published no estimate")
+    outcome = assess(bag, settings, heard)
     truth = read_truth(bag)
     console.print("Writing the report")
     pictures = photographs(bag, settings, heard) if live.has_images else {}
     name = bag.resolve().name
-    page = report(heard, sample, name, settings.rod.length, truth, pictures, remarks=heard.warnings)
-    write_json(output / "estimate.json", estimate_tree(heard, sample, name, truth))
+    page = report(
+        heard, outcome, name, settings.rod.length, truth, pictures, remarks=heard.warnings
+    )
+    write_json(output / "estimate.json", estimate_tree(heard, outcome, name, truth))
     write_identification_report(output / "report.html", page)
     write_overview(output / "overview.png", page)
     console.print(f"{output}/estimate.json, {output}/report.html", soft_wrap=True)
-    console.print(last_line(heard, sample, truth), highlight=False, soft_wrap=True)
+    console.print(last_line(outcome, truth), highlight=False, soft_wrap=True)
     return 0
 
 

@@ -11,10 +11,12 @@ import argparse
 import importlib
 import logging
 import os
+import signal
 import sys
 import traceback
 from collections.abc import Sequence
 from dataclasses import dataclass
+from types import FrameType
 
 from dlo_ros import __version__
 from dlo_ros.errors import DloError
@@ -111,6 +113,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         Exit status: 0 done, 2 an input is unusable, 130 interrupted, 1 a defect of this program.
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
+    try:
+        status = _choose(words)
+        sys.stdout.flush()
+        return status
+    except BrokenPipeError:
+        # The reader of a pipe (`| head`) has left; Python must not complain at exit either.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return DONE
+
+
+def _choose(words: list[str]) -> int:
     if not words or words[0] in ("-h", "--help"):
         print(overview())
         return DONE if words else UNUSABLE
@@ -158,9 +171,7 @@ def _guarded(executable: Executable, words: list[str]) -> int:
         )
         return _complain(name, message, UNUSABLE)
     except BrokenPipeError:
-        # The reader of a pipe (`| head`) has left; Python must not complain at exit either.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return DONE
+        raise
     except OSError as err:
         where = f"{err.filename}: " if err.filename else ""
         return _complain(name, f"{where}{err.strerror or err}", UNUSABLE)
@@ -210,8 +221,20 @@ def _run_node(executable: Executable, words: list[str]) -> int:
         print("\nROS arguments: --params-file FILE, -p NAME:=VALUE, -r FROM:=TO, --log-level LEVEL")
         print(_example(executable))
         return DONE
-    module = importlib.import_module(f"dlo_ros.nodes.{executable.name}")
-    return int(module.main(words))
+    # While the libraries load there is nothing to end in order; the node takes over from here.
+    before = {n: signal.signal(n, _leave) for n in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        module = importlib.import_module(f"dlo_ros.nodes.{executable.name}")
+        return int(module.main(words))
+    finally:
+        for number, handler in before.items():
+            if signal.getsignal(number) is _leave:
+                signal.signal(number, handler)
+
+
+def _leave(number: int, frame: FrameType | None) -> None:
+    """End at once, as somebody asked for."""
+    os._exit(DONE)
 
 
 def _example(executable: Executable) -> str:

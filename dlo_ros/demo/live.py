@@ -8,11 +8,11 @@ from collections.abc import Callable
 
 from rich.console import Console
 
-from dlo_ros.demo.heard import Heard
 from dlo_ros.demo.network import isolate
 from dlo_ros.demo.plan import LiveRun
 from dlo_ros.demo.processes import Child, Children, ProcessError
 from dlo_ros.demo.progress import Progress
+from dlo_ros.nodes.heard import Heard
 from dlo_ros.nodes.monitor import NODES, Monitor, monitoring
 
 READY_WITHIN = 60.0

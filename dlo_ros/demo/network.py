@@ -7,11 +7,15 @@ import random
 import socket
 from pathlib import Path
 
+from dlo_ros.share import shared_file
+
 # Ports of a DDS domain begin here, 250 for each; above domain 101 they meet those that Linux gives
 # to outgoing connections.
 FIRST_PORT = 7400
 PORTS = 250
 DOMAINS = range(1, 102)
+
+LARGE_IMAGES = "config/fastdds_large_images.xml"
 
 
 def isolate(logs: Path) -> int:
@@ -26,6 +30,8 @@ def isolate(logs: Path) -> int:
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     os.environ.pop("ROS_STATIC_PEERS", None)
     os.environ.setdefault("ROS_LOG_DIR", str(logs.resolve()))
+    # For recordings with raw images; without it most of them are lost on the way.
+    os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(shared_file(LARGE_IMAGES)))
     if not os.environ.get("ROS_DOMAIN_ID"):
         os.environ["ROS_DOMAIN_ID"] = str(free_domain())
     return int(os.environ["ROS_DOMAIN_ID"])

@@ -32,6 +32,9 @@ def write_overview(path: Path, report: IdentificationReport) -> None:
         _draw_err(upper, frames)
         if report.tracks:
             _draw_track(lower, report.tracks[-1])
+        end = max(f.time for f in frames)
+        for axes in (upper, lower):
+            axes.set_xlim(0.0, end)
         figure.savefig(path, format="png")
 
 

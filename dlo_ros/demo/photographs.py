@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from dlo_ros.demo.heard import Heard
+from dlo_ros.nodes.heard import Heard
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import iterate_images
 from dlo_ros.recordings.images import CameraInfo, Image

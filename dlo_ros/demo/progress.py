@@ -9,8 +9,8 @@ from rich.live import Live
 from rich.progress_bar import ProgressBar
 from rich.table import Table
 
-from dlo_ros.demo.heard import QUANTITIES, SYMBOLS, Heard
 from dlo_ros.demo.result import with_std
+from dlo_ros.nodes.heard import QUANTITIES, SYMBOLS, Heard
 
 NANOSECONDS = 1_000_000_000
 

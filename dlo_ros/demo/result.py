@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 import yaml
 
-from dlo_ros.demo.heard import (
+from dlo_ros.demo.outcome import Outcome
+from dlo_ros.errors import InputError
+from dlo_ros.nodes.heard import (
     DENSITY,
     QUANTITIES,
     SPECIFIC_MODULUS,
@@ -19,9 +21,7 @@ from dlo_ros.demo.heard import (
     YOUNG_MODULUS,
     Heard,
     Sample,
-    err_before_and_after,
 )
-from dlo_ros.errors import InputError
 from dlo_ros.report import (
     Estimate,
     IdentificationReport,
@@ -36,6 +36,12 @@ NAMES: Mapping[str, str] = {
     DENSITY: "density mu",
     SPECIFIC_MODULUS: "E/mu",
 }
+
+
+EXPLANATION = (
+    "ERR at first is the time mean over the recording that the initial guess gives, simulated "
+    "afterwards; ERR at the end is the mean of the live one over the last half second.",
+)
 
 
 def read_truth(bag: Path) -> dict[str, float]:
@@ -58,17 +64,17 @@ def read_truth(bag: Path) -> dict[str, float]:
     return truth | {SPECIFIC_MODULUS: truth[YOUNG_MODULUS] / truth[DENSITY]}
 
 
-def estimate_tree(heard: Heard, sample: Sample, bag: str, truth: Mapping[str, float]) -> Any:
+def estimate_tree(heard: Heard, outcome: Outcome, bag: str, truth: Mapping[str, float]) -> Any:
     """What estimate.json holds: the keys of `identify`, and `true` where the truth is known."""
-    before, after = err_before_and_after(heard.err)
+    sample = outcome.sample
     tree: dict[str, Any] = {
         name: {"value": sample.values[name], "std": _finite(sample.std[name])}
         for name in QUANTITIES
     }
     tree["identifiable"] = {name: heard.identifiable(name) for name in QUANTITIES}
-    tree["noise_floor"] = heard.noise_floor()
+    tree["noise_floor"] = outcome.noise_floor
     tree["recordings"] = [
-        {"bag": bag, "role": "train", "err": _finite(after), "err_initial": _finite(before)}
+        {"bag": bag, "role": "train", "err": outcome.err, "err_initial": outcome.err_initial}
     ]
     if truth:
         tree["true"] = {name: {"value": truth[name], "std": 0.0} for name in QUANTITIES}
@@ -82,13 +88,14 @@ def write_json(path: Path, tree: Any) -> None:
     temporary.replace(path)
 
 
-def last_line(heard: Heard, sample: Sample, truth: Mapping[str, float]) -> str:
+def last_line(outcome: Outcome, truth: Mapping[str, float]) -> str:
     """The result in one line, such as `ERR 31.2 -> 1.4 mm; E/mu 1.98e+04 +- 0.03e+04 m^2/s^2`."""
-    before, after = err_before_and_after(heard.err) * 1e3
-    text = f"ERR {before:.1f} -> {after:.1f} mm; E/mu {with_std(sample, SPECIFIC_MODULUS)}"
-    if truth:
-        text += f" (true {truth[SPECIFIC_MODULUS]:.2e})"
-    return text
+    before = "unknown" if outcome.err_initial is None else f"{1e3 * outcome.err_initial:.1f}"
+    text = (
+        f"ERR {before} -> {1e3 * outcome.err:.1f} mm; "
+        f"E/mu {with_std(outcome.sample, SPECIFIC_MODULUS)}"
+    )
+    return f"{text} (true {truth[SPECIFIC_MODULUS]:.2e})" if truth else text
 
 
 def with_std(sample: Sample, name: str) -> str:
@@ -107,7 +114,7 @@ def with_std(sample: Sample, name: str) -> str:
 
 def report(
     heard: Heard,
-    sample: Sample,
+    outcome: Outcome,
     bag: str,
     length: float,
     truth: Mapping[str, float],
@@ -118,7 +125,7 @@ def report(
 
     Args:
         heard: everything that was heard.
-        sample: the estimate at the end.
+        outcome: the estimate, ERR before and after.
         bag: name of the recording.
         length: of the DLO [m].
         truth: from `read_truth`.
@@ -126,7 +133,7 @@ def report(
         remarks: sentences for the reader.
     """
     start = min(heard.observed)
-    before, after = err_before_and_after(heard.err)
+    sample = outcome.sample
     estimates = [
         Estimate(
             NAMES[name],
@@ -139,21 +146,26 @@ def report(
         for name in QUANTITIES
     ]
     recording = RecordingResult(
-        bag, "live", length, _finite(before), _finite(after), _frames(heard, start, photographs)
+        bag,
+        "live",
+        length,
+        outcome.err_initial,
+        outcome.err,
+        _frames(heard, outcome, start, photographs),
     )
     return IdentificationReport(
         title=f"Live identification of {bag}",
-        headline=last_line(heard, sample, truth),
+        headline=last_line(outcome, truth),
         estimates=tuple(estimates),
         recordings=(recording,),
         tracks=tuple(_track(heard.samples, name, start, truth.get(name)) for name in QUANTITIES),
-        noise_floor=heard.noise_floor(),
-        remarks=tuple(remarks),
+        noise_floor=outcome.noise_floor,
+        remarks=(*EXPLANATION, *remarks),
     )
 
 
 def _frames(
-    heard: Heard, start: int, photographs: Mapping[int, Photograph]
+    heard: Heard, outcome: Outcome, start: int, photographs: Mapping[int, Photograph]
 ) -> tuple[ShapeFrame, ...]:
     err = _err_by_observation(heard)
     return tuple(
@@ -161,6 +173,7 @@ def _frames(
             time=(stamp - start) / 1e9,
             observed=heard.observed[stamp],
             predicted=heard.predicted_at(stamp),
+            initial=outcome.initial.get(stamp),
             err=err.get(stamp),
             photograph=photographs.get(stamp),
         )

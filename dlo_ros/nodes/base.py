@@ -92,14 +92,14 @@ class DloNode(Node):
 
         return self.create_subscription(kind, topic, receive, qos, qos_overriding_options=options)
 
-    def every(self, period: float, callback: Callable[[], None], *, wall: bool = True) -> Any:
-        """A guarded timer, of wall time or of ROS time; period in seconds."""
+    def every(self, period: float, callback: Callable[[], None]) -> Any:
+        """A guarded timer of wall time; period in seconds."""
         guarded = self.guarded("timer", callback)
 
         def tick() -> None:
             guarded()
 
-        return self.create_timer(period, tick, clock=self._steady if wall else None)
+        return self.create_timer(period, tick, clock=self._steady)
 
     def guarded(self, what: str, callback: Callable[..., None]) -> Callable[..., None]:
         """The callback, so that whatever arrives is at worst a warning and the node lives on."""

@@ -12,8 +12,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from dlo_ros.demo.heard import Heard
 from dlo_ros.errors import InputError
+from dlo_ros.nodes.heard import Heard
 from dlo_ros.nodes.messages import message_class
 from dlo_ros.nodes.qos import LATCHED, RELIABLE
 from dlo_ros.nodes.runtime import ros

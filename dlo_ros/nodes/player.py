@@ -29,7 +29,7 @@ READ_AHEAD = 24
 DISCOVERY = 5.0
 """Seconds to wait at most for the first subscriber: DDS repeats a lost announcement after three."""
 
-COMPLETE = 2.0
+COMPLETE = 4.0
 """Seconds to wait at most, after the first subscriber, for those of the other topics."""
 
 SETTLED = 0.5
@@ -75,10 +75,13 @@ class Player:
                 deadline, found = now + COMPLETE, True
             settled = now - changed > SETTLED or now > deadline + DISCOVERY
             if settled and (all(matched) or now > deadline):
-                return
+                break
             # Nodes on simulated time need a time before the first message.
             self._tick(0.0)
             time.sleep(0.02)
+        unheard = [t for t, p in self._publishers.items() if not p.get_subscription_count()]
+        if unheard and not stop.requested:
+            self._node.get_logger().warning(f"nobody listens to {', '.join(unheard)} yet")
 
     def play(self, stop: Stop) -> None:
         """Publish all messages once, each when it is due.

@@ -41,6 +41,9 @@ TURN = 0.1
 COMMANDS = 500
 """Commands that are remembered; each but the last is partly replaced by the next."""
 
+LONGEST_TICK = 0.02
+"""Seconds of wall time between two looks at what is due."""
+
 RETRY = 0.5
 """Seconds of wall time between two attempts to start."""
 
@@ -60,8 +63,9 @@ class SimulatorNode(DloNode):
         self._markers = Markers(self, "predicted", (1.0, 0.5, 0.0))
         self._command_subscription = CommandSubscription(self, self._on_command)
         self.subscribe(topics.OBSERVED, self._on_observed, qos.RELIABLE)
-        # Twice as often as it publishes, so that a /clock of coarse steps costs little delay.
-        self.every(0.5 / self.settings.simulation.rate, self._tick, wall=False)
+        # Wall time, and more often than it publishes: what is due is read off the ROS clock, whose
+        # own timers would leave the rest undone where /clock stops.
+        self.every(min(0.5 / self.settings.simulation.rate, LONGEST_TICK), self._tick)
         self._say_what_is_missing()
 
     def reset(self) -> None:

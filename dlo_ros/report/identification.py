@@ -169,7 +169,7 @@ def _yes_no(flag: bool | None) -> str:
 def _error(estimate: Estimate) -> str:
     if estimate.true is None or estimate.value is None or estimate.true == 0.0:
         return UNKNOWN
-    return f"{100.0 * (estimate.value / estimate.true - 1.0):+.1f} %"
+    return f"{100.0 * (estimate.value / estimate.true - 1.0):+.2f} %"
 
 
 def _shapes(recording: RecordingResult, several: bool) -> str:

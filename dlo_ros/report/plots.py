@@ -119,6 +119,8 @@ def line_plot(plot: LinePlot) -> str:
         limits = _limits(plot)
         if limits is not None:
             axes.set_ylim(*limits)
+        if all(np.nanmin(s.x, initial=0.0) >= 0.0 for s in plot.series):
+            axes.set_xlim(left=0.0)
         axes.set_xlabel(typeset(plot.x_label))
         axes.set_ylabel(typeset(plot.y_label))
         if len(plot.series) + len(plot.levels) > 1:

@@ -25,6 +25,8 @@ CLAMP_STD = 0.25  # [widths] how well a clamp's position is trusted against the 
 CLAMP_DIRECTION_STD = 0.05  # [rad]
 POINT_STD_FLOOR = 0.03  # [px] systematic errors of sampling that scatter does not show
 UNSEEN_WEIGHT = 0.05  # of bridged parts in the published spline, against 1
+SCALE_STD = 0.01  # relative error of lengths by camera, pose and L
+GAP_STD = 0.1  # relative error of the length of a bridge
 MOST_POINTS = 250  # published points of the centreline
 
 
@@ -95,6 +97,7 @@ def fit_spline(
             "the DLO would lie beyond the horizon of the board; check camera.rotation"
         )
     scale = float(np.median(camera.metres_per_pixel(pixels[:: max(1, len(pixels) // 50)])))
+    width = located.width * scale  # [m]
     p = index[seen]
     span = KNOT_SPAN * located.width / located.spacing
     supports = _supports(start, end, low, high, p, plane, located, scale)
@@ -108,18 +111,18 @@ def fit_spline(
 
     grid = np.linspace(low, high, max(200, 2 * count))
     dense = curve(grid)
+    grid_seen = located.seen[np.clip(np.rint(grid).astype(int), 0, count - 1)]
     s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(dense, axis=0).T))])
     total = float(s[-1])
-    u_of = basis.length / total
-    u = np.interp(p, grid, s) * u_of
+    dense_u = _material(s, grid_seen, basis.length, width)
+    u = np.interp(p, grid, dense_u)
     normal = _normals(curve(p, 1))
     across = np.sum((plane - curve(p)) * normal, axis=1)
     points = _publish(p, u, curve, across, located, scale)
 
-    grid_seen = located.seen[np.clip(np.rint(grid).astype(int), 0, count - 1)]
     weights = np.where(grid_seen, 1.0, UNSEEN_WEIGHT)
     weights[[0, -1]] = 0.05 * len(grid)
-    flat = basis.fit(s * u_of, dense, weights)
+    flat = basis.fit(dense_u, dense, weights)
     control_points = np.zeros((basis.control_points, 4))
     control_points[:, 0], control_points[:, 2] = flat[:, 0], flat[:, 1]
 
@@ -138,6 +141,42 @@ def fit_spline(
         total,
         float(np.mean(even_seen)),
     )
+
+
+def _material(s: FloatArray, seen: Mask, length: float, width: float) -> FloatArray:
+    """Material coordinates of points of a curve from its start to its end.
+
+    The curve's length differs from L by an error of the scale (of camera, pose or L), which is the
+    same all along, and by wrong bridges over gaps. The difference is divided between the two as
+    their variances are.
+
+    Args:
+        s: arc length of the points [m], from 0, shape (m,).
+        seen: whether the DLO was seen there, shape (m,).
+        length: L [m].
+        width: of the DLO [m]; gaps that are not much longer are bridged well.
+
+    Returns:
+        u [m], from 0 to L, shape (m,).
+    """
+    step = np.diff(s)
+    hidden = ~(seen[1:] & seen[:-1])
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], hidden.astype(np.int8), [0]])))
+    gaps = np.array([step[a:b].sum() for a, b in edges.reshape(-1, 2)])
+    doubtful = np.maximum(gaps - 2.0 * width, 0.0)
+    gap_variance = float(np.sum((GAP_STD * doubtful) ** 2))
+    scale_variance = (SCALE_STD * float(s[-1])) ** 2
+    missing = length - float(s[-1])
+    in_gaps = missing * gap_variance / (gap_variance + scale_variance)
+    u = step * (1.0 + (missing - in_gaps) / float(s[-1]))
+    if in_gaps:
+        for (a, b), share in zip(edges.reshape(-1, 2), doubtful**2, strict=True):
+            inside = step[a:b].sum()
+            if inside > 0.0:
+                added = in_gaps * share / float(np.sum(doubtful**2))
+                u[a:b] *= max(1.0 + added / inside, 0.2)
+    u = np.concatenate([[0.0], np.cumsum(u)])
+    return np.asarray(u * (length / u[-1]))
 
 
 def _normals(tangent: FloatArray) -> FloatArray:

@@ -26,7 +26,9 @@ MOST_EXPANSIONS = 4000
 SAME_LENGTH = 0.02  # of the length: paths to one chain that differ by less are not kept apart
 MOST_LINKS = 8  # tried from each end
 DIFFERENT = 4.0  # [widths] two paths that are nowhere further apart are one
-AMBIGUITY = 1.5  # a second path that is dearer by less makes the first doubtful
+COST_LIMIT = 9.0  # of a whole course, and more the longer it is
+COST_LIMIT_PER_WIDTH = 0.02
+AMBIGUITY = 2.0  # a second path that is dearer by less makes the first doubtful
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,6 +156,9 @@ class PathSearch:
             )
         complete.sort(key=lambda item: item[0])
         best = complete[0]
+        best_points = self._path(*best).points  # about 1 px apart
+        if best[0] > COST_LIMIT + COST_LIMIT_PER_WIDTH * len(best_points) / self.bars.width:
+            raise VisionError("the only course of the right length bends and jumps too much")
         for cost, partial in complete[1:]:
             if cost - best[0] < AMBIGUITY and self._differ(best[1], partial):
                 raise VisionError(

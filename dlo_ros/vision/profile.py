@@ -27,6 +27,8 @@ from dlo_ros.vision.strip import (
 GROUND = (0.75, 1.05)  # where its background is measured, in widths from the middle
 WIDTH_WINDOW = 8.0  # [widths] to each side, for the usual distance of the edges
 FAINT = 0.01  # weight of a profile without an edge but of the DLO's colour
+SURE = 0.75  # likeness that needs no second edge
+ISLAND = 1.5  # [widths] a shorter piece between two longer gaps is chance
 WEAK_SIDE = 0.3  # a side of less than this share of the usual contrast shows no edge
 COLOUR_LIMIT = 0.6  # of the contrast: a larger change of colour is another object
 
@@ -65,7 +67,7 @@ class Located:
     @property
     def trust(self) -> FloatArray:
         """Weight of each profile in a fit: 1 where seen, little where only the colour fits."""
-        return np.where(self.seen, 1.0, np.where(self.likeness > 0.5, FAINT, 0.0))
+        return np.where(self.seen, 1.0, np.where(self.likeness > SURE, FAINT, 0.0))
 
     @property
     def points(self) -> FloatArray:
@@ -125,9 +127,13 @@ def locate(
         middle = median_filter(_fill(middle, seen), size=size, mode="nearest")
     middle, seen = _middle(edge_left, found_left, edge_right, found_right, half)
     seen &= ~(both & _odd_width(edge_right - edge_left, both, width / spacing))
-    seen &= _eroded(likeness > 1.0 - COLOUR_LIMIT, round(along))
+    # The right width between two edges makes up for a changed colour, as in a shadow; a single
+    # edge may be that of whatever hides the DLO.
+    alike = np.where(both, likeness > 1.0 - COLOUR_LIMIT, likeness > SURE)
+    seen &= _eroded(alike, round(along))
     seen &= inside(image, curve + middle[:, None] * normals, 1.0)
     seen &= ~_outliers(middle, seen, width, spacing)
+    seen = _without_islands(seen, round(ISLAND * width / spacing))
     return Located(
         curve,
         normals,
@@ -223,6 +229,18 @@ def _eroded(mask: Mask, size: int) -> Mask:
     if size < 1 or mask.all():
         return mask
     return np.asarray(minimum_filter1d(mask, 2 * size + 1, mode="nearest"), dtype=np.bool_)
+
+
+def _without_islands(seen: Mask, size: int) -> Mask:
+    """The mask without pieces shorter than a size that lie between gaps longer than it."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], seen, [False]]).astype(np.int8)))
+    first, last = edges[::2], edges[1::2]
+    before = first - np.concatenate([[0], last[:-1]])
+    after = np.concatenate([first[1:], [len(seen)]]) - last
+    result = seen.copy()
+    for k in np.flatnonzero((last - first < size) & (before > size) & (after > size)):
+        result[first[k] : last[k]] = False
+    return result
 
 
 def _fill(values: FloatArray, seen: Mask) -> FloatArray:

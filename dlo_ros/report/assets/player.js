@@ -43,10 +43,11 @@
     } else {
       grid(svg, view);
     }
-    for (const name of NAMES) {
-      if (view.photograph) parts[name + "-halo"] = element(svg, "path", {class: "halo"});
-      parts[name] = element(svg, "path", {class: "curve " + name});
+    // Each curve stands out from the photograph; no halo may cover another curve.
+    if (view.photograph) {
+      for (const name of NAMES) parts[name + "-halo"] = element(svg, "path", {class: "halo"});
     }
+    for (const name of NAMES) parts[name] = element(svg, "path", {class: "curve " + name});
     return parts;
   }
 

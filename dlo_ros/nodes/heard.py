@@ -7,8 +7,6 @@ from bisect import bisect_left
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from dlo_ros.spline import FloatArray
 
 YOUNG_MODULUS = "young_modulus"
@@ -25,11 +23,6 @@ SYMBOLS: Mapping[str, str] = {YOUNG_MODULUS: "E", DENSITY: "mu", SPECIFIC_MODULU
 
 # An estimate is determined by the data where its relative standard deviation is below this.
 IDENTIFIABLE = 0.25
-
-
-# The first moments [ns] show the initial guess: the identifier needs a few shapes before it moves.
-FIRST_MOMENTS = 100_000_000
-LAST_MOMENTS = 500_000_000
 
 
 @dataclass(frozen=True)
@@ -107,11 +100,6 @@ class Heard:
         sample = self.estimate()
         return sample is not None and sample.std[name] < IDENTIFIABLE * abs(sample.values[name])
 
-    def noise_floor(self) -> float | None:
-        """The ERR that a perfect model would have [m], where the identifier says it."""
-        value = _number(self.facts.get("noise floor [mm]"))
-        return 1e-3 * value if math.isfinite(value) else None
-
     def predicted_at(self, stamp: int) -> FloatArray | None:
         """The predicted control points at a stamp [ns], between the two nearest; None outside."""
         if stamp in self.predicted:
@@ -137,16 +125,6 @@ class Heard:
         if self.samples and self.samples[-1].stamp == sample.stamp:
             self.samples.pop()
         self.samples.append(sample)
-
-
-def err_before_and_after(err: list[tuple[int, float]]) -> FloatArray:
-    """Mean ERR [m] over the first and over the last moments, shape (2,); NaN without any."""
-    if not err:
-        return np.full(2, math.nan)
-    first, last = err[0][0], err[-1][0]
-    before = [value for stamp, value in err if stamp <= first + FIRST_MOMENTS]
-    after = [value for stamp, value in err if stamp >= last - LAST_MOMENTS]
-    return np.array([np.mean(before), np.mean(after)])
 
 
 def _number(text: str | None) -> float:
