@@ -15,7 +15,7 @@ FIRST_PORT = 7400
 PORTS = 250
 DOMAINS = range(1, 102)
 
-LARGE_IMAGES = "config/fastdds_large_images.xml"
+PROFILE = "config/fastdds_this_machine.xml"
 
 
 def isolate(logs: Path) -> int:
@@ -30,8 +30,7 @@ def isolate(logs: Path) -> int:
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     os.environ.pop("ROS_STATIC_PEERS", None)
     os.environ.setdefault("ROS_LOG_DIR", str(logs.resolve()))
-    # For recordings with raw images; without it most of them are lost on the way.
-    os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(shared_file(LARGE_IMAGES)))
+    os.environ["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(shared_file(PROFILE))
     if not os.environ.get("ROS_DOMAIN_ID"):
         os.environ["ROS_DOMAIN_ID"] = str(free_domain())
     return int(os.environ["ROS_DOMAIN_ID"])

@@ -1,0 +1,86 @@
+"""What a live run achieved: the estimate, and ERR before and after (no ROS here)."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from dlo_ros.errors import DloError, RecordingError
+from dlo_ros.identification.forecast import Forecast, Manipulation, forecast
+from dlo_ros.identification.noise import noise_floor
+from dlo_ros.nodes.heard import Heard, Sample
+from dlo_ros.observation import Observation
+from dlo_ros.parameters import Settings
+from dlo_ros.recordings import read_recording
+from dlo_ros.spline import FloatArray, SplineBasis
+
+LOG = logging.getLogger(__name__)
+
+LAST_MOMENTS = 500_000_000
+"""Time [ns] at the end over which the live ERR is averaged."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """The result of a live run.
+
+    Args:
+        sample: the estimate at the end.
+        err_initial: time mean of eq. (10) that the initial guess gives on what was observed [m];
+            None where it cannot be simulated. Simulated afterwards, since live nodes soon know
+            better.
+        err: mean of the live ERR over the last half second [m].
+        noise_floor: the ERR that a perfect model would have [m]; None where not known.
+        initial: what the initial guess predicts, control points, shape (n, 4), by stamp [ns].
+    """
+
+    sample: Sample
+    err_initial: float | None
+    err: float
+    noise_floor: float | None
+    initial: Mapping[int, FloatArray]
+
+
+def assess(bag: Path, settings: Settings, heard: Heard) -> Outcome:
+    """Compare the end of a run with its beginning.
+
+    Args:
+        bag: what was played.
+        settings: the initial guess.
+        heard: what the nodes published.
+
+    Raises:
+        RecordingError: the bag cannot be read, or the identifier published no estimate.
+    """
+    sample = heard.estimate()
+    if sample is None or not heard.err:
+        raise RecordingError(f"{bag}: the identifier published no estimate")
+    observations = tuple(Observation(s, heard.observed[s]) for s in sorted(heard.observed))
+    before = _initial_guess(bag, settings, observations)
+    last = heard.err[-1][0]
+    after = [value for stamp, value in heard.err if stamp >= last - LAST_MOMENTS]
+    basis = SplineBasis(settings.rod.control_points, settings.rod.length)
+    return Outcome(
+        sample,
+        None if before is None else float(np.mean(before.err)),
+        float(np.mean(after)),
+        noise_floor(observations, basis),
+        {}
+        if before is None
+        else {int(s): p for s, p in zip(before.stamps, before.predicted, strict=True)},
+    )
+
+
+def _initial_guess(
+    bag: Path, settings: Settings, observations: tuple[Observation, ...]
+) -> Forecast | None:
+    commands = read_recording(bag, settings).commands
+    try:
+        return forecast(Manipulation(bag.name, commands, observations), settings)
+    except DloError as err:
+        LOG.warning("the initial guess cannot be simulated: %s", err)
+        return None
