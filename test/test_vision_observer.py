@@ -1,5 +1,6 @@
 """The observer on rendered pictures of known truth."""
 
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +16,7 @@ from vision_scenes import (
     render,
     settings,
 )
+from vision_stress import tally
 
 from dlo_ros.command import Command, Motion
 from dlo_ros.errors import VisionError
@@ -245,3 +247,12 @@ def test_mono_images_will_do():
     result = observer(xz, scene).observe(0, grey)
     across, _, _ = errors_px(result, xz, scene)
     assert np.sqrt(np.mean(across**2)) < 0.15
+
+
+def test_hard_pictures_are_right_or_silent():
+    # A part of the set of vision_stress.py, which is run with more seeds by hand.
+    verdicts, reasons = tally(range(1000, 1048))
+    total = sum((v for v in verdicts.values()), Counter())
+    assert total["right"] >= 0.85 * 48
+    assert total["wrong"] <= 1
+    assert sum(reasons.values()) == total["silent"]

@@ -36,6 +36,7 @@ LOG = logging.getLogger(__name__)
 
 LEAST_SEEN = 0.55  # share of the length that must be seen
 LENGTH_LIMIT = 0.12  # of L: a seen length further off is another object
+FREE_LENGTH_LIMIT = 0.06  # the same where no clamp says where an end is
 TRACKING_LENGTH_LIMIT = 0.03  # of the length at the last frame
 TRACKING_SEARCH = (2.0, 5.0)  # [widths] to each side, second attempt where the first fails
 LARGEST_RESIDUAL = 1.0  # [widths] between measured points and spline
@@ -225,7 +226,7 @@ class Observer:
         if ends.end is None:
             high = free_end(located, prolonged, from_start=False)
         fit = fit_spline(located, self.camera, self.basis, stamp, ends.start, ends.end, (low, high))
-        self._check(fit, located, last)
+        self._check(fit, located, ends, last)
         self._remember(stamp, fit, located, ends)
         board = np.column_stack([fit.curve[:, 0], np.zeros(len(fit.curve)), fit.curve[:, 1]])
         return VisionResult(
@@ -241,7 +242,7 @@ class Observer:
             last is not None,
         )
 
-    def _check(self, fit: Fit, located: Located, last: _Shape | None) -> None:
+    def _check(self, fit: Fit, located: Located, ends: EndPoses, last: _Shape | None) -> None:
         """Refuse what is not credible.
 
         Raises:
@@ -253,7 +254,9 @@ class Observer:
                 f"only {100 * fit.fraction_seen:.0f} % of the DLO is visible, at least "
                 f"{100 * LEAST_SEEN:.0f} % are needed"
             )
-        if abs(fit.seen_length / length - 1.0) > LENGTH_LIMIT:
+        held = ends.start is not None and ends.end is not None
+        limit = LENGTH_LIMIT if held else FREE_LENGTH_LIMIT
+        if abs(fit.seen_length / length - 1.0) > limit:
             raise VisionError(
                 f"what looks like the DLO is {fit.seen_length:.3g} m long, rod.length is "
                 f"{length:.3g} m"

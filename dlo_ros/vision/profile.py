@@ -27,6 +27,8 @@ from dlo_ros.vision.strip import (
 GROUND = (0.75, 1.05)  # where its background is measured, in widths from the middle
 WIDTH_WINDOW = 8.0  # [widths] to each side, for the usual distance of the edges
 FAINT = 0.01  # weight of a profile without an edge but of the DLO's colour
+COLOUR_WINDOW = 4.0  # [widths] to each side, for the colour that the DLO has nearby
+FOREIGN = 1.5  # times the contrast: no light changes a DLO's colour by that much
 SURE = 0.75  # likeness that needs no second edge
 ISLAND = 1.5  # [widths] a shorter piece between two longer gaps is chance
 WEAK_SIDE = 0.3  # a side of less than this share of the usual contrast shows no edge
@@ -106,10 +108,6 @@ def locate(
     usual = float(np.median(np.minimum(contrast_left, contrast_right)))
     usual = max(usual, 1.0)
     typical = np.median(core, axis=0) if colour is None else colour
-    scale = max(usual, 0.5 * float(np.median(np.maximum(contrast_left, contrast_right))))
-    unlike = np.linalg.norm(core - typical, axis=1) / scale
-    likeness = np.where(inside(image, curve), np.clip(1.0 - unlike, 0.0, 1.0), 0.0)
-
     fine = gaussian_filter1d(strip, along, axis=0, mode="nearest")
     middle = np.zeros(len(curve))
     half = 0.5 * width
@@ -127,6 +125,9 @@ def locate(
         middle = median_filter(_fill(middle, seen), size=size, mode="nearest")
     middle, seen = _middle(edge_left, found_left, edge_right, found_right, half)
     seen &= ~(both & _odd_width(edge_right - edge_left, both, width / spacing))
+    nearer = np.minimum(contrast_left, contrast_right)
+    likeness = _likeness(core, nearer, seen & both, np.asarray(typical), usual, width / spacing)
+    likeness[~inside(image, curve)] = 0.0
     # The right width between two edges makes up for a changed colour, as in a shadow; a single
     # edge may be that of whatever hides the DLO.
     alike = np.where(both, likeness > 1.0 - COLOUR_LIMIT, likeness > SURE)
@@ -147,6 +148,35 @@ def locate(
         _spread((edge_right - edge_left)[both]),
         float(np.median(np.linalg.norm(left - right, axis=1))) / usual,
     )
+
+
+def _likeness(
+    core: Float32,
+    contrast: FloatArray,
+    sure: Mask,
+    typical: FloatArray,
+    usual: float,
+    profiles: float,
+) -> FloatArray:
+    """How much the middle has the colour that the DLO has nearby, where both edges were seen.
+
+    Light changes along a DLO, so the colour is compared in its neighbourhood; where it is hidden,
+    and beyond its ends, with the nearest that was seen.
+    """
+    index = np.arange(len(core))
+    if np.count_nonzero(sure) < 5:
+        unlike = np.linalg.norm(core - typical, axis=1) / usual
+        return np.asarray(np.clip(1.0 - unlike, 0.0, 1.0), dtype=np.float64)
+    # Foreign edges that happen to have the right distance are not of the DLO's colour at all.
+    foreign = np.linalg.norm(core - typical, axis=1) > FOREIGN * max(usual, 30.0)
+    sure = sure & ~foreign if np.count_nonzero(sure & ~foreign) >= 5 else sure
+    at = index[sure]
+    size = 2 * round(COLOUR_WINDOW * profiles) + 1
+    columns = [running_median(core[sure, c].astype(np.float64), size) for c in range(3)]
+    near = np.column_stack([np.interp(index, at, column) for column in columns])
+    scale = np.interp(index, at, running_median(contrast[sure].astype(np.float64), size))
+    unlike = np.linalg.norm(core - near, axis=1) / np.maximum(scale, 0.5 * usual)
+    return np.asarray(np.clip(1.0 - unlike, 0.0, 1.0), dtype=np.float64)
 
 
 def _spread(values: FloatArray) -> float:
@@ -203,7 +233,7 @@ def running_median(values: FloatArray, size: int) -> FloatArray:
     index = np.arange(len(values))
     size = min(len(values), size)
     step = max(1, size // 32)
-    some = median_filter(values[::step], size=max(3, size // step), mode="nearest")
+    some = median_filter(values[::step], size=max(3, size // step), mode="reflect")
     return np.asarray(np.interp(index, index[::step], some))
 
 
