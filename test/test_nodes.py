@@ -118,7 +118,7 @@ class System:
 
     def ready(self) -> None:
         self.client.until(
-            lambda: all(self.status(name) for name in NODES), 40.0, "diagnostics of all nodes"
+            lambda: all(self.status(name) for name in NODES), 120.0, "diagnostics of all nodes"
         )
 
     def all_alive(self) -> None:

@@ -3,10 +3,18 @@
 from __future__ import annotations
 
 import argparse
+import os
+from contextlib import suppress
 from pathlib import Path
 
-from dlo_ros.errors import RecordingError
+from dlo_ros.errors import InputError, RecordingError
+from dlo_ros.recordings import topics
 from dlo_ros.recordings.play import plan
+from dlo_ros.share import shared_file
+
+IMAGES = (topics.TYPES[topics.IMAGE], topics.TYPES[topics.COMPRESSED])
+PROFILE = "config/fastdds_large_images.xml"
+PROFILE_VARIABLES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -38,9 +46,9 @@ def run(arguments: argparse.Namespace) -> int:
     Raises:
         RecordingError: the bag or an argument is unusable.
     """
-    bag, topics = arguments.bag, list(arguments.topics)
-    if bag is None and len(topics) > 1:
-        bag = topics.pop()  # `play --topics T ... BAG`
+    bag, selection = arguments.bag, list(arguments.topics)
+    if bag is None and len(selection) > 1:
+        bag = selection.pop()  # `play --topics T ... BAG`
     if bag is None:
         raise RecordingError("no bag is given; name the folder of a rosbag2 recording")
     # ROS is imported here, so that --help works without it.
@@ -51,9 +59,11 @@ def run(arguments: argparse.Namespace) -> int:
         Path(bag),
         rate=arguments.rate,
         start_offset=arguments.start_offset,
-        selection=topics,
+        selection=selection,
         playable=installed,
     )
+    if any(kind in IMAGES for _, kind in playlist.topics):
+        _allow_large_messages()
     print(
         f"playing {playlist.path}: {len(playlist.topics)} topics, {playlist.duration:.1f} s",
         flush=True,
@@ -62,3 +72,13 @@ def run(arguments: argparse.Namespace) -> int:
     return play(
         playlist, loop=arguments.loop, clock=not arguments.no_clock, arguments=ros_arguments
     )
+
+
+def _allow_large_messages() -> None:
+    """Give Fast DDS room for whole images, unless the user has a profile of his own.
+
+    With its default of 512 KB most of them are lost on the way to best-effort subscribers.
+    """
+    if not any(os.environ.get(name) for name in PROFILE_VARIABLES):
+        with suppress(InputError):
+            os.environ[PROFILE_VARIABLES[0]] = str(shared_file(PROFILE))
