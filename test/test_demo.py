@@ -13,6 +13,7 @@ import sys
 import time
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import recordings_samples
@@ -21,8 +22,9 @@ from rich.console import Console
 
 from dlo_ros.cli import main as cli
 from dlo_ros.demo import processes
-from dlo_ros.demo.network import FIRST_PORT, PORTS, free_domain, looks_free
+from dlo_ros.demo.network import FIRST_PORT, PORTS, free_domain, isolate, looks_free
 from dlo_ros.demo.outcome import Outcome, assess
+from dlo_ros.demo.photographs import Window
 from dlo_ros.demo.plan import params_beside, plan_run
 from dlo_ros.demo.processes import Children, ProcessError
 from dlo_ros.demo.progress import Progress, line
@@ -118,6 +120,21 @@ def test_a_used_domain_is_seen():
     assert looks_free(domain)
 
 
+def test_nothing_leaves_this_machine(tmp_path, monkeypatch):
+    for name in ("ROS_DOMAIN_ID", "ROS_LOG_DIR", "ROS_STATIC_PEERS"):
+        monkeypatch.setenv(name, "")
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
+    monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", "")
+    domain = isolate(tmp_path)
+    assert os.environ["ROS_DOMAIN_ID"] == str(domain) and 1 <= domain <= 101
+    assert os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
+    assert "ROS_STATIC_PEERS" not in os.environ
+    profile = Path(os.environ["FASTRTPS_DEFAULT_PROFILES_FILE"]).read_text()
+    assert re.findall(r"<address>(.*)</address>", profile) == ["127.0.0.1"]
+    monkeypatch.setenv("ROS_DOMAIN_ID", "42")
+    assert isolate(tmp_path) == 42  # the user's choice
+
+
 def heard(std=300.0):
     """A run of 3 s: ERR falls from 30 to 2 mm, E/mu rises to 19800."""
     result = Heard()
@@ -147,6 +164,10 @@ def test_prediction_lies_between_its_neighbours():
     np.testing.assert_allclose(run.predicted_at(stamp), run.observed[stamp] + 0.002, atol=1e-12)
     assert run.predicted_at(START - SECOND) is None
     assert run.predicted_at(START + 100 * SECOND) is None
+    for stamp in [s for s in run.predicted if s > START + 2 * SECOND]:
+        del run.predicted[stamp]
+    run.predicted[START + 3 * SECOND] = run.observed[START]
+    assert run.predicted_at(START + 2_500_000_000) is None  # in a gap
 
 
 def test_the_estimate_keeps_its_history():
@@ -259,11 +280,26 @@ def test_report_of_a_run(tmp_path):
     page = report(run, outcome(run), "c_shape", 0.4, TRUTH, {}, ["A remark."])
     frames = page.recordings[0].frames
     assert len(frames) == 91 and frames[0].time == 0.0
-    assert frames[0].err == pytest.approx(0.032)  # arrived 8 ms after the spline
+    assert frames[5].err == pytest.approx(math.sqrt(3.0) * 0.002)
     np.testing.assert_allclose(frames[5].initial, frames[5].observed + 0.03)
     assert len(page.tracks) == 3 and page.tracks[2].true == 2e4
     write_identification_report(tmp_path / "report.html", page)
     assert "A remark." in (tmp_path / "report.html").read_text()
+
+
+@pytest.mark.parametrize("size", [(400, 300), (3000, 2000)])
+def test_curves_lie_where_they_lay_in_the_whole_picture(size):
+    width, height = size
+    picture = np.zeros((height, width, 3), np.uint8)
+    line = np.array([[0.3, 0.4], [0.6, 0.7]]) * size
+    for x, y in line.astype(int):
+        cv2.circle(picture, (int(x), int(y)), max(width // 60, 3), (255, 255, 255), -1)
+    window = Window.around(line.astype(int).astype(float), width, height)
+    shown = window.show(picture, {"observed": line.astype(int).astype(float)})
+    small = cv2.imdecode(np.frombuffer(shown.jpeg, np.uint8), cv2.IMREAD_GRAYSCALE)
+    assert small.shape == (shown.height, shown.width) and shown.width <= 640
+    _, _, _, centres = cv2.connectedComponentsWithStats((small > 128).astype(np.uint8))
+    np.testing.assert_allclose(centres[1:] + 0.5, shown.observed, atol=0.6)
 
 
 def test_truth(tmp_path):

@@ -51,7 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
     outcome = assess(bag, settings, heard)
     truth = read_truth(bag)
     console.print("Writing the report")
-    pictures = photographs(bag, settings, heard) if live.has_images else {}
+    pictures = photographs(bag, settings, heard, outcome) if live.has_images else {}
     name = bag.resolve().name
     page = report(
         heard, outcome, name, settings.rod.length, truth, pictures, remarks=heard.warnings

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 
 from dlo_ros.report import IdentificationReport, ParameterTrack, ShapeFrame
 from dlo_ros.report.elements import typeset
+from dlo_ros.report.player import CURVES
 from dlo_ros.report.plots import COLOURS, STYLE
 
 
@@ -44,10 +45,16 @@ def _draw_photograph(axes: Axes, frame: ShapeFrame) -> None:
     picture = cv2.imdecode(np.frombuffer(photograph.jpeg, np.uint8), cv2.IMREAD_COLOR)
     assert picture is not None
     axes.imshow(picture[:, :, ::-1])
-    for name, style in (("observed", "-"), ("predicted", "--")):
+    for name, colour, style in (
+        ("observed", "observed", "-"),
+        ("predicted", "predicted", "--"),
+        ("initial", "other", ":"),
+    ):
         curve = getattr(photograph, name)
         if curve is not None:
-            axes.plot(curve[:, 0], curve[:, 1], style, color=COLOURS[name], lw=1.8, label=name)
+            axes.plot(
+                curve[:, 0], curve[:, 1], style, color=COLOURS[colour], lw=1.8, label=CURVES[name]
+            )
     axes.set_axis_off()
     axes.set_title(f"camera image at {frame.time:.1f} s", fontsize=10)
     axes.legend(loc="lower right", frameon=True, fontsize=9)

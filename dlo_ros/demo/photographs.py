@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
 
+from dlo_ros.demo.outcome import Outcome
 from dlo_ros.nodes.heard import Heard
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import iterate_images
@@ -23,17 +25,8 @@ MARGIN = 0.25  # around the curves, of their extent
 CURVE_POINTS = 80
 
 
-@dataclass(frozen=True)
-class Curves:
-    """Where the shapes of one instant lie in the image.
-
-    Args:
-        observed, predicted: [px], the first pixel's centre at (0, 0), shape (m, 2); None where
-            there is none.
-    """
-
-    observed: FloatArray
-    predicted: FloatArray | None
+Curves = Mapping[str, FloatArray]
+"""Curves of one instant by name, [px], the first pixel's centre at (0, 0), shape (m, 2)."""
 
 
 @dataclass(frozen=True)
@@ -67,13 +60,13 @@ class Window:
         # Pixels count from the centre of the first one, drawings from its corner.
         corner = np.array([self.left, self.top]) - 0.5
 
-        def moved(curve: FloatArray | None) -> FloatArray | None:
-            return None if curve is None else (curve - corner) * scale
-
-        return Photograph(jpeg.tobytes(), *size, moved(curves.observed), moved(curves.predicted))
+        moved = {name: (curve - corner) * scale for name, curve in curves.items()}
+        return Photograph(jpeg.tobytes(), *size, **moved)
 
 
-def photographs(bag: Path, settings: Settings, heard: Heard) -> dict[int, Photograph]:
+def photographs(
+    bag: Path, settings: Settings, heard: Heard, outcome: Outcome
+) -> dict[int, Photograph]:
     """Pictures by stamp [ns], for as many observed splines as a report shows.
 
     Raises:
@@ -81,31 +74,39 @@ def photographs(bag: Path, settings: Settings, heard: Heard) -> dict[int, Photog
     """
     stamps = sorted(heard.observed)
     chosen = np.linspace(0, len(stamps) - 1, min(MOST_FRAMES, len(stamps))).round().astype(int)
-    wanted = {stamps[k] for k in chosen}
+    shapes = {
+        stamps[k]: {
+            "observed": heard.observed[stamps[k]],
+            "predicted": heard.predicted_at(stamps[k]),
+            "initial": outcome.initial.get(stamps[k]),
+        }
+        for k in chosen
+    }
     curves: dict[int, Curves] = {}
     window: Window | None = None
     result = {}
     for stamp, picture, info in iterate_images(bag):
-        if stamp not in wanted:
+        if stamp not in shapes:
             continue
         if window is None:
-            curves = {s: _curves(s, info, settings, heard) for s in wanted}
-            lines = [line for c in curves.values() for line in (c.observed, c.predicted)]
-            points = np.concatenate([line for line in lines if line is not None])
+            curves = {s: _in_pixels(shape, info, settings) for s, shape in shapes.items()}
+            points = np.concatenate([line for c in curves.values() for line in c.values()])
             finite = points[np.all(np.isfinite(points), axis=1)]
             window = Window.around(finite, info.width, info.height)
         result[stamp] = window.show(picture, curves[stamp])
     return result
 
 
-def _curves(stamp: int, info: CameraInfo, settings: Settings, heard: Heard) -> Curves:
+def _in_pixels(
+    shapes: Mapping[str, FloatArray | None], info: CameraInfo, settings: Settings
+) -> Curves:
     camera = Camera.from_info(
         info.k, info.d, info.distortion_model, info.width, info.height, settings.camera
     )
     basis = SplineBasis(settings.rod.control_points, settings.rod.length)
     matrix = basis.matrix(np.linspace(0.0, settings.rod.length, CURVE_POINTS))
-    predicted = heard.predicted_at(stamp)
-    return Curves(
-        camera.project(matrix @ heard.observed[stamp][:, :3]),
-        None if predicted is None else camera.project(matrix @ predicted[:, :3]),
-    )
+    return {
+        name: camera.project(matrix @ shape[:, :3])
+        for name, shape in shapes.items()
+        if shape is not None
+    }

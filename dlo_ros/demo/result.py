@@ -13,6 +13,7 @@ import yaml
 
 from dlo_ros.demo.outcome import Outcome
 from dlo_ros.errors import InputError
+from dlo_ros.identification.err import shape_error
 from dlo_ros.nodes.heard import (
     DENSITY,
     QUANTITIES,
@@ -30,6 +31,7 @@ from dlo_ros.report import (
     RecordingResult,
     ShapeFrame,
 )
+from dlo_ros.spline import SplineBasis
 
 NAMES: Mapping[str, str] = {
     YOUNG_MODULUS: "Young's modulus E",
@@ -151,7 +153,7 @@ def report(
         length,
         outcome.err_initial,
         outcome.err,
-        _frames(heard, outcome, start, photographs),
+        _frames(heard, outcome, length, start, photographs),
     )
     return IdentificationReport(
         title=f"Live identification of {bag}",
@@ -165,34 +167,25 @@ def report(
 
 
 def _frames(
-    heard: Heard, outcome: Outcome, start: int, photographs: Mapping[int, Photograph]
+    heard: Heard, outcome: Outcome, length: float, start: int, photographs: Mapping[int, Photograph]
 ) -> tuple[ShapeFrame, ...]:
-    err = _err_by_observation(heard)
-    return tuple(
-        ShapeFrame(
-            time=(stamp - start) / 1e9,
-            observed=heard.observed[stamp],
-            predicted=heard.predicted_at(stamp),
-            initial=outcome.initial.get(stamp),
-            err=err.get(stamp),
-            photograph=photographs.get(stamp),
+    frames = []
+    for stamp in sorted(heard.observed):
+        observed, predicted = heard.observed[stamp], heard.predicted_at(stamp)
+        # As the identifier computes it; its dlo/err carries no stamp.
+        basis = SplineBasis(len(observed), length)
+        err = None if predicted is None else shape_error(observed, predicted, basis)
+        frames.append(
+            ShapeFrame(
+                (stamp - start) / 1e9,
+                observed,
+                predicted,
+                outcome.initial.get(stamp),
+                err,
+                photographs.get(stamp),
+            )
         )
-        for stamp in sorted(heard.observed)
-    )
-
-
-def _err_by_observation(heard: Heard) -> dict[int, float]:
-    """ERR by the observed stamp it belongs to.
-
-    dlo/err carries no stamp: it belongs to the last spline that was observed before it came.
-    """
-    stamps = np.array(sorted(heard.observed))
-    result = {}
-    for arrival, value in heard.err:
-        at = int(np.searchsorted(stamps, arrival, side="right")) - 1
-        if at >= 0:
-            result[int(stamps[at])] = value
-    return result
+    return tuple(frames)
 
 
 def _track(samples: Sequence[Sample], name: str, start: int, true: float | None) -> ParameterTrack:

@@ -25,6 +25,10 @@ SYMBOLS: Mapping[str, str] = {YOUNG_MODULUS: "E", DENSITY: "mu", SPECIFIC_MODULU
 IDENTIFIABLE = 0.25
 
 
+LARGEST_GAP = 100_000_000
+"""Time [ns] between two predictions over which a shape is still interpolated."""
+
+
 @dataclass(frozen=True)
 class Sample:
     """The estimate at one instant.
@@ -101,7 +105,10 @@ class Heard:
         return sample is not None and sample.std[name] < IDENTIFIABLE * abs(sample.values[name])
 
     def predicted_at(self, stamp: int) -> FloatArray | None:
-        """The predicted control points at a stamp [ns], between the two nearest; None outside."""
+        """The predicted control points at a stamp [ns], between the two nearest.
+
+        None where predictions are missing: outside them, or in a gap.
+        """
         if stamp in self.predicted:
             return self.predicted[stamp]
         stamps = sorted(self.predicted)
@@ -109,6 +116,8 @@ class Heard:
         if after in (0, len(stamps)):
             return None
         a, b = stamps[after - 1], stamps[after]
+        if b - a > LARGEST_GAP:
+            return None
         share = (stamp - a) / (b - a)
         result: FloatArray = (1.0 - share) * self.predicted[a] + share * self.predicted[b]
         return result

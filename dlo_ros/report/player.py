@@ -30,7 +30,8 @@ class Photograph:
     Args:
         jpeg: the file's bytes.
         width, height: its size [px].
-        observed, predicted: curves [px], shape (m, 2); None where there is none.
+        observed, predicted, initial: curves [px], shape (m, 2), as in `ShapeFrame`; None where
+            there is none.
     """
 
     jpeg: bytes
@@ -38,6 +39,7 @@ class Photograph:
     height: int
     observed: FloatArray | None = None
     predicted: FloatArray | None = None
+    initial: FloatArray | None = None
 
 
 @dataclass(frozen=True)
@@ -161,10 +163,7 @@ def _frame(
     drawn = []
     photograph = frame.photograph
     if pictured:
-        pixels = {
-            "observed": photograph.observed if photograph else None,
-            "predicted": photograph.predicted if photograph else None,
-        }
+        pixels = {name: getattr(photograph, name, None) for name in CURVES}
         drawn.append({k: _flat(v) for k, v in pixels.items() if v is not None})
     for horizontal, vertical in planes:
         flip = np.array([1.0, -1.0])  # up in the world is down in SVG
