@@ -25,7 +25,15 @@ from dlo_ros.nodes.messages import message_class
 from dlo_ros.nodes.qos import LATCHED
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
-from dlo_ros.recordings import BAG_MESSAGES, BagWriter, command_message, spline_message, topics
+from dlo_ros.recordings import (
+    BAG_MESSAGES,
+    BagWriter,
+    command_message,
+    iterate_images,
+    read_image,
+    spline_message,
+    topics,
+)
 from dlo_ros.rod.simulation import Simulation
 from dlo_ros.spline import SplineBasis
 
@@ -223,6 +231,19 @@ def test_a_second_run_of_the_recording_starts_afresh(playing, bag):
     assert np.mean([m.data for m in err[:10]]) < 0.004
 
 
+def test_a_simulator_that_is_started_again_gets_the_estimate_again(playing):
+    client = playing.client
+    before = client.get("/simulator", "rod.young_modulus", "rod.density")
+    assert before[0] != GUESS.rod.young_modulus
+    assert playing.nodes["simulator"].interrupt() == 0
+    playing.nodes["simulator"] = playing.start("simulator", *playing.arguments)
+
+    def parameters() -> list:
+        return client.get("/simulator", "rod.young_modulus", "rod.density")
+
+    client.until(lambda: parameters() == pytest.approx(before, rel=0.02), what="parameters again")
+
+
 def test_pause_and_reset(playing):
     client = playing.client
     answer = client.call(SetBool, "/identifier/pause", SetBool.Request(data=True))
@@ -360,6 +381,48 @@ def test_a_command_sent_before_a_node_started_is_not_lost(waiting):
     assert node.interrupt(times=1, number=signal.SIGTERM) == 0 and "Traceback" not in node.said
 
 
+@pytest.fixture(scope="module")
+def photograph(tmp_path_factory: pytest.TempPathFactory, shared_data: Path):
+    """Nodes for the photographed black wire."""
+    folder = shared_data / "hanging_loop" / "black"
+    settings = Settings.load(folder / "params.yaml")
+    system = System(tmp_path_factory.mktemp("photograph"), settings, "-p", "use_sim_time:=true")
+    system.ready()
+    yield system, folder / "photo0"
+    system.close()
+
+
+def test_nodes_run_on_the_photograph(photograph):
+    """12 Mpx images and the command of a real bag: observed, simulated, compared, drawn."""
+    system, bag = photograph
+    client = system.client
+    names = (topics.OBSERVED, topics.OBSERVED_POINTS, topics.PREDICTED, topics.ERR)
+    heard = {name: client.hear(name, 50) for name in (*names, topics.MARKERS)}
+    overlays = client.hear(topics.OVERLAY, 5)
+    player = system.start("play", str(bag))
+    client.until(lambda: not player.alive, 30.0, "end of playback")
+    client.until(lambda: len(heard[topics.ERR]) >= 2, 20.0, "ERR")
+    client.until(lambda: overlays, what="overlay")
+    system.all_alive()
+
+    def stamps(topic: str) -> set[int]:
+        return {stamp_of(m) for m in heard[topic]}
+
+    client.until(
+        lambda: stamps(topics.OBSERVED) == stamps(topics.OBSERVED_POINTS), what="points and splines"
+    )
+    assert all(0.0 < m.data < 0.3 for m in heard[topics.ERR])
+    # 1.5 m of wire in the board's plane, from the right clamp at the origin to the left one.
+    points = np.array([[p.position.x, p.position.z] for p in heard[topics.OBSERVED][0].poses])
+    assert np.allclose(points[0], 0.0, atol=2e-3)
+    assert np.allclose(points[-1], [-0.1255, 0.0026], atol=2e-3)
+    assert {m.ns for a in heard[topics.MARKERS] for m in a.markers} >= {"observed", "predicted"}
+    picture = read_image(overlays[-1])
+    (image, *_rest) = [image for _, image, _ in iterate_images(bag)]
+    changed = np.mean(np.any(picture != image, axis=-1))
+    assert 1e-4 < changed < 0.05
+
+
 def test_the_observer_takes_whichever_transport_a_remapped_camera_publishes(waiting):
     client, camera = waiting.client, "/camera/image_raw"
     remapped = ["image_raw", "image_raw/compressed"]
@@ -384,26 +447,26 @@ def test_the_observer_takes_whichever_transport_a_remapped_camera_publishes(wait
     assert node.interrupt() == 0
 
 
-@pytest.mark.parametrize("name", NODES)
-def test_parameters_that_are_missing_or_unusable_end_with_status_2(name, tmp_path):
-    process = Process(tmp_path, name, "--ros-args", "-p", "rod.length:=0.4")
+def test_parameters_that_are_missing_or_unusable_end_with_status_2(tmp_path):
     bad = tmp_path / "bad.yaml"
     bad.write_text("/**:\n  ros__parameters:\n    rod: {length: [1, 2\n")
-    broken = Process(tmp_path, name, "--ros-args", "--params-file", str(bad))
-    assert process.wait() == 2
-    assert f"dlo_ros {name}: rod.diameter is missing" in process.said
-    assert broken.wait() == 2 and "bad.yaml" in broken.said
-    for said in (process.said, broken.said):
-        assert "Traceback" not in said
+    for name in NODES:
+        incomplete = Process(tmp_path, name, "--ros-args", "-p", "rod.length:=0.4")
+        broken = Process(tmp_path, name, "--ros-args", "--params-file", str(bad))
+        assert incomplete.wait() == 2 and broken.wait() == 2
+        assert f"dlo_ros {name}: rod.diameter is missing" in incomplete.said
+        assert "bad.yaml" in broken.said
+        assert "Traceback" not in incomplete.said + broken.said
 
 
-@pytest.mark.parametrize("name", NODES)
-@pytest.mark.parametrize("after", [0.6, 1.3, 2.5])
-def test_ctrl_c_ends_quietly_at_any_time(name, after, tmp_path):
-    """Twice, as `ros2 launch` does; while it starts, too."""
+@pytest.mark.parametrize("after", [0.5, 1.1, 1.8])
+def test_ctrl_c_ends_quietly_while_a_node_starts(after, tmp_path):
+    """Twice, as `ros2 launch` does; every other test here ends nodes that run in the same way."""
     GUESS.dump(tmp_path / "params.yaml")
     params = str(tmp_path / "params.yaml")
-    process = Process(tmp_path, name, "--ros-args", "--params-file", params)
+    words = ("--ros-args", "--params-file", params)
+    processes = [Process(tmp_path, name, *words) for name in NODES]
     time.sleep(after)
-    assert process.interrupt(times=2) == 0, process.said
-    assert "Traceback" not in process.said, process.said
+    for process in processes:
+        assert process.interrupt(times=2) == 0, process.said
+        assert "Traceback" not in process.said, process.said

@@ -1,0 +1,133 @@
+"""Parts of the nodes that can be tested without processes."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+import recordings_samples as samples
+
+from dlo_ros.nodes.pairing import GAP, WAITING, Pairing
+
+MS = 1_000_000
+
+
+def shape(t: float) -> np.ndarray:
+    """A smooth motion, at t seconds."""
+    s = np.linspace(0.0, 1.0, 8)[:, None]
+    return np.hstack([s, 0.0 * s, 0.1 * np.sin(6.0 * t + s), 0.2 * t + s])
+
+
+def at(ms: float) -> np.ndarray:
+    return shape(1e-3 * ms)
+
+
+def test_pairs_are_found_in_either_order_and_interpolated_well():
+    pairing = Pairing()
+    pairing.observed(50 * MS, at(50))
+    assert pairing.pairs() == []
+    for t in range(0, 201, 20):
+        pairing.predicted(t * MS, at(t))
+    pairing.observed(133 * MS, at(133))
+    pairing.observed(140 * MS, at(140))
+    found = pairing.pairs()
+    assert [stamp for stamp, _, _ in found] == [50 * MS, 133 * MS, 140 * MS]
+    for stamp, observed, predicted in found:
+        # Linear interpolation would be wrong by up to 1.8e-4 here.
+        np.testing.assert_allclose(predicted, observed, atol=2e-6, err_msg=str(stamp))
+    assert pairing.pairs() == [] and pairing.missed == 0
+
+
+def test_what_can_have_no_prediction_any_more_is_counted():
+    pairing = Pairing()
+    gap = round(GAP * 1e9) + 1
+    for t in (100 * MS, 120 * MS, 120 * MS + gap):
+        pairing.predicted(t, at(t / MS))
+    pairing.observed(50 * MS, at(50))  # before the simulation started
+    pairing.observed(125 * MS, at(125))  # in the gap
+    pairing.observed(110 * MS, at(110))
+    assert [s for s, _, _ in pairing.pairs()] == [110 * MS]
+    assert pairing.missed == 2
+    for i in range(WAITING + 5):
+        pairing.observed((10_000 + i) * MS, at(0))
+    assert pairing.missed == 7
+    pairing.clear()
+    pairing.predicted(20_000 * MS, at(0))
+    assert pairing.pairs() == [] and pairing.missed == 7
+
+
+def test_old_predictions_are_forgotten_and_new_ones_replace():
+    pairing = Pairing()
+    for t in range(0, 60_000, 20):
+        pairing.predicted(t * MS, at(t))
+    pairing.predicted(50_000 * MS, at(0))
+    pairing.observed(50_000 * MS, at(50_000))
+    pairing.observed(10_000 * MS, at(10_000))
+    ((_, _, predicted),) = pairing.pairs()
+    np.testing.assert_array_equal(predicted, at(0))
+    assert pairing.missed == 1
+
+
+# --- with rclpy, but without processes -------------------------------------------------------
+
+
+def test_messages_of_rclpy_are_built_and_read_by_the_same_code():
+    pytest.importorskip("rclpy")
+    from dlo_ros.nodes.messages import ROS_MESSAGES as ros
+    from dlo_ros.recordings import (
+        BAG_MESSAGES,
+        camera_info_message,
+        command_message,
+        compressed_message,
+        image_message,
+        points_message,
+        read_camera_info,
+        read_command,
+        read_image,
+        read_points,
+        read_spline,
+        spline_message,
+    )
+
+    s = samples.SETTINGS
+    for factory in (ros, BAG_MESSAGES):
+        spline = spline_message(factory, 5, "board", samples.control_points())
+        np.testing.assert_allclose(read_spline(spline, s), samples.control_points(), atol=1e-12)
+        command = read_command(command_message(factory, samples.command()), s, 5)
+        np.testing.assert_allclose(command.positions, samples.command().positions)
+        np.testing.assert_allclose(command.velocities, samples.command().velocities)
+        points = read_points(points_message(factory, 5, "board", samples.centreline()), s)
+        np.testing.assert_allclose(points.u, samples.centreline().u, atol=1e-7)
+        image = image_message(factory, 5, "c", samples.picture())
+        np.testing.assert_array_equal(read_image(image), samples.picture())
+        jpeg = compressed_message(factory, 5, "c", samples.jpeg())
+        assert read_image(jpeg).shape == samples.picture().shape
+        assert read_camera_info(camera_info_message(factory, 5, samples.INFO)) == samples.INFO
+
+
+def test_images_are_handed_over_as_a_block():
+    """Filled one number at a time a camera image takes a third of a second."""
+    pytest.importorskip("rclpy")
+    from dlo_ros.nodes.messages import ROS_MESSAGES
+    from dlo_ros.recordings import image_message
+
+    picture = np.zeros((1080, 1920, 3), np.uint8)
+    began = time.perf_counter()
+    image_message(ROS_MESSAGES, 5, "c", picture)
+    assert time.perf_counter() - began < 0.1
+
+
+def test_descriptors_come_from_the_table():
+    pytest.importorskip("rclpy")
+    from dlo_ros.nodes.parameters import descriptor
+    from dlo_ros.parameters import TABLE
+
+    for parameter in TABLE.values():
+        shown = descriptor(parameter)
+        assert shown.description.startswith(parameter.description)
+        assert shown.read_only == parameter.read_only
+        if parameter.kind == "double":
+            assert shown.floating_point_range[0].from_value == parameter.lower
+        if parameter.kind == "integer":
+            assert shown.integer_range[0].to_value == parameter.upper
