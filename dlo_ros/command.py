@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dlo_ros.errors import CommandError
+from dlo_ros.interpolation import sample
 from dlo_ros.spline import FloatArray
 
 START = "start"
@@ -85,26 +86,12 @@ class Command:
         Returns:
             Positions [m], shape (K, 3), and unit quaternions x y z w, shape (K, 4).
         """
-        t = (stamp - self.stamp) / NANOSECONDS
-        after = int(np.searchsorted(self.times, t, side="right"))
-        if after == 0 or after == len(self.times):
-            at = max(after - 1, 0)
-            return self.positions[at].copy(), _normalised(self.rotations[at])
-        a, b = after - 1, after
-        h = float(self.times[b] - self.times[a])
-        s = (t - float(self.times[a])) / h
-        p0, p1 = self.positions[a], self.positions[b]
-        v0, v1 = self.velocities[a] * h, self.velocities[b] * h
-        linear = p0 + s * (p1 - p0)
-        hermite = (
-            (1 + 2 * s) * (1 - s) ** 2 * p0
-            + s * (1 - s) ** 2 * v0
-            + s * s * (3 - 2 * s) * p1
-            + s * s * (s - 1) * v1
+        position, rotation = np.empty((len(self.names), 3)), np.empty((len(self.names), 4))
+        time = (stamp - self.stamp) / NANOSECONDS
+        sample(
+            self.times, self.positions, self.rotations, self.velocities, time, position, rotation
         )
-        known = np.all(np.isfinite(v0) & np.isfinite(v1), axis=-1, keepdims=True)
-        position = np.where(known, hermite, linear)
-        return position, _slerp(self.rotations[a], self.rotations[b], s)
+        return position, rotation
 
     @property
     def end_stamp(self) -> int:
@@ -169,24 +156,3 @@ def check_names(names: Sequence[str], control_points: int) -> None:
                 f"dlo/command imposes control_point_{inner} without control_point_{outer}; "
                 "together they give the direction of the end"
             )
-
-
-def _normalised(quaternions: FloatArray) -> FloatArray:
-    norm = np.linalg.norm(quaternions, axis=-1, keepdims=True)
-    identity = np.array([0.0, 0.0, 0.0, 1.0])
-    usable = np.isfinite(norm) & (norm > 1e-9)
-    result: FloatArray = np.where(usable, quaternions / np.where(usable, norm, 1.0), identity)
-    return result
-
-
-def _slerp(a: FloatArray, b: FloatArray, s: float) -> FloatArray:
-    """Spherical interpolation of unit quaternions, the short way round, shape (K, 4)."""
-    a, b = _normalised(a), _normalised(b)
-    dot = np.sum(a * b, axis=-1, keepdims=True)
-    b = np.where(dot < 0.0, -b, b)
-    angle = np.arccos(np.clip(np.abs(dot), 0.0, 1.0))
-    small = angle < 1e-6
-    sine = np.where(small, 1.0, np.sin(angle))
-    wa = np.where(small, 1.0 - s, np.sin((1.0 - s) * angle) / sine)
-    wb = np.where(small, s, np.sin(s * angle) / sine)
-    return _normalised(wa * a + wb * b)

@@ -7,7 +7,7 @@ Control points of several coordinates are stored as arrays of shape (n, d), one 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -112,6 +112,7 @@ class SplineBasis:
         b = self.matrix(u)
         return b.T @ (w[:, None] * b)
 
+    @lru_cache(maxsize=64)  # noqa: B019 - a basis is two numbers, and equal ones share the entry
     def projection(self, source: SplineBasis) -> FloatArray:
         """Least-squares projection of splines in another basis onto this one, both ends kept.
 
@@ -131,6 +132,7 @@ class SplineBasis:
         rest = s - b[:, [0]] * result[0] - b[:, [-1]] * result[-1]
         normal = cho_factor(inner.T @ (w[:, None] * inner))
         result[1:-1] = cho_solve(normal, inner.T @ (w[:, None] * rest))
+        result.flags.writeable = False
         return result
 
     def fit(self, u: ArrayLike, points: FloatArray, weights: ArrayLike | None = None) -> FloatArray:

@@ -32,10 +32,8 @@ class Nothing:
     names = ()
     stamp = 0
     times = np.zeros(1)
-
-    @staticmethod
-    def sample(_):
-        return np.zeros((0, 3)), np.zeros((0, 4))
+    positions = velocities = np.zeros((1, 0, 3))
+    rotations = np.zeros((1, 0, 4))
 
 
 def first_shape(settings=PAPER):

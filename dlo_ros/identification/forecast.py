@@ -99,8 +99,9 @@ def forecast(
     white = whitening(settings.rod.control_points, settings.rod.length)
     basis = simulation.published
     predicted, residual, derivative, err = [], [], [], []
-    for observation in observations:
-        prediction = simulation.advance(observation.stamp)
+    first = [simulation.prediction()] if observations[0].stamp == simulation.stamp else []
+    later = simulation.advance_through([o.stamp for o in observations[len(first) :]])
+    for observation, prediction in zip(observations, first + later, strict=True):
         gap = observation.control_points[:, :3] - prediction.control_points[:, :3]
         predicted.append(prediction.control_points)
         residual.append(white @ gap)

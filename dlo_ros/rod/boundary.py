@@ -7,9 +7,9 @@ from functools import cached_property
 
 import numpy as np
 
-from dlo_ros.command import CONTROL_POINT, END, START, Command
+from dlo_ros.command import CONTROL_POINT, END, NANOSECONDS, START, Command
 from dlo_ros.errors import CommandError
-from dlo_ros.rod.frames import rotation_matrix
+from dlo_ros.rod import grips
 from dlo_ros.rod.kernels import DOF
 from dlo_ros.spline import FloatArray, SplineBasis
 
@@ -19,17 +19,14 @@ class Held:
     """What is held at one instant.
 
     Args:
-        values: values of the fixed degrees of freedom, zero elsewhere, shape (n, 4); theta is left
-            to the clamps' rotations.
-        pin_positions: positions of the pinned points [m], shape (k, 3).
-        rotations: matrices of the clamps by end, `start` and `end`.
-        directions: tangents by end where a direction is imposed, shape (3,).
+        target: values of the fixed degrees of freedom, zero elsewhere, shape (n, 4).
+        pins: positions of the pinned points [m], shape (k, 3).
+        frames: frames of both ends, carried to that instant, shape (2, FRAME).
     """
 
-    values: FloatArray
-    pin_positions: FloatArray
-    rotations: dict[str, FloatArray]
-    directions: dict[str, FloatArray]
+    target: FloatArray
+    pins: FloatArray
+    frames: FloatArray
 
 
 @dataclass(frozen=True)
@@ -92,12 +89,13 @@ class Boundary:
     @cached_property
     def pins(self) -> FloatArray:
         """Constraint rows of the pins in the free degrees of freedom, shape (3 k, 4 n)."""
-        rows = self._pin_rows.copy()
+        rows = self.pin_rows.copy()
         rows[:, self.fixed] = 0.0
         return rows
 
     @cached_property
-    def _pin_rows(self) -> FloatArray:
+    def pin_rows(self) -> FloatArray:
+        """Rows of the pinned coordinates in all degrees of freedom, shape (3 k, 4 n)."""
         n, count = self.basis.control_points, len(self._pins)
         rows = np.zeros((count, 3, n, DOF))
         if count:
@@ -106,45 +104,53 @@ class Boundary:
                 rows[:, c, :, c] = b
         return rows.reshape(3 * count, n * DOF)
 
-    def pin_values(self, held: Held, target: FloatArray) -> FloatArray:
-        """What `pins @ q` must be, given the fixed values in target (n, 4); shape (3 k,)."""
-        share = np.where(self.fixed, target.ravel(), 0.0)
-        result: FloatArray = held.pin_positions.ravel() - self._pin_rows @ share
+    def pin_values(self, held: Held) -> FloatArray:
+        """What `pins @ q` must be, given the fixed values, shape (3 k,)."""
+        share = np.where(self.fixed, held.target.ravel(), 0.0)
+        result: FloatArray = held.pins.ravel() - self.pin_rows @ share
         return result
 
-    def held(self, command: Command, stamp: int) -> Held:
+    @cached_property
+    def kinds(self) -> np.ndarray:
+        """What each name is for compiled code, see `grips`."""
+        last = self.published.control_points
+        codes = {
+            START: grips.START_CLAMP,
+            END: grips.END_CLAMP,
+            f"{CONTROL_POINT}1": grips.START_TIP,
+            f"{CONTROL_POINT}2": grips.START_SECOND,
+            f"{CONTROL_POINT}{last}": grips.END_TIP,
+            f"{CONTROL_POINT}{last - 1}": grips.END_SECOND,
+        }
+        return np.array([codes.get(name, grips.PIN) for name in self.names], dtype=np.int64)
+
+    def imposed(self, command: Command) -> grips.Imposed:
+        """A command for compiled code."""
+        return grips.Imposed(
+            command.times, command.positions, command.rotations, command.velocities, self.kinds
+        )
+
+    @property
+    def reach(self) -> float:
+        """Distance of the second control point from a clamped end [m]: |r'| = 1 there."""
+        return self.basis.span_length / 3.0
+
+    def held(self, command: Command, stamp: int, theta: FloatArray, frames: FloatArray) -> Held:
         """Imposed values at a stamp [ns].
+
+        Args:
+            theta: twist angles at both ends now [rad], shape (2,).
+            frames: frames of both ends now, shape (2, FRAME).
 
         Raises:
             CommandError: the two control points of an end coincide, so that it has no direction.
         """
-        positions, quaternions = command.sample(stamp)
-        at = dict(zip(self.names, positions, strict=True))
-        n, last = self.basis.control_points, self.published.control_points
-        values = np.zeros((n, DOF))
-        rotations: dict[str, FloatArray] = {}
-        directions: dict[str, FloatArray] = {}
-        reach = self.basis.span_length / 3.0  # |r'| = 1 at a clamp
-        ends = (
-            (START, 0, 1, 1.0, f"{CONTROL_POINT}1", f"{CONTROL_POINT}2"),
-            (END, n - 1, n - 2, -1.0, f"{CONTROL_POINT}{last}", f"{CONTROL_POINT}{last - 1}"),
-        )
-        for name, outer, inner, sign, tip, second in ends:
-            if name in at:
-                rotations[name] = rotation_matrix(quaternions[self.names.index(name)])
-                values[outer, :3] = at[name]
-                directions[name] = rotations[name][:, 0]
-            elif tip in at:
-                values[outer, :3] = at[tip]
-                if second in at:
-                    chord = sign * (at[second] - at[tip])
-                    size = float(np.linalg.norm(chord))
-                    if size < 1e-9 * self.basis.length:
-                        raise CommandError(
-                            f"dlo/command: {tip} and {second} coincide; they must give a direction"
-                        )
-                    directions[name] = chord / size
-            if name in directions:
-                values[inner, :3] = values[outer, :3] + sign * reach * directions[name]
-        pins = np.array([at[name] for name in self._pins]).reshape(-1, 3)
-        return Held(values, pins, rotations, directions)
+        target = np.zeros((self.basis.control_points, DOF))
+        pins = np.empty((len(self._pins), 3))
+        frames = frames.copy()
+        time = (stamp - command.stamp) / NANOSECONDS
+        if not grips.impose(self.imposed(command), time, theta, self.reach, frames, target, pins):
+            raise CommandError(
+                "dlo/command: two control points that give the direction of an end coincide"
+            )
+        return Held(np.where(self.fixed.reshape(-1, DOF), target, 0.0), pins, frames)

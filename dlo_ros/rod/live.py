@@ -31,6 +31,7 @@ class LiveSimulation:
         self.motion = Motion()
         self._simulation: Simulation | None = None
         self._first: tuple[Observation, ...] = ()
+        self._held = False
 
     @property
     def started(self) -> bool:
@@ -70,16 +71,29 @@ class LiveSimulation:
         simulation.start(observations)
         self._simulation = simulation
         self._first = tuple(observations)
+        self._held = False
 
     def advance(self, stamp: int) -> Prediction:
         """Simulate to a stamp [ns] and return the shape there.
 
+        After a motion that could not be followed the DLO comes to rest under the first command
+        that it can be led to.
+
         Raises:
-            InputError, SimulationError: the last good state is kept.
+            InputError, SimulationError: the last good shape is held.
         """
-        if self._simulation is None:
+        simulation = self._simulation
+        if simulation is None:
             raise InputError("the simulation has no initial shape yet")
-        return self._simulation.advance(stamp)
+        try:
+            lead = simulation.resettle if self._held else simulation.advance
+            prediction = lead(stamp)
+        except SimulationError:
+            simulation.hold(max(stamp, simulation.stamp))
+            self._held = True
+            raise
+        self._held = False
+        return prediction
 
     def update(self, settings: Settings) -> None:
         """Change parameters while running.

@@ -73,6 +73,16 @@ class RodModel:
         return self.basis.quadrature(3)[0]
 
     @cached_property
+    def basis_slope(self) -> FloatArray:
+        """First derivatives of the basis at the bending points, shape (nb, n)."""
+        return self.basis.matrix(self.points, 1)
+
+    @cached_property
+    def basis_curvature(self) -> FloatArray:
+        """Second derivatives of the basis at the bending points, shape (nb, n)."""
+        return self.basis.matrix(self.points, 2)
+
+    @cached_property
     def twist_share(self) -> FloatArray:
         """Weight of each bending point in the twist energy, over its quadrature weight, (nb,).
 

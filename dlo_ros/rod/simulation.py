@@ -14,7 +14,10 @@ from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.rod import dynamics, resolution
+from dlo_ros.rod.boundary import Boundary
+from dlo_ros.rod.grips import HELD
 from dlo_ros.rod.model import SENSITIVITIES, RodModel
+from dlo_ros.rod.planar import in_plane
 from dlo_ros.rod.state import (
     Sensitivity,
     State,
@@ -24,7 +27,7 @@ from dlo_ros.rod.state import (
     strains_of,
     twist_angle,
 )
-from dlo_ros.rod.statics import reachable, relax_stretch, settle, static_sensitivity
+from dlo_ros.rod.statics import hold, reachable, relax_stretch, settle, static_sensitivity
 from dlo_ros.spline import DEGREE, FloatArray, SplineBasis
 
 LOG = logging.getLogger(__name__)
@@ -119,12 +122,11 @@ class Simulation:
             self._spans = self.resolution.spans
         model, boundary = resolution.build(self.settings, command, self._spans)
         lift = model.basis.projection(self.published)
-        held = boundary.held(command, first.stamp)
+        at_rest = rest_state(first.stamp, lift @ shape, model)
+        held = hold(at_rest, boundary, command, first.stamp)
         reachable(model, held, boundary)
         if mode == "equilibrium":
-            found = settle(
-                model, boundary, rest_state(first.stamp, lift @ shape, model), command, first.stamp
-            )
+            found = settle(model, boundary, at_rest, command, first.stamp)
             state, self.stable = found.state, found.stable
             if not found.stable:
                 LOG.warning("the initial equilibrium is unstable")
@@ -177,56 +179,108 @@ class Simulation:
         return command
 
     def advance(self, stamp: int) -> Prediction:
-        """Simulate to a stamp [ns].
+        """Simulate to a stamp [ns]; see `advance_through`."""
+        if stamp == self._started().stamp:
+            return self.prediction()
+        return self.advance_through([stamp])[0]
+
+    def advance_through(self, stamps: Sequence[int]) -> list[Prediction]:
+        """Simulate to a series of stamps [ns], growing.
 
         Raises:
-            InputError: not started, or the stamp lies before the present instant.
+            InputError: not started, or a stamp lies before the present instant.
             SimulationError: the motion cannot be followed; the state stays as it was.
         """
-        state = self._started()
-        if stamp < state.stamp:
+        state, model, boundary = self._started(), self.model, self.boundary
+        if stamps and stamps[0] < state.stamp:
             raise InputError(
                 f"the simulation is at {state.stamp / NANOSECONDS:.3f} s and cannot go back to "
-                f"{stamp / NANOSECONDS:.3f} s; reset it"
+                f"{stamps[0] / NANOSECONDS:.3f} s; reset it"
             )
         scales = self.scales if len(self.scales) else None
-        while state.stamp < stamp:
-            command = self._command(state.stamp)
-            until = self._change_of_command(state.stamp, stamp)
-            state = self._under(state, command)
-            held = self.boundary.held(command, until)
-            reachable(self.model, held, self.boundary)
-            state = dynamics.advance(self.model, self.boundary, state, command, until, scales)
-        self.state = state
-        return self.prediction()
+        predictions: list[Prediction] = []
+        for stops in self._legs(state.stamp, stamps):
+            command = self._command(max(stops[0] - 1, state.stamp))
+            if command.names != boundary.names:
+                state, model, boundary = self._regrip(state, command)
+            # In space the twist angle of a shape needs its whole state, so stops come one by one.
+            at_once = [stops] if in_plane(model, state, command) else [[s] for s in stops]
+            for leg in at_once:
+                for stop in leg:
+                    reachable(model, hold(state, boundary, command, stop), boundary)
+                track = dynamics.follow(model, boundary, state, command, leg, scales)
+                state = track.state
+                wanted = [k for k, stop in enumerate(leg) if stop in stamps]
+                if len(leg) == 1:
+                    predictions += [self._published(state, model) for _ in wanted]
+                else:
+                    down = self.published.projection(model.basis)
+                    predictions += [
+                        _projected(leg[k], down, track.shapes[k], track.derivatives[k])
+                        for k in wanted
+                    ]
+        self.state, self.model, self.boundary = state, model, boundary
+        return predictions
 
-    def _change_of_command(self, now: int, stamp: int) -> int:
-        """The stamp, or the start of the next command before it."""
-        starts = [c.stamp for c in self.motion.commands if now < c.stamp < stamp]
-        return min(starts, default=stamp)
+    def _legs(self, now: int, stamps: Sequence[int]) -> list[list[int]]:
+        """The stamps in groups that one command rules each, its last stop where it ends."""
+        if not stamps:
+            return []
+        changes = sorted(c.stamp for c in self.motion.commands if now < c.stamp < stamps[-1])
+        legs = []
+        for until in [*changes, stamps[-1]]:
+            leg = [s for s in stamps if now < s <= until]
+            if not leg or leg[-1] < until:
+                leg.append(until)
+            legs.append(leg)
+            now = until
+        return [leg for leg in legs if leg]
 
-    def _under(self, state: State, command: Command) -> State:
-        """The state with the boundary conditions of a command that may hold other things."""
-        if command.names == self.boundary.names:
-            return state
+    def _regrip(self, state: State, command: Command) -> tuple[State, RodModel, Boundary]:
+        """The state with the boundary conditions of a command that holds other things."""
         assert self._spans is not None
-        self.model, self.boundary = resolution.build(self.settings, command, self._spans)
-        for frame in (state.start, state.end):
-            frame.body = None  # a new grip takes the DLO as it is
-        now = strains_of(state.q, self.model, state.reference)
-        state = replace(state, strains=now, previous=now, last_step=0.0)
-        return replace(state, sensitivity=self._insensitive(self.model))
+        model, boundary = resolution.build(self.settings, command, self._spans)
+        frames = state.frames.copy()
+        frames[:, HELD] = 0.0  # a new grip takes the DLO as it is
+        now = strains_of(state.q, model, state.reference)
+        state = replace(state, frames=frames, strains=now, previous=now, last_step=0.0)
+        return replace(state, sensitivity=self._insensitive(model)), model, boundary
+
+    def hold(self, stamp: int) -> None:
+        """Stand still until a stamp [ns]: what a motion that cannot be followed leaves to do."""
+        state = self._started()
+        zero = np.zeros_like(state.q)
+        self.state = replace(
+            state, stamp=stamp, velocity=zero, acceleration=zero, auxiliary=zero,
+            previous=state.strains, last_step=0.0, next_step=0.0,
+            sensitivity=self._insensitive(self.model),
+        )  # fmt: skip
+
+    def resettle(self, stamp: int) -> Prediction:
+        """Come to rest under the command at a stamp [ns], led there from the present shape.
+
+        Raises:
+            SimulationError: there is no equilibrium; the state stays as it was.
+        """
+        state, model, boundary = self._started(), self.model, self.boundary
+        command = self._command(stamp)
+        if command.names != boundary.names:
+            state, model, boundary = self._regrip(state, command)
+        state = settle(model, boundary, state, command, stamp).state
+        state = replace(state, sensitivity=self._insensitive(model))
+        self.state, self.model, self.boundary = state, model, boundary
+        return self.prediction()
 
     def prediction(self) -> Prediction:
         """The present shape in the published basis."""
-        state = self._started()
-        down = self.published.projection(self.model.basis)
-        shape = down @ state.q
-        shape[:, 3] = down @ twist_angle(state, self.model)
-        derivative = None
-        if state.sensitivity is not None:
-            derivative = np.einsum("ij,pjc->pic", down, state.sensitivity.q[:, :, :3])
-        return Prediction(state.stamp, shape, derivative)
+        return self._published(self._started(), self.model)
+
+    def _published(self, state: State, model: RodModel) -> Prediction:
+        down = self.published.projection(model.basis)
+        derivative = None if state.sensitivity is None else state.sensitivity.q
+        shape = state.q.copy()
+        shape[:, 3] = twist_angle(state, model)
+        return _projected(state.stamp, down, shape, derivative)
 
     def update(self, settings: Settings) -> None:
         """Change material, damping, gravity or tolerance while the simulation runs.
@@ -265,3 +319,14 @@ class Simulation:
     def control_points(self) -> int:
         """Control points of the simulation's own basis."""
         return (self._spans or self.published.spans) + DEGREE
+
+
+def _projected(
+    stamp: int, down: FloatArray, shape: FloatArray, derivative: FloatArray | None
+) -> Prediction:
+    """Shape (n, 4) and derivatives (P, n, 4) in the published basis."""
+    if derivative is not None and len(derivative):
+        derivative = np.einsum("ij,pjc->pic", down, derivative[:, :, :3])
+    else:
+        derivative = None
+    return Prediction(stamp, down @ shape, derivative)

@@ -1,7 +1,9 @@
 """Compiled solution of the rod's equations: static equilibrium, implicit steps, sensitivities.
 
-Imposed degrees of freedom are eliminated exactly; pins (material points held in the middle of the
-DLO) are linear constraints, met exactly by a Schur complement of the banded matrix.
+All of it serves the rod in space, q of shape (n, 4), and the rod in the plane, q of shape (n, 2):
+the number of columns says which. Imposed degrees of freedom are eliminated exactly; pins (material
+points held in the middle of the DLO) are linear constraints, met exactly by a Schur complement of
+the banded matrix.
 """
 
 from __future__ import annotations
@@ -9,40 +11,68 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from dlo_ros.rod import banded
-from dlo_ros.rod.kernels import (
-    BAND,
-    DOF,
-    assemble,
-    scatter_stress,
-    strain_increments,
-    strains,
-    transport,
-)
+from dlo_ros.rod import banded, kernels, plane
+from dlo_ros.rod.plane import PLANAR
 
 MAX_STATIC_ITERATIONS = 300
 FREE_ITERATIONS = 60  # of those, without a check of the energy
 
 
 @njit(cache=True, nogil=True)
+def _assemble(q, rule, stiff, ref, gradient, band, grad_s, grad_o):
+    if q.shape[1] == PLANAR:
+        return plane.assemble(q, rule, stiff, gradient, band, grad_s, grad_o)
+    return kernels.assemble(q, rule, stiff, ref, gradient, band, grad_s, grad_o)
+
+
+@njit(cache=True, nogil=True)
+def strains(q, rule, ref):
+    """Strains of a configuration; see `kernels.strains` and `plane.strains`."""
+    if q.shape[1] == PLANAR:
+        return plane.strains(q, rule)
+    return kernels.strains(q, rule, ref)
+
+
+@njit(cache=True, nogil=True)
+def transport(q, rule, ref):
+    """The reference frame carried to configuration q; the plane needs none."""
+    if q.shape[1] == PLANAR:
+        return ref
+    return kernels.transport(q, rule, ref)
+
+
+@njit(cache=True, nogil=True)
+def _strain_gradients(q, rule):
+    """Room for the derivatives of the strains."""
+    ns, nb = rule.stretch_weight.size, rule.weight.size
+    if q.shape[1] == PLANAR:
+        return np.empty((ns, 2)), np.zeros((nb, 1, 4))
+    return np.empty((ns, 3)), np.zeros((nb, 3, 8))
+
+
+@njit(cache=True, nogil=True)
 def add_scalar_band(band, scalar, spin, factor):
-    """Add factor times a basis matrix: `scalar` (n, 4) for x, y, z and `spin` (n, 4) for theta."""
+    """Add factor times a basis matrix, `scalar` (n, 4) for positions, `spin` for theta."""
+    dof, last = band.shape[0] // scalar.shape[0], band.shape[1] - 1
+    positions = min(dof, 3)
     for i in range(scalar.shape[0]):
         for j in range(max(0, i - 3), i + 1):
-            k = 3 - i + j
-            for c in range(3):
-                band[DOF * i + c, BAND - DOF * (i - j)] += factor * scalar[i, k]
-            band[DOF * i + 3, BAND - DOF * (i - j)] += factor * spin[i, k]
+            k, at = 3 - i + j, last - dof * (i - j)
+            for c in range(positions):
+                band[dof * i + c, at] += factor * scalar[i, k]
+            if positions < dof:
+                band[dof * i + 3, at] += factor * spin[i, k]
 
 
 @njit(cache=True, nogil=True)
 def multiply_scalar(scalar, spin, x, out):
-    """Write basis matrix times x (n, 4) to out."""
+    """Write basis matrix times x (n, 4) or (n, 2) to out."""
     out[:, :] = 0.0
+    dof = x.shape[1]
     for i in range(scalar.shape[0]):
         for j in range(max(0, i - 3), i + 1):
             k = 3 - i + j
-            for c in range(DOF):
+            for c in range(dof):
                 a = scalar[i, k] if c < 3 else spin[i, k]
                 out[i, c] += a * x[j, c]
                 if j < i:
@@ -52,10 +82,10 @@ def multiply_scalar(scalar, spin, x, out):
 @njit(cache=True, nogil=True)
 def _eliminate(band, rhs, fixed, increment):
     """Replace the equations of fixed degrees of freedom by x = increment."""
-    size = band.shape[0]
+    size, last = band.shape[0], band.shape[1] - 1
     for i in range(size):
-        for j in range(max(0, i - BAND), i):
-            k = BAND - i + j
+        for j in range(max(0, i - last), i):
+            k = last - i + j
             if fixed[i] or fixed[j]:
                 if fixed[j] and not fixed[i]:
                     rhs[i] -= band[i, k] * increment[j]
@@ -64,7 +94,7 @@ def _eliminate(band, rhs, fixed, increment):
                 band[i, k] = 0.0
     for i in range(size):
         if fixed[i]:
-            band[i, BAND] = 1.0
+            band[i, last] = 1.0
             rhs[i] = increment[i]
 
 
@@ -93,13 +123,14 @@ def _constrain(band, diagonal, pins, gap, x):
 
 
 @njit(cache=True, nogil=True)
-def _largest(x):
+def _largest(x, dof):
     """Largest move of a control point [m] and largest change of theta [rad]."""
     move, turn = 0.0, 0.0
-    for i in range(x.size // DOF):
-        for c in range(3):
-            move = max(move, abs(x[DOF * i + c]))
-        turn = max(turn, abs(x[DOF * i + 3]))
+    for i in range(x.size):
+        if i % dof == 3:
+            turn = max(turn, abs(x[i]))
+        else:
+            move = max(move, abs(x[i]))
     return move, turn
 
 
@@ -148,9 +179,9 @@ def equilibrium(q, increment, fixed, pins, gap, rule, stiff, ref, load, mass, sp
         of the stiffness there (0: stable); and the reference frame carried along.
     """
     size = q.size
-    gradient, band = np.empty(size), np.empty((size, BAND + 1))
-    work, diagonal = np.empty((size, BAND + 1)), np.empty(size)
-    grad_s, grad_o = np.empty((rule.stretch_weight.size, 3)), np.zeros((rule.weight.size, 3, 8))
+    gradient, band = np.empty(size), np.empty((size, 4 * q.shape[1]))
+    work, diagonal = np.empty((size, 4 * q.shape[1])), np.empty(size)
+    grad_s, grad_o = _strain_gradients(q, rule)
     step = np.empty(size)
     zero = np.zeros(size)
     closed = np.zeros(gap.size)
@@ -158,7 +189,7 @@ def equilibrium(q, increment, fixed, pins, gap, rule, stiff, ref, load, mass, sp
     shift = 0.0
     energy = 0.0
     for iteration in range(1, MAX_STATIC_ITERATIONS + 1):
-        energy = assemble(q, rule, stiff, ref, gradient, band, grad_s, grad_o)
+        energy = _assemble(q, rule, stiff, ref, gradient, band, grad_s, grad_o)
         energy -= np.dot(load, q.ravel())
         change = increment if first else zero
         lack = gap if first else closed
@@ -180,7 +211,7 @@ def equilibrium(q, increment, fixed, pins, gap, rule, stiff, ref, load, mass, sp
             banded.solve(work, diagonal, step)
             if not _constrain(work, diagonal, pins, lack, step):
                 return -iteration, negative, ref
-            move, turn = _largest(step)
+            move, turn = _largest(step, q.shape[1])
             if not np.isfinite(move + turn):
                 shift = max(4.0 * shift, 1e-2 * rate2)
                 continue
@@ -234,27 +265,28 @@ def implicit_step(q, target, fixed, pins, gap, rule, stiff, ref, mass, spin, dra
         Iterations (negative: not converged) and the number of negative pivots at the end.
     """
     size = q.size
-    gradient, band = np.empty(size), np.empty((size, BAND + 1))
+    gradient, band = np.empty(size), np.empty((size, 4 * q.shape[1]))
     diagonal, step = np.empty(size), np.empty(size)
-    grad_s, grad_o = np.empty((rule.stretch_weight.size, 3)), np.zeros((rule.weight.size, 3, 8))
+    grad_s, grad_o = _strain_gradients(q, rule)
+    dof = q.shape[1]
     increment = np.zeros(size)
     product = np.empty(q.shape)
     lack = np.empty(gap.size)
     for iteration in range(1, max_iterations + 1):
-        assemble(q, rule, stiff, ref, gradient, band, grad_s, grad_o)
+        _assemble(q, rule, stiff, ref, gradient, band, grad_s, grad_o)
         add_scalar_band(band, mass, spin, c_mass)
         add_scalar_band(band, drag, still, c_drag)
         multiply_scalar(mass, spin, q, product)
         flat = step.reshape(q.shape)
         for i in range(q.shape[0]):
-            for c in range(DOF):
-                flat[i, c] = rhs[i, c] - c_mass * product[i, c] - gradient[DOF * i + c]
+            for c in range(dof):
+                flat[i, c] = rhs[i, c] - c_mass * product[i, c] - gradient[dof * i + c]
         multiply_scalar(drag, still, q, product)
         for i in range(q.shape[0]):
-            for c in range(DOF):
+            for c in range(dof):
                 flat[i, c] -= c_drag * product[i, c]
-                if fixed[DOF * i + c]:
-                    increment[DOF * i + c] = target[i, c] - q[i, c]
+                if fixed[dof * i + c]:
+                    increment[dof * i + c] = target[i, c] - q[i, c]
         _eliminate(band, step, fixed, increment)
         negative = banded.factorise(band, diagonal)
         if negative < 0:
@@ -265,12 +297,12 @@ def implicit_step(q, target, fixed, pins, gap, rule, stiff, ref, mass, spin, dra
             lack[a] = gap[a] - np.dot(pins[a], q.ravel())
         if not _constrain(band, diagonal, pins, lack, step):
             return -iteration, negative
-        move, turn = _largest(step)
+        move, turn = _largest(step, q.shape[1])
         if not np.isfinite(move + turn) or move > length:
             return -iteration, negative
         for i in range(q.shape[0]):
-            for c in range(DOF):
-                q[i, c] += step[DOF * i + c]
+            for c in range(dof):
+                q[i, c] += step[dof * i + c]
         if move < tolerance * length and turn < 10.0 * tolerance:
             return iteration, negative
     return -max_iterations, 0
@@ -285,10 +317,10 @@ def linearise(q, fixed, rule, stiff, ref, mass, spin, drag, still, c_mass, c_dra
         kappa_2, twist)/d(p, s, theta, theta') of shape (nb, 3, 8).
     """
     size = q.size
-    gradient, band = np.empty(size), np.empty((size, BAND + 1))
+    gradient, band = np.empty(size), np.empty((size, 4 * q.shape[1]))
     diagonal = np.empty(size)
-    grad_s, grad_o = np.empty((rule.stretch_weight.size, 3)), np.zeros((rule.weight.size, 3, 8))
-    assemble(q, rule, stiff, ref, gradient, band, grad_s, grad_o)
+    grad_s, grad_o = _strain_gradients(q, rule)
+    _assemble(q, rule, stiff, ref, gradient, band, grad_s, grad_o)
     add_scalar_band(band, mass, spin, c_mass)
     add_scalar_band(band, drag, still, c_drag)
     _eliminate(band, gradient, fixed, np.zeros(size))
@@ -314,22 +346,28 @@ def back_substitute(band, diagonal, fixed, pins, rhs):
 
 @njit(cache=True, nogil=True)
 def stress_forces(rule, grad_s, grad_o, stress_s, stress_o):
-    """Generalised forces (P, 4 n) of stresses (P, ns) and (P, nb, 3)."""
-    n = rule.span.max() + 4
-    out = np.zeros((stress_s.shape[0], DOF * n))
+    """Generalised forces, (P, 4 n) or (P, 2 n), of stresses (P, ns) and (P, nb, 3)."""
+    dof = PLANAR if grad_s.shape[1] == 2 else 4
+    out = np.zeros((stress_s.shape[0], dof * (rule.span.max() + 4)))
     for a in range(stress_s.shape[0]):
-        scatter_stress(rule, grad_s, grad_o, stress_s[a], stress_o[a], out[a])
+        if dof == PLANAR:
+            plane.scatter_stress(rule, grad_s, grad_o, stress_s[a], stress_o[a], out[a])
+        else:
+            kernels.scatter_stress(rule, grad_s, grad_o, stress_s[a], stress_o[a], out[a])
     return out
 
 
 @njit(cache=True, nogil=True)
 def strain_sensitivities(rule, grad_s, grad_o, dq):
-    """Strains (P, ns) and (P, nb, 3) of increments dq of shape (P, n, 4), to first order."""
+    """Strains (P, ns) and (P, nb, 3) of increments dq, (P, n, 4) or (P, n, 2), to first order."""
     count = dq.shape[0]
     stretch = np.empty((count, rule.stretch_weight.size))
     other = np.empty((count, rule.weight.size, 3))
     for a in range(count):
-        strain_increments(rule, grad_s, grad_o, dq[a], stretch[a], other[a])
+        if dq.shape[2] == PLANAR:
+            plane.strain_increments(rule, grad_s, grad_o, dq[a], stretch[a], other[a])
+        else:
+            kernels.strain_increments(rule, grad_s, grad_o, dq[a], stretch[a], other[a])
     return stretch, other
 
 
@@ -337,7 +375,7 @@ def strain_sensitivities(rule, grad_s, grad_o, dq):
 def factorised_mass(mass, spin, fixed):
     """Factors (band, diagonal) of the mass matrix with fixed degrees of freedom eliminated."""
     size = fixed.size
-    band, diagonal = np.zeros((size, BAND + 1)), np.empty(size)
+    band, diagonal = np.zeros((size, 4 * (size // mass.shape[0]))), np.empty(size)
     zero = np.zeros(size)
     add_scalar_band(band, mass, spin, 1.0)
     _eliminate(band, np.zeros(size), fixed, zero)

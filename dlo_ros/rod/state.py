@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dlo_ros.rod.frames import EndFrame, twist_free
+from dlo_ros.rod.frames import twist_free
+from dlo_ros.rod.grips import BODY, DIRECTOR, THETA
 from dlo_ros.rod.kernels import DOF, Reference, strains
 from dlo_ros.rod.model import RodModel
 from dlo_ros.spline import FloatArray
@@ -48,7 +49,7 @@ class State:
         q, velocity, acceleration: x, y, z [m] and theta [rad], and rates, shape (n, 4).
         auxiliary: acceleration-like variable of the generalised-alpha method, shape (n, 4).
         reference: frame at the bending points.
-        start, end: frames at both ends.
+        frames: at both ends, shape (2, FRAME), see `grips`.
         strains, previous: strains now and one step ago (for the strain rate).
         last_step: length of the last step [s], 0 at a start.
         next_step: step [s] that the error control proposes, 0 where it has no opinion yet.
@@ -61,8 +62,7 @@ class State:
     acceleration: FloatArray
     auxiliary: FloatArray
     reference: Reference
-    start: EndFrame
-    end: EndFrame
+    frames: FloatArray
     strains: Strains
     previous: Strains
     last_step: float = 0.0
@@ -80,10 +80,10 @@ def rest_state(stamp: int, q: FloatArray, model: RodModel) -> State:
     """A rod at rest, free of twist, in the shape q (n, 4)."""
     q = np.array(q, dtype=np.float64)
     q[:, 3] = 0.0
-    reference, start, end = twist_free(q, model.basis, model.points)
+    reference, frames = twist_free(q, model.basis, model.points)
     now = strains_of(q, model, reference)
     zero = np.zeros((model.basis.control_points, DOF))
-    return State(stamp, q, zero, zero, zero, reference, start, end, now, now)
+    return State(stamp, q, zero, zero, zero, reference, frames, now, now)
 
 
 def twist_angle(state: State, model: RodModel) -> FloatArray:
@@ -103,11 +103,13 @@ def refined(state: State, model: RodModel, finer: RodModel) -> State:
     change = finer.basis.projection(model.basis)
     q = change @ state.q
     q[:, 3] = change @ twist_angle(state, model)
-    reference, _, end = twist_free(q, finer.basis, finer.points, state.start.director)
-    end.body, end.theta = state.end.body, float(q[-1, 3])
+    start = state.frames[0, DIRECTOR:BODY]
+    reference, frames = twist_free(q, finer.basis, finer.points, start)
+    frames[:, BODY:] = state.frames[:, BODY:]
+    frames[1, THETA] = q[-1, 3]
     now = strains_of(q, finer, reference)
     return State(
         state.stamp, q, change @ state.velocity, change @ state.acceleration,
-        change @ state.auxiliary, reference, state.start.copy(), end, now, now,
+        change @ state.auxiliary, reference, frames, now, now,
         0.0, state.next_step,
     )  # fmt: skip

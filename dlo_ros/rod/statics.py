@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
-from dlo_ros.command import END, START, Command
+from dlo_ros.command import Command
 from dlo_ros.errors import SimulationError
-from dlo_ros.rod import solver
+from dlo_ros.rod import engine, grips, solver
 from dlo_ros.rod.boundary import Boundary, Held
-from dlo_ros.rod.frames import EndFrame
-from dlo_ros.rod.kernels import DOF
+from dlo_ros.rod.kernels import DOF, Reference
 from dlo_ros.rod.model import RodModel
+from dlo_ros.rod.planar import expand, flat_reference, in_plane, reduce, system_of
 from dlo_ros.rod.state import Sensitivity, State, Strains, rest_state, strains_of
 from dlo_ros.spline import FloatArray
 
@@ -37,26 +37,9 @@ class Equilibrium:
     iterations: int
 
 
-def impose(
-    state: State, boundary: Boundary, held: Held, share: float = 1.0
-) -> tuple[FloatArray, EndFrame, EndFrame]:
-    """Values (n, 4) of the fixed degrees of freedom, and the end frames that go with them.
-
-    Args:
-        share: fraction of the way from the present values to the imposed ones.
-    """
-    target = held.values.copy()
-    start, end = state.start.copy(), state.end.copy()
-    for name, frame, row in ((START, start, 0), (END, end, -1)):
-        theta = state.q[row, 3]
-        if name in held.rotations:
-            theta = frame.turn(held.rotations[name])
-        elif name in held.directions:
-            frame.follow(held.directions[name])
-        target[row, 3] = theta
-    if share < 1.0:
-        target = state.q + share * (target - state.q)
-    return target, start, end
+def hold(state: State, boundary: Boundary, command: Command, stamp: int) -> Held:
+    """What the command holds at a stamp, for a rod in a given state."""
+    return boundary.held(command, stamp, state.q[[0, -1], 3], state.frames)
 
 
 def settle(
@@ -68,35 +51,24 @@ def settle(
         SimulationError: no equilibrium was found, for example because the imposed ends are
             further apart than the DLO is long.
     """
-    held = boundary.held(command, stamp)
+    held = hold(state, boundary, command, stamp)
     reachable(model, held, boundary)
-    fixed = boundary.fixed
-    total = 0
-    full, start, end = impose(state, boundary, held)
-    change = np.where(fixed.reshape(-1, DOF), full - state.q, 0.0)
+    fixed = boundary.fixed.reshape(-1, DOF)
     pin_now = boundary.basis.matrix(boundary.pin_abscissae) @ state.q[:, :3]
-    pin_move = np.abs(held.pin_positions - pin_now).max(initial=0.0)
-    move = max(float(np.abs(change[:, :3]).max()), float(pin_move)) / model.basis.length
-    turn = max(
-        float(np.abs(change[:, 3]).max()),
-        *(
-            float(np.arccos(np.clip(a.tangent @ b.tangent, -1.0, 1.0)))
-            for a, b in ((state.start, start), (state.end, end))
-        ),
-    )
-    count = max(1, int(np.ceil(max(move / MOVE_LIMIT, turn / TURN_LIMIT))))
-    q, reference = state.q.copy(), state.reference
-    negative = 0
+    count = _increments(model, state, held, fixed, held.pins - pin_now)
+    flat = in_plane(model, state, command)
+    system = system_of(model, boundary, flat=flat)
+    q, reference = reduce(state.q, flat), state.reference
+    total, negative = 0, 0
     for k in range(1, count + 1):
         share = k / count
-        wanted = state.q + share * (full - state.q)
-        increment = np.where(fixed, (wanted - q).ravel(), 0.0)
-        pins = pin_now + share * (held.pin_positions - pin_now)
-        gap = boundary.pin_values(replace(held, pin_positions=pins), np.where(
-            fixed.reshape(-1, DOF), wanted, 0.0)) - boundary.pins @ q.ravel()  # fmt: skip
+        wanted = np.where(fixed, state.q + share * (held.target - state.q), 0.0)
+        increment = np.where(system.fixed, (reduce(wanted, flat) - q).ravel(), 0.0)
+        pins = pin_now + share * (held.pins - pin_now)
+        gap = engine.pin_gap(system, reduce(wanted, flat), pins) - system.pins @ q.ravel()
         iterations, negative, reference = solver.equilibrium(
-            q, increment, fixed, boundary.pins, gap, model.rule, model.stiffness, reference,
-            model.load.ravel(), model.mass, model.spin, model.rate2, model.basis.length, TOLERANCE,
+            q, increment, system.fixed, system.pins, gap, system.rule, system.stiffness, reference,
+            system.load.ravel(), system.mass, system.spin, model.rate2, system.length, TOLERANCE,
         )  # fmt: skip
         total += abs(iterations)
         if iterations < 0 or not np.all(np.isfinite(q)):
@@ -104,10 +76,39 @@ def settle(
                 f"no static equilibrium found after {total} iterations; check that the imposed "
                 "ends can be reached and that stiffness and density are of a sensible size"
             )
+    q = expand(q, state.q)
+    if flat:
+        reference = flat_reference(model, q, reference)
+        negative = max(negative, _unstable_directions(model, boundary, q, reference))
     zero = np.zeros_like(q)
     now = strains_of(q, model, reference)
-    rest = State(stamp, q, zero, zero, zero, reference, start, end, now, now)
-    return Equilibrium(rest, negative == 0, total)
+    rest = State(stamp, q, zero, zero, zero, reference, held.frames, now, now)
+    return Equilibrium(rest, negative <= 0, total)
+
+
+def _increments(
+    model: RodModel, state: State, held: Held, fixed: FloatArray, pin_move: FloatArray
+) -> int:
+    """In how many steps the imposed motion is made, so that the branch is not lost."""
+    change = np.where(fixed, held.target - state.q, 0.0)
+    move = max(float(np.abs(change[:, :3]).max()), float(np.abs(pin_move).max(initial=0.0)))
+    before, after = (f[:, grips.TANGENT : grips.DIRECTOR] for f in (state.frames, held.frames))
+    turned = np.arccos(np.clip(np.sum(before * after, axis=1), -1.0, 1.0))
+    turn = max(float(np.abs(change[:, 3]).max()), float(turned.max()))
+    return max(1, int(np.ceil(max(move / model.basis.length / MOVE_LIMIT, turn / TURN_LIMIT))))
+
+
+def _unstable_directions(
+    model: RodModel, boundary: Boundary, q: FloatArray, reference: Reference
+) -> int:
+    """Negative eigenvalues of the stiffness in space; pinned rods are not judged."""
+    if len(boundary.pins):
+        return 0
+    none = np.zeros_like(model.gram)
+    _, _, negative, _, _ = solver.linearise(
+        q, boundary.fixed, model.rule, model.stiffness, reference, none, none, none, none, 0.0, 0.0
+    )
+    return int(negative)
 
 
 def reachable(model: RodModel, held: Held, boundary: Boundary) -> None:
@@ -117,8 +118,8 @@ def reachable(model: RodModel, held: Held, boundary: Boundary) -> None:
         SimulationError: with both distances.
     """
     fixed = boundary.fixed.reshape(-1, DOF)
-    points = [(model.basis.greville[k], held.values[k, :3]) for k in (0, -1) if fixed[k, 0]]
-    points += list(zip(boundary.pin_abscissae, held.pin_positions, strict=True))
+    points = [(model.basis.greville[k], held.target[k, :3]) for k in (0, -1) if fixed[k, 0]]
+    points += list(zip(boundary.pin_abscissae, held.pins, strict=True))
     points.sort(key=lambda p: float(p[0]))
     for (u0, r0), (u1, r1) in pairwise(points):
         apart, length = float(np.linalg.norm(r1 - r0)), float(u1 - u0)
@@ -138,7 +139,6 @@ def relax_stretch(model: RodModel, boundary: Boundary, held: Held, q: FloatArray
     stiff = model.stiffness
     soft = stiff._replace(bend=0.0 * stiff.bend, twist=0.0 * stiff.twist + 1.0)
     state = rest_state(0, q, model)
-    target, _, _ = impose(state, boundary, held)
     unit, none = model.gram, np.zeros_like(model.gram)
     stiffest = float(stiff.stretch.mean()) / model.basis.length**2
     given = np.empty_like(state.q)
@@ -148,7 +148,7 @@ def relax_stretch(model: RodModel, boundary: Boundary, held: Held, q: FloatArray
     # From a strong pull to a weak one: without bending stiffness a compressed shape buckles.
     for pull in stiffest * np.logspace(0, -4, 5):
         iterations, _ = solver.implicit_step(
-            q, target, boundary.fixed, boundary.pins, boundary.pin_values(held, target),
+            q, held.target, boundary.fixed, boundary.pins, boundary.pin_values(held),
             model.rule, soft, state.reference, unit, unit, none, none, pull, 0.0, pull * given,
             model.basis.length, 1e-8, 50,
         )  # fmt: skip

@@ -1,0 +1,73 @@
+"""Compiled interpolation of an imposed trajectory: linear or cubic Hermite, rotations by slerp."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True, nogil=True)
+def sample(times, positions, rotations, velocities, time, position, rotation):
+    """Values of a trajectory at a time; before the first point and after the last they hold.
+
+    Args:
+        times: [s], growing, shape (T,).
+        positions: [m], shape (T, K, 3).
+        rotations: quaternions x y z w, shape (T, K, 4).
+        velocities: [m/s], shape (T, K, 3), NaN where a point carries none.
+        time: [s].
+        position, rotation: outputs, shape (K, 3) and (K, 4); rotations of unit norm, identity
+            where they have none.
+    """
+    after = np.searchsorted(times, time, side="right")
+    if after == 0 or after == times.size:
+        at = max(after - 1, 0)
+        position[:, :] = positions[at]
+        rotation[:, :] = rotations[at]
+    else:
+        a, b = after - 1, after
+        h = times[b] - times[a]
+        s = (time - times[a]) / h
+        for k in range(position.shape[0]):
+            smooth = np.all(np.isfinite(velocities[a, k])) and np.all(np.isfinite(velocities[b, k]))
+            for c in range(3):
+                p0, p1 = positions[a, k, c], positions[b, k, c]
+                if smooth:
+                    position[k, c] = (
+                        (1 + 2 * s) * (1 - s) ** 2 * p0
+                        + s * (1 - s) ** 2 * h * velocities[a, k, c]
+                        + s * s * (3 - 2 * s) * p1
+                        + s * s * (s - 1) * h * velocities[b, k, c]
+                    )
+                else:
+                    position[k, c] = p0 + s * (p1 - p0)
+            _slerp(rotations[a, k], rotations[b, k], s, rotation[k])
+    for k in range(position.shape[0]):
+        _normalise(rotation[k])
+
+
+@njit(cache=True, nogil=True)
+def _slerp(a, b, s, out):
+    """Spherical interpolation the short way round."""
+    u, v = a.copy(), b.copy()
+    _normalise(u)
+    _normalise(v)
+    dot = np.sum(u * v)
+    sign = -1.0 if dot < 0.0 else 1.0
+    angle = np.arccos(min(abs(dot), 1.0))
+    if angle < 1e-6:
+        wa, wb = 1.0 - s, s
+    else:
+        wa, wb = np.sin((1.0 - s) * angle) / np.sin(angle), np.sin(s * angle) / np.sin(angle)
+    for i in range(4):
+        out[i] = wa * u[i] + sign * wb * v[i]
+
+
+@njit(cache=True, nogil=True)
+def _normalise(q):
+    norm = np.sqrt(np.sum(q * q))
+    if norm > 1e-9 and np.isfinite(norm):
+        q /= norm
+    else:
+        q[:] = 0.0
+        q[3] = 1.0

@@ -1,0 +1,155 @@
+"""The same strain energy where everything lies in the plane y = 0: x and z only, no frame.
+
+A configuration is q of shape (n, 2). The only bending strain is the curvature about +y,
+(p_z s_x - p_x s_z) / |p|^3, which is kappa_1 of the spatial rod whose first director is y.
+Storage is that of `kernels`, with two degrees of freedom to a control point instead of four.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+PLANAR = 2
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _point(q, span, b1, b2):
+    px, pz, sx, sz = 0.0, 0.0, 0.0, 0.0
+    for i in range(4):
+        x, z = q[span + i, 0], q[span + i, 1]
+        px += b1[i] * x
+        pz += b1[i] * z
+        sx += b2[i] * x
+        sz += b2[i] * z
+    return px, pz, sx, sz
+
+
+@njit(cache=True, nogil=True)
+def strains(q, rule):
+    """Stretch (ns,), and the curvature in the first column of (nb, 3)."""
+    stretch = np.empty(rule.stretch_weight.size)
+    other = np.zeros((rule.weight.size, 3))
+    for e in range(stretch.size):
+        b1 = rule.stretch_b1[e]
+        px, pz, _, _ = _point(q, rule.stretch_span[e], b1, b1)
+        stretch[e] = np.sqrt(px * px + pz * pz) - 1.0
+    for e in range(rule.weight.size):
+        px, pz, sx, sz = _point(q, rule.span[e], rule.b1[e], rule.b2[e])
+        other[e, 0] = (pz * sx - px * sz) / (px * px + pz * pz) ** 1.5
+    return stretch, other
+
+
+@njit(cache=True, nogil=True)
+def assemble(q, rule, stiff, gradient, band, grad_stretch, grad_other):
+    """Elastic energy, gradient (2 n,) and exact Hessian (2 n, 8); see `kernels.assemble`.
+
+    grad_stretch (ns, 2) and grad_other (nb, 1, 4) become the derivatives of stretch and curvature
+    with respect to p and (p, s).
+    """
+    gradient[:] = 0.0
+    band[:, :] = 0.0
+    energy = 0.0
+    for e in range(rule.stretch_weight.size):
+        span, b1, wt = rule.stretch_span[e], rule.stretch_b1[e], rule.stretch_weight[e]
+        px, pz, _, _ = _point(q, span, b1, b1)
+        n = np.sqrt(px * px + pz * pz)
+        tx, tz = px / n, pz / n
+        x = n - 1.0 - stiff.stretch_rest[e]
+        stress = stiff.stretch[e] * x
+        energy += 0.5 * wt * stress * x
+        grad_stretch[e, 0], grad_stretch[e, 1] = tx, tz
+        soft = wt * stress / n
+        hard = wt * stiff.stretch[e] - soft
+        xx, xz, zz = hard * tx * tx + soft, hard * tx * tz, hard * tz * tz + soft
+        for i in range(4):
+            at = 2 * (span + i)
+            gradient[at] += wt * stress * b1[i] * tx
+            gradient[at + 1] += wt * stress * b1[i] * tz
+            for j in range(i + 1):
+                f, k = b1[i] * b1[j], 7 - 2 * (i - j)
+                band[at, k] += f * xx
+                band[at + 1, k - 1] += f * xz
+                band[at + 1, k] += f * zz
+                if j < i:
+                    band[at, k + 1] += f * xz
+    for e in range(rule.weight.size):
+        span, wt, b1, b2 = rule.span[e], rule.weight[e], rule.b1[e], rule.b2[e]
+        px, pz, sx, sz = _point(q, span, b1, b2)
+        r2 = 1.0 / (px * px + pz * pz)
+        g = r2 * np.sqrt(r2)
+        c = pz * sx - px * sz
+        kappa = c * g
+        # Gradient with respect to (p_x, p_z, s_x, s_z).
+        f = 3.0 * kappa * r2
+        kpx, kpz = -sz * g - f * px, sx * g - f * pz
+        ksx, ksz = pz * g, -px * g
+        grad = grad_other[e, 0]
+        grad[0], grad[1], grad[2], grad[3] = kpx, kpz, ksx, ksz
+        x = kappa - stiff.bend_rest[e, 0]
+        stress = wt * stiff.bend[e, 0] * x
+        energy += 0.5 * stress * x
+        # Second derivatives of kappa, times the stress, and the Gauss-Newton part.
+        b, m = wt * stiff.bend[e, 0], 3.0 * g * r2 * stress
+        q15 = 5.0 * f * r2 * stress
+        fs = f * stress
+        hxx = b * kpx * kpx + 2.0 * m * sz * px - fs + q15 * px * px
+        hxz = b * kpx * kpz + m * (sz * pz - sx * px) + q15 * px * pz
+        hzz = b * kpz * kpz - 2.0 * m * sx * pz - fs + q15 * pz * pz
+        axx = b * kpx * ksx - m * px * pz
+        axz = b * kpx * ksz - g * stress + m * px * px
+        azx = b * kpz * ksx + g * stress - m * pz * pz
+        azz = b * kpz * ksz + m * pz * px
+        dxx, dxz, dzz = b * ksx * ksx, b * ksx * ksz, b * ksz * ksz
+        for i in range(4):
+            at, u, v = 2 * (span + i), b1[i], b2[i]
+            gradient[at] += stress * (u * kpx + v * ksx)
+            gradient[at + 1] += stress * (u * kpz + v * ksz)
+            # Row of (p, s) blocks contracted with control point i.
+            ixx, ixz = u * hxx + v * axx, u * hxz + v * azx
+            izx, izz = u * hxz + v * axz, u * hzz + v * azz
+            jxx, jxz = u * axx + v * dxx, u * axz + v * dxz
+            jzx, jzz = u * azx + v * dxz, u * azz + v * dzz
+            for j in range(i + 1):
+                k, y, z = 7 - 2 * (i - j), b1[j], b2[j]
+                band[at, k] += y * ixx + z * jxx
+                band[at + 1, k - 1] += y * izx + z * jzx
+                band[at + 1, k] += y * izz + z * jzz
+                if j < i:
+                    band[at, k + 1] += y * ixz + z * jxz
+    return energy
+
+
+@njit(cache=True, nogil=True)
+def scatter_stress(rule, grad_stretch, grad_other, stress_s, stress_o, out):
+    """Add the generalised force of given stresses to out (2 n,)."""
+    for e in range(rule.stretch_weight.size):
+        f = rule.stretch_weight[e] * stress_s[e]
+        for i in range(4):
+            at = 2 * (rule.stretch_span[e] + i)
+            for c in range(2):
+                out[at + c] += f * rule.stretch_b1[e, i] * grad_stretch[e, c]
+    for e in range(rule.weight.size):
+        f, grad = rule.weight[e] * stress_o[e, 0], grad_other[e, 0]
+        for i in range(4):
+            at = 2 * (rule.span[e] + i)
+            for c in range(2):
+                out[at + c] += f * (rule.b1[e, i] * grad[c] + rule.b2[e, i] * grad[2 + c])
+
+
+@njit(cache=True, nogil=True)
+def strain_increments(rule, grad_stretch, grad_other, dq, stretch, other):
+    """First-order strains of an increment dq (n, 2)."""
+    for e in range(rule.stretch_weight.size):
+        x = 0.0
+        for i in range(4):
+            for c in range(2):
+                x += rule.stretch_b1[e, i] * grad_stretch[e, c] * dq[rule.stretch_span[e] + i, c]
+        stretch[e] = x
+    for e in range(rule.weight.size):
+        x, grad = 0.0, grad_other[e, 0]
+        for i in range(4):
+            for c in range(2):
+                f = rule.b1[e, i] * grad[c] + rule.b2[e, i] * grad[2 + c]
+                x += f * dq[rule.span[e] + i, c]
+        other[e, 0], other[e, 1], other[e, 2] = x, 0.0, 0.0
