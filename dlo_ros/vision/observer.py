@@ -133,13 +133,18 @@ class Observer:
             for search in TRACKING_SEARCH:
                 try:
                     return self._track(stamp, image, ends, last, search)
-                except VisionError as err:
+                except (VisionError, np.linalg.LinAlgError) as err:
                     LOG.debug("not tracked within %g widths: %s", search, err)
         self.reset()
-        return self._acquire(stamp, image, ends)
+        try:
+            return self._acquire(stamp, image, ends, last)
+        except np.linalg.LinAlgError as err:
+            raise VisionError(f"the fit has no solution ({err})") from err
 
-    def _acquire(self, stamp: int, image: Image, ends: EndPoses) -> VisionResult:
-        """Search the whole image."""
+    def _acquire(
+        self, stamp: int, image: Image, ends: EndPoses, before: _Shape | None
+    ) -> VisionResult:
+        """Search the whole image; a shape that was just lost tells which end is the start."""
         width = self._expected_width(ends)
         bars = bar_map(image, width)
         chains = find_chains(bars)
@@ -155,7 +160,7 @@ class Observer:
         plane = PlaneGrid.of_board(self.camera, bars)
         path = PathSearch(chains, bars, self.basis.length, plane, local[0], local[1]).find()
         points = bars.to_image(path.points)
-        if ends.start is None and ends.end is None and self._backwards(points):
+        if ends.start is None and ends.end is None and self._backwards(points, before):
             points = points[::-1]
         result = self._measure(stamp, image, ends, points, path, width)
         if ends.start is not None and ends.end is not None:
@@ -293,17 +298,23 @@ class Observer:
             projected = self.camera.project(board)
             if np.all(np.isfinite(projected)):
                 pixels = np.vstack([pixels, projected])
-        scale = float(np.nanmedian(self.camera.metres_per_pixel(pixels)))
-        if not np.isfinite(scale) or scale <= 0.0:
+        scales = self.camera.metres_per_pixel(pixels)
+        scales = scales[np.isfinite(scales) & (scales > 0.0)]
+        if len(scales) == 0:
             raise VisionError(
                 "the camera does not look at the board's plane; check camera.translation and "
                 "camera.rotation"
             )
-        return self.settings.rod.diameter / scale
+        return self.settings.rod.diameter / float(np.median(scales))
 
-    def _backwards(self, points: FloatArray) -> bool:
-        """Whether a path without known ends runs against the rule for the start."""
+    def _backwards(self, points: FloatArray, before: _Shape | None) -> bool:
+        """Whether a path without known ends runs from the end to the start."""
         first, last = self.camera.to_board(points[[0, -1]])[:, [0, 2]]
+        if before is not None:
+            start, end = before.curve[0], before.curve[-1]
+            kept = np.hypot(*(first - start)) + np.hypot(*(last - end))
+            turned = np.hypot(*(last - start)) + np.hypot(*(first - end))
+            return bool(turned < kept)
         if abs(first[0] - last[0]) > self.settings.rod.diameter:
             return bool(first[0] > last[0])
         return bool(first[1] > last[1])

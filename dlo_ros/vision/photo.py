@@ -23,6 +23,7 @@ from dlo_ros.vision.smoothing import smooth
 from dlo_ros.vision.strip import Mask, resample, smooth_curve, spacing_for
 
 NARROWEST = 4.0  # [px]
+SMALLEST = 32  # [px] in a smaller picture nothing is looked for
 NARROWEST_SHARE = 0.0016  # of the picture's larger side
 LEAST_MEASURED = 0.6  # of the searched width: what is measured narrower is an edge, not a bar
 RATIO = 1.6  # of one searched width to the next
@@ -78,6 +79,8 @@ def find_dlos(image: Image) -> list[FoundDlo]:
     found: list[FoundDlo] = []
     largest = max(image.shape[:2])
     width = narrowest = max(NARROWEST, NARROWEST_SHARE * largest)
+    if min(image.shape[:2]) < SMALLEST:
+        return []
     while width <= max(narrowest, WIDEST * largest):
         bars = bar_map(image, width)
         for path in join(_clear(find_chains(bars), bars.width), bars)[:MOST_COURSES]:
