@@ -94,6 +94,18 @@ def test_two_dlos_in_one_bag_are_named(tmp_path):
         read_recording(path, samples.SETTINGS)
 
 
+def test_several_cameras_do_not_matter_to_who_wants_splines(tmp_path):
+    items = without("/image_raw", "/camera_info")
+    for name in ("/a", "/b"):
+        image = samples.image_message(BAG_MESSAGES, samples.START, "c", samples.picture())
+        items.append((f"{name}/image_raw", image, samples.START))
+    path = samples.write_plain(tmp_path / "bag", items)
+    recording = read_recording(path, samples.SETTINGS)
+    assert recording.has_images and len(recording.observations) == 4
+    with pytest.raises(RecordingError, match=r"/a/image_raw, /b/image_raw"):
+        list(iterate_images(path))
+
+
 def test_command_without_a_stamp_starts_when_it_was_recorded(tmp_path):
     items = without("/dlo/command")
     message = samples.command_message(BAG_MESSAGES, replace(samples.command(), stamp=0))

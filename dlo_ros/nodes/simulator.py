@@ -57,6 +57,7 @@ class SimulatorNode(DloNode):
         self._simulation = LiveSimulation(self.settings)
         self._observations: list[Observation] = []
         self._next = 0
+        self._untried = False
         self._period = round(NANOSECONDS / self.settings.simulation.rate)
         self._retry_at = 0.0
         self._publisher = self.publisher(topics.PREDICTED, qos.RELIABLE)
@@ -83,6 +84,7 @@ class SimulatorNode(DloNode):
     def apply(self, settings: Settings) -> None:
         """Take changed parameters over, without interrupting the motion."""
         self._simulation.update(settings)
+        self._untried = True
         self.get_logger().info(
             f"E {settings.rod.young_modulus:.4g} Pa, density {settings.rod.density:.4g} kg/m^3"
         )
@@ -91,6 +93,7 @@ class SimulatorNode(DloNode):
         self._simulation.set_command(command)
         # What lies long before the newest is over; a robot may send thousands.
         del self._simulation.motion.commands[:-COMMANDS]
+        self._untried = True
         self._say_what_is_missing()
         self._try_to_start()
 
@@ -106,6 +109,7 @@ class SimulatorNode(DloNode):
         kept = {o.stamp: o for o in (*self._observations, observation)}
         newest = max(kept)
         self._observations = [kept[s] for s in sorted(kept) if newest - s <= WINDOW * NANOSECONDS]
+        self._untried = True
         self._say_what_is_missing()
         self._try_to_start()
 
@@ -113,14 +117,18 @@ class SimulatorNode(DloNode):
         return 2 if self.settings.simulation.start == "moving" else 1
 
     def _try_to_start(self) -> None:
-        if self._simulation.started or not self._simulation.ready:
+        """Start where all is there, and something is new since the last attempt failed."""
+        if self._simulation.started or not self._simulation.ready or not self._untried:
             return
         if len(self._observations) < self._needed() or time.monotonic() < self._retry_at:
             return
         chosen: Sequence[Observation] = self._observations[: self._needed()]
-        off = (self.now() - chosen[-1].stamp) / NANOSECONDS
+        now = self.now()
+        off = (now - chosen[-1].stamp) / NANOSECONDS
+        if now == 0:
+            return  # simulated time has not begun
         if abs(off) > LONGEST_GAP:
-            self._observations = self._observations[1:]
+            self._retry_at = time.monotonic() + RETRY
             self.health.warn(
                 "clock",
                 f"the observed shape is {off:.1f} s older than the clock; "
@@ -131,7 +139,7 @@ class SimulatorNode(DloNode):
             self._simulation.start(chosen)
         except DloError as err:
             self._retry_at = time.monotonic() + RETRY
-            self._observations = self._observations[1:]
+            self._untried = False
             self.health.warn("start", f"the simulation does not start: {err}")
             return
         self._next = chosen[-1].stamp
@@ -180,6 +188,7 @@ class SimulatorNode(DloNode):
         self._simulation.reset()
         self._next = 0
         self._retry_at = 0.0
+        self._untried = True
         self._say_what_is_missing()
 
     def _say_what_is_missing(self) -> None:

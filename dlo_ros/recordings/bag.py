@@ -58,6 +58,10 @@ class Bag:
         """Number of messages according to the bag's index."""
         return self._reader.message_count
 
+    def holds(self, topic: str) -> bool:
+        """Whether there are messages of a topic, in whatever namespace."""
+        return any(topics.is_topic(c.topic, topic) and c.msgcount for c in self.connections)
+
     def find(self, topic: str, near: str = "") -> list[Connection]:
         """The connections of a topic, in whatever namespace; empty where the bag has none.
 

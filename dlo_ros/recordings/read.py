@@ -71,7 +71,8 @@ def read_recording(
         commands = _commands(bag, settings, skipped)
         if require_command and not commands:
             _refuse(bag, topics.COMMAND, skipped, "record the imposed motion on it")
-        has_images = bool(bag.find(topics.COMPRESSED) or bag.find(topics.IMAGE))
+        # Which of several cameras is meant matters only to who reads the images.
+        has_images = bag.holds(topics.COMPRESSED) or bag.holds(topics.IMAGE)
         observations = _observations(bag, settings, skipped)
         if not observations and not has_images:
             _refuse(bag, topics.OBSERVED, skipped, "record it, or the camera's images")
