@@ -262,8 +262,9 @@ def test_err_at_first_is_that_of_the_initial_guess(tmp_path):
     run = Heard()
     for k, observation in enumerate(recording.observations):
         run.observed[observation.stamp] = observation.control_points
+        shift = np.array([0.0, 0.0, 0.001 * (k + 1), 0.0])
+        run.predicted[observation.stamp] = observation.control_points + shift
         run.tick(observation.stamp)
-        run.err.append((observation.stamp, 0.001 * (k + 1)))
     with pytest.raises(RecordingError, match="no estimate"):
         assess(bag, settings, run)
     run.take_estimate(2e6, 2000.0)

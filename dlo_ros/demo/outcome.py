@@ -21,7 +21,7 @@ from dlo_ros.spline import FloatArray, SplineBasis
 LOG = logging.getLogger(__name__)
 
 LAST_MOMENTS = 500_000_000
-"""Time [ns] at the end over which the live ERR is averaged."""
+"""Time [ns] at the end of the recording over which the live ERR is averaged."""
 
 
 @dataclass(frozen=True)
@@ -56,13 +56,12 @@ def assess(bag: Path, settings: Settings, heard: Heard) -> Outcome:
     Raises:
         RecordingError: the bag cannot be read, or the identifier published no estimate.
     """
-    sample = heard.estimate()
-    if sample is None or not heard.err:
+    sample, errors = heard.estimate(), heard.errors(settings.rod.length)
+    if sample is None or not errors:
         raise RecordingError(f"{bag}: the identifier published no estimate")
     observations = tuple(Observation(s, heard.observed[s]) for s in sorted(heard.observed))
     before = _initial_guess(bag, settings, observations)
-    last = heard.err[-1][0]
-    after = [value for stamp, value in heard.err if stamp >= last - LAST_MOMENTS]
+    after = [value for stamp, value in errors.items() if stamp >= max(errors) - LAST_MOMENTS]
     basis = SplineBasis(settings.rod.control_points, settings.rod.length)
     return Outcome(
         sample,

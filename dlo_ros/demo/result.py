@@ -13,7 +13,6 @@ import yaml
 
 from dlo_ros.demo.outcome import Outcome
 from dlo_ros.errors import InputError
-from dlo_ros.identification.err import shape_error
 from dlo_ros.nodes.heard import (
     DENSITY,
     QUANTITIES,
@@ -31,7 +30,6 @@ from dlo_ros.report import (
     RecordingResult,
     ShapeFrame,
 )
-from dlo_ros.spline import SplineBasis
 
 NAMES: Mapping[str, str] = {
     YOUNG_MODULUS: "Young's modulus E",
@@ -169,23 +167,18 @@ def report(
 def _frames(
     heard: Heard, outcome: Outcome, length: float, start: int, photographs: Mapping[int, Photograph]
 ) -> tuple[ShapeFrame, ...]:
-    frames = []
-    for stamp in sorted(heard.observed):
-        observed, predicted = heard.observed[stamp], heard.predicted_at(stamp)
-        # As the identifier computes it; its dlo/err carries no stamp.
-        basis = SplineBasis(len(observed), length)
-        err = None if predicted is None else shape_error(observed, predicted, basis)
-        frames.append(
-            ShapeFrame(
-                (stamp - start) / 1e9,
-                observed,
-                predicted,
-                outcome.initial.get(stamp),
-                err,
-                photographs.get(stamp),
-            )
+    errors = heard.errors(length)
+    return tuple(
+        ShapeFrame(
+            time=(stamp - start) / 1e9,
+            observed=heard.observed[stamp],
+            predicted=heard.predicted_at(stamp),
+            initial=outcome.initial.get(stamp),
+            err=errors.get(stamp),
+            photograph=photographs.get(stamp),
         )
-    return tuple(frames)
+        for stamp in sorted(heard.observed)
+    )
 
 
 def _track(samples: Sequence[Sample], name: str, start: int, true: float | None) -> ParameterTrack:

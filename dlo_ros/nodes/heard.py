@@ -7,7 +7,8 @@ from bisect import bisect_left
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from dlo_ros.spline import FloatArray
+from dlo_ros.identification.err import shape_error
+from dlo_ros.spline import FloatArray, SplineBasis
 
 YOUNG_MODULUS = "young_modulus"
 DENSITY = "density"
@@ -120,6 +121,22 @@ class Heard:
             return None
         share = (stamp - a) / (b - a)
         result: FloatArray = (1.0 - share) * self.predicted[a] + share * self.predicted[b]
+        return result
+
+    def errors(self, length: float) -> dict[int, float]:
+        """ERR of eq. (10) [m] by the stamp [ns] of the observed spline, by growing stamp.
+
+        As the identifier computes it; its dlo/err carries no stamp.
+
+        Args:
+            length: of the DLO [m].
+        """
+        result = {}
+        for stamp in sorted(self.observed):
+            predicted = self.predicted_at(stamp)
+            if predicted is not None:
+                basis = SplineBasis(len(predicted), length)
+                result[stamp] = shape_error(self.observed[stamp], predicted, basis)
         return result
 
     def _std(self, name: str) -> float:
