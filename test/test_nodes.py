@@ -351,6 +351,9 @@ def test_hostile_messages_are_warnings(waiting):
     client.until(lambda: "problems: image" in waiting.values("observer"), what="no DLO")
     waiting.all_alive()
     assert predicted == [] and err == []
+    # A stamp from the future must not make all that follows look old.
+    future = client.node.get_clock().now().nanoseconds + 3600 * 10**9
+    splines.publish(to_ros(spline_message(BAG_MESSAGES, future, "board", straight())))
     # A good command without a stamp, and a shape of now: prediction begins.
     now = client.node.get_clock().now().nanoseconds
     message = to_ros(command_message(BAG_MESSAGES, replace(swing(0), stamp=0)))

@@ -14,12 +14,16 @@ from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from std_srvs.srv import Trigger
 
-from dlo_ros.errors import DloError
+from dlo_ros.command import NANOSECONDS
+from dlo_ros.errors import DloError, InputError
 from dlo_ros.nodes.diagnostics import Health
 from dlo_ros.nodes.messages import message_class
 from dlo_ros.nodes.parameters import LiveSettings, declare
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
+
+FUTURE = 10.0
+"""Seconds that a stamp may lie ahead of the clock."""
 
 JUMP_BACK = 0.5
 """Seconds that time must go back to count as a restart; less is messages out of order."""
@@ -70,6 +74,20 @@ class DloNode(Node):
     def now(self) -> int:
         """ROS time [ns]."""
         return int(self.get_clock().now().nanoseconds)
+
+    def check_stamp(self, stamp: int, what: str) -> None:
+        """Refuse what claims to come from the future, since it would make all else look old.
+
+        Raises:
+            InputError: the stamp [ns] lies too far ahead of the clock.
+        """
+        now = self.now()
+        ahead = (stamp - now) / NANOSECONDS
+        if now and ahead > FUTURE:
+            raise InputError(
+                f"{what} is stamped {ahead:.1f} s ahead of the clock; "
+                "with a recording set use_sim_time and play it with /clock"
+            )
 
     def is_published(self, topic: str) -> bool:
         """Whether anybody publishes a topic, remappings included."""

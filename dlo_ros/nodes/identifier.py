@@ -111,8 +111,9 @@ class IdentifierNode(DloNode):
     def _on_observed(self, message: Any) -> None:
         observation = read_observation(message, self.settings)
         stamp = observation.stamp
+        self.check_stamp(stamp, topics.OBSERVED)
         if stamp < self._last_observed - JUMP_BACK * NANOSECONDS:
-            self.get_logger().info("the observed splines start again, starting afresh")
+            self.health.warn("restart", "the observed splines start again, starting afresh")
             self.reset()
         self.health.solved(topics.OBSERVED)
         self.health.count("observed splines")
@@ -126,9 +127,9 @@ class IdentifierNode(DloNode):
         self._release()
 
     def _on_predicted(self, message: Any) -> None:
-        self._pairing.predicted(
-            stamp_of(message), read_spline(message, self.settings, topics.PREDICTED)
-        )
+        shape = read_spline(message, self.settings, topics.PREDICTED)
+        self.check_stamp(stamp_of(message), topics.PREDICTED)
+        self._pairing.predicted(stamp_of(message), shape)
         self._compare()
 
     def _compare(self) -> None:

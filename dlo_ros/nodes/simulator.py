@@ -99,6 +99,7 @@ class SimulatorNode(DloNode):
 
     def _on_observed(self, message: Any) -> None:
         observation = read_observation(message, self.settings)
+        self.check_stamp(observation.stamp, topics.OBSERVED)
         self.health.solved(topics.OBSERVED)
         last = self._observations[-1].stamp if self._observations else observation.stamp
         if observation.stamp < last - JUMP_BACK * NANOSECONDS:
