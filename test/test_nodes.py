@@ -106,6 +106,7 @@ class System:
         self.folder = folder
         self.arguments = ("--ros-args", "--params-file", str(params), *words)
         self.domain = free_domain()
+        self.started: list[Process] = []
         self.nodes = {name: self.start(name, *self.arguments) for name in NODES}
         self.client = Client(self.domain)
         self.diagnostics: dict[str, DiagnosticStatus] = {}
@@ -114,7 +115,8 @@ class System:
         )
 
     def start(self, *words: str) -> Process:
-        return Process(self.folder, *words, domain=self.domain)
+        self.started.append(Process(self.folder, *words, domain=self.domain))
+        return self.started[-1]
 
     def status(self, name: str) -> DiagnosticStatus | None:
         found = [s for m in self._statuses for s in m.status if s.name.startswith(f"{name}:")]
@@ -133,41 +135,47 @@ class System:
         for name, process in self.nodes.items():
             assert process.alive, f"{name} died: {process.said}"
 
-    def close(self) -> None:
+    def __enter__(self) -> System:
+        return self
+
+    def __exit__(self, *error: object) -> None:
         self.client.close()
+        ends = {name: p.interrupt(times=2) for name, p in self.nodes.items()}
+        for process in self.started:
+            process.process.kill()
         for name, process in self.nodes.items():
-            if process.alive:
-                assert process.interrupt(times=2) == 0, f"{name}: {process.said}"
-            assert "Traceback" not in process.said, process.said
+            assert ends[name] == 0 and "Traceback" not in process.said, f"{name}: {process.said}"
 
 
 @pytest.fixture(scope="module")
 def playing(tmp_path_factory: pytest.TempPathFactory, bag: Path):
     """Nodes on simulated time that have just seen the recording."""
-    system = System(tmp_path_factory.mktemp("playing"), GUESS, "-p", "use_sim_time:=true")
-    system.ready()
-    for topic in (topics.PREDICTED, topics.ERR, topics.YOUNG_MODULUS, topics.DENSITY):
-        system.client.hear(topic, LATCHED if topic in topics.LATCHED else 50)
-    player = system.start("play", str(bag))
-    system.client.until(lambda: not player.alive, 30.0, "end of playback")
-    assert player.wait() == 0, player.said
-    err = system.client.hear(topics.ERR)
-    system.client.until(lambda: len(err) >= SHAPES, 20.0, "ERR of all splines")
-    system.client.until(
-        lambda: system.values("identifier").get("estimates") == str(SHAPES), 20.0, "all estimates"
-    )
-    system.all_alive()
-    yield system
-    system.close()
+    folder = tmp_path_factory.mktemp("playing")
+    with System(folder, GUESS, "-p", "use_sim_time:=true") as system:
+        system.ready()
+        client = system.client
+        for topic in (topics.PREDICTED, topics.ERR, topics.YOUNG_MODULUS, topics.DENSITY):
+            client.hear(topic, LATCHED if topic in topics.LATCHED else 50)
+        player = system.start("play", str(bag))
+        client.until(lambda: not player.alive, 30.0, "end of playback")
+        assert player.wait() == 0, player.said
+        err = client.hear(topics.ERR)
+        client.until(lambda: len(err) >= SHAPES, 20.0, "ERR of all splines")
+        client.until(
+            lambda: system.values("identifier").get("estimates") == str(SHAPES),
+            20.0,
+            "all estimates",
+        )
+        system.all_alive()
+        yield system
 
 
 @pytest.fixture(scope="module")
 def waiting(tmp_path_factory: pytest.TempPathFactory):
     """Nodes on wall time that nothing was sent to yet."""
-    system = System(tmp_path_factory.mktemp("waiting"), GUESS)
-    system.ready()
-    yield system
-    system.close()
+    with System(tmp_path_factory.mktemp("waiting"), GUESS) as system:
+        system.ready()
+        yield system
 
 
 def stamp_of(message) -> int:
@@ -389,10 +397,10 @@ def photograph(tmp_path_factory: pytest.TempPathFactory, shared_data: Path):
     """Nodes for the photographed black wire."""
     folder = shared_data / "hanging_loop" / "black"
     settings = Settings.load(folder / "params.yaml")
-    system = System(tmp_path_factory.mktemp("photograph"), settings, "-p", "use_sim_time:=true")
-    system.ready()
-    yield system, folder / "photo0"
-    system.close()
+    logs = tmp_path_factory.mktemp("photograph")
+    with System(logs, settings, "-p", "use_sim_time:=true") as system:
+        system.ready()
+        yield system, folder / "photo0"
 
 
 def test_nodes_run_on_the_photograph(photograph):
@@ -404,7 +412,13 @@ def test_nodes_run_on_the_photograph(photograph):
     overlays = client.hear(topics.OVERLAY, 5)
     player = system.start("play", str(bag))
     client.until(lambda: not player.alive, 30.0, "end of playback")
-    client.until(lambda: len(heard[topics.ERR]) >= 2, 20.0, "ERR")
+    try:
+        client.until(lambda: len(heard[topics.ERR]) >= 2, 20.0, "ERR")
+    except AssertionError as err:
+        counts = {name: len(messages) for name, messages in heard.items()}
+        states = {name: system.values(name) for name in NODES}
+        said = [process.said for process in system.started]
+        raise AssertionError(f"{err}; heard {counts}; {states}; {said}") from None
     client.until(lambda: overlays, what="overlay")
     system.all_alive()
 

@@ -32,8 +32,12 @@ DISCOVERY = 5.0
 COMPLETE = 4.0
 """Seconds to wait at most, after the first subscriber, for those of the other topics."""
 
-SETTLED = 0.5
-"""Seconds without a new subscriber after which the graph counts as complete."""
+SETTLED = 3.2
+"""Seconds without a new subscriber after which the graph counts as complete.
+
+Discovery that loses one message goes on three seconds later. Who is found only then would miss the
+beginning, and a simulation that begins late begins in the wrong state.
+"""
 
 RUN_OUT = 0.25
 """Seconds of the recording that /clock goes on for, so that the last message is worked off."""
@@ -62,7 +66,10 @@ class Player:
         self.published = 0
 
     def wait_for_subscribers(self, stop: Stop) -> None:
-        """Wait until each topic has matched subscribers and no new ones come, a bounded time."""
+        """Wait until each topic has matched subscribers and no new ones come, a bounded time.
+
+        Without any subscriber for five seconds it plays nevertheless.
+        """
         changed = time.monotonic()
         deadline, found = changed + DISCOVERY, False
         before: list[int] = []

@@ -12,6 +12,14 @@ RELIABLE = QoSProfile(
 )
 """Splines, ERR, markers."""
 
+DEEP = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=200,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.VOLATILE,
+)
+"""Subscription of who needs every spline, also those that come at once after a pause."""
+
 LATCHED = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
     depth=1,
