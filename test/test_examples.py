@@ -23,7 +23,7 @@ BOUNDS = {
     "refinement": 2e-4,
     "rigid_motion": 1e-10,
     "self_buckling": 1.7e-4,
-    "sensitivities": 1e-4,
+    "sensitivities": 3.3e-3,
     "soft_and_stiff": 1.3e-3,
     "tip_load": 6e-6,
     "twisted_rod": 5e-4,
@@ -125,9 +125,9 @@ def test_free_fall(example):
     assert result.fall < 1e-11
 
 
-def test_sensitivities_in_the_plane(example):
+def test_sensitivities_of_each_motion(example):
     _, result = example("sensitivities")
-    assert result.errors[0].max() < 2.5e-7
+    assert np.all(result.errors.max(axis=1) < [1e-7, 1e-4, 3.3e-3])
 
 
 def test_soft_and_stiff_rods_are_stable(example):
