@@ -1,13 +1,10 @@
-"""The parameters of nodes and tools: one table gives name, type, unit, range and description.
-
-The YAML reader, the nodes' parameter descriptors and the documentation all come from `PARAMETERS`.
-"""
+"""Settings: a whole parameter file, checked against the parameter table."""
 
 from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -15,242 +12,14 @@ from typing import Any
 import yaml
 
 from dlo_ros.errors import ParameterError
+from dlo_ros.parameter_table import PARAMETERS, TABLE, Value
 
 LOG = logging.getLogger(__name__)
 
-Value = float | int | str | bool | tuple[float, ...]
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
 EFFECTS_PREFIX = "effects."
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """One row of the table.
-
-    Args:
-        name: dotted name as in the parameter file.
-        default: value where the file has none; None means that it must be given.
-        description: one sentence.
-        unit: SI unit, empty where there is none.
-        kind: double, integer, string, bool or double[N].
-        lower, upper: range, both ends allowed (numbers only; for arrays each element).
-        choices: the allowed strings.
-        nodes: the nodes that declare it.
-        read_only: whether a change while running has no meaning.
-    """
-
-    name: str
-    kind: str
-    default: Value | None
-    description: str
-    unit: str = ""
-    lower: float = -math.inf
-    upper: float = math.inf
-    choices: tuple[str, ...] = ()
-    nodes: tuple[str, ...] = ("observer", "simulator", "identifier")
-    read_only: bool = False
-
-    @property
-    def size(self) -> int:
-        """Number of elements of an array, 0 for a scalar."""
-        return int(self.kind[7:-1]) if self.kind.startswith("double[") else 0
-
-    def check(self, value: Any) -> Value:
-        """Return the value in its proper type.
-
-        Raises:
-            ParameterError: wrong type, not finite, outside the range or not among the choices.
-        """
-        if self.size:
-            if not isinstance(value, Iterable) or isinstance(value, str):
-                raise ParameterError(f"{self.name} is {value!r}; it must be {self.size} numbers")
-            values = tuple(self._number(v) for v in value)
-            if len(values) != self.size:
-                raise ParameterError(
-                    f"{self.name} has {len(values)} numbers; it must have {self.size}"
-                )
-            return values
-        if self.kind == "string":
-            if not isinstance(value, str) or (self.choices and value not in self.choices):
-                allowed = " | ".join(self.choices) or "text"
-                raise ParameterError(f"{self.name} is {value!r}; it must be {allowed}")
-            return value
-        if self.kind == "bool":
-            if not isinstance(value, bool):
-                raise ParameterError(f"{self.name} is {value!r}; it must be true or false")
-            return value
-        number = self._number(value)
-        if self.kind == "integer":
-            if number != int(number):
-                raise ParameterError(f"{self.name} is {value!r}; it must be a whole number")
-            return int(number)
-        return number
-
-    def _number(self, value: Any) -> float:
-        if isinstance(value, str):
-            try:  # PyYAML reads 1.0e6 as text
-                value = float(value)
-            except ValueError:
-                raise ParameterError(
-                    f"{self.name} is {value!r}; it must be a number [{self.unit}]"
-                ) from None
-        if isinstance(value, bool) or not isinstance(value, (int, float)):
-            raise ParameterError(f"{self.name} is {value!r}; it must be a number [{self.unit}]")
-        if not math.isfinite(value) or not self.lower <= value <= self.upper:
-            raise ParameterError(
-                f"{self.name} is {value:g} {self.unit}; allowed is {self.lower:g} to {self.upper:g}"
-            )
-        return float(value)
-
-
-PARAMETERS: tuple[Parameter, ...] = (
-    Parameter(
-        "frame_id", "string", "board", "fixed frame of all splines and commands", read_only=True
-    ),
-    Parameter("rod.length", "double", None, "length of the DLO", "m", 1e-2, 1e2, read_only=True),
-    Parameter(
-        "rod.diameter",
-        "double",
-        None,
-        "diameter of the round cross-section",
-        "m",
-        1e-4,
-        1e-1,
-        read_only=True,
-    ),
-    Parameter(
-        "rod.poisson_ratio", "double", 0.33, "Poisson's ratio; G = E / (2 (1 + nu))", "", -0.99, 0.5
-    ),
-    Parameter(
-        "rod.young_modulus", "double", None, "Young's modulus E, initial guess", "Pa", 1e3, 1e12
-    ),
-    Parameter(
-        "rod.density", "double", None, "volumetric density mu, initial guess", "kg/m^3", 1.0, 1e5
-    ),
-    Parameter(
-        "rod.density_std",
-        "double",
-        0.0,
-        "standard deviation of the density where it was weighed; 0: the density is a guess",
-        "kg/m^3",
-        0.0,
-        1e5,
-    ),
-    Parameter(
-        "rod.control_points",
-        "integer",
-        10,
-        "control points n of the published splines",
-        "",
-        4,
-        200,
-        read_only=True,
-    ),
-    Parameter(
-        "gravity", "double[3]", (0.0, 0.0, -9.81), "gravity in frame_id", "m/s^2", -100.0, 100.0
-    ),
-    Parameter(
-        "damping.air_drag",
-        "double",
-        0.01,
-        "c: force per length is -c times the velocity",
-        "N s/m^2",
-        0.0,
-        1e3,
-    ),
-    Parameter(
-        "damping.air_drag_std",
-        "double",
-        0.0,
-        "standard deviation of the drag where it is known; 0: a guess",
-        "N s/m^2",
-        0.0,
-        1e3,
-    ),
-    Parameter(
-        "damping.relaxation_time",
-        "double",
-        0.002,
-        "t_r of Kelvin-Voigt damping: stress = E (strain + t_r strain rate)",
-        "s",
-        0.0,
-        10.0,
-    ),
-    Parameter(
-        "damping.relaxation_time_std",
-        "double",
-        0.0,
-        "standard deviation of t_r where it is known; 0: a guess",
-        "s",
-        0.0,
-        10.0,
-    ),
-    Parameter(
-        "camera.translation",
-        "double[3]",
-        (0.0, 0.0, 1.2),
-        "origin of frame_id in the camera's optical frame",
-        "m",
-        -1e3,
-        1e3,
-    ),
-    Parameter(
-        "camera.rotation",
-        "double[4]",
-        (0.70710678, 0.0, 0.0, 0.70710678),
-        "rotation of frame_id in the camera's optical frame, quaternion x y z w",
-        "",
-        -1.0001,
-        1.0001,
-    ),
-    Parameter(
-        "simulation.tolerance",
-        "double",
-        2e-4,
-        "shape error that the discretisation may have, as a fraction of the length",
-        "",
-        1e-6,
-        0.1,
-    ),
-    Parameter(
-        "simulation.start",
-        "string",
-        "equilibrium",
-        "how a simulation starts from the observed shapes",
-        choices=("equilibrium", "observed", "moving"),
-    ),
-    Parameter(
-        "simulation.rate",
-        "double",
-        50.0,
-        "rate of dlo/predicted",
-        "Hz",
-        0.1,
-        1000.0,
-        read_only=True,
-    ),
-    Parameter(
-        "image_transport",
-        "string",
-        "auto",
-        "which camera topic is used: raw, compressed or whichever is published",
-        choices=("auto", "raw", "compressed"),
-        nodes=("observer",),
-        read_only=True,
-    ),
-    Parameter(
-        "simulator_node",
-        "string",
-        "simulator",
-        "name of the simulator node that the identifier keeps in step",
-        nodes=("identifier",),
-        read_only=True,
-    ),
-)
-
-TABLE: Mapping[str, Parameter] = {p.name: p for p in PARAMETERS}
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,8 @@ import pytest
 import yaml
 
 from dlo_ros.cli.main import NAMES
-from dlo_ros.parameters import TABLE, Settings, read_parameter_file
+from dlo_ros.parameter_table import TABLE
+from dlo_ros.parameters import Settings, read_parameter_file
 
 ROOT = Path(__file__).resolve().parent.parent
 LAUNCH_FILES = sorted((ROOT / "launch").glob("*.launch.py"))

@@ -121,7 +121,7 @@ def test_images_are_handed_over_as_a_block():
 def test_descriptors_come_from_the_table():
     pytest.importorskip("rclpy")
     from dlo_ros.nodes.parameters import descriptor
-    from dlo_ros.parameters import TABLE
+    from dlo_ros.parameter_table import TABLE
 
     for parameter in TABLE.values():
         shown = descriptor(parameter)

@@ -14,7 +14,8 @@ from dlo_ros.cli.observe import observe_recording
 from dlo_ros.errors import RecordingError
 from dlo_ros.identification.forecast import Manipulation
 from dlo_ros.observation import Observation
-from dlo_ros.parameters import TABLE, Settings
+from dlo_ros.parameter_table import TABLE
+from dlo_ros.parameters import Settings
 from dlo_ros.recordings.read import read_recording
 
 LOG = logging.getLogger(__name__)

@@ -15,7 +15,8 @@ from rcl_interfaces.msg import (
 from rclpy.node import Node
 
 from dlo_ros.errors import ParameterError
-from dlo_ros.parameters import EFFECTS_PREFIX, PARAMETERS, TABLE, Parameter, Settings
+from dlo_ros.parameter_table import PARAMETERS, TABLE, Parameter
+from dlo_ros.parameters import EFFECTS_PREFIX, Settings
 
 # Present in every node, and rclpy's business.
 FOREIGN = ("use_sim_time", "qos_overrides.", "start_type_description_service")

@@ -32,7 +32,8 @@ import yaml
 
 from dlo_ros.command import END, NANOSECONDS, START, Command
 from dlo_ros.errors import CommandError, InputError, ParameterError
-from dlo_ros.parameters import TABLE, Settings
+from dlo_ros.parameter_table import TABLE
+from dlo_ros.parameters import Settings
 from dlo_ros.share import shared_file
 from dlo_ros.spline import FloatArray
 from dlo_ros.synthesis.look import Look, Measurement, SimulatedCamera
