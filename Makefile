@@ -12,7 +12,7 @@ COMPILED := $(VENV)/.compiled
 
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: all setup demo picture test test-slow lint clean lock help
+.PHONY: setup demo picture test test-slow lint clean lock help
 
 help:
 	@sed -n 's/^# //p' Makefile | head -3
