@@ -1,3 +1,7 @@
 """Watch, simulate and identify deformable linear objects (cables, ropes, hoses)."""
 
+from dlo_ros.kernel_cache import discard_stale
+
 __version__ = "0.1.0"
+
+discard_stale()

@@ -53,7 +53,7 @@ def energies(model: RodModel, state: State) -> tuple[float, float]:
     kinetic = 0.5 * weight @ (rod.linear_density * speed[:, :3].sum(axis=1) + spin)
     stiff, rule = model.stiffness, model.rule
     moduli = np.column_stack([stiff.bend, stiff.twist])
-    elastic = 0.5 * (rule.stretch_weight * stiff.stretch) @ state.strains.stretch**2
+    elastic = 0.5 * (rule.weight * stiff.stretch) @ state.strains.stretch**2
     elastic += 0.5 * rule.weight @ (moduli * state.strains.other**2).sum(axis=1)
     height = -(weight @ b @ state.q[:, :3] @ np.array(model.settings.gravity)) * rod.linear_density
     return float(kinetic), float(kinetic + elastic + height)

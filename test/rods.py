@@ -56,7 +56,7 @@ def dense_stiffness(model: RodModel, state: State) -> np.ndarray:
 
     size = state.q.size
     gradient, band = np.empty(size), np.empty((size, BAND + 1))
-    stretch = np.empty((model.rule.stretch_weight.size, 3))
+    stretch = np.empty((model.rule.weight.size, 3))
     other = np.zeros((model.rule.weight.size, 3, 8))
     assemble(state.q, model.rule, model.stiffness, state.reference, gradient, band, stretch, other)
     full = np.zeros((size, size))

@@ -14,19 +14,19 @@ SHARED = {"elastica", "report", "scene"}  # what the examples have in common
 BOUNDS = {
     "cantilever": 5e-4,
     "catenary": 2.2e-4,
-    "closed_loop": 1.5e-4,
+    "closed_loop": 1e-9,
     "energy": 4e-3,
     "euler_column": 4e-4,
     "frequencies": 1e-3,
-    "helix": 5e-5,
-    "michell_ring": 2e-3,
+    "helix": 5e-6,
+    "michell_ring": 3.3e-3,
     "refinement": 2e-4,
     "rigid_motion": 1e-10,
     "self_buckling": 1.7e-4,
-    "sensitivities": 3.3e-3,
+    "sensitivities": 4.5e-5,
     "soft_and_stiff": 1.3e-3,
     "tip_load": 6e-6,
-    "twisted_rod": 5e-4,
+    "twisted_rod": 1e-6,
 }
 RESULTS = {}
 
@@ -96,8 +96,8 @@ def test_twist_leaves_the_axis_only_beyond_the_critical_one(example):
     _, result = example("twisted_rod")
     assert result.departures[result.twists < 0.9].max() < 1e-4
     assert result.departures[-1] > 4e-3
-    orders = np.log2(result.errors[:-1] / result.errors[1:])
-    assert np.all(orders > 1.8)
+    orders = np.log2(result.errors[:2] / result.errors[1:3])
+    assert np.all(orders > 3.5)
 
 
 def test_ring_that_passed_through_itself_has_lost_two_turns(example):
@@ -114,7 +114,7 @@ def test_energy_falls_with_damping(example):
 
 def test_helix_and_cantilever_converge(example):
     _, helix = example("helix")
-    assert np.all(helix.errors[:-1] > 3.5 * helix.errors[1:])
+    assert np.all(helix.errors[:-1] > 12.0 * helix.errors[1:])
     _, refinement = example("refinement")
     assert np.all(np.diff(refinement.errors, axis=1) < 0.0)
     assert refinement.orders[0] > 4.0 and refinement.orders[1] > 3.3
@@ -127,7 +127,7 @@ def test_free_fall(example):
 
 def test_sensitivities_of_each_motion(example):
     _, result = example("sensitivities")
-    assert np.all(result.errors.max(axis=1) < [1e-7, 1e-4, 3.3e-3])
+    assert np.all(result.errors.max(axis=1) < [2e-7, 4.5e-5, 2e-5])
 
 
 def test_soft_and_stiff_rods_are_stable(example):

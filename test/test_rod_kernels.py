@@ -7,8 +7,9 @@ from scipy.spatial.transform import Rotation
 
 from dlo_ros.rod import banded
 from dlo_ros.rod.frames import twist_free
-from dlo_ros.rod.kernels import BAND, Reference, Stiffness, assemble, strains, transport
+from dlo_ros.rod.kernels import assemble, strains, transport
 from dlo_ros.rod.model import RodModel
+from dlo_ros.rod.tables import BAND, Reference, Stiffness
 from dlo_ros.spline import SplineBasis
 
 
@@ -18,11 +19,20 @@ def rod():
     rng = np.random.default_rng(5)
     n = 11
     model = RodModel(PAPER, SplineBasis(n, 0.4), False, True)
-    ns, nb = model.rule.stretch_weight.size, model.rule.weight.size
+    nb = model.rule.weight.size
+
+    def a_span(values):  # of stretch and twist: the same modulus all over a span
+        return np.repeat(values, 3)
+
+    spans = model.basis.spans
     stiff = Stiffness(
-        600.0 + 50.0 * rng.random(ns), 0.01 * rng.normal(size=ns), 6e-4 * (1 + rng.random((nb, 2))),
-        3.0 * rng.normal(size=(nb, 2)), 4e-4 * (1 + rng.random(nb)), 2.0 * rng.normal(size=nb),
-    )  # fmt: skip
+        a_span(600.0 + 50.0 * rng.random(spans)),
+        a_span(0.01 * rng.normal(size=spans)),
+        6e-4 * (1 + rng.random((nb, 2))),
+        3.0 * rng.normal(size=(nb, 2)),
+        a_span(4e-4 * (1 + rng.random(spans))),
+        model.span_twists(2.0 * rng.normal(size=nb)),
+    )
     q = np.zeros((n, 4))
     q[:, 0] = model.basis.greville
     q[:, :3] += 0.012 * rng.normal(size=(n, 3))
@@ -34,7 +44,7 @@ def rod():
 
 def evaluate(rule, stiff, ref, q):
     gradient, band = np.empty(q.size), np.empty((q.size, BAND + 1))
-    stretch, other = np.empty((rule.stretch_weight.size, 3)), np.zeros((rule.weight.size, 3, 8))
+    stretch, other = np.empty((rule.weight.size, 3)), np.zeros((rule.weight.size, 3, 8))
     energy = assemble(q, rule, stiff, ref, gradient, band, stretch, other)
     return energy, gradient, band
 

@@ -10,7 +10,7 @@ import numpy as np
 from dlo_ros.command import CONTROL_POINT, END, NANOSECONDS, START, Command
 from dlo_ros.errors import CommandError
 from dlo_ros.rod import grips
-from dlo_ros.rod.kernels import DOF
+from dlo_ros.rod.tables import DOF
 from dlo_ros.spline import FloatArray, SplineBasis
 
 

@@ -17,11 +17,11 @@ from dlo_ros.command import NANOSECONDS, Command
 from dlo_ros.errors import CommandError, SimulationError
 from dlo_ros.rod import engine, solver
 from dlo_ros.rod.boundary import Boundary
-from dlo_ros.rod.kernels import DOF
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.planar import expand, flat_reference, in_plane, reduce, system_of
 from dlo_ros.rod.state import Sensitivity, State, Strains
 from dlo_ros.rod.statics import stresses
+from dlo_ros.rod.tables import DOF
 from dlo_ros.spline import FloatArray
 
 NEWTON_TOLERANCE = 1e-8  # of L

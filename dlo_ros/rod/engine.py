@@ -12,7 +12,7 @@ from numba import njit
 
 from dlo_ros.rod import solver
 from dlo_ros.rod.grips import THETA, Imposed, impose
-from dlo_ros.rod.kernels import Quadrature, Reference, Stiffness
+from dlo_ros.rod.tables import Quadrature, Reference, Stiffness
 from dlo_ros.spline import FloatArray
 
 RHO = 0.6  # spectral radius at infinity; above 0.8 the stiff stretch blows up (numerics.md)
@@ -58,7 +58,7 @@ class Moving(NamedTuple):
     auxiliary: FloatArray
     reference: Reference
     frames: FloatArray  # (2, FRAME)
-    stretch: FloatArray  # (ns,) now, and one step ago
+    stretch: FloatArray  # (nb,) now, and one step ago
     stretch_before: FloatArray
     other: FloatArray  # (nb, 3)
     other_before: FloatArray
@@ -66,7 +66,7 @@ class Moving(NamedTuple):
     d_velocity: FloatArray
     d_acceleration: FloatArray
     d_auxiliary: FloatArray
-    d_stretch: FloatArray  # (P, ns)
+    d_stretch: FloatArray  # (P, nb)
     d_stretch_before: FloatArray
     d_other: FloatArray  # (P, nb, 3)
     d_other_before: FloatArray
@@ -208,11 +208,11 @@ def _sensitivity(system, old, new, scales):
     base = system.stiffness
     rate_s = c0 * new.stretch + c1 * old.stretch + c2 * old.stretch_before
     rate_o = c0 * new.other + c1 * old.other + c2 * old.other_before
-    count, ns, nb = scales.shape[0], base.stretch.size, base.twist.size
-    stress_s, stress_o = np.empty((count, ns)), np.empty((count, nb, 3))
+    count, nb = scales.shape[0], base.twist.size
+    stress_s, stress_o = np.empty((count, nb)), np.empty((count, nb, 3))
     for a in range(count):
         by_stiffness, by_time = scales[a, 0], scales[a, 3] * t_r
-        for e in range(ns):
+        for e in range(nb):
             strain = new.stretch[e] - base.stretch_rest[e] + t_r * rate_s[e]
             past = t_r * (c1 * old.d_stretch[a, e] + c2 * old.d_stretch_before[a, e])
             stress_s[a, e] = base.stretch[e] * (by_stiffness * strain + by_time * rate_s[e] + past)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dlo_ros.rod.grips import BODY, DIRECTOR, FRAME, TANGENT
-from dlo_ros.rod.kernels import Reference
+from dlo_ros.rod.tables import Reference
 from dlo_ros.spline import FloatArray, SplineBasis
 
 

@@ -21,52 +21,47 @@ which is the rate at which the geodesic from t0 to t sweeps area on the unit sph
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numba import njit
 
-from dlo_ros.spline import FloatArray
+from dlo_ros.rod.tables import BAND, DOF, Reference
 
-DOF = 4  # x, y, z, theta of a control point
-LOCAL = 16  # degrees of freedom that a knot span touches
-BAND = 15  # half bandwidth of the stiffness matrix
-
-
-class Quadrature(NamedTuple):
-    """Basis functions at the quadrature points; tables that never change.
-
-    Stretch has points of its own (numerics.md: one a knot span, more at free ends).
-    """
-
-    stretch_span: FloatArray  # (ns,) integers
-    stretch_b1: FloatArray  # (ns, 4)
-    stretch_weight: FloatArray  # (ns,)
-    span: FloatArray  # (nb,) integers
-    b: FloatArray  # (nb, 4)
-    b1: FloatArray  # (nb, 4)
-    b2: FloatArray  # (nb, 4)
-    weight: FloatArray  # (nb,)
+OUTER = 5.0 / 18.0  # weights of the three Gauss points in a mean
+MIDDLE = 8.0 / 18.0
 
 
-class Stiffness(NamedTuple):
-    """Stiffness and rest strain at every quadrature point."""
-
-    stretch: FloatArray  # (ns,) [N]
-    stretch_rest: FloatArray  # (ns,)
-    bend: FloatArray  # (nb, 2) [N m^2]
-    bend_rest: FloatArray  # (nb, 2) [1/m]
-    twist: FloatArray  # (nb,) [N m^2]
-    twist_rest: FloatArray  # (nb,) [rad/m]
+@njit(cache=True, nogil=True)
+def span_line(x):
+    """Replace values at a span's three points by the straight line that fits them best."""
+    # Least squares with the quadrature's weights, so that this is its own adjoint.
+    mean, tilt = OUTER * (x[0] + x[2]) + MIDDLE * x[1], 0.5 * (x[2] - x[0])
+    x[0], x[1], x[2] = mean - tilt, mean, mean + tilt
 
 
-class Reference(NamedTuple):
-    """Reference frame at the bending points, transported in time without spin."""
+@njit(cache=True, nogil=True)
+def span_stretch(x, linear):
+    """Stretch of a span from its values at the three points: the middle one, or a line."""
+    if linear:
+        span_line(x)
+    else:
+        x[0], x[2] = x[1], x[1]
 
-    tangent: FloatArray  # (nb, 3)
-    rate: FloatArray  # (nb, 3) derivative of the tangent along u [1/m]
-    director: FloatArray  # (nb, 3) first director, unit and normal to the tangent
-    twist: FloatArray  # (nb,) twist of the frame [rad/m]
+
+@njit(cache=True, nogil=True)
+def span_twist(x, linear):
+    """Twist of a span from its values at the three points: their mean, or a line."""
+    if linear:
+        span_line(x)
+    else:
+        x[:] = OUTER * (x[0] + x[2]) + MIDDLE * x[1]
+
+
+@njit(cache=True, nogil=True, inline="always")
+def tension_share(e, linear):
+    """Share of a span's tension that acts at point e: the adjoint of `span_stretch`."""
+    if linear:
+        return 1.0
+    return 1.0 / MIDDLE if e % 3 == 1 else 0.0
 
 
 @njit(cache=True, inline="always")
@@ -103,17 +98,15 @@ def strains(q, rule, ref):
     """All strains of a configuration.
 
     Returns:
-        Stretch (ns,), and bending and twist in the columns of (nb, 3).
+        Stretch (nb,), and bending and twist in the columns of (nb, 3); stretch and twist are those
+        of whole spans, see `Quadrature`.
     """
-    ns, nb = rule.stretch_weight.size, rule.weight.size
-    stretch = np.empty(ns)
+    nb = rule.weight.size
+    stretch = np.empty(nb)
     other = np.empty((nb, 3))
     p, s, k, m1, m2, c0 = (
         np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     )  # fmt: skip
-    for e in range(ns):
-        _interpolate(q, rule.stretch_span[e], rule.stretch_b1[e], rule.stretch_b1[e], p, s)
-        stretch[e] = np.sqrt(_dot(p, p)) - 1.0
     for e in range(nb):
         span = rule.span[e]
         _interpolate(q, span, rule.b1[e], rule.b2[e], p, s)
@@ -130,6 +123,10 @@ def strains(q, rule, ref):
         _cross(t0, ref.rate[e], c0)
         w = 1.0 / (n + _dot(p, t0))
         other[e, 2] = rate + ref.twist[e] + _dot(p, c0) * w - _dot(k, t0) * w / n
+        stretch[e] = n - 1.0
+    for e in range(nb // 3):
+        span_stretch(stretch[3 * e : 3 * e + 3], rule.stretch_linear[e])
+        span_twist(other[3 * e : 3 * e + 3, 2], rule.twist_linear[e])
     return stretch, other
 
 
@@ -282,9 +279,9 @@ def assemble(q, rule, stiff, ref, gradient, band, grad_stretch, grad_other):
         rule, stiff, ref: tables, stiffness with rest strains, reference frame.
         gradient: output, shape (4 n,), overwritten.
         band: output, lower rows of the Hessian, shape (4 n, 16): H[i, j] at [i, 15 - i + j].
-        grad_stretch: output, derivative of the stretch with respect to p, shape (ns, 3).
+        grad_stretch: output, derivative of the stretch with respect to p, shape (nb, 3).
         grad_other: output, derivatives of kappa_1, kappa_2, twist with respect to
-            (p, s, theta, theta'), shape (nb, 3, 8).
+            (p, s, theta, theta'), shape (nb, 3, 8). Neither is averaged over the span.
 
     Returns:
         Energy [J].
@@ -292,82 +289,69 @@ def assemble(q, rule, stiff, ref, gradient, band, grad_stretch, grad_other):
     gradient[:] = 0.0
     band[:, :] = 0.0
     energy = 0.0
-    p, s, k = np.empty(3), np.empty(3), np.empty(3)
+    stretch, other = strains(q, rule, ref)
+    p, s = np.empty(3), np.empty(3)
     m1, m2, c0, v = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    hess, stress = np.zeros((8, 8)), np.empty(3)
-    row = np.empty(8)
-    for e in range(rule.stretch_weight.size):
-        span, b1, wt = rule.stretch_span[e], rule.stretch_b1[e], rule.stretch_weight[e]
-        _interpolate(q, span, b1, b1, p, s)
-        n = np.sqrt(_dot(p, p))
-        stress_s = stiff.stretch[e] * (n - 1.0 - stiff.stretch_rest[e])
-        energy += 0.5 * wt * stress_s * (n - 1.0 - stiff.stretch_rest[e])
-        for i in range(3):
-            grad_stretch[e, i] = p[i] / n
-        for i in range(4):
-            at = DOF * (span + i)
-            for c in range(3):
-                gradient[at + c] += wt * stress_s * b1[i] * p[c] / n
-                for j in range(i + 1):
-                    for d in range(3):
-                        if j < i or d <= c:
-                            unit = 1.0 if c == d else 0.0
-                            tt = p[c] * p[d] / n**2
-                            h = stiff.stretch[e] * tt + stress_s / n * (unit - tt)
-                            band[at + c, BAND - DOF * (i - j) - c + d] += wt * b1[i] * b1[j] * h
+    hess, row = np.zeros((8, 8)), np.empty(8)
+    # Derivatives of stretch and twist at the three points with respect to the span's 16 numbers.
+    means = np.empty((3, 2, 16))
     for e in range(rule.weight.size):
         span, wt = rule.span[e], rule.weight[e]
         b, b1, b2 = rule.b[e], rule.b1[e], rule.b2[e]
         _interpolate(q, span, b1, b2, p, s)
-        theta, rate = 0.0, 0.0
+        theta = 0.0
         for i in range(4):
             theta += b[i] * q[span + i, 3]
-            rate += b1[i] * q[span + i, 3]
         n = np.sqrt(_dot(p, p))
         t0 = ref.tangent[e]
-        _cross(p, s, k)
         _material_directors(ref, e, theta, m1, m2)
         _cross(t0, ref.rate[e], c0)
-        w = 1.0 / (n + _dot(p, t0))
-        kappa1 = _projected_curvature(k, p, n, m1, t0)
-        kappa2 = _projected_curvature(k, p, n, m2, t0)
-        twist = rate + ref.twist[e] + _dot(p, c0) * w - _dot(k, t0) * w / n
+        kappa1, kappa2 = other[e, 0], other[e, 1]
+        x0 = stretch[e] - stiff.stretch_rest[e]
         x1, x2 = kappa1 - stiff.bend_rest[e, 0], kappa2 - stiff.bend_rest[e, 1]
-        x3 = twist - stiff.twist_rest[e]
-        stress[0], stress[1] = stiff.bend[e, 0] * x1, stiff.bend[e, 1] * x2
-        stress[2] = stiff.twist[e] * x3
-        energy += 0.5 * wt * (stress[0] * x1 + stress[1] * x2 + stress[2] * x3)
+        x3 = other[e, 2] - stiff.twist_rest[e]
+        tension, torque = stiff.stretch[e] * x0, stiff.twist[e] * x3
+        stress1, stress2 = stiff.bend[e, 0] * x1, stiff.bend[e, 1] * x2
+        energy += 0.5 * wt * (tension * x0 + stress1 * x1 + stress2 * x2 + torque * x3)
+        tension *= tension_share(e, rule.stretch_linear[e // 3])
         for i in range(3):
-            v[i] = stress[0] * m1[i] + stress[1] * m2[i]
+            v[i] = stress1 * m1[i] + stress2 * m2[i]
         grad = grad_other[e]
-        _point_derivatives(p, s, t0, c0, v, stress[2], m1, m2, grad, hess)
+        _point_derivatives(p, s, t0, c0, v, torque, m1, m2, grad, hess)
         # theta turns the directors: m1' = m2, m2' = -m1.
         grad[0, 6], grad[1, 6], grad[2, 6] = kappa2, -kappa1, 0.0
         grad[0, 7], grad[1, 7], grad[2, 7] = 0.0, 0.0, 1.0
         for i in range(6):
-            h = stress[0] * grad[1, i] - stress[1] * grad[0, i]
+            h = stress1 * grad[1, i] - stress2 * grad[0, i]
             hess[i, 6] = h
             hess[6, i] = h
             hess[i, 7] = 0.0
             hess[7, i] = 0.0
-        hess[6, 6] = -stress[0] * kappa1 - stress[1] * kappa2
+        hess[6, 6] = -stress1 * kappa1 - stress2 * kappa2
         hess[6, 7], hess[7, 6], hess[7, 7] = 0.0, 0.0, 0.0
+        for i in range(3):
+            grad_stretch[e, i] = p[i] / n
+            for j in range(3):
+                unit = 1.0 if i == j else 0.0
+                hess[i, j] += tension / n * (unit - p[i] * p[j] / n**2)
         for i in range(8):
             g1, g2 = stiff.bend[e, 0] * grad[0, i], stiff.bend[e, 1] * grad[1, i]
-            g3 = stiff.twist[e] * grad[2, i]
             for j in range(8):
-                hess[i, j] += g1 * grad[0, j] + g2 * grad[1, j] + g3 * grad[2, j]
+                hess[i, j] += g1 * grad[0, j] + g2 * grad[1, j]
         for i in range(4):
             for c in range(DOF):
                 at = DOF * (span + i) + c
                 if c < 3:
                     lo, hi, f_lo, f_hi = c, 3 + c, b1[i], b2[i]
+                    pull = b1[i] * grad_stretch[e, c]
                 else:
                     lo, hi, f_lo, f_hi = 6, 7, b[i], b1[i]
-                g = 0.0
-                for a in range(3):
-                    g += stress[a] * (f_lo * grad[a, lo] + f_hi * grad[a, hi])
-                gradient[at] += wt * g
+                    pull = 0.0
+                turn = f_lo * grad[2, lo] + f_hi * grad[2, hi]
+                means[e % 3, 0, DOF * i + c], means[e % 3, 1, DOF * i + c] = pull, turn
+                bent = stress1 * (f_lo * grad[0, lo] + f_hi * grad[0, hi])
+                bent += stress2 * (f_lo * grad[1, lo] + f_hi * grad[1, hi])
+                gradient[at] += wt * (bent + tension * pull + torque * turn)
                 for j in range(8):
                     row[j] = wt * (f_lo * hess[lo, j] + f_hi * hess[hi, j])
                 for j in range(i + 1):
@@ -378,26 +362,57 @@ def assemble(q, rule, stiff, ref, gradient, band, grad_stretch, grad_other):
                         else:
                             h = b[j] * row[6] + b1[j] * row[7]
                         band[at, base + d] += h
+        if e % 3 == 2:
+            length = rule.weight[e - 2] + rule.weight[e - 1] + wt
+            at, line = DOF * span, rule.stretch_linear[e // 3]
+            add_square(band, at, means[:, 0], length * stiff.stretch[e], line, not line)
+            line = rule.twist_linear[e // 3]
+            add_square(band, at, means[:, 1], length * stiff.twist[e], line, False)
     return energy
 
 
 @njit(cache=True, nogil=True)
+def add_square(band, first, gradients, modulus, line, middle):
+    """Add the square of a span's stretch or twist to a banded matrix (lower rows, (N, w + 1)).
+
+    Args:
+        first: first degree of freedom of the span.
+        gradients: of the quantity at the three points, shape (3, m).
+        modulus: factor, integrated over the span.
+        line, middle: whether the straight line counts, or the middle point, or else the mean.
+    """
+    last, count = band.shape[1] - 1, gradients.shape[1]
+    mean, tilt = np.empty(count), np.zeros(count)
+    for i in range(count):
+        if middle:
+            mean[i] = gradients[1, i]
+        else:
+            mean[i] = OUTER * (gradients[0, i] + gradients[2, i]) + MIDDLE * gradients[1, i]
+        if line:  # its mean square adds the tilt at the outer points, with their weights
+            tilt[i] = np.sqrt(2.0 * OUTER) * 0.5 * (gradients[2, i] - gradients[0, i])
+    for i in range(count):
+        f, g = modulus * mean[i], modulus * tilt[i]
+        for j in range(i + 1):
+            band[first + i, last - i + j] += f * mean[j] + g * tilt[j]
+
+
+@njit(cache=True, nogil=True)
 def scatter_stress(rule, grad_stretch, grad_other, stress_s, stress_o, out):
-    """Add the generalised force of given stresses, sum of weight stress d(strain)/dq, to out."""
-    for e in range(rule.stretch_weight.size):
-        for i in range(4):
-            at = DOF * (rule.stretch_span[e] + i)
-            f = rule.stretch_weight[e] * stress_s[e] * rule.stretch_b1[e, i]
-            for c in range(3):
-                out[at + c] += f * grad_stretch[e, c]
+    """Add the generalised force of given stresses, sum of weight stress d(strain)/dq, to out.
+
+    Stresses of stretch and twist hold for a whole span, as their strains do.
+    """
     column = np.empty(8)
     for e in range(rule.weight.size):
+        tension = stress_s[e] * tension_share(e, rule.stretch_linear[e // 3])
         for j in range(8):
             column[j] = rule.weight[e] * (
                 stress_o[e, 0] * grad_other[e, 0, j]
                 + stress_o[e, 1] * grad_other[e, 1, j]
                 + stress_o[e, 2] * grad_other[e, 2, j]
             )
+        for c in range(3):
+            column[c] += rule.weight[e] * tension * grad_stretch[e, c]
         for i in range(4):
             at = DOF * (rule.span[e] + i)
             for c in range(3):
@@ -408,12 +423,6 @@ def scatter_stress(rule, grad_stretch, grad_other, stress_s, stress_o, out):
 @njit(cache=True, nogil=True)
 def strain_increments(rule, grad_stretch, grad_other, dq, stretch, other):
     """First-order strains of an increment dq (n, 4): the transpose of `scatter_stress`."""
-    for e in range(rule.stretch_weight.size):
-        x = 0.0
-        for i in range(4):
-            for c in range(3):
-                x += rule.stretch_b1[e, i] * grad_stretch[e, c] * dq[rule.stretch_span[e] + i, c]
-        stretch[e] = x
     column = np.empty(8)
     for e in range(rule.weight.size):
         column[:] = 0.0
@@ -424,8 +433,12 @@ def strain_increments(rule, grad_stretch, grad_other, dq, stretch, other):
                 column[3 + c] += rule.b2[e, i] * dq[at, c]
             column[6] += rule.b[e, i] * dq[at, 3]
             column[7] += rule.b1[e, i] * dq[at, 3]
+        stretch[e] = _dot(grad_stretch[e], column[:3])
         for a in range(3):
             x = 0.0
             for j in range(8):
                 x += grad_other[e, a, j] * column[j]
             other[e, a] = x
+    for e in range(rule.weight.size // 3):
+        span_stretch(stretch[3 * e : 3 * e + 3], rule.stretch_linear[e])
+        span_twist(other[3 * e : 3 * e + 3, 2], rule.twist_linear[e])

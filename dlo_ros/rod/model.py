@@ -7,10 +7,12 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dlo_ros.parameters import Settings
-from dlo_ros.rod.kernels import DOF, Quadrature, Stiffness
-from dlo_ros.spline import ORDER, FloatArray, SplineBasis
+from dlo_ros.rod.kernels import span_twist
+from dlo_ros.rod.tables import DOF, Quadrature, Stiffness
+from dlo_ros.spline import FloatArray, SplineBasis
 
 # Parameters of which sensitivities can be had; all enter by their natural logarithm.
 SENSITIVITIES = ("young_modulus", "density", "air_drag", "relaxation_time")
@@ -23,8 +25,8 @@ class RodModel:
     Args:
         settings: material, damping and gravity.
         basis: the simulation's own spline basis, finer than the published one.
-        full_start, full_end: whether the knot span at that end takes the full stretch quadrature;
-            an end whose direction is free needs it, a clamped end must not have it (numerics.md).
+        full_start, full_end: whether the stretch of the knot span at that end counts by its
+            straight line; an end whose direction is free needs it, a clamped one must not have it.
         rest: strain memory eps_0 of eq. (7) as a function of u (m,) [m]: rest curvatures about the
             two material directors and rest twist, shape (m, 3) [1/m]; None: straight at rest.
         point_forces: dead forces, each as its place u [m] and its components [N].
@@ -43,24 +45,26 @@ class RodModel:
 
     @cached_property
     def rule(self) -> Quadrature:
-        """Quadrature tables of stretch, and of bending and twist (three points a span)."""
+        """Quadrature tables: three points a knot span.
+
+        Stretch counts by its value in the middle of a span: at every point it would lock
+        (numerics.md). Where the direction of an end is free its straight line counts, or a mode
+        without energy would be left over. Twist counts by its mean, since the frame's twist is no
+        spline that theta could relax: means make the twist between the ends exact, and the lines
+        at both ends give as many numbers as theta has coefficients.
+        """
         basis = self.basis
         u, weight = basis.quadrature(3)
         span, b = self._local(u, 0)
-        h = basis.span_length
-        parts = []
-        for e in range(basis.spans):
-            full = (e == 0 and self.full_start) or (e == basis.spans - 1 and self.full_end)
-            x, w = np.polynomial.legendre.leggauss(ORDER if full else 1)
-            parts.append((h * e + 0.5 * h * (x + 1.0), 0.5 * h * w))
-        su = np.concatenate([p[0] for p in parts])
-        stretch_span, stretch_b1 = self._local(su, 1)
+        stretch, twist = np.zeros(basis.spans, np.bool_), np.zeros(basis.spans, np.bool_)
+        stretch[0] |= self.full_start
+        stretch[-1] |= self.full_end
+        twist[[0, -1]] = True
         return Quadrature(
-            stretch_span, stretch_b1, np.concatenate([p[1] for p in parts]),
-            span, b, self._local(u, 1)[1], self._local(u, 2)[1], weight,
-        )  # fmt: skip
+            span, b, self._local(u, 1)[1], self._local(u, 2)[1], weight, stretch, twist
+        )
 
-    def _local(self, u: FloatArray, derivative: int) -> tuple[FloatArray, FloatArray]:
+    def _local(self, u: FloatArray, derivative: int) -> tuple[NDArray[np.int64], FloatArray]:
         """Knot span of each u and the four basis functions (or derivatives) that live there."""
         full = self.basis.matrix(u, derivative)
         span = np.minimum((u / self.basis.span_length).astype(np.int64), self.basis.spans - 1)
@@ -82,49 +86,33 @@ class RodModel:
         """Second derivatives of the basis at the bending points, shape (nb, n)."""
         return self.basis.matrix(self.points, 2)
 
-    @cached_property
-    def twist_share(self) -> FloatArray:
-        """Weight of each bending point in the twist energy, over its quadrature weight, (nb,).
-
-        With a point in every span and one more at both ends there are as many as theta has free
-        coefficients, so that the twist of the frame, which is no spline, can relax at every one
-        of them: more points would lock, as full quadrature does in stretch. The weights integrate
-        the derivatives of all splines of the basis exactly, so a uniform torque is an equilibrium.
-        """
-        spans = self.basis.spans
-        middle = 3 * np.arange(spans) + 1
-        if spans > 1:
-            keep = np.concatenate([[0, 2], middle[1:-1], [3 * spans - 3, 3 * spans - 1]])
-        else:
-            keep = np.arange(3)
-        slope = self.basis.matrix(self.points[keep], 1)
-        ends = self.basis.matrix([0.0, self.basis.length])
-        weight = np.linalg.lstsq(slope.T, ends[1] - ends[0], rcond=None)[0]
-        share = np.zeros(len(self.points))
-        share[keep] = weight / self.rule.weight[keep]
-        return share
+    def span_twists(self, values: FloatArray) -> FloatArray:
+        """Twists at the points (nb, ...) as those of whole spans."""
+        result = np.array(values, dtype=np.float64)
+        for e in range(self.basis.spans):
+            for column in result[3 * e : 3 * e + 3].reshape(3, -1).T:
+                span_twist(column, self.rule.twist_linear[e])
+        return result
 
     @cached_property
     def twist_fit(self) -> FloatArray:
-        """Control points 2..n of a spline that starts at 0, from its slope at all points."""
-        keep = self.twist_share > 0.0
-        result = np.zeros((self.basis.control_points - 1, len(self.points)))
-        result[:, keep] = np.linalg.inv(self.basis.matrix(self.points[keep], 1)[:, 1:])
-        return result
+        """Control points 2..n of a spline that starts at 0, from its slope over the spans."""
+        slope = self.span_twists(self.basis_slope[:, 1:])
+        return np.asarray(np.linalg.pinv(slope))
 
     @cached_property
     def stiffness(self) -> Stiffness:
         """H of eq. (7) at every quadrature point, with the labels put right (physics.md)."""
         rod = self.settings.rod
-        ns, nb = self.rule.stretch_weight.size, self.rule.weight.size
+        nb = self.rule.weight.size
         rest = np.zeros((nb, 3)) if self.rest is None else self.rest(self.points)
         return Stiffness(
-            stretch=np.full(ns, rod.young_modulus * rod.area),
-            stretch_rest=np.zeros(ns),
+            stretch=np.full(nb, rod.young_modulus * rod.area),
+            stretch_rest=np.zeros(nb),
             bend=np.full((nb, 2), rod.bending_stiffness),
             bend_rest=np.ascontiguousarray(rest[:, :2]),
-            twist=rod.shear_modulus * 2.0 * rod.second_moment * self.twist_share,
-            twist_rest=np.ascontiguousarray(rest[:, 2]),
+            twist=np.full(nb, rod.shear_modulus * 2.0 * rod.second_moment),
+            twist_rest=self.span_twists(rest[:, 2]),
         )
 
     @cached_property

@@ -11,9 +11,9 @@ import numpy as np
 from dlo_ros.command import END, START, Command
 from dlo_ros.rod import engine, grips
 from dlo_ros.rod.boundary import Boundary
-from dlo_ros.rod.kernels import Reference
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.state import State
+from dlo_ros.rod.tables import Reference
 from dlo_ros.spline import FloatArray
 
 IN_PLANE = [0, 2]  # x and z of x, y, z, theta

@@ -10,6 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from dlo_ros.rod.kernels import add_square, span_stretch, tension_share
+
 PLANAR = 2
 
 
@@ -27,16 +29,16 @@ def _point(q, span, b1, b2):
 
 @njit(cache=True, nogil=True)
 def strains(q, rule):
-    """Stretch (ns,), and the curvature in the first column of (nb, 3)."""
-    stretch = np.empty(rule.stretch_weight.size)
+    """Stretch (nb,) of whole spans, and the curvature in the first column of (nb, 3)."""
+    stretch = np.empty(rule.weight.size)
     other = np.zeros((rule.weight.size, 3))
-    for e in range(stretch.size):
-        b1 = rule.stretch_b1[e]
-        px, pz, _, _ = _point(q, rule.stretch_span[e], b1, b1)
-        stretch[e] = np.sqrt(px * px + pz * pz) - 1.0
     for e in range(rule.weight.size):
         px, pz, sx, sz = _point(q, rule.span[e], rule.b1[e], rule.b2[e])
-        other[e, 0] = (pz * sx - px * sz) / (px * px + pz * pz) ** 1.5
+        n = np.sqrt(px * px + pz * pz)
+        other[e, 0] = (pz * sx - px * sz) / n**3
+        stretch[e] = n - 1.0
+    for e in range(rule.weight.size // 3):
+        span_stretch(stretch[3 * e : 3 * e + 3], rule.stretch_linear[e])
     return stretch, other
 
 
@@ -44,43 +46,27 @@ def strains(q, rule):
 def assemble(q, rule, stiff, gradient, band, grad_stretch, grad_other):
     """Elastic energy, gradient (2 n,) and exact Hessian (2 n, 8); see `kernels.assemble`.
 
-    grad_stretch (ns, 2) and grad_other (nb, 1, 4) become the derivatives of stretch and curvature
+    grad_stretch (nb, 2) and grad_other (nb, 1, 4) become the derivatives of stretch and curvature
     with respect to p and (p, s).
     """
     gradient[:] = 0.0
     band[:, :] = 0.0
     energy = 0.0
-    for e in range(rule.stretch_weight.size):
-        span, b1, wt = rule.stretch_span[e], rule.stretch_b1[e], rule.stretch_weight[e]
-        px, pz, _, _ = _point(q, span, b1, b1)
-        n = np.sqrt(px * px + pz * pz)
-        tx, tz = px / n, pz / n
-        x = n - 1.0 - stiff.stretch_rest[e]
-        stress = stiff.stretch[e] * x
-        energy += 0.5 * wt * stress * x
-        grad_stretch[e, 0], grad_stretch[e, 1] = tx, tz
-        soft = wt * stress / n
-        hard = wt * stiff.stretch[e] - soft
-        xx, xz, zz = hard * tx * tx + soft, hard * tx * tz, hard * tz * tz + soft
-        for i in range(4):
-            at = 2 * (span + i)
-            gradient[at] += wt * stress * b1[i] * tx
-            gradient[at + 1] += wt * stress * b1[i] * tz
-            for j in range(i + 1):
-                f, k = b1[i] * b1[j], 7 - 2 * (i - j)
-                band[at, k] += f * xx
-                band[at + 1, k - 1] += f * xz
-                band[at + 1, k] += f * zz
-                if j < i:
-                    band[at, k + 1] += f * xz
+    stretch, other = strains(q, rule)
+    means = np.empty((3, 8))
     for e in range(rule.weight.size):
         span, wt, b1, b2 = rule.span[e], rule.weight[e], rule.b1[e], rule.b2[e]
         px, pz, sx, sz = _point(q, span, b1, b2)
         r2 = 1.0 / (px * px + pz * pz)
-        g = r2 * np.sqrt(r2)
-        c = pz * sx - px * sz
-        kappa = c * g
-        # Gradient with respect to (p_x, p_z, s_x, s_z).
+        r = np.sqrt(r2)
+        g, tx, tz = r2 * r, px * r, pz * r
+        grad_stretch[e, 0], grad_stretch[e, 1] = tx, tz
+        x = stretch[e] - stiff.stretch_rest[e]
+        tension = wt * stiff.stretch[e] * x
+        energy += 0.5 * tension * x
+        tension *= tension_share(e, rule.stretch_linear[e // 3])
+        # Gradient of the curvature with respect to (p_x, p_z, s_x, s_z).
+        kappa = other[e, 0]
         f = 3.0 * kappa * r2
         kpx, kpz = -sz * g - f * px, sx * g - f * pz
         ksx, ksz = pz * g, -px * g
@@ -89,13 +75,13 @@ def assemble(q, rule, stiff, gradient, band, grad_stretch, grad_other):
         x = kappa - stiff.bend_rest[e, 0]
         stress = wt * stiff.bend[e, 0] * x
         energy += 0.5 * stress * x
-        # Second derivatives of kappa, times the stress, and the Gauss-Newton part.
+        # Second derivatives of kappa, times the stress, and the Gauss-Newton part; then those of
+        # the stretch, times the tension.
         b, m = wt * stiff.bend[e, 0], 3.0 * g * r2 * stress
-        q15 = 5.0 * f * r2 * stress
-        fs = f * stress
-        hxx = b * kpx * kpx + 2.0 * m * sz * px - fs + q15 * px * px
-        hxz = b * kpx * kpz + m * (sz * pz - sx * px) + q15 * px * pz
-        hzz = b * kpz * kpz - 2.0 * m * sx * pz - fs + q15 * pz * pz
+        q15, fs, soft = 5.0 * f * r2 * stress, f * stress, tension * r
+        hxx = b * kpx * kpx + 2.0 * m * sz * px - fs + q15 * px * px + soft * tz * tz
+        hxz = b * kpx * kpz + m * (sz * pz - sx * px) + q15 * px * pz - soft * tx * tz
+        hzz = b * kpz * kpz - 2.0 * m * sx * pz - fs + q15 * pz * pz + soft * tx * tx
         axx = b * kpx * ksx - m * px * pz
         axz = b * kpx * ksz - g * stress + m * px * px
         azx = b * kpz * ksx + g * stress - m * pz * pz
@@ -103,8 +89,9 @@ def assemble(q, rule, stiff, gradient, band, grad_stretch, grad_other):
         dxx, dxz, dzz = b * ksx * ksx, b * ksx * ksz, b * ksz * ksz
         for i in range(4):
             at, u, v = 2 * (span + i), b1[i], b2[i]
-            gradient[at] += stress * (u * kpx + v * ksx)
-            gradient[at + 1] += stress * (u * kpz + v * ksz)
+            means[e % 3, 2 * i], means[e % 3, 2 * i + 1] = u * tx, u * tz
+            gradient[at] += stress * (u * kpx + v * ksx) + tension * u * tx
+            gradient[at + 1] += stress * (u * kpz + v * ksz) + tension * u * tz
             # Row of (p, s) blocks contracted with control point i.
             ixx, ixz = u * hxx + v * axx, u * hxz + v * azx
             izx, izz = u * hxz + v * axz, u * hzz + v * azz
@@ -117,39 +104,37 @@ def assemble(q, rule, stiff, gradient, band, grad_stretch, grad_other):
                 band[at + 1, k] += y * izz + z * jzz
                 if j < i:
                     band[at, k + 1] += y * ixz + z * jxz
+        if e % 3 == 2:
+            length = rule.weight[e - 2] + rule.weight[e - 1] + wt
+            line = rule.stretch_linear[e // 3]
+            add_square(band, 2 * span, means, length * stiff.stretch[e], line, not line)
     return energy
 
 
 @njit(cache=True, nogil=True)
 def scatter_stress(rule, grad_stretch, grad_other, stress_s, stress_o, out):
     """Add the generalised force of given stresses to out (2 n,)."""
-    for e in range(rule.stretch_weight.size):
-        f = rule.stretch_weight[e] * stress_s[e]
-        for i in range(4):
-            at = 2 * (rule.stretch_span[e] + i)
-            for c in range(2):
-                out[at + c] += f * rule.stretch_b1[e, i] * grad_stretch[e, c]
     for e in range(rule.weight.size):
         f, grad = rule.weight[e] * stress_o[e, 0], grad_other[e, 0]
+        h = rule.weight[e] * stress_s[e] * tension_share(e, rule.stretch_linear[e // 3])
         for i in range(4):
             at = 2 * (rule.span[e] + i)
             for c in range(2):
-                out[at + c] += f * (rule.b1[e, i] * grad[c] + rule.b2[e, i] * grad[2 + c])
+                along = f * grad[c] + h * grad_stretch[e, c]
+                out[at + c] += rule.b1[e, i] * along + rule.b2[e, i] * f * grad[2 + c]
 
 
 @njit(cache=True, nogil=True)
 def strain_increments(rule, grad_stretch, grad_other, dq, stretch, other):
     """First-order strains of an increment dq (n, 2)."""
-    for e in range(rule.stretch_weight.size):
-        x = 0.0
-        for i in range(4):
-            for c in range(2):
-                x += rule.stretch_b1[e, i] * grad_stretch[e, c] * dq[rule.stretch_span[e] + i, c]
-        stretch[e] = x
     for e in range(rule.weight.size):
-        x, grad = 0.0, grad_other[e, 0]
+        x, y, grad = 0.0, 0.0, grad_other[e, 0]
         for i in range(4):
             for c in range(2):
-                f = rule.b1[e, i] * grad[c] + rule.b2[e, i] * grad[2 + c]
-                x += f * dq[rule.span[e] + i, c]
+                d = dq[rule.span[e] + i, c]
+                x += (rule.b1[e, i] * grad[c] + rule.b2[e, i] * grad[2 + c]) * d
+                y += rule.b1[e, i] * grad_stretch[e, c] * d
+        stretch[e] = y
         other[e, 0], other[e, 1], other[e, 2] = x, 0.0, 0.0
+    for e in range(rule.weight.size // 3):
+        span_stretch(stretch[3 * e : 3 * e + 3], rule.stretch_linear[e])

@@ -167,7 +167,7 @@ class Simulation:
             return None
         zero = np.zeros((count, model.basis.control_points, 4))
         none = Strains(
-            np.zeros((count, model.rule.stretch_weight.size)),
+            np.zeros((count, model.rule.weight.size)),
             np.zeros((count, model.rule.weight.size, 3)),
         )
         return Sensitivity(zero, zero, zero, zero, none, none)

@@ -44,10 +44,10 @@ def transport(q, rule, ref):
 @njit(cache=True, nogil=True)
 def _strain_gradients(q, rule):
     """Room for the derivatives of the strains."""
-    ns, nb = rule.stretch_weight.size, rule.weight.size
+    nb = rule.weight.size
     if q.shape[1] == PLANAR:
-        return np.empty((ns, 2)), np.zeros((nb, 1, 4))
-    return np.empty((ns, 3)), np.zeros((nb, 3, 8))
+        return np.empty((nb, 2)), np.zeros((nb, 1, 4))
+    return np.empty((nb, 3)), np.zeros((nb, 3, 8))
 
 
 @njit(cache=True, nogil=True)
@@ -139,17 +139,13 @@ def elastic_energy(q, rule, stiff, ref):
     """Elastic energy [J] of configuration q."""
     stretch, other = strains(q, rule, ref)
     energy = 0.0
-    for e in range(stretch.size):
-        energy += (
-            0.5 * rule.stretch_weight[e] * stiff.stretch[e]
-            * (stretch[e] - stiff.stretch_rest[e]) ** 2
-        )  # fmt: skip
     for e in range(rule.weight.size):
         energy += (
             0.5
             * rule.weight[e]
             * (
-                stiff.bend[e, 0] * (other[e, 0] - stiff.bend_rest[e, 0]) ** 2
+                stiff.stretch[e] * (stretch[e] - stiff.stretch_rest[e]) ** 2
+                + stiff.bend[e, 0] * (other[e, 0] - stiff.bend_rest[e, 0]) ** 2
                 + stiff.bend[e, 1] * (other[e, 1] - stiff.bend_rest[e, 1]) ** 2
                 + stiff.twist[e] * (other[e, 2] - stiff.twist_rest[e]) ** 2
             )
@@ -313,7 +309,7 @@ def linearise(q, fixed, rule, stiff, ref, mass, spin, drag, still, c_mass, c_dra
     """Factorised tangent matrix at q, and the derivatives of the strains there.
 
     Returns:
-        band, diagonal (factors), number of negative pivots, d stretch / dp (ns, 3), and d(kappa_1,
+        band, diagonal (factors), number of negative pivots, d stretch / dp (nb, 3), and d(kappa_1,
         kappa_2, twist)/d(p, s, theta, theta') of shape (nb, 3, 8).
     """
     size = q.size
@@ -346,7 +342,7 @@ def back_substitute(band, diagonal, fixed, pins, rhs):
 
 @njit(cache=True, nogil=True)
 def stress_forces(rule, grad_s, grad_o, stress_s, stress_o):
-    """Generalised forces, (P, 4 n) or (P, 2 n), of stresses (P, ns) and (P, nb, 3)."""
+    """Generalised forces, (P, 4 n) or (P, 2 n), of stresses (P, nb) and (P, nb, 3)."""
     dof = PLANAR if grad_s.shape[1] == 2 else 4
     out = np.zeros((stress_s.shape[0], dof * (rule.span.max() + 4)))
     for a in range(stress_s.shape[0]):
@@ -359,9 +355,9 @@ def stress_forces(rule, grad_s, grad_o, stress_s, stress_o):
 
 @njit(cache=True, nogil=True)
 def strain_sensitivities(rule, grad_s, grad_o, dq):
-    """Strains (P, ns) and (P, nb, 3) of increments dq, (P, n, 4) or (P, n, 2), to first order."""
+    """Strains (P, nb) and (P, nb, 3) of increments dq, (P, n, 4) or (P, n, 2), to first order."""
     count = dq.shape[0]
-    stretch = np.empty((count, rule.stretch_weight.size))
+    stretch = np.empty((count, rule.weight.size))
     other = np.empty((count, rule.weight.size, 3))
     for a in range(count):
         if dq.shape[2] == PLANAR:

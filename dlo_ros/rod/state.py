@@ -8,14 +8,15 @@ import numpy as np
 
 from dlo_ros.rod.frames import twist_free
 from dlo_ros.rod.grips import BODY, DIRECTOR, THETA
-from dlo_ros.rod.kernels import DOF, Reference, strains
+from dlo_ros.rod.kernels import strains
 from dlo_ros.rod.model import RodModel
+from dlo_ros.rod.tables import DOF, Reference
 from dlo_ros.spline import FloatArray
 
 
 @dataclass(frozen=True)
 class Strains:
-    """Strains at the quadrature points: stretch (ns,), and kappa_1, kappa_2, twist (nb, 3).
+    """Strains at the quadrature points: stretch (nb,), and kappa_1, kappa_2, twist (nb, 3).
 
     With a leading axis of P parameters where they are sensitivities.
     """

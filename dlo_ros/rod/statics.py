@@ -11,10 +11,10 @@ from dlo_ros.command import Command
 from dlo_ros.errors import SimulationError
 from dlo_ros.rod import engine, grips, solver
 from dlo_ros.rod.boundary import Boundary, Held
-from dlo_ros.rod.kernels import DOF, Reference
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.planar import expand, flat_reference, in_plane, reduce, system_of
 from dlo_ros.rod.state import Sensitivity, State, Strains, rest_state, strains_of
+from dlo_ros.rod.tables import DOF, Reference
 from dlo_ros.spline import FloatArray
 
 TOLERANCE = 1e-9

@@ -1,0 +1,44 @@
+"""Keep numba's cache true to the sources.
+
+Numba notices a change of the file that a compiled function stands in, but not of the functions that
+it calls, and it cannot read an index whose types have moved. So whenever any source of the package
+has changed, what was compiled from it is discarded.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from hashlib import sha256
+from pathlib import Path
+
+PACKAGE = Path(__file__).parent
+CACHES = ("*.nbi", "*.nbc")
+MARK = "sources.sha256"
+
+
+def discard_stale(package: Path = PACKAGE) -> bool:
+    """Remove compiled code that is older than a change of the sources; returns whether it did.
+
+    Where the installation is read-only nothing is done: numba keeps its cache elsewhere then.
+    """
+    sources = sorted(package.rglob("*.py"))
+    digest = sha256()
+    for source in sources:
+        with suppress(OSError):
+            stat = source.stat()
+            digest.update(
+                f"{source.relative_to(package)} {stat.st_mtime_ns} {stat.st_size}\n".encode()
+            )
+    mark = package / "__pycache__" / MARK
+    found = digest.hexdigest()
+    with suppress(OSError):
+        if mark.is_file() and mark.read_text() == found:
+            return False
+        for folder in {source.parent / "__pycache__" for source in sources}:
+            for pattern in CACHES:
+                for file in folder.glob(pattern):
+                    file.unlink(missing_ok=True)
+        mark.parent.mkdir(exist_ok=True)
+        mark.write_text(found)
+        return True
+    return False

@@ -1,0 +1,55 @@
+"""What compiled code knows of a rod: quadrature, stiffness, reference frame.
+
+Every knot span has three Gauss points; point k of span e is number 3 e + k.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dlo_ros.spline import FloatArray
+
+DOF = 4  # x, y, z, theta of a control point
+BAND = 15  # half bandwidth of the stiffness matrix
+
+
+class Quadrature(NamedTuple):
+    """Basis functions at the quadrature points; tables that never change.
+
+    Stretch counts by its value in the middle of a span and twist by its mean, or either by the
+    straight line that fits it best: three points by themselves would lock, see `RodModel.rule`.
+    """
+
+    span: NDArray[np.int64]  # (nb,)
+    b: FloatArray  # (nb, 4)
+    b1: FloatArray  # (nb, 4)
+    b2: FloatArray  # (nb, 4)
+    weight: FloatArray  # (nb,) [m]
+    stretch_linear: NDArray[np.bool_]  # (spans,)
+    twist_linear: NDArray[np.bool_]  # (spans,)
+
+
+class Stiffness(NamedTuple):
+    """Stiffness and rest strain at every quadrature point.
+
+    Those of stretch and twist are the same all over a span.
+    """
+
+    stretch: FloatArray  # (nb,) [N]
+    stretch_rest: FloatArray  # (nb,)
+    bend: FloatArray  # (nb, 2) [N m^2]
+    bend_rest: FloatArray  # (nb, 2) [1/m]
+    twist: FloatArray  # (nb,) [N m^2]
+    twist_rest: FloatArray  # (nb,) [rad/m]
+
+
+class Reference(NamedTuple):
+    """Reference frame at the quadrature points, transported in time without spin."""
+
+    tangent: FloatArray  # (nb, 3)
+    rate: FloatArray  # (nb, 3) derivative of the tangent along u [1/m]
+    director: FloatArray  # (nb, 3) first director, unit and normal to the tangent
+    twist: FloatArray  # (nb,) twist of the frame [rad/m]

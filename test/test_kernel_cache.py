@@ -1,0 +1,33 @@
+"""Compiled code never outlives a change of the sources."""
+
+import os
+
+from dlo_ros.kernel_cache import discard_stale
+
+
+def make(package):
+    for folder in (package, package / "rod"):
+        (folder / "__pycache__").mkdir(parents=True)
+        (folder / "kernels.py").write_text("x = 1\n")
+        (folder / "__pycache__" / "kernels.f-1.py311.nbi").write_bytes(b"index")
+        (folder / "__pycache__" / "kernels.f-1.py311.1.nbc").write_bytes(b"code")
+        (folder / "__pycache__" / "kernels.cpython-311.pyc").write_bytes(b"bytecode")
+    return lambda: sorted(p.suffix for p in package.rglob("__pycache__/kernels*"))
+
+
+def test_a_change_anywhere_discards_all_compiled_code(tmp_path):
+    left = make(tmp_path)
+    assert discard_stale(tmp_path)  # nobody knows what it was compiled from
+    assert left() == [".pyc", ".pyc"]
+    (tmp_path / "rod" / "__pycache__" / "kernels.f-1.py311.nbi").write_bytes(b"index")
+    assert not discard_stale(tmp_path)
+    assert left() == [".nbi", ".pyc", ".pyc"]
+    os.utime(tmp_path / "kernels.py", (1, 1))
+    assert discard_stale(tmp_path)
+    assert left() == [".pyc", ".pyc"]
+
+
+def test_a_folder_that_cannot_be_written_is_left_alone(tmp_path):
+    (tmp_path / "kernels.py").write_text("x = 1\n")
+    (tmp_path / "__pycache__").write_text("a file in the way")
+    assert not discard_stale(tmp_path)
