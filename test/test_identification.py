@@ -5,13 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from measured import at_rest, swing
-from rods import PAPER, SECOND
+from rods import PAPER, SECOND, command
 
+from dlo_ros.command import Motion
 from dlo_ros.errors import InputError
 from dlo_ros.identification import Manipulation, OnlineEstimator, identify, shape_error
 from dlo_ros.identification.noise import correlation_length, frame_scatter, noise_floor
-from dlo_ros.observation import Observation
+from dlo_ros.observation import CentrelinePoints, Observation
 from dlo_ros.parameters import DampingParameters
+from dlo_ros.rod.orientation import along
 from dlo_ros.spline import SplineBasis
 
 TRUE_RATIO = PAPER.rod.specific_modulus
@@ -175,6 +177,42 @@ def test_online_waits_for_a_command(swinging):
     for observation in swinging.observations[:5]:
         estimator.observe(observation)
     assert estimator.estimate.specific_modulus_std is None
+
+
+def swapped(observation):
+    """As an observer may see it that does not know the command: read from the end."""
+    return Observation(observation.stamp, observation.control_points[::-1].copy())
+
+
+def test_shapes_with_swapped_ends_are_turned_round(swinging):
+    motion = Motion(list(swinging.commands))
+    for observation in swinging.observations:
+        assert along(motion, observation, 0.4) is observation
+        unknown = swapped(observation)
+        assert along(Motion(), unknown, 0.4) is unknown
+        again = along(motion, swapped(observation), 0.4).control_points
+        np.testing.assert_array_equal(again[:, :3], observation.control_points[:, :3])
+    # A closed loop has no wrong direction.
+    turn = BASIS.greville * 2.0 * np.pi / BASIS.length
+    loop = np.column_stack([0.06 * np.sin(turn), 0.0 * turn, 0.06 * np.cos(turn), 0.0 * turn])
+    held = Motion([command(["start", "end"], [0.0], [loop[[0, -1], :3]])])
+    assert along(held, Observation(0, loop), 0.4).control_points is loop
+    # Twist keeps its hand, and measured points their places.
+    u = np.array([0.1, 0.3])
+    points = CentrelinePoints(np.array([[0.3, 0.0, 0.0], [0.1, 0.0, 0.0]]), u, np.full(2, 1e-3))
+    shape = np.column_stack([0.4 - BASIS.greville, 0.0 * turn, 0.0 * turn, 2.0 * BASIS.greville])
+    imposed = Motion([command(["start"], [0.0], [[0.0, 0.0, 0.0]])])
+    found = along(imposed, Observation(0, shape, points), 0.4)
+    np.testing.assert_allclose(found.control_points[:, 0], BASIS.greville, atol=1e-12)
+    assert np.all(np.diff(found.control_points[:, 3]) > 0.0)
+    np.testing.assert_allclose(found.points.u, found.points.positions[:, 0])
+
+
+def test_online_a_first_shape_with_swapped_ends_does_no_harm(swinging):
+    estimator = OnlineEstimator(guess(0.3))
+    first, *rest = swinging.observations
+    estimate = run_online(estimator, swinging, [swapped(first), *rest])
+    assert estimate.specific_modulus == pytest.approx(TRUE_RATIO, rel=0.02)
 
 
 def test_online_keeps_what_it_knows_beyond_its_window(swinging, monkeypatch):

@@ -1,6 +1,7 @@
 """`predict` and `identify` as a user types them, on recordings written and read as bags."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -109,6 +110,20 @@ def test_start_may_be_overridden(folder, tmp_path, capsys):
         assert run(*words, folder / "one") == 0
         text = capsys.readouterr().out
         assert float(text.split("ERR ")[1].split(" mm")[0]) < 3.0
+
+
+def test_shapes_with_swapped_ends_are_turned_round_and_told(folder, tmp_path, capsys, caplog):
+    """An observer that has not heard a command yet cannot know which end is the start."""
+    good = swing(PAPER, seconds=1.0)
+    swapped = [replace(o, control_points=o.control_points[::-1].copy()) for o in good.observations]
+    mixed = replace(good, observations=(*swapped[:2], *good.observations[2:]))
+    write_bag(tmp_path / "mixed", mixed)
+    words = ("predict", "--params", folder / "params.yaml", "--output")
+    for bag, output in ((folder / "one", "a"), (tmp_path / "mixed", "b")):
+        assert run(*words, tmp_path / output, bag) == 0
+    first, second = (line.split(": ", 1)[1] for line in capsys.readouterr().out.splitlines())
+    assert first == second
+    assert f"mixed: 2 of {len(swapped)} observed shapes run from the commanded end" in caplog.text
 
 
 @pytest.mark.parametrize(

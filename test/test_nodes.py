@@ -8,6 +8,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import recordings_samples as samples
@@ -18,6 +19,8 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from live_graph import Client, Process, to_ros
 from rclpy.qos import qos_profile_sensor_data
 from std_srvs.srv import SetBool, Trigger
+from vision_scenes import Scene, bow, clamps, render
+from vision_scenes import settings as vision_settings
 
 from dlo_ros.command import Command, Motion
 from dlo_ros.demo.network import free_domain
@@ -28,7 +31,10 @@ from dlo_ros.parameters import Settings
 from dlo_ros.recordings import (
     BAG_MESSAGES,
     BagWriter,
+    CameraInfo,
+    camera_info_message,
     command_message,
+    compressed_message,
     iterate_images,
     read_image,
     spline_message,
@@ -390,6 +396,74 @@ def test_a_command_sent_before_a_node_started_is_not_lost(waiting):
     )
     assert "dlo/observed" in waiting.status("early/simulator").message
     assert node.interrupt(times=1, number=signal.SIGTERM) == 0 and "Traceback" not in node.said
+
+
+def test_a_shape_seen_before_the_command_may_have_its_ends_swapped(waiting):
+    """The observer cannot know which end is the start; the simulation must not begin there."""
+    client, space = waiting.client, "/swapped"
+    node = waiting.start("simulator", *waiting.arguments, "-r", f"__ns:={space}")
+    spline = message_class(topics.TYPES[topics.OBSERVED])
+    observed = client.node.create_publisher(spline, f"{space}/{topics.OBSERVED}", LATCHED)
+    predicted: list = []
+    client.node.create_subscription(spline, f"{space}/{topics.PREDICTED}", predicted.append, 10)
+    client.until(observed.get_subscription_count, what="the simulator")
+    now = client.node.get_clock().now().nanoseconds
+    observed.publish(to_ros(spline_message(BAG_MESSAGES, now, "board", straight()[::-1])))
+    client.until(
+        lambda: "dlo/command" in getattr(waiting.status("swapped/simulator"), "message", ""),
+        what="waiting for a command",
+    )
+    message = to_ros(command_message(BAG_MESSAGES, swing(0)))
+    commands = client.node.create_publisher(type(message), f"{space}/dlo/command", LATCHED)
+    commands.publish(message)
+    client.until(lambda: predicted, what="the prediction")
+    ends = [predicted[0].poses[k].position for k in (0, -1)]
+    assert abs(ends[0].x) < 1e-9 and abs(ends[0].z) < 1e-9
+    assert ends[1].z < -0.2
+    assert node.interrupt() == 0
+
+
+def test_the_first_images_wait_for_a_command_that_is_on_its_way(waiting, tmp_path):
+    """It says which end is the start, here the right one; an announced robot may stay silent."""
+    scene, xz = Scene(), bow()[::-1]
+    vision_settings(scene).dump(tmp_path / "params.yaml")
+    camera = scene.camera()
+    matrix = tuple(float(v) for v in camera.matrix.ravel())
+    info = CameraInfo(camera.width, camera.height, "plumb_bob", tuple(camera.distortion), matrix)
+    client = waiting.client
+    picture = cv2.imencode(".jpg", render(xz, scene))[1].tobytes()
+    words = ("--ros-args", "--params-file", str(tmp_path / "params.yaml"))
+
+    def first_end(space: str, command: Command | None) -> float:
+        """x of the start that the observer names in one image."""
+        node = waiting.start("observer", *words, "-r", f"__ns:={space}")
+        found: list = []
+
+        def publisher(topic: str, qos=10):
+            kind = message_class(topics.TYPES[topic])
+            made = client.node.create_publisher(kind, f"{space}/{topic}", qos)
+            client.until(made.get_subscription_count, what=topic)
+            return made
+
+        kind = message_class(topics.TYPES[topics.OBSERVED])
+        client.node.create_subscription(kind, f"{space}/{topics.OBSERVED}", found.append, 10)
+        commands = publisher(topics.COMMAND, LATCHED)
+        infos, images = publisher(topics.CAMERA_INFO), publisher(topics.COMPRESSED)
+        for _ in range(5):
+            infos.publish(to_ros(camera_info_message(BAG_MESSAGES, 1, info)))
+            client.spin(0.1)
+        image = compressed_message(BAG_MESSAGES, START, "camera", picture)
+        images.publish(to_ros(image))
+        client.spin(0.1)
+        if command is not None:
+            assert not found
+            commands.publish(to_ros(command_message(BAG_MESSAGES, command)))
+        client.until(lambda: found, what="observed")
+        assert node.interrupt() == 0
+        return float(found[0].poses[0].position.x)
+
+    assert first_end("/told", clamps(xz).commands[0]) == pytest.approx(xz[0, 0], abs=2e-3)
+    assert first_end("/silent", None) == pytest.approx(xz[-1, 0], abs=2e-3)
 
 
 @pytest.fixture(scope="module")

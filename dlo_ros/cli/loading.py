@@ -11,12 +11,14 @@ from rich.console import Console
 from rich.progress import track
 
 from dlo_ros.cli.observe import observe_recording
+from dlo_ros.command import Motion
 from dlo_ros.errors import RecordingError
 from dlo_ros.identification.forecast import Manipulation
 from dlo_ros.observation import Observation
 from dlo_ros.parameter_table import TABLE
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings.read import read_recording
+from dlo_ros.rod.orientation import all_along, runs_backwards
 
 LOG = logging.getLogger(__name__)
 
@@ -55,7 +57,18 @@ def load_manipulation(path: Path, settings: Settings) -> Manipulation:
     observations = recording.observations
     if not observations:
         observations = tuple(_observe(path, settings))
-    return Manipulation(recording.name, recording.commands, observations)
+    motion = Motion(list(recording.commands))
+    swapped = sum(runs_backwards(o, motion) for o in observations)
+    if swapped:
+        LOG.warning(
+            "%s: %d of %d observed shapes run from the commanded end to the commanded start and "
+            "are turned round; they were probably observed before the command was known",
+            path,
+            swapped,
+            len(observations),
+        )
+    usable = all_along(motion, observations, settings.rod.length)
+    return Manipulation(recording.name, recording.commands, usable)
 
 
 def _observe(path: Path, settings: Settings) -> list[Observation]:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from dlo_ros.command import Motion
 from dlo_ros.errors import DloError, RecordingError
 from dlo_ros.identification.forecast import Forecast, Manipulation, forecast
 from dlo_ros.identification.noise import noise_floor
@@ -16,6 +17,7 @@ from dlo_ros.nodes.heard import Heard, Sample
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import read_recording
+from dlo_ros.rod.orientation import all_along
 from dlo_ros.spline import FloatArray, SplineBasis
 
 LOG = logging.getLogger(__name__)
@@ -78,8 +80,10 @@ def _initial_guess(
     bag: Path, settings: Settings, observations: tuple[Observation, ...]
 ) -> Forecast | None:
     commands = read_recording(bag, settings).commands
+    # What was observed before the command had come may have its ends swapped.
+    usable = all_along(Motion(list(commands)), observations, settings.rod.length)
     try:
-        return forecast(Manipulation(bag.name, commands, observations), settings)
+        return forecast(Manipulation(bag.name, commands, usable), settings)
     except DloError as err:
         LOG.warning("the initial guess cannot be simulated: %s", err)
         return None

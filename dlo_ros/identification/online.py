@@ -31,6 +31,7 @@ from dlo_ros.identification.noise import correlation_length
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.model import SENSITIVITIES
+from dlo_ros.rod.orientation import along
 from dlo_ros.rod.simulation import Simulation
 from dlo_ros.spline import FloatArray
 
@@ -133,6 +134,7 @@ class OnlineEstimator:
             )
         if not self._motion.commands:
             return
+        observation = along(self._motion, observation, self._initial.rod.length)
         if any(o.stamp == observation.stamp for o in self._past[-50:]):
             return
         late = bool(self._past) and observation.stamp < self._past[-1].stamp

@@ -27,6 +27,7 @@ from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.building import float_message
 from dlo_ros.recordings.messages import read_observation, read_points, read_spline, stamp_of
+from dlo_ros.rod.orientation import along
 from dlo_ros.spline import SplineBasis
 
 PATIENCE = 0.1
@@ -134,7 +135,10 @@ class IdentifierNode(DloNode):
 
     def _compare(self) -> None:
         """Publish ERR of each observed spline for which the prediction is known."""
-        for stamp, observed, predicted in self._pairing.pairs():
+        for stamp, seen, predicted in self._pairing.pairs():
+            # What was seen before the command was known may have its ends swapped.
+            turned = along(self._motion, Observation(stamp, seen), self._basis.length)
+            observed = turned.control_points
             self._err = shape_error(predicted, observed, self._basis)
             self._err_publisher.publish(float_message(ROS_MESSAGES, self._err))
             self.health.count("compared splines")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,15 @@ from dlo_ros.vision.overlay import draw_overlay
 POLL = 0.2
 """Seconds between two looks at which transport is published."""
 
+PATIENCE = 0.5
+"""Seconds of wall time that the first images wait for the command, where somebody publishes it.
+
+Without it nobody knows which end of the DLO is the start.
+"""
+
+HELD_IMAGES = 10
+"""Images that may wait so; the oldest are dropped."""
+
 RECENT = 1.0
 """Seconds for which a prediction is drawn beside the observed curve."""
 
@@ -42,6 +52,8 @@ class ObserverNode(DloNode):
         self._observer: Observer | None = None
         self._predicted: tuple[int, FloatArray] | None = None
         self._last_stamp = 0
+        self._held: deque[Any] = deque(maxlen=HELD_IMAGES)
+        self._hold_until = 0.0
         self._spline_publisher = self.publisher(topics.OBSERVED, qos.RELIABLE)
         self._points_publisher = self.publisher(topics.OBSERVED_POINTS, qos.RELIABLE)
         self._overlay_publisher = self.publisher(topics.OVERLAY, qos.RELIABLE)
@@ -53,6 +65,7 @@ class ObserverNode(DloNode):
         self._image_subscription: Any = None
         self._choose_transport()
         self.every(POLL, self._choose_transport)
+        self.every(POLL, self._release)
         self.health.waiting(f"{topics.IMAGE} and {topics.CAMERA_INFO}")
 
     def reset(self) -> None:
@@ -93,6 +106,7 @@ class ObserverNode(DloNode):
     def _on_command(self, command: Command) -> None:
         self._motion.add(command)
         del self._motion.commands[:-500]
+        self._release()
 
     def _on_predicted(self, message: Any) -> None:
         shape = read_spline(message, self.settings, topics.PREDICTED)
@@ -119,8 +133,25 @@ class ObserverNode(DloNode):
         self._observer = Observer(self.settings, camera, self._motion)
 
     def _on_image(self, message: Any) -> None:
-        began = time.perf_counter()
         self.health.count("images")
+        if not self._motion.commands and self.is_published(topics.COMMAND):
+            now = time.monotonic()
+            if not self._hold_until:
+                self._hold_until = now + PATIENCE
+            if now < self._hold_until:
+                self._held.append(message)
+                return
+        self._release()
+        self._see(message)
+
+    def _release(self) -> None:
+        """Look at the images that have waited for a command, once it is there or overdue."""
+        if self._motion.commands or time.monotonic() >= self._hold_until:
+            while self._held:
+                self.guarded("image", self._see)(self._held.popleft())
+
+    def _see(self, message: Any) -> None:
+        began = time.perf_counter()
         stamp = stamp_of(message)
         if self._observer is None:
             self.health.warn(

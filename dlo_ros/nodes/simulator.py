@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from typing import Any
 
 from dlo_ros.command import NANOSECONDS, Command
@@ -21,6 +20,7 @@ from dlo_ros.recordings.building import spline_message
 from dlo_ros.recordings.messages import read_observation
 from dlo_ros.rod.compile import compile_kernels
 from dlo_ros.rod.live import LiveSimulation
+from dlo_ros.rod.orientation import all_along
 
 WINDOW = 1.0
 """Seconds of observed shapes that are kept while no command has come; the oldest one is the start.
@@ -127,7 +127,9 @@ class SimulatorNode(DloNode):
             return
         if len(self._observations) < self._needed() or time.monotonic() < self._retry_at:
             return
-        chosen: Sequence[Observation] = self._observations[: self._needed()]
+        # What was seen before the command was known may have its ends swapped.
+        motion, length = self._simulation.motion, self.settings.rod.length
+        chosen = all_along(motion, self._observations[: self._needed()], length)
         now = self.now()
         off = (now - chosen[-1].stamp) / NANOSECONDS
         if now == 0:
