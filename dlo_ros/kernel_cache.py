@@ -1,8 +1,8 @@
 """Keep numba's cache true to the sources.
 
 Numba notices a change of the file that a compiled function stands in, but not of the functions that
-it calls, and it cannot read an index whose types have moved. So whenever any source of the package
-has changed, what was compiled from it is discarded.
+it calls, and it cannot read an index whose types have moved. So whenever any source with compiled
+functions has changed, all that was compiled is discarded.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from pathlib import Path
 
 PACKAGE = Path(__file__).parent
 CACHES = ("*.nbi", "*.nbc")
+COMPILED = b"@njit"
 MARK = "sources.sha256"
 
 
@@ -21,20 +22,19 @@ def discard_stale(package: Path = PACKAGE) -> bool:
 
     Where the installation is read-only nothing is done: numba keeps its cache elsewhere then.
     """
-    sources = sorted(package.rglob("*.py"))
-    digest = sha256()
-    for source in sources:
+    digest, folders = sha256(), set()
+    for source in sorted(package.rglob("*.py")):
         with suppress(OSError):
-            stat = source.stat()
-            digest.update(
-                f"{source.relative_to(package)} {stat.st_mtime_ns} {stat.st_size}\n".encode()
-            )
+            text = source.read_bytes()
+            if COMPILED in text:
+                digest.update(text)
+                folders.add(source.parent / "__pycache__")
     mark = package / "__pycache__" / MARK
     found = digest.hexdigest()
     with suppress(OSError):
         if mark.is_file() and mark.read_text() == found:
             return False
-        for folder in {source.parent / "__pycache__" for source in sources}:
+        for folder in folders:
             for pattern in CACHES:
                 for file in folder.glob(pattern):
                     file.unlink(missing_ok=True)

@@ -1,14 +1,12 @@
 """Compiled code never outlives a change of the sources."""
 
-import os
-
 from dlo_ros.kernel_cache import discard_stale
 
 
 def make(package):
     for folder in (package, package / "rod"):
         (folder / "__pycache__").mkdir(parents=True)
-        (folder / "kernels.py").write_text("x = 1\n")
+        (folder / "kernels.py").write_text("@njit\ndef f(): pass\n")
         (folder / "__pycache__" / "kernels.f-1.py311.nbi").write_bytes(b"index")
         (folder / "__pycache__" / "kernels.f-1.py311.1.nbc").write_bytes(b"code")
         (folder / "__pycache__" / "kernels.cpython-311.pyc").write_bytes(b"bytecode")
@@ -22,7 +20,9 @@ def test_a_change_anywhere_discards_all_compiled_code(tmp_path):
     (tmp_path / "rod" / "__pycache__" / "kernels.f-1.py311.nbi").write_bytes(b"index")
     assert not discard_stale(tmp_path)
     assert left() == [".nbi", ".pyc", ".pyc"]
-    os.utime(tmp_path / "kernels.py", (1, 1))
+    (tmp_path / "plain.py").write_text("x = 2\n")
+    assert not discard_stale(tmp_path)
+    (tmp_path / "kernels.py").write_text("@njit\ndef f(): return 1\n")
     assert discard_stale(tmp_path)
     assert left() == [".pyc", ".pyc"]
 

@@ -10,8 +10,8 @@ ROS = ("rclpy", "std_srvs", "rcl_interfaces", "builtin_interfaces", "ament_index
 
 # From the bottom: a part knows itself and what stands on a line before its own.
 LAYERS = (
-    ("errors", "__init__"),
-    ("spline", "parameter_table", "interpolation", "share"),
+    ("errors", "kernel_cache"),
+    ("__init__", "spline", "parameter_table", "interpolation", "share"),
     ("parameters",),
     ("command", "observation"),
     ("rod", "recordings", "report"),
