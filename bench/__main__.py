@@ -124,6 +124,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "static equilibrium and gradient, compiled part alone: "
         + ", ".join(f"{value['static compiled', f.name]:.0f} us{t}" for f, t in FORMS)
     )
+    for name, worst in errors.items():
+        level = float(name.split()[-1])
+        if worst > level:
+            console.print(f"{SETS} sets, {name}: the worst set that was checked has {worst:.2g}")
     show(console, rows)
     missed = sum(row.met is False for row in rows)
     console.print(f"{len(rows)} goals, {missed} missed; written to {options.output}")

@@ -113,11 +113,11 @@ class MujocoChain(Contender):
             damping, welds = (task.relaxation_time,), (0.0,)
         else:
             links = (4, 5, 6, 7, 8, 9, 10, 11, 12, 14, 16, 18, 20, 23, 26, 30, 35, 40, 50, 60, 80)
-            steps = (0.04, 0.025, 0.02)
+            steps = (0.04, 0.02)
             if self.long_steps:
                 steps = (0.1, 0.0625, 0.05, *steps)
             kinds = ("discrete",)
-            damping = (0.1, 0.2, 0.5) if task.both_ends else (0.3, 0.45, 0.6, 0.7, 0.8, 1.0)
+            damping = (0.1, 0.3) if task.both_ends else (0.3, 0.45, 0.6, 0.7, 0.8, 1.0)
             welds = (0.002, 0.02) if task.both_ends else (0.0,)
         solvers = ("PGS", "Newton") if task.both_ends else ("Newton",)
         for kind, step, relaxation, weld, solver in itertools.product(

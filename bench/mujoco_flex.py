@@ -74,11 +74,11 @@ class MujocoFlex(Contender):
         """See the base class."""
         if task.moving:
             return
-        damping = (0.2,) if task.both_ends else (0.5, 0.7, 1.0)
-        for step, relaxation, tie in itertools.product((0.04, 0.02, 0.01), damping, (0.002, 0.02)):
+        damping = (0.2,) if task.both_ends else (0.7, 1.0)
+        for step, relaxation, tie in itertools.product((0.04, 0.02), damping, (0.002, 0.02)):
             yield [
                 {"edges": n, "step": step, "relaxation": relaxation, "tie": tie}
-                for n in (8, 10, 12, 16, 20, 26, 34, 44, 60)
+                for n in (10, 13, 16, 20, 26, 34, 44, 60)
             ]  # fmt: skip
 
     def prepare(self, task: Task, setting: Setting) -> Prepared:

@@ -66,7 +66,7 @@ class PyElastica(Contender):
     def settings(self, task: Task) -> Iterable[list[Setting]]:
         """See the base class."""
         rod = task.rod
-        elements = (6, 8, 11, 15, 20, 27, 36, 48, 64)
+        elements = (8, 10, 12, 15, 20, 25, 32, 40, 52, 64)
         if task.moving:
             assert task.air_drag is not None
             rates = [task.air_drag / rod.linear_density]

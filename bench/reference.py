@@ -19,7 +19,6 @@ from dlo_ros.synthesis.discrete_rod import DiscreteRod, centreline
 from dlo_ros.synthesis.rod_simulation import Boundary, Simulation
 
 TOLERANCE = 1e-8
-RIGID = 1e6  # E A of a rod that does not stretch, over its own
 
 
 @cache
@@ -34,67 +33,68 @@ def reference(task: Task, *, stretch: bool = True, drag: bool = False) -> FloatA
     if task.moving:
         return motion(task, drag=drag)
     u, _ = task.quadrature
-    return elastica(task, stretch=stretch).sol(u)[None, 2:4].transpose(0, 2, 1)
+    x, z = task.rod.length * elastica(task, stretch=stretch)(u / task.rod.length)[2:4]
+    return np.stack([x + task.approach, z], axis=1)[None]
 
 
 def elastica(task: Task, *, stretch: bool) -> Any:
-    """Solution of the boundary value problem: angle, moment, x and z over u.
+    """Solution of the boundary value problem: angle, moment, x and z over u, without dimension.
 
     Raises:
         RuntimeError: it was not solved.
     """
     rod = task.rod
-    length, bend = rod.length, rod.bending_stiffness
-    axial = rod.young_modulus * rod.area * (1.0 if stretch else RIGID)
-    weight = rod.linear_density * GRAVITY
+    length = rod.length
+    # Without dimension: lengths over L, moments over B / L, forces over B / L^2.
+    softness = rod.second_moment / (rod.area * length**2) if stretch else 0.0
+    weight = rod.linear_density * GRAVITY * length**3 / rod.bending_stiffness
 
     def slopes(u: FloatArray, y: FloatArray, end: FloatArray, load: float) -> FloatArray:
         # Force that the part beyond u exerts: what holds the end, less the weight in between.
-        fx, fz = end[0], end[1] - load * (length - u)
+        fx, fz = end[0], end[1] - load * (1.0 - u)
         along = fx * np.cos(y[0]) + fz * np.sin(y[0])
         across = fz * np.cos(y[0]) - fx * np.sin(y[0])
-        ratio = (axial + along) / (axial - y[1] ** 2 / bend)
+        ratio = (1.0 + softness * along) / (1.0 - softness * y[1] ** 2)
         return np.vstack(
-            [y[1] / bend * ratio**2, -across * ratio, np.cos(y[0]) * ratio, np.sin(y[0]) * ratio]
+            [y[1] * ratio**2, -across * ratio, np.cos(y[0]) * ratio, np.sin(y[0]) * ratio]
         )
 
-    u = np.linspace(0.0, length, 201)
+    u = np.linspace(0.0, 1.0, 201)
     # From a load that hardly bends the rod to its weight.
-    light = min(weight, bend / length**3)
-    loads = np.geomspace(light, weight, 1 + int(np.ceil(2.5 * np.log(weight / light))))
-    found: Any = None
-    if not task.both_ends:
+    light = min(weight, 1.0)
+    loads = np.geomspace(light, weight, 1 + int(np.ceil(5.0 * np.log(weight / light))))
+    if task.both_ends:
+        # A sine of the angle spans half the length at an amplitude of 1.52 rad (J0 is 1/2).
+        wave = 2.0 * np.pi
+        angle = -1.52 * np.sin(wave * u)
+        y = np.vstack([
+            angle, -1.52 * wave * np.cos(wave * u),
+            np.cumsum(np.cos(angle)) / len(u), np.cumsum(np.sin(angle)) / len(u),
+        ])  # fmt: skip
+        end = np.array([-(wave**2), 0.5 * light])
+    else:
         y = np.vstack([0.0 * u, 0.0 * u, u, 0.0 * u])
-        none = np.zeros(2)
-        for load in loads:
-            found = solve_bvp(
-                lambda u, y, load=load: slopes(u, y, none, load),
-                lambda a, b: np.array([a[0], b[1], a[2], a[3]]),
-                u, y, tol=TOLERANCE, max_nodes=100_000,
-            )  # fmt: skip
-            _check(found, task)
-            u, y = found.x, found.y
-        return found
-    # A sine of the angle spans half the length at an amplitude of 1.52 rad (Bessel's J0 is 1/2).
-    wave = 2.0 * np.pi / length
-    angle = -1.52 * np.sin(wave * u)
-    step = np.gradient(u)
-    y = np.vstack([
-        angle, -1.52 * bend * wave * np.cos(wave * u),
-        np.cumsum(np.cos(angle) * step), np.cumsum(np.sin(angle) * step),
-    ])  # fmt: skip
-    end = np.array([-bend * wave**2, 0.5 * light * length])
+        end = None
+    found: Any = None
     for load in loads:
-        found = solve_bvp(
-            lambda u, y, p, load=load: slopes(u, y, p, load),
-            lambda a, b, p: np.array([a[0], a[2], a[3], b[0], b[2] - task.span, b[3]]),
-            u, y, p=end, tol=TOLERANCE, max_nodes=100_000,
-        )  # fmt: skip
+        if task.both_ends:
+            found = solve_bvp(
+                lambda u, y, p, load=load: slopes(u, y, p, load),
+                lambda a, b, p: np.array(
+                    [a[0], a[2], a[3], b[0], b[2] - task.span / length, b[3]]
+                ),
+                u, y, p=end, tol=TOLERANCE, max_nodes=20_000,
+            )  # fmt: skip
+            end = found.p
+        else:
+            found = solve_bvp(
+                lambda u, y, load=load: slopes(u, y, np.zeros(2), load),
+                lambda a, b: np.array([a[0], b[1], a[2], a[3]]),
+                u, y, tol=TOLERANCE, max_nodes=20_000,
+            )  # fmt: skip
         _check(found, task)
-        u, y, end = found.x, found.y, found.p
-    found_sol = found.sol
-    found.sol = lambda u: found_sol(u) + np.array([[0.0], [0.0], [task.approach], [0.0]])
-    return found
+        y = found.sol(u)
+    return found.sol
 
 
 def _check(found: Any, task: Task) -> None:
