@@ -24,6 +24,7 @@ KNOT_SPAN = 3.0  # [widths] of the fine curve
 CLAMP_STD = 0.25  # [widths] how well a clamp's position is trusted against the picture
 CLAMP_DIRECTION_STD = 0.05  # [rad]
 POINT_STD_FLOOR = 0.03  # [px] systematic errors of sampling that scatter does not show
+ALONG_WEIGHT = 0.01  # of deviations along the DLO in the published spline, against 1 across it
 UNSEEN_WEIGHT = 0.05  # of bridged parts in the published spline, against 1
 SCALE_STD = 0.01  # relative error of lengths by camera, pose and L
 GAP_STD = 0.1  # relative error of the length of a bridge
@@ -122,7 +123,7 @@ def fit_spline(
 
     weights = np.where(grid_seen, 1.0, UNSEEN_WEIGHT)
     weights[[0, -1]] = 0.05 * len(grid)
-    flat = basis.fit(dense_u, dense, weights)
+    flat = _fit_across(basis, dense_u, dense, _normals(curve(grid, 1)), weights)
     control_points = np.zeros((basis.control_points, 4))
     control_points[:, 0], control_points[:, 2] = flat[:, 0], flat[:, 1]
 
@@ -208,6 +209,26 @@ def _supports(
             slope_weight = (noise / (CLAMP_DIRECTION_STD * located.spacing)) ** 2
         result.append(Support(at, clamp.position, value_weight, slope, slope_weight))
     return tuple(result)
+
+
+def _fit_across(
+    basis: SplineBasis, u: FloatArray, points: FloatArray, normals: FloatArray, weights: FloatArray
+) -> FloatArray:
+    """Control points (n, 2) of the spline that lies on a curve, or least beside it.
+
+    The image tells where the DLO is across itself to a fraction of a pixel; along itself only its
+    arc length does. So where n control points cannot follow the curve they rather slide along it.
+    """
+    b = basis.matrix(u)
+    along = np.column_stack([-normals[:, 1], normals[:, 0]])
+    normal = np.zeros((2 * b.shape[1], 2 * b.shape[1]))
+    right = np.zeros(2 * b.shape[1])
+    for direction, share in ((normals, 1.0), (along, ALONG_WEIGHT)):
+        rows = np.hstack([b * direction[:, [0]], b * direction[:, [1]]])
+        weighted = share * weights[:, None] * rows
+        normal += weighted.T @ rows
+        right += weighted.T @ np.sum(points * direction, axis=1)
+    return np.asarray(np.linalg.solve(normal, right).reshape(2, -1).T)
 
 
 def _publish(
