@@ -12,11 +12,11 @@ COMPILED := $(VENV)/.compiled
 
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: setup demo picture test test-slow lint clean lock help
+.PHONY: setup demo picture examples bench test test-slow lint clean lock help
 
 help:
 	@sed -n 's/^# //p' Makefile | head -3
-	@echo "also: setup, test-slow, lint, picture, lock, clean"
+	@echo "also: setup, examples, bench, test-slow, lint, picture, lock, clean"
 
 setup: $(COMPILED)
 
@@ -29,7 +29,7 @@ $(INSTALLED): requirements.lock setup.cfg setup.py
 	$(BIN)/pip install --quiet --no-deps --no-build-isolation --editable .
 	@touch $@
 
-$(COMPILED): $(INSTALLED) $(wildcard dlo_ros/rod/*.py dlo_ros/vision/*.py dlo_ros/synthesis/*.py)
+$(COMPILED): $(INSTALLED) $(wildcard dlo_ros/interpolation.py dlo_ros/rod/*.py dlo_ros/vision/*.py dlo_ros/synthesis/*.py)
 	$(BIN)/python -m dlo_ros.compile
 	@touch $@
 
@@ -39,6 +39,15 @@ demo: $(COMPILED)
 # The README's picture, from the result of the demo.
 picture: demo
 	cp $(DEMO_OUTPUT)/overview.png docs/demo.png
+
+# The model against closed forms and boundary value problems; pictures in build/examples.
+examples: $(COMPILED)
+	@for example in examples/*.py; do $(BIN)/python $$example || exit 1; done
+
+# Speed against other simulators, which are installed beside ours; build/bench.json.
+bench: $(COMPILED)
+	$(BIN)/pip install --quiet -r bench/requirements.txt
+	$(BIN)/python -m bench
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .
