@@ -1,4 +1,4 @@
-"""Keep numba's cache true to the sources.
+"""Keep numba's cache true to the sources, and say so where compiling takes long.
 
 Numba notices a change of the file that a compiled function stands in, but not of the functions that
 it calls, and it cannot read an index whose types have moved. So whenever any source with compiled
@@ -7,7 +7,9 @@ functions has changed, all that was compiled is discarded.
 
 from __future__ import annotations
 
-from contextlib import suppress
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from hashlib import sha256
 from pathlib import Path
 
@@ -15,6 +17,8 @@ PACKAGE = Path(__file__).parent
 CACHES = ("*.nbi", "*.nbc")
 COMPILED = b"@njit"
 MARK = "sources.sha256"
+LONG = 2.0  # [s]; loading from the cache takes a fifth of it
+NOTICE = "compiling numerical kernels, once; this takes a minute or two"
 
 
 def discard_stale(package: Path = PACKAGE) -> bool:
@@ -42,3 +46,15 @@ def discard_stale(package: Path = PACKAGE) -> bool:
         mark.write_text(found)
         return True
     return False
+
+
+@contextmanager
+def announced(tell: Callable[[str], object]) -> Iterator[None]:
+    """Tell of a compilation that takes long; nothing is said where the cache holds it all."""
+    timer = threading.Timer(LONG, tell, (NOTICE,))
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()

@@ -1,5 +1,8 @@
 """Compiled code never outlives a change of the sources."""
 
+import time
+
+from dlo_ros import kernel_cache
 from dlo_ros.kernel_cache import discard_stale
 
 
@@ -31,3 +34,15 @@ def test_a_folder_that_cannot_be_written_is_left_alone(tmp_path):
     (tmp_path / "kernels.py").write_text("x = 1\n")
     (tmp_path / "__pycache__").write_text("a file in the way")
     assert not discard_stale(tmp_path)
+
+
+def test_a_long_compilation_is_told_once_and_a_short_one_not(monkeypatch):
+    monkeypatch.setattr(kernel_cache, "LONG", 0.1)
+    told = []
+    with kernel_cache.announced(told.append):
+        pass
+    time.sleep(0.2)
+    assert told == []
+    with kernel_cache.announced(told.append):
+        time.sleep(0.3)
+    assert told == [kernel_cache.NOTICE]

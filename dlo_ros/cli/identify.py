@@ -11,7 +11,7 @@ from typing import Any
 from rich.console import Console
 from rich.progress import Progress
 
-from dlo_ros.cli.loading import add_model_arguments, load_manipulation, load_settings
+from dlo_ros.cli.loading import add_model_arguments, load_manipulation, load_settings, prepare
 from dlo_ros.errors import InputError
 from dlo_ros.identification.estimate import Estimate
 from dlo_ros.identification.forecast import Manipulation
@@ -70,6 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(f"{output}: is a file; give a folder for the results")
     train = [load_manipulation(bag, settings) for bag in arguments.bags]
     validate = [load_manipulation(bag, settings) for bag in arguments.validate]
+    prepare()
     with Progress(console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("Identifying", total=1.0)
 

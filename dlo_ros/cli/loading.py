@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import logging
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,10 +15,12 @@ from dlo_ros.cli.observe import observe_recording
 from dlo_ros.command import Motion
 from dlo_ros.errors import RecordingError
 from dlo_ros.identification.forecast import Manipulation
+from dlo_ros.kernel_cache import announced
 from dlo_ros.observation import Observation
 from dlo_ros.parameter_table import TABLE
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings.read import read_recording
+from dlo_ros.rod.compile import compile_kernels
 from dlo_ros.rod.orientation import all_along, runs_backwards
 
 LOG = logging.getLogger(__name__)
@@ -45,6 +48,12 @@ def load_settings(arguments: argparse.Namespace) -> Settings:
     if arguments.start is None:
         return settings
     return replace(settings, simulation=replace(settings.simulation, start=arguments.start))
+
+
+def prepare() -> None:
+    """Compile the model, or load it from the cache; a long wait is told on stderr."""
+    with announced(lambda text: print(text, file=sys.stderr)):
+        compile_kernels()
 
 
 def load_manipulation(path: Path, settings: Settings) -> Manipulation:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dlo_ros.cli.loading import add_model_arguments, load_manipulation, load_settings
+from dlo_ros.cli.loading import add_model_arguments, load_manipulation, load_settings, prepare
 from dlo_ros.errors import InputError
 from dlo_ros.identification.forecast import forecast
 from dlo_ros.recordings import topics
@@ -38,6 +38,7 @@ def run(arguments: argparse.Namespace) -> int:
     # The output is tried before the work is done.
     with BagWriter(output, force=arguments.force) as writer:
         manipulation = load_manipulation(bag, settings)
+        prepare()
         found = forecast(manipulation, settings)
         copy_topics(bag, writer, exclude=(topics.PREDICTED, topics.ERR, *_images()))
         for stamp, shape, err in zip(found.stamps, found.predicted, found.err, strict=True):

@@ -10,6 +10,7 @@ import numpy as np
 
 from dlo_ros.command import NANOSECONDS, Command, Motion
 from dlo_ros.errors import InputError, VisionError
+from dlo_ros.kernel_cache import announced
 from dlo_ros.nodes import qos
 from dlo_ros.nodes.base import JUMP_BACK, DloNode
 from dlo_ros.nodes.commands import CommandSubscription
@@ -23,6 +24,7 @@ from dlo_ros.recordings.images import CameraInfo, Image, read_camera_info, read_
 from dlo_ros.recordings.messages import read_spline, stamp_of
 from dlo_ros.spline import FloatArray
 from dlo_ros.vision.camera import Camera
+from dlo_ros.vision.compile import compile_kernels
 from dlo_ros.vision.observer import Observer, VisionResult
 from dlo_ros.vision.overlay import draw_overlay
 
@@ -47,6 +49,8 @@ class ObserverNode(DloNode):
 
     def __init__(self, **options: Any) -> None:
         super().__init__("observer", "observation", **options)
+        with announced(self.get_logger().info):
+            compile_kernels()  # or load them: the first image must not wait for it
         self._motion = Motion()
         self._info: CameraInfo | None = None
         self._observer: Observer | None = None
