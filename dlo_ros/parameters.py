@@ -186,8 +186,8 @@ class Settings:
         return replace(self, rod=replace(self.rod, young_modulus=young_modulus, density=density))
 
 
-def read_parameter_file(path: Path) -> dict[str, Any]:
-    """Dotted names and raw values of a ROS 2 parameter file, all node sections merged.
+def parameter_blocks(path: Path) -> list[dict[Any, Any]]:
+    """The content of each `ros__parameters` of a ROS 2 parameter file.
 
     Raises:
         ParameterError: the file is missing, is no YAML or has no `ros__parameters`.
@@ -196,17 +196,29 @@ def read_parameter_file(path: Path) -> dict[str, Any]:
         tree = yaml.safe_load(path.read_text())
     except OSError as err:
         raise ParameterError(f"{path}: cannot be read ({err.strerror})") from err
+    except yaml.MarkedYAMLError as err:
+        at = f"line {err.problem_mark.line + 1}: " if err.problem_mark else ""
+        raise ParameterError(f"{path}: is no valid YAML ({at}{err.problem})") from err
     except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as err:
         first = str(err).splitlines()[0] if str(err) else type(err).__name__
         raise ParameterError(f"{path}: is no valid YAML ({first})") from err
-    values: dict[str, Any] = {}
     sections = tree.values() if isinstance(tree, dict) else []
     blocks = [
         s["ros__parameters"] for s in sections if isinstance(s, dict) and "ros__parameters" in s
     ]
     if not blocks or not all(isinstance(b, dict) for b in blocks):
         raise ParameterError(f"{path}: has no block '/**: ros__parameters:' with parameters")
-    for block in blocks:
+    return blocks
+
+
+def read_parameter_file(path: Path) -> dict[str, Any]:
+    """Dotted names and raw values of a ROS 2 parameter file, all node sections merged.
+
+    Raises:
+        ParameterError: see `parameter_blocks`.
+    """
+    values: dict[str, Any] = {}
+    for block in parameter_blocks(path):
         _flatten("", block, values)
     groups = {name.split(".")[0] for name in TABLE if "." in name}
     for name in values:

@@ -9,6 +9,8 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from itertools import pairwise
+from pathlib import Path
 from types import FrameType
 from typing import Any
 
@@ -19,6 +21,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from dlo_ros.errors import DloError
+from dlo_ros.parameters import parameter_blocks
 
 DONE = 0
 UNUSABLE = 2
@@ -111,6 +114,9 @@ def run(name: str, make: Callable[[], Any], arguments: Sequence[str] | None = No
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
     try:
+        for flag, path in pairwise(words):
+            if flag == "--params-file":
+                parameter_blocks(Path(path))  # whose messages a person understands
         with ros(words, interrupts=False) as stop:
             unknown = remove_ros_args(words)
             if unknown:
