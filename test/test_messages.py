@@ -25,6 +25,7 @@ from dlo_ros.recordings import (
     read_camera_info,
     read_command,
     read_image,
+    read_observation,
     read_points,
     read_spline,
     spline_message,
@@ -126,6 +127,16 @@ def test_malformed_spline(path, value, reason):
     with pytest.raises(InputError) as caught:
         read_spline(message, samples.SETTINGS)
     assert reason in str(caught.value)
+
+
+def test_observed_shape_without_direction_is_refused():
+    """An observer that has lost the DLO may send the same point again and again."""
+    message = fresh("spline")
+    assert read_observation(message, samples.SETTINGS).stamp == samples.START
+    for k in range(4, 7):
+        message.poses[k].position = message.poses[3].position
+    with pytest.raises(InputError, match=r"coincide at u = 0\.24 m"):
+        read_observation(message, samples.SETTINGS)
 
 
 def test_twist_travels_modulo_a_turn_and_comes_back_unwrapped():

@@ -7,6 +7,7 @@ Nothing in a message is trusted: whatever is malformed raises an error that says
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from dlo_ros.command import NANOSECONDS, Command, check_names
 from dlo_ros.errors import CommandError, InputError
 from dlo_ros.observation import CentrelinePoints, Observation
 from dlo_ros.parameters import Settings
-from dlo_ros.spline import FloatArray
+from dlo_ros.spline import FloatArray, SplineBasis
 
 MAX_TRANSFORMS = 2_000_000
 """Longer commands are refused: two clamps at 100 Hz for almost three hours."""
@@ -28,6 +29,10 @@ MAX_DISTANCE = 1e4
 
 FLOAT_TYPES = {7: "f4", 8: "f8"}
 """sensor_msgs/PointField datatypes FLOAT32 and FLOAT64."""
+
+
+LEAST_SPEED = 1e-3
+"""Least |dr/du| of an observed shape; that of a DLO is close to 1."""
 
 
 def stamp_of(message: Any) -> int:
@@ -220,10 +225,26 @@ def read_observation(message: Any, settings: Settings, points: Any | None = None
     """An observed spline, with the points behind it where there is a cloud.
 
     Raises:
-        InputError: one of the messages is malformed.
+        InputError: one of the messages is malformed, or the shape has a place without direction.
     """
+    control_points = read_spline(message, settings)
+    u, tangents = _tangents(settings.rod.control_points, settings.rod.length)
+    speed = np.linalg.norm(tangents @ control_points[:, :3], axis=1)
+    if speed.min() < LEAST_SPEED:
+        raise InputError(
+            f"dlo/observed has control points that coincide at u = {u[speed.argmin()]:.3g} m; "
+            "it has no direction there"
+        )
     return Observation(
         stamp=stamp_of(message),
-        control_points=read_spline(message, settings),
+        control_points=control_points,
         points=None if points is None else read_points(points, settings),
     )
+
+
+@lru_cache(maxsize=8)
+def _tangents(control_points: int, length: float) -> tuple[FloatArray, FloatArray]:
+    """Places along the DLO [m], shape (m,), and the matrix that gives dr/du there."""
+    basis = SplineBasis(control_points, length)
+    u = np.linspace(0.0, length, 4 * basis.spans + 1)
+    return u, basis.matrix(u, 1)
