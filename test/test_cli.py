@@ -1,6 +1,7 @@
 """`dlo_ros NAME`: names, help, versions, and what a user sees when something goes wrong."""
 
 import importlib.util
+import logging
 import os
 import subprocess
 import sys
@@ -86,6 +87,24 @@ def test_a_file_that_cannot_be_written_is_named(monkeypatch, capsys, tmp_path):
     assert cli.main(["play"]) == 2
     text = capsys.readouterr().err
     assert "out.json: No such file" in text and text.count("\n") == 1
+
+
+def test_many_warnings_of_one_kind_are_counted(monkeypatch, capsys):
+    def run(arguments):
+        for i in range(30):
+            logging.getLogger("dlo_ros.test").warning("message %d is skipped", i)
+        logging.getLogger("dlo_ros.test").warning("another")
+        return 0
+
+    root = logging.getLogger()
+    monkeypatch.setattr(root, "handlers", [])
+    pretend_tool(monkeypatch, run)
+    assert cli.main(["play"]) == 0
+    assert capsys.readouterr().err.splitlines() == [
+        *(f"WARNING: message {i} is skipped" for i in range(3)),
+        "WARNING: another",
+        "WARNING: 27 more of this kind",
+    ]
 
 
 def test_wrong_arguments_are_2(monkeypatch, capsys):

@@ -361,6 +361,8 @@ def test_a_bag_without_command_is_refused(tmp_path):
 
 def test_params_stand_in_or_beside_the_bag(tmp_path):
     bag = tmp_path / "bag"
+    with pytest.raises(RecordingError, match="no such bag"):
+        params_beside(bag)
     bag.mkdir()
     with pytest.raises(InputError, match="--params"):
         params_beside(bag)

@@ -14,6 +14,7 @@ import os
 import signal
 import sys
 import traceback
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from types import FrameType
@@ -210,7 +211,37 @@ def _run_tool(executable: Executable, words: list[str]) -> int:
     except SystemExit as leaving:  # argparse has said why
         return int(leaving.code or 0)
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s: %(message)s")
-    return int(module.run(parsed))
+    brief = Brief()
+    for handler in logging.getLogger().handlers:
+        handler.addFilter(brief)
+    try:
+        return int(module.run(parsed))
+    finally:
+        for handler in logging.getLogger().handlers:
+            handler.removeFilter(brief)
+        brief.tell()
+
+
+class Brief(logging.Filter):
+    """Lets the first few of a kind of warning through, and counts the others."""
+
+    SHOWN = 3
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._seen: Counter[tuple[str, int]] = Counter()
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Whether a message is shown; those of one place in the code are of one kind."""
+        place = (record.pathname, record.lineno)
+        self._seen[place] += 1
+        return self._seen[place] <= self.SHOWN
+
+    def tell(self) -> None:
+        """Say how many were left out."""
+        for count in self._seen.values():
+            if count > self.SHOWN:
+                print(f"WARNING: {count - self.SHOWN} more of this kind", file=sys.stderr)
 
 
 def _run_node(executable: Executable, words: list[str]) -> int:

@@ -42,8 +42,11 @@ def params_beside(bag: Path) -> Path:
     """The parameter file in a bag's folder, or the one beside it.
 
     Raises:
+        RecordingError: there is no such bag.
         InputError: there is none.
     """
+    if not bag.exists():
+        raise RecordingError(f"{bag}: no such bag; give the folder of a rosbag2 recording")
     for candidate in (bag / "params.yaml", bag.resolve().parent / "params.yaml"):
         if candidate.is_file():
             return candidate

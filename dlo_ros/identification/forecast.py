@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 
 from dlo_ros.command import Command, Motion
-from dlo_ros.errors import InputError
+from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.identification.err import shape_error
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
@@ -84,6 +84,19 @@ def forecast(
         InputError: no observation, or observations that do not fit the settings.
         SimulationError: the motion cannot be simulated.
     """
+    try:
+        return _forecast(manipulation, settings, parameters, spans, last_stamp)
+    except SimulationError as err:
+        raise SimulationError(f"{manipulation.name}: {err}") from err
+
+
+def _forecast(
+    manipulation: Manipulation,
+    settings: Settings,
+    parameters: Sequence[str],
+    spans: int | None,
+    last_stamp: int | None,
+) -> Forecast:
     observations = [
         o for o in manipulation.observations if last_stamp is None or o.stamp <= last_stamp
     ]
