@@ -227,3 +227,12 @@ def test_long_soft_and_short_stiff_rods_settle_with_the_same_settings():
         _, _, found = settled(settings, held_start(), 28)
         assert found.stable
         assert np.all(np.isfinite(found.state.q))
+
+
+def test_different_branches_are_no_discretisation_error():
+    from dlo_ros.rod.resolution import _comparable
+
+    apart = np.array([1e-4, 0.3, 2e-4])
+    np.testing.assert_array_equal(_comparable(apart, 8), [1e-4, 2e-4])
+    np.testing.assert_array_equal(_comparable(apart, 2), apart)  # too coarse to say
+    np.testing.assert_array_equal(_comparable(apart[1:2], 8), [0.3])  # nothing else to go by

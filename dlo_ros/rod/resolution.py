@@ -24,6 +24,8 @@ from dlo_ros.spline import DEGREE, FloatArray, SplineBasis
 LOG = logging.getLogger(__name__)
 
 LARGEST = 300  # knot spans
+OTHER_BRANCH = 0.05  # of L: solutions further apart are different ones
+FINE_ENOUGH = 8  # times the published knot spans, from where that can be said
 PROBES = 8  # instants of a motion at which the error is estimated
 
 
@@ -82,7 +84,7 @@ def choose(
             continue
         if coarse is not None:
             apart = np.linalg.norm(fine - coarse, axis=2) @ weight / rod.length**2
-            error = float(apart.max())
+            error = float(_comparable(apart, spans // published.spans).max())
             if error <= settings.simulation.tolerance:
                 return Resolution(spans // 2, error)
         coarse = fine
@@ -95,6 +97,19 @@ def choose(
         "asks for %.2g", error, spans + DEGREE, settings.simulation.tolerance,
     )  # fmt: skip
     return Resolution(spans, error)
+
+
+def _comparable(apart: FloatArray, refinement: int) -> FloatArray:
+    """Without the instants at which two resolutions stand on different branches.
+
+    Where two equilibria exist, no refinement brings them together; that is no discretisation error.
+
+    Args:
+        apart: mean distance between two resolutions over L, one per instant.
+        refinement: how many times finer than the published basis the finer of them is.
+    """
+    same = apart < OTHER_BRANCH
+    return apart[same] if refinement >= FINE_ENOUGH and same.any() else apart
 
 
 def _path(
