@@ -24,7 +24,7 @@ from dlo_ros.spline import DEGREE, FloatArray, SplineBasis
 LOG = logging.getLogger(__name__)
 
 LARGEST = 300  # knot spans
-OTHER_BRANCH = 0.05  # of L: solutions further apart are different ones
+OTHER_BRANCH = 0.01  # of L: solutions further apart are different ones
 FINE_ENOUGH = 8  # times the published knot spans, from where that can be said
 PROBES = 8  # instants of a motion at which the error is estimated
 
