@@ -223,9 +223,11 @@ def _fit_across(
     along = np.column_stack([-normals[:, 1], normals[:, 0]])
     normal = np.zeros((2 * b.shape[1], 2 * b.shape[1]))
     right = np.zeros(2 * b.shape[1])
-    for direction, share in ((normals, 1.0), (along, ALONG_WEIGHT)):
+    slack = np.full(len(u), ALONG_WEIGHT)
+    slack[[0, -1]] = 1.0  # the ends are points of the picture
+    for direction, share in ((normals, np.ones(len(u))), (along, slack)):
         rows = np.hstack([b * direction[:, [0]], b * direction[:, [1]]])
-        weighted = share * weights[:, None] * rows
+        weighted = (share * weights)[:, None] * rows
         normal += weighted.T @ rows
         right += weighted.T @ np.sum(points * direction, axis=1)
     return np.asarray(np.linalg.solve(normal, right).reshape(2, -1).T)
