@@ -3,8 +3,10 @@
 import importlib.util
 import logging
 import os
+import signal
 import subprocess
 import sys
+import time
 import types
 
 import pytest
@@ -117,6 +119,26 @@ def test_interrupt_is_quiet(monkeypatch, capsys):
     pretend_tool(monkeypatch, raising(KeyboardInterrupt()))
     assert cli.main(["play"]) == 130
     assert capsys.readouterr() == ("", "")
+
+
+def test_another_ctrl_c_does_not_disturb_the_first(monkeypatch, capsys):
+    tidied = []
+
+    def run(arguments):
+        try:
+            signal.raise_signal(signal.SIGINT)
+            time.sleep(5.0)
+        finally:
+            signal.raise_signal(signal.SIGINT)
+            tidied.append(True)
+
+    pretend_tool(monkeypatch, run)
+    before = signal.getsignal(signal.SIGINT)
+    try:
+        assert cli.main(["play"]) == 130
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert tidied and capsys.readouterr() == ("", "")
 
 
 def test_missing_ros_says_how_to_get_it(monkeypatch, capsys):

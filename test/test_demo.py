@@ -359,6 +359,15 @@ def test_a_bag_without_command_is_refused(tmp_path):
         plan_run(bag, tmp_path / "p.yaml", SETTINGS, tmp_path)
 
 
+def test_params_without_a_bag_are_refused(tmp_path, capsys):
+    """They would be taken for the synthetic recording, which has its own."""
+    output = tmp_path / "out"
+    words = ["demo", "--params", str(tmp_path / "my.yaml"), "--output", str(output)]
+    assert cli.main(words) == 2
+    assert "name it with --bag" in capsys.readouterr().err
+    assert not output.exists()
+
+
 def test_params_stand_in_or_beside_the_bag(tmp_path):
     bag = tmp_path / "bag"
     with pytest.raises(RecordingError, match="no such bag"):

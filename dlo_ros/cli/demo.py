@@ -41,6 +41,10 @@ def run(arguments: argparse.Namespace) -> int:
     Raises:
         DloError: an input is unusable or a node died.
     """
+    if arguments.params and not arguments.bag:
+        raise InputError(
+            f"--params {arguments.params}: is of use with a recording only; name it with --bag"
+        )
     console = Console()
     output: Path = arguments.output
     output.mkdir(parents=True, exist_ok=True)

@@ -214,9 +214,12 @@ def _run_tool(executable: Executable, words: list[str]) -> int:
     brief = Brief()
     for handler in logging.getLogger().handlers:
         handler.addFilter(brief)
+    before = signal.signal(signal.SIGINT, _interrupt)
     try:
         return int(module.run(parsed))
     finally:
+        if signal.getsignal(signal.SIGINT) is _interrupt:
+            signal.signal(signal.SIGINT, before)
         for handler in logging.getLogger().handlers:
             handler.removeFilter(brief)
         brief.tell()
@@ -261,6 +264,12 @@ def _run_node(executable: Executable, words: list[str]) -> int:
         for number, handler in before.items():
             if signal.getsignal(number) is _leave:
                 signal.signal(number, handler)
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    """Take one Ctrl-C; another one must not disturb what the first has begun to clean up."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    raise KeyboardInterrupt
 
 
 def _leave(number: int, frame: FrameType | None) -> None:
