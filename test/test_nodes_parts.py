@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 
 import numpy as np
@@ -131,3 +132,58 @@ def test_descriptors_come_from_the_table():
             assert shown.floating_point_range[0].from_value == parameter.lower
         if parameter.kind == "integer":
             assert shown.integer_range[0].to_value == parameter.upper
+
+
+class LoggingNode:
+    """What `Health` asks of a node."""
+
+    def __init__(self):
+        self.logged = []
+
+    def create_publisher(self, *_):
+        return None
+
+    def create_timer(self, *_, **__):
+        return None
+
+    def get_logger(self):
+        return self
+
+    def warning(self, message):
+        self.logged.append(message)
+
+
+def test_each_different_problem_is_logged_but_none_floods(monkeypatch):
+    pytest.importorskip("rclpy")
+    from dlo_ros.nodes import diagnostics
+
+    clock = [100.0]
+    monkeypatch.setattr(diagnostics.time, "monotonic", lambda: clock[0])
+    node = LoggingNode()
+    health = diagnostics.Health(node, "test")
+    for i in range(50):
+        health.warn("dlo/command", f"time of point {i} is {i}.5 s")
+        health.warn("dlo/command", "frame is map")
+    assert node.logged == ["time of point 0 is 0.5 s", "frame is map"]
+    clock[0] += diagnostics.REPEATED
+    for word in ("a", "b", "c", "d", "e", "f"):
+        health.warn("dlo/command", f"names {word}")
+    health.warn("image", "too dark")
+    assert node.logged[2:] == ["names a", "names b", "names c", "names d", "too dark"]
+
+
+def test_warnings_from_below_reach_the_log_of_the_node(monkeypatch, capsys):
+    pytest.importorskip("rclpy")
+    from dlo_ros.nodes import runtime
+
+    heard = LoggingNode()
+    monkeypatch.setattr(runtime, "get_logger", lambda name: heard)
+    below = logging.getLogger("dlo_ros.rod.simulation")
+    with runtime.logging_to_ros("simulator"):
+        for i in range(5):
+            below.warning("the equilibrium %d is unstable", i)
+        below.warning("another")
+    assert heard.logged == ["the equilibrium 0 is unstable", "another"]
+    below.warning("afterwards")
+    assert len(heard.logged) == 2
+    assert "unstable" not in capsys.readouterr().err

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import time
 from collections import Counter
 from typing import Any
@@ -18,8 +19,12 @@ REMEMBERED = 3.0
 """Seconds for which a problem is shown after it last occurred."""
 
 REPEATED = 5.0
-"""Seconds before the same kind of warning is logged again."""
+"""Seconds before the same warning, numbers in it aside, is logged again."""
 
+DIFFERENT = 4
+"""Warnings of a kind that differ in their words and are logged within that time."""
+
+NUMBER = re.compile(r"\d[\d.]*")
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
 
@@ -39,7 +44,7 @@ class Health:
         self._task = task
         self._hardware_id = hardware_id
         self._problems: dict[str, tuple[float, bytes, str]] = {}
-        self._logged: dict[str, float] = {}
+        self._logged: dict[str, dict[str, float]] = {}
         self._counts: Counter[str] = Counter()
         self._before: Counter[str] = Counter()
         self._since = time.monotonic()
@@ -57,7 +62,7 @@ class Health:
         self.state = (OK, message)
 
     def warn(self, kind: str, message: str) -> None:
-        """Report a problem: logged at most every five seconds a kind, shown in the diagnostics."""
+        """Report a problem: logged, but at most every five seconds, and in the diagnostics."""
         self._report(kind, message, WARN)
 
     def error(self, kind: str, message: str) -> None:
@@ -106,8 +111,11 @@ class Health:
         now = time.monotonic()
         self._problems[kind] = (now, level, message)
         self._counts[f"problems: {kind}"] += 1
-        if now - self._logged.get(kind, -math.inf) >= REPEATED:
-            self._logged[kind] = now
+        logged = {w: t for w, t in self._logged.get(kind, {}).items() if now - t < REPEATED}
+        self._logged[kind] = logged
+        words = NUMBER.sub("#", message)
+        if words not in logged and len(logged) < DIFFERENT:
+            logged[words] = now
             log = self._node.get_logger()
             (log.error if level == ERROR else log.warning)(message)
 

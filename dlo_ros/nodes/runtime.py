@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import signal
 import sys
@@ -16,6 +17,7 @@ from typing import Any
 
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
@@ -30,6 +32,26 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 PATIENCE = 3.0
 """Seconds that a node which is still being built may take to end by itself."""
+
+
+REPEATED = 5.0
+"""Seconds before the same place in the code may warn again."""
+
+
+class RosLog(logging.Handler):
+    """What the package's modules below the nodes warn of, in the node's log."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(logging.WARNING)
+        self._logger = get_logger(name)
+        self._last: dict[tuple[str, int], float] = {}
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Pass a message on."""
+        place, now = (record.pathname, record.lineno), time.monotonic()
+        if now - self._last.get(place, -REPEATED) >= REPEATED:
+            self._last[place] = now
+            self._logger.warning(record.getMessage())
 
 
 class Stop:
@@ -80,6 +102,17 @@ def ros(arguments: Sequence[str], *, interrupts: bool = True) -> Iterator[Stop]:
             signal.signal(number, signal.SIG_IGN if stop.requested else handler)
 
 
+@contextmanager
+def logging_to_ros(name: str) -> Iterator[None]:
+    """The package's warnings go to the log of a node."""
+    logger, handler = logging.getLogger("dlo_ros"), RosLog(name)
+    logger.addHandler(handler)
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)
+
+
 def spin(node: Node, stop: Stop, done: Callable[[], bool] = lambda: False) -> None:
     """Run the node's callbacks until it is asked to stop or `done` says so."""
     executor = SingleThreadedExecutor()
@@ -117,7 +150,7 @@ def run(name: str, make: Callable[[], Any], arguments: Sequence[str] | None = No
         for flag, path in pairwise(words):
             if flag == "--params-file":
                 parameter_blocks(Path(path))  # whose messages a person understands
-        with ros(words, interrupts=False) as stop:
+        with ros(words, interrupts=False) as stop, logging_to_ros(name):
             unknown = remove_ros_args(words)
             if unknown:
                 return complain(
