@@ -139,6 +139,15 @@ def test_observed_shape_without_direction_is_refused():
         read_observation(message, samples.SETTINGS)
 
 
+@pytest.mark.parametrize("factor", [0.1, 10.0])
+def test_observed_shape_of_another_length_is_refused(factor):
+    shape = samples.control_points()
+    shape[:, :3] *= factor
+    message = spline_message(BAG_MESSAGES, samples.START, "board", shape)
+    with pytest.raises(InputError, match=r"m long; rod\.length is 0\.4 m"):
+        read_observation(message, samples.SETTINGS)
+
+
 def test_twist_travels_modulo_a_turn_and_comes_back_unwrapped():
     shape = samples.control_points()
     shape[:, 3] += 4 * math.pi

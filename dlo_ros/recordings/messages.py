@@ -31,6 +31,9 @@ FLOAT_TYPES = {7: "f4", 8: "f8"}
 """sensor_msgs/PointField datatypes FLOAT32 and FLOAT64."""
 
 
+MOST_STRETCH = 3.0
+"""An observed shape so many times longer or shorter than the DLO shows something else."""
+
 LEAST_SPEED = 1e-3
 """Least |dr/du| of an observed shape; that of a DLO is close to 1."""
 
@@ -225,7 +228,8 @@ def read_observation(message: Any, settings: Settings, points: Any | None = None
     """An observed spline, with the points behind it where there is a cloud.
 
     Raises:
-        InputError: one of the messages is malformed, or the shape has a place without direction.
+        InputError: one of the messages is malformed, or the shape is that of no such DLO: much too
+            long or short, or with a place that has no direction.
     """
     control_points = read_spline(message, settings)
     u, tangents = _tangents(settings.rod.control_points, settings.rod.length)
@@ -234,6 +238,12 @@ def read_observation(message: Any, settings: Settings, points: Any | None = None
         raise InputError(
             f"dlo/observed has control points that coincide at u = {u[speed.argmin()]:.3g} m; "
             "it has no direction there"
+        )
+    stretch = float(speed.mean())
+    if not 1.0 / MOST_STRETCH < stretch < MOST_STRETCH:
+        length = settings.rod.length
+        raise InputError(
+            f"dlo/observed is {stretch * length:.3g} m long; rod.length is {length:g} m"
         )
     return Observation(
         stamp=stamp_of(message),
