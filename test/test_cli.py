@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import textwrap
 import time
 import types
 
@@ -139,6 +140,50 @@ def test_another_ctrl_c_does_not_disturb_the_first(monkeypatch, capsys):
     finally:
         signal.signal(signal.SIGINT, before)
     assert tidied and capsys.readouterr() == ("", "")
+
+
+def test_ctrl_c_while_a_compiled_function_hands_over_its_result(monkeypatch, tmp_path):
+    """Numba crashes the process where making a named tuple raises."""
+    program = tmp_path / "program.py"
+    program.write_text(
+        textwrap.dedent(
+            """
+            import os, signal, sys, threading, types
+            from typing import NamedTuple
+            from numba import njit
+            from dlo_ros.cli import main as cli
+
+            class Result(NamedTuple):
+                value: float
+
+            @njit(nogil=True)
+            def work(count):
+                total = 0.0
+                for i in range(count):
+                    total += 1.0 / (i + 1.0)
+                return Result(total)
+
+            def run(arguments):
+                threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT)).start()
+                result = work(1_000_000_000)
+                print("not interrupted", result)
+
+            work(1)
+            module = types.ModuleType("dlo_ros.cli.play")
+            module.add_arguments = lambda parser: None
+            module.run = run
+            sys.modules["dlo_ros.cli.play"] = module
+            sys.exit(cli.main(["play"]))
+            """
+        )
+    )
+    done = subprocess.run(
+        [sys.executable, str(program)],
+        capture_output=True,
+        text=True,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
 
 
 def test_missing_ros_says_how_to_get_it(monkeypatch, capsys):

@@ -29,6 +29,9 @@ INTERRUPTED = 130
 
 DEBUG_VARIABLE = "DLO_ROS_DEBUG"
 
+# Numba's function that looks up the class of a named tuple.
+UNPICKLE = "_numba_unpickle"
+
 # Besides all that end in _msgs.
 ROS_MODULES = ("ament_index_python", "builtin_interfaces", "rcl_interfaces", "rclpy", "std_srvs")
 
@@ -267,9 +270,23 @@ def _run_node(executable: Executable, words: list[str]) -> int:
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
-    """Take one Ctrl-C; another one must not disturb what the first has begun to clean up."""
+    """Take one Ctrl-C; another one must not disturb what the first has begun to clean up.
+
+    A compiled function that returns a named tuple calls Python to make it, and the process crashes
+    where that raises. The exception is then raised in the caller's next line.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    raise KeyboardInterrupt
+    code = frame.f_code if frame is not None else None
+    making = code is not None and (code.co_name == UNPICKLE or code.co_filename.startswith("<"))
+    if frame is None or frame.f_back is None or not making:
+        raise KeyboardInterrupt
+
+    def interrupt(*_: object) -> None:
+        sys.settrace(None)
+        raise KeyboardInterrupt
+
+    frame.f_back.f_trace = interrupt
+    sys.settrace(lambda *_: None)
 
 
 def _leave(number: int, frame: FrameType | None) -> None:
