@@ -145,6 +145,16 @@ def test_online_the_ratio_converges_within_the_motion(swinging, factor):
     assert not estimate.identifiable["density"]
 
 
+def test_a_guessed_damping_of_zero_does_not_bend_the_ratio(swinging, caplog):
+    """Undamped, the rope would swing on, and only a wrong E/mu could bring it to rest."""
+    undamped = replace(guess(0.3), damping=DampingParameters(air_drag=0.0, relaxation_time=0.0))
+    found = identify([swinging], undamped).estimate
+    assert abs(found.specific_modulus - TRUE_RATIO) < 4 * found.specific_modulus_std
+    assert "damping.relaxation_time is guessed to be 0" in caplog.text
+    online = run_online(OnlineEstimator(undamped), swinging)
+    assert online.specific_modulus == pytest.approx(TRUE_RATIO, rel=0.02)
+
+
 def test_online_tells_once_that_a_change_is_significant(swinging):
     estimator = OnlineEstimator(guess(0.2))
     for imposed in swinging.commands:

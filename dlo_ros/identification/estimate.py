@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dlo_ros.parameter_table import TABLE
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.model import SENSITIVITIES
 from dlo_ros.spline import FloatArray
+
+LOG = logging.getLogger(__name__)
 
 IDENTIFIED = 0.25  # relative standard deviation below which the data determine a parameter
 UNBOUNDED = 1.0  # relative standard deviation above which no number is given
@@ -53,6 +57,22 @@ class Estimate:
     covariance: FloatArray
     traded: tuple[tuple[str, str], ...] = ()
     significant: bool = False
+
+
+def searchable(settings: Settings) -> Settings:
+    """The settings with a positive damping where it is guessed to be zero.
+
+    A search for the logarithm could never leave zero, and what the missing damping does would be
+    laid to E/mu. Known dampings (std above zero) stay as they are.
+    """
+    flat = settings.flat()
+    for name in ("damping.air_drag", "damping.relaxation_time"):
+        if flat[name] == 0.0 and flat[f"{name}_std"] == 0.0:
+            default = TABLE[name].default
+            assert default is not None
+            flat[name] = default
+            LOG.warning("%s is guessed to be 0; the search starts from %g instead", name, default)
+    return Settings.from_mapping(flat)
 
 
 def logarithms(settings: Settings) -> FloatArray:

@@ -14,6 +14,7 @@ from dlo_ros.identification.estimate import (
     Estimate,
     logarithms,
     search_information,
+    searchable,
     summarise,
     with_logarithms,
     within_noise,
@@ -105,6 +106,7 @@ def identify(
             raise InputError(f"{recording.name}: has no usable dlo/command")
         if not recording.observations:
             raise InputError(f"{recording.name}: has no usable dlo/observed")
+    given, settings = settings, searchable(settings)
     guess = logarithms(settings)
     theta = _best_start(train, settings, guess, progress)
     fit, iterations, converged = _descend(train, settings, guess, theta, progress)
@@ -123,7 +125,7 @@ def identify(
             with_estimate = fit.forecasts[k] if role == "train" else None
             if with_estimate is None:
                 with_estimate = _attempt(recording, estimate.settings)
-            before = _attempt(recording, settings)
+            before = _attempt(recording, given)
             results.append(
                 RecordingResult(
                     recording.name,

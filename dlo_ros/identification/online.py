@@ -22,6 +22,7 @@ from dlo_ros.identification.estimate import (
     Estimate,
     logarithms,
     search_information,
+    searchable,
     summarise,
     with_logarithms,
     within_noise,
@@ -91,7 +92,7 @@ class OnlineEstimator:
     """
 
     def __init__(self, settings: Settings) -> None:
-        self._initial = settings
+        self._initial = searchable(settings)
         self._white = whitening(settings.rod.control_points, settings.rod.length)
         self._motion = Motion()
         self.reset()
