@@ -24,6 +24,7 @@ KNOT_SPAN = 3.0  # [widths] of the fine curve
 CLAMP_STD = 0.25  # [widths] how well a clamp's position is trusted against the picture
 CLAMP_DIRECTION_STD = 0.05  # [rad]
 POINT_STD_FLOOR = 0.03  # [px] systematic errors of sampling that scatter does not show
+MOST_BESIDE = 3.0  # [px] root mean square, beyond which the published spline rather slides along
 ALONG_WEIGHT = 0.01  # of deviations along the DLO in the published spline, against 1 across it
 UNSEEN_WEIGHT = 0.05  # of bridged parts in the published spline, against 1
 SCALE_STD = 0.01  # relative error of lengths by camera, pose and L
@@ -123,7 +124,11 @@ def fit_spline(
 
     weights = np.where(grid_seen, 1.0, UNSEEN_WEIGHT)
     weights[[0, -1]] = 0.05 * len(grid)
-    flat = _fit_across(basis, dense_u, dense, _normals(curve(grid, 1)), weights)
+    flat = basis.fit(dense_u, dense, weights)
+    normals = _normals(curve(grid, 1))
+    beside = np.sum((dense - basis.evaluate(flat, dense_u)) * normals, axis=1)
+    if np.sqrt(np.mean(beside**2)) > MOST_BESIDE * scale:
+        flat = _fit_across(basis, dense_u, dense, normals, weights)
     control_points = np.zeros((basis.control_points, 4))
     control_points[:, 0], control_points[:, 2] = flat[:, 0], flat[:, 1]
 
