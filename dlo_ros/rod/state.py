@@ -24,10 +24,6 @@ class Strains:
     stretch: FloatArray
     other: FloatArray
 
-    def combined(self, a: float, rival: Strains, b: float) -> Strains:
-        """Linear combination: a times these plus b times the others."""
-        return Strains(a * self.stretch + b * rival.stretch, a * self.other + b * rival.other)
-
 
 @dataclass(frozen=True)
 class Sensitivity:
