@@ -271,25 +271,22 @@ def _levi_civita(i, j, a):
 
 
 @njit(cache=True, nogil=True)
-def assemble(q, rule, stiff, ref, gradient, band, grad_stretch, grad_other):
-    """Elastic energy, its gradient and its exact Hessian.
+def assemble(q, rule, ref, other, response, gradient, band, grad_stretch, grad_other):
+    """Gradient of the strain energy and its exact Hessian.
 
     Args:
         q: configuration, shape (n, 4).
-        rule, stiff, ref: tables, stiffness with rest strains, reference frame.
+        rule, ref: tables, reference frame.
+        other: bending and twist of q, shape (nb, 3), see `strains`.
+        response: stresses and tangents that belong to the strains of q.
         gradient: output, shape (4 n,), overwritten.
         band: output, lower rows of the Hessian, shape (4 n, 16): H[i, j] at [i, 15 - i + j].
         grad_stretch: output, derivative of the stretch with respect to p, shape (nb, 3).
         grad_other: output, derivatives of kappa_1, kappa_2, twist with respect to
             (p, s, theta, theta'), shape (nb, 3, 8). Neither is averaged over the span.
-
-    Returns:
-        Energy [J].
     """
     gradient[:] = 0.0
     band[:, :] = 0.0
-    energy = 0.0
-    stretch, other = strains(q, rule, ref)
     p, s = np.empty(3), np.empty(3)
     m1, m2, c0, v = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     hess, row = np.zeros((8, 8)), np.empty(8)
@@ -307,12 +304,11 @@ def assemble(q, rule, stiff, ref, gradient, band, grad_stretch, grad_other):
         _material_directors(ref, e, theta, m1, m2)
         _cross(t0, ref.rate[e], c0)
         kappa1, kappa2 = other[e, 0], other[e, 1]
-        x0 = stretch[e] - stiff.stretch_rest[e]
-        x1, x2 = kappa1 - stiff.bend_rest[e, 0], kappa2 - stiff.bend_rest[e, 1]
-        x3 = other[e, 2] - stiff.twist_rest[e]
-        tension, torque = stiff.stretch[e] * x0, stiff.twist[e] * x3
-        stress1, stress2 = stiff.bend[e, 0] * x1, stiff.bend[e, 1] * x2
-        energy += 0.5 * wt * (tension * x0 + stress1 * x1 + stress2 * x2 + torque * x3)
+        tension, torque = response.tension[e], response.torque[e]
+        stress1, stress2 = response.bend[e, 0], response.bend[e, 1]
+        t11, t12, t22 = (
+            response.bend_tangent[e, 0], response.bend_tangent[e, 1], response.bend_tangent[e, 2]
+        )  # fmt: skip
         tension *= tension_share(e, rule.stretch_linear[e // 3])
         for i in range(3):
             v[i] = stress1 * m1[i] + stress2 * m2[i]
@@ -335,7 +331,7 @@ def assemble(q, rule, stiff, ref, gradient, band, grad_stretch, grad_other):
                 unit = 1.0 if i == j else 0.0
                 hess[i, j] += tension / n * (unit - p[i] * p[j] / n**2)
         for i in range(8):
-            g1, g2 = stiff.bend[e, 0] * grad[0, i], stiff.bend[e, 1] * grad[1, i]
+            g1, g2 = t11 * grad[0, i] + t12 * grad[1, i], t12 * grad[0, i] + t22 * grad[1, i]
             for j in range(8):
                 hess[i, j] += g1 * grad[0, j] + g2 * grad[1, j]
         for i in range(4):
@@ -365,10 +361,9 @@ def assemble(q, rule, stiff, ref, gradient, band, grad_stretch, grad_other):
         if e % 3 == 2:
             length = rule.weight[e - 2] + rule.weight[e - 1] + wt
             at, line = DOF * span, rule.stretch_linear[e // 3]
-            add_square(band, at, means[:, 0], length * stiff.stretch[e], line, not line)
+            add_square(band, at, means[:, 0], length * response.stretch_tangent[e], line, not line)
             line = rule.twist_linear[e // 3]
-            add_square(band, at, means[:, 1], length * stiff.twist[e], line, False)
-    return energy
+            add_square(band, at, means[:, 1], length * response.twist_tangent[e], line, False)
 
 
 @njit(cache=True, nogil=True)

@@ -43,16 +43,14 @@ def strains(q, rule):
 
 
 @njit(cache=True, nogil=True)
-def assemble(q, rule, stiff, gradient, band, grad_stretch, grad_other):
-    """Elastic energy, gradient (2 n,) and exact Hessian (2 n, 8); see `kernels.assemble`.
+def assemble(q, rule, other, response, gradient, band, grad_stretch, grad_other):
+    """Gradient (2 n,) and exact Hessian (2 n, 8); see `kernels.assemble`.
 
     grad_stretch (nb, 2) and grad_other (nb, 1, 4) become the derivatives of stretch and curvature
     with respect to p and (p, s).
     """
     gradient[:] = 0.0
     band[:, :] = 0.0
-    energy = 0.0
-    stretch, other = strains(q, rule)
     means = np.empty((3, 8))
     for e in range(rule.weight.size):
         span, wt, b1, b2 = rule.span[e], rule.weight[e], rule.b1[e], rule.b2[e]
@@ -61,10 +59,7 @@ def assemble(q, rule, stiff, gradient, band, grad_stretch, grad_other):
         r = np.sqrt(r2)
         g, tx, tz = r2 * r, px * r, pz * r
         grad_stretch[e, 0], grad_stretch[e, 1] = tx, tz
-        x = stretch[e] - stiff.stretch_rest[e]
-        tension = wt * stiff.stretch[e] * x
-        energy += 0.5 * tension * x
-        tension *= tension_share(e, rule.stretch_linear[e // 3])
+        tension = wt * response.tension[e] * tension_share(e, rule.stretch_linear[e // 3])
         # Gradient of the curvature with respect to (p_x, p_z, s_x, s_z).
         kappa = other[e, 0]
         f = 3.0 * kappa * r2
@@ -72,12 +67,10 @@ def assemble(q, rule, stiff, gradient, band, grad_stretch, grad_other):
         ksx, ksz = pz * g, -px * g
         grad = grad_other[e, 0]
         grad[0], grad[1], grad[2], grad[3] = kpx, kpz, ksx, ksz
-        x = kappa - stiff.bend_rest[e, 0]
-        stress = wt * stiff.bend[e, 0] * x
-        energy += 0.5 * stress * x
+        stress = wt * response.bend[e, 0]
         # Second derivatives of kappa, times the stress, and the Gauss-Newton part; then those of
         # the stretch, times the tension.
-        b, m = wt * stiff.bend[e, 0], 3.0 * g * r2 * stress
+        b, m = wt * response.bend_tangent[e, 0], 3.0 * g * r2 * stress
         q15, fs, soft = 5.0 * f * r2 * stress, f * stress, tension * r
         hxx = b * kpx * kpx + 2.0 * m * sz * px - fs + q15 * px * px + soft * tz * tz
         hxz = b * kpx * kpz + m * (sz * pz - sx * px) + q15 * px * pz - soft * tx * tz
@@ -107,8 +100,7 @@ def assemble(q, rule, stiff, gradient, band, grad_stretch, grad_other):
         if e % 3 == 2:
             length = rule.weight[e - 2] + rule.weight[e - 1] + wt
             line = rule.stretch_linear[e // 3]
-            add_square(band, 2 * span, means, length * stiff.stretch[e], line, not line)
-    return energy
+            add_square(band, 2 * span, means, length * response.stretch_tangent[e], line, not line)
 
 
 @njit(cache=True, nogil=True)

@@ -46,6 +46,35 @@ class Stiffness(NamedTuple):
     twist_rest: FloatArray  # (nb,) [rad/m]
 
 
+class Law(NamedTuple):
+    """How bending departs from linear elasticity; see `material`."""
+
+    active: bool
+    half_curvature: float  # [1/m] infinite: linear
+    yield_curvature: float  # [1/m] infinite: elastic
+    hardening: float  # h: hardening modulus over bending stiffness
+
+
+class Material(NamedTuple):
+    """All that turns strains into stresses; damping is contained in `stiffness`."""
+
+    stiffness: Stiffness
+    elastic: Stiffness  # without damping, for the law
+    law: Law
+    plastic: FloatArray  # (nb, 2) plastic curvature before [1/m]
+
+
+class Response(NamedTuple):
+    """Stress resultants and their derivatives by the strains."""
+
+    tension: FloatArray  # (nb,) [N]
+    bend: FloatArray  # (nb, 2) [N m]
+    torque: FloatArray  # (nb,) [N m]
+    stretch_tangent: FloatArray  # (nb,) [N]
+    bend_tangent: FloatArray  # (nb, 3) 11, 12, 22 [N m^2]
+    twist_tangent: FloatArray  # (nb,) [N m^2]
+
+
 class Reference(NamedTuple):
     """Reference frame at the quadrature points, transported in time without spin."""
 

@@ -1,0 +1,154 @@
+"""Compiled constitutive law: from strains to stress resultants and their tangents.
+
+Stretch and twist are linear. Bending may soften and yield, both in the plane of the curvature
+vector x against its rest value:
+
+    yield      kappa_p follows x once |x - (1 + h) kappa_p| exceeds the yield curvature (linear
+               kinematic hardening; h = r / (1 - r) gives the tangent stiffness r B past it)
+    softening  moment B half atan(|x_e| / half) along x_e = x - kappa_p, whose tangent stiffness is
+               B / (1 + (x_e / half)^2)
+
+so that both are exact where there is one curvature only, and isotropic otherwise.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from dlo_ros.rod.tables import Response
+
+
+@njit(cache=True, nogil=True)
+def room(points):
+    """A response to write to, for a number of quadrature points."""
+    return Response(
+        np.empty(points), np.empty((points, 2)), np.empty(points), np.empty(points),
+        np.empty((points, 3)), np.empty(points),
+    )  # fmt: skip
+
+
+@njit(cache=True, nogil=True, inline="always")
+def yielded(x1, x2, p1, p2, law):
+    """The plastic curvature that a curvature (x1, x2) leaves where (p1, p2) was before."""
+    h = 1.0 + law.hardening
+    d1, d2 = x1 - h * p1, x2 - h * p2
+    size = np.sqrt(d1 * d1 + d2 * d2)
+    if size > law.yield_curvature:
+        flow = (1.0 - law.yield_curvature / size) / h
+        p1 += flow * d1
+        p2 += flow * d2
+    return p1, p2
+
+
+@njit(cache=True, nogil=True)
+def bend(stiff1, stiff2, x1, x2, p1, p2, law):
+    """Moment of a curvature beyond linear elasticity.
+
+    Args:
+        stiff1, stiff2: bending stiffness about both directors [N m^2].
+        x1, x2: curvature against the rest curvature [1/m].
+        p1, p2: plastic curvature before [1/m].
+        law: see `Law`.
+
+    Returns:
+        Moments about both directors [N m], their tangent (11, 12, 22) [N m^2], energy [J/m].
+    """
+    q1, q2 = yielded(x1, x2, p1, p2, law)
+    e1, e2 = x1 - q1, x2 - q2
+    root1, root2, mean = np.sqrt(stiff1), np.sqrt(stiff2), 0.5 * (stiff1 + stiff2)
+    y1, y2 = root1 * e1, root2 * e2
+    r = np.sqrt((y1 * y1 + y2 * y2) / mean)
+    secant, tangent, energy = 1.0, 1.0, 0.5 * mean * r * r
+    if r > 1e-9 * law.half_curvature:
+        s = r / law.half_curvature
+        secant, tangent = np.arctan(s) / s, 1.0 / (1.0 + s * s)
+        energy = mean * law.half_curvature**2 * (s * np.arctan(s) - 0.5 * np.log(1.0 + s * s))
+    along = 0.0 if r == 0.0 else (tangent - secant) / (mean * r * r)
+    t11 = stiff1 * (secant + along * y1 * y1)
+    t12 = root1 * root2 * along * y1 * y2
+    t22 = stiff2 * (secant + along * y2 * y2)
+    h = 1.0 + law.hardening
+    d1, d2 = x1 - h * p1, x2 - h * p2
+    size = np.sqrt(d1 * d1 + d2 * d2)
+    if size > law.yield_curvature:
+        # d(x_e)/dx: less along the flow direction, and across it as far as it has turned.
+        n1, n2 = d1 / size, d2 / size
+        across = (1.0 - law.yield_curvature / size) / h
+        along = 1.0 / h - across
+        j11, j12, j22 = 1.0 - across - along * n1 * n1, -along * n1 * n2, (
+            1.0 - across - along * n2 * n2
+        )  # fmt: skip
+        energy += mean * (
+            0.5 * law.hardening * (q1 * q1 + q2 * q2)
+            + law.yield_curvature * np.sqrt((q1 - p1) ** 2 + (q2 - p2) ** 2)
+        )
+        a12, a21 = t11 * j12 + t12 * j22, t12 * j11 + t22 * j12
+        t11, t22 = t11 * j11 + t12 * j12, t12 * j12 + t22 * j22
+        t12 = 0.5 * (a12 + a21)  # symmetric where the curvature keeps its plane
+    return root1 * secant * y1, root2 * secant * y2, t11, t12, t22, energy
+
+
+@njit(cache=True, nogil=True)
+def respond(stretch, other, weight, material, out):
+    """Stress resultants and tangents of strains.
+
+    Args:
+        stretch, other: strains (nb,) and (nb, 3), see `kernels.strains`.
+        weight: of the quadrature points [m], shape (nb,).
+        material: see `Material`.
+        out: output.
+
+    Returns:
+        Energy [J].
+    """
+    stiff, energy = material.stiffness, 0.0
+    for e in range(weight.size):
+        x0 = stretch[e] - stiff.stretch_rest[e]
+        x1 = other[e, 0] - stiff.bend_rest[e, 0]
+        x2 = other[e, 1] - stiff.bend_rest[e, 1]
+        x3 = other[e, 2] - stiff.twist_rest[e]
+        out.tension[e], out.torque[e] = stiff.stretch[e] * x0, stiff.twist[e] * x3
+        out.bend[e, 0], out.bend[e, 1] = stiff.bend[e, 0] * x1, stiff.bend[e, 1] * x2
+        out.stretch_tangent[e], out.twist_tangent[e] = stiff.stretch[e], stiff.twist[e]
+        out.bend_tangent[e, 0], out.bend_tangent[e, 2] = stiff.bend[e, 0], stiff.bend[e, 1]
+        out.bend_tangent[e, 1] = 0.0
+        energy += 0.5 * weight[e] * (
+            out.tension[e] * x0 + out.bend[e, 0] * x1 + out.bend[e, 1] * x2 + out.torque[e] * x3
+        )  # fmt: skip
+    if material.law.active:
+        # The stiffness above contains damping; only its elastic share follows the law.
+        energy += _beyond(other, weight, material, out)
+    return energy
+
+
+@njit(cache=True, nogil=True)
+def _beyond(other, weight, material, out):
+    """Replace the linear elastic part of the moments by what the law makes of it."""
+    elastic, energy = material.elastic, 0.0
+    for e in range(weight.size):
+        b1, b2 = elastic.bend[e, 0], elastic.bend[e, 1]
+        x1 = other[e, 0] - elastic.bend_rest[e, 0]
+        x2 = other[e, 1] - elastic.bend_rest[e, 1]
+        m1, m2, t11, t12, t22, w = bend(
+            b1, b2, x1, x2, material.plastic[e, 0], material.plastic[e, 1], material.law
+        )
+        out.bend[e, 0] += m1 - b1 * x1
+        out.bend[e, 1] += m2 - b2 * x2
+        out.bend_tangent[e, 0] += t11 - b1
+        out.bend_tangent[e, 1] += t12
+        out.bend_tangent[e, 2] += t22 - b2
+        energy += weight[e] * (w - 0.5 * (b1 * x1 * x1 + b2 * x2 * x2))
+    return energy
+
+
+@njit(cache=True, nogil=True)
+def remember(other, stiffness, law, plastic):
+    """The plastic curvature (nb, 2) that strains leave behind."""
+    result = plastic.copy()
+    if law.active:
+        for e in range(other.shape[0]):
+            x1 = other[e, 0] - stiffness.bend_rest[e, 0]
+            x2 = other[e, 1] - stiffness.bend_rest[e, 1]
+            result[e, 0], result[e, 1] = yielded(x1, x2, plastic[e, 0], plastic[e, 1], law)
+    return result
