@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -92,6 +93,24 @@ class Command:
             self.times, self.positions, self.rotations, self.velocities, time, position, rotation
         )
         return position, rotation
+
+    @cached_property
+    def off_plane(self) -> float:
+        """Largest distance of an imposed position from the plane y = 0 [m]."""
+        return float(np.abs(self.positions[:, :, 1]).max(initial=0.0))
+
+    @cached_property
+    def turns_in_plane(self) -> bool:
+        """Whether all clamps keep their y axis along that of the board frame."""
+        turned = [k for k, name in enumerate(self.names) if name in (START, END)]
+        return bool(np.abs(self.rotations[:, turned][:, :, [0, 2]]).max(initial=0.0) < 1e-9)
+
+    @cached_property
+    def progress(self) -> FloatArray:
+        """Share of the path that all imposed points together have travelled, shape (T,), 0 to 1."""
+        moved = np.linalg.norm(np.diff(self.positions, axis=0), axis=2).sum(axis=1)
+        path = np.concatenate([[0.0], np.cumsum(moved)])
+        return path / path[-1] if path[-1] > 0.0 else path
 
     @property
     def end_stamp(self) -> int:

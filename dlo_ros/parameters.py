@@ -11,6 +11,8 @@ from typing import Any
 
 import yaml
 
+from dlo_ros.effects import Values
+from dlo_ros.effects.registry import check as check_effect
 from dlo_ros.errors import ParameterError
 from dlo_ros.parameter_table import PARAMETERS, TABLE, Value
 
@@ -94,7 +96,7 @@ class SimulationParameters:
 
 @dataclass(frozen=True)
 class Settings:
-    """A whole parameter file."""
+    """A whole parameter file; `effects` are the values of those that the model contains."""
 
     rod: RodParameters
     frame_id: str = "board"
@@ -104,6 +106,7 @@ class Settings:
     simulation: SimulationParameters = field(default_factory=SimulationParameters)
     image_transport: str = "auto"
     simulator_node: str = "simulator"
+    effects: Values = field(default_factory=dict)
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any]) -> Settings:
@@ -121,11 +124,10 @@ class Settings:
                     f"[{parameter.unit}]"
                 )
             checked[parameter.name] = parameter.check(value)
-        effects = sorted(k for k in values if k.startswith(EFFECTS_PREFIX))
-        if effects:
-            raise ParameterError(
-                f"{effects[0]} names an effect that this model does not contain; remove it"
-            )
+        effects: dict[str, dict[str, float | tuple[float, ...]]] = {}
+        for key in sorted(k for k in values if k.startswith(EFFECTS_PREFIX)):
+            name, _, part = key.removeprefix(EFFECTS_PREFIX).partition(".")
+            effects.setdefault(name, {})[part] = check_effect(name, part, values[key])
         rotation = checked["camera.rotation"]
         assert isinstance(rotation, tuple)
         if not 0.9 < math.hypot(*rotation) < 1.1:
@@ -142,6 +144,7 @@ class Settings:
             damping=DampingParameters(**groups["damping"]),
             camera=CameraPose(**groups["camera"]),
             simulation=SimulationParameters(**groups["simulation"]),
+            effects=effects,
             **top,
         )
 
@@ -155,14 +158,21 @@ class Settings:
         return cls.from_mapping(read_parameter_file(Path(path)))
 
     def flat(self) -> dict[str, Value]:
-        """All values by dotted name."""
+        """All values by dotted name, those of effects after the others."""
         result: dict[str, Value] = {}
         for name in TABLE:
             target: Any = self
             for part in name.split("."):
                 target = getattr(target, part)
             result[name] = target
+        for effect, keys in self.effects.items():
+            for key, number in keys.items():
+                result[f"{EFFECTS_PREFIX}{effect}.{key}"] = number
         return result
+
+    def with_effects(self, effects: Values) -> Settings:
+        """The same settings with these effects, by name and key, and no others."""
+        return replace(self, effects=effects)
 
     def dump(self, path: Path | str, comment: str = "") -> None:
         """Write a parameter file that nodes and tools load as it is."""

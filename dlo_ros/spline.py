@@ -112,6 +112,11 @@ class SplineBasis:
         b = self.matrix(u)
         return b.T @ (w[:, None] * b)
 
+    @cached_property
+    def shares(self) -> FloatArray:
+        """Integrals of the basis functions over [0, L], shape (n,) [m]."""
+        return self.gram.sum(axis=1)
+
     @lru_cache(maxsize=64)  # noqa: B019 - a basis is two numbers, and equal ones share the entry
     def projection(self, source: SplineBasis) -> FloatArray:
         """Least-squares projection of splines in another basis onto this one, both ends kept.

@@ -16,7 +16,7 @@ from scene import ROPE, hold
 from dlo_ros.command import NANOSECONDS, Command, Motion
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
-from dlo_ros.rod.model import SENSITIVITIES
+from dlo_ros.rod.tangents import MATERIAL
 from dlo_ros.rod.simulation import Simulation
 from dlo_ros.spline import FloatArray, SplineBasis
 
@@ -34,7 +34,7 @@ MOTIONS = {
 TIMES = np.arange(0.0, 0.8, 4e-3)  # [s]
 POINT = 6  # control point that is drawn, of ten
 STEP = 1e-4  # of the logarithm
-NAMES = [name.replace("_", "\n") for name in SENSITIVITIES]
+NAMES = [name.replace("_", "\n") for name in MATERIAL]
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ def shapes(
 def differences(settings: Settings, command: Command) -> FloatArray:
     """The same derivatives by central differences of whole runs."""
     found = []
-    for name in SENSITIVITIES:
+    for name in MATERIAL:
         group = "rod" if hasattr(settings.rod, name) else "damping"
         old = getattr(settings, group)
         pair = []
@@ -85,7 +85,7 @@ def run() -> Sensitivities:
     settings = replace(ROPE, simulation=replace(ROPE.simulation, tolerance=0.1))
     exact, rough = [], []
     for command in MOTIONS.values():
-        exact.append(shapes(settings, command, SENSITIVITIES)[1])
+        exact.append(shapes(settings, command, MATERIAL)[1])
         rough.append(differences(settings, command))
     ours, theirs = np.array(exact), np.array(rough)
     apart = np.abs(ours - theirs).max(axis=(2, 3, 4))

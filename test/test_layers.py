@@ -12,8 +12,9 @@ ROS = ("rclpy", "std_srvs", "rcl_interfaces", "builtin_interfaces", "ament_index
 LAYERS = (
     ("errors", "kernel_cache"),
     ("__init__", "spline", "parameter_table", "interpolation", "share"),
-    ("parameters",),
     ("command", "observation"),
+    ("effects",),
+    ("parameters",),
     ("rod", "recordings", "report"),
     ("vision",),
     ("identification", "synthesis"),

@@ -12,7 +12,7 @@ from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import DampingParameters
 from dlo_ros.rod import dynamics, solver
-from dlo_ros.rod.model import SENSITIVITIES
+from dlo_ros.rod.tangents import MATERIAL
 from dlo_ros.rod.resolution import build
 from dlo_ros.rod.simulation import Simulation
 from dlo_ros.spline import SplineBasis
@@ -143,9 +143,9 @@ def test_sensitivities_of_a_motion_agree_with_differences(monkeypatch):
         simulation.start(first_shape())
         return simulation.advance(SECOND // 2)
 
-    base = run(settings, SENSITIVITIES)
+    base = run(settings, MATERIAL)
     step = 1e-4
-    for k, name in enumerate(SENSITIVITIES):
+    for k, name in enumerate(MATERIAL):
         group = "rod" if k < 2 else "damping"
         shapes = []
         for sign in (1.0, -1.0):

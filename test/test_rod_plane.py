@@ -11,7 +11,7 @@ from dlo_ros.command import Motion
 from dlo_ros.errors import SimulationError
 from dlo_ros.observation import Observation
 from dlo_ros.rod import LiveSimulation, dynamics
-from dlo_ros.rod.model import SENSITIVITIES
+from dlo_ros.rod.tangents import MATERIAL
 from dlo_ros.rod.planar import in_plane
 from dlo_ros.rod.resolution import build
 from dlo_ros.rod.simulation import Simulation
@@ -124,7 +124,7 @@ def test_a_forecast_in_one_go_is_the_same_as_stamp_by_stamp():
 
     def simulation():
         new = Simulation(PAPER, Motion(list(moves)),
-                         parameters=SENSITIVITIES[:2], spans=14)  # fmt: skip
+                         parameters=MATERIAL[:2], spans=14)  # fmt: skip
         new.start([Observation(0, shape)])
         return new
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from dlo_ros.parameter_table import TABLE
 from dlo_ros.parameters import Settings
-from dlo_ros.rod.model import SENSITIVITIES
+from dlo_ros.rod.tangents import MATERIAL
 from dlo_ros.spline import FloatArray
 
 LOG = logging.getLogger(__name__)
@@ -39,7 +39,7 @@ class Estimate:
         young_modulus_std, density_std, specific_modulus_std: None where unbounded.
         identifiable: per parameter, whether the recordings together with known forces determine
             it, leaving density_std aside.
-        covariance: of the logarithms of `SENSITIVITIES`, known prior information included,
+        covariance: of the logarithms of `MATERIAL`, known prior information included,
             shape (4, 4).
         traded: pairs of parameters with a correlation beyond 0.95.
         significant: whether it differs enough from what was last reported as significant to be
@@ -135,7 +135,7 @@ def known_information(settings: Settings, *, weighed: bool) -> FloatArray:
 def search_information(settings: Settings) -> FloatArray:
     """Information (4, 4) that guides the search: what is known, and weakly the guesses."""
     known = np.diag(known_information(settings, weighed=True))
-    guess = np.array([GUESS[name] ** -2 for name in SENSITIVITIES])
+    guess = np.array([GUESS[name] ** -2 for name in MATERIAL])
     # A parameter of value zero has no logarithm; it stays what it is.
     absent = ~np.isfinite(logarithms(settings))
     return np.diag(np.where(absent, 1e12, np.where(known > 0.0, known, guess)))
@@ -186,7 +186,7 @@ def _traded(covariance: FloatArray) -> tuple[tuple[str, str], ...]:
     std = np.sqrt(np.diag(covariance))
     correlation = covariance / np.outer(std, std)
     return tuple(
-        (SENSITIVITIES[i], SENSITIVITIES[j])
+        (MATERIAL[i], MATERIAL[j])
         for i in range(4)
         for j in range(i + 1, 4)
         if abs(correlation[i, j]) > 0.95 and std[i] < 1e3 and std[j] < 1e3

@@ -76,7 +76,7 @@ def forecast(
     """Simulate a manipulation from its first observed shape and compare at every observed stamp.
 
     Args:
-        parameters: of which derivatives are wanted, see `dlo_ros.rod.SENSITIVITIES`.
+        parameters: of which derivatives are wanted, see `dlo_ros.rod.tangents`.
         spans: knot spans; default: as simulation.tolerance asks.
         last_stamp: leave out later observations [ns].
 

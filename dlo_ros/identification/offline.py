@@ -22,7 +22,7 @@ from dlo_ros.identification.estimate import (
 from dlo_ros.identification.forecast import Forecast, Manipulation, forecast
 from dlo_ros.identification.noise import correlation_length, noise_floor
 from dlo_ros.parameters import Settings
-from dlo_ros.rod.model import SENSITIVITIES
+from dlo_ros.rod.tangents import MATERIAL
 from dlo_ros.spline import FloatArray, SplineBasis
 
 LOG = logging.getLogger(__name__)
@@ -227,7 +227,7 @@ def _evaluate(
 ) -> _Fit:
     """Simulate all recordings with sensitivities at theta."""
     current = with_logarithms(settings, theta)
-    forecasts = [forecast(r, current, parameters=SENSITIVITIES) for r in train]
+    forecasts = [forecast(r, current, parameters=MATERIAL) for r in train]
     normal, gradient, power, count = np.zeros((4, 4)), np.zeros(4), 0.0, 0
     for f in forecasts:
         assert f.derivative is not None

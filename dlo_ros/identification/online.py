@@ -31,7 +31,7 @@ from dlo_ros.identification.forecast import whitening
 from dlo_ros.identification.noise import correlation_length
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
-from dlo_ros.rod.model import SENSITIVITIES
+from dlo_ros.rod.tangents import MATERIAL
 from dlo_ros.rod.orientation import along
 from dlo_ros.rod.simulation import Simulation
 from dlo_ros.spline import FloatArray
@@ -160,7 +160,7 @@ class OnlineEstimator:
         if self._pass is None:
             needed = 2 if self._initial.simulation.start == "moving" else 1
             if len(self._past) >= needed:
-                self._pass = self._run(self._current(), SENSITIVITIES)
+                self._pass = self._run(self._current(), MATERIAL)
             return
         self._pass.add(self._past[-1], self._white)
 
@@ -204,7 +204,7 @@ class OnlineEstimator:
 
     def _run_again(self, theta: FloatArray) -> None:
         try:
-            self._pass = self._run(theta, SENSITIVITIES)
+            self._pass = self._run(theta, MATERIAL)
         except SimulationError as err:
             LOG.warning("the past cannot be simulated with the new estimate: %s", err)
 

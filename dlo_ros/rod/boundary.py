@@ -127,20 +127,25 @@ class Boundary:
     def imposed(self, command: Command) -> grips.Imposed:
         """A command for compiled code."""
         return grips.Imposed(
-            command.times, command.positions, command.rotations, command.velocities, self.kinds
-        )
+            command.times, command.positions, command.rotations, command.velocities, self.kinds,
+            np.zeros(len(command.times)),
+        )  # fmt: skip
 
     @property
     def reach(self) -> float:
         """Distance of the second control point from a clamped end [m]: |r'| = 1 there."""
         return self.basis.span_length / 3.0
 
-    def held(self, command: Command, stamp: int, theta: FloatArray, frames: FloatArray) -> Held:
+    def held(
+        self, command: Command, stamp: int, theta: FloatArray, frames: FloatArray,
+        lengthening: float = 1.0,
+    ) -> Held:  # fmt: skip
         """Imposed values at a stamp [ns].
 
         Args:
             theta: twist angles at both ends now [rad], shape (2,).
             frames: frames of both ends now, shape (2, FRAME).
+            lengthening: true length over that of the basis.
 
         Raises:
             CommandError: the two control points of an end coincide, so that it has no direction.
@@ -149,7 +154,8 @@ class Boundary:
         pins = np.empty((len(self._pins), 3))
         frames = frames.copy()
         time = (stamp - command.stamp) / NANOSECONDS
-        if not grips.impose(self.imposed(command), time, theta, self.reach, frames, target, pins):
+        reach = self.reach * lengthening
+        if not grips.impose(self.imposed(command), time, theta, reach, frames, target, pins):
             raise CommandError(
                 "dlo/command: two control points that give the direction of an end coincide"
             )

@@ -9,7 +9,6 @@ import numpy as np
 from dlo_ros.command import Command, Motion
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import RodParameters, Settings
-from dlo_ros.rod.model import SENSITIVITIES
 from dlo_ros.rod.simulation import Simulation
 from dlo_ros.spline import SplineBasis
 
@@ -34,7 +33,7 @@ def compile_kernels() -> float:
     for mode in ("equilibrium", "observed"):
         flat = {**settings.flat(), "simulation.start": mode}
         simulation = Simulation(
-            Settings.from_mapping(flat), Motion([command]), parameters=SENSITIVITIES, spans=7
+            Settings.from_mapping(flat), Motion([command]), parameters=("young_modulus", "density"), spans=7
         )
         simulation.start([Observation(0, shape)])
         simulation.advance(1_000_000)

@@ -9,22 +9,34 @@ energy with another stiffness and other rest strains. The compiled steps are in 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from dlo_ros.command import NANOSECONDS, Command
 from dlo_ros.errors import CommandError, SimulationError
-from dlo_ros.rod import engine, solver
+from dlo_ros.rod import engine
 from dlo_ros.rod.boundary import Boundary
 from dlo_ros.rod.model import RodModel
-from dlo_ros.rod.planar import expand, flat_reference, in_plane, reduce, system_of
-from dlo_ros.rod.state import Sensitivity, State, Strains
-from dlo_ros.rod.statics import stresses
-from dlo_ros.rod.tables import DOF
+from dlo_ros.rod.packing import (
+    imposed_of,
+    moving_of,
+    nothing_varies,
+    state_of,
+    system_of,
+    true_command,
+    varying_of,
+)
+from dlo_ros.rod.planar import expand, in_plane
+from dlo_ros.rod.state import State
+from dlo_ros.rod.statics import NO_DIRECTION_TEXT
+from dlo_ros.rod.stepping import DONE, NO_DIRECTION, SMALLEST_STEP, starting_acceleration
+from dlo_ros.rod.tangents import variants
+from dlo_ros.rod.variation import vary_start
 from dlo_ros.spline import FloatArray
 
-NEWTON_TOLERANCE = 1e-8  # of L
+# Newton's method may leave this share of the error that a step may add, and no more than this of L.
+NEWTON_SHARE, NEWTON_LARGEST = 0.01, 1e-5
 # Error that one step may add, as a share of simulation.tolerance: measured on a falling cantilever.
 STEP_SHARE = 0.03
 
@@ -52,10 +64,10 @@ def advance(
     state: State,
     command: Command,
     stamp: int,
-    scales: FloatArray | None = None,
+    parameters: Sequence[str] = (),
 ) -> State:
     """Integrate to one stamp [ns]; see `follow`."""
-    return follow(model, boundary, state, command, [stamp], scales).state
+    return follow(model, boundary, state, command, [stamp], parameters).state
 
 
 def follow(
@@ -64,124 +76,68 @@ def follow(
     state: State,
     command: Command,
     stamps: Sequence[int],
-    scales: FloatArray | None = None,
+    parameters: Sequence[str] = (),
 ) -> Track:
     """Integrate through stamps with steps that keep the error within simulation.tolerance.
 
     Args:
         stamps: [ns], growing, none before the state's.
-        scales: see `static_sensitivity`; given, the state's sensitivities are carried along.
+        command: as it was commanded; the model's effects are applied to it.
+        parameters: by which sensitivities are wanted, see `tangents`; those of the state are
+            carried along.
 
     Raises:
         SimulationError: a step does not converge however small it is.
         CommandError: the command gives an end no direction.
     """
+    commanded, command = command, true_command(model, command)
     flat = in_plane(model, state, command)
     system = system_of(model, boundary, flat=flat)
-    wanted = scales if scales is not None and state.sensitivity is not None else np.zeros((0, 4))
-    moving = _moving(state, command, flat, len(wanted))
+    moving = moving_of(state, command, flat=flat)
+    wanted = variants(model, boundary, commanded, parameters, flat=flat)
+    if not parameters:
+        varying = nothing_varies(state, 0, flat=flat)
+    else:
+        varying = varying_of(state, flat=flat)
     times = (np.asarray(stamps, dtype=np.int64) - command.stamp) / NANOSECONDS
     shapes = np.empty((len(times), *moving.q.shape))
-    derivatives = np.empty((len(times), len(wanted), *moving.q.shape))
+    derivatives = np.empty((len(times), len(parameters), *moving.q.shape))
     tolerance = STEP_SHARE * model.settings.simulation.tolerance * model.basis.length
-    status, moving, steps = engine.march(
-        system, boundary.imposed(command), moving, times, tolerance, NEWTON_TOLERANCE, wanted,
-        shapes, derivatives,
+    newton = min(NEWTON_SHARE * tolerance / model.basis.length, NEWTON_LARGEST)
+    status, moving, varying, steps = engine.march(
+        system, imposed_of(model, boundary, command), moving, times, tolerance, newton, wanted,
+        varying, shapes, derivatives,
     )  # fmt: skip
-    if status == engine.NO_DIRECTION:
-        raise CommandError(
-            "dlo/command: two control points that give the direction of an end coincide"
-        )
-    if status != engine.DONE:
+    if status == NO_DIRECTION:
+        raise CommandError(NO_DIRECTION_TEXT)
+    if status != DONE:
         raise SimulationError(
             f"the simulation does not converge at {moving.time:.3f} s of the command even with "
-            f"steps of {engine.SMALLEST_STEP:g} s; the imposed motion may jump or stretch the DLO"
+            f"steps of {SMALLEST_STEP:g} s; the imposed motion may jump or stretch the DLO"
         )
     last = int(stamps[-1]) if len(stamps) else state.stamp
-    new = _state(model, state, moving, last, flat, len(wanted))
+    new = state_of(model, state, moving, last, varying if parameters else None)
     return Track(new, expand(shapes, state.q), expand(derivatives, state.q), steps)
 
 
-def _moving(state: State, command: Command, flat: bool, count: int) -> engine.Moving:
-    """A state for compiled code."""
-    n, nb = len(state.q), len(state.strains.other)
-    none = np.zeros((0, n, DOF))
-    empty = Strains(np.zeros((0, len(state.strains.stretch))), np.zeros((0, nb, 3)))
-    s = Sensitivity(none, none, none, none, empty, empty)
-    if count:
-        assert state.sensitivity is not None
-        s = state.sensitivity
-    return engine.Moving(
-        (state.stamp - command.stamp) / NANOSECONDS,
-        state.last_step,
-        state.next_step,
-        reduce(state.q, flat),
-        reduce(state.velocity, flat),
-        reduce(state.acceleration, flat),
-        reduce(state.auxiliary, flat),
-        state.reference,
-        state.frames.copy(),
-        state.strains.stretch,
-        state.previous.stretch,
-        state.strains.other,
-        state.previous.other,
-        reduce(s.q, flat),
-        reduce(s.velocity, flat),
-        reduce(s.acceleration, flat),
-        reduce(s.auxiliary, flat),
-        s.strains.stretch,
-        s.previous.stretch,
-        s.strains.other,
-        s.previous.other,
-    )
+def with_consistent_acceleration(
+    model: RodModel, boundary: Boundary, state: State, command: Command,
+    parameters: Sequence[str] = (),
+) -> State:  # fmt: skip
+    """The state with the acceleration that its forces cause, imposed points not accelerated.
 
-
-def _state(
-    model: RodModel, before: State, m: engine.Moving, stamp: int, flat: bool, count: int
-) -> State:
-    """What compiled code left, as a state in space."""
-    q = expand(m.q, before.q)
-    sensitivity = None
-    if count:
-        sensitivity = Sensitivity(
-            expand(m.d_q, before.q),
-            expand(m.d_velocity, before.q),
-            expand(m.d_acceleration, before.q),
-            expand(m.d_auxiliary, before.q),
-            Strains(m.d_stretch, m.d_other),
-            Strains(m.d_stretch_before, m.d_other_before),
-        )
-    return State(
-        stamp,
-        q,
-        expand(m.velocity, before.q),
-        expand(m.acceleration, before.q),
-        expand(m.auxiliary, before.q),
-        flat_reference(model, q, before.reference) if flat else m.reference,
-        m.frames,
-        Strains(m.stretch, m.other),
-        Strains(m.stretch_before, m.other_before),
-        m.last_step,
-        m.next_step,
-        sensitivity,
-    )
-
-
-def with_consistent_acceleration(model: RodModel, boundary: Boundary, state: State) -> State:
-    """The state with the acceleration that its forces cause, imposed points not accelerated."""
-    rule, stiff = model.rule, model.stiffness
-    mass, spin, drag = model.mass, model.spin, model.drag
-    still = np.zeros_like(drag)
-    # The elastic force of the state: stresses through the strains' derivatives.
-    _, _, _, grad_s, grad_o = solver.linearise(
-        state.q, boundary.fixed, rule, stiff, state.reference, mass, spin, drag, still, 1.0, 0.0
-    )
-    stress = stresses(model, state.strains)
-    elastic = solver.stress_forces(rule, grad_s, grad_o, stress.stretch[None], stress.other[None])
-    viscous = np.empty_like(state.q)
-    solver.multiply_scalar(drag, still, state.velocity, viscous)
-    right = (model.load.ravel() - elastic[0] - viscous.ravel())[None]
-    band, diagonal = solver.factorised_mass(mass, spin, boundary.fixed)
-    solver.back_substitute(band, diagonal, boundary.fixed, boundary.pins, right)
-    acceleration = right[0].reshape(state.q.shape)
-    return replace(state, acceleration=acceleration, auxiliary=acceleration)
+    Args:
+        parameters: see `follow`.
+    """
+    commanded, command = command, true_command(model, command)
+    flat = in_plane(model, state, command)
+    system = system_of(model, boundary, flat=flat)
+    imposed = imposed_of(model, boundary, command)
+    moving = moving_of(state, command, flat=flat)
+    acceleration = starting_acceleration(system, imposed, moving)
+    moving = moving._replace(acceleration=acceleration, auxiliary=acceleration)
+    varying = None
+    if parameters:
+        wanted = variants(model, boundary, commanded, parameters, flat=flat)
+        varying = vary_start(system, imposed, moving, wanted, varying_of(state, flat=flat))
+    return state_of(model, state, moving, state.stamp, varying)

@@ -28,6 +28,7 @@ class Imposed(NamedTuple):
     rotations: FloatArray  # (T, K, 4) unit quaternions x y z w
     velocities: FloatArray  # (T, K, 3) [m/s], NaN where a point carries none
     kinds: FloatArray  # (K,) integers
+    gain: FloatArray  # (T,) free length slipped in through a grip until then, of L
 
 
 @njit(cache=True, nogil=True)

@@ -125,13 +125,13 @@ def respond(stretch, other, weight, material, out):
 @njit(cache=True, nogil=True)
 def _beyond(other, weight, material, out):
     """Replace the linear elastic part of the moments by what the law makes of it."""
-    elastic, energy = material.elastic, 0.0
+    elastic, plastic, energy = material.elastic, material.history.plastic, 0.0
     for e in range(weight.size):
         b1, b2 = elastic.bend[e, 0], elastic.bend[e, 1]
         x1 = other[e, 0] - elastic.bend_rest[e, 0]
         x2 = other[e, 1] - elastic.bend_rest[e, 1]
         m1, m2, t11, t12, t22, w = bend(
-            b1, b2, x1, x2, material.plastic[e, 0], material.plastic[e, 1], material.law
+            b1, b2, x1, x2, plastic[e, 0], plastic[e, 1], material.law
         )
         out.bend[e, 0] += m1 - b1 * x1
         out.bend[e, 1] += m2 - b2 * x2

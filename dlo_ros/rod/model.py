@@ -9,13 +9,19 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from dlo_ros.effects import Body, Effect, build
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.kernels import span_twist
-from dlo_ros.rod.tables import DOF, Quadrature, Stiffness
+from dlo_ros.rod.tables import DOF, Law, Quadrature, Stiffness, Surroundings
 from dlo_ros.spline import FloatArray, SplineBasis
 
-# Parameters of which sensitivities can be had; all enter by their natural logarithm.
-SENSITIVITIES = ("young_modulus", "density", "air_drag", "relaxation_time")
+CONTACTS = 8  # points of a knot span at which contact is looked for
+SINK = 1e-5  # of L: how deep a contact gives way under all of the DLO's weight
+CREEP = 1e-4  # of L: displacement at which friction acts fully
+INACTIVE = 9e5  # [1/m] curvatures that no DLO reaches
+# What depends on basis and ends alone.
+DISCRETISATION = ("rule", "points", "gram", "basis_slope", "basis_curvature", "twist_fit")
+STANDARD_GRAVITY = 9.81  # [m/s^2]
 
 
 @dataclass(frozen=True)
@@ -30,6 +36,8 @@ class RodModel:
         rest: strain memory eps_0 of eq. (7) as a function of u (m,) [m]: rest curvatures about the
             two material directors and rest twist, shape (m, 3) [1/m]; None: straight at rest.
         point_forces: dead forces, each as its place u [m] and its components [N].
+        section: stiffness over that of the round section, of bending about the first and about
+            the second material director, and of twist; a flat DLO differs in them.
     """
 
     settings: Settings
@@ -38,10 +46,14 @@ class RodModel:
     full_end: bool = False
     rest: Callable[[FloatArray], FloatArray] | None = None
     point_forces: tuple[tuple[float, tuple[float, float, float]], ...] = ()
+    section: tuple[float, float, float] = (1.0, 1.0, 1.0)
 
     def with_settings(self, settings: Settings) -> RodModel:
-        """The same discretisation with other material, damping or gravity."""
-        return replace(self, settings=settings)
+        """The same discretisation with other material, damping, gravity or effects."""
+        same = replace(self, settings=settings)
+        kept = {k: v for k, v in self.__dict__.items() if k in DISCRETISATION}
+        same.__dict__.update(kept)
+        return same
 
     @cached_property
     def rule(self) -> Quadrature:
@@ -101,57 +113,142 @@ class RodModel:
         return np.asarray(np.linalg.pinv(slope))
 
     @cached_property
-    def stiffness(self) -> Stiffness:
-        """H of eq. (7) at every quadrature point, with the labels put right (physics.md)."""
-        rod = self.settings.rod
+    def effects(self) -> tuple[Effect, ...]:
+        """The effects that the parameter file adds."""
+        return build(self.settings.effects)
+
+    @cached_property
+    def body(self) -> Body:
+        """Material, mass and loads before they become matrices, effects included.
+
+        Raises:
+            ParameterError: an effect acts on a place that is not on the DLO.
+        """
+        rod, damping = self.settings.rod, self.settings.damping
         nb = self.rule.weight.size
         rest = np.zeros((nb, 3)) if self.rest is None else self.rest(self.points)
+        body = Body(
+            self.basis, self.points, self.rule.weight,
+            rod.bending_stiffness * np.tile(self.section[:2], (nb, 1)), rest[:, :2].copy(),
+            rest[:, 2].copy(), rod.linear_density, damping.air_drag, damping.relaxation_time,
+            np.array(self.settings.gravity),
+        )  # fmt: skip
+        for effect in self.effects:
+            effect.shape_body(body)
+        return body
+
+    @cached_property
+    def stiffness(self) -> Stiffness:
+        """H of eq. (7) at every quadrature point, with the labels put right (physics.md).
+
+        Where the DLO is longer than the material coordinate says, bending counts more often, and
+        stretch and twist are per unit of the true length.
+        """
+        rod, body = self.settings.rod, self.body
+        nb, longer = self.rule.weight.size, body.lengthening
+        twist = rod.shear_modulus * 2.0 * rod.second_moment * self.section[2]
         return Stiffness(
-            stretch=np.full(nb, rod.young_modulus * rod.area),
-            stretch_rest=np.zeros(nb),
-            bend=np.full((nb, 2), rod.bending_stiffness),
-            bend_rest=np.ascontiguousarray(rest[:, :2]),
-            twist=np.full(nb, rod.shear_modulus * 2.0 * rod.second_moment),
-            twist_rest=self.span_twists(rest[:, 2]),
+            stretch=np.full(nb, rod.young_modulus * rod.area / longer),
+            stretch_rest=np.full(nb, longer - 1.0),
+            bend=longer * body.bend,
+            bend_rest=body.bend_rest,
+            twist=np.full(nb, twist / longer),
+            twist_rest=self.span_twists(longer * body.twist_rest)
+            if body.twist_rest.any()
+            else body.twist_rest,
         )
+
+    @cached_property
+    def law(self) -> Law:
+        """How bending departs from linear elasticity."""
+        body = self.body
+        active = body.half_curvature < INACTIVE or body.yield_curvature < INACTIVE
+        share = min(max(body.hardening, 0.0), 0.999)
+        return Law(active, body.half_curvature, body.yield_curvature, share / (1.0 - share))
+
+    @cached_property
+    def planar(self) -> bool:
+        """Whether rest strains and loads lie in the plane y = 0."""
+        stiff = self.stiffness
+        return not (stiff.bend_rest[:, 1].any() or stiff.twist_rest.any() or self.load[:, 1].any())
+
+    @cached_property
+    def surroundings(self) -> Surroundings:
+        """What the DLO touches; the points at which contact is looked for only where it can be."""
+        body, rod = self.body, self.settings.rod
+        length = self.basis.length
+        pegs = np.array(
+            [[p.x, p.z, p.radius + 0.5 * rod.diameter] for p in body.pegs], dtype=np.float64
+        ).reshape(-1, 3)
+        spans = self.basis.spans if len(pegs) else 0
+        span = np.repeat(np.arange(spans), CONTACTS)
+        width = length / max(self.basis.spans * CONTACTS, 1)
+        u = (np.arange(spans * CONTACTS) + 0.5) * width
+        b = self._local(u, 0)[1] if spans else np.zeros((0, 4))
+        # All of the DLO's weight on one point presses it in by very little.
+        weight = rod.linear_density * STANDARD_GRAVITY * length
+        push = weight + 10.0 * rod.bending_stiffness / length**2
+        return Surroundings(
+            body.friction or 0.0, CREEP * length, pegs, push / (width * SINK * length), span, b,
+            np.full(len(u), width),
+        )  # fmt: skip
+
+    @cached_property
+    def remembers(self) -> tuple[int, int]:
+        """For how many points plastic curvature and anchors of friction are kept."""
+        nb = self.rule.weight.size
+        return nb if self.law.active else 0, nb if self.body.friction is not None else 0
 
     @cached_property
     def gram(self) -> FloatArray:
         """Lower band of the basis' Gram matrix, shape (n, 4) [m]."""
-        n = self.basis.control_points
-        full, band = self.basis.gram, np.zeros((n, 4))
-        for k in range(4):
-            band[3 - k :, k] = np.diagonal(full, k - 3)
-        return band
+        return _lower_band(self.basis.gram)
 
-    @property
+    @cached_property
+    def _hung(self) -> tuple[FloatArray, FloatArray]:
+        """Fixed masses: their matrix as a lower band (n, 4) [kg], and its row sums (n,)."""
+        n = self.basis.control_points
+        if not self.body.masses:
+            return np.zeros((n, 4)), np.zeros(n)
+        mass, u = np.array(self.body.masses).T
+        b = self.basis.matrix(u)
+        return _lower_band(b.T @ (mass[:, None] * b)), b.T @ mass
+
+    @cached_property
+    def line_mass(self) -> FloatArray:
+        """Mass matrix of the DLO alone, lower band (n, 4) [kg]."""
+        return self.body.line_density * self.body.lengthening * self.gram
+
+    @cached_property
     def mass(self) -> FloatArray:
         """Mass matrix of x, y, z (eq. (5)), lower band (n, 4) [kg]; constant."""
-        return self.settings.rod.linear_density * self.gram
+        return self.line_mass + self._hung[0]
 
-    @property
+    @cached_property
     def spin(self) -> FloatArray:
         """Inertia of theta, density times pi D^4 / 32 (I of eq. (4)), lower band (n, 4)."""
         rod = self.settings.rod
-        return rod.density * 2.0 * rod.second_moment * self.gram
+        return rod.density * 2.0 * rod.second_moment * self.body.lengthening * self.gram
 
-    @property
+    @cached_property
     def drag(self) -> FloatArray:
         """Matrix of the external drag, lower band (n, 4) [N s/m]."""
-        return self.settings.damping.air_drag * self.gram
+        return self.body.air_drag * self.body.lengthening * self.gram
 
-    @property
-    def weight(self) -> FloatArray:
-        """Generalised force of gravity [N], shape (n, 4)."""
+    @cached_property
+    def line_load(self) -> FloatArray:
+        """Generalised weight of the DLO and force per length [N], shape (n, 4)."""
+        body = self.body
+        share = body.lengthening * self.basis.shares
         result = np.zeros((self.basis.control_points, DOF))
-        mass = self.settings.rod.linear_density * self.basis.gram.sum(axis=1)
-        result[:, :3] = mass[:, None] * np.asarray(self.settings.gravity)
+        result[:, :3] = share[:, None] * (body.line_density * body.gravity + body.force)
         return result
 
-    @property
+    @cached_property
     def load(self) -> FloatArray:
-        """Generalised dead load, gravity and point forces [N], shape (n, 4)."""
-        result = self.weight
+        """Generalised dead load, gravity and other forces [N], shape (n, 4)."""
+        result = self.line_load.copy()
+        result[:, :3] += self._hung[1][:, None] * self.body.gravity
         for u, force in self.point_forces:
             result[:, :3] += self.basis.matrix([u])[0][:, None] * np.asarray(force)
         return result
@@ -162,3 +259,12 @@ class RodModel:
         rod = self.settings.rod
         gravity = float(np.linalg.norm(self.settings.gravity))
         return rod.bending_stiffness / rod.linear_density / rod.length**4 + gravity / rod.length
+
+
+def _lower_band(full: FloatArray) -> FloatArray:
+    """Lower band (n, 4) of a symmetric matrix of basis functions (n, n)."""
+    n = len(full)
+    band = np.zeros((n, 4))
+    for k in range(4):
+        band[3 - k :, k] = np.diagonal(full, k - 3)
+    return band

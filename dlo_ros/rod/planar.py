@@ -7,10 +7,10 @@ States keep their spatial form: they are reduced for the compiled code and expan
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 
-from dlo_ros.command import END, START, Command
-from dlo_ros.rod import engine, grips
-from dlo_ros.rod.boundary import Boundary
+from dlo_ros.command import Command
+from dlo_ros.rod.grips import DIRECTOR
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.state import State
 from dlo_ros.rod.tables import Reference
@@ -22,21 +22,30 @@ ROUNDING = 1e-12
 
 def in_plane(model: RodModel, state: State, command: Command) -> bool:
     """Whether motion, rest strains and loads all lie in the plane y = 0."""
-    off = (state.q, state.velocity, state.acceleration, state.auxiliary)
-    if any(np.abs(x[:, [1, 3]]).max() > ROUNDING * model.basis.length for x in off):
-        return False
-    if np.abs(state.reference.director[:, 1] - 1.0).max() > 1e-9:
-        return False
-    directors = state.frames[:, grips.DIRECTOR : grips.BODY]
-    if np.abs(directors[:, 1] - 1.0).max() > 1e-9:
-        return False
-    stiff = model.stiffness
-    if stiff.bend_rest[:, 1].any() or stiff.twist_rest.any() or model.load[:, 1].any():
-        return False
-    if np.abs(command.positions[:, :, 1]).max(initial=0.0) > ROUNDING * model.basis.length:
-        return False
-    turned = [k for k, name in enumerate(command.names) if name in (START, END)]
-    return not turned or bool(np.abs(command.rotations[:, turned][:, :, [0, 2]]).max() < 1e-9)
+    slack = ROUNDING * model.basis.length
+    return bool(
+        model.planar
+        and command.off_plane <= slack
+        and command.turns_in_plane
+        and _lies_flat(
+            state.q, state.velocity, state.acceleration, state.auxiliary,
+            state.reference.director, state.frames, slack,
+        )
+    )  # fmt: skip
+
+
+@njit(cache=True, nogil=True)
+def _lies_flat(q, velocity, acceleration, auxiliary, director, frames, slack):
+    for i in range(q.shape[0]):
+        for c in (1, 3):
+            if abs(q[i, c]) > slack or abs(velocity[i, c]) > slack:
+                return False
+            if abs(acceleration[i, c]) > slack or abs(auxiliary[i, c]) > slack:
+                return False
+    for e in range(director.shape[0]):
+        if abs(director[e, 1] - 1.0) > 1e-9:
+            return False
+    return abs(frames[0, DIRECTOR + 1] - 1.0) < 1e-9 and abs(frames[1, DIRECTOR + 1] - 1.0) < 1e-9
 
 
 def reduce(x: FloatArray, flat: bool) -> FloatArray:
@@ -61,23 +70,3 @@ def flat_reference(model: RodModel, q: FloatArray, before: Reference) -> Referen
     tangent = p / speed
     rate = (s - tangent * np.sum(tangent * s, axis=1, keepdims=True)) / speed
     return Reference(tangent, rate, before.director, before.twist)
-
-
-def system_of(model: RodModel, boundary: Boundary, *, flat: bool) -> engine.System:
-    """The rod's constants for compiled code, in the plane or in space."""
-    gram = model.gram
-    fixed, pins, rows = boundary.fixed, boundary.pins, boundary.pin_rows
-    weight, load = model.weight, model.load
-    if flat:
-        n = model.basis.control_points
-        columns = (4 * np.arange(n)[:, None] + np.array(IN_PLANE)).ravel()
-        coordinates = [k for k in range(len(pins)) if k % 3 in IN_PLANE]
-        fixed = fixed[columns]
-        pins = np.ascontiguousarray(pins[coordinates][:, columns])
-        rows = np.ascontiguousarray(rows[coordinates][:, columns])
-        weight, load = reduce(weight, flat), reduce(load, flat)
-    return engine.System(
-        model.rule, model.stiffness, model.mass, model.spin, model.drag, np.zeros_like(gram),
-        weight, load, fixed, pins, rows, model.settings.damping.relaxation_time,
-        model.basis.length, boundary.reach,
-    )  # fmt: skip

@@ -121,7 +121,7 @@ def _path(
     published = SplineBasis(settings.rod.control_points, settings.rod.length)
     state = rest_state(stamps[0], model.basis.projection(published) @ shape, model)
     shapes = []
-    for stamp in stamps:
-        state = settle(model, boundary, state, command, stamp).state
+    for k, stamp in enumerate(stamps):
+        state = settle(model, boundary, state, command, stamp, fresh=k == 0).state
         shapes.append(model.basis.evaluate(state.q[:, :3], u))
     return np.array(shapes)

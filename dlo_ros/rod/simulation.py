@@ -16,18 +16,12 @@ from dlo_ros.parameters import Settings
 from dlo_ros.rod import dynamics, resolution
 from dlo_ros.rod.boundary import Boundary
 from dlo_ros.rod.grips import HELD
-from dlo_ros.rod.model import SENSITIVITIES, RodModel
+from dlo_ros.rod.model import RodModel
+from dlo_ros.rod.packing import nothing_varies, true_command
 from dlo_ros.rod.planar import in_plane
-from dlo_ros.rod.state import (
-    Sensitivity,
-    State,
-    Strains,
-    refined,
-    rest_state,
-    strains_of,
-    twist_angle,
-)
-from dlo_ros.rod.statics import hold, reachable, relax_stretch, settle, static_sensitivity
+from dlo_ros.rod.state import State, refined, rest_state, strains_of, twist_angle
+from dlo_ros.rod.statics import hold, reachable, relax_stretch, settle
+from dlo_ros.rod.tangents import tangent
 from dlo_ros.spline import DEGREE, FloatArray, SplineBasis
 
 LOG = logging.getLogger(__name__)
@@ -57,7 +51,7 @@ class Simulation:
     Args:
         settings: the parameter file.
         motion: the imposed motion; commands may be added while the simulation runs.
-        parameters: which of `SENSITIVITIES` the derivatives are wanted of.
+        parameters: by which derivatives are wanted, named as in `tangents`.
         spans: knot spans of the simulation; default: as many as simulation.tolerance needs.
 
     Raises:
@@ -72,15 +66,12 @@ class Simulation:
         parameters: Sequence[str] = (),
         spans: int | None = None,
     ) -> None:
-        unknown = [p for p in parameters if p not in SENSITIVITIES]
-        if unknown:
-            raise InputError(
-                f"no sensitivity to '{unknown[0]}'; known are {', '.join(SENSITIVITIES)}"
-            )
+        for name in parameters:
+            tangent(settings, name)
         self.settings = settings
         self.motion = motion
         self.published = SplineBasis(settings.rod.control_points, settings.rod.length)
-        self.scales = np.eye(4)[[SENSITIVITIES.index(p) for p in parameters]]
+        self.parameters = tuple(parameters)
         self._spans = spans
         self.resolution: resolution.Resolution | None = None
         self.state: State | None = None
@@ -123,17 +114,17 @@ class Simulation:
         model, boundary = resolution.build(self.settings, command, self._spans)
         lift = model.basis.projection(self.published)
         at_rest = rest_state(first.stamp, lift @ shape, model)
-        held = hold(at_rest, boundary, command, first.stamp)
-        reachable(model, held, boundary)
         if mode == "equilibrium":
-            found = settle(model, boundary, at_rest, command, first.stamp)
+            found = settle(
+                model, boundary, at_rest, command, first.stamp, fresh=True,
+                parameters=self.parameters,
+            )  # fmt: skip
             state, self.stable = found.state, found.stable
             if not found.stable:
                 LOG.warning("the initial equilibrium is unstable")
-            if len(self.scales):
-                sensitivity = static_sensitivity(model, boundary, state, self.scales)
-                state = replace(state, sensitivity=sensitivity)
         else:
+            held = hold(model, boundary, at_rest, command, first.stamp)
+            reachable(model, held, boundary)
             state = rest_state(
                 first.stamp, relax_stretch(model, boundary, held, lift @ shape), model
             )
@@ -145,8 +136,10 @@ class Simulation:
                 velocity = lift @ (first.control_points - before.control_points) / elapsed
                 velocity[:, 3] = 0.0
                 state = replace(state, velocity=velocity)
-            state = dynamics.with_consistent_acceleration(model, boundary, state)
-            state = replace(state, sensitivity=self._insensitive(model))
+            state = self._insensitive(state)
+            state = dynamics.with_consistent_acceleration(
+                model, boundary, state, command, self.parameters
+            )
         self._judged = self.settings.rod.specific_modulus
         self.state, self.model, self.boundary = state, model, boundary
 
@@ -161,16 +154,10 @@ class Simulation:
         twin.update(settings)
         return twin
 
-    def _insensitive(self, model: RodModel) -> Sensitivity | None:
-        count = len(self.scales)
-        if not count:
-            return None
-        zero = np.zeros((count, model.basis.control_points, 4))
-        none = Strains(
-            np.zeros((count, model.rule.weight.size)),
-            np.zeros((count, model.rule.weight.size, 3)),
-        )
-        return Sensitivity(zero, zero, zero, zero, none, none)
+    def _insensitive(self, state: State) -> State:
+        """The state as given, whatever the parameters are."""
+        count = len(self.parameters)
+        return replace(state, sensitivity=nothing_varies(state, count) if count else None)
 
     def _command(self, stamp: int) -> Command:
         command = self.motion.at(stamp)
@@ -197,7 +184,6 @@ class Simulation:
                 f"the simulation is at {state.stamp / NANOSECONDS:.3f} s and cannot go back to "
                 f"{stamps[0] / NANOSECONDS:.3f} s; reset it"
             )
-        scales = self.scales if len(self.scales) else None
         predictions: list[Prediction] = []
         for stops in self._legs(state.stamp, stamps):
             command = self._command(max(stops[0] - 1, state.stamp))
@@ -207,8 +193,10 @@ class Simulation:
             at_once = [stops] if in_plane(model, state, command) else [[s] for s in stops]
             for leg in at_once:
                 for stop in leg:
-                    reachable(model, hold(state, boundary, command, stop), boundary)
-                track = dynamics.follow(model, boundary, state, command, leg, scales)
+                    reachable(model, hold(model, boundary, state, command, stop), boundary)
+                track = dynamics.follow(
+                    model, boundary, state, command, leg, self.parameters
+                )
                 state = track.state
                 wanted = [k for k, stop in enumerate(leg) if stop in stamps]
                 if len(leg) == 1:
@@ -244,16 +232,17 @@ class Simulation:
         frames[:, HELD] = 0.0  # a new grip takes the DLO as it is
         now = strains_of(state.q, model, state.reference)
         state = replace(state, frames=frames, strains=now, previous=now, last_step=0.0)
-        return replace(state, sensitivity=self._insensitive(model)), model, boundary
+        return self._insensitive(state), model, boundary
 
     def hold(self, stamp: int) -> None:
         """Stand still until a stamp [ns]: what a motion that cannot be followed leaves to do."""
         state = self._started()
         zero = np.zeros_like(state.q)
-        self.state = replace(
-            state, stamp=stamp, velocity=zero, acceleration=zero, auxiliary=zero,
-            previous=state.strains, last_step=0.0, next_step=0.0,
-            sensitivity=self._insensitive(self.model),
+        self.state = self._insensitive(
+            replace(
+                state, stamp=stamp, velocity=zero, acceleration=zero, auxiliary=zero,
+                previous=state.strains, last_step=0.0, next_step=0.0,
+            )
         )  # fmt: skip
 
     def resettle(self, stamp: int) -> Prediction:
@@ -267,7 +256,7 @@ class Simulation:
         if command.names != boundary.names:
             state, model, boundary = self._regrip(state, command)
         state = settle(model, boundary, state, command, stamp).state
-        state = replace(state, sensitivity=self._insensitive(model))
+        state = self._insensitive(state)
         self.state, self.model, self.boundary = state, model, boundary
         return self.prediction()
 
@@ -305,8 +294,7 @@ class Simulation:
             return
         if found.spans > self.model.basis.spans:
             finer, boundary = resolution.build(settings, command, found.spans)
-            self.state = refined(self.state, self.model, finer)
-            self.state = replace(self.state, sensitivity=self._insensitive(finer))
+            self.state = self._insensitive(refined(self.state, self.model, finer))
             self.model, self.boundary = finer, boundary
             self._spans, self.resolution = found.spans, found
 

@@ -10,31 +10,18 @@ from dlo_ros.rod.frames import twist_free
 from dlo_ros.rod.grips import BODY, DIRECTOR, THETA
 from dlo_ros.rod.kernels import strains
 from dlo_ros.rod.model import RodModel
-from dlo_ros.rod.tables import DOF, Reference
+from dlo_ros.rod.surroundings import rest_anchor
+from dlo_ros.rod.tables import DOF, History, Reference
+from dlo_ros.rod.variation import Varying
 from dlo_ros.spline import FloatArray
 
 
 @dataclass(frozen=True)
 class Strains:
-    """Strains at the quadrature points: stretch (nb,), and kappa_1, kappa_2, twist (nb, 3).
-
-    With a leading axis of P parameters where they are sensitivities.
-    """
+    """Strains at the quadrature points: stretch (nb,), and kappa_1, kappa_2, twist (nb, 3)."""
 
     stretch: FloatArray
     other: FloatArray
-
-
-@dataclass(frozen=True)
-class Sensitivity:
-    """Derivatives of the state with respect to P parameters (logarithms), shapes (P, n, 4)."""
-
-    q: FloatArray
-    velocity: FloatArray
-    acceleration: FloatArray
-    auxiliary: FloatArray
-    strains: Strains
-    previous: Strains
 
 
 @dataclass(frozen=True)
@@ -48,9 +35,10 @@ class State:
         reference: frame at the bending points.
         frames: at both ends, shape (2, FRAME), see `grips`.
         strains, previous: strains now and one step ago (for the strain rate).
+        history: what bending and friction remember.
         last_step: length of the last step [s], 0 at a start.
         next_step: step [s] that the error control proposes, 0 where it has no opinion yet.
-        sensitivity: derivatives, where asked for.
+        sensitivity: derivatives by P parameters, where asked for; q etc. have shape (P, n, 4).
     """
 
     stamp: int
@@ -62,9 +50,10 @@ class State:
     frames: FloatArray
     strains: Strains
     previous: Strains
+    history: History
     last_step: float = 0.0
     next_step: float = 0.0
-    sensitivity: Sensitivity | None = None
+    sensitivity: Varying | None = None
 
 
 def strains_of(q: FloatArray, model: RodModel, reference: Reference) -> Strains:
@@ -80,7 +69,15 @@ def rest_state(stamp: int, q: FloatArray, model: RodModel) -> State:
     reference, frames = twist_free(q, model.basis, model.points)
     now = strains_of(q, model, reference)
     zero = np.zeros((model.basis.control_points, DOF))
-    return State(stamp, q, zero, zero, zero, reference, frames, now, now)
+    history = fresh_history(q, model)
+    return State(stamp, q, zero, zero, zero, reference, frames, now, now, history)
+
+
+def fresh_history(q: FloatArray, model: RodModel) -> History:
+    """The history of a DLO that was never bent too far and feels no friction, in the shape q."""
+    yielding, touching = model.remembers
+    anchor = rest_anchor(q, model.rule) if touching else np.zeros((0, 2))
+    return History(np.zeros((yielding, 2)), anchor)
 
 
 def twist_angle(state: State, model: RodModel) -> FloatArray:
@@ -95,7 +92,7 @@ def twist_angle(state: State, model: RodModel) -> FloatArray:
 def refined(state: State, model: RodModel, finer: RodModel) -> State:
     """The same state in another basis, exact where its knots contain the old ones.
 
-    Sensitivities are not carried over.
+    Sensitivities are not carried over, nor is what bending and friction remember.
     """
     change = finer.basis.projection(model.basis)
     q = change @ state.q
@@ -107,6 +104,6 @@ def refined(state: State, model: RodModel, finer: RodModel) -> State:
     now = strains_of(q, finer, reference)
     return State(
         state.stamp, q, change @ state.velocity, change @ state.acceleration,
-        change @ state.auxiliary, reference, frames, now, now,
+        change @ state.auxiliary, reference, frames, now, now, fresh_history(q, finer),
         0.0, state.next_step,
     )  # fmt: skip

@@ -56,12 +56,13 @@ class Law(NamedTuple):
 
 
 class Material(NamedTuple):
-    """All that turns strains into stresses; damping is contained in `stiffness`."""
+    """All that resists a change of shape; damping is contained in `stiffness`."""
 
     stiffness: Stiffness
     elastic: Stiffness  # without damping, for the law
     law: Law
-    plastic: FloatArray  # (nb, 2) plastic curvature before [1/m]
+    around: Surroundings
+    history: History  # before
 
 
 class Response(NamedTuple):
@@ -73,6 +74,25 @@ class Response(NamedTuple):
     stretch_tangent: FloatArray  # (nb,) [N]
     bend_tangent: FloatArray  # (nb, 3) 11, 12, 22 [N m^2]
     twist_tangent: FloatArray  # (nb,) [N m^2]
+
+
+class Surroundings(NamedTuple):
+    """What the DLO touches in the board's plane; see `surroundings`."""
+
+    friction: float  # Coulomb friction with the board [N/m]
+    creep: float  # displacement at which it acts fully [m]
+    pegs: FloatArray  # (k, 3) x, z and distance from there to the DLO's axis at contact [m]
+    contact: float  # stiffness of a contact [N/m^2]
+    span: NDArray[np.int64]  # (nc,) of the points at which contact is looked for
+    b: FloatArray  # (nc, 4) basis functions there
+    weight: FloatArray  # (nc,) [m]
+
+
+class History(NamedTuple):
+    """What bending and friction remember."""
+
+    plastic: FloatArray  # (nb, 2) plastic curvature [1/m]
+    anchor: FloatArray  # (nb, 2) x and z where friction with the board is free of force [m]
 
 
 class Reference(NamedTuple):

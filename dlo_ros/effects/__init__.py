@@ -1,0 +1,12 @@
+"""Effects: what a real DLO, its grips, its surroundings or its camera do beyond the plain model.
+
+One file is one effect, with its parameters and what it adds. `physics` holds those that change the
+rod or what holds it, `measurement` those that change only how and when it is seen. Other packages
+add theirs through the entry point group `dlo_ros.effects`.
+"""
+
+from dlo_ros.effects.base import Body, Effect, Peg, Quantity, quantity
+from dlo_ros.effects.registry import Values, build, effects, quantities
+
+__all__ = ["Body", "Effect", "Peg", "Quantity", "Values", "build", "effects", "quantities",
+           "quantity"]  # fmt: skip

@@ -1,0 +1,160 @@
+"""What an effect is, and the rod that it may change."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from dlo_ros.command import Command
+from dlo_ros.errors import ParameterError
+from dlo_ros.spline import FloatArray, SplineBasis
+
+
+class Peg(NamedTuple):
+    """A round peg that stands on the board, frictionless."""
+
+    x: float  # [m]
+    z: float  # [m]
+    radius: float  # of the peg itself [m]
+
+
+@dataclass
+class Body:
+    """The rod while it is put together; an effect changes its numbers in place.
+
+    Args:
+        basis: of the simulation, over the configured length L.
+        points: material coordinates of the quadrature points [m], shape (nb,).
+        weight: their weights [m], shape (nb,); the cells of this width tile the DLO.
+        bend: bending stiffness about both material directors [N m^2], shape (nb, 2).
+        bend_rest: curvature at rest about them [1/m], shape (nb, 2); in the board's plane the
+            first director is +y.
+        twist_rest: twist at rest [rad/m], shape (nb,).
+        line_density: mass per length [kg/m].
+        air_drag: force per length over velocity [N s/m^2].
+        relaxation_time: of Kelvin-Voigt damping [s].
+        gravity: [m/s^2], shape (3,).
+        force: dead force per length [N/m], shape (3,).
+        masses: masses fixed to the DLO, each as mass [kg] and place u [m].
+        half_curvature: curvature at which the tangent bending stiffness has halved [1/m].
+        yield_curvature: elastic curvature past which bending yields [1/m].
+        hardening: tangent bending stiffness past the yield over that before it, 0 to 1.
+        friction: Coulomb friction with the board per length [N/m]; None: the board is not touched.
+        pegs: that the DLO may touch.
+        lengthening: true length over configured length.
+        slip: free length gained through a grip during the motion [m].
+    """
+
+    basis: SplineBasis
+    points: FloatArray
+    weight: FloatArray
+    bend: FloatArray
+    bend_rest: FloatArray
+    twist_rest: FloatArray
+    line_density: float
+    air_drag: float
+    relaxation_time: float
+    gravity: FloatArray
+    force: FloatArray = field(default_factory=lambda: np.zeros(3))
+    masses: list[tuple[float, float]] = field(default_factory=list)
+    half_curvature: float = math.inf
+    yield_curvature: float = math.inf
+    hardening: float = 0.0
+    friction: float | None = None
+    pegs: list[Peg] = field(default_factory=list)
+    lengthening: float = 1.0
+    slip: float = 0.0
+
+    @property
+    def length(self) -> float:
+        """Configured length L [m], over which u counts."""
+        return self.basis.length
+
+    def within(self, key: str, place: float) -> None:
+        """Refuse a place that is not on the DLO.
+
+        Raises:
+            ParameterError: names effects.KEY, the place and the length.
+        """
+        if not -1e-3 * self.length <= place <= 1.001 * self.length:
+            raise ParameterError(
+                f"effects.{key} is {place:g} m; it must lie on the DLO, 0 to {self.length:g} m"
+            )
+
+    def coverage(self, start: float, stop: float) -> FloatArray:
+        """Which share of each quadrature point's cell lies within [start, stop], shape (nb,)."""
+        edges = np.concatenate([[0.0], np.cumsum(self.weight)])
+        inside = np.clip(edges, start, stop)
+        share: FloatArray = np.diff(inside) / self.weight
+        return share
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A parameter of an effect.
+
+    Args:
+        name: key in reports and, after `effects.NAME.`, in the parameter file.
+        neutral: value with which the effect does nothing (for a place: any).
+        unit: SI unit, empty where there is none.
+        lower, upper: range, both ends allowed.
+        description: a few words.
+        array: whether several values, equally spaced along u, may be given.
+    """
+
+    name: str
+    neutral: float
+    unit: str
+    lower: float
+    upper: float
+    description: str
+    array: bool = False
+
+
+def quantity(
+    neutral: float, unit: str, lower: float, upper: float, description: str, *, array: bool = False
+) -> Any:
+    """A dataclass field that is a parameter of an effect; see `Quantity`."""
+    data = {"unit": unit, "lower": lower, "upper": upper, "text": description, "array": array}
+    return field(default=neutral, metadata=data)
+
+
+class Effect:
+    """One cause of a difference between the plain model and a real DLO.
+
+    A subclass is a frozen dataclass whose fields are made by `quantity`. It overrides what it
+    changes; everything else stays as it is.
+    """
+
+    name: ClassVar[str]
+
+    def shape_body(self, body: Body) -> None:
+        """Change the rod: stiffness, rest strain, mass, load, damping, surroundings."""
+
+    def impose(self, command: Command) -> Command:
+        """What is truly imposed where `command` was commanded."""
+        return command
+
+    def measured(self, points: FloatArray) -> FloatArray:
+        """Where the camera sees points (m, 3) of the board frame that are truly at `points`."""
+        return points
+
+    def true(self, points: FloatArray) -> FloatArray:
+        """The inverse of `measured`."""
+        return points
+
+    @classmethod
+    def quantities(cls) -> tuple[Quantity, ...]:
+        """The effect's parameters."""
+        result = []
+        for f in fields(cls):  # type: ignore[arg-type]  # subclasses are dataclasses
+            data: Mapping[str, Any] = f.metadata
+            result.append(
+                Quantity(f.name, f.default, data["unit"], data["lower"], data["upper"],
+                         data["text"], data["array"])
+            )  # fmt: skip
+        return tuple(result)

@@ -1,0 +1,29 @@
+"""The camera is turned about its axis against what is configured."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from dlo_ros.effects.base import Effect, quantity
+from dlo_ros.spline import FloatArray
+
+
+@dataclass(frozen=True)
+class CameraRotation(Effect):
+    """Rotation of the measured shapes about the board's origin, positive from x towards -z."""
+
+    name: ClassVar[str] = "camera_rotation"
+
+    angle: float = quantity(0.0, "rad", -1.6, 1.6, "of the measured shapes")
+
+    def measured(self, points: FloatArray) -> FloatArray:
+        """See the base class."""
+        return np.asarray(Rotation.from_rotvec([0.0, self.angle, 0.0]).apply(points))
+
+    def true(self, points: FloatArray) -> FloatArray:
+        """See the base class."""
+        return np.asarray(Rotation.from_rotvec([0.0, -self.angle, 0.0]).apply(points))

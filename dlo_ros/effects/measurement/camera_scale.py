@@ -1,0 +1,26 @@
+"""The camera measures sizes wrong, for example by a wrong distance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from dlo_ros.effects.base import Effect, quantity
+from dlo_ros.spline import FloatArray
+
+
+@dataclass(frozen=True)
+class CameraScale(Effect):
+    """True size over measured size, about the board's origin."""
+
+    name: ClassVar[str] = "camera_scale"
+
+    ratio: float = quantity(1.0, "", 0.5, 2.0, "true size over measured size")
+
+    def measured(self, points: FloatArray) -> FloatArray:
+        """See the base class."""
+        return points / self.ratio
+
+    def true(self, points: FloatArray) -> FloatArray:
+        """See the base class."""
+        return points * self.ratio

@@ -1,0 +1,22 @@
+"""The DLO is moved later than the command says."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+from dlo_ros.command import NANOSECONDS, Command
+from dlo_ros.effects.base import Effect, quantity
+
+
+@dataclass(frozen=True)
+class CommandDelay(Effect):
+    """Time between the commanded and the true motion, positive where the DLO moves later."""
+
+    name: ClassVar[str] = "command_delay"
+
+    delay: float = quantity(0.0, "s", -2.0, 2.0, "of the true motion")
+
+    def impose(self, command: Command) -> Command:
+        """See the base class."""
+        return replace(command, stamp=command.stamp + round(self.delay * NANOSECONDS))

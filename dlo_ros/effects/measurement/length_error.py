@@ -1,0 +1,21 @@
+"""The DLO is longer or shorter than configured."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from dlo_ros.effects.base import Body, Effect, quantity
+
+
+@dataclass(frozen=True)
+class LengthError(Effect):
+    """True minus configured length; the material coordinate stays that of the configured one."""
+
+    name: ClassVar[str] = "length_error"
+
+    difference: float = quantity(0.0, "m", -1.0, 1.0, "true minus configured length")
+
+    def shape_body(self, body: Body) -> None:
+        """See the base class."""
+        body.lengthening += self.difference / body.length

@@ -1,0 +1,1 @@
+"""Effects that change the rod, what holds it or what it touches."""

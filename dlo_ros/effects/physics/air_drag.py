@@ -1,0 +1,21 @@
+"""The air resists more than configured."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from dlo_ros.effects.base import Body, Effect, quantity
+
+
+@dataclass(frozen=True)
+class AirDrag(Effect):
+    """Added to `damping.air_drag`: force per length minus coefficient times velocity."""
+
+    name: ClassVar[str] = "air_drag"
+
+    coefficient: float = quantity(0.0, "N s/m^2", -1000.0, 1000.0, "added drag")
+
+    def shape_body(self, body: Body) -> None:
+        """See the base class."""
+        body.air_drag += self.coefficient

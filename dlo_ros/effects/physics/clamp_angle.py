@@ -1,0 +1,43 @@
+"""A clamp holds the DLO in another direction than commanded."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+from scipy.spatial.transform import Rotation
+
+from dlo_ros.command import CONTROL_POINT, END, START, Command
+from dlo_ros.effects.base import Effect, quantity
+
+
+@dataclass(frozen=True)
+class ClampAngle(Effect):
+    """True minus commanded direction of the DLO in its clamps, positive from x towards -z.
+
+    The ends stay where they are commanded. It acts on `start` and `end`, and on second control
+    points that give a direction; an end whose direction is free has no clamp.
+    """
+
+    name: ClassVar[str] = "clamp_angle"
+
+    start: float = quantity(0.0, "rad", -1.6, 1.6, "at the start")
+    end: float = quantity(0.0, "rad", -1.6, 1.6, "at the end")
+
+    def impose(self, command: Command) -> Command:
+        """See the base class."""
+        positions, rotations = command.positions.copy(), command.rotations.copy()
+        last = command.control_points
+        ends = (
+            (self.start, START, f"{CONTROL_POINT}1", f"{CONTROL_POINT}2"),
+            (self.end, END, f"{CONTROL_POINT}{last}", f"{CONTROL_POINT}{last - 1}"),
+        )
+        for angle, clamp, tip, second in ends:
+            turn = Rotation.from_rotvec([0.0, angle, 0.0])
+            for k, name in enumerate(command.names):
+                if name == clamp:
+                    rotations[:, k] = (turn * Rotation.from_quat(rotations[:, k])).as_quat()
+                elif name == second:
+                    outer = positions[:, command.names.index(tip)]
+                    positions[:, k] = outer + turn.apply(positions[:, k] - outer)
+        return replace(command, positions=positions, rotations=rotations)

@@ -1,0 +1,22 @@
+"""A steady force acts along the whole DLO, such as a draught."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from dlo_ros.effects.base import Body, Effect, quantity
+
+
+@dataclass(frozen=True)
+class ConstantForce(Effect):
+    """Uniform force per length in the board's plane."""
+
+    name: ClassVar[str] = "constant_force"
+
+    x: float = quantity(0.0, "N/m", -100.0, 100.0, "along x")
+    z: float = quantity(0.0, "N/m", -100.0, 100.0, "along z")
+
+    def shape_body(self, body: Body) -> None:
+        """See the base class."""
+        body.force += [self.x, 0.0, self.z]

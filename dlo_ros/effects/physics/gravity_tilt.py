@@ -1,0 +1,24 @@
+"""The board does not hang plumb: gravity is turned in its plane."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+from dlo_ros.effects.base import Body, Effect, quantity
+
+
+@dataclass(frozen=True)
+class GravityTilt(Effect):
+    """Rotation of gravity about +y, the board's normal, positive from x towards -z."""
+
+    name: ClassVar[str] = "gravity_tilt"
+
+    angle: float = quantity(0.0, "rad", -3.2, 3.2, "rotation of gravity in the board's plane")
+
+    def shape_body(self, body: Body) -> None:
+        """See the base class."""
+        c, s = math.cos(self.angle), math.sin(self.angle)
+        x, y, z = body.gravity
+        body.gravity[:] = [c * x + s * z, y, c * z - s * x]

@@ -1,0 +1,21 @@
+"""The material damps more than configured."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from dlo_ros.effects.base import Body, Effect, quantity
+
+
+@dataclass(frozen=True)
+class InternalDamping(Effect):
+    """Added to `damping.relaxation_time` of Kelvin-Voigt damping."""
+
+    name: ClassVar[str] = "internal_damping"
+
+    relaxation_time: float = quantity(0.0, "s", -10.0, 10.0, "added relaxation time")
+
+    def shape_body(self, body: Body) -> None:
+        """See the base class."""
+        body.relaxation_time += self.relaxation_time

@@ -1,0 +1,42 @@
+"""The DLO is not straight at rest: a set from the coil, or a kink."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from dlo_ros.effects.base import Body, Effect, quantity
+
+
+@dataclass(frozen=True)
+class IntrinsicCurvature(Effect):
+    """A curvature at rest, in the board's plane.
+
+    Positive where the tangent turns from x towards -z with growing u. One number is constant along
+    the DLO, several are equally spaced along u with straight lines between. A kink turns the
+    tangent by its angle, spread over the knot spans beside its position.
+    """
+
+    name: ClassVar[str] = "intrinsic_curvature"
+
+    curvature: float | tuple[float, ...] = quantity(
+        0.0, "1/m", -200.0, 200.0, "curvature at rest, one value or several along u", array=True
+    )
+    kink: float = quantity(0.0, "rad", -3.0, 3.0, "angle of a kink")
+    position: float = quantity(0.0, "m", 0.0, 100.0, "where the kink is, u")
+
+    def shape_body(self, body: Body) -> None:
+        """See the base class."""
+        values = np.atleast_1d(np.asarray(self.curvature, dtype=np.float64))
+        at = np.linspace(0.0, body.length, len(values))
+        body.bend_rest[:, 0] += np.interp(body.points, at, values)
+        if self.kink:
+            body.within("intrinsic_curvature.position", self.position)
+            hat = np.maximum(
+                1.0 - np.abs(body.points - self.position) / body.basis.span_length, 0.0
+            )
+            total = float(hat @ body.weight)
+            if total > 0.0:
+                body.bend_rest[:, 0] += self.kink * hat / total

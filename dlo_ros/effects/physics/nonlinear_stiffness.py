@@ -1,0 +1,23 @@
+"""The DLO softens in bending, as a bundle whose strands begin to slide does."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from dlo_ros.effects.base import Body, Effect, quantity
+
+
+@dataclass(frozen=True)
+class NonlinearStiffness(Effect):
+    """Tangent stiffness B / (1 + (kappa / half_curvature)^2), so the moment is an arc tangent."""
+
+    name: ClassVar[str] = "nonlinear_stiffness"
+
+    half_curvature: float = quantity(
+        1e6, "1/m", 0.01, 1e6, "curvature at which the tangent stiffness has halved"
+    )
+
+    def shape_body(self, body: Body) -> None:
+        """See the base class."""
+        body.half_curvature = min(body.half_curvature, self.half_curvature)

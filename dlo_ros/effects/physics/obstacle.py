@@ -1,0 +1,23 @@
+"""The DLO touches a peg that the model does not know."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from dlo_ros.effects.base import Body, Effect, Peg, quantity
+
+
+@dataclass(frozen=True)
+class Obstacle(Effect):
+    """A round peg that stands on the board, frictionless; the DLO's own radius comes on top."""
+
+    name: ClassVar[str] = "obstacle"
+
+    x: float = quantity(0.0, "m", -100.0, 100.0, "of the peg's axis")
+    z: float = quantity(-99.0, "m", -100.0, 100.0, "of the peg's axis")
+    radius: float = quantity(0.005, "m", 1e-4, 10.0, "of the peg itself")
+
+    def shape_body(self, body: Body) -> None:
+        """See the base class."""
+        body.pegs.append(Peg(self.x, self.z, self.radius))

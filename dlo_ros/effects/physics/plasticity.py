@@ -1,0 +1,29 @@
+"""Bent too far, the DLO keeps a set."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from dlo_ros.effects.base import Body, Effect, quantity
+
+
+@dataclass(frozen=True)
+class Plasticity(Effect):
+    """The rest curvature follows past the yield, with linear kinematic hardening.
+
+    Below `yield_curvature` bending is elastic; past it the tangent stiffness is `hardening` times
+    that, and on the way back it is elastic again over twice the yield curvature (Bauschinger).
+    """
+
+    name: ClassVar[str] = "plasticity"
+
+    yield_curvature: float = quantity(1e6, "1/m", 0.01, 1e6, "elastic curvature at the yield")
+    hardening: float = quantity(
+        0.5, "", 0.0, 0.99, "tangent stiffness past the yield, of that before"
+    )
+
+    def shape_body(self, body: Body) -> None:
+        """See the base class."""
+        body.yield_curvature = min(body.yield_curvature, self.yield_curvature)
+        body.hardening = self.hardening

@@ -1,0 +1,26 @@
+"""A stretch of the DLO bends otherwise: a splice, tape, a damaged spot."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from dlo_ros.effects.base import Body, Effect, quantity
+
+
+@dataclass(frozen=True)
+class StiffSegment(Effect):
+    """Bending stiffness times `ratio` over `extent` around `centre`."""
+
+    name: ClassVar[str] = "stiff_segment"
+
+    centre: float = quantity(0.0, "m", 0.0, 100.0, "its middle, u")
+    extent: float = quantity(0.0, "m", 0.0, 100.0, "its length")
+    ratio: float = quantity(1.0, "", 0.01, 1000.0, "stiffness there over that elsewhere")
+
+    def shape_body(self, body: Body) -> None:
+        """See the base class."""
+        body.within("stiff_segment.centre", self.centre)
+        half = 0.5 * self.extent
+        share = body.coverage(self.centre - half, self.centre + half)
+        body.bend *= 1.0 + (self.ratio - 1.0) * share[:, None]

@@ -1,0 +1,21 @@
+"""The bending stiffness changes steadily along the DLO."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from dlo_ros.effects.base import Body, Effect, quantity
+
+
+@dataclass(frozen=True)
+class StiffnessGradient(Effect):
+    """B(u) = B (1 + change (u / L - 1/2))."""
+
+    name: ClassVar[str] = "stiffness_gradient"
+
+    change: float = quantity(0.0, "", -1.9, 1.9, "relative change from start to end")
+
+    def shape_body(self, body: Body) -> None:
+        """See the base class."""
+        body.bend *= 1.0 + self.change * (body.points / body.length - 0.5)[:, None]

@@ -1,0 +1,102 @@
+"""Which effects there are, and how they are made from the values of a parameter file."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import logging
+import math
+import pkgutil
+from collections.abc import Mapping
+from functools import lru_cache
+from importlib.metadata import entry_points
+from typing import Any
+
+from dlo_ros.effects import measurement, physics
+from dlo_ros.effects.base import Effect, Quantity
+from dlo_ros.errors import ParameterError
+
+LOG = logging.getLogger(__name__)
+
+GROUP = "dlo_ros.effects"  # of entry points
+Values = Mapping[str, Mapping[str, "float | tuple[float, ...]"]]
+
+
+@lru_cache(maxsize=1)
+def effects() -> Mapping[str, type[Effect]]:
+    """All effects by name: those of this package, then those of others."""
+    found: dict[str, type[Effect]] = {}
+    for package in (physics, measurement):
+        for module in pkgutil.iter_modules(package.__path__):
+            code = importlib.import_module(f"{package.__name__}.{module.name}")
+            for _, member in inspect.getmembers(code, inspect.isclass):
+                if issubclass(member, Effect) and member is not Effect:
+                    found[member.name] = member
+    for point in entry_points(group=GROUP):
+        try:
+            member = point.load()
+        except Exception as err:
+            LOG.warning("effect %s of %s cannot be loaded: %s", point.name, point.value, err)
+            continue
+        if not (inspect.isclass(member) and issubclass(member, Effect)):
+            LOG.warning("effect %s: %s is no subclass of Effect", point.name, point.value)
+        elif member.name in found:
+            LOG.warning("effect %s of %s: there is one already", member.name, point.value)
+        else:
+            found[member.name] = member
+    return found
+
+
+def quantities(name: str) -> Mapping[str, Quantity]:
+    """The parameters of an effect by key.
+
+    Raises:
+        ParameterError: there is no such effect; the message lists those that there are.
+    """
+    known = effects()
+    if name not in known:
+        raise ParameterError(
+            f"effects.{name}: there is no effect '{name}'; known are {', '.join(sorted(known))}"
+        )
+    return {q.name: q for q in known[name].quantities()}
+
+
+def check(name: str, key: str, value: Any) -> float | tuple[float, ...]:
+    """A value of the parameter `effects.NAME.KEY` in its proper type.
+
+    Raises:
+        ParameterError: unknown name or key, no number, or outside the range.
+    """
+    where, known = f"effects.{name}.{key}", quantities(name)
+    if key not in known:
+        raise ParameterError(
+            f"{where}: '{name}' has no parameter '{key}'; it has {', '.join(known)}"
+        )
+    q = known[key]
+    if isinstance(value, (list, tuple)):
+        if not q.array or not value:
+            raise ParameterError(f"{where} is {list(value)}; it must be one number [{q.unit}]")
+        numbers = tuple(_number(where, q, v) for v in value)
+        return numbers if len(numbers) > 1 else numbers[0]
+    return _number(where, q, value)
+
+
+def _number(where: str, q: Quantity, value: Any) -> float:
+    try:
+        number = math.nan if isinstance(value, bool) else float(value)
+    except (TypeError, ValueError):
+        number = math.nan
+    if not q.lower <= number <= q.upper:  # false for NaN, too
+        raise ParameterError(
+            f"{where} is {value}; it must be a number from {q.lower:g} to {q.upper:g} [{q.unit}]"
+        )
+    return number
+
+
+def build(values: Values) -> tuple[Effect, ...]:
+    """The effects with the given values; keys that are not given are neutral.
+
+    The values are used as they are: `check` has seen those of a file.
+    """
+    known = effects()
+    return tuple(known[name](**keys) for name, keys in values.items())

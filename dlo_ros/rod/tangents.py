@@ -1,0 +1,216 @@
+"""Parameters of which sensitivities can be had, and the variants of the rod that they need.
+
+A parameter is named as in the parameter file: `young_modulus`, `density`, `air_drag`,
+`relaxation_time`, `gravity`, `length`, `twist_rest`; the pose of a clamp, `start.x`, `start.z`,
+`start.angle`, `end.x` ...; and any number of an effect that the settings contain,
+`effects.NAME.KEY` or, where it has several values, `effects.NAME.KEY[i]`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from dlo_ros.command import NANOSECONDS, Command
+from dlo_ros.effects import build, quantities
+from dlo_ros.errors import InputError
+from dlo_ros.parameters import EFFECTS_PREFIX, Settings
+from dlo_ros.rod import grips
+from dlo_ros.rod.boundary import Boundary
+from dlo_ros.rod.model import RodModel
+from dlo_ros.rod.packing import imposed_of, system_of, true_command
+from dlo_ros.rod.variation import Variants
+
+MATERIAL = ("young_modulus", "density", "air_drag", "relaxation_time")
+# By their natural logarithm.
+LOGARITHMIC = (*MATERIAL, "gravity", "length")
+POSES = tuple(f"{end}.{what}" for end in ("start", "end") for what in ("x", "z", "angle"))
+STEP = 1e-4  # in the logarithm, or of a parameter's natural size
+
+
+@dataclass(frozen=True)
+class Tangent:
+    """One parameter that sensitivities are wanted of.
+
+    Args:
+        name: see above.
+        step: half the distance of its two variants, in its own unit (or of the logarithm).
+        vary: settings and command with the parameter changed by an amount in that unit.
+    """
+
+    name: str
+    step: float
+    vary: Callable[[Settings, Command, float], tuple[Settings, Command]]
+
+
+def known(settings: Settings) -> tuple[str, ...]:
+    """All names of parameters that have sensitivities with these settings."""
+    names = [*LOGARITHMIC, *POSES]
+    for effect, keys in settings.effects.items():
+        for key, value in keys.items():
+            name = f"{EFFECTS_PREFIX}{effect}.{key}"
+            many = isinstance(value, tuple)
+            names += [f"{name}[{i}]" for i in range(len(value))] if many else [name]
+    return tuple(names)
+
+
+def tangent(settings: Settings, name: str) -> Tangent:
+    """How a parameter is varied.
+
+    Raises:
+        InputError: there is no such parameter; the message lists those that there are.
+    """
+    if name not in known(settings):
+        raise InputError(f"no sensitivity to '{name}'; known are {', '.join(known(settings))}")
+    if name in LOGARITHMIC:
+        return Tangent(name, STEP, lambda s, c, d: (_scaled(s, name, float(np.exp(d))), c))
+    if name in POSES:
+        end, what = name.split(".")
+        size = 1.0 if what == "angle" else settings.rod.length
+        return Tangent(name, STEP * size, lambda s, c, d: (s, _displaced(c, end, what, d)))
+    return _effect_tangent(settings, name)
+
+
+def _scaled(settings: Settings, name: str, factor: float) -> Settings:
+    """The settings with one of `LOGARITHMIC` multiplied."""
+    if name == "gravity":
+        x, y, z = settings.gravity
+        return replace(settings, gravity=(factor * x, factor * y, factor * z))
+    if name == "length":
+        # The material coordinate stays: control points keep their meaning.
+        effects = {k: dict(v) for k, v in settings.effects.items()}
+        error = effects.setdefault("length_error", {})
+        before = settings.rod.length + float(np.sum(error.get("difference", 0.0)))
+        error["difference"] = before * factor - settings.rod.length
+        return settings.with_effects(effects)
+    if name in ("young_modulus", "density"):
+        value = factor * getattr(settings.rod, name)
+        return replace(settings, rod=replace(settings.rod, **{name: value}))
+    changed: dict[str, Any] = {name: factor * getattr(settings.damping, name)}
+    return replace(settings, damping=replace(settings.damping, **changed))
+
+
+def _displaced(command: Command, end: str, what: str, amount: float) -> Command:
+    """The command with a clamp (or an imposed tip) displaced, or turned about +y."""
+    last = command.control_points
+    numbers = (1, 2) if end == "start" else (last, last - 1)
+    tip, second = (f"control_point_{n}" for n in numbers)
+    if what == "angle":
+        (turned,) = build({"clamp_angle": {end: amount}})
+        return turned.impose(command)
+    positions = command.positions.copy()
+    for k, name in enumerate(command.names):
+        if name in (end, tip, second):
+            positions[:, k, "xyz".index(what)] += amount
+    return replace(command, positions=positions)
+
+
+def _effect_tangent(settings: Settings, name: str) -> Tangent:
+    effect, key, index = _parsed(name)
+    value = settings.effects[effect][key]
+    size = abs(value if index is None else value[index])  # type: ignore[index]
+    quantity = quantities(effect)[key]
+    natural = {"m": settings.rod.length, "1/m": 1.0 / settings.rod.length}.get(quantity.unit, 1.0)
+    step = STEP * (size if size > 0.0 else natural)
+
+    def vary(s: Settings, command: Command, amount: float) -> tuple[Settings, Command]:
+        effects = {k: dict(v) for k, v in s.effects.items()}
+        old = effects[effect][key]
+        if index is None:
+            effects[effect][key] = old + amount  # type: ignore[operator]
+        else:
+            many = list(old)  # type: ignore[arg-type]
+            many[index] += amount
+            effects[effect][key] = tuple(many)
+        return s.with_effects(effects), command
+
+    return Tangent(name, step, vary)
+
+
+def _parsed(name: str) -> tuple[str, str, int | None]:
+    """Effect, key and index of `effects.NAME.KEY[i]`."""
+    found = re.fullmatch(r"effects\.(\w+)\.(\w+)(?:\[(\d+)\])?", name)
+    assert found is not None  # it is among the known names
+    effect, key, index = found.groups()
+    return effect, key, None if index is None else int(index)
+
+
+def variants(
+    model: RodModel, boundary: Boundary, command: Command, names: Sequence[str], *, flat: bool
+) -> Variants:
+    """`make_variants`, kept with the model."""
+    cache: dict[Any, tuple[Command, Variants]] = model.__dict__.setdefault("_variants", {})
+    # Without parameters the command means nothing.
+    key = (boundary, tuple(names), flat, id(command) if names else 0)
+    if key not in cache:
+        cache[key] = command, make_variants(model, boundary, command, names, flat=flat)
+    return cache[key][1]
+
+
+def make_variants(
+    model: RodModel, boundary: Boundary, command: Command, names: Sequence[str], *, flat: bool
+) -> Variants:
+    """What compiled code needs for the sensitivities by some parameters.
+
+    Args:
+        command: as it was commanded, effects not applied.
+        names: of the parameters, see above.
+        flat: whether the rod runs in its planar form.
+
+    Raises:
+        InputError: an unknown parameter.
+    """
+    base = imposed_of(model, boundary, true_command(model, command))
+    origin = true_command(model, command).stamp
+    systems, commands, moves, steps = [], [], [], []
+    for name in names:
+        chosen = tangent(model.settings, name)
+        pair = []
+        for side in (1.0, -1.0):
+            settings, asked = chosen.vary(model.settings, command, side * chosen.step)
+            other = model.with_settings(settings)
+            there = true_command(other, asked)
+            later = (there.stamp - origin) / NANOSECONDS
+            imposed = imposed_of(other, boundary, there)
+            systems.append(system_of(other, boundary, flat=flat))
+            commands.append(imposed._replace(times=imposed.times + later))
+            pair.append(later != 0.0 or any(map(_differ, imposed, base)))
+        moves.append(any(pair) or systems[-1].reach != systems[-2].reach)
+        steps.append(chosen.step)
+    if not names:
+        systems, commands = [system_of(model, boundary, flat=flat)], [base]
+    return _stacked(systems, commands, moves, steps)
+
+
+def _differ(a: Any, b: Any) -> bool:
+    return not np.array_equal(a, b, equal_nan=True)
+
+
+def _stacked(
+    systems: Sequence[Any], commands: Sequence[Any], moves: Sequence[bool], steps: Sequence[float]
+) -> Variants:
+    one = systems[0]
+    system = _stack(systems)._replace(
+        rule=one.rule, still=one.still, fixed=one.fixed, pins=one.pins, pin_rows=one.pin_rows,
+        length=one.length,
+    )  # fmt: skip
+    around = system.around._replace(
+        span=one.around.span, b=one.around.b, weight=one.around.weight
+    )
+    imposed = _stack(commands)._replace(kinds=commands[0].kinds)
+    return Variants(
+        system._replace(around=around), grips.Imposed(*imposed), np.array(moves, dtype=np.bool_),
+        np.array(steps, dtype=np.float64),
+    )  # fmt: skip
+
+
+def _stack(items: Sequence[Any]) -> Any:
+    """Tuples of arrays and numbers as one such tuple, whose arrays have a leading axis."""
+    one = items[0]
+    if isinstance(one, tuple):
+        return type(one)(*(_stack(parts) for parts in zip(*items, strict=True)))
+    return np.stack([np.asarray(x) for x in items])
