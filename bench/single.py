@@ -12,13 +12,15 @@ from bench.contender import cpu_time
 from bench.ours import in_space, straight
 from bench.tasks import T1, T2, Task
 from dlo_ros.command import NANOSECONDS, Command
-from dlo_ros.rod import dynamics, solver, statics
+from dlo_ros.rod import dynamics, resting, statics
 from dlo_ros.rod.boundary import Boundary
 from dlo_ros.rod.model import RodModel
-from dlo_ros.rod.planar import reduce, system_of
+from dlo_ros.rod.packing import imposed_of, moving_of, nothing_varies, system_of
 from dlo_ros.rod.state import State
+from dlo_ros.rod.tangents import MATERIAL, variants
+from dlo_ros.rod.variation import vary_rest
 
-PARAMETERS = np.eye(4)  # E, mu, drag and relaxation time
+PARAMETERS = MATERIAL
 BLOCK = 0.05  # [s] CPU time that one measurement fills
 CHANGE = 1.05  # of E between two equilibria, for a warm start
 SIZES = (10, 20, 40, 80, 160)
@@ -58,17 +60,16 @@ class Statics:
             self.states[1] = self._settle(1, state)
         self.at = 0
 
-    def _settle(self, k: int, state: State) -> State:
-        return statics.settle(self.models[k], self.boundary, state, self.imposed, self.stamp).state
+    def _settle(self, k: int, state: State, parameters: tuple[str, ...] = ()) -> State:
+        return statics.settle(
+            self.models[k], self.boundary, state, self.imposed, self.stamp, parameters=parameters
+        ).state
 
     def public(self) -> Any:
-        """What a user calls: `settle` and `static_sensitivity`."""
+        """What a user calls: `settle` with the parameters that matter."""
         with in_space(self.spatial):
             self.at = 1 - self.at
-            state = self._settle(self.at, self.states[1 - self.at])
-            return statics.static_sensitivity(
-                self.models[self.at], self.boundary, state, PARAMETERS
-            )
+            return self._settle(self.at, self.states[1 - self.at], PARAMETERS)
 
     def gradient_error(self) -> float:
         """Largest difference of the gradient by E to central differences, over its size."""
@@ -83,8 +84,9 @@ class Statics:
             ends.append(self._settle(len(self.models) - 1, self.states[0]).q)
             self.models.pop()
         difference = (ends[0] - ends[1]) / (2.0 * change)
-        state = self._settle(0, self.states[0])
-        exact = statics.static_sensitivity(model, self.boundary, state, PARAMETERS).q[0]
+        sensitivity = self._settle(0, self.states[0], PARAMETERS).sensitivity
+        assert sensitivity is not None
+        exact = sensitivity.q[0]
         return float(np.abs(exact - difference).max() / np.abs(difference).max())
 
     def compiled(self) -> Callable[[], Any]:
@@ -93,33 +95,24 @@ class Statics:
         parts = []
         for k in (0, 1):
             model, start = self.models[k], self.states[1 - k]
-            system = system_of(model, self.boundary, flat=flat)
-            parts.append((model, system, reduce(start.q, flat), start.reference))
-        none = np.zeros_like(parts[0][0].gram)
-        count = len(PARAMETERS)
+            parts.append((
+                model, system_of(model, self.boundary, flat=flat),
+                imposed_of(model, self.boundary, self.imposed),
+                moving_of(start, self.imposed, flat=flat),
+                variants(model, self.boundary, self.imposed, PARAMETERS, flat=flat),
+                nothing_varies(start, len(PARAMETERS), flat=flat),
+            ))  # fmt: skip
         at = [0]
 
         def run() -> Any:
             at[0] = 1 - at[0]
-            model, system, start, reference = parts[at[0]]
-            q = start.copy()
-            _, _, reference = solver.equilibrium(
-                q, np.zeros(q.size), system.fixed, system.pins, np.zeros(0), system.rule,
-                system.stiffness, reference, system.load.ravel(), system.mass, system.spin,
-                model.rate2, system.length, statics.TOLERANCE,
-            )  # fmt: skip
-            band, diagonal, _, grad_s, grad_o = solver.linearise(
-                q, system.fixed, system.rule, system.stiffness, reference, none, none, none, none,
-                0.0, 0.0,
-            )  # fmt: skip
-            stretch, other = solver.strains(q, system.rule, reference)
-            forces = solver.stress_forces(
-                system.rule, grad_s, grad_o,
-                np.tile(stretch * system.stiffness.stretch, (count, 1)),
-                np.tile(other * system.stiffness.twist.max(), (count, 1, 1)),
-            )  # fmt: skip
-            solver.back_substitute(band, diagonal, system.fixed, system.pins, forces)
-            return forces
+            model, system, imposed, start, wanted, varying = parts[at[0]]
+            _, rest, _, _, _ = resting.settle(
+                system, imposed, start, start.time, model.rate2, statics.TOLERANCE, False
+            )
+            return vary_rest(
+                system, imposed, start.time, start.q, rest, start.history, wanted, varying
+            )
 
         return run
 
@@ -141,28 +134,13 @@ def cost_of_parameters(*, spatial: bool) -> dict[int, float]:
     """CPU time of T2 with 0 to 4 parameters' sensitivities carried along, over that with none."""
     model, boundary, state, imposed = straight(T2, {"control_points": 13, **DAMPED})
     stamps = [round(T2.duration * NANOSECONDS)]
-    sensitive = {}
-    sensitive[0] = state
-    for count in range(1, 5):
-        carried = statics.static_sensitivity(model, boundary, state, PARAMETERS[:count])
-        zero = np.zeros_like(carried.q)
-        none = replace(
-            carried.strains,
-            stretch=np.zeros_like(carried.strains.stretch),
-            other=np.zeros_like(carried.strains.other),
-        )
-        # The rod starts in a given shape, which no parameter changes.
-        start = replace(
-            carried, q=zero, velocity=zero, acceleration=zero, auxiliary=zero, strains=none,
-            previous=none,
-        )  # fmt: skip
-        sensitive[count] = replace(state, sensitivity=start)
     result = {}
-    for count, start_state in sensitive.items():
-        scales = PARAMETERS[:count] if count else None
+    for count in range(len(PARAMETERS) + 1):
+        # The rod starts in a given shape, which no parameter changes.
+        start = replace(state, sensitivity=nothing_varies(state, count)) if count else state
         with in_space(spatial):
             result[count] = cpu_time(
-                lambda s=start_state, p=scales: dynamics.follow(
+                lambda s=start, p=PARAMETERS[:count]: dynamics.follow(
                     model, boundary, s, imposed, stamps, p
                 ),
                 BLOCK,

@@ -115,7 +115,8 @@ class SplineBasis:
     @cached_property
     def shares(self) -> FloatArray:
         """Integrals of the basis functions over [0, L], shape (n,) [m]."""
-        return self.gram.sum(axis=1)
+        result: FloatArray = self.gram.sum(axis=1)
+        return result
 
     @lru_cache(maxsize=64)  # noqa: B019 - a basis is two numbers, and equal ones share the entry
     def projection(self, source: SplineBasis) -> FloatArray:

@@ -16,8 +16,8 @@ from scene import ROPE, hold
 from dlo_ros.command import NANOSECONDS, Command, Motion
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
-from dlo_ros.rod.tangents import MATERIAL
 from dlo_ros.rod.simulation import Simulation
+from dlo_ros.rod.tangents import MATERIAL
 from dlo_ros.spline import FloatArray, SplineBasis
 
 SPANS = 14

@@ -10,7 +10,7 @@ from dlo_ros.rod.boundary import Boundary
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.resolution import build
 from dlo_ros.rod.state import State, rest_state
-from dlo_ros.rod.statics import settle
+from dlo_ros.rod.statics import matter_of, settle
 
 PAPER = Settings(rod=RodParameters(0.4, 0.004, 5e7, 2500.0))  # Table III
 SECOND = 1_000_000_000
@@ -52,13 +52,18 @@ def settled(settings: Settings, imposed: Command, spans: int, direction=(1.0, 0.
 
 def dense_stiffness(model: RodModel, state: State) -> np.ndarray:
     """The Hessian of the elastic energy as a full matrix, shape (4 n, 4 n)."""
-    from dlo_ros.rod.kernels import BAND, assemble  # compiled on import
+    from dlo_ros.rod.forces import assemble  # compiled on import
+    from dlo_ros.rod.kernels import BAND
+    from dlo_ros.rod.material import room
 
     size = state.q.size
     gradient, band = np.empty(size), np.empty((size, BAND + 1))
     stretch = np.empty((model.rule.weight.size, 3))
     other = np.zeros((model.rule.weight.size, 3, 8))
-    assemble(state.q, model.rule, model.stiffness, state.reference, gradient, band, stretch, other)
+    assemble(
+        state.q, model.rule, state.reference, matter_of(model, state.history),
+        room(model.rule.weight.size), gradient, band, stretch, other,
+    )  # fmt: skip
     full = np.zeros((size, size))
     for i in range(size):
         for j in range(max(0, i - BAND), i + 1):

@@ -11,14 +11,12 @@ from dlo_ros.command import Motion
 from dlo_ros.errors import SimulationError
 from dlo_ros.observation import Observation
 from dlo_ros.rod import LiveSimulation, dynamics
-from dlo_ros.rod.tangents import MATERIAL
 from dlo_ros.rod.planar import in_plane
 from dlo_ros.rod.resolution import build
 from dlo_ros.rod.simulation import Simulation
-from dlo_ros.rod.statics import settle, static_sensitivity
+from dlo_ros.rod.statics import settle
+from dlo_ros.rod.tangents import MATERIAL
 from dlo_ros.spline import SplineBasis
-
-SCALES = np.eye(4)
 
 
 def curved(u):
@@ -51,10 +49,9 @@ def test_motion_and_sensitivities_agree_with_those_in_space(monkeypatch):
     def work():
         model, boundary = build(PAPER, imposed, 14)
         model = replace(model, rest=curved)
-        state = settle(model, boundary, straight(model), imposed, 0).state
-        state = replace(state, sensitivity=static_sensitivity(model, boundary, state, SCALES))
+        state = settle(model, boundary, straight(model), imposed, 0, parameters=MATERIAL).state
         stamps = [k * SECOND // 20 for k in range(1, 11)]
-        return dynamics.follow(model, boundary, state, imposed, stamps, SCALES)
+        return dynamics.follow(model, boundary, state, imposed, stamps, MATERIAL)
 
     flat, space = both(monkeypatch, work)
     np.testing.assert_allclose(flat.shapes, space.shapes, atol=1e-9)

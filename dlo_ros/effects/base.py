@@ -153,8 +153,9 @@ class Effect:
         result = []
         for f in fields(cls):  # type: ignore[arg-type]  # subclasses are dataclasses
             data: Mapping[str, Any] = f.metadata
+            neutral: Any = f.default
             result.append(
-                Quantity(f.name, f.default, data["unit"], data["lower"], data["upper"],
+                Quantity(f.name, neutral, data["unit"], data["lower"], data["upper"],
                          data["text"], data["array"])
             )  # fmt: skip
         return tuple(result)

@@ -31,9 +31,9 @@ from dlo_ros.identification.forecast import whitening
 from dlo_ros.identification.noise import correlation_length
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
-from dlo_ros.rod.tangents import MATERIAL
 from dlo_ros.rod.orientation import along
 from dlo_ros.rod.simulation import Simulation
+from dlo_ros.rod.tangents import MATERIAL
 from dlo_ros.spline import FloatArray
 
 LOG = logging.getLogger(__name__)

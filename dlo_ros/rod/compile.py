@@ -33,7 +33,7 @@ def compile_kernels() -> float:
     for mode in ("equilibrium", "observed"):
         flat = {**settings.flat(), "simulation.start": mode}
         simulation = Simulation(
-            Settings.from_mapping(flat), Motion([command]), parameters=("young_modulus", "density"), spans=7
+            Settings.from_mapping(flat), Motion([command]), parameters=("young_modulus",), spans=7
         )
         simulation.start([Observation(0, shape)])
         simulation.advance(1_000_000)

@@ -43,27 +43,57 @@ def eliminate(band, fixed, rhs, increments):
 
 
 @njit(cache=True, nogil=True)
-def constrain(band, diagonal, pins, gap, x):
-    """Correct the solution x so that pins @ x = gap; returns False where that is impossible."""
+def compliance(band, diagonal, pins):
+    """How the pins give way to forces on them.
+
+    Args:
+        band, diagonal: factors of the matrix K.
+        pins: rows P of the constraints, shape (m, N).
+
+    Returns:
+        K^-1 P^T as rows (m, N), and P K^-1 P^T (m, m).
+    """
+    m = pins.shape[0]
+    y, schur = pins.copy(), np.empty((m, m))
+    for a in range(m):
+        banded.solve(band, diagonal, y[a])
+    for a in range(m):
+        for b in range(m):
+            schur[a, b] = np.dot(pins[a], y[b])
+    return y, schur
+
+
+@njit(cache=True, nogil=True)
+def constrain(pins, y, schur, gap, x):
+    """Correct the solution x so that pins @ x = gap; returns False where that is impossible.
+
+    Args:
+        y, schur: see `compliance`.
+    """
     m = pins.shape[0]
     if m == 0:
         return True
-    y = pins.copy()
-    for a in range(m):
-        banded.solve(band, diagonal, y[a])
-    schur = np.empty((m, m))
+    if abs(np.linalg.det(schur / np.abs(schur).max())) < 1e-200:
+        return False
     excess = np.empty(m)
     for a in range(m):
         excess[a] = np.dot(pins[a], x) - gap[a]
-        for b in range(m):
-            schur[a, b] = np.dot(pins[a], y[b])
-    if abs(np.linalg.det(schur / np.abs(schur).max())) < 1e-200:
-        return False
     force = np.linalg.solve(schur, excess)
     for a in range(m):
         for i in range(x.size):
             x[i] -= force[a] * y[a, i]
     return True
+
+
+@njit(cache=True, nogil=True)
+def held_back(negative, schur):
+    """Negative eigenvalues that are left where the pins hold, of `negative` without them.
+
+    By Haynsworth's formula for the inertia of the matrix bordered by the constraints.
+    """
+    if negative < 0 or schur.shape[0] == 0:
+        return negative
+    return negative + np.sum(np.linalg.eigvalsh(schur) > 0.0) - schur.shape[0]
 
 
 @njit(cache=True, nogil=True)
@@ -97,6 +127,7 @@ def back_substitute(band, diagonal, pins, gaps, rhs):
     Args:
         pins, gaps: rows (m, N) and what pins @ x must be, shape (P, m).
     """
+    y, schur = compliance(band, diagonal, pins)
     for a in range(rhs.shape[0]):
         banded.solve(band, diagonal, rhs[a])
-        constrain(band, diagonal, pins, gaps[a], rhs[a])
+        constrain(pins, y, schur, gaps[a], rhs[a])

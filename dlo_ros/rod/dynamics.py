@@ -9,7 +9,7 @@ energy with another stiffness and other rest strains. The compiled steps are in 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -31,8 +31,7 @@ from dlo_ros.rod.planar import expand, in_plane
 from dlo_ros.rod.state import State
 from dlo_ros.rod.statics import NO_DIRECTION_TEXT
 from dlo_ros.rod.stepping import DONE, NO_DIRECTION, SMALLEST_STEP, starting_acceleration
-from dlo_ros.rod.tangents import variants
-from dlo_ros.rod.variation import vary_start
+from dlo_ros.rod.tangents import both_sides, tangent, variants
 from dlo_ros.spline import FloatArray
 
 # Newton's method may leave this share of the error that a step may add, and no more than this of L.
@@ -131,13 +130,24 @@ def with_consistent_acceleration(
     """
     commanded, command = command, true_command(model, command)
     flat = in_plane(model, state, command)
-    system = system_of(model, boundary, flat=flat)
-    imposed = imposed_of(model, boundary, command)
     moving = moving_of(state, command, flat=flat)
-    acceleration = starting_acceleration(system, imposed, moving)
-    moving = moving._replace(acceleration=acceleration, auxiliary=acceleration)
-    varying = None
-    if parameters:
-        wanted = variants(model, boundary, commanded, parameters, flat=flat)
-        varying = vary_start(system, imposed, moving, wanted, varying_of(state, flat=flat))
-    return state_of(model, state, moving, state.stamp, varying)
+
+    def acceleration(rod: RodModel, asked: Command) -> FloatArray:
+        imposed = imposed_of(rod, boundary, true_command(rod, asked))
+        system = system_of(rod, boundary, flat=flat)
+        return np.asarray(starting_acceleration(system, imposed, moving))
+
+    start = acceleration(model, commanded)
+    moving = moving._replace(acceleration=start, auxiliary=start)
+    new = state_of(model, state, moving, state.stamp, state.sensitivity)
+    if not parameters or state.sensitivity is None:
+        return new
+    changes = []
+    for name in parameters:
+        chosen = tangent(model.settings, name)
+        above, below = (acceleration(*pair) for pair in both_sides(model, commanded, chosen))
+        changes.append(expand((above - below) / (2.0 * chosen.step), state.q))
+    change = np.array(changes)
+    return replace(
+        new, sensitivity=state.sensitivity._replace(acceleration=change, auxiliary=change)
+    )

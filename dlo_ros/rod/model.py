@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,7 +77,9 @@ class RodModel:
             span, b, self._local(u, 1)[1], self._local(u, 2)[1], weight, stretch, twist
         )
 
-    def _local(self, u: FloatArray, derivative: int) -> tuple[NDArray[np.int64], FloatArray]:
+    def _local(
+        self, u: NDArray[np.floating[Any]], derivative: int
+    ) -> tuple[NDArray[np.int64], FloatArray]:
         """Knot span of each u and the four basis functions (or derivatives) that live there."""
         full = self.basis.matrix(u, derivative)
         span = np.minimum((u / self.basis.span_length).astype(np.int64), self.basis.spans - 1)

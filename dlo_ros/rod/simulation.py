@@ -10,14 +10,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dlo_ros.command import NANOSECONDS, Command, Motion
+from dlo_ros.effects import build
 from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.rod import dynamics, resolution
 from dlo_ros.rod.boundary import Boundary
+from dlo_ros.rod.camera import Camera
 from dlo_ros.rod.grips import HELD
 from dlo_ros.rod.model import RodModel
-from dlo_ros.rod.packing import nothing_varies, true_command
+from dlo_ros.rod.packing import nothing_varies
 from dlo_ros.rod.planar import in_plane
 from dlo_ros.rod.state import State, refined, rest_state, strains_of, twist_angle
 from dlo_ros.rod.statics import hold, reachable, relax_stretch, settle
@@ -73,6 +75,7 @@ class Simulation:
         self.published = SplineBasis(settings.rod.control_points, settings.rod.length)
         self.parameters = tuple(parameters)
         self._spans = spans
+        self._camera = Camera(settings, self.parameters)
         self.resolution: resolution.Resolution | None = None
         self.state: State | None = None
         self.stable = True
@@ -105,7 +108,7 @@ class Simulation:
         command = self._command(first.stamp)
         stop = command.end_stamp if last_stamp is None else last_stamp
         stamps = np.linspace(first.stamp, max(stop, first.stamp), 200).astype(np.int64)
-        shape = first.control_points
+        shape = self._camera.true(first.control_points)
         if self._spans is None:
             self.resolution = resolution.choose(
                 self.settings, command, shape, [int(s) for s in stamps]
@@ -133,7 +136,7 @@ class Simulation:
                 elapsed = (first.stamp - before.stamp) / NANOSECONDS
                 if elapsed <= 0.0:
                     raise InputError("the first two observed shapes have the same stamp")
-                velocity = lift @ (first.control_points - before.control_points) / elapsed
+                velocity = lift @ (shape - self._camera.true(before.control_points)) / elapsed
                 velocity[:, 3] = 0.0
                 state = replace(state, velocity=velocity)
             state = self._insensitive(state)
@@ -160,10 +163,21 @@ class Simulation:
         return replace(state, sensitivity=nothing_varies(state, count) if count else None)
 
     def _command(self, stamp: int) -> Command:
-        command = self.motion.at(stamp)
+        """The command that rules the DLO at a stamp [ns], which may be later than it says."""
+        command = self.motion.at(stamp - self._delay())
         if command is None:
             raise InputError("there is no dlo/command; the simulation needs to know what is held")
         return command
+
+    def _delay(self) -> int:
+        """How much later than commanded the DLO is moved [ns]."""
+        if not self.settings.effects or not self.motion.commands:
+            return 0
+        first = self.motion.commands[0]
+        true = first
+        for effect in build(self.settings.effects):
+            true = effect.impose(true)
+        return true.stamp - first.stamp
 
     def advance(self, stamp: int) -> Prediction:
         """Simulate to a stamp [ns]; see `advance_through`."""
@@ -204,7 +218,7 @@ class Simulation:
                 else:
                     down = self.published.projection(model.basis)
                     predictions += [
-                        _projected(leg[k], down, track.shapes[k], track.derivatives[k])
+                        self._seen(leg[k], down @ track.shapes[k], down, track.derivatives[k])
                         for k in wanted
                     ]
         self.state, self.model, self.boundary = state, model, boundary
@@ -214,7 +228,8 @@ class Simulation:
         """The stamps in groups that one command rules each, its last stop where it ends."""
         if not stamps:
             return []
-        changes = sorted(c.stamp for c in self.motion.commands if now < c.stamp < stamps[-1])
+        starts = [c.stamp + self._delay() for c in self.motion.commands]
+        changes = sorted(s for s in starts if now < s < stamps[-1])
         legs = []
         for until in [*changes, stamps[-1]]:
             leg = [s for s in stamps if now < s <= until]
@@ -269,7 +284,23 @@ class Simulation:
         derivative = None if state.sensitivity is None else state.sensitivity.q
         shape = state.q.copy()
         shape[:, 3] = twist_angle(state, model)
-        return _projected(state.stamp, down, shape, derivative)
+        return self._seen(state.stamp, down @ shape, down, derivative)
+
+    def _seen(
+        self, stamp: int, shape: FloatArray, down: FloatArray, derivative: FloatArray | None
+    ) -> Prediction:
+        """A shape (n, 4) in the published basis, as the camera measures it.
+
+        Args:
+            down: projection onto the published basis.
+            derivative: in the simulation's basis, shape (P, m, 4).
+        """
+        if not self.parameters or derivative is None:
+            return Prediction(stamp, self._camera.measured(shape))
+        change = np.einsum("ij,pjc->pic", down, derivative[:, :, :3])
+        return Prediction(
+            stamp, self._camera.measured(shape), self._camera.sensitivity(shape, change)
+        )
 
     def update(self, settings: Settings) -> None:
         """Change material, damping, gravity or tolerance while the simulation runs.
@@ -277,6 +308,7 @@ class Simulation:
         The basis is refined where the new parameters need it (never coarsened).
         """
         self.settings = settings
+        self._camera = Camera(settings, self.parameters)
         if self.state is None:
             return
         self.model = self.model.with_settings(settings)
@@ -308,13 +340,3 @@ class Simulation:
         """Control points of the simulation's own basis."""
         return (self._spans or self.published.spans) + DEGREE
 
-
-def _projected(
-    stamp: int, down: FloatArray, shape: FloatArray, derivative: FloatArray | None
-) -> Prediction:
-    """Shape (n, 4) and derivatives (P, n, 4) in the published basis."""
-    if derivative is not None and len(derivative):
-        derivative = np.einsum("ij,pjc->pic", down, derivative[:, :, :3])
-    else:
-        derivative = None
-    return Prediction(stamp, down @ shape, derivative)

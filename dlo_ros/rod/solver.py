@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 
 from dlo_ros.rod import banded
-from dlo_ros.rod.constraints import constrain, eliminate
+from dlo_ros.rod.constraints import compliance, constrain, eliminate, held_back
 from dlo_ros.rod.forces import (
     add_scalar_band,
     assemble,
@@ -82,13 +82,14 @@ def equilibrium(q, increment, fixed, pins, gap, rule, matter, ref, load, mass, s
                 steps[0, i] = load[i] - gradient[i]
             eliminate(work, fixed, steps, changes if first else still)
             negative = banded.factorise(work, diagonal)
-            # With pins the inertia of the unconstrained matrix says nothing.
-            if negative != 0 and (pins.shape[0] == 0 or negative < 0):
+            y, schur = compliance(work, diagonal, pins)
+            negative = held_back(negative, schur)
+            if negative != 0:
                 shift = max(4.0 * shift, 1e-2 * rate2)
                 continue
             step = steps[0]
             banded.solve(work, diagonal, step)
-            if not constrain(work, diagonal, pins, lack, step):
+            if not constrain(pins, y, schur, lack, step):
                 return -iteration, negative, ref
             move, turn = _largest(step, q.shape[1])
             if not np.isfinite(move + turn):
@@ -116,10 +117,11 @@ def equilibrium(q, increment, fixed, pins, gap, rule, matter, ref, load, mass, s
         if small and not first:
             # Converged; the inertia without shift tells whether the equilibrium is stable.
             if shift == 0.0:
-                return iteration, negative if pins.shape[0] == 0 else 0, ref
+                return iteration, negative, ref
             work[:, :] = band
             eliminate(work, fixed, steps, still)
             negative = banded.factorise(work, diagonal)
+            negative = held_back(negative, compliance(work, diagonal, pins)[1])
             if negative > 0:
                 return iteration, negative, ref
         first = False
@@ -144,7 +146,7 @@ def implicit_step(q, target, fixed, pins, gap, rule, matter, ref, inertia, spin,
         tolerance: the last correction may leave an error of tolerance * L.
 
     Returns:
-        Iterations (negative: not converged) and the number of negative pivots at the end.
+        Iterations (negative: not converged) and the number of negative eigenvalues at the end.
     """
     size, dof = q.size, q.shape[1]
     gradient, band = np.empty(size), np.empty((size, 4 * dof))
@@ -173,7 +175,8 @@ def implicit_step(q, target, fixed, pins, gap, rule, matter, ref, inertia, spin,
         # Fixed degrees of freedom have no columns in `pins`; their share is in `gap` already.
         for a in range(gap.size):
             lack[a] = gap[a] - np.dot(pins[a], q.ravel())
-        if not constrain(band, diagonal, pins, lack, step):
+        y, schur = compliance(band, diagonal, pins)
+        if not constrain(pins, y, schur, lack, step):
             return -iteration, negative
         move, turn = _largest(step, dof)
         if not np.isfinite(move + turn) or move > length:
@@ -185,7 +188,7 @@ def implicit_step(q, target, fixed, pins, gap, rule, matter, ref, inertia, spin,
         now = max(move / length, 0.1 * turn)
         left = now if iteration == 1 else now * min(now / before, 1.0)
         if left < tolerance:
-            return iteration, negative
+            return iteration, held_back(negative, schur)
         before = now
     return -max_iterations, 0
 
@@ -210,12 +213,53 @@ def linearise(q, rule, matter, ref, inertia, spin):
 
 
 @njit(cache=True, nogil=True)
-def negative_modes(q, fixed, rule, matter, ref):
-    """Number of negative eigenvalues of the stiffness at q, imposed degrees of freedom held."""
+def negative_modes(q, fixed, pins, rule, matter, ref):
+    """Number of negative eigenvalues of the stiffness at q, with what is held."""
     none = np.zeros((q.shape[0], 4))
     band, _, _, _, _ = linearise(q, rule, matter, ref, none, none)
     eliminate(band, fixed, np.zeros((0, q.size)), np.zeros((0, q.size)))
-    return banded.factorise(band, np.empty(q.size))
+    diagonal = np.empty(q.size)
+    negative = banded.factorise(band, diagonal)
+    return held_back(negative, compliance(band, diagonal, pins)[1])
+
+
+@njit(cache=True, nogil=True)
+def softest(q, fixed, pins, rule, matter, ref, mass, spin, rate2):
+    """The motion in which an unstable equilibrium is softest, its largest move 1.
+
+    Inverse iteration with a mass shift that makes the stiffness positive.
+    """
+    none = np.zeros((q.shape[0], 4))
+    band, _, _, _, _ = linearise(q, rule, matter, ref, none, none)
+    shift, work, diagonal = 1e-3 * rate2, np.empty(band.shape), np.empty(q.size)
+    nothing = np.zeros((0, q.size))
+    for _ in range(60):
+        work[:, :] = band
+        add_scalar_band(work, mass, spin, shift)
+        eliminate(work, fixed, nothing, nothing)
+        negative = banded.factorise(work, diagonal)
+        y, schur = compliance(work, diagonal, pins)
+        if held_back(negative, schur) == 0:
+            break
+        shift *= 2.0
+    mode = np.empty(q.shape)
+    for i in range(q.shape[0]):  # anything without symmetry
+        for c in range(q.shape[1]):
+            mode[i, c] = np.sin(1.7 * i + 2.3 * c + 0.4)
+    product = np.empty(q.shape)
+    for _ in range(12):
+        multiply_scalar(mass, spin, mode, product)
+        flat = product.ravel()
+        for i in range(flat.size):
+            if fixed[i]:
+                flat[i] = 0.0
+        banded.solve(work, diagonal, flat)
+        constrain(pins, y, schur, np.zeros(pins.shape[0]), flat)
+        move, _ = _largest(flat, q.shape[1])
+        if move == 0.0:
+            break
+        mode[:, :] = flat.reshape(q.shape) / move
+    return mode
 
 
 @njit(cache=True, nogil=True)

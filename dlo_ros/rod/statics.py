@@ -45,13 +45,16 @@ class Equilibrium:
 
     Args:
         state: the state, without velocity.
-        stable: whether it is a minimum of the energy; pinned rods are not judged (True).
+        stable: whether it is a minimum of the energy, also against moves out of the plane.
         iterations: Newton iterations that it took.
+        buckled: whether the DLO left an unstable equilibrium on the way, as one that is pushed
+            together does; from a symmetric one it leaves to either side alike.
     """
 
     state: State
     stable: bool
     iterations: int
+    buckled: bool = False
 
 
 def hold(
@@ -93,7 +96,7 @@ def settle(
     imposed = imposed_of(model, boundary, command)
     before = moving_of(state, command, flat=flat)
     time = (stamp - command.stamp) / NANOSECONDS
-    status, rest, iterations, negative = resting.settle(
+    status, rest, iterations, negative, buckled = resting.settle(
         system, imposed, before, time, model.rate2, TOLERANCE, fresh
     )
     if status == NO_DIRECTION:
@@ -113,17 +116,17 @@ def settle(
     new = state_of(model, state, rest, stamp, varying)
     if flat:
         negative = max(negative, _unstable_directions(model, boundary, new.q, new.reference))
-    return Equilibrium(new, negative <= 0, iterations)
+    return Equilibrium(new, negative <= 0, iterations, buckled)
 
 
 def _unstable_directions(
     model: RodModel, boundary: Boundary, q: FloatArray, reference: Reference
 ) -> int:
-    """Negative eigenvalues of the stiffness in space; pinned rods are not judged."""
-    if len(boundary.pins):
-        return 0
+    """Negative eigenvalues of the stiffness in space."""
     matter = matter_of(model, NO_HISTORY)._replace(law=LINEAR, around=FREE)
-    return int(solver.negative_modes(q, boundary.fixed, model.rule, matter, reference))
+    return int(
+        solver.negative_modes(q, boundary.fixed, boundary.pins, model.rule, matter, reference)
+    )
 
 
 def matter_of(model: RodModel, history: History) -> Material:

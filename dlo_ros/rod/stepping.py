@@ -12,7 +12,7 @@ from numba import njit
 
 from dlo_ros.rod import forces, solver
 from dlo_ros.rod.constraints import back_substitute, pin_gap
-from dlo_ros.rod.grips import Imposed, impose
+from dlo_ros.rod.grips import impose
 from dlo_ros.rod.material import remember
 from dlo_ros.rod.surroundings import drag_along
 from dlo_ros.rod.tables import (
@@ -116,16 +116,22 @@ def damped(system, imposed, state, h):
     # Material that slips in is no strain.
     slip = c0 * growth(imposed, now) + c1 * growth(imposed, state.time)
     slip += c2 * growth(imposed, state.time - state.last_step)
-    past_s = t_r * (c1 * state.stretch + c2 * state.stretch_before - slip)
-    past_o = t_r * (c1 * state.other + c2 * state.other_before)
+    nb = base.stretch.size
     merged = Stiffness(
-        base.stretch * factor,
-        (base.stretch_rest - past_s) / factor,
-        base.bend * factor,
-        (base.bend_rest - past_o[:, :2]) / factor,
-        base.twist * factor,
-        (base.twist_rest - past_o[:, 2]) / factor,
-    )
+        np.empty(nb), np.empty(nb), np.empty((nb, 2)), np.empty((nb, 2)), np.empty(nb),
+        np.empty(nb),
+    )  # fmt: skip
+    for e in range(nb):
+        past = c1 * state.stretch[e] + c2 * state.stretch_before[e] - slip
+        merged.stretch[e] = base.stretch[e] * factor
+        merged.stretch_rest[e] = (base.stretch_rest[e] - t_r * past) / factor
+        for k in range(2):
+            past = c1 * state.other[e, k] + c2 * state.other_before[e, k]
+            merged.bend[e, k] = base.bend[e, k] * factor
+            merged.bend_rest[e, k] = (base.bend_rest[e, k] - t_r * past) / factor
+        past = c1 * state.other[e, 2] + c2 * state.other_before[e, 2]
+        merged.twist[e] = base.twist[e] * factor
+        merged.twist_rest[e] = (base.twist_rest[e] - t_r * past) / factor
     return Material(merged, base, system.law, system.around, state.history)
 
 
@@ -152,13 +158,18 @@ def grown(system, factor):
 
 
 @njit(cache=True, nogil=True)
-def extrapolated(state, h):
-    """What Newmark's formulas take from the past: position, velocity and lag of acceleration."""
-    q_star = state.q + h * state.velocity + (h * h * (0.5 - BETA)) * state.auxiliary
-    v_star = state.velocity + (h * (1.0 - GAMMA)) * state.auxiliary
-    lag = (ALPHA_F / (1.0 - ALPHA_F)) * state.acceleration - (
-        ALPHA_M / (1.0 - ALPHA_F)
-    ) * state.auxiliary
+def extrapolated(q, velocity, acceleration, auxiliary, h):
+    """What Newmark's formulas take from the past: position, velocity and lag of acceleration.
+
+    All arrays have one shape; the results have it, too.
+    """
+    q_star, v_star, lag = np.empty(q.shape), np.empty(q.shape), np.empty(q.shape)
+    x, v, a, w = q.ravel(), velocity.ravel(), acceleration.ravel(), auxiliary.ravel()
+    x_star, speed, behind = q_star.ravel(), v_star.ravel(), lag.ravel()
+    for i in range(x.size):
+        x_star[i] = x[i] + h * v[i] + h * h * (0.5 - BETA) * w[i]
+        speed[i] = v[i] + h * (1.0 - GAMMA) * w[i]
+        behind[i] = (ALPHA_F * a[i] - ALPHA_M * w[i]) / (1.0 - ALPHA_F)
     return q_star, v_star, lag
 
 
@@ -184,6 +195,45 @@ def targets(system, imposed, time, q, frames):
 
 
 @njit(cache=True, nogil=True)
+def reached(q, q_star, v_star, lag, h):
+    """Velocity, acceleration and auxiliary acceleration at the end of a step to q."""
+    velocity, acceleration, auxiliary = np.empty(q.shape), np.empty(q.shape), np.empty(q.shape)
+    c_mass, c_drag = weights(h)
+    x, x_star, speed, behind = q.ravel(), q_star.ravel(), v_star.ravel(), lag.ravel()
+    v, a, w = velocity.ravel(), acceleration.ravel(), auxiliary.ravel()
+    for i in range(x.size):
+        moved = x[i] - x_star[i]
+        v[i] = speed[i] + c_drag * moved
+        a[i] = c_mass * moved - behind[i]
+        w[i] = moved / (BETA * h * h)
+    return velocity, acceleration, auxiliary
+
+
+@njit(cache=True, nogil=True)
+def _equations(system, state, h, q_star, v_star, lag):
+    """First guess, right-hand side and inertia (for positions and theta) of a step's equations."""
+    c_mass, c_drag = weights(h)
+    n, dof = q_star.shape
+    q, rhs, viscous = np.empty(q_star.shape), np.empty(q_star.shape), np.empty(q_star.shape)
+    past, passing = np.empty(q_star.shape), np.empty(q_star.shape)
+    inertia, spin = np.empty((n, 4)), np.empty((n, 4))
+    for i in range(n):
+        for c in range(dof):
+            q[i, c] = q_star[i, c] + h * h * BETA * state.auxiliary[i, c]
+            past[i, c] = c_mass * q_star[i, c] + lag[i, c]
+            passing[i, c] = c_drag * q_star[i, c] - v_star[i, c]
+        for k in range(4):
+            inertia[i, k] = c_mass * system.mass[i, k] + c_drag * system.drag[i, k]
+            spin[i, k] = c_mass * system.spin[i, k]
+    forces.multiply_scalar(system.mass, system.spin, past, rhs)
+    forces.multiply_scalar(system.drag, system.still, passing, viscous)
+    for i in range(n):
+        for c in range(dof):
+            rhs[i, c] += viscous[i, c] + system.load[i, c]
+    return q, rhs, inertia, spin
+
+
+@njit(cache=True, nogil=True)
 def step(system, imposed, state, h, tolerance):
     """One step of length h.
 
@@ -194,28 +244,22 @@ def step(system, imposed, state, h, tolerance):
     system = grown(system, growth(imposed, time))
     matter = damped(system, imposed, state, h)
     frames = state.frames.copy()
-    q_star, v_star, lag = extrapolated(state, h)
-    q = q_star + (h * h * BETA) * state.auxiliary
+    q_star, v_star, lag = extrapolated(
+        state.q, state.velocity, state.acceleration, state.auxiliary, h
+    )
     usable, target, gap = targets(system, imposed, time, state.q, frames)
     if not usable:
         return NO_DIRECTION, np.inf, state
-    c_mass, c_drag = weights(h)
-    rhs, product = np.empty(q.shape), np.empty(q.shape)
-    forces.multiply_scalar(system.mass, system.spin, c_mass * q_star + lag, rhs)
-    forces.multiply_scalar(system.drag, system.still, c_drag * q_star - v_star, product)
-    rhs += product + system.load
+    q, rhs, inertia, spin = _equations(system, state, h, q_star, v_star, lag)
     iterations, negative = solver.implicit_step(
         q, target, system.fixed, system.pins, gap, system.rule, matter, state.reference,
-        c_mass * system.mass + c_drag * system.drag, c_mass * system.spin, rhs, system.length,
-        tolerance, MAX_NEWTON,
+        inertia, spin, rhs, system.length, tolerance, MAX_NEWTON,
     )  # fmt: skip
-    # A negative pivot: the step has left the branch that a smaller one would follow.
-    left = negative > 0 and system.pins.shape[0] == 0 and h > 10.0 * SMALLEST_STEP
+    # A negative eigenvalue: the step has left the branch that a smaller one would follow.
+    left = negative > 0 and h > 10.0 * SMALLEST_STEP
     if iterations < 0 or left:
         return NO_CONVERGENCE, np.inf, state
-    auxiliary = (q - q_star) / (BETA * h * h)
-    acceleration = c_mass * (q - q_star) - lag
-    velocity = v_star + c_drag * (q - q_star)
+    velocity, acceleration, auxiliary = reached(q, q_star, v_star, lag, h)
     error = abs(BETA - 1.0 / 6.0) * h * h * _mean_jump(system.fixed, auxiliary, state.auxiliary)
     stretch, other = forces.strains(q, system.rule, state.reference)
     new = Moving(

@@ -53,8 +53,10 @@ def known(settings: Settings) -> tuple[str, ...]:
     for effect, keys in settings.effects.items():
         for key, value in keys.items():
             name = f"{EFFECTS_PREFIX}{effect}.{key}"
-            many = isinstance(value, tuple)
-            names += [f"{name}[{i}]" for i in range(len(value))] if many else [name]
+            if isinstance(value, tuple):
+                names += [f"{name}[{i}]" for i in range(len(value))]
+            else:
+                names.append(name)
     return tuple(names)
 
 
@@ -109,26 +111,26 @@ def _displaced(command: Command, end: str, what: str, amount: float) -> Command:
     return replace(command, positions=positions)
 
 
+def varied(settings: Settings, name: str, amount: float) -> Settings:
+    """The settings with one number of an effect, `effects.NAME.KEY[i]`, changed by an amount."""
+    effect, key, index = _parsed(name)
+    effects = {k: dict(v) for k, v in settings.effects.items()}
+    old: Any = effects[effect][key]  # a number, or as many as there are indices
+    if index is None:
+        effects[effect][key] = old + amount
+    else:
+        effects[effect][key] = (*old[:index], old[index] + amount, *old[index + 1 :])
+    return settings.with_effects(effects)
+
+
 def _effect_tangent(settings: Settings, name: str) -> Tangent:
     effect, key, index = _parsed(name)
-    value = settings.effects[effect][key]
-    size = abs(value if index is None else value[index])  # type: ignore[index]
+    value: Any = settings.effects[effect][key]  # a number, or as many as there are indices
+    size = abs(value if index is None else value[index])
     quantity = quantities(effect)[key]
     natural = {"m": settings.rod.length, "1/m": 1.0 / settings.rod.length}.get(quantity.unit, 1.0)
     step = STEP * (size if size > 0.0 else natural)
-
-    def vary(s: Settings, command: Command, amount: float) -> tuple[Settings, Command]:
-        effects = {k: dict(v) for k, v in s.effects.items()}
-        old = effects[effect][key]
-        if index is None:
-            effects[effect][key] = old + amount  # type: ignore[operator]
-        else:
-            many = list(old)  # type: ignore[arg-type]
-            many[index] += amount
-            effects[effect][key] = tuple(many)
-        return s.with_effects(effects), command
-
-    return Tangent(name, step, vary)
+    return Tangent(name, step, lambda s, c, d: (varied(s, name, d), c))
 
 
 def _parsed(name: str) -> tuple[str, str, int | None]:
@@ -151,6 +153,17 @@ def variants(
     return cache[key][1]
 
 
+def both_sides(
+    model: RodModel, command: Command, chosen: Tangent
+) -> list[tuple[RodModel, Command]]:
+    """Rod and command with a parameter above and below its value."""
+    result = []
+    for side in (1.0, -1.0):
+        settings, asked = chosen.vary(model.settings, command, side * chosen.step)
+        result.append((model.with_settings(settings), asked))
+    return result
+
+
 def make_variants(
     model: RodModel, boundary: Boundary, command: Command, names: Sequence[str], *, flat: bool
 ) -> Variants:
@@ -170,9 +183,7 @@ def make_variants(
     for name in names:
         chosen = tangent(model.settings, name)
         pair = []
-        for side in (1.0, -1.0):
-            settings, asked = chosen.vary(model.settings, command, side * chosen.step)
-            other = model.with_settings(settings)
+        for other, asked in both_sides(model, command, chosen):
             there = true_command(other, asked)
             later = (there.stamp - origin) / NANOSECONDS
             imposed = imposed_of(other, boundary, there)

@@ -19,7 +19,6 @@ from dlo_ros.rod.constraints import back_substitute, eliminate
 from dlo_ros.rod.grips import Imposed
 from dlo_ros.rod.plane import PLANAR
 from dlo_ros.rod.stepping import (
-    BETA,
     Moving,
     System,
     Uniform,
@@ -27,6 +26,7 @@ from dlo_ros.rod.stepping import (
     extrapolated,
     grown,
     growth,
+    reached,
     remembered,
     targets,
     weights,
@@ -90,18 +90,36 @@ def _imposed(s, k):
 
 
 @njit(cache=True, nogil=True)
+def _plus(x, d, change):
+    """Sum of x and d times its change, arrays of one shape."""
+    result = np.empty(x.shape)
+    a, b, c = result.ravel(), x.ravel(), change.ravel()
+    for i in range(a.size):
+        a[i] = b[i] + d * c[i]
+    return result
+
+
+@njit(cache=True, nogil=True)
+def _rise(above, below, d, out):
+    """Write (above - below) / (2 d) to out."""
+    a, b, c = out.ravel(), above.ravel(), below.ravel()
+    for i in range(a.size):
+        a[i] = (b[i] - c[i]) / (2.0 * d)
+
+
+@njit(cache=True, nogil=True)
 def _moved(state, v, a, d):
     """The state with d times the derivatives by parameter a added; the frame apart."""
     return Moving(
-        state.time, state.last_step, state.next_step, state.q + d * v.q[a],
-        state.velocity + d * v.velocity[a], state.acceleration + d * v.acceleration[a],
-        state.auxiliary + d * v.auxiliary[a], _frame(state, v, a, d),
-        state.frames, state.stretch + d * v.stretch[a],
-        state.stretch_before + d * v.stretch_before[a], state.other + d * v.other[a],
-        state.other_before + d * v.other_before[a],
+        state.time, state.last_step, state.next_step, _plus(state.q, d, v.q[a]),
+        _plus(state.velocity, d, v.velocity[a]), _plus(state.acceleration, d, v.acceleration[a]),
+        _plus(state.auxiliary, d, v.auxiliary[a]), _frame(state, v, a, d), state.frames,
+        _plus(state.stretch, d, v.stretch[a]),
+        _plus(state.stretch_before, d, v.stretch_before[a]), _plus(state.other, d, v.other[a]),
+        _plus(state.other_before, d, v.other_before[a]),
         History(
-            state.history.plastic + d * v.history.plastic[a],
-            state.history.anchor + d * v.history.anchor[a],
+            _plus(state.history.plastic, d, v.history.plastic[a]),
+            _plus(state.history.anchor, d, v.history.anchor[a]),
         ),
     )  # fmt: skip
 
@@ -110,8 +128,8 @@ def _moved(state, v, a, d):
 def _shifted(ref, change, a, d):
     """A reference frame with d times its derivatives by parameter a added."""
     return Reference(
-        ref.tangent + d * change.tangent[a], ref.rate + d * change.rate[a],
-        ref.director + d * change.director[a], ref.twist + d * change.twist[a],
+        _plus(ref.tangent, d, change.tangent[a]), _plus(ref.rate, d, change.rate[a]),
+        _plus(ref.director, d, change.director[a]), _plus(ref.twist, d, change.twist[a]),
     )  # fmt: skip
 
 
@@ -181,18 +199,18 @@ def _internal(body, q, other, ref, before, variants, varying, d_q, grad_s, grad_
             down = _shifted(ref, varying.reference, a, -d)
             _, above = forces.strains(q, rule, up)
             _, below = forces.strains(q, rule, down)
-            d_other[a] += (above - below) / (2.0 * d)
-            up = forces.transport(q + d * d_q[a], rule, up)
-            down = forces.transport(q - d * d_q[a], rule, down)
-            frame.tangent[a] = (up.tangent - down.tangent) / (2.0 * d)
-            frame.rate[a] = (up.rate - down.rate) / (2.0 * d)
-            frame.director[a] = (up.director - down.director) / (2.0 * d)
-            frame.twist[a] = (up.twist - down.twist) / (2.0 * d)
+            d_other[a] = _plus(d_other[a], 0.5 / d, _plus(above, -1.0, below))
+            up = forces.transport(_plus(q, d, d_q[a]), rule, up)
+            down = forces.transport(_plus(q, -d, d_q[a]), rule, down)
+            _rise(up.tangent, down.tangent, d, frame.tangent[a])
+            _rise(up.rate, down.rate, d, frame.rate[a])
+            _rise(up.director, down.director, d, frame.director[a])
+            _rise(up.twist, down.twist, d, frame.twist[a])
         if keeps:
             above = _kept(body, q, other, before, variants, varying, d_q, d_other, a, 0)
             below = _kept(body, q, other, before, variants, varying, d_q, d_other, a, 1)
-            history.plastic[a] = (above.plastic - below.plastic) / (2.0 * d)
-            history.anchor[a] = (above.anchor - below.anchor) / (2.0 * d)
+            _rise(above.plastic, below.plastic, d, history.plastic[a])
+            _rise(above.anchor, below.anchor, d, history.anchor[a])
     return d_stretch, d_other, frame, history
 
 
@@ -201,11 +219,11 @@ def _kept(body, q, other, before, variants, varying, d_q, d_other, a, side):
     """The history after a step for one side of parameter a."""
     d = variants.step[a] if side == 0 else -variants.step[a]
     history = History(
-        before.plastic + d * varying.history.plastic[a],
-        before.anchor + d * varying.history.anchor[a],
+        _plus(before.plastic, d, varying.history.plastic[a]),
+        _plus(before.anchor, d, varying.history.anchor[a]),
     )
     there = _system(variants.system, 2 * a + side)
-    return remembered(q + d * d_q[a], other + d * d_other[a], there, history)
+    return remembered(_plus(q, d, d_q[a]), _plus(other, d, d_other[a]), there, history)
 
 
 @njit(cache=True, nogil=True)
@@ -242,13 +260,12 @@ def vary(system, imposed, old, new, variants, varying):
             other_body = grown(_system(variants.system, 2 * a + side), growth(there, time))
             before = _moved(old, varying, a, d)
             matter = damped(other_body, there, before, h)
-            q_star, v_star, lag = extrapolated(before, h)
-            forces.multiply_scalar(
-                other_body.mass, other_body.spin, c_mass * (q - q_star) - lag, inertia
+            q_star, v_star, lag = extrapolated(
+                before.q, before.velocity, before.acceleration, before.auxiliary, h
             )
-            forces.multiply_scalar(
-                other_body.drag, system.still, v_star + c_drag * (q - q_star), viscous
-            )
+            velocity, acceleration, _ = reached(q, q_star, v_star, lag, h)
+            forces.multiply_scalar(other_body.mass, other_body.spin, acceleration, inertia)
+            forces.multiply_scalar(other_body.drag, system.still, velocity, viscous)
             elastic = _forces(
                 q, new.stretch, new.other, system, before.reference, matter, grad_s, grad_o,
                 response, gradient, spare,
@@ -261,14 +278,16 @@ def vary(system, imposed, old, new, variants, varying):
                 gaps[a] -= share * gap
     _solve(system, band, rhs, increments, gaps)
     d_q = rhs.reshape((count, q.shape[0], q.shape[1]))
-    q_star, v_star, lag = extrapolated(varying, h)
-    moved = d_q - q_star
+    q_star, v_star, lag = extrapolated(
+        varying.q, varying.velocity, varying.acceleration, varying.auxiliary, h
+    )
+    d_velocity, d_acceleration, d_auxiliary = reached(d_q, q_star, v_star, lag, h)
     d_stretch, d_other, reference, history = _internal(
         body, q, new.other, old.reference, old.history, variants, varying, d_q, grad_s, grad_o
     )
     return Varying(
-        d_q, v_star + c_drag * moved, c_mass * moved - lag, moved / (BETA * h * h), reference,
-        frames, d_stretch, varying.stretch, d_other, varying.other, history,
+        d_q, d_velocity, d_acceleration, d_auxiliary, reference, frames, d_stretch,
+        varying.stretch, d_other, varying.other, history,
     )  # fmt: skip
 
 
@@ -325,46 +344,3 @@ def vary_rest(system, imposed, time, before, rest, history, variants, varying):
     return Varying(
         d_q, zero, zero, zero, reference, frames, d_stretch, d_stretch, d_other, d_other, kept
     )
-
-
-@njit(cache=True, nogil=True)
-def vary_start(system, imposed, state, variants, varying):
-    """The derivatives of the acceleration with which a state starts, its shape held."""
-    q, rule, v = state.q, system.rule, state.velocity
-    none = np.zeros(system.mass.shape)
-    matter = Material(
-        system.stiffness, system.stiffness, system.law, system.around, state.history
-    )
-    _, gradient, response, grad_s, grad_o = solver.linearise(
-        q, rule, matter, state.reference, none, none
-    )
-    count = variants.step.size
-    rhs = np.zeros((count, q.size))
-    inertia, viscous = np.empty(q.shape), np.empty(q.shape)
-    spare = np.empty((q.size, 4 * q.shape[1]))
-    for a in range(count):
-        for side in range(2):
-            share = -0.5 / (variants.step[a] if side == 0 else -variants.step[a])
-            body = grown(
-                _system(variants.system, 2 * a + side),
-                growth(_imposed(variants.imposed, 2 * a + side), state.time),
-            )
-            matter = Material(body.stiffness, body.stiffness, body.law, body.around, state.history)
-            elastic = _forces(
-                q, state.stretch, state.other, system, state.reference, matter, grad_s, grad_o,
-                response, gradient, spare,
-            )  # fmt: skip
-            forces.multiply_scalar(body.mass, body.spin, state.acceleration, inertia)
-            forces.multiply_scalar(body.drag, system.still, v, viscous)
-            inertia += viscous - body.load
-            rhs[a] += share * (inertia.ravel() + elastic)
-    band, diagonal = solver.factorised_mass(system.mass, system.spin, system.fixed, rhs)
-    back_substitute(
-        band, diagonal, system.pins, np.zeros((count, system.pins.shape[0])), rhs
-    )
-    change = rhs.reshape((count, q.shape[0], q.shape[1]))
-    return Varying(
-        varying.q, varying.velocity, change, change, varying.reference, varying.frames,
-        varying.stretch, varying.stretch_before, varying.other, varying.other_before,
-        varying.history,
-    )  # fmt: skip

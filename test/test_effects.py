@@ -1,0 +1,430 @@
+"""Every effect by itself, against an answer that does not come from this package's rod."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from rods import PAPER, SECOND, command, held_start, settled, straight
+from scipy.integrate import solve_bvp
+
+from dlo_ros.command import Motion
+from dlo_ros.effects import build, effects, quantities
+from dlo_ros.errors import ParameterError
+from dlo_ros.observation import Observation
+from dlo_ros.parameters import Settings
+from dlo_ros.rod.resolution import build as build_rod
+from dlo_ros.rod.simulation import Simulation
+from dlo_ros.rod.statics import settle
+from dlo_ros.spline import SplineBasis
+
+WEIGHTLESS = replace(PAPER, gravity=(0.0, 0.0, 0.0))
+ROD = PAPER.rod
+B, LINE = ROD.bending_stiffness, ROD.linear_density
+SPANS = 28
+
+
+def cantilever(settings, spans=SPANS, **effect):
+    """The shape of a rod clamped along x, as a function of u: points (m, 2)."""
+    settings = settings.with_effects(effect)
+    model, _, found = settled(settings, held_start(), spans)
+    assert found.stable
+    return lambda u: model.basis.evaluate(found.state.q, u)[:, [0, 2]], found.state
+
+
+def elastica(moment_law, force, start=0.0, length=ROD.length):
+    """A clamped-free inextensible rod as a boundary value problem.
+
+    Args:
+        moment_law: curvature phi' as a function of u and moment.
+        force: internal force (x, z) at u, of all loads beyond u.
+        start: direction at the clamp, positive from x towards -z [rad].
+    """
+
+    def rhs(u, y):
+        phi, moment = y[2], y[3]
+        fx, fz = force(u)
+        # Equilibrium: M' = -(t x F) about +y, with t = (cos phi, -sin phi).
+        turn = fx * np.sin(phi) + fz * np.cos(phi)
+        return np.vstack([np.cos(phi), -np.sin(phi), moment_law(u, moment), turn])
+
+    def ends(a, b):
+        return np.array([a[0], a[1], a[2] - start, b[3]])
+
+    u = np.linspace(0.0, length, 400)
+    guess = np.zeros((4, u.size))
+    guess[0], guess[2] = u, start
+    for share in np.linspace(0.2, 1.0, 5):
+
+        def scaled(s, y, f=share):
+            fx, fz = force(s)
+            turn = f * (fx * np.sin(y[2]) + fz * np.cos(y[2]))
+            return np.vstack([np.cos(y[2]), -np.sin(y[2]), moment_law(s, y[3]), turn])
+
+        found = solve_bvp(scaled, ends, u, guess, tol=1e-8, max_nodes=20000)
+        assert found.success, found.message
+        u, guess = found.x, found.y
+    return lambda s: found.sol(s)[:2].T
+
+
+def own_weight(u, line=LINE):
+    return np.zeros_like(u), -line * 9.81 * (ROD.length - u)
+
+
+U = np.linspace(0.0, ROD.length, 41)
+
+
+def apart(one, other):
+    """Largest distance over L."""
+    return np.abs(one(U) - other(U)).max() / ROD.length
+
+
+def linear(_, moment):
+    return moment / B
+
+
+def test_without_effects_it_is_the_elastica():
+    assert apart(cantilever(PAPER)[0], elastica(linear, own_weight)) < 2e-4
+
+
+def test_curvature_at_rest_bends_a_weightless_rod_into_an_arc():
+    kappa = 4.0
+    shape, _ = cantilever(WEIGHTLESS, intrinsic_curvature={"curvature": kappa})
+    arc = np.column_stack([np.sin(kappa * U), np.cos(kappa * U) - 1.0]) / kappa
+    np.testing.assert_allclose(shape(U), arc, atol=2e-4 * ROD.length)
+
+
+def test_values_of_curvature_are_joined_by_lines():
+    values = (0.0, 6.0, -3.0)
+    shape, _ = cantilever(WEIGHTLESS, intrinsic_curvature={"curvature": values})
+    fine = np.linspace(0.0, ROD.length, 4001)
+    kappa = np.interp(fine, np.linspace(0.0, ROD.length, 3), values)
+    phi = np.concatenate([[0.0], np.cumsum(0.5 * (kappa[1:] + kappa[:-1]) * np.diff(fine))])
+
+    def along(f):
+        return np.concatenate([[0.0], np.cumsum(0.5 * (f[1:] + f[:-1]) * np.diff(fine))])
+
+    expected = np.column_stack([np.interp(U, fine, along(np.cos(phi))),
+                                np.interp(U, fine, along(-np.sin(phi)))])  # fmt: skip
+    np.testing.assert_allclose(shape(U), expected, atol=3e-4 * ROD.length)
+
+
+def test_a_kink_turns_the_tangent_by_its_angle():
+    shape, _ = cantilever(WEIGHTLESS, intrinsic_curvature={"kink": 0.6, "position": 0.2})
+    end, before = shape(np.array([0.4]))[0], shape(np.array([0.3]))[0]
+    turned = np.arctan2(-(end - before)[1], (end - before)[0])
+    assert turned == pytest.approx(0.6, abs=5e-3)
+    expected = np.array([0.2 + 0.2 * np.cos(0.6), -0.2 * np.sin(0.6)])
+    np.testing.assert_allclose(end, expected, atol=2e-3)
+
+
+def test_a_turned_clamp_is_a_turned_start():
+    shape, _ = cantilever(PAPER, clamp_angle={"start": 0.2})
+    assert apart(shape, elastica(linear, own_weight, start=0.2)) < 2e-4
+
+
+def test_tilted_gravity_is_a_turned_load():
+    angle = 0.3
+
+    def load(u):
+        weight = LINE * 9.81 * (ROD.length - u)
+        # Gravity (0, -g), turned from x towards -z, points towards -x.
+        return -weight * np.sin(angle), -weight * np.cos(angle)
+
+    assert apart(cantilever(PAPER, gravity_tilt={"angle": angle})[0], elastica(linear, load)) < 3e-4
+
+
+def test_a_hung_mass_is_a_point_load():
+    mass, place = 0.02, 0.25
+
+    def load(u):
+        fx, fz = own_weight(u)
+        return fx, fz - np.where(u < place, mass * 9.81, 0.0)
+
+    shape, _ = cantilever(PAPER, point_mass={"mass": mass, "position": place})
+    assert apart(shape, elastica(linear, load)) < 5e-4
+
+
+def test_a_stiff_segment_bends_less():
+    def law(u, moment):
+        stiff = np.where(np.abs(u - 0.15) < 0.05, 4.0, 1.0)
+        return moment / (B * stiff)
+
+    shape, _ = cantilever(PAPER, stiff_segment={"centre": 0.15, "extent": 0.1, "ratio": 4.0})
+    assert apart(shape, elastica(law, own_weight)) < 1e-3
+
+
+def test_stiffness_changes_along_the_rod():
+    def law(u, moment):
+        return moment / (B * (1.0 + 1.2 * (u / ROD.length - 0.5)))
+
+    shape, _ = cantilever(PAPER, stiffness_gradient={"change": 1.2})
+    assert apart(shape, elastica(law, own_weight)) < 5e-4
+
+
+def test_a_softening_rod_follows_its_moment_law():
+    half = 4.0
+
+    def law(_, moment):
+        return half * np.tan(moment / (B * half))
+
+    soft = replace(PAPER, rod=replace(ROD, young_modulus=2e8))
+    stiff = 4.0 * B
+
+    def scaled(u, moment):
+        return half * np.tan(np.clip(moment / (stiff * half), -1.5, 1.5))
+
+    shape, _ = cantilever(soft, nonlinear_stiffness={"half_curvature": half})
+    assert apart(shape, elastica(scaled, own_weight)) < 5e-4
+
+
+def test_a_constant_force_is_a_uniform_load():
+    def load(u):
+        fx, fz = own_weight(u)
+        return fx + 0.1 * (ROD.length - u), fz + 0.2 * (ROD.length - u)
+
+    shape, _ = cantilever(PAPER, constant_force={"x": 0.1, "z": 0.2})
+    assert apart(shape, elastica(linear, load)) < 3e-4
+
+
+def test_a_longer_rod_is_the_elastica_of_its_true_length():
+    more = 0.03
+    length = ROD.length + more
+
+    def load(u):
+        return np.zeros_like(u), -LINE * 9.81 * (length - u)
+
+    shape, _ = cantilever(PAPER, length_error={"difference": more})
+    true = elastica(linear, load, length=length)
+    assert np.abs(shape(U) - true(U * length / ROD.length)).max() < 2e-4 * length
+
+
+def simulate(settings, imposed, stamps, spans=14, parameters=()):
+    """Shapes of the published basis in motion from the equilibrium, and the simulation."""
+    simulation = Simulation(settings, Motion([imposed]), parameters=parameters, spans=spans)
+    simulation.start([Observation(0, first_shape(settings))])
+    return simulation.advance_through(stamps), simulation
+
+
+def first_shape(settings):
+    basis = SplineBasis(settings.rod.control_points, settings.rod.length)
+    shape = np.zeros((basis.control_points, 4))
+    shape[:, 0] = basis.greville
+    return shape
+
+
+STAMPS = [k * SECOND // 20 for k in range(1, 21)]
+
+
+def lifted(stamp=0):
+    return command(["start"], [0.0, 0.5], [[[0.0, 0.0, 0.0]], [[0.0, 0.0, 0.1]]], stamp=stamp)
+
+
+def shapes(predictions):
+    return np.array([p.control_points[:, :3] for p in predictions])
+
+
+def test_a_delay_shifts_the_motion_in_time():
+    late, _ = simulate(PAPER.with_effects({"command_delay": {"delay": 0.1}}), lifted(), STAMPS)
+    shifted, _ = simulate(PAPER, lifted(SECOND // 10), STAMPS)
+    np.testing.assert_allclose(shapes(late), shapes(shifted), atol=1e-5)
+
+
+def test_added_damping_is_configured_damping():
+    added = PAPER.with_effects(
+        {"air_drag": {"coefficient": 0.04}, "internal_damping": {"relaxation_time": 0.01}}
+    )
+    damping = replace(PAPER.damping, air_drag=0.05, relaxation_time=0.012)
+    one, _ = simulate(added, lifted(), STAMPS)
+    other, _ = simulate(replace(PAPER, damping=damping), lifted(), STAMPS)
+    np.testing.assert_allclose(shapes(one), shapes(other), atol=1e-9)
+
+
+def test_slip_makes_the_rod_longer_as_far_as_the_motion_has_gone():
+    settings = replace(PAPER, damping=replace(PAPER.damping, air_drag=1.0, relaxation_time=0.1))
+    slipping = settings.with_effects({"clamp_slip": {"length": 0.02}})
+    stamps = [4 * SECOND]
+    slipped, _ = simulate(slipping, lifted(), stamps, spans=28)
+    longer, _ = simulate(
+        settings.with_effects({"length_error": {"difference": 0.02}}), lifted(), stamps, spans=28
+    )
+    np.testing.assert_allclose(shapes(slipped), shapes(longer), atol=2e-5)
+    half, _ = simulate(slipping, lifted(), [SECOND // 4], spans=28)
+    assert arc_length(half[0]) == pytest.approx(ROD.length + 0.01, rel=2e-4)
+
+
+def arc_length(prediction):
+    basis = SplineBasis(ROD.control_points, ROD.length)
+    u, weight = basis.quadrature(8)
+    return weight @ np.linalg.norm(basis.evaluate(prediction.control_points[:, :3], u, 1), axis=1)
+
+
+def test_what_the_camera_measures_is_scaled_and_turned():
+    plain, _ = simulate(PAPER, lifted(), STAMPS[:4])
+    seen, _ = simulate(
+        PAPER.with_effects({"camera_scale": {"ratio": 1.02}, "camera_rotation": {"angle": 0.1}}),
+        lifted(), STAMPS[:4],
+    )  # fmt: skip
+    true = shapes(plain)
+    c, s = np.cos(0.1), np.sin(0.1)
+    # From x towards -z: the x axis turns to (cos, -sin).
+    turned = np.stack([c * true[..., 0] + s * true[..., 2], true[..., 1],
+                       c * true[..., 2] - s * true[..., 0]], axis=-1) / 1.02  # fmt: skip
+    np.testing.assert_allclose(shapes(seen), turned, atol=2e-6)
+
+
+def test_plastic_bending_leaves_the_curvature_past_the_yield():
+    """Two clamps bend a weightless rod into an arc, and back: pure bending, one moment."""
+    yields, hardening = 3.0, 0.25
+    kappas = np.array([0.0, 1.0, 2.0, 4.0, 6.0, 8.0, 6.0, 4.0, 2.0, 1.0, 0.0])
+    arcs = np.zeros((len(kappas), 2, 3))
+    rotations = np.tile([0.0, 0.0, 0.0, 1.0], (len(kappas), 2, 1))
+    for k, kappa in enumerate(kappas):
+        angle = kappa * ROD.length
+        arcs[k, 1] = (
+            [np.sin(angle) / kappa, 0.0, (np.cos(angle) - 1.0) / kappa]
+            if kappa else [ROD.length, 0.0, 0.0]
+        )  # fmt: skip
+        rotations[k, 1] = [0.0, np.sin(angle / 2), 0.0, np.cos(angle / 2)]
+    imposed = command(["start", "end"], np.arange(float(len(kappas))), arcs, rotations)
+    settings = WEIGHTLESS.with_effects(
+        {"plasticity": {"yield_curvature": yields, "hardening": hardening}}
+    )
+    model, boundary = build_rod(settings, imposed, 14)
+    state = straight(model)
+    moments = []
+    for k in range(len(kappas)):
+        state = settle(model, boundary, state, imposed, k * SECOND).state
+        elastic = state.strains.other[:, 0] - state.history.plastic[:, 0]
+        moments.append(B * np.mean(elastic))
+    # One-dimensional kinematic hardening, step by step.
+    plastic, expected, back = 0.0, [], hardening / (1.0 - hardening)
+    for kappa in kappas:
+        trial = kappa - plastic - back * plastic
+        if abs(trial) > yields:
+            plastic += np.sign(trial) * (abs(trial) - yields) / (1.0 + back)
+        expected.append(B * (kappa - plastic))
+    np.testing.assert_allclose(moments, expected, atol=2e-3 * B * yields)
+    assert state.history.plastic[:, 0].mean() == pytest.approx(plastic, rel=5e-3)
+    assert plastic > 1.0
+
+
+def test_friction_holds_a_hanging_rod_up_to_its_sticking_angle():
+    """A rod lies along gravity, then gravity turns: friction holds while it exceeds the pull."""
+    weight = LINE * 9.81
+    angle = 0.3
+    stiff = replace(ROD, young_modulus=1e4)  # bending holds nothing
+    hanging = command(
+        ["start"], [0.0], [[[0.0, 0.0, 0.0]]],
+        np.array([[[0.0, np.sin(np.pi / 4), 0.0, np.cos(np.pi / 4)]]]),
+    )  # fmt: skip
+
+    def displaced(force):
+        settings = replace(PAPER, rod=stiff).with_effects({"surface_friction": {"force": force}})
+        model, boundary = build_rod(settings, hanging, 28)
+        state = straight(model, (0.0, 0.0, -1.0))
+        state = settle(model, boundary, state, hanging, 0, fresh=True).state
+        before = state.q.copy()
+        turned = (weight / LINE * np.sin(angle), 0.0, -weight / LINE * np.cos(angle))
+        tilted = model.with_settings(replace(settings, gravity=turned))
+        after = settle(tilted, boundary, state, hanging, 0).state.q
+        return np.abs(after - before)[:, :3].max()
+
+    sideways = weight * np.sin(angle)
+    assert displaced(1.1 * sideways) < 1e-3 * ROD.length
+    assert displaced(0.5 * sideways) > 0.02 * ROD.length
+
+
+def test_a_peg_carries_the_difference_of_the_moments():
+    """The peg's force, from equilibrium of forces at the clamp, and the gap from geometry."""
+    peg = {"x": 0.2, "z": -0.06, "radius": 0.01}
+    shape, state = cantilever(PAPER, spans=56, obstacle=peg)
+    free, _ = cantilever(PAPER, spans=56)
+    assert np.abs(shape(U) - free(U)).max() > 0.01
+    fine = shape(np.linspace(0.0, ROD.length, 4001))
+    reach = peg["radius"] + 0.5 * ROD.diameter
+    gap = np.linalg.norm(fine - [peg["x"], peg["z"]], axis=1) - reach
+    assert abs(gap.min()) < 2e-5
+    # The moment at the clamp, from the curvature there, balances weight and contact.
+    curvature = state.strains.other[0, 0]
+    arm = np.trapezoid(shape(U)[:, 0], U) * LINE * 9.81
+    at = fine[np.argmin(gap)]
+    normal = (at - [peg["x"], peg["z"]]) / np.linalg.norm(at - [peg["x"], peg["z"]])
+    moment = B * curvature
+    # Moments about the clamp (about +y): z F_x - x F_z for a force at (x, z).
+    lever = at[1] * normal[0] - at[0] * normal[1]
+    force = (moment - arm) / lever
+    assert force > 0.0
+    # The same force lifts the rod in a boundary value problem.
+    place = np.linspace(0.0, ROD.length, 4001)[np.argmin(gap)]
+
+    def load(u):
+        fx, fz = own_weight(u)
+        beyond = np.where(u < place, force, 0.0)
+        return fx + beyond * normal[0], fz + beyond * normal[1]
+
+    assert apart(shape, elastica(linear, load)) < 2e-3
+
+
+def test_effects_combine_in_any_order():
+    one = {"point_mass": {"mass": 0.01, "position": 0.3}, "gravity_tilt": {"angle": 0.2},
+           "stiffness_gradient": {"change": 0.5}}  # fmt: skip
+    other = dict(reversed(one.items()))
+    np.testing.assert_allclose(
+        cantilever(PAPER, **one)[0](U), cantilever(PAPER, **other)[0](U), atol=1e-10
+    )
+
+
+NAMES = {
+    "intrinsic_curvature", "clamp_angle", "gravity_tilt", "point_mass", "stiff_segment",
+    "stiffness_gradient", "nonlinear_stiffness", "plasticity", "surface_friction", "air_drag",
+    "internal_damping", "command_delay", "clamp_slip", "length_error", "camera_scale",
+    "camera_rotation", "obstacle", "constant_force",
+}  # fmt: skip
+
+
+def test_all_names_of_the_interface_are_there():
+    assert set(effects()) == NAMES
+
+
+@pytest.mark.parametrize("name", sorted(NAMES))
+def test_neutral_values_do_nothing(name):
+    (effect,) = build({name: {}})
+    assert type(effect).__doc__
+    for q in quantities(name).values():
+        assert q.lower <= q.neutral <= q.upper
+        assert q.description
+    plain, _ = simulate(PAPER, lifted(), STAMPS[:6])
+    same, _ = simulate(
+        PAPER.with_effects({name: {k: q.neutral for k, q in quantities(name).items()}}),
+        lifted(), STAMPS[:6],
+    )  # fmt: skip
+    np.testing.assert_allclose(shapes(same), shapes(plain), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"effects.gravity": 1.0}, "no effect 'gravity'; known are air_drag"),
+        ({"effects.point_mass.weight": 1.0}, "has no parameter 'weight'; it has mass, position"),
+        ({"effects.point_mass.mass": -1.0}, "effects.point_mass.mass is -1.0; it must be a number"),
+        ({"effects.point_mass.mass": float("nan")}, "effects.point_mass.mass is nan"),
+        ({"effects.point_mass.mass": [1.0, 2.0]}, "it must be one number"),
+        ({"effects.point_mass.mass": "heavy"}, "effects.point_mass.mass is heavy"),
+    ],
+)
+def test_bad_values_name_the_parameter(values, message):
+    with pytest.raises(ParameterError, match=message):
+        Settings.from_mapping({**PAPER.flat(), **values})
+
+
+def test_a_place_off_the_rod_is_refused():
+    settings = PAPER.with_effects({"point_mass": {"mass": 0.1, "position": 0.5}})
+    with pytest.raises(ParameterError, match=r"point_mass.position is 0.5 m.*0 to 0.4 m"):
+        simulate(settings, lifted(), STAMPS[:1])
+
+
+def test_effects_survive_a_parameter_file(tmp_path):
+    given = {"intrinsic_curvature": {"curvature": (1.0, 2.0)}, "point_mass": {"mass": 0.1}}
+    settings = PAPER.with_effects(given)
+    settings.dump(tmp_path / "p.yaml")
+    assert Settings.load(tmp_path / "p.yaml").effects == given
