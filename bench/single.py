@@ -15,9 +15,10 @@ from dlo_ros.command import NANOSECONDS, Command
 from dlo_ros.rod import dynamics, resting, statics
 from dlo_ros.rod.boundary import Boundary
 from dlo_ros.rod.model import RodModel
-from dlo_ros.rod.packing import imposed_of, moving_of, nothing_varies, system_of
+from dlo_ros.rod.moving import commit
+from dlo_ros.rod.packing import moving_of, nothing_varies
 from dlo_ros.rod.state import State
-from dlo_ros.rod.tangents import MATERIAL, variants
+from dlo_ros.rod.tangents import MATERIAL, compiled
 from dlo_ros.rod.variation import vary_rest
 
 PARAMETERS = MATERIAL
@@ -95,24 +96,22 @@ class Statics:
         parts = []
         for k in (0, 1):
             model, start = self.models[k], self.states[1 - k]
-            parts.append((
-                model, system_of(model, self.boundary, flat=flat),
-                imposed_of(model, self.boundary, self.imposed),
-                moving_of(start, self.imposed, flat=flat),
-                variants(model, self.boundary, self.imposed, PARAMETERS, flat=flat),
-                nothing_varies(start, len(PARAMETERS), flat=flat),
-            ))  # fmt: skip
+            rod = compiled(model, self.boundary, self.imposed, PARAMETERS, flat=flat)
+            before, rest = (moving_of(start, self.imposed, flat=flat) for _ in range(2))
+            varying = rod.mark(nothing_varies(start, len(PARAMETERS), flat=flat))
+            parts.append((model, rod, before, rest, varying))
         at = [0]
 
         def run() -> Any:
             at[0] = 1 - at[0]
-            model, system, imposed, start, wanted, varying = parts[at[0]]
-            _, rest, _, _, _ = resting.settle(
-                system, imposed, start, start.time, model.rate2, statics.TOLERANCE, False
-            )
-            return vary_rest(
-                system, imposed, start.time, start.q, rest, start.history, wanted, varying
-            )
+            model, rod, before, rest, varying = parts[at[0]]
+            commit(before, rest)
+            resting.settle(
+                rod.system, rod.imposed, before, before.clock[0], model.rate2, statics.TOLERANCE,
+                False, rest,
+            )  # fmt: skip
+            vary_rest(rod.system, rod.imposed, before.q, rest, before.history, varying)
+            return varying
 
         return run
 

@@ -18,20 +18,13 @@ from dlo_ros.errors import CommandError, SimulationError
 from dlo_ros.rod import engine
 from dlo_ros.rod.boundary import Boundary
 from dlo_ros.rod.model import RodModel
-from dlo_ros.rod.packing import (
-    imposed_of,
-    moving_of,
-    nothing_varies,
-    state_of,
-    system_of,
-    true_command,
-    varying_of,
-)
+from dlo_ros.rod.moving import TIME
+from dlo_ros.rod.packing import moving_of, nothing_varies, state_of, true_command, varying_of
 from dlo_ros.rod.planar import expand, in_plane
 from dlo_ros.rod.state import State
 from dlo_ros.rod.statics import NO_DIRECTION_TEXT
 from dlo_ros.rod.stepping import DONE, NO_DIRECTION, SMALLEST_STEP, starting_acceleration
-from dlo_ros.rod.tangents import both_sides, tangent, variants
+from dlo_ros.rod.tangents import both_sides, compiled, tangent
 from dlo_ros.spline import FloatArray
 
 # Newton's method may leave this share of the error that a step may add, and no more than this of L.
@@ -89,30 +82,28 @@ def follow(
         SimulationError: a step does not converge however small it is.
         CommandError: the command gives an end no direction.
     """
-    commanded, command = command, true_command(model, command)
-    flat = in_plane(model, state, command)
-    system = system_of(model, boundary, flat=flat)
-    moving = moving_of(state, command, flat=flat)
-    wanted = variants(model, boundary, commanded, parameters, flat=flat)
-    if not parameters:
-        varying = nothing_varies(state, 0, flat=flat)
+    true = true_command(model, command)
+    flat = in_plane(model, state, true)
+    rod = compiled(model, boundary, command, parameters, flat=flat)
+    moving = moving_of(state, true, flat=flat)
+    if parameters:
+        varying = varying_of(state, rod.mark(nothing_varies(state, 0)), flat=flat)
     else:
-        varying = varying_of(state, flat=flat)
-    times = (np.asarray(stamps, dtype=np.int64) - command.stamp) / NANOSECONDS
+        varying = nothing_varies(state, 0, flat=flat)
+    times = (np.asarray(stamps, dtype=np.int64) - true.stamp) / NANOSECONDS
     shapes = np.empty((len(times), *moving.q.shape))
     derivatives = np.empty((len(times), len(parameters), *moving.q.shape))
     tolerance = STEP_SHARE * model.settings.simulation.tolerance * model.basis.length
     newton = min(NEWTON_SHARE * tolerance / model.basis.length, NEWTON_LARGEST)
-    status, moving, varying, steps = engine.march(
-        system, imposed_of(model, boundary, command), moving, times, tolerance, newton, wanted,
-        varying, shapes, derivatives,
-    )  # fmt: skip
+    status, steps = engine.march(
+        rod.system, rod.imposed, moving, times, tolerance, newton, varying, shapes, derivatives
+    )
     if status == NO_DIRECTION:
         raise CommandError(NO_DIRECTION_TEXT)
     if status != DONE:
         raise SimulationError(
-            f"the simulation does not converge at {moving.time:.3f} s of the command even with "
-            f"steps of {SMALLEST_STEP:g} s; the imposed motion may jump or stretch the DLO"
+            f"the simulation does not converge at {moving.clock[TIME]:.3f} s of the command even "
+            f"with steps of {SMALLEST_STEP:g} s; the imposed motion may jump or stretch the DLO"
         )
     last = int(stamps[-1]) if len(stamps) else state.stamp
     new = state_of(model, state, moving, last, varying if parameters else None)
@@ -128,16 +119,15 @@ def with_consistent_acceleration(
     Args:
         parameters: see `follow`.
     """
-    commanded, command = command, true_command(model, command)
-    flat = in_plane(model, state, command)
-    moving = moving_of(state, command, flat=flat)
+    true = true_command(model, command)
+    flat = in_plane(model, state, true)
+    moving = moving_of(state, true, flat=flat)
 
-    def acceleration(rod: RodModel, asked: Command) -> FloatArray:
-        imposed = imposed_of(rod, boundary, true_command(rod, asked))
-        system = system_of(rod, boundary, flat=flat)
-        return np.asarray(starting_acceleration(system, imposed, moving))
+    def acceleration(changed: RodModel, asked: Command) -> FloatArray:
+        rod = compiled(changed, boundary, asked, (), flat=flat)
+        return np.asarray(starting_acceleration(rod.system, rod.imposed, moving))
 
-    start = acceleration(model, commanded)
+    start = acceleration(model, command)
     moving = moving._replace(acceleration=start, auxiliary=start)
     new = state_of(model, state, moving, state.stamp, state.sensitivity)
     if not parameters or state.sensitivity is None:
@@ -145,7 +135,7 @@ def with_consistent_acceleration(
     changes = []
     for name in parameters:
         chosen = tangent(model.settings, name)
-        above, below = (acceleration(*pair) for pair in both_sides(model, commanded, chosen))
+        above, below = (acceleration(*pair) for pair in both_sides(model, command, chosen))
         changes.append(expand((above - below) / (2.0 * chosen.step), state.q))
     change = np.array(changes)
     return replace(

@@ -8,14 +8,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from dlo_ros.rod.stepping import (
-    DONE,
-    NO_CONVERGENCE,
-    NO_DIRECTION,
-    SMALLEST_STEP,
-    Moving,
-    step,
-)
+from dlo_ros.rod.moving import NEXT, TIME, another, assign, commit
+from dlo_ros.rod.stepping import DONE, NO_CONVERGENCE, NO_DIRECTION, SMALLEST_STEP, step
 from dlo_ros.rod.variation import vary
 
 FIRST_STEP = 1e-3  # [s]
@@ -31,36 +25,37 @@ def _next_stop(times, now, stop):
 
 
 @njit(cache=True, nogil=True)
-def march(system, imposed, state, stops, tolerance, newton, variants, varying, shapes,
-          derivatives):  # fmt: skip
+def march(system, imposed, state, stops, tolerance, newton, varying, shapes, derivatives):
     """Integrate to a series of times.
 
     Args:
-        system, imposed, state: the rod, its command, where it is.
+        system, imposed: the rod and its command, with the variants of P parameters.
+        state: where it is; becomes where it is at the end (where it fails: the last good one).
         stops: times [s] from the command's start, growing, (S,).
         tolerance: error that one step may add [m], in the mean over the rod.
         newton: error that Newton's method may leave, of L.
-        variants, varying: what P sensitivities need, see `variation`; P = 0 carries none.
+        varying: the state's derivatives by the parameters, see `variation`; changed likewise.
         shapes: output, (S, n, d).
         derivatives: output, (S, P, n, d).
 
     Returns:
-        Status, the state at the end (where it failed: the last good one), its sensitivities, and
-        the steps taken.
+        Status and the steps taken.
     """
-    steps = 0
+    steps, count = 0, derivatives.shape[1]
+    new = another(state)
+    clock, times = state.clock, imposed.times[0]
     for k in range(stops.size):
-        while state.time < stops[k] - 1e-12:
-            limit = _next_stop(imposed.times, state.time, stops[k])
-            remaining = limit - state.time
-            proposal = state.next_step if state.next_step > 0.0 else FIRST_STEP
+        while clock[TIME] < stops[k] - 1e-12:
+            limit = _next_stop(times, clock[TIME], stops[k])
+            remaining = limit - clock[TIME]
+            proposal = clock[NEXT] if clock[NEXT] > 0.0 else FIRST_STEP
             pieces = max(1.0, np.ceil(remaining / proposal * 0.999))
             h = remaining / pieces
             while True:
                 steps += 1
-                status, error, new = step(system, imposed, state, h, newton)
+                status, error = step(system, imposed, state, h, newton, new)
                 if status == NO_DIRECTION:
-                    return status, state, varying, steps
+                    return status, steps
                 if status == DONE and (error <= 2.0 * tolerance or h < 10.0 * SMALLEST_STEP):
                     break
                 if status == DONE:
@@ -68,26 +63,18 @@ def march(system, imposed, state, stops, tolerance, newton, variants, varying, s
                 else:
                     h *= 0.25
                 if h < SMALLEST_STEP:
-                    return NO_CONVERGENCE, state, varying, steps
-            if variants.step.size > 0:
-                varying = vary(system, imposed, state, new, variants, varying)
+                    return NO_CONVERGENCE, steps
+            if count > 0:
+                vary(system, imposed, state, new, varying)
             longer = 2.0
             if error > 0.0:
                 longer = min(2.0, 0.9 * (tolerance / error) ** (1.0 / 3.0))
             # A step cut short by a stop says nothing against a longer one.
-            wanted = max(h * longer, min(proposal, h * 10.0) * 0.2)
-            reached = limit if h >= remaining * (1.0 - 1e-12) else new.time
-            state = _proposing(new, reached, wanted)
-        shapes[k] = state.q
-        for a in range(variants.step.size):
-            derivatives[k, a] = varying.q[a]
-    return DONE, state, varying, steps
-
-
-@njit(cache=True, nogil=True)
-def _proposing(s, time, next_step):
-    """The state with an exact time and the step that the error control proposes."""
-    return Moving(
-        time, s.last_step, next_step, s.q, s.velocity, s.acceleration, s.auxiliary, s.reference,
-        s.frames, s.stretch, s.stretch_before, s.other, s.other_before, s.history,
-    )  # fmt: skip
+            new.clock[NEXT] = max(h * longer, min(proposal, h * 10.0) * 0.2)
+            if h >= remaining * (1.0 - 1e-12):
+                new.clock[TIME] = limit
+            commit(new, state)
+        assign(shapes[k], state.q)
+        for a in range(count):
+            assign(derivatives[k, a], varying.q[a])
+    return DONE, steps

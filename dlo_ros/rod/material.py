@@ -116,7 +116,7 @@ def respond(stretch, other, weight, material, out):
         energy += 0.5 * weight[e] * (
             out.tension[e] * x0 + out.bend[e, 0] * x1 + out.bend[e, 1] * x2 + out.torque[e] * x3
         )  # fmt: skip
-    if material.law.active:
+    if material.law.active != 0.0:
         # The stiffness above contains damping; only its elastic share follows the law.
         energy += _beyond(other, weight, material, out)
     return energy
@@ -125,11 +125,12 @@ def respond(stretch, other, weight, material, out):
 @njit(cache=True, nogil=True)
 def _beyond(other, weight, material, out):
     """Replace the linear elastic part of the moments by what the law makes of it."""
-    elastic, plastic, energy = material.elastic, material.history.plastic, 0.0
+    plastic, energy = material.history.plastic, 0.0
     for e in range(weight.size):
-        b1, b2 = elastic.bend[e, 0], elastic.bend[e, 1]
-        x1 = other[e, 0] - elastic.bend_rest[e, 0]
-        x2 = other[e, 1] - elastic.bend_rest[e, 1]
+        b1 = material.stiffness.bend[e, 0] / material.damping
+        b2 = material.stiffness.bend[e, 1] / material.damping
+        x1 = other[e, 0] - material.bend_rest[e, 0]
+        x2 = other[e, 1] - material.bend_rest[e, 1]
         m1, m2, t11, t12, t22, w = bend(
             b1, b2, x1, x2, plastic[e, 0], plastic[e, 1], material.law
         )
@@ -143,12 +144,12 @@ def _beyond(other, weight, material, out):
 
 
 @njit(cache=True, nogil=True)
-def remember(other, stiffness, law, plastic):
-    """The plastic curvature (nb, 2) that strains leave behind."""
-    result = plastic.copy()
-    if law.active:
+def remember(other, material, out):
+    """Write the plastic curvature (nb, 2) that strains leave behind to out."""
+    plastic = material.history.plastic
+    if material.law.active != 0.0:
         for e in range(other.shape[0]):
-            x1 = other[e, 0] - stiffness.bend_rest[e, 0]
-            x2 = other[e, 1] - stiffness.bend_rest[e, 1]
-            result[e, 0], result[e, 1] = yielded(x1, x2, plastic[e, 0], plastic[e, 1], law)
-    return result
+            x1 = other[e, 0] - material.bend_rest[e, 0]
+            x2 = other[e, 1] - material.bend_rest[e, 1]
+            p1, p2 = yielded(x1, x2, plastic[e, 0], plastic[e, 1], material.law)
+            out[e, 0], out[e, 1] = p1, p2

@@ -165,7 +165,7 @@ class RodModel:
     def law(self) -> Law:
         """How bending departs from linear elasticity."""
         body = self.body
-        active = body.half_curvature < INACTIVE or body.yield_curvature < INACTIVE
+        active = float(body.half_curvature < INACTIVE or body.yield_curvature < INACTIVE)
         share = min(max(body.hardening, 0.0), 0.999)
         return Law(active, body.half_curvature, body.yield_curvature, share / (1.0 - share))
 
@@ -200,7 +200,7 @@ class RodModel:
     def remembers(self) -> tuple[int, int]:
         """For how many points plastic curvature and anchors of friction are kept."""
         nb = self.rule.weight.size
-        return nb if self.law.active else 0, nb if self.body.friction is not None else 0
+        return nb if self.law.active != 0.0 else 0, nb if self.body.friction is not None else 0
 
     @cached_property
     def gram(self) -> FloatArray:

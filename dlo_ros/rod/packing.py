@@ -2,29 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 
 from dlo_ros.command import NANOSECONDS, Command
 from dlo_ros.rod import grips
 from dlo_ros.rod.boundary import Boundary
 from dlo_ros.rod.model import RodModel
+from dlo_ros.rod.moving import LAST, NEXT, Moving
 from dlo_ros.rod.planar import IN_PLANE, expand, flat_reference, reduce
-from dlo_ros.rod.state import State
-from dlo_ros.rod.stepping import Moving, System, Uniform
-from dlo_ros.rod.tables import Reference
+from dlo_ros.rod.state import State, Strains
+from dlo_ros.rod.system import System, Uniform
+from dlo_ros.rod.tables import History, Reference
 from dlo_ros.rod.variation import Varying
+from dlo_ros.spline import FloatArray
 
-
-def system_of(model: RodModel, boundary: Boundary, *, flat: bool) -> System:
-    """The rod's constants for compiled code, in the plane or in space; kept with the model."""
-    cache: dict[tuple[Boundary, bool], System] = model.__dict__.setdefault("_systems", {})
-    found = cache.get((boundary, flat))
-    if found is None:
-        found = cache[boundary, flat] = _system(model, boundary, flat)
-    return found
-
-
-def _system(model: RodModel, boundary: Boundary, flat: bool) -> System:
+def parts_of(model: RodModel, boundary: Boundary, *, flat: bool) -> System:
+    """The rod's numbers as one variant, without the leading axis that compiled code expects."""
     n = model.basis.control_points
     fixed, pins, rows = boundary.fixed, boundary.pins, boundary.pin_rows
     if flat:
@@ -36,10 +32,39 @@ def _system(model: RodModel, boundary: Boundary, flat: bool) -> System:
     uniform = Uniform(model.line_mass, model.spin, model.drag, reduce(model.line_load, flat))
     return System(
         model.rule, model.stiffness, model.law, model.surroundings, model.mass, model.spin,
-        model.drag, np.zeros_like(model.gram), reduce(model.load, flat), uniform, fixed, pins,
-        rows, model.body.relaxation_time, model.basis.length,
-        boundary.reach * model.body.lengthening,
+        model.drag, reduce(model.load, flat), uniform, np.array(model.body.relaxation_time),
+        np.array(boundary.reach * model.body.lengthening), fixed, pins, rows, model.basis.length,
     )  # fmt: skip
+
+
+def stacked(parts: Sequence[System]) -> System:
+    """Variants of a rod for compiled code; the first is the rod itself."""
+    one = parts[0]
+    around = _stack([p.around for p in parts])._replace(
+        span=one.around.span, b=one.around.b, weight=one.around.weight
+    )
+    result: System = _stack(parts)
+    return result._replace(
+        rule=one.rule, around=around, fixed=one.fixed, pins=one.pins, pin_rows=one.pin_rows,
+        length=one.length,
+    )  # fmt: skip
+
+
+def stacked_imposed(commands: Sequence[grips.Imposed]) -> grips.Imposed:
+    """Variants of an imposed motion for compiled code."""
+    result: grips.Imposed = _stack(commands)
+    return result._replace(kinds=commands[0].kinds)
+
+
+def _stack(items: Any) -> Any:
+    """Tuples of arrays and numbers as one such tuple, whose arrays have a leading axis."""
+    one = items[0]
+    if isinstance(one, tuple):
+        return type(one)(*(_stack(parts) for parts in zip(*items, strict=True)))
+    result = np.empty((len(items), *np.shape(one)))
+    for k, item in enumerate(items):
+        result[k] = item
+    return result
 
 
 def true_command(model: RodModel, command: Command) -> Command:
@@ -48,6 +73,7 @@ def true_command(model: RodModel, command: Command) -> Command:
         return command
     cache: dict[int, tuple[Command, Command]] = model.__dict__.setdefault("_commands", {})
     if id(command) not in cache:
+        cache.clear()  # one at a time is needed
         true = command
         for effect in model.effects:
             true = effect.impose(true)
@@ -67,35 +93,47 @@ def imposed_of(model: RodModel, boundary: Boundary, command: Command) -> grips.I
 
 
 def moving_of(state: State, command: Command, *, flat: bool) -> Moving:
-    """A state for compiled code."""
+    """A copy of a state for compiled code."""
+    clock = [(state.stamp - command.stamp) / NANOSECONDS, state.last_step, state.next_step]
     return Moving(
-        (state.stamp - command.stamp) / NANOSECONDS, state.last_step, state.next_step,
-        reduce(state.q, flat), reduce(state.velocity, flat), reduce(state.acceleration, flat),
-        reduce(state.auxiliary, flat), state.reference, state.frames, state.strains.stretch,
-        state.previous.stretch, state.strains.other, state.previous.other, state.history,
+        np.array(clock), reduce(state.q, flat), reduce(state.velocity, flat),
+        reduce(state.acceleration, flat), reduce(state.auxiliary, flat),
+        Reference(*(x.copy() for x in state.reference)), state.frames.copy(),
+        state.strains.stretch.copy(), state.previous.stretch.copy(), state.strains.other.copy(),
+        state.previous.other.copy(), History(*(x.copy() for x in state.history)),
     )  # fmt: skip
 
 
-def varying_of(state: State, *, flat: bool) -> Varying:
-    """A state's sensitivities for compiled code; none where it has none."""
+def varying_of(state: State, wanted: Varying, *, flat: bool) -> Varying:
+    """A copy of a state's sensitivities for compiled code.
+
+    Args:
+        wanted: which parameters they are by, see `tangents`.
+    """
     v = state.sensitivity
     assert v is not None
-    return v._replace(
-        q=reduce(v.q, flat), velocity=reduce(v.velocity, flat),
-        acceleration=reduce(v.acceleration, flat), auxiliary=reduce(v.auxiliary, flat),
+    return Varying(
+        wanted.step, wanted.moves, reduce(v.q, flat), reduce(v.velocity, flat),
+        reduce(v.acceleration, flat), reduce(v.auxiliary, flat),
+        Reference(*(x.copy() for x in v.reference)), v.frames.copy(), v.stretch.copy(),
+        v.stretch_before.copy(), v.other.copy(), v.other_before.copy(),
+        History(*(x.copy() for x in v.history)),
     )  # fmt: skip
 
 
 def nothing_varies(state: State, count: int, *, flat: bool = False) -> Varying:
     """Sensitivities of a state that depends on none of `count` parameters."""
     n, nb = len(state.q), len(state.strains.other)
-    zero = np.zeros((count, n, 2 if flat else 4))
-    vectors, stretch = np.zeros((count, nb, 3)), np.zeros((count, nb))
-    history = type(state.history)(*(np.zeros((count, *x.shape)) for x in state.history))
-    frames = np.tile(state.frames, (count, 2, 1, 1))
+
+    def zeros(*shape: int) -> FloatArray:
+        return np.zeros((count, *shape))
+
+    d = 2 if flat else 4
     return Varying(
-        zero, zero, zero, zero, Reference(vectors, vectors, vectors, stretch), frames, stretch,
-        stretch, vectors, vectors, history,
+        zeros(), zeros(), zeros(n, d), zeros(n, d), zeros(n, d), zeros(n, d),
+        Reference(zeros(nb, 3), zeros(nb, 3), zeros(nb, 3), zeros(nb)),
+        np.tile(state.frames, (count, 2, 1, 1)), zeros(nb), zeros(nb), zeros(nb, 3),
+        zeros(nb, 3), History(*(zeros(*x.shape) for x in state.history)),
     )  # fmt: skip
 
 
@@ -105,7 +143,7 @@ def state_of(
     """What compiled code left, as a state in space."""
     flat = m.q.shape[1] == len(IN_PLANE)
     q = expand(m.q, before.q)
-    if varying is not None:
+    if varying is not None and flat:
         varying = varying._replace(
             q=expand(varying.q, q), velocity=expand(varying.velocity, q),
             acceleration=expand(varying.acceleration, q), auxiliary=expand(varying.auxiliary, q),
@@ -113,7 +151,6 @@ def state_of(
     return State(
         stamp, q, expand(m.velocity, q), expand(m.acceleration, q), expand(m.auxiliary, q),
         flat_reference(model, q, before.reference) if flat else m.reference, m.frames,
-        type(before.strains)(m.stretch, m.other),
-        type(before.strains)(m.stretch_before, m.other_before), m.history, m.last_step,
-        m.next_step, varying,
+        Strains(m.stretch, m.other), Strains(m.stretch_before, m.other_before), m.history,
+        float(m.clock[LAST]), float(m.clock[NEXT]), varying,
     )  # fmt: skip

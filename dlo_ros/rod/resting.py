@@ -8,18 +8,11 @@ from numba import njit
 from dlo_ros.rod import forces, solver
 from dlo_ros.rod.grips import DIRECTOR, TANGENT
 from dlo_ros.rod.material import room
-from dlo_ros.rod.stepping import (
-    DONE,
-    NO_CONVERGENCE,
-    NO_DIRECTION,
-    Moving,
-    grown,
-    growth,
-    remembered,
-    targets,
-)
+from dlo_ros.rod.moving import TIME, assign
+from dlo_ros.rod.stepping import DONE, NO_CONVERGENCE, NO_DIRECTION, remembered
 from dlo_ros.rod.surroundings import rest_anchor
-from dlo_ros.rod.tables import History, Material, Surroundings
+from dlo_ros.rod.system import growth, inertia_of, load_of, matter_of, targets
+from dlo_ros.rod.tables import Material, Surroundings
 
 MOVE_LIMIT = 0.05  # imposed motion per increment, of L
 TURN_LIMIT = 0.15  # imposed rotation per increment [rad]
@@ -46,13 +39,15 @@ def _increments(system, q, target, gap, before, after):
 
 
 @njit(cache=True, nogil=True)
-def _untouched(a):
-    """Surroundings without friction, which a DLO at its start has not felt yet."""
-    return Surroundings(0.0, a.creep, a.pegs, a.contact, a.span, a.b, a.weight)
+def _untouched(m):
+    """The material without friction, which a DLO at its start has not felt yet."""
+    a = m.around
+    around = Surroundings(0.0, a.creep, a.pegs, a.contact, a.span, a.b, a.weight)
+    return Material(m.stiffness, m.damping, m.bend_rest, m.law, around, m.history)
 
 
 @njit(cache=True, nogil=True)
-def settle(system, imposed, state, time, rate2, tolerance, fresh):
+def settle(system, imposed, state, time, rate2, tolerance, fresh, rest):
     """Static equilibrium at a time, on the branch that leads there from a state.
 
     Args:
@@ -61,63 +56,73 @@ def settle(system, imposed, state, time, rate2, tolerance, fresh):
         rate2: see `solver.equilibrium`.
         tolerance: convergence, of L.
         fresh: whether the DLO starts there: it has come without friction, and bent but once.
+        rest: output, a copy of the state that becomes the one at rest.
 
     Returns:
-        Status, the state at rest, Newton iterations, the number of negative eigenvalues of the
-        stiffness (0: stable), and whether an unstable equilibrium was left on the way.
+        Status, Newton iterations, the number of negative eigenvalues of the stiffness (0:
+        stable), and whether an unstable equilibrium was left on the way.
     """
-    body = grown(system, growth(imposed, time))
-    frames = state.frames.copy()
-    usable, target, gap = targets(body, imposed, time, state.q, frames)
+    factor = growth(imposed, 0, time)
+    usable, target, gap = targets(system, 0, imposed, time, state.q, rest.frames)
     if not usable:
-        return NO_DIRECTION, state, 0, 0, False
-    q, ref, history = state.q.copy(), state.reference, state.history
-    around = _untouched(body.around) if fresh else body.around
+        return NO_DIRECTION, 0, 0, False
+    q, ref, history, rule = rest.q, state.reference, rest.history, system.rule
     for a in range(gap.size):  # what the pins lack, each increment its share
-        gap[a] -= np.dot(body.pins[a], q.ravel())
-    count = _increments(body, q, target, gap, state.frames, frames)
+        gap[a] -= np.dot(system.pins[a], q.ravel())
+    count = _increments(system, q, target, gap, state.frames, rest.frames)
     total, negative, buckled = 0, 0, False
-    start = state.q
-    load = body.load.ravel()
+    load = load_of(system, 0, factor).ravel()
+    mass, spin = inertia_of(system, 0, factor, 1.0, 0.0)
+    matter = matter_of(system, 0, factor, history)
+    if fresh:
+        matter = _untouched(matter)
+    flat, change = q.ravel(), np.zeros(q.size)
     for k in range(1, count + 1):
-        change = np.zeros(q.size)
-        share = k / count
         for i in range(q.size):
-            if body.fixed[i]:
-                wanted = start.ravel()[i] + share * (target.ravel()[i] - start.ravel()[i])
-                change[i] = wanted - q.ravel()[i]
-        matter = Material(body.stiffness, body.stiffness, body.law, around, history)
+            if system.fixed[i]:
+                start = state.q.ravel()[i]
+                change[i] = start + k / count * (target.ravel()[i] - start) - flat[i]
         iterations, negative, ref = solver.equilibrium(
-            q, change, body.fixed, body.pins, gap / count, body.rule, matter, ref, load, body.mass,
-            body.spin, rate2, body.length, tolerance,
+            q, change, system.fixed, system.pins, gap / count, rule, matter, ref, load, mass,
+            spin, rate2, system.length, tolerance,
         )  # fmt: skip
         total += abs(iterations)
         if iterations < 0 or not np.all(np.isfinite(q)):
-            return NO_CONVERGENCE, state, total, negative, False
+            return NO_CONVERGENCE, total, negative, False
         if not fresh:
-            _, other = forces.strains(q, body.rule, ref)
-            history = remembered(q, other, body, history)
-    matter = Material(body.stiffness, body.stiffness, body.law, around, history)
+            _, other = forces.strains(q, rule, ref)
+            remembered(q, other, rule, matter, history)
     for _ in range(ESCAPES):
         if negative <= 0:
             break
         buckled = True
-        iterations, negative, ref = _escape(q, body, matter, ref, load, rate2, tolerance)
+        iterations, negative, ref = _escape(
+            q, system, matter, ref, load, mass, spin, rate2, tolerance
+        )
         total += abs(iterations)
-    stretch, other = forces.strains(q, body.rule, ref)
+    stretch, other = forces.strains(q, rule, ref)
     if fresh:
-        history = remembered(q, other, body, history)
+        remembered(q, other, rule, matter, history)
         if history.anchor.shape[0] > 0:
-            history = History(history.plastic, rest_anchor(q, body.rule))
-    zero = np.zeros(q.shape)
-    rest = Moving(
-        time, 0.0, 0.0, q, zero, zero, zero, ref, frames, stretch, stretch, other, other, history
-    )
-    return DONE, rest, total, negative, buckled
+            assign(history.anchor, rest_anchor(q, rule))
+    rest.clock[:] = 0.0
+    rest.clock[TIME] = time
+    rest.velocity[:, :] = 0.0
+    rest.acceleration[:, :] = 0.0
+    rest.auxiliary[:, :] = 0.0
+    assign(rest.stretch, stretch)
+    assign(rest.stretch_before, stretch)
+    assign(rest.other, other)
+    assign(rest.other_before, other)
+    assign(rest.reference.tangent, ref.tangent)
+    assign(rest.reference.rate, ref.rate)
+    assign(rest.reference.director, ref.director)
+    assign(rest.reference.twist, ref.twist)
+    return DONE, total, negative, buckled
 
 
 @njit(cache=True, nogil=True)
-def _escape(q, body, matter, ref, load, rate2, tolerance):
+def _escape(q, system, matter, ref, load, mass, spin, rate2, tolerance):
     """Leave an unstable equilibrium, as a DLO that buckles does, and settle beside it.
 
     It goes along its softest motion, to the side where the energy is lower. Where nothing decides
@@ -128,22 +133,22 @@ def _escape(q, body, matter, ref, load, rate2, tolerance):
         where an equilibrium was found.
     """
     mode = solver.softest(
-        q, body.fixed, body.pins, body.rule, matter, ref, body.mass, body.spin, rate2
+        q, system.fixed, system.pins, system.rule, matter, ref, mass, spin, rate2
     )
-    response = room(body.rule.weight.size)
-    reach = PUSH * body.length
+    response = room(system.rule.weight.size)
+    reach = PUSH * system.length
     energies = np.empty(2)
     for side in range(2):
         trial = q + (1.0 - 2.0 * side) * reach * mode
-        energies[side] = forces.energy_of(trial, body.rule, ref, matter, response)
+        energies[side] = forces.energy_of(trial, system.rule, ref, matter, response)
         energies[side] -= np.dot(load, trial.ravel())
     sign = 1.0 if energies[0] <= energies[1] else -1.0
     if abs(energies[0] - energies[1]) < 1e-9 * np.abs(energies).max():
         sign = 1.0 if mode.sum() >= 0.0 else -1.0
     trial = q + sign * reach * mode
     iterations, negative, frame = solver.equilibrium(
-        trial, np.zeros(q.size), body.fixed, body.pins, np.zeros(body.pins.shape[0]), body.rule,
-        matter, ref, load, body.mass, body.spin, rate2, body.length, tolerance,
+        trial, np.zeros(q.size), system.fixed, system.pins, np.zeros(system.pins.shape[0]),
+        system.rule, matter, ref, load, mass, spin, rate2, system.length, tolerance,
     )  # fmt: skip
     if iterations < 0 or not np.all(np.isfinite(trial)):
         return abs(iterations), 1, ref

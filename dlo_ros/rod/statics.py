@@ -13,26 +13,19 @@ from dlo_ros.errors import CommandError, SimulationError
 from dlo_ros.rod import forces, resting, solver
 from dlo_ros.rod.boundary import Boundary, Held
 from dlo_ros.rod.model import RodModel
-from dlo_ros.rod.packing import (
-    imposed_of,
-    moving_of,
-    nothing_varies,
-    state_of,
-    system_of,
-    true_command,
-)
+from dlo_ros.rod.packing import moving_of, nothing_varies, state_of, true_command
 from dlo_ros.rod.planar import in_plane
 from dlo_ros.rod.state import State, rest_state
 from dlo_ros.rod.stepping import DONE, NO_DIRECTION
 from dlo_ros.rod.tables import DOF, History, Law, Material, Reference, Surroundings
-from dlo_ros.rod.tangents import variants
+from dlo_ros.rod.tangents import compiled
 from dlo_ros.rod.variation import vary_rest
 from dlo_ros.spline import FloatArray
 
 TOLERANCE = 1e-9
 NO_DIRECTION_TEXT = "dlo/command: two control points that give the direction of an end coincide"
 # A rod that is elastic and touches nothing.
-LINEAR = Law(False, np.inf, np.inf, 0.0)
+LINEAR = Law(0.0, np.inf, np.inf, 0.0)
 FREE = Surroundings(
     0.0, 1.0, np.zeros((0, 3)), 0.0, np.zeros(0, np.int64), np.zeros((0, 4)), np.zeros(0)
 )
@@ -90,14 +83,13 @@ def settle(
         CommandError: the command gives an end no direction.
     """
     reachable(model, hold(model, boundary, state, command, stamp), boundary)
-    commanded, command = command, true_command(model, command)
-    flat = in_plane(model, state, command)
-    system = system_of(model, boundary, flat=flat)
-    imposed = imposed_of(model, boundary, command)
-    before = moving_of(state, command, flat=flat)
-    time = (stamp - command.stamp) / NANOSECONDS
-    status, rest, iterations, negative, buckled = resting.settle(
-        system, imposed, before, time, model.rate2, TOLERANCE, fresh
+    true = true_command(model, command)
+    flat = in_plane(model, state, true)
+    rod = compiled(model, boundary, command, parameters, flat=flat)
+    before, rest = (moving_of(state, true, flat=flat) for _ in range(2))
+    time = (stamp - true.stamp) / NANOSECONDS
+    status, iterations, negative, buckled = resting.settle(
+        rod.system, rod.imposed, before, time, model.rate2, TOLERANCE, fresh, rest
     )
     if status == NO_DIRECTION:
         raise CommandError(NO_DIRECTION_TEXT)
@@ -108,11 +100,8 @@ def settle(
         )
     varying = None
     if parameters:
-        wanted = variants(model, boundary, commanded, parameters, flat=flat)
-        varying = vary_rest(
-            system, imposed, time, before.q, rest, before.history, wanted,
-            nothing_varies(state, len(parameters), flat=flat),
-        )  # fmt: skip
+        varying = rod.mark(nothing_varies(state, len(parameters), flat=flat))
+        vary_rest(rod.system, rod.imposed, before.q, rest, before.history, varying)
     new = state_of(model, state, rest, stamp, varying)
     if flat:
         negative = max(negative, _unstable_directions(model, boundary, new.q, new.reference))
@@ -131,7 +120,9 @@ def _unstable_directions(
 
 def matter_of(model: RodModel, history: History) -> Material:
     """The material without damping, for compiled code."""
-    return Material(model.stiffness, model.stiffness, model.law, model.surroundings, history)
+    return Material(
+        model.stiffness, 1.0, model.stiffness.bend_rest, model.law, model.surroundings, history
+    )
 
 
 def reachable(model: RodModel, held: Held, boundary: Boundary) -> None:
@@ -161,7 +152,7 @@ def relax_stretch(model: RodModel, boundary: Boundary, held: Held, q: FloatArray
     """
     stiff = model.stiffness
     soft = stiff._replace(bend=0.0 * stiff.bend, twist=0.0 * stiff.twist + 1.0)
-    matter = Material(soft, soft, LINEAR, FREE, NO_HISTORY)
+    matter = Material(soft, 1.0, soft.bend_rest, LINEAR, FREE, NO_HISTORY)
     state = rest_state(0, q, model)
     unit = model.gram
     stiffest = float(stiff.stretch.mean()) / model.basis.length**2

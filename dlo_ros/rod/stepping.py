@@ -5,26 +5,16 @@ See `dynamics` for the equations. Everything here serves the rod in space and in
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numba import njit
 
 from dlo_ros.rod import forces, solver
-from dlo_ros.rod.constraints import back_substitute, pin_gap
-from dlo_ros.rod.grips import impose
+from dlo_ros.rod.constraints import back_substitute
 from dlo_ros.rod.material import remember
+from dlo_ros.rod.moving import LAST, NEXT, TIME, assign
 from dlo_ros.rod.surroundings import drag_along
-from dlo_ros.rod.tables import (
-    History,
-    Law,
-    Material,
-    Quadrature,
-    Reference,
-    Stiffness,
-    Surroundings,
-)
-from dlo_ros.spline import FloatArray
+from dlo_ros.rod.system import growth, inertia_of, matter_of, residual, targets
+from dlo_ros.rod.tables import Material
 
 RHO = 0.6  # spectral radius at infinity; above 0.8 the stiff stretch blows up (numerics.md)
 ALPHA_M = (2.0 * RHO - 1.0) / (RHO + 1.0)
@@ -37,55 +27,6 @@ MAX_NEWTON = 12
 DONE, NO_CONVERGENCE, NO_DIRECTION = 0, 1, 2
 
 
-class Uniform(NamedTuple):
-    """What grows with the free length where the DLO slips through a grip; d is 4 or 2."""
-
-    mass: FloatArray  # (n, 4) band
-    spin: FloatArray  # (n, 4) band
-    drag: FloatArray  # (n, 4) band
-    load: FloatArray  # (n, d) [N]
-
-
-class System(NamedTuple):
-    """The rod's constants for compiled code."""
-
-    rule: Quadrature
-    stiffness: Stiffness
-    law: Law
-    around: Surroundings
-    mass: FloatArray  # (n, 4) band
-    spin: FloatArray  # (n, 4) band
-    drag: FloatArray  # (n, 4) band
-    still: FloatArray  # (n, 4) zeros: theta has no drag
-    load: FloatArray  # (n, d) all dead loads [N]
-    uniform: Uniform
-    fixed: FloatArray  # (n d,) which degrees of freedom are held
-    pins: FloatArray  # (m, n d) rows of pinned coordinates in the free ones
-    pin_rows: FloatArray  # (m, n d) the same in all of them
-    relaxation_time: float  # [s]
-    length: float  # [m]
-    reach: float  # [m]
-
-
-class Moving(NamedTuple):
-    """The state of a rod; d is 4 in space, 2 in the plane."""
-
-    time: float  # [s] from the command's start
-    last_step: float
-    next_step: float
-    q: FloatArray  # (n, d)
-    velocity: FloatArray
-    acceleration: FloatArray
-    auxiliary: FloatArray
-    reference: Reference
-    frames: FloatArray  # (2, FRAME)
-    stretch: FloatArray  # (nb,) now, and one step ago
-    stretch_before: FloatArray
-    other: FloatArray  # (nb, 3)
-    other_before: FloatArray
-    history: History
-
-
 @njit(cache=True, nogil=True)
 def strain_rate_weights(h, last):
     """Weights of the strains now, one and two steps ago in the strain rate [1/s]."""
@@ -96,65 +37,30 @@ def strain_rate_weights(h, last):
 
 
 @njit(cache=True, nogil=True)
-def growth(imposed, time):
-    """Free length at a time over that of the system: material slips in along with the motion."""
-    gain, times = imposed.gain, imposed.times
-    after = np.searchsorted(times, time, side="right")
-    if after == 0 or after == times.size:
-        return 1.0 + gain[max(after - 1, 0)]
-    s = (time - times[after - 1]) / (times[after] - times[after - 1])
-    return 1.0 + gain[after - 1] + s * (gain[after] - gain[after - 1])
-
-
-@njit(cache=True, nogil=True)
-def damped(system, imposed, state, h):
-    """The material of the incremental potential of one step of length h."""
-    c0, c1, c2 = strain_rate_weights(h, state.last_step)
-    base, t_r = system.stiffness, system.relaxation_time
-    factor = 1.0 + t_r * c0
-    now = state.time + h
+def damped(system, k, imposed, state, h):
+    """The material of the incremental potential of one step of length h, for variant k."""
+    c0, c1, c2 = strain_rate_weights(h, state.clock[LAST])
+    time, t_r = state.clock[TIME], system.relaxation_time[k]
+    now = growth(imposed, k, time + h)
     # Material that slips in is no strain.
-    slip = c0 * growth(imposed, now) + c1 * growth(imposed, state.time)
-    slip += c2 * growth(imposed, state.time - state.last_step)
-    nb = base.stretch.size
-    merged = Stiffness(
-        np.empty(nb), np.empty(nb), np.empty((nb, 2)), np.empty((nb, 2)), np.empty(nb),
-        np.empty(nb),
-    )  # fmt: skip
-    for e in range(nb):
+    slip = c0 * now + c1 * growth(imposed, k, time)
+    slip += c2 * growth(imposed, k, time - state.clock[LAST])
+    matter = matter_of(system, k, now, state.history)
+    s, damping = matter.stiffness, 1.0 + t_r * c0
+    for e in range(s.stretch.size):
         past = c1 * state.stretch[e] + c2 * state.stretch_before[e] - slip
-        merged.stretch[e] = base.stretch[e] * factor
-        merged.stretch_rest[e] = (base.stretch_rest[e] - t_r * past) / factor
-        for k in range(2):
-            past = c1 * state.other[e, k] + c2 * state.other_before[e, k]
-            merged.bend[e, k] = base.bend[e, k] * factor
-            merged.bend_rest[e, k] = (base.bend_rest[e, k] - t_r * past) / factor
+        s.stretch[e] *= damping
+        s.stretch_rest[e] = (s.stretch_rest[e] - t_r * past) / damping
+        for c in range(2):
+            past = c1 * state.other[e, c] + c2 * state.other_before[e, c]
+            s.bend[e, c] *= damping
+            s.bend_rest[e, c] = (s.bend_rest[e, c] - t_r * past) / damping
         past = c1 * state.other[e, 2] + c2 * state.other_before[e, 2]
-        merged.twist[e] = base.twist[e] * factor
-        merged.twist_rest[e] = (base.twist_rest[e] - t_r * past) / factor
-    return Material(merged, base, system.law, system.around, state.history)
-
-
-@njit(cache=True, nogil=True)
-def grown(system, factor):
-    """The system with its free length multiplied, over the same material coordinate.
-
-    Curvature is a property of the shape; stretch and twist count per unit of the new length.
-    """
-    if factor == 1.0:
-        return system
-    s, more = system.stiffness, factor - 1.0
-    stiffness = Stiffness(
-        s.stretch / factor, factor * (1.0 + s.stretch_rest) - 1.0, s.bend * factor, s.bend_rest,
-        s.twist / factor, s.twist_rest * factor,
-    )  # fmt: skip
-    u = system.uniform
-    return System(
-        system.rule, stiffness, system.law, system.around, system.mass + more * u.mass,
-        system.spin + more * u.spin, system.drag + more * u.drag, system.still,
-        system.load + more * u.load, u, system.fixed, system.pins, system.pin_rows,
-        system.relaxation_time, system.length, system.reach * factor,
-    )  # fmt: skip
+        s.twist[e] *= damping
+        s.twist_rest[e] = (s.twist_rest[e] - t_r * past) / damping
+    return Material(
+        s, damping, matter.bend_rest, matter.law, matter.around, matter.history
+    )
 
 
 @njit(cache=True, nogil=True)
@@ -180,21 +86,6 @@ def weights(h):
 
 
 @njit(cache=True, nogil=True)
-def targets(system, imposed, time, q, frames):
-    """Imposed values at a time, for a rod that is at q now.
-
-    Returns:
-        Whether they are usable, the values (n, d), and what the pins must give (m,).
-    """
-    target, theta, dof = np.zeros(q.shape), np.zeros(2), q.shape[1]
-    if dof == 4:
-        theta[0], theta[1] = q[0, 3], q[-1, 3]
-    pinned = np.empty((system.pins.shape[0] // (2 if dof == 2 else 3), 3))
-    usable = impose(imposed, time, theta, system.reach, frames, target, pinned)
-    return usable, target, pin_gap(system.fixed, system.pins, system.pin_rows, target, pinned)
-
-
-@njit(cache=True, nogil=True)
 def reached(q, q_star, v_star, lag, h):
     """Velocity, acceleration and auxiliary acceleration at the end of a step to q."""
     velocity, acceleration, auxiliary = np.empty(q.shape), np.empty(q.shape), np.empty(q.shape)
@@ -210,73 +101,76 @@ def reached(q, q_star, v_star, lag, h):
 
 
 @njit(cache=True, nogil=True)
-def _equations(system, state, h, q_star, v_star, lag):
-    """First guess, right-hand side and inertia (for positions and theta) of a step's equations."""
-    c_mass, c_drag = weights(h)
-    n, dof = q_star.shape
-    q, rhs, viscous = np.empty(q_star.shape), np.empty(q_star.shape), np.empty(q_star.shape)
-    past, passing = np.empty(q_star.shape), np.empty(q_star.shape)
-    inertia, spin = np.empty((n, 4)), np.empty((n, 4))
-    for i in range(n):
-        for c in range(dof):
-            q[i, c] = q_star[i, c] + h * h * BETA * state.auxiliary[i, c]
-            past[i, c] = c_mass * q_star[i, c] + lag[i, c]
-            passing[i, c] = c_drag * q_star[i, c] - v_star[i, c]
-        for k in range(4):
-            inertia[i, k] = c_mass * system.mass[i, k] + c_drag * system.drag[i, k]
-            spin[i, k] = c_mass * system.spin[i, k]
-    forces.multiply_scalar(system.mass, system.spin, past, rhs)
-    forces.multiply_scalar(system.drag, system.still, passing, viscous)
-    for i in range(n):
-        for c in range(dof):
-            rhs[i, c] += viscous[i, c] + system.load[i, c]
-    return q, rhs, inertia, spin
-
-
-@njit(cache=True, nogil=True)
-def step(system, imposed, state, h, tolerance):
+def step(system, imposed, state, h, tolerance, new):
     """One step of length h.
 
+    Args:
+        system, imposed, state: the rod, its command, where it is.
+        tolerance: see `solver.implicit_step`.
+        new: output, the state after the step; nothing where it fails.
+
     Returns:
-        Status, the estimated error of the step [m], and the new state (the old one on failure).
+        Status and the estimated error of the step [m].
     """
-    time = state.time + h
-    system = grown(system, growth(imposed, time))
-    matter = damped(system, imposed, state, h)
-    frames = state.frames.copy()
+    time = state.clock[TIME] + h
+    matter = damped(system, 0, imposed, state, h)
+    assign(new.frames, state.frames)
+    usable, target, gap = targets(system, 0, imposed, time, state.q, new.frames)
+    if not usable:
+        return NO_DIRECTION, np.inf
     q_star, v_star, lag = extrapolated(
         state.q, state.velocity, state.acceleration, state.auxiliary, h
     )
-    usable, target, gap = targets(system, imposed, time, state.q, frames)
-    if not usable:
-        return NO_DIRECTION, np.inf, state
-    q, rhs, inertia, spin = _equations(system, state, h, q_star, v_star, lag)
+    # Inertia and drag that the past causes, and the loads: the right-hand side.
+    c_mass, c_drag = weights(h)
+    factor = growth(imposed, 0, time)
+    q, still = new.q, np.zeros(q_star.shape)
+    velocity, acceleration, _ = reached(still, q_star, v_star, lag, h)
+    rhs = residual(system, 0, factor, velocity, acceleration)
+    for i in range(q.shape[0]):
+        for c in range(q.shape[1]):
+            rhs[i, c] = -rhs[i, c]
+            q[i, c] = q_star[i, c] + h * h * BETA * state.auxiliary[i, c]
+    inertia, spin = inertia_of(system, 0, factor, c_mass, c_drag)
     iterations, negative = solver.implicit_step(
         q, target, system.fixed, system.pins, gap, system.rule, matter, state.reference,
         inertia, spin, rhs, system.length, tolerance, MAX_NEWTON,
     )  # fmt: skip
     # A negative eigenvalue: the step has left the branch that a smaller one would follow.
-    left = negative > 0 and h > 10.0 * SMALLEST_STEP
-    if iterations < 0 or left:
-        return NO_CONVERGENCE, np.inf, state
+    if iterations < 0 or (negative > 0 and h > 10.0 * SMALLEST_STEP):
+        return NO_CONVERGENCE, np.inf
     velocity, acceleration, auxiliary = reached(q, q_star, v_star, lag, h)
     error = abs(BETA - 1.0 / 6.0) * h * h * _mean_jump(system.fixed, auxiliary, state.auxiliary)
+    new.clock[TIME], new.clock[LAST], new.clock[NEXT] = time, h, h
+    assign(new.velocity, velocity)
+    assign(new.acceleration, acceleration)
+    assign(new.auxiliary, auxiliary)
     stretch, other = forces.strains(q, system.rule, state.reference)
-    new = Moving(
-        time, h, h, q, velocity, acceleration, auxiliary,
-        forces.transport(q, system.rule, state.reference), frames, stretch, state.stretch, other,
-        state.other, remembered(q, other, system, state.history),
-    )  # fmt: skip
-    return DONE, error, new
+    assign(new.stretch, stretch)
+    assign(new.other, other)
+    assign(new.stretch_before, state.stretch)
+    assign(new.other_before, state.other)
+    frame_at(q, system.rule, state.reference, new.reference)
+    remembered(q, other, system.rule, matter, new.history)
+    return DONE, error
 
 
 @njit(cache=True, nogil=True)
-def remembered(q, other, system, history):
-    """The history after a motion to q with strains `other`."""
-    return History(
-        remember(other, system.stiffness, system.law, history.plastic),
-        drag_along(q, system.rule, system.around, history.anchor),
-    )
+def frame_at(q, rule, ref, out):
+    """Write the reference frame carried to q to out; in the plane it plays no role."""
+    if q.shape[1] == 4:
+        there = forces.transport(q, rule, ref)
+        assign(out.tangent, there.tangent)
+        assign(out.rate, there.rate)
+        assign(out.director, there.director)
+        assign(out.twist, there.twist)
+
+
+@njit(cache=True, nogil=True)
+def remembered(q, other, rule, matter, out):
+    """Write the history after a motion to q with strains `other` to out."""
+    remember(other, matter, out.plastic)
+    drag_along(q, rule, matter.around, matter.history.anchor, out.anchor)
 
 
 @njit(cache=True, nogil=True)
@@ -298,16 +192,17 @@ def _mean_jump(fixed, new, old):
 @njit(cache=True, nogil=True)
 def starting_acceleration(system, imposed, state):
     """The acceleration that the forces of a state cause, imposed points not accelerated."""
-    body = grown(system, growth(imposed, state.time))
-    matter = Material(body.stiffness, body.stiffness, body.law, body.around, state.history)
-    none = np.zeros(body.mass.shape)
+    factor = growth(imposed, 0, state.clock[TIME])
+    none = np.zeros((state.q.shape[0], 4))
+    matter = matter_of(system, 0, factor, state.history)
     _, gradient, _, _, _ = solver.linearise(
-        state.q, body.rule, matter, state.reference, none, none
+        state.q, system.rule, matter, state.reference, none, none
     )
-    viscous = np.empty(state.q.shape)
-    forces.multiply_scalar(body.drag, body.still, state.velocity, viscous)
+    pull = residual(system, 0, factor, state.velocity, np.zeros(state.q.shape)).ravel()
     right = np.empty((1, state.q.size))
-    right[0] = body.load.ravel() - gradient - viscous.ravel()
-    band, diagonal = solver.factorised_mass(body.mass, body.spin, body.fixed, right)
-    back_substitute(band, diagonal, body.pins, np.zeros((1, body.pins.shape[0])), right)
+    for i in range(state.q.size):
+        right[0, i] = -pull[i] - gradient[i]
+    mass, spin = inertia_of(system, 0, factor, 1.0, 0.0)
+    band, diagonal = solver.factorised_mass(mass, spin, system.fixed, right)
+    back_substitute(band, diagonal, system.pins, np.zeros((1, system.pins.shape[0])), right)
     return right[0].reshape(state.q.shape)

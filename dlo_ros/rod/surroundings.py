@@ -118,18 +118,16 @@ def energy_of(q, rule, around, anchor):
 
 
 @njit(cache=True, nogil=True)
-def drag_along(q, rule, around, anchor):
-    """The anchors (nb, 2) after a motion to q: no further away than friction holds."""
-    result = anchor.copy()
-    if around.friction > 0.0:
-        for e in range(rule.weight.size):
-            x0, x1 = _position(q, rule.span[e], rule.b[e], q.shape[1] // 2)
-            d0, d1 = x0 - anchor[e, 0], x1 - anchor[e, 1]
-            size = np.sqrt(d0 * d0 + d1 * d1)
-            if size > around.creep:
-                result[e, 0] = x0 - around.creep * d0 / size
-                result[e, 1] = x1 - around.creep * d1 / size
-    return result
+def drag_along(q, rule, around, anchor, out):
+    """Write the anchors (nb, 2) after a motion to q to out: as near as friction demands."""
+    if anchor.shape[0] == 0:
+        return
+    for e in range(rule.weight.size):
+        x0, x1 = _position(q, rule.span[e], rule.b[e], q.shape[1] // 2)
+        d0, d1 = x0 - anchor[e, 0], x1 - anchor[e, 1]
+        size = np.sqrt(d0 * d0 + d1 * d1)
+        share = around.creep / max(size, around.creep)
+        out[e, 0], out[e, 1] = x0 - share * d0, x1 - share * d1
 
 
 @njit(cache=True, nogil=True)

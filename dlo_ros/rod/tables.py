@@ -49,20 +49,10 @@ class Stiffness(NamedTuple):
 class Law(NamedTuple):
     """How bending departs from linear elasticity; see `material`."""
 
-    active: bool
+    active: float  # 0: it does not
     half_curvature: float  # [1/m] infinite: linear
     yield_curvature: float  # [1/m] infinite: elastic
     hardening: float  # h: hardening modulus over bending stiffness
-
-
-class Material(NamedTuple):
-    """All that resists a change of shape; damping is contained in `stiffness`."""
-
-    stiffness: Stiffness
-    elastic: Stiffness  # without damping, for the law
-    law: Law
-    around: Surroundings
-    history: History  # before
 
 
 class Response(NamedTuple):
@@ -93,6 +83,17 @@ class History(NamedTuple):
 
     plastic: FloatArray  # (nb, 2) plastic curvature [1/m]
     anchor: FloatArray  # (nb, 2) x and z where friction with the board is free of force [m]
+
+
+class Material(NamedTuple):
+    """All that resists a change of shape."""
+
+    stiffness: Stiffness  # with damping
+    damping: float  # stiffness with damping over that without
+    bend_rest: FloatArray  # (nb, 2) without damping [1/m]
+    law: Law
+    around: Surroundings
+    history: History  # before
 
 
 class Reference(NamedTuple):

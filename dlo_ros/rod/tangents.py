@@ -22,13 +22,16 @@ from dlo_ros.parameters import EFFECTS_PREFIX, Settings
 from dlo_ros.rod import grips
 from dlo_ros.rod.boundary import Boundary
 from dlo_ros.rod.model import RodModel
-from dlo_ros.rod.packing import imposed_of, system_of, true_command
-from dlo_ros.rod.variation import Variants
+from dlo_ros.rod.packing import imposed_of, parts_of, stacked, stacked_imposed, true_command
+from dlo_ros.rod.system import System
+from dlo_ros.rod.variation import Varying
+from dlo_ros.spline import FloatArray
 
 MATERIAL = ("young_modulus", "density", "air_drag", "relaxation_time")
 # By their natural logarithm.
 LOGARITHMIC = (*MATERIAL, "gravity", "length")
 POSES = tuple(f"{end}.{what}" for end in ("start", "end") for what in ("x", "z", "angle"))
+KEPT = 8  # compiled rods of one model
 STEP = 1e-4  # in the logarithm, or of a parameter's natural size
 
 
@@ -141,16 +144,74 @@ def _parsed(name: str) -> tuple[str, str, int | None]:
     return effect, key, None if index is None else int(index)
 
 
-def variants(
+@dataclass(frozen=True)
+class Compiled:
+    """A rod and its command for compiled code, with the variants of some parameters.
+
+    Args:
+        system, imposed: see there.
+        step, moves: of the parameters, shape (P,), see `Varying`.
+    """
+
+    system: System
+    imposed: grips.Imposed
+    step: FloatArray
+    moves: FloatArray
+
+    def mark(self, varying: Varying) -> Varying:
+        """Sensitivities that know their parameters."""
+        return varying._replace(step=self.step, moves=self.moves)
+
+
+def compiled(
     model: RodModel, boundary: Boundary, command: Command, names: Sequence[str], *, flat: bool
-) -> Variants:
-    """`make_variants`, kept with the model."""
-    cache: dict[Any, tuple[Command, Variants]] = model.__dict__.setdefault("_variants", {})
-    # Without parameters the command means nothing.
-    key = (boundary, tuple(names), flat, id(command) if names else 0)
+) -> Compiled:
+    """What compiled code needs, kept with the model.
+
+    Args:
+        command: as it was commanded, effects not applied.
+        names: of the parameters whose sensitivities are wanted, see above.
+        flat: whether the rod runs in its planar form.
+
+    Raises:
+        InputError: an unknown parameter.
+    """
+    cache: dict[Any, tuple[Command, Compiled]] = model.__dict__.setdefault("_compiled", {})
+    key = (boundary, tuple(names), flat, id(command))
     if key not in cache:
-        cache[key] = command, make_variants(model, boundary, command, names, flat=flat)
+        while len(cache) >= KEPT:
+            cache.pop(next(iter(cache)))
+        cache[key] = command, _compiled(model, boundary, command, names, flat)
     return cache[key][1]
+
+
+def _compiled(
+    model: RodModel, boundary: Boundary, command: Command, names: Sequence[str], flat: bool
+) -> Compiled:
+    true = true_command(model, command)
+    systems = [parts_of(model, boundary, flat=flat)]
+    commands = [imposed_of(model, boundary, true)]
+    moves, steps = [], []
+    for name in names:
+        chosen = tangent(model.settings, name)
+        pair = []
+        for other, asked in both_sides(model, command, chosen):
+            there = true_command(other, asked)
+            later = (there.stamp - true.stamp) / NANOSECONDS
+            imposed = imposed_of(other, boundary, there)
+            systems.append(parts_of(other, boundary, flat=flat))
+            commands.append(imposed._replace(times=imposed.times + later))
+            pair.append(later != 0.0 or any(map(_differ, imposed, commands[0])))
+        moves.append(any(pair) or systems[-1].reach != systems[-2].reach)
+        steps.append(chosen.step)
+    return Compiled(
+        stacked(systems), stacked_imposed(commands), np.array(steps, dtype=np.float64),
+        np.array(moves, dtype=np.float64),
+    )  # fmt: skip
+
+
+def _differ(a: Any, b: Any) -> bool:
+    return not np.array_equal(a, b, equal_nan=True)
 
 
 def both_sides(
@@ -162,66 +223,3 @@ def both_sides(
         settings, asked = chosen.vary(model.settings, command, side * chosen.step)
         result.append((model.with_settings(settings), asked))
     return result
-
-
-def make_variants(
-    model: RodModel, boundary: Boundary, command: Command, names: Sequence[str], *, flat: bool
-) -> Variants:
-    """What compiled code needs for the sensitivities by some parameters.
-
-    Args:
-        command: as it was commanded, effects not applied.
-        names: of the parameters, see above.
-        flat: whether the rod runs in its planar form.
-
-    Raises:
-        InputError: an unknown parameter.
-    """
-    base = imposed_of(model, boundary, true_command(model, command))
-    origin = true_command(model, command).stamp
-    systems, commands, moves, steps = [], [], [], []
-    for name in names:
-        chosen = tangent(model.settings, name)
-        pair = []
-        for other, asked in both_sides(model, command, chosen):
-            there = true_command(other, asked)
-            later = (there.stamp - origin) / NANOSECONDS
-            imposed = imposed_of(other, boundary, there)
-            systems.append(system_of(other, boundary, flat=flat))
-            commands.append(imposed._replace(times=imposed.times + later))
-            pair.append(later != 0.0 or any(map(_differ, imposed, base)))
-        moves.append(any(pair) or systems[-1].reach != systems[-2].reach)
-        steps.append(chosen.step)
-    if not names:
-        systems, commands = [system_of(model, boundary, flat=flat)], [base]
-    return _stacked(systems, commands, moves, steps)
-
-
-def _differ(a: Any, b: Any) -> bool:
-    return not np.array_equal(a, b, equal_nan=True)
-
-
-def _stacked(
-    systems: Sequence[Any], commands: Sequence[Any], moves: Sequence[bool], steps: Sequence[float]
-) -> Variants:
-    one = systems[0]
-    system = _stack(systems)._replace(
-        rule=one.rule, still=one.still, fixed=one.fixed, pins=one.pins, pin_rows=one.pin_rows,
-        length=one.length,
-    )  # fmt: skip
-    around = system.around._replace(
-        span=one.around.span, b=one.around.b, weight=one.around.weight
-    )
-    imposed = _stack(commands)._replace(kinds=commands[0].kinds)
-    return Variants(
-        system._replace(around=around), grips.Imposed(*imposed), np.array(moves, dtype=np.bool_),
-        np.array(steps, dtype=np.float64),
-    )  # fmt: skip
-
-
-def _stack(items: Sequence[Any]) -> Any:
-    """Tuples of arrays and numbers as one such tuple, whose arrays have a leading axis."""
-    one = items[0]
-    if isinstance(one, tuple):
-        return type(one)(*(_stack(parts) for parts in zip(*items, strict=True)))
-    return np.stack([np.asarray(x) for x in items])

@@ -1,0 +1,155 @@
+"""The rod's numbers in compiled code, and what its equations take from them."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from dlo_ros.rod import forces
+from dlo_ros.rod.constraints import pin_gap
+from dlo_ros.rod.grips import Imposed, impose
+from dlo_ros.rod.tables import Law, Material, Quadrature, Stiffness, Surroundings
+from dlo_ros.spline import FloatArray
+
+
+class Uniform(NamedTuple):
+    """What grows with the free length where the DLO slips through a grip; d is 4 or 2."""
+
+    mass: FloatArray  # (V, n, 4) band
+    spin: FloatArray  # (V, n, 4) band
+    drag: FloatArray  # (V, n, 4) band
+    load: FloatArray  # (V, n, d) [N]
+
+
+class System(NamedTuple):
+    """The rod's numbers for compiled code, in V variants; the first is the rod itself.
+
+    Two more for each parameter by which sensitivities are wanted have it a little above and a
+    little below its value.
+    """
+
+    rule: Quadrature
+    stiffness: Stiffness  # arrays with a leading axis of V
+    law: Law  # arrays of shape (V,)
+    around: Surroundings  # numbers as arrays of shape (V,), pegs (V, k, 3)
+    mass: FloatArray  # (V, n, 4) band
+    spin: FloatArray  # (V, n, 4) band
+    drag: FloatArray  # (V, n, 4) band
+    load: FloatArray  # (V, n, d) all dead loads [N]
+    uniform: Uniform
+    relaxation_time: FloatArray  # (V,) [s]
+    reach: FloatArray  # (V,) [m]
+    fixed: FloatArray  # (n d,) which degrees of freedom are held
+    pins: FloatArray  # (m, n d) rows of pinned coordinates in the free ones
+    pin_rows: FloatArray  # (m, n d) the same in all of them
+    length: float  # [m]
+
+
+@njit(cache=True, nogil=True)
+def variant(imposed, k):
+    """Variant k of an imposed motion."""
+    return Imposed(
+        imposed.times[k], imposed.positions[k], imposed.rotations[k], imposed.velocities[k],
+        imposed.kinds, imposed.gain[k],
+    )  # fmt: skip
+
+
+@njit(cache=True, nogil=True)
+def growth(imposed, k, time):
+    """Free length at a time over that of the system: material slips in along with the motion."""
+    gain, times = imposed.gain[k], imposed.times[k]
+    after = np.searchsorted(times, time, side="right")
+    if after == 0 or after == times.size:
+        return 1.0 + gain[max(after - 1, 0)]
+    s = (time - times[after - 1]) / (times[after] - times[after - 1])
+    return 1.0 + gain[after - 1] + s * (gain[after] - gain[after - 1])
+
+
+@njit(cache=True, nogil=True)
+def matter_of(system, k, factor, history):
+    """The material of variant k without damping, its free length multiplied by a factor.
+
+    Over the same material coordinate curvature is a property of the shape; stretch and twist count
+    per unit of the new length.
+    """
+    s, nb = system.stiffness, system.rule.weight.size
+    stiffness = Stiffness(
+        np.empty(nb), np.empty(nb), np.empty((nb, 2)), np.empty((nb, 2)), np.empty(nb),
+        np.empty(nb),
+    )  # fmt: skip
+    for e in range(nb):
+        stiffness.stretch[e] = s.stretch[k, e] / factor
+        stiffness.stretch_rest[e] = factor * (1.0 + s.stretch_rest[k, e]) - 1.0
+        for c in range(2):
+            stiffness.bend[e, c] = factor * s.bend[k, e, c]
+            stiffness.bend_rest[e, c] = s.bend_rest[k, e, c]
+        stiffness.twist[e] = s.twist[k, e] / factor
+        stiffness.twist_rest[e] = factor * s.twist_rest[k, e]
+    law, a = system.law, system.around
+    return Material(
+        stiffness, 1.0, s.bend_rest[k],
+        Law(law.active[k], law.half_curvature[k], law.yield_curvature[k], law.hardening[k]),
+        Surroundings(
+            a.friction[k], a.creep[k], a.pegs[k], a.contact[k], a.span, a.b, a.weight
+        ),
+        history,
+    )  # fmt: skip
+
+
+@njit(cache=True, nogil=True)
+def inertia_of(system, k, factor, c_mass, c_drag):
+    """c_mass times mass plus c_drag times drag, for positions and theta: lower bands (n, 4)."""
+    more, u = factor - 1.0, system.uniform
+    n = system.mass.shape[1]
+    positions, theta = np.empty((n, 4)), np.empty((n, 4))
+    for i in range(n):
+        for j in range(4):
+            mass = system.mass[k, i, j] + more * u.mass[k, i, j]
+            drag = system.drag[k, i, j] + more * u.drag[k, i, j]
+            positions[i, j] = c_mass * mass + c_drag * drag
+            theta[i, j] = c_mass * (system.spin[k, i, j] + more * u.spin[k, i, j])
+    return positions, theta
+
+
+@njit(cache=True, nogil=True)
+def load_of(system, k, factor):
+    """All dead loads of variant k [N], shape (n, d)."""
+    result = system.load[k].copy()
+    if factor != 1.0:
+        for i in range(result.shape[0]):
+            for c in range(result.shape[1]):
+                result[i, c] += (factor - 1.0) * system.uniform.load[k, i, c]
+    return result
+
+
+@njit(cache=True, nogil=True)
+def residual(system, k, factor, velocity, acceleration):
+    """Inertia and drag less the dead loads of variant k [N], shape (n, d)."""
+    mass, spin = inertia_of(system, k, factor, 1.0, 0.0)
+    drag, still = inertia_of(system, k, factor, 0.0, 1.0)
+    result, viscous = np.empty(velocity.shape), np.empty(velocity.shape)
+    forces.multiply_scalar(mass, spin, acceleration, result)
+    forces.multiply_scalar(drag, still, velocity, viscous)
+    load = load_of(system, k, factor)
+    for i in range(result.shape[0]):
+        for c in range(result.shape[1]):
+            result[i, c] += viscous[i, c] - load[i, c]
+    return result
+
+
+@njit(cache=True, nogil=True)
+def targets(system, k, imposed, time, q, frames):
+    """Imposed values of variant k at a time, for a rod that is at q now.
+
+    Returns:
+        Whether they are usable, the values (n, d), and what the pins must give (m,).
+    """
+    target, theta, dof = np.zeros(q.shape), np.zeros(2), q.shape[1]
+    if dof == 4:
+        theta[0], theta[1] = q[0, 3], q[-1, 3]
+    pinned = np.empty((system.pins.shape[0] // (2 if dof == 2 else 3), 3))
+    reach = system.reach[k] * growth(imposed, k, time)
+    usable = impose(variant(imposed, k), time, theta, reach, frames, target, pinned)
+    return usable, target, pin_gap(system.fixed, system.pins, system.pin_rows, target, pinned)
