@@ -57,18 +57,35 @@ def factorise(band, diagonal):
     raise ValueError("a rod's matrix has rows of 16 or 8 numbers")
 
 
+@njit(**INLINE)
+def _solve(band, diagonal, x, width):
+    size, last = band.shape[0], width - 1
+    full = min(last, size)  # rows before this one are shorter than the band
+    for i in range(size - 1, full - 1, -1):
+        for m in range(last):
+            x[i - last + m] -= band[i, m] * x[i]
+    for i in range(full - 1, -1, -1):
+        for j in range(i):
+            x[j] -= band[i, last - i + j] * x[i]
+    for i in range(full):
+        s = x[i] / diagonal[i]
+        for j in range(i):
+            s -= band[i, last - i + j] * x[j]
+        x[i] = s
+    for i in range(full, size):
+        s = x[i] / diagonal[i]
+        for m in range(last):
+            s -= band[i, m] * x[i - last + m]
+        x[i] = s
+
+
 @njit(**FLAGS)
 def solve(band, diagonal, x):
     """Solve L^T D L x = b in place for the right-hand side x of shape (N,)."""
-    size, w = band.shape[0], band.shape[1] - 1
-    for i in range(size - 1, -1, -1):
-        for j in range(max(0, i - w), i):
-            x[j] -= band[i, w - i + j] * x[i]
-    for i in range(size):
-        s = x[i] / diagonal[i]
-        for j in range(max(0, i - w), i):
-            s -= band[i, w - i + j] * x[j]
-        x[i] = s
+    if band.shape[1] == SPACE:
+        _solve(band, diagonal, x, SPACE)
+    else:
+        _solve(band, diagonal, x, PLANE)
 
 
 @njit(**FLAGS)

@@ -20,12 +20,13 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from dlo_ros.rod.kernels import carried, material_director, slopes
+from dlo_ros.rod.kernels import material_director, slopes, vectors
+from dlo_ros.rod.quads import QuadType
 from dlo_ros.rod.vectors import (
-    INLINE, add, both, cross, crossing, diagonal, dot, mix, mix3, outer, row, times,
+    INLINE, add_both, add_cross, add_diagonal, add_outer, cross, dot, mix, mix3, outer, times,
 )  # fmt: skip
 
-Vector = tuple[float, float, float]
+Vector = tuple[QuadType, QuadType, QuadType]
 
 
 class FirstDerivatives(NamedTuple):
@@ -34,14 +35,14 @@ class FirstDerivatives(NamedTuple):
     The stretch has the derivative t by p; kappa_1 and kappa_2 have kappa_2 and -kappa_1 by theta.
     """
 
-    r: float  # 1 / |p|
+    r: QuadType  # 1 / |p|
     t: Vector
     s: Vector
     t0: Vector
     d1: Vector
     d2: Vector
     a: Vector  # also the derivative of the twist by s
-    w: float
+    w: QuadType
     z: Vector
     kappa1_p: Vector
     kappa1_s: Vector
@@ -53,13 +54,13 @@ class FirstDerivatives(NamedTuple):
 class Stress(NamedTuple):
     """Stress resultants at a point and the tangents of bending, times the point's weight."""
 
-    tension: float
-    bend1: float
-    bend2: float
-    torque: float
-    t11: float
-    t12: float
-    t22: float
+    tension: QuadType
+    bend1: QuadType
+    bend2: QuadType
+    torque: QuadType
+    t11: QuadType
+    t12: QuadType
+    t22: QuadType
 
 
 class SecondDerivatives(NamedTuple):
@@ -70,22 +71,21 @@ class SecondDerivatives(NamedTuple):
     ss: tuple[Vector, Vector, Vector]
     p_theta: Vector
     s_theta: Vector
-    theta: float
+    theta: QuadType
 
 
 @njit(**INLINE)
 def first(q, rule, ref, e, kappa1, kappa2):
     """First derivatives of the strains at point e, where the curvatures are kappa1, kappa2."""
-    span = rule.span[e]
-    p, s = slopes(q, span, rule.b1, rule.b2, e)
-    r, t0 = 1.0 / np.sqrt(dot(p, p)), row(ref.tangent, e)
+    p, s = slopes(q, rule, e)
+    r, t0 = 1.0 / np.sqrt(dot(p, p)), vectors(ref.tangent, e)
     t = times(r, p)
-    d1 = carried(material_director(q, span, rule.b, ref, e, t0), t0, t)
+    d1 = material_director(q, rule, ref, e, t0, t)
     d2 = cross(t, d1)
     w = r / (1.0 + dot(t, t0))
     a = times(w, cross(t, t0))
     s_t0 = cross(s, t0)
-    z = mix(1.0, cross(t0, row(ref.rate, e)), -r, s_t0)
+    z = mix(1.0, cross(t0, vectors(ref.rate, e)), -r, s_t0)
     bent, squeezed = dot(s, t) * r * r * r, -2.0 * r
     return FirstDerivatives(
         r, t, s, t0, d1, d2, a, w, z,
@@ -126,20 +126,17 @@ def second(x, kappa1, kappa2, f):
     of_t, of_across = mix(2.0 * r2 * r, across, -f.torque * r, a), times(r2 * r, t)
     of_a, of_u, n = times(r2, v), times(-m, a), times(-m * r, t0)
 
+    pp = add_both(add_both(outer(x.kappa1_p, m1_p), t, by_t), u, by_u)
+    pp = add_both(add_both(add_outer(pp, x.kappa2_p, m2_p), a, by_a), v, by_v)
+    ps = add_outer(add_outer(outer(x.kappa1_p, m1_s), t, of_t), u, of_u)
+    ps = add_outer(add_outer(add_outer(ps, x.kappa2_p, m2_s), a, of_a), across, of_across)
+    p_theta = mix3(1.0, mix3(-bent, v, -2.0 * turning * r, t, -work, a),
+                   m1_theta, x.kappa1_p, m2_theta, x.kappa2_p)  # fmt: skip
     return SecondDerivatives(
-        add(
-            add(add(both(t, by_t), both(u, by_u)), add(both(a, by_a), both(v, by_v))),
-            add(diagonal(alike), add(outer(x.kappa1_p, m1_p), outer(x.kappa2_p, m2_p))),
-        ),
-        add(
-            add(add(outer(t, of_t), outer(u, of_u)), add(outer(a, of_a), outer(across, of_across))),
-            add(crossing(n), add(outer(x.kappa1_p, m1_s), outer(x.kappa2_p, m2_s))),
-        ),
-        add(outer(x.kappa1_s, m1_s), outer(x.kappa2_s, m2_s)),
-        mix3(
-            1.0, mix3(-bent, v, -2.0 * turning * r, t, -work, a),
-            m1_theta, x.kappa1_p, m2_theta, x.kappa2_p,
-        ),
+        add_diagonal(pp, alike),
+        add_cross(ps, n),
+        add_outer(outer(x.kappa1_s, m1_s), x.kappa2_s, m2_s),
+        p_theta,
         mix3(r2, v, m1_theta, x.kappa1_s, m2_theta, x.kappa2_s),
         kappa2 * m1_theta - kappa1 * m2_theta - work,
-    )  # fmt: skip
+    )

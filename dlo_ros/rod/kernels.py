@@ -24,8 +24,9 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from dlo_ros.rod.quads import lane, quad
 from dlo_ros.rod.tables import Reference
-from dlo_ros.rod.vectors import FLAGS, INLINE, cross, dot, mix, mix3, put, row, times, unit
+from dlo_ros.rod.vectors import FLAGS, INLINE, cross, dot, mix, mix3, row, times, unit
 
 OUTER = 5.0 / 18.0  # weights of the three Gauss points in a mean
 MIDDLE = 8.0 / 18.0
@@ -58,38 +59,62 @@ def span_twist(x, linear):
 
 
 @njit(**INLINE)
-def tension_share(e, linear):
-    """Share of a span's tension that acts at point e: the adjoint of `span_stretch`."""
-    if linear:
-        return 1.0
-    return 1.0 / MIDDLE if e % 3 == 1 else 0.0
+def three(x, e):
+    """Values at points e, e + 1, e + 2."""
+    return quad(x[e], x[e + 1], x[e + 2])
 
 
 @njit(**INLINE)
-def slopes(q, span, b1, b2, e):
-    """p = r' and s = r'' at point e."""
-    p, s = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    for i in range(4):
+def column(x, e, c):
+    """Column c of an array at points e, e + 1, e + 2."""
+    return quad(x[e, c], x[e + 1, c], x[e + 2, c])
+
+
+@njit(**INLINE)
+def vectors(x, e):
+    """Vectors of an array (nb, 3) at points e, e + 1, e + 2."""
+    return column(x, e, 0), column(x, e, 1), column(x, e, 2)
+
+
+@njit(**INLINE)
+def tension_share(linear):
+    """Share of a span's tension that acts at its points: the adjoint of `span_stretch`."""
+    if linear:
+        return quad(1.0, 1.0, 1.0)
+    return quad(0.0, 1.0 / MIDDLE, 0.0)
+
+
+@njit(**INLINE)
+def slopes(q, rule, e):
+    """p = r' and s = r'' at the points of the span that begins with point e."""
+    span = rule.span[e]
+    x = row(q, span)
+    p, s = times(column(rule.b1, e, 0), x), times(column(rule.b2, e, 0), x)
+    for i in range(1, 4):
         x = row(q, span + i)
-        p, s = mix(1.0, p, b1[e, i], x), mix(1.0, s, b2[e, i], x)
+        p = mix(1.0, p, column(rule.b1, e, i), x)
+        s = mix(1.0, s, column(rule.b2, e, i), x)
     return p, s
 
 
 @njit(**INLINE)
-def angle(q, span, b, e):
-    """Theta at point e, or its derivative with b of the basis' derivatives."""
-    theta = 0.0
-    for i in range(4):
-        theta += b[e, i] * q[span + i, 3]
+def angle(q, rule, b, e):
+    """Theta at the points of a span, or its derivative with b of the basis' derivatives."""
+    span = rule.span[e]
+    theta = column(b, e, 0) * q[span, 3]
+    for i in range(1, 4):
+        theta += column(b, e, i) * q[span + i, 3]
     return theta
 
 
 @njit(**INLINE)
-def material_director(q, span, b, ref, e, t0):
-    """First material director at point e, before it is carried to the present tangent."""
-    theta = angle(q, span, b, e)
-    d = row(ref.director, e)
-    return mix(np.cos(theta), d, np.sin(theta), cross(t0, d))
+def material_director(q, rule, ref, e, t0, t):
+    """First material director at the points of a span, normal to the present tangent t."""
+    theta = angle(q, rule, rule.b, e)
+    x, y, z = lane(theta, 0), lane(theta, 1), lane(theta, 2)
+    cos, sin = quad(np.cos(x), np.cos(y), np.cos(z)), quad(np.sin(x), np.sin(y), np.sin(z))
+    d = vectors(ref.director, e)
+    return carried(mix(cos, d, sin, cross(t0, d)), t0, t)
 
 
 @njit(**INLINE)
@@ -105,6 +130,14 @@ def carried_twist(p, s, r, t0, rate):
     return dot(p, mix(1.0, cross(t0, rate), -r, cross(s, t0))) * r / (1.0 + r * dot(p, t0))
 
 
+@njit(**INLINE)
+def _put(array, e, a):
+    """Write vectors at points e, e + 1, e + 2 to an array (nb, 3)."""
+    for point in range(3):
+        for c, x in enumerate(a):
+            array[e + point, c] = lane(x, point)
+
+
 @njit(**FLAGS)
 def strains(q, rule, ref):
     """All strains of a configuration.
@@ -115,22 +148,22 @@ def strains(q, rule, ref):
     """
     nb = rule.weight.size
     stretch, other = np.empty(nb), np.empty((nb, 3))
-    for e in range(nb):
-        span = rule.span[e]
-        p, s = slopes(q, span, rule.b1, rule.b2, e)
-        rate = angle(q, span, rule.b1, e)
-        n = np.sqrt(dot(p, p))
-        r, t0 = 1.0 / n, row(ref.tangent, e)
+    for e in range(0, nb - 2, 3):
+        p, s = slopes(q, rule, e)
+        n, t0 = np.sqrt(dot(p, p)), vectors(ref.tangent, e)
+        r = 1.0 / n
         t = times(r, p)
-        d1 = carried(material_director(q, span, rule.b, ref, e, t0), t0, t)
-        # k . d1 and k . d2 with k = t x s and d2 = t x d1
-        other[e, 0] = dot(cross(t, s), d1) * r * r
-        other[e, 1] = dot(s, d1) * r * r
-        other[e, 2] = rate + ref.twist[e] + carried_twist(p, s, r, t0, row(ref.rate, e))
-        stretch[e] = n - 1.0
-    for e in range(nb // 3):
-        span_stretch(stretch[3 * e : 3 * e + 3], rule.stretch_linear[e])
-        span_twist(other[3 * e : 3 * e + 3, 2], rule.twist_linear[e])
+        d1 = material_director(q, rule, ref, e, t0, t)
+        # k . d1 and k . d2, where k = t x s r^2 is the curvature vector and d2 = t x d1
+        kappa1, kappa2 = dot(cross(t, s), d1) * (r * r), dot(s, d1) * (r * r)
+        twist = angle(q, rule, rule.b1, e) + three(ref.twist, e)
+        twist += carried_twist(p, s, r, t0, vectors(ref.rate, e))
+        _put(other, e, (kappa1, kappa2, twist))
+        for point in range(3):
+            stretch[e + point] = lane(n, point) - 1.0
+    for k in range(nb // 3):
+        span_stretch(stretch[3 * k : 3 * k + 3], rule.stretch_linear[k])
+        span_twist(other[3 * k : 3 * k + 3, 2], rule.twist_linear[k])
     return stretch, other
 
 
@@ -140,14 +173,16 @@ def transport(q, rule, ref):
     nb = rule.weight.size
     tangent, rate = np.empty((nb, 3)), np.empty((nb, 3))
     director, twist = np.empty((nb, 3)), np.empty(nb)
-    for e in range(nb):
-        p, s = slopes(q, rule.span[e], rule.b1, rule.b2, e)
-        r, t0 = 1.0 / np.sqrt(dot(p, p)), row(ref.tangent, e)
+    for e in range(0, nb - 2, 3):
+        p, s = slopes(q, rule, e)
+        r, t0 = 1.0 / np.sqrt(dot(p, p)), vectors(ref.tangent, e)
         t = times(r, p)
-        twist[e] = ref.twist[e] + carried_twist(p, s, r, t0, row(ref.rate, e))
-        put(tangent, e, t)
-        put(rate, e, mix(r, s, -r * dot(t, s), t))
-        put(director, e, _clean(carried(row(ref.director, e), t0, t), t))
+        added = carried_twist(p, s, r, t0, vectors(ref.rate, e))
+        for point in range(3):
+            twist[e + point] = ref.twist[e + point] + lane(added, point)
+        _put(tangent, e, t)
+        _put(rate, e, mix(r, s, -r * dot(t, s), t))
+        _put(director, e, _clean(carried(vectors(ref.director, e), t0, t), t))
     return Reference(tangent, rate, director, twist)
 
 

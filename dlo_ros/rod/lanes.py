@@ -30,14 +30,18 @@ def _broadcast(builder, value, width):
     return builder.shuffle_vector(row, row, lanes)
 
 
+def _check(*arrays):
+    for array in arrays:
+        if not (isinstance(array, types.Array) and array.layout == "C"
+                and array.dtype == types.float64):  # fmt: skip
+            raise TypingError(f"rows live in C-contiguous float64 arrays, not in {array}")
+
+
 def _signature(out, at, factors, rows, start, width):
     """Signature of `set_rows` and `add_rows`; None asks numba for literal types."""
     if not isinstance(width, types.IntegerLiteral):
         return None
-    for array in (out, rows):
-        if not (isinstance(array, types.Array) and array.layout == "C"
-                and array.dtype == types.float64):  # fmt: skip
-            raise TypingError(f"rows live in C-contiguous float64 arrays, not in {array}")
+    _check(out, rows)
     if not (isinstance(factors, types.UniTuple) and factors.dtype == types.float64):
         raise TypingError(f"factors of rows are a tuple of float64, not {factors}")
     return types.void(out, types.intp, factors, rows, types.intp, width)
@@ -87,3 +91,48 @@ def set_rows(typing, out, at, factors, rows, start, width):
         return _combine(context, builder, signature, arguments, False)
 
     return signature, generate
+
+
+@intrinsic
+def set_outer(typing, out, at, left, i, right, j):
+    """Write left[i : i + 4] right[j : j + 4]^T to out[at : at + 16]."""
+    return _outer_signature(out, left, right), _outer(False)
+
+
+@intrinsic
+def add_outer(typing, out, at, factor, left, i, right, j):
+    """Add factor left[i : i + 4] right[j : j + 4]^T to out[at : at + 16]."""
+    return _outer_signature(out, left, right, types.float64), _outer(True)
+
+
+def _outer_signature(out, left, right, *factor):
+    _check(out, left, right)
+    return types.void(out, types.intp, *factor, left, types.intp, right, types.intp)
+
+
+def _outer(old):
+    def generate(context, builder, signature, arguments):
+        out_type, _, *_, left_type, _, right_type, _ = signature.args
+        out, at, *factor, left, i, right, j = arguments
+        target = _pointer(context, builder, out_type, out, at, 16)
+        a = builder.load(_pointer(context, builder, left_type, left, i, 4), align=8)
+        b = builder.load(_pointer(context, builder, right_type, right, j, 4), align=8)
+        if old:
+            a = builder.fmul(a, _broadcast(builder, factor[0], 4), flags=CONTRACT)
+        value = builder.fmul(
+            _arrange(builder, a, [k // 4 for k in range(16)]),
+            _arrange(builder, b, [k % 4 for k in range(16)]),
+            flags=CONTRACT,
+        )
+        if old:
+            value = builder.fadd(builder.load(target, align=8), value, flags=CONTRACT)
+        builder.store(value, target, align=8)
+        return context.get_dummy_value()
+
+    return generate
+
+
+def _arrange(builder, value, lanes):
+    """A vector of chosen lanes of another one."""
+    mask = ir.Constant(ir.VectorType(ir.IntType(32), len(lanes)), lanes)
+    return builder.shuffle_vector(value, value, mask)

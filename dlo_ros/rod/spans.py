@@ -13,58 +13,80 @@ import numpy as np
 from numba import njit
 
 from dlo_ros.rod.kernels import MIDDLE, OUTER
-from dlo_ros.rod.lanes import add_rows, set_rows
+from dlo_ros.rod.lanes import add_outer, add_rows, set_outer, set_rows
+from dlo_ros.rod.quads import lane, lanes, quad
 from dlo_ros.rod.vectors import INLINE
 
 BLOCK = 16  # numbers of a pair of coordinates
-POINT = 16  # numbers of a span's first derivatives: c of control point i at 4 c + i
-SHAPES = 12  # basis functions: no, first, second derivatives of four
-SHAPE = 4  # where first derivatives stand, followed by second ones
-# Products of basis functions of i and j, by number of derivatives: 11 12 21 22, 01 02 00.
-PRODUCTS = 112
-SLOPE, VALUE = 0, 64
+FIRST = 16  # numbers of a span's first derivatives: c of control point i at 4 c + i
+# Rows of 16 products of basis functions of i and j, at three points by (1, 1), (1, 2), (2, 1),
+# (2, 2) derivatives; at three points by (0, 1), (0, 2); at three points by (0, 0).
+SLOPES, TURNS, TURN_SQUARES = 0, 192, 288
+PRODUCTS = 336
 TILT = np.sqrt(2.0 * OUTER) * 0.5
 
 
 @njit(**INLINE)
-def shapes(rule, e, out):
-    """Basis functions and their derivatives at point e."""
-    set_rows(out, 0, (1.0,), rule.b, 4 * e, 4)
-    set_rows(out, 4, (1.0,), rule.b1, 4 * e, 4)
-    set_rows(out, 8, (1.0,), rule.b2, 4 * e, 4)
-
-
-@njit(**INLINE)
 def slope_products(rule, e, out):
-    """Products of first and second derivatives of the basis functions at point e."""
-    for i in range(4):
-        set_rows(out, 4 * i, (rule.b1[e, i],), rule.b1, 4 * e, 4)
-        set_rows(out, 16 + 4 * i, (rule.b1[e, i],), rule.b2, 4 * e, 4)
-        set_rows(out, 32 + 4 * i, (rule.b2[e, i],), rule.b1, 4 * e, 4)
-        set_rows(out, 48 + 4 * i, (rule.b2[e, i],), rule.b2, 4 * e, 4)
+    """Products of derivatives of the basis functions at the points of a span."""
+    b1, b2 = rule.b1, rule.b2
+    for k in range(3):
+        i, at = 4 * (e + k), SLOPES + 64 * k
+        set_outer(out, at, b1, i, b1, i)
+        set_outer(out, at + 16, b1, i, b2, i)
+        set_outer(out, at + 32, b2, i, b1, i)
+        set_outer(out, at + 48, b2, i, b2, i)
 
 
 @njit(**INLINE)
-def value_products(rule, e, out):
-    """Products of the basis functions at point e with their derivatives and themselves."""
-    for i in range(4):
-        set_rows(out, VALUE + 4 * i, (rule.b[e, i],), rule.b1, 4 * e, 4)
-        set_rows(out, VALUE + 16 + 4 * i, (rule.b[e, i],), rule.b2, 4 * e, 4)
-        set_rows(out, VALUE + 32 + 4 * i, (rule.b[e, i],), rule.b, 4 * e, 4)
+def turn_products(rule, e, out):
+    """Products of the basis functions at the points of a span, also with their derivatives."""
+    b, b1, b2 = rule.b, rule.b1, rule.b2
+    for k in range(3):
+        i = 4 * (e + k)
+        set_outer(out, TURNS + 32 * k, b, i, b1, i)
+        set_outer(out, TURNS + 32 * k + 16, b, i, b2, i)
+        set_outer(out, TURN_SQUARES + 16 * k, b, i, b, i)
 
 
 @njit(**INLINE)
-def mean(point, middle):
-    """Weight of one of three points in the mean, or the weight that counts the middle alone."""
+def couple(block, pair, pp, ps, sp, ss, products):
+    """Write second derivatives by a pair of positions: of p and p, p and s, s and p, s and s."""
+    set_rows(
+        block, pair,
+        (lane(pp, 0), lane(ps, 0), lane(sp, 0), lane(ss, 0),
+         lane(pp, 1), lane(ps, 1), lane(sp, 1), lane(ss, 1),
+         lane(pp, 2), lane(ps, 2), lane(sp, 2), lane(ss, 2)),
+        products, SLOPES, 16,
+    )  # fmt: skip
+
+
+@njit(**INLINE)
+def derive(out, at, slow, b, fast, b1, e):
+    """Write first derivatives by one coordinate, given those by two of its derivatives.
+
+    Args:
+        out, at: output, and where the derivatives by the four control points begin.
+        slow, b: derivatives at the points, and the table of basis functions that belongs to it.
+        fast, b1: the same for the next derivative.
+        e: first point of the span.
+    """
+    set_rows(out, at, lanes(slow), b, 4 * e, 4)
+    add_rows(out, at, lanes(fast), b1, 4 * e, 4)
+
+
+@njit(**INLINE)
+def means(middle):
+    """Weights of a span's points in the mean, or those that count the middle one alone."""
     if middle:
-        return 1.0 if point == 1 else 0.0
-    return MIDDLE if point == 1 else OUTER
+        return quad(0.0, 1.0, 0.0)
+    return quad(OUTER, MIDDLE, OUTER)
 
 
 @njit(**INLINE)
-def tilt(point):
-    """Weight of one of three points in the root mean square of the line about its mean."""
-    return TILT * (point - 1)
+def tilts():
+    """Weights of a span's points in the root mean square of their line about the mean."""
+    return quad(-TILT, 0.0, TILT)
 
 
 @njit(**INLINE)
@@ -74,18 +96,15 @@ def add_squares(block, dof, modulus, gradient, line):
     Args:
         dof: coordinates that it depends on, the first ones.
         modulus: factor, integrated over the span.
-        gradient: of its mean, and behind it of its `tilt`, shape (2 POINT,).
+        gradient: of its mean, and behind it of its `tilt`, shape (2 FIRST,).
         line: whether the tilt counts.
     """
     for c in range(dof):
         for d in range(c + 1):
             at = BLOCK * (c * (c + 1) // 2 + d)
-            for i in range(4):
-                f = modulus * gradient[4 * c + i]
-                add_rows(block, at + 4 * i, (f,), gradient, 4 * d, 4)
-                if line:
-                    f = modulus * gradient[POINT + 4 * c + i]
-                    add_rows(block, at + 4 * i, (f,), gradient, POINT + 4 * d, 4)
+            add_outer(block, at, modulus, gradient, 4 * c, gradient, 4 * d)
+            if line:
+                add_outer(block, at, modulus, gradient, FIRST + 4 * c, gradient, FIRST + 4 * d)
 
 
 @njit(**INLINE)

@@ -54,20 +54,25 @@ def row(array, i):
 
 
 @njit(**INLINE)
-def put(array, i, a):
-    """Write a vector to row i of an array (m, 3)."""
-    array[i, 0], array[i, 1], array[i, 2] = a
-
-
-@njit(**INLINE)
 def unit(a):
     return times(1.0 / np.sqrt(dot(a, a)), a)
 
 
 @njit(**INLINE)
-def add(a, b):
-    """The sum of two matrices, tuples of three rows."""
-    return mix(1.0, a[0], 1.0, b[0]), mix(1.0, a[1], 1.0, b[1]), mix(1.0, a[2], 1.0, b[2])
+def _plus(x, a, y):
+    return x[0] + a * y[0], x[1] + a * y[1], x[2] + a * y[2]
+
+
+@njit(**INLINE)
+def add_outer(m, a, b):
+    """The matrix m + a b^T; matrices are tuples of three rows."""
+    return _plus(m[0], a[0], b), _plus(m[1], a[1], b), _plus(m[2], a[2], b)
+
+
+@njit(**INLINE)
+def add_both(m, a, b):
+    """The matrix m + a b^T + b a^T."""
+    return add_outer(add_outer(m, a, b), b, a)
 
 
 @njit(**INLINE)
@@ -77,18 +82,18 @@ def outer(a, b):
 
 
 @njit(**INLINE)
-def both(a, b):
-    """The symmetric matrix a b^T + b a^T."""
-    return mix(a[0], b, b[0], a), mix(a[1], b, b[1], a), mix(a[2], b, b[2], a)
+def add_diagonal(m, x):
+    """The matrix m + x I."""
+    a, b, c = m
+    return (a[0] + x, a[1], a[2]), (b[0], b[1] + x, b[2]), (c[0], c[1], c[2] + x)
 
 
 @njit(**INLINE)
-def diagonal(x):
-    """The matrix x I."""
-    return (x, 0.0, 0.0), (0.0, x, 0.0), (0.0, 0.0, x)
-
-
-@njit(**INLINE)
-def crossing(a):
-    """The matrix of x . (y x a) in rows x and columns y."""
-    return (0.0, a[2], -a[1]), (-a[2], 0.0, a[0]), (a[1], -a[0], 0.0)
+def add_cross(m, a):
+    """The matrix m + A, where x . A y is the triple product x . (y x a)."""
+    x, y, z = m
+    return (
+        (x[0], x[1] + a[2], x[2] - a[1]),
+        (y[0] - a[2], y[1], y[2] + a[0]),
+        (z[0] + a[1], z[1] - a[0], z[2]),
+    )
