@@ -11,7 +11,7 @@ from dlo_ros.rod.frames import twist_free
 from dlo_ros.rod.kernels import strains, transport
 from dlo_ros.rod.material import respond, room
 from dlo_ros.rod.model import RodModel
-from dlo_ros.rod.tables import BAND, Law, Material, Reference, Stiffness
+from dlo_ros.rod.tables import BAND, History, Law, Material, Reference, Stiffness, Surroundings
 from dlo_ros.spline import SplineBasis
 
 LINEAR = Law(False, np.inf, np.inf, 0.0)
@@ -48,7 +48,12 @@ def rod():
 
 
 def material(stiff, law):
-    return Material(stiff, stiff, law, np.zeros((stiff.twist.size, 2)))
+    history = History(np.zeros((stiff.twist.size, 2)), np.zeros((stiff.twist.size, 2)))
+    nothing = np.zeros((0, 3))
+    around = Surroundings(
+        0.0, 1.0, nothing, 0.0, np.zeros(0, np.int64), np.zeros((0, 4)), np.zeros(0)
+    )
+    return Material(stiff, stiff, law, around, history)
 
 
 def evaluate(rule, stiff, ref, q, law=LINEAR):

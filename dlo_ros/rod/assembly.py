@@ -11,13 +11,32 @@ from numba import njit
 
 from dlo_ros.rod.derivatives import Stress, first, second
 from dlo_ros.rod.kernels import (
-    angle, column, slopes, span_stretch, span_twist, tension_share, three, vectors,
+    angle,
+    column,
+    slopes,
+    span_stretch,
+    span_twist,
+    tension_share,
+    three,
+    vectors,
 )  # fmt: skip
-from dlo_ros.rod.lanes import set_rows
 from dlo_ros.rod.quads import lane, lanes, quad
+from dlo_ros.rod.rows import set_rows
 from dlo_ros.rod.spans import (
-    BLOCK, FIRST, PRODUCTS, TURN_SQUARES, TURNS, add_block, add_forces, add_squares, couple, derive,
-    means, slope_products, tilts, turn_products,
+    BLOCK,
+    FIRST,
+    PRODUCTS,
+    TURN_SQUARES,
+    TURNS,
+    add_block,
+    add_forces,
+    add_squares,
+    couple,
+    derive,
+    means,
+    slope_products,
+    tilts,
+    turn_products,
 )  # fmt: skip
 from dlo_ros.rod.tables import DOF
 from dlo_ros.rod.vectors import FLAGS, INLINE, dot, mix, mix3, times

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from dlo_ros.rod.lanes import add_rows, set_rows
+from dlo_ros.rod.rows import add_rows, set_rows
 from dlo_ros.rod.vectors import FLAGS, INLINE
 
 SPACE, PLANE = 16, 8  # widths of the band, w + 1, of a rod

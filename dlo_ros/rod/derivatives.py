@@ -6,8 +6,8 @@ reference tangent were t itself, where most terms vanish, and moreover as it dep
 d theta = a . dp. With n = |p| and material directors d1, d2 at t:
 
     a = t x t0 / (n (1 + t . t0))
-    d kappa_1 = ( (t.s) d2 / n^3 - 2 kappa_1 t / n + kappa_2 a) . dp - d2 / n^2 . ds + kappa_2 dtheta
-    d kappa_2 = (-(t.s) d1 / n^3 - 2 kappa_2 t / n - kappa_1 a) . dp + d1 / n^2 . ds - kappa_1 dtheta
+    d kappa_1 = ( (t.s) d2 / n^3 - 2 kappa_1 t / n) . dp - d2 / n^2 . ds + kappa_2 (dtheta + a . dp)
+    d kappa_2 = (-(t.s) d1 / n^3 - 2 kappa_2 t / n) . dp + d1 / n^2 . ds - kappa_1 (dtheta + a . dp)
 
 The twist of the frame is w p . z, with w = 1 / (n (1 + t . t0)) and z = t0 x t0' - s x t0 / n; it
 depends on s by a. Second derivatives are sums of products of these few vectors.
@@ -23,7 +23,17 @@ from numba import njit
 from dlo_ros.rod.kernels import material_director, slopes, vectors
 from dlo_ros.rod.quads import QuadType
 from dlo_ros.rod.vectors import (
-    INLINE, add_both, add_cross, add_diagonal, add_outer, cross, dot, mix, mix3, outer, times,
+    INLINE,
+    add_both,
+    add_cross,
+    add_diagonal,
+    add_outer,
+    cross,
+    dot,
+    mix,
+    mix3,
+    outer,
+    times,
 )  # fmt: skip
 
 Vector = tuple[QuadType, QuadType, QuadType]
@@ -106,8 +116,10 @@ def second(x, kappa1, kappa2, f):
     u, s_t0, m = mix(1.0, t, 1.0, t0), cross(x.s, t0), f.torque * w
     c, lag = dot(t, s_t0) * r, dot(t, x.z) * w / r  # (p x s) . t0 / n^2, twist of the frame
     # How the moments change with p, s and theta by the bending stiffness.
-    m1_p, m2_p = mix(f.t11, x.kappa1_p, f.t12, x.kappa2_p), mix(f.t12, x.kappa1_p, f.t22, x.kappa2_p)
-    m1_s, m2_s = mix(f.t11, x.kappa1_s, f.t12, x.kappa2_s), mix(f.t12, x.kappa1_s, f.t22, x.kappa2_s)
+    m1_p, m1_s = (mix(f.t11, x.kappa1_p, f.t12, x.kappa2_p),
+                  mix(f.t11, x.kappa1_s, f.t12, x.kappa2_s))  # fmt: skip
+    m2_p, m2_s = (mix(f.t12, x.kappa1_p, f.t22, x.kappa2_p),
+                  mix(f.t12, x.kappa1_s, f.t22, x.kappa2_s))  # fmt: skip
     m1_theta, m2_theta = f.t11 * kappa2 - f.t12 * kappa1, f.t12 * kappa2 - f.t22 * kappa1
 
     # By p twice: symmetric products of t, u, a and v with these, and a multiple of the unit matrix.

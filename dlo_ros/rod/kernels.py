@@ -86,7 +86,7 @@ def tension_share(linear):
 
 @njit(**INLINE)
 def slopes(q, rule, e):
-    """p = r' and s = r'' at the points of the span that begins with point e."""
+    """Slopes p = r' and s = r'' at the points of the span that begins with point e."""
     span = rule.span[e]
     x = row(q, span)
     p, s = times(column(rule.b1, e, 0), x), times(column(rule.b2, e, 0), x)

@@ -11,11 +11,20 @@ import numpy as np
 from numba import njit
 
 from dlo_ros.rod.kernels import column, span_stretch, tension_share, three
-from dlo_ros.rod.lanes import set_rows
 from dlo_ros.rod.quads import lane, lanes, quad
+from dlo_ros.rod.rows import set_rows
 from dlo_ros.rod.spans import (
-    BLOCK, FIRST, PRODUCTS, add_block, add_forces, add_squares, couple, derive, means,
-    slope_products, tilts,
+    BLOCK,
+    FIRST,
+    PRODUCTS,
+    add_block,
+    add_forces,
+    add_squares,
+    couple,
+    derive,
+    means,
+    slope_products,
+    tilts,
 )  # fmt: skip
 from dlo_ros.rod.vectors import FLAGS, INLINE
 
@@ -25,7 +34,7 @@ XX, ZX, ZZ = 0, BLOCK, 2 * BLOCK  # pairs of coordinates
 
 @njit(**INLINE)
 def _slopes(q, rule, e):
-    """p = r' and s = r'' at the points of the span that begins with point e: px, pz, sx, sz."""
+    """Slopes p = r' and s = r'' at the points of the span that begins with point e."""
     span = rule.span[e]
     x, z = q[span, 0], q[span, 1]
     b1, b2 = column(rule.b1, e, 0), column(rule.b2, e, 0)

@@ -55,11 +55,11 @@ def _register(operation, instruction):
 
     class Operation(ConcreteTemplate):
         key = operation
-        cases = [
+        cases = (
             signature(Quad, Quad, Quad),
             signature(Quad, Quad, types.float64),
             signature(Quad, types.float64, Quad),
-        ]  # fmt: skip
+        )
 
     infer_global(operation)(Operation)
 
@@ -81,7 +81,7 @@ _register(operator.truediv, "fdiv")
 @infer_global(operator.neg)
 class _Negation(ConcreteTemplate):
     key = operator.neg
-    cases = [signature(Quad, Quad)]
+    cases = (signature(Quad, Quad),)
 
 
 @lower_builtin(operator.neg, Quad)
@@ -92,7 +92,7 @@ def _negate(context, builder, sig, args):
 @infer_global(np.sqrt)
 class _Root(ConcreteTemplate):
     key = np.sqrt
-    cases = [signature(Quad, Quad)]
+    cases = (signature(Quad, Quad),)
 
 
 @lower_builtin(np.sqrt, Quad)

@@ -13,8 +13,8 @@ import numpy as np
 from numba import njit
 
 from dlo_ros.rod.kernels import MIDDLE, OUTER
-from dlo_ros.rod.lanes import add_outer, add_rows, set_outer, set_rows
 from dlo_ros.rod.quads import lane, lanes, quad
+from dlo_ros.rod.rows import add_outer, add_rows, set_outer, set_rows
 from dlo_ros.rod.vectors import INLINE
 
 BLOCK = 16  # numbers of a pair of coordinates

@@ -182,7 +182,7 @@ def _internal(body, q, other, ref, before, variants, varying, d_q, grad_s, grad_
         ref, before: reference frame and history before it.
         variants, varying: as in `vary`.
         d_q: derivatives of the shape, shape (P, n, d).
-        grad_s, grad_o: derivatives of the strains, see `kernels.assemble`.
+        grad_s, grad_o: derivatives of the strains, see `assembly.assemble`.
     """
     rule = body.rule
     d_stretch, d_other = forces.strain_sensitivities(rule, grad_s, grad_o, d_q)

@@ -13,11 +13,13 @@ INLINE = {**FLAGS, "forceinline": True}  # for what is cheaper than its call
 
 @njit(**INLINE)
 def dot(a, b):
+    """The scalar product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @njit(**INLINE)
 def cross(a, b):
+    """The vector product."""
     return (
         a[1] * b[2] - a[2] * b[1],
         a[2] * b[0] - a[0] * b[2],
@@ -55,6 +57,7 @@ def row(array, i):
 
 @njit(**INLINE)
 def unit(a):
+    """The vector of length 1 along a."""
     return times(1.0 / np.sqrt(dot(a, a)), a)
 
 
