@@ -1,6 +1,7 @@
 """Compiled forces and stiffness of the spline rod in space.
 
-The stiffness of a knot span is gathered in a `block` of its own, see `spans`, and then added to the
+The derivatives at the three points of a knot span are computed at once, in the lanes of vectors
+(`quads`); the span's stiffness is gathered in a `block` of its own (`spans`) and then added to the
 banded matrix.
 """
 

@@ -1,4 +1,6 @@
-"""Derivatives of the strains at one point of the rod in space, by p = r', s = r'' and theta.
+"""Derivatives of the strains of the rod in space, by p = r', s = r'' and theta.
+
+All is written for one point; its numbers are `quads`, which hold the three points of a knot span.
 
 The rotation that takes the reference tangent t0 to the present tangent t turns the directors about
 t by an angle whose change depends on the path, by a . dp. So a curvature depends on p as if the
@@ -40,7 +42,7 @@ Vector = tuple[QuadType, QuadType, QuadType]
 
 
 class FirstDerivatives(NamedTuple):
-    """First derivatives of the strains at a point by p and s, and what the second ones need.
+    """First derivatives of the strains by p and s, and what the second ones need.
 
     The stretch has the derivative t by p; kappa_1 and kappa_2 have kappa_2 and -kappa_1 by theta.
     """
@@ -86,7 +88,10 @@ class SecondDerivatives(NamedTuple):
 
 @njit(**INLINE)
 def first(q, rule, ref, e, kappa1, kappa2):
-    """First derivatives of the strains at point e, where the curvatures are kappa1, kappa2."""
+    """First derivatives of the strains in the span of points e, e + 1, e + 2.
+
+    kappa1, kappa2 are the curvatures there.
+    """
     p, s = slopes(q, rule, e)
     r, t0 = 1.0 / np.sqrt(dot(p, p)), vectors(ref.tangent, e)
     t = times(r, p)
