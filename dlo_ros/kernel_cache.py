@@ -15,7 +15,7 @@ from pathlib import Path
 
 PACKAGE = Path(__file__).parent
 CACHES = ("*.nbi", "*.nbc")
-COMPILED = b"@njit"
+COMPILED = (b"@njit", b"@intrinsic")
 MARK = "sources.sha256"
 LONG = 2.0  # [s]; loading from the cache takes a fifth of it
 NOTICE = "compiling numerical kernels, once; this takes a minute or two"
@@ -30,7 +30,7 @@ def discard_stale(package: Path = PACKAGE) -> bool:
     for source in sorted(package.rglob("*.py")):
         with suppress(OSError):
             text = source.read_bytes()
-            if COMPILED in text:
+            if any(decorator in text for decorator in COMPILED):
                 digest.update(text)
                 folders.add(source.parent / "__pycache__")
     mark = package / "__pycache__" / MARK

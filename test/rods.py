@@ -53,8 +53,8 @@ def settled(settings: Settings, imposed: Command, spans: int, direction=(1.0, 0.
 def dense_stiffness(model: RodModel, state: State) -> np.ndarray:
     """The Hessian of the elastic energy as a full matrix, shape (4 n, 4 n)."""
     from dlo_ros.rod.forces import assemble  # compiled on import
-    from dlo_ros.rod.kernels import BAND
     from dlo_ros.rod.material import room
+    from dlo_ros.rod.tables import BAND
 
     size = state.q.size
     gradient, band = np.empty(size), np.empty((size, BAND + 1))

@@ -5,12 +5,17 @@ import pytest
 from rods import PAPER
 from scipy.spatial.transform import Rotation
 
-from dlo_ros.rod import banded
+from dlo_ros.rod import banded, plane
+from dlo_ros.rod.assembly import assemble, scatter_stress, strain_increments
 from dlo_ros.rod.frames import twist_free
-from dlo_ros.rod.kernels import assemble, strains, transport
+from dlo_ros.rod.kernels import strains, transport
+from dlo_ros.rod.material import respond, room
 from dlo_ros.rod.model import RodModel
-from dlo_ros.rod.tables import BAND, Reference, Stiffness
+from dlo_ros.rod.tables import BAND, History, Law, Material, Reference, Stiffness, Surroundings
 from dlo_ros.spline import SplineBasis
+
+LINEAR = Law(False, np.inf, np.inf, 0.0)
+SOFT = Law(True, 20.0, np.inf, 0.0)
 
 
 @pytest.fixture
@@ -42,32 +47,125 @@ def rod():
     return model.rule, stiff, ref, q + 0.01 * rng.normal(size=(n, 4))
 
 
-def evaluate(rule, stiff, ref, q):
-    gradient, band = np.empty(q.size), np.empty((q.size, BAND + 1))
-    stretch, other = np.empty((rule.weight.size, 3)), np.zeros((rule.weight.size, 3, 8))
-    energy = assemble(q, rule, stiff, ref, gradient, band, stretch, other)
-    return energy, gradient, band
+def material(stiff, law):
+    history = History(np.zeros((stiff.twist.size, 2)), np.zeros((stiff.twist.size, 2)))
+    nothing = np.zeros((0, 3))
+    around = Surroundings(
+        0.0, 1.0, nothing, 0.0, np.zeros(0, np.int64), np.zeros((0, 4)), np.zeros(0)
+    )
+    return Material(stiff, stiff, law, around, history)
 
 
-def test_gradient_and_hessian_are_the_derivatives_of_the_energy(rod):
-    rule, stiff, ref, q = rod
-    _, gradient, band = evaluate(rule, stiff, ref, q)
-    step = 1e-6
+def evaluate(rule, stiff, ref, q, law=LINEAR):
+    """Energy, gradient, band of the Hessian and the derivatives of the strains, in space."""
+    gradient, band = np.full(q.size, np.nan), np.full((q.size, BAND + 1), np.nan)
+    by_stretch, by_other = np.empty((rule.weight.size, 3)), np.empty((rule.weight.size, 3, 8))
+    stretch, other = strains(q, rule, ref)
+    response = room(rule.weight.size)
+    energy = respond(stretch, other, rule.weight, material(stiff, law), response)
+    assemble(q, rule, ref, other, response, gradient, band, by_stretch, by_other)
+    return energy, gradient, band, by_stretch, by_other
+
+
+def evaluate_flat(rule, stiff, q):
+    """The same in the plane."""
+    gradient, band = np.full(q.size, np.nan), np.full((q.size, 8), np.nan)
+    by_stretch, by_other = np.empty((rule.weight.size, 2)), np.empty((rule.weight.size, 1, 4))
+    stretch, other = plane.strains(q, rule)
+    response = room(rule.weight.size)
+    energy = respond(stretch, other, rule.weight, material(stiff, LINEAR), response)
+    plane.assemble(q, rule, other, response, gradient, band, by_stretch, by_other)
+    return energy, gradient, band, by_stretch, by_other
+
+
+def dense(band):
+    """A symmetric matrix of its lower rows."""
+    size, last = band.shape[0], band.shape[1] - 1
+    full = np.zeros((size, size))
+    for i in range(size):
+        for j in range(max(0, i - last), i + 1):
+            full[i, j] = full[j, i] = band[i, last - i + j]
+    return full
+
+
+def assert_derivatives(function, q):
+    """Gradient and Hessian of `function` are those of its energy, by differences of order 4."""
+    _, gradient, band, *_ = function(q)
+    hessian, step = dense(band), 2e-6
     for i in range(q.size):
-        change = np.zeros(q.size)
-        change[i] = step
-        up, g_up, _ = evaluate(rule, stiff, ref, q + change.reshape(q.shape))
-        down, g_down, _ = evaluate(rule, stiff, ref, q - change.reshape(q.shape))
-        assert (up - down) / (2 * step) == pytest.approx(
-            gradient[i], abs=2e-8 * np.abs(gradient).max()
-        )
-        row = np.zeros(q.size)
-        for j in range(q.size):
-            if abs(i - j) <= BAND:
-                row[j] = band[max(i, j), BAND - abs(i - j)]
-        np.testing.assert_allclose(
-            (g_up - g_down) / (2 * step), row, atol=1e-8 * np.abs(band).max()
-        )
+        energy_slope, gradient_slope = 0.0, np.zeros(q.size)
+        for k, weight in ((-2, 1.0), (-1, -8.0), (1, 8.0), (2, -1.0)):
+            moved = q.copy()
+            moved.flat[i] += k * step
+            energy, g, *_ = function(moved)
+            energy_slope += weight * energy / (12.0 * step)
+            gradient_slope += weight * g / (12.0 * step)
+        assert energy_slope == pytest.approx(gradient[i], abs=1e-8 * np.abs(gradient).max())
+        np.testing.assert_allclose(gradient_slope, hessian[i], atol=1e-8 * np.abs(band).max())
+
+
+@pytest.mark.parametrize("law", [LINEAR, SOFT], ids=["linear", "softening"])
+def test_gradient_and_hessian_are_the_derivatives_of_the_energy(rod, law):
+    rule, stiff, ref, q = rod
+    assert_derivatives(lambda x: evaluate(rule, stiff, ref, x, law), q)
+
+
+def test_gradient_and_hessian_in_the_plane_are_the_derivatives_of_the_energy(rod):
+    rule, stiff, _, q = rod
+    assert_derivatives(lambda x: evaluate_flat(rule, stiff, x), q[:, [0, 2]].copy())
+
+
+def test_the_plane_is_space_without_what_leaves_it(rod):
+    rule, stiff, ref, q = rod
+    q = q * [1.0, 0.0, 1.0, 0.0]
+    nb = rule.weight.size
+    tangent = ref.tangent * [1.0, 0.0, 1.0]
+    tangent /= np.linalg.norm(tangent, axis=1)[:, None]
+    across = np.tile([0.0, 1.0, 0.0], (nb, 1))
+    flat_ref = Reference(tangent, 0.0 * across, across, np.zeros(nb))
+    straight = stiff._replace(bend_rest=stiff.bend_rest * [1.0, 0.0], twist_rest=np.zeros(nb))
+    energy, gradient, band, *_ = evaluate(rule, straight, flat_ref, q)
+    flat = evaluate_flat(rule, straight, np.ascontiguousarray(q[:, [0, 2]]))
+    kept = np.flatnonzero(np.arange(q.size) % 2 == 0)  # x and z
+    scale = np.abs(band).max()
+    assert flat[0] == pytest.approx(energy, rel=1e-13)
+    np.testing.assert_allclose(flat[1], gradient[kept], atol=1e-13 * np.abs(gradient).max())
+    np.testing.assert_allclose(dense(flat[2]), dense(band)[np.ix_(kept, kept)], atol=1e-13 * scale)
+
+
+@pytest.mark.parametrize("flat", [False, True], ids=["space", "plane"])
+def test_strain_increments_are_the_differences_of_the_strains_and_forces_their_transpose(rod, flat):
+    rule, stiff, ref, q = rod
+    rng = np.random.default_rng(8)
+    nb = rule.weight.size
+    if flat:
+        q = np.ascontiguousarray(q[:, [0, 2]])
+        *_, by_stretch, by_other = evaluate_flat(rule, stiff, q)
+        forces, increments = plane.scatter_stress, plane.strain_increments
+    else:
+        *_, by_stretch, by_other = evaluate(rule, stiff, ref, q)
+        forces, increments = scatter_stress, strain_increments
+
+    def all_strains(x):
+        return plane.strains(x, rule) if flat else strains(x, rule, ref)
+
+    direction, step = rng.normal(size=q.shape), 1e-6
+    stretch, other = np.full(nb, np.nan), np.full((nb, 3), np.nan)
+    increments(rule, by_stretch, by_other, direction, stretch, other)
+    up, down = all_strains(q + step * direction), all_strains(q - step * direction)
+    for found, high, low in zip((stretch, other), up, down, strict=True):
+        wanted = (high - low) / (2 * step)
+        np.testing.assert_allclose(found, wanted, atol=1e-7 * np.abs(wanted).max())
+    # Stresses of stretch and twist are those of whole spans, straight lines at the most.
+    along = np.tile([-1.0, 0.0, 1.0], nb // 3)
+    whole = np.repeat(rng.normal(size=nb // 3), 3)
+    stress_s = whole + along * np.repeat(rule.stretch_linear, 3)
+    stress_o = rng.normal(size=(nb, 3))
+    stress_o[:, 2] = whole + along * np.repeat(rule.twist_linear, 3)
+    force = np.ones(q.size)
+    forces(rule, by_stretch, by_other, stress_s, stress_o, force)
+    power = np.sum(rule.weight * (stress_s * stretch + np.sum(stress_o * other, axis=1)))
+    assert (force - 1.0) @ direction.ravel() == pytest.approx(power, rel=1e-11)
 
 
 def test_carrying_the_frame_along_changes_no_strain(rod):
@@ -88,7 +186,7 @@ def test_twist_of_the_transported_frame_is_that_of_its_directors():
     q0[:, :3] += 0.01 * rng.normal(size=(9, 3))
     q1 = q0.copy()
     q1[:, :3] += 0.02 * rng.normal(size=(9, 3))
-    points = np.linspace(0.05, 0.35, 3)
+    points = np.array([0.05, 0.21, 0.35])  # with their neighbours in one knot span each
     step = 1e-5
     u = np.sort(np.concatenate([points - step, points, points + step]))
     ref, _ = twist_free(q0, basis, u)
@@ -114,8 +212,8 @@ def test_forces_do_not_change_with_rigid_motion(rod):
     moved = q.copy()
     moved[:, :3] = q[:, :3] @ turn.T + np.array([1.0, -2.0, 3.0])
     turned = Reference(ref.tangent @ turn.T, ref.rate @ turn.T, ref.director @ turn.T, ref.twist)
-    energy, gradient, _ = evaluate(rule, stiff, ref, q)
-    energy2, gradient2, _ = evaluate(rule, stiff, turned, moved)
+    energy, gradient, *_ = evaluate(rule, stiff, ref, q)
+    energy2, gradient2, *_ = evaluate(rule, stiff, turned, moved)
     assert energy2 == pytest.approx(energy, rel=1e-11)
     expected = gradient.reshape(-1, 4).copy()
     expected[:, :3] = expected[:, :3] @ turn.T
@@ -124,22 +222,50 @@ def test_forces_do_not_change_with_rigid_motion(rod):
     )
 
 
-def test_banded_factorisation_solves_and_counts_negative_eigenvalues():
-    rng = np.random.default_rng(0)
-    size, w = 40, BAND
+def banded_matrix(rng, size, width, shift):
+    """A random symmetric banded matrix and its lower rows."""
     full = rng.normal(size=(size, size))
-    full = full + full.T
-    full[np.abs(np.subtract.outer(np.arange(size), np.arange(size))) > w] = 0.0
-    full += 3.0 * np.eye(size)
-    band = np.zeros((size, w + 1))
+    full = full + full.T + shift * np.eye(size)
+    full[np.abs(np.subtract.outer(np.arange(size), np.arange(size))) >= width] = 0.0
+    band = np.zeros((size, width))
     for i in range(size):
-        for j in range(max(0, i - w), i + 1):
-            band[i, w - i + j] = full[i, j]
+        for j in range(max(0, i - width + 1), i + 1):
+            band[i, width - 1 - i + j] = full[i, j]
+    return full, band
+
+
+@pytest.mark.parametrize("width", [16, 8])
+@pytest.mark.parametrize("size", [6, 16, 17, 40, 161])
+@pytest.mark.parametrize("shift", [0.0, 3.0, 60.0])
+def test_banded_factorisation_solves_and_counts_negative_eigenvalues(width, size, shift):
+    rng = np.random.default_rng(size + width)
+    full, band = banded_matrix(rng, size, width, shift)
+    full[3, :], full[:, 3], full[3, 3] = 0.0, 0.0, 1.0  # an imposed unknown
+    for i in range(size):
+        for j in range(max(0, i - width + 1), i + 1):
+            band[i, width - 1 - i + j] = full[i, j]
+    values = np.linalg.eigvalsh(full)
     product, x = np.empty(size), rng.normal(size=size)
     banded.multiply(band, x, product)
-    np.testing.assert_allclose(product, full @ x)
+    np.testing.assert_allclose(product, full @ x, atol=1e-12 * values[-1])
     diagonal = np.empty(size)
-    negative = banded.factorise(band, diagonal)
-    assert negative == np.count_nonzero(np.linalg.eigvalsh(full) < 0.0) > 0
+    assert banded.factorise(band, diagonal) == np.count_nonzero(values < 0.0)
     banded.solve(band, diagonal, product)
-    np.testing.assert_allclose(product, x, atol=1e-8)
+    condition = np.abs(values).max() / np.abs(values).min()
+    np.testing.assert_allclose(product, x, atol=1e-12 * condition)
+
+
+@pytest.mark.parametrize("value", [0.0, np.nan, np.inf])
+def test_banded_factorisation_reports_a_pivot_that_is_none(value):
+    full, band = banded_matrix(np.random.default_rng(1), 24, 16, 30.0)
+    band[7, :] = 0.0
+    for i in range(8, 23):
+        band[i, 15 - i + 7] = 0.0
+    band[7, 15] = value
+    assert banded.factorise(band, np.empty(24)) == -1
+    assert not np.isnan(full).any()
+
+
+def test_banded_factorisation_refuses_other_widths():
+    with pytest.raises(ValueError, match="16 or 8"):
+        banded.factorise(np.ones((20, 12)), np.empty(20))

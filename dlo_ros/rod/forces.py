@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from dlo_ros.rod import kernels, material, plane, surroundings
+from dlo_ros.rod import assembly, kernels, material, plane, surroundings
 from dlo_ros.rod.plane import PLANAR
 
 
@@ -48,14 +48,14 @@ def assemble(q, rule, ref, matter, response, gradient, band, grad_s, grad_o):
         rule, ref: quadrature tables, reference frame.
         matter: see `Material`.
         response: room for stresses and tangents, see `material.room`.
-        gradient, band, grad_s, grad_o: outputs, see `kernels.assemble`.
+        gradient, band, grad_s, grad_o: outputs, see `assembly.assemble`.
     """
     stretch, other = strains(q, rule, ref)
     energy = material.respond(stretch, other, rule.weight, matter, response)
     if q.shape[1] == PLANAR:
         plane.assemble(q, rule, other, response, gradient, band, grad_s, grad_o)
     else:
-        kernels.assemble(q, rule, ref, other, response, gradient, band, grad_s, grad_o)
+        assembly.assemble(q, rule, ref, other, response, gradient, band, grad_s, grad_o)
     return energy + surroundings.resist(
         q, rule, matter.around, matter.history.anchor, gradient, band
     )
@@ -78,7 +78,7 @@ def stress_forces(rule, grad_s, grad_o, stress_s, stress_o):
         if dof == PLANAR:
             plane.scatter_stress(rule, grad_s, grad_o, stress_s[a], stress_o[a], out[a])
         else:
-            kernels.scatter_stress(rule, grad_s, grad_o, stress_s[a], stress_o[a], out[a])
+            assembly.scatter_stress(rule, grad_s, grad_o, stress_s[a], stress_o[a], out[a])
     return out
 
 
@@ -92,7 +92,7 @@ def strain_sensitivities(rule, grad_s, grad_o, dq):
         if dq.shape[2] == PLANAR:
             plane.strain_increments(rule, grad_s, grad_o, dq[a], stretch[a], other[a])
         else:
-            kernels.strain_increments(rule, grad_s, grad_o, dq[a], stretch[a], other[a])
+            assembly.strain_increments(rule, grad_s, grad_o, dq[a], stretch[a], other[a])
     return stretch, other
 
 

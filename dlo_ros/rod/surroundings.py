@@ -81,7 +81,7 @@ def resist(q, rule, around, anchor, gradient, band):
         rule: quadrature tables.
         around: see `Surroundings`.
         anchor: see `History`.
-        gradient, band: see `kernels.assemble`.
+        gradient, band: see `assembly.assemble`.
     """
     energy, dof = 0.0, q.shape[1]
     if around.friction > 0.0:

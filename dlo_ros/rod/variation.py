@@ -125,7 +125,7 @@ def _follow(system, q, other, old, varying, d_q, grad_s, grad_o):
         old: the state before it.
         varying: derivatives; those of q, frame, strains and history are changed.
         d_q: derivatives of the shape, shape (P, n, d).
-        grad_s, grad_o: derivatives of the strains, see `kernels.assemble`.
+        grad_s, grad_o: derivatives of the strains, see `assembly.assemble`.
     """
     rule = system.rule
     d_stretch, d_other = forces.strain_sensitivities(rule, grad_s, grad_o, d_q)
