@@ -49,10 +49,13 @@ def sample(times, positions, rotations, velocities, time, position, rotation):
 @njit(cache=True, nogil=True)
 def _slerp(a, b, s, out):
     """Spherical interpolation the short way round."""
-    u, v = a.copy(), b.copy()
-    _normalise(u)
-    _normalise(v)
-    dot = np.sum(u * v)
+    dot, size_a, size_b = 0.0, 0.0, 0.0
+    for i in range(4):
+        dot += a[i] * b[i]
+        size_a += a[i] * a[i]
+        size_b += b[i] * b[i]
+    size_a, size_b = np.sqrt(size_a), np.sqrt(size_b)
+    dot /= max(size_a * size_b, 1e-300)
     sign = -1.0 if dot < 0.0 else 1.0
     angle = np.arccos(min(abs(dot), 1.0))
     if angle < 1e-6:
@@ -60,12 +63,12 @@ def _slerp(a, b, s, out):
     else:
         wa, wb = np.sin((1.0 - s) * angle) / np.sin(angle), np.sin(s * angle) / np.sin(angle)
     for i in range(4):
-        out[i] = wa * u[i] + sign * wb * v[i]
+        out[i] = wa * a[i] / size_a + sign * wb * b[i] / size_b
 
 
 @njit(cache=True, nogil=True)
 def _normalise(q):
-    norm = np.sqrt(np.sum(q * q))
+    norm = np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     if norm > 1e-9 and np.isfinite(norm):
         q /= norm
     else:

@@ -62,7 +62,7 @@ def dense_stiffness(model: RodModel, state: State) -> np.ndarray:
     other = np.zeros((model.rule.weight.size, 3, 8))
     assemble(
         state.q, model.rule, state.reference, matter_of(model, state.history),
-        room(model.rule.weight.size), gradient, band, stretch, other,
+        room(model.rule.weight.size), np.empty(0), gradient, band, stretch, other,
     )  # fmt: skip
     full = np.zeros((size, size))
     for i in range(size):

@@ -139,6 +139,10 @@ class Effect:
         """What is truly imposed where `command` was commanded."""
         return command
 
+    def later(self) -> float:
+        """How much later than its commands say the DLO is seen to move [s]."""
+        return 0.0
+
     def measured(self, points: FloatArray) -> FloatArray:
         """Where the camera sees points (m, 3) of the board frame that are truly at `points`."""
         return points

@@ -14,6 +14,7 @@ from rcl_interfaces.msg import (
 )
 from rclpy.node import Node
 
+from dlo_ros.effects import quantities
 from dlo_ros.errors import ParameterError
 from dlo_ros.parameter_table import PARAMETERS, TABLE, Parameter
 from dlo_ros.parameters import EFFECTS_PREFIX, Settings
@@ -53,6 +54,19 @@ def declare(node: Node, name: str) -> Settings:
                 parameter.name,
                 list(value) if isinstance(value, tuple) else value,
                 descriptor(parameter),
+                ignore_override=True,
+            )
+    for effect, keys in settings.effects.items():
+        for key, number in keys.items():
+            quantity = quantities(effect)[key]
+            node.declare_parameter(
+                f"{EFFECTS_PREFIX}{effect}.{key}",
+                list(number) if isinstance(number, tuple) else number,
+                ParameterDescriptor(
+                    description=f"{quantity.description} [{quantity.unit or '1'}]",
+                    additional_constraints=f"from {quantity.lower:g} to {quantity.upper:g}",
+                    dynamic_typing=True,
+                ),
                 ignore_override=True,
             )
     return settings
@@ -104,13 +118,14 @@ class LiveSettings:
 
     def _merged(self, parameters: Sequence[Any]) -> Settings | None:
         """The settings with these changes; None where none of them is ours."""
-        changes = {p.name: _plain(p.value) for p in parameters if p.name in TABLE}
+        known = self.current.flat()
+        changes = {p.name: _plain(p.value) for p in parameters if p.name in known}
         if not changes:
             return None
         for key, value in changes.items():
             if value is None:
                 raise ParameterError(f"{key} cannot be removed")
-        return Settings.from_mapping({**self.current.flat(), **changes})
+        return Settings.from_mapping({**known, **changes})
 
     def _check(self, parameters: Sequence[Any]) -> SetParametersResult:
         try:

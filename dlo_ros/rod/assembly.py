@@ -54,6 +54,7 @@ def _stress(response, rule, e):
         wt * three(response.tension, e) * tension_share(rule.stretch_linear[e // 3]),
         wt * column(bend, e, 0), wt * column(bend, e, 1), wt * three(response.torque, e),
         wt * column(tangent, e, 0), wt * column(tangent, e, 1), wt * column(tangent, e, 2),
+        wt * three(response.pull, e) * tension_share(rule.stretch_linear[e // 3]),
     )  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""How the camera measures true shapes, where effects of measurement say so."""
+"""How and when the camera measures true shapes, where effects of measurement say so."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from dlo_ros.command import NANOSECONDS
 from dlo_ros.effects import Effect, build
 from dlo_ros.parameters import EFFECTS_PREFIX, Settings
 from dlo_ros.rod.tangents import STEP, varied
@@ -29,6 +30,11 @@ class Camera:
             for name in parameters
         ]
 
+    @property
+    def later(self) -> int:
+        """How much later than simulated a shape is seen [ns]."""
+        return round(sum(e.later() for e in self._effects) * NANOSECONDS)
+
     def measured(self, shape: FloatArray) -> FloatArray:
         """Control points as measured, of true ones; shape (n, 4), theta as it is."""
         if not self._effects:
@@ -42,11 +48,13 @@ class Camera:
             points = effect.true(points)
         return np.column_stack([points, shape[:, 3]]) if self._effects else shape
 
-    def sensitivity(self, shape: FloatArray, change: FloatArray) -> FloatArray:
+    def sensitivity(
+        self, shape: FloatArray, velocity: FloatArray, change: FloatArray
+    ) -> FloatArray:
         """Derivatives of measured control points.
 
         Args:
-            shape: true control points, shape (n, 4).
+            shape, velocity: true control points and their velocities, shape (n, 4) and (n, 3).
             change: their derivatives by the parameters, shape (P, n, 3).
 
         Returns:
@@ -57,7 +65,11 @@ class Camera:
         origin = _measured(self._effects, np.zeros((1, 3)))
         result = np.empty_like(change)
         for p, pair in enumerate(self._pairs):
-            result[p] = _measured(self._effects, change[p]) - origin
+            moved = change[p]
+            if pair is not None:  # what is seen later has gone less far
+                late = sum(e.later() for e in pair[0]) - sum(e.later() for e in pair[1])
+                moved = moved - late / (2.0 * STEP) * velocity
+            result[p] = _measured(self._effects, moved) - origin
             if pair is not None:
                 above, below = (_measured(effects, shape[:, :3]) for effects in pair)
                 result[p] += (above - below) / (2.0 * STEP)

@@ -73,6 +73,7 @@ class Stress(NamedTuple):
     t11: QuadType
     t12: QuadType
     t22: QuadType
+    pull: QuadType
 
 
 class SecondDerivatives(NamedTuple):
@@ -128,7 +129,7 @@ def second(x, kappa1, kappa2, f):
     m1_theta, m2_theta = f.t11 * kappa2 - f.t12 * kappa1, f.t12 * kappa2 - f.t22 * kappa1
 
     # By p twice: symmetric products of t, u, a and v with these, and a multiple of the unit matrix.
-    pull = f.tension * r
+    pull = f.pull * r
     by_t = mix3(
         -3.0 * bent * r, across,
         4.5 * work * r2 + 0.5 * (m * r * (lag - 3.0 * c) - pull), t,

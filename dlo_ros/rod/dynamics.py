@@ -39,13 +39,15 @@ class Track:
 
     Args:
         state: at the last stamp.
-        shapes: control points of the simulation's basis at every stamp, shape (S, n, 4).
+        shapes, speeds: control points of the simulation's basis at every stamp and their
+            velocities, shape (S, n, 4).
         derivatives: with respect to the logarithms of the P parameters, shape (S, P, n, 4).
         steps: taken, rejected ones included.
     """
 
     state: State
     shapes: FloatArray
+    speeds: FloatArray
     derivatives: FloatArray
     steps: int
 
@@ -91,13 +93,14 @@ def follow(
     else:
         varying = nothing_varies(state, 0, flat=flat)
     times = (np.asarray(stamps, dtype=np.int64) - true.stamp) / NANOSECONDS
-    shapes = np.empty((len(times), *moving.q.shape))
+    shapes, speeds = (np.empty((len(times), *moving.q.shape)) for _ in range(2))
     derivatives = np.empty((len(times), len(parameters), *moving.q.shape))
     tolerance = STEP_SHARE * model.settings.simulation.tolerance * model.basis.length
     newton = min(NEWTON_SHARE * tolerance / model.basis.length, NEWTON_LARGEST)
     status, steps = engine.march(
-        rod.system, rod.imposed, moving, times, tolerance, newton, varying, shapes, derivatives
-    )
+        rod.system, rod.imposed, moving, times, tolerance, newton, varying, shapes, speeds,
+        derivatives,
+    )  # fmt: skip
     if status == NO_DIRECTION:
         raise CommandError(NO_DIRECTION_TEXT)
     if status != DONE:
@@ -107,7 +110,8 @@ def follow(
         )
     last = int(stamps[-1]) if len(stamps) else state.stamp
     new = state_of(model, state, moving, last, varying if parameters else None)
-    return Track(new, expand(shapes, state.q), expand(derivatives, state.q), steps)
+    shapes, speeds, derivatives = (expand(x, state.q) for x in (shapes, speeds, derivatives))
+    return Track(new, shapes, speeds, derivatives, steps)
 
 
 def with_consistent_acceleration(

@@ -25,7 +25,8 @@ def _next_stop(times, now, stop):
 
 
 @njit(cache=True, nogil=True)
-def march(system, imposed, state, stops, tolerance, newton, varying, shapes, derivatives):
+def march(system, imposed, state, stops, tolerance, newton, varying, shapes, speeds,
+          derivatives):  # fmt: skip
     """Integrate to a series of times.
 
     Args:
@@ -35,7 +36,7 @@ def march(system, imposed, state, stops, tolerance, newton, varying, shapes, der
         tolerance: error that one step may add [m], in the mean over the rod.
         newton: error that Newton's method may leave, of L.
         varying: the state's derivatives by the parameters, see `variation`; changed likewise.
-        shapes: output, (S, n, d).
+        shapes, speeds: output, control points and their velocities, (S, n, d).
         derivatives: output, (S, P, n, d).
 
     Returns:
@@ -75,6 +76,7 @@ def march(system, imposed, state, stops, tolerance, newton, varying, shapes, der
                 new.clock[TIME] = limit
             commit(new, state)
         assign(shapes[k], state.q)
+        assign(speeds[k], state.velocity)
         for a in range(count):
             assign(derivatives[k, a], varying.q[a])
     return DONE, steps

@@ -72,6 +72,15 @@ def _turn(frame, quaternion):
 
 
 @njit(cache=True, nogil=True)
+def _find(kinds, kind):
+    """Which of the imposed things is of a kind; -1: none."""
+    for k in range(kinds.size):
+        if kinds[k] == kind:
+            return k
+    return -1
+
+
+@njit(cache=True, nogil=True)
 def impose(imposed, time, theta, reach, frames, target, pins):
     """Values of the held degrees of freedom at a time.
 
@@ -91,30 +100,24 @@ def impose(imposed, time, theta, reach, frames, target, pins):
         imposed.times, imposed.positions, imposed.rotations, imposed.velocities, time, position,
         rotation,
     )  # fmt: skip
-    tip, second, clamp = np.full(2, -1), np.full(2, -1), np.full(2, -1)
     pinned = 0
     for k in range(count):
-        kind = imposed.kinds[k]
-        if kind == PIN:
+        if imposed.kinds[k] == PIN:
             pins[pinned] = position[k]
             pinned += 1
-        elif kind in (START_CLAMP, END_CLAMP):
-            clamp[0 if kind == START_CLAMP else 1] = k
-        elif kind in (START_TIP, END_TIP):
-            tip[0 if kind == START_TIP else 1] = k
-        else:
-            second[0 if kind == START_SECOND else 1] = k
     last = target.shape[0] - 1
     for end in range(2):
         outer, inner, sign = (0, 1, 1.0) if end == 0 else (last, last - 1, -1.0)
-        at = clamp[end] if clamp[end] >= 0 else tip[end]
+        clamp = _find(imposed.kinds, START_CLAMP if end == 0 else END_CLAMP)
+        second = _find(imposed.kinds, START_SECOND if end == 0 else END_SECOND)
+        at = _find(imposed.kinds, START_TIP if end == 0 else END_TIP) if clamp < 0 else clamp
         frames[end, THETA] = theta[end]
         directed = False
-        if clamp[end] >= 0:
-            _turn(frames[end], rotation[clamp[end]])
+        if clamp >= 0:
+            _turn(frames[end], rotation[clamp])
             directed = True
-        elif second[end] >= 0:
-            chord = sign * (position[second[end]] - position[at])
+        elif second >= 0:
+            chord = sign * (position[second] - position[at])
             size = np.sqrt(np.dot(chord, chord))
             if size < 1e-9 * reach:
                 return False

@@ -24,7 +24,7 @@ def room(points):
     """A response to write to, for a number of quadrature points."""
     return Response(
         np.empty(points), np.empty((points, 2)), np.empty(points), np.empty(points),
-        np.empty((points, 3)), np.empty(points),
+        np.empty((points, 3)), np.empty(points), np.empty(points),
     )  # fmt: skip
 
 
@@ -109,6 +109,7 @@ def respond(stretch, other, weight, material, out):
         x2 = other[e, 1] - stiff.bend_rest[e, 1]
         x3 = other[e, 2] - stiff.twist_rest[e]
         out.tension[e], out.torque[e] = stiff.stretch[e] * x0, stiff.twist[e] * x3
+        out.pull[e] = out.tension[e]
         out.bend[e, 0], out.bend[e, 1] = stiff.bend[e, 0] * x1, stiff.bend[e, 1] * x2
         out.stretch_tangent[e], out.twist_tangent[e] = stiff.stretch[e], stiff.twist[e]
         out.bend_tangent[e, 0], out.bend_tangent[e, 2] = stiff.bend[e, 0], stiff.bend[e, 1]

@@ -19,6 +19,7 @@ from dlo_ros.rod.tables import History, Reference
 from dlo_ros.rod.variation import Varying
 from dlo_ros.spline import FloatArray
 
+
 def parts_of(model: RodModel, boundary: Boundary, *, flat: bool) -> System:
     """The rod's numbers as one variant, without the leading axis that compiled code expects."""
     n = model.basis.control_points

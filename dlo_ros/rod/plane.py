@@ -92,13 +92,14 @@ def assemble(q, rule, other, response, gradient, band, grad_stretch, grad_other)
         r = np.sqrt(r2)
         g, tx, tz = r2 * r, px * r, pz * r
         tension = wt * three(response.tension, e) * tension_share(line)
+        drawn = wt * three(response.pull, e) * tension_share(line)
         stress, b = wt * column(response.bend, e, 0), wt * column(response.bend_tangent, e, 0)
         # Gradient of the curvature with respect to (p_x, p_z, s_x, s_z).
         f = 3.0 * kappa * r2
         kpx, kpz, ksx, ksz = -sz * g - f * px, sx * g - f * pz, pz * g, -px * g
         # Second derivatives of kappa, times the stress, and the Gauss-Newton part; then those of
         # the stretch, times the tension.
-        m, q15, fs, soft = 3.0 * g * r2 * stress, 5.0 * f * r2 * stress, f * stress, tension * r
+        m, q15, fs, soft = 3.0 * g * r2 * stress, 5.0 * f * r2 * stress, f * stress, drawn * r
         hxx = b * kpx * kpx + 2.0 * m * sz * px - fs + q15 * px * px + soft * tz * tz
         hxz = b * kpx * kpz + m * (sz * pz - sx * px) + q15 * px * pz - soft * tx * tz
         hzz = b * kpz * kpz - 2.0 * m * sx * pz - fs + q15 * pz * pz + soft * tx * tx

@@ -11,8 +11,7 @@ from dlo_ros.rod.material import room
 from dlo_ros.rod.moving import TIME, assign
 from dlo_ros.rod.stepping import DONE, NO_CONVERGENCE, NO_DIRECTION, remembered
 from dlo_ros.rod.surroundings import rest_anchor
-from dlo_ros.rod.system import growth, inertia_of, load_of, matter_of, targets
-from dlo_ros.rod.tables import Material, Surroundings
+from dlo_ros.rod.system import ITSELF, growth, inertia_of, load_of, matter_of, targets, untouched
 
 MOVE_LIMIT = 0.05  # imposed motion per increment, of L
 TURN_LIMIT = 0.15  # imposed rotation per increment [rad]
@@ -39,11 +38,12 @@ def _increments(system, q, target, gap, before, after):
 
 
 @njit(cache=True, nogil=True)
-def _untouched(m):
-    """The material without friction, which a DLO at its start has not felt yet."""
-    a = m.around
-    around = Surroundings(0.0, a.creep, a.pegs, a.contact, a.span, a.b, a.weight)
-    return Material(m.stiffness, m.damping, m.bend_rest, m.law, around, m.history)
+def _longest(length, around):
+    """How far a control point may move in one iteration [m]: not over a peg."""
+    result = 0.1 * length
+    for peg in around.pegs:
+        result = min(result, 0.5 * peg[2])
+    return result
 
 
 @njit(cache=True, nogil=True)
@@ -62,8 +62,8 @@ def settle(system, imposed, state, time, rate2, tolerance, fresh, rest):
         Status, Newton iterations, the number of negative eigenvalues of the stiffness (0:
         stable), and whether an unstable equilibrium was left on the way.
     """
-    factor = growth(imposed, 0, time)
-    usable, target, gap = targets(system, 0, imposed, time, state.q, rest.frames)
+    factor = growth(imposed, ITSELF, time)
+    usable, target, gap = targets(system, ITSELF, imposed, time, state.q, rest.frames)
     if not usable:
         return NO_DIRECTION, 0, 0, False
     q, ref, history, rule = rest.q, state.reference, rest.history, system.rule
@@ -71,11 +71,12 @@ def settle(system, imposed, state, time, rate2, tolerance, fresh, rest):
         gap[a] -= np.dot(system.pins[a], q.ravel())
     count = _increments(system, q, target, gap, state.frames, rest.frames)
     total, negative, buckled = 0, 0, False
-    load = load_of(system, 0, factor).ravel()
-    mass, spin = inertia_of(system, 0, factor, 1.0, 0.0)
-    matter = matter_of(system, 0, factor, history)
+    load = load_of(system, ITSELF, factor).ravel()
+    mass, spin = inertia_of(system, ITSELF, factor, 1.0, 0.0)
+    matter = matter_of(system, ITSELF, factor, history)
     if fresh:
-        matter = _untouched(matter)
+        matter = untouched(matter)
+    longest = _longest(system.length, matter.around)
     flat, change = q.ravel(), np.zeros(q.size)
     for k in range(1, count + 1):
         for i in range(q.size):
@@ -84,7 +85,7 @@ def settle(system, imposed, state, time, rate2, tolerance, fresh, rest):
                 change[i] = start + k / count * (target.ravel()[i] - start) - flat[i]
         iterations, negative, ref = solver.equilibrium(
             q, change, system.fixed, system.pins, gap / count, rule, matter, ref, load, mass,
-            spin, rate2, system.length, tolerance,
+            spin, rate2, system.length, longest, tolerance,
         )  # fmt: skip
         total += abs(iterations)
         if iterations < 0 or not np.all(np.isfinite(q)):
@@ -97,7 +98,7 @@ def settle(system, imposed, state, time, rate2, tolerance, fresh, rest):
             break
         buckled = True
         iterations, negative, ref = _escape(
-            q, system, matter, ref, load, mass, spin, rate2, tolerance
+            q, system, matter, ref, load, mass, spin, rate2, longest, tolerance
         )
         total += abs(iterations)
     stretch, other = forces.strains(q, rule, ref)
@@ -122,7 +123,7 @@ def settle(system, imposed, state, time, rate2, tolerance, fresh, rest):
 
 
 @njit(cache=True, nogil=True)
-def _escape(q, system, matter, ref, load, mass, spin, rate2, tolerance):
+def _escape(q, system, matter, ref, load, mass, spin, rate2, longest, tolerance):
     """Leave an unstable equilibrium, as a DLO that buckles does, and settle beside it.
 
     It goes along its softest motion, to the side where the energy is lower. Where nothing decides
@@ -148,7 +149,7 @@ def _escape(q, system, matter, ref, load, mass, spin, rate2, tolerance):
     trial = q + sign * reach * mode
     iterations, negative, frame = solver.equilibrium(
         trial, np.zeros(q.size), system.fixed, system.pins, np.zeros(system.pins.shape[0]),
-        system.rule, matter, ref, load, mass, spin, rate2, system.length, tolerance,
+        system.rule, matter, ref, load, mass, spin, rate2, system.length, longest, tolerance,
     )  # fmt: skip
     if iterations < 0 or not np.all(np.isfinite(trial)):
         return abs(iterations), 1, ref

@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dlo_ros.command import NANOSECONDS, Command, Motion
-from dlo_ros.effects import build
 from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
@@ -104,9 +103,10 @@ class Simulation:
                     f"the observed spline has {len(observation.control_points)} control points; "
                     f"rod.control_points is {n}"
                 )
+        observations = [replace(o, stamp=o.stamp - self._camera.later) for o in observations]
         first = observations[needed - 1]
         command = self._command(first.stamp)
-        stop = command.end_stamp if last_stamp is None else last_stamp
+        stop = command.end_stamp if last_stamp is None else last_stamp - self._camera.later
         stamps = np.linspace(first.stamp, max(stop, first.stamp), 200).astype(np.int64)
         shape = self._camera.true(first.control_points)
         if self._spans is None:
@@ -148,8 +148,8 @@ class Simulation:
 
     @property
     def stamp(self) -> int:
-        """The simulated instant [ns]."""
-        return self._started().stamp
+        """The simulated instant, as it is seen [ns]."""
+        return self._started().stamp + self._camera.later
 
     def fork(self, settings: Settings) -> Simulation:
         """An independent simulation that goes on from the present state with other parameters."""
@@ -163,25 +163,14 @@ class Simulation:
         return replace(state, sensitivity=nothing_varies(state, count) if count else None)
 
     def _command(self, stamp: int) -> Command:
-        """The command that rules the DLO at a stamp [ns], which may be later than it says."""
-        command = self.motion.at(stamp - self._delay())
+        command = self.motion.at(stamp)
         if command is None:
             raise InputError("there is no dlo/command; the simulation needs to know what is held")
         return command
 
-    def _delay(self) -> int:
-        """How much later than commanded the DLO is moved [ns]."""
-        if not self.settings.effects or not self.motion.commands:
-            return 0
-        first = self.motion.commands[0]
-        true = first
-        for effect in build(self.settings.effects):
-            true = effect.impose(true)
-        return true.stamp - first.stamp
-
     def advance(self, stamp: int) -> Prediction:
         """Simulate to a stamp [ns]; see `advance_through`."""
-        if stamp == self._started().stamp:
+        if stamp == self.stamp:
             return self.prediction()
         return self.advance_through([stamp])[0]
 
@@ -193,11 +182,12 @@ class Simulation:
             SimulationError: the motion cannot be followed; the state stays as it was.
         """
         state, model, boundary = self._started(), self.model, self.boundary
-        if stamps and stamps[0] < state.stamp:
+        if stamps and stamps[0] < self.stamp:
             raise InputError(
-                f"the simulation is at {state.stamp / NANOSECONDS:.3f} s and cannot go back to "
+                f"the simulation is at {self.stamp / NANOSECONDS:.3f} s and cannot go back to "
                 f"{stamps[0] / NANOSECONDS:.3f} s; reset it"
             )
+        stamps = [stamp - self._camera.later for stamp in stamps]
         predictions: list[Prediction] = []
         for stops in self._legs(state.stamp, stamps):
             command = self._command(max(stops[0] - 1, state.stamp))
@@ -218,7 +208,10 @@ class Simulation:
                 else:
                     down = self.published.projection(model.basis)
                     predictions += [
-                        self._seen(leg[k], down @ track.shapes[k], down, track.derivatives[k])
+                        self._seen(
+                            leg[k], down @ track.shapes[k], down, track.speeds[k],
+                            track.derivatives[k],
+                        )
                         for k in wanted
                     ]
         self.state, self.model, self.boundary = state, model, boundary
@@ -228,8 +221,7 @@ class Simulation:
         """The stamps in groups that one command rules each, its last stop where it ends."""
         if not stamps:
             return []
-        starts = [c.stamp + self._delay() for c in self.motion.commands]
-        changes = sorted(s for s in starts if now < s < stamps[-1])
+        changes = sorted(c.stamp for c in self.motion.commands if now < c.stamp < stamps[-1])
         legs = []
         for until in [*changes, stamps[-1]]:
             leg = [s for s in stamps if now < s <= until]
@@ -251,7 +243,7 @@ class Simulation:
 
     def hold(self, stamp: int) -> None:
         """Stand still until a stamp [ns]: what a motion that cannot be followed leaves to do."""
-        state = self._started()
+        state, stamp = self._started(), stamp - self._camera.later
         zero = np.zeros_like(state.q)
         self.state = self._insensitive(
             replace(
@@ -267,6 +259,7 @@ class Simulation:
             SimulationError: there is no equilibrium; the state stays as it was.
         """
         state, model, boundary = self._started(), self.model, self.boundary
+        stamp -= self._camera.later
         command = self._command(stamp)
         if command.names != boundary.names:
             state, model, boundary = self._regrip(state, command)
@@ -284,23 +277,24 @@ class Simulation:
         derivative = None if state.sensitivity is None else state.sensitivity.q
         shape = state.q.copy()
         shape[:, 3] = twist_angle(state, model)
-        return self._seen(state.stamp, down @ shape, down, derivative)
+        return self._seen(state.stamp, down @ shape, down, state.velocity, derivative)
 
     def _seen(
-        self, stamp: int, shape: FloatArray, down: FloatArray, derivative: FloatArray | None
-    ) -> Prediction:
-        """A shape (n, 4) in the published basis, as the camera measures it.
+        self, stamp: int, shape: FloatArray, down: FloatArray, velocity: FloatArray,
+        derivative: FloatArray | None,
+    ) -> Prediction:  # fmt: skip
+        """A shape (n, 4) in the published basis, as and when the camera measures it.
 
         Args:
             down: projection onto the published basis.
-            derivative: in the simulation's basis, shape (P, m, 4).
+            velocity, derivative: in the simulation's basis, shape (m, 4) and (P, m, 4).
         """
+        stamp, seen = stamp + self._camera.later, self._camera.measured(shape)
         if not self.parameters or derivative is None:
-            return Prediction(stamp, self._camera.measured(shape))
+            return Prediction(stamp, seen)
         change = np.einsum("ij,pjc->pic", down, derivative[:, :, :3])
-        return Prediction(
-            stamp, self._camera.measured(shape), self._camera.sensitivity(shape, change)
-        )
+        speed = (down @ velocity)[:, :3]
+        return Prediction(stamp, seen, self._camera.sensitivity(shape, speed, change))
 
     def update(self, settings: Settings) -> None:
         """Change material, damping, gravity or tolerance while the simulation runs.

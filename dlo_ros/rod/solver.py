@@ -15,12 +15,15 @@ from dlo_ros.rod.forces import (
     assemble,
     energy_of,
     multiply_scalar,
+    promise,
     strain_gradients,
     transport,
 )
 from dlo_ros.rod.material import room
 
 MAX_STATIC_ITERATIONS = 300
+MAX_NEWTON = 50
+PATIENCE = 10  # iterations after which corrections must at least halve
 FREE_ITERATIONS = 60  # of those, without a check of the energy
 
 
@@ -38,7 +41,7 @@ def _largest(x, dof):
 
 @njit(cache=True, nogil=True)
 def equilibrium(q, increment, fixed, pins, gap, rule, matter, ref, load, mass, spin, rate2,
-                length, tolerance):  # fmt: skip
+                length, longest, tolerance):  # fmt: skip
     """Static equilibrium: Newton's method with a mass shift, descending in total energy.
 
     Args:
@@ -51,6 +54,7 @@ def equilibrium(q, increment, fixed, pins, gap, rule, matter, ref, load, mass, s
         mass, spin: basis matrices of the shift, shape (n, 4).
         rate2: scale of the shift [1/s^2].
         length: L [m].
+        longest: how far a control point may move in one iteration [m].
         tolerance: convergence when a full Newton step is smaller than tolerance * L.
 
     Returns:
@@ -61,14 +65,16 @@ def equilibrium(q, increment, fixed, pins, gap, rule, matter, ref, load, mass, s
     gradient, band = np.empty(size), np.empty((size, 4 * q.shape[1]))
     work, diagonal = np.empty((size, 4 * q.shape[1])), np.empty(size)
     grad_s, grad_o = strain_gradients(q, rule)
-    response = room(rule.weight.size)
+    response, spare, promised = room(rule.weight.size), room(rule.weight.size), np.empty(0)
     steps, step = np.empty((1, size)), np.empty(size)
     changes, still = increment.reshape(1, size), np.zeros((1, size))
     closed = np.zeros(gap.size)
     first = np.any(increment != 0.0) or np.any(gap != 0.0)
     shift = 0.0
     for iteration in range(1, MAX_STATIC_ITERATIONS + 1):
-        energy = assemble(q, rule, ref, matter, response, gradient, band, grad_s, grad_o)
+        energy = assemble(
+            q, rule, ref, matter, response, promised, gradient, band, grad_s, grad_o
+        )
         energy -= np.dot(load, q.ravel())
         lack = gap if first else closed
         accepted = False
@@ -98,16 +104,17 @@ def equilibrium(q, increment, fixed, pins, gap, rule, matter, ref, load, mass, s
             trial = q + step.reshape(q.shape)
             # A long step bends before it stretches back: its energy says nothing at first, so
             # the descent is demanded only of a search that does not converge by itself.
-            if move > 0.1 * length or turn > 1.0:
+            if move > longest or turn > 1.0:
                 accepted = False
             elif first or iteration <= FREE_ITERATIONS:
                 accepted = True
             else:
-                new = energy_of(trial, rule, ref, matter, response) - np.dot(load, trial.ravel())
+                new = energy_of(trial, rule, ref, matter, spare) - np.dot(load, trial.ravel())
                 scale = abs(energy) + np.abs(load * q.ravel()).sum()
                 accepted = new <= energy + 1e-13 * scale
             if accepted:
                 q[:, :] = trial
+                promised = promise(rule, response, grad_s, grad_o, steps)
                 break
             shift = max(4.0 * shift, 1e-2 * rate2)
         if not accepted:
@@ -131,7 +138,7 @@ def equilibrium(q, increment, fixed, pins, gap, rule, matter, ref, load, mass, s
 
 @njit(cache=True, nogil=True)
 def implicit_step(q, target, fixed, pins, gap, rule, matter, ref, inertia, spin, rhs, length,
-                  tolerance, max_iterations):  # fmt: skip
+                  tolerance):  # fmt: skip
     """Solve inertia q + elastic gradient(q) = rhs for one step in time.
 
     Args:
@@ -152,12 +159,12 @@ def implicit_step(q, target, fixed, pins, gap, rule, matter, ref, inertia, spin,
     gradient, band = np.empty(size), np.empty((size, 4 * dof))
     diagonal, steps, increments = np.empty(size), np.empty((1, size)), np.zeros((1, size))
     grad_s, grad_o = strain_gradients(q, rule)
-    response = room(rule.weight.size)
+    response, promised = room(rule.weight.size), np.empty(0)
     product = np.empty(q.shape)
     lack = np.empty(gap.size)
     before = 0.0
-    for iteration in range(1, max_iterations + 1):
-        assemble(q, rule, ref, matter, response, gradient, band, grad_s, grad_o)
+    for iteration in range(1, MAX_NEWTON + 1):
+        assemble(q, rule, ref, matter, response, promised, gradient, band, grad_s, grad_o)
         add_scalar_band(band, inertia, spin, 1.0)
         multiply_scalar(inertia, spin, q, product)
         for i in range(q.shape[0]):
@@ -184,13 +191,16 @@ def implicit_step(q, target, fixed, pins, gap, rule, matter, ref, inertia, spin,
         for i in range(q.shape[0]):
             for c in range(dof):
                 q[i, c] += step[dof * i + c]
+        promised = promise(rule, response, grad_s, grad_o, steps)
         # Where corrections shrink, the next one is smaller than this one in the same ratio.
         now = max(move / length, 0.1 * turn)
         left = now if iteration == 1 else now * min(now / before, 1.0)
         if left < tolerance:
             return iteration, held_back(negative, schur)
+        if iteration > PATIENCE and now > 0.5 * before:
+            return -iteration, 0
         before = now
-    return -max_iterations, 0
+    return -MAX_NEWTON, 0
 
 
 @njit(cache=True, nogil=True)
@@ -207,7 +217,8 @@ def linearise(q, rule, matter, ref, inertia, spin):
     gradient, band = np.empty(q.size), np.empty((q.size, 4 * q.shape[1]))
     grad_s, grad_o = strain_gradients(q, rule)
     response = room(rule.weight.size)
-    assemble(q, rule, ref, matter, response, gradient, band, grad_s, grad_o)
+    exact = np.empty(0)
+    assemble(q, rule, ref, matter, response, exact, gradient, band, grad_s, grad_o)
     add_scalar_band(band, inertia, spin, 1.0)
     return band, gradient, response, grad_s, grad_o
 

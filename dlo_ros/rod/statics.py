@@ -101,7 +101,7 @@ def settle(
     varying = None
     if parameters:
         varying = rod.mark(nothing_varies(state, len(parameters), flat=flat))
-        vary_rest(rod.system, rod.imposed, before.q, rest, before.history, varying)
+        vary_rest(rod.system, rod.imposed, before.q, rest, before.history, fresh, varying)
     new = state_of(model, state, rest, stamp, varying)
     if flat:
         negative = max(negative, _unstable_directions(model, boundary, new.q, new.reference))
@@ -165,7 +165,7 @@ def relax_stretch(model: RodModel, boundary: Boundary, held: Held, q: FloatArray
         iterations, _ = solver.implicit_step(
             q, held.target, boundary.fixed, boundary.pins, boundary.pin_values(held),
             model.rule, matter, state.reference, pull * unit, pull * unit, pull * given,
-            model.basis.length, 1e-8, 50,
+            model.basis.length, 1e-8,
         )  # fmt: skip
         if iterations < 0:
             break

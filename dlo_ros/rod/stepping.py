@@ -13,7 +13,7 @@ from dlo_ros.rod.constraints import back_substitute
 from dlo_ros.rod.material import remember
 from dlo_ros.rod.moving import LAST, NEXT, TIME, assign
 from dlo_ros.rod.surroundings import drag_along
-from dlo_ros.rod.system import growth, inertia_of, matter_of, residual, targets
+from dlo_ros.rod.system import ITSELF, growth, inertia_of, matter_of, residual, targets
 from dlo_ros.rod.tables import Material
 
 RHO = 0.6  # spectral radius at infinity; above 0.8 the stiff stretch blows up (numerics.md)
@@ -22,7 +22,6 @@ ALPHA_F = RHO / (RHO + 1.0)
 GAMMA = 0.5 + ALPHA_F - ALPHA_M
 BETA = 0.25 * (GAMMA + 0.5) ** 2
 SMALLEST_STEP = 1e-6  # [s]
-MAX_NEWTON = 12
 
 DONE, NO_CONVERGENCE, NO_DIRECTION = 0, 1, 2
 
@@ -113,9 +112,9 @@ def step(system, imposed, state, h, tolerance, new):
         Status and the estimated error of the step [m].
     """
     time = state.clock[TIME] + h
-    matter = damped(system, 0, imposed, state, h)
+    matter = damped(system, ITSELF, imposed, state, h)
     assign(new.frames, state.frames)
-    usable, target, gap = targets(system, 0, imposed, time, state.q, new.frames)
+    usable, target, gap = targets(system, ITSELF, imposed, time, state.q, new.frames)
     if not usable:
         return NO_DIRECTION, np.inf
     q_star, v_star, lag = extrapolated(
@@ -123,18 +122,18 @@ def step(system, imposed, state, h, tolerance, new):
     )
     # Inertia and drag that the past causes, and the loads: the right-hand side.
     c_mass, c_drag = weights(h)
-    factor = growth(imposed, 0, time)
+    factor = growth(imposed, ITSELF, time)
     q, still = new.q, np.zeros(q_star.shape)
     velocity, acceleration, _ = reached(still, q_star, v_star, lag, h)
-    rhs = residual(system, 0, factor, velocity, acceleration)
+    rhs = residual(system, ITSELF, factor, velocity, acceleration)
     for i in range(q.shape[0]):
         for c in range(q.shape[1]):
             rhs[i, c] = -rhs[i, c]
             q[i, c] = q_star[i, c] + h * h * BETA * state.auxiliary[i, c]
-    inertia, spin = inertia_of(system, 0, factor, c_mass, c_drag)
+    inertia, spin = inertia_of(system, ITSELF, factor, c_mass, c_drag)
     iterations, negative = solver.implicit_step(
         q, target, system.fixed, system.pins, gap, system.rule, matter, state.reference,
-        inertia, spin, rhs, system.length, tolerance, MAX_NEWTON,
+        inertia, spin, rhs, system.length, tolerance,
     )  # fmt: skip
     # A negative eigenvalue: the step has left the branch that a smaller one would follow.
     if iterations < 0 or (negative > 0 and h > 10.0 * SMALLEST_STEP):
@@ -192,17 +191,17 @@ def _mean_jump(fixed, new, old):
 @njit(cache=True, nogil=True)
 def starting_acceleration(system, imposed, state):
     """The acceleration that the forces of a state cause, imposed points not accelerated."""
-    factor = growth(imposed, 0, state.clock[TIME])
+    factor = growth(imposed, ITSELF, state.clock[TIME])
     none = np.zeros((state.q.shape[0], 4))
-    matter = matter_of(system, 0, factor, state.history)
+    matter = matter_of(system, ITSELF, factor, state.history)
     _, gradient, _, _, _ = solver.linearise(
         state.q, system.rule, matter, state.reference, none, none
     )
-    pull = residual(system, 0, factor, state.velocity, np.zeros(state.q.shape)).ravel()
+    pull = residual(system, ITSELF, factor, state.velocity, np.zeros(state.q.shape)).ravel()
     right = np.empty((1, state.q.size))
     for i in range(state.q.size):
         right[0, i] = -pull[i] - gradient[i]
-    mass, spin = inertia_of(system, 0, factor, 1.0, 0.0)
+    mass, spin = inertia_of(system, ITSELF, factor, 1.0, 0.0)
     band, diagonal = solver.factorised_mass(mass, spin, system.fixed, right)
     back_substitute(band, diagonal, system.pins, np.zeros((1, system.pins.shape[0])), right)
     return right[0].reshape(state.q.shape)

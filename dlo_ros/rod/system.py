@@ -7,11 +7,14 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from dlo_ros.rod import forces
 from dlo_ros.rod.constraints import pin_gap
 from dlo_ros.rod.grips import Imposed, impose
 from dlo_ros.rod.tables import Law, Material, Quadrature, Stiffness, Surroundings
 from dlo_ros.spline import FloatArray
+
+
+ITSELF = np.int64(0)  # number of the variant that is the rod itself
+# (a plain 0 would have everything compiled once more, for that constant)
 
 
 class Uniform(NamedTuple):
@@ -99,6 +102,14 @@ def matter_of(system, k, factor, history):
 
 
 @njit(cache=True, nogil=True)
+def untouched(m):
+    """The material without friction, which a DLO at its start has not felt yet."""
+    a = m.around
+    around = Surroundings(0.0, a.creep, a.pegs, a.contact, a.span, a.b, a.weight)
+    return Material(m.stiffness, m.damping, m.bend_rest, m.law, around, m.history)
+
+
+@njit(cache=True, nogil=True)
 def inertia_of(system, k, factor, c_mass, c_drag):
     """c_mass times mass plus c_drag times drag, for positions and theta: lower bands (n, 4)."""
     more, u = factor - 1.0, system.uniform
@@ -127,15 +138,25 @@ def load_of(system, k, factor):
 @njit(cache=True, nogil=True)
 def residual(system, k, factor, velocity, acceleration):
     """Inertia and drag less the dead loads of variant k [N], shape (n, d)."""
-    mass, spin = inertia_of(system, k, factor, 1.0, 0.0)
-    drag, still = inertia_of(system, k, factor, 0.0, 1.0)
-    result, viscous = np.empty(velocity.shape), np.empty(velocity.shape)
-    forces.multiply_scalar(mass, spin, acceleration, result)
-    forces.multiply_scalar(drag, still, velocity, viscous)
-    load = load_of(system, k, factor)
+    result, dof = load_of(system, k, factor), velocity.shape[1]
+    more, u = factor - 1.0, system.uniform
     for i in range(result.shape[0]):
-        for c in range(result.shape[1]):
-            result[i, c] += viscous[i, c] - load[i, c]
+        for c in range(dof):
+            result[i, c] = -result[i, c]
+    for i in range(result.shape[0]):
+        for j in range(max(0, i - 3), i + 1):
+            at = 3 - i + j
+            mass = system.mass[k, i, at] + more * u.mass[k, i, at]
+            drag = system.drag[k, i, at] + more * u.drag[k, i, at]
+            for c in range(min(dof, 3)):
+                result[i, c] += mass * acceleration[j, c] + drag * velocity[j, c]
+                if j < i:
+                    result[j, c] += mass * acceleration[i, c] + drag * velocity[i, c]
+            if dof == 4:  # theta has no drag
+                spin = system.spin[k, i, at] + more * u.spin[k, i, at]
+                result[i, 3] += spin * acceleration[j, 3]
+                if j < i:
+                    result[j, 3] += spin * acceleration[i, 3]
     return result
 
 

@@ -64,6 +64,7 @@ class Response(NamedTuple):
     stretch_tangent: FloatArray  # (nb,) [N]
     bend_tangent: FloatArray  # (nb, 3) 11, 12, 22 [N m^2]
     twist_tangent: FloatArray  # (nb,) [N m^2]
+    pull: FloatArray  # (nb,) tension that counts in the second derivatives [N]
 
 
 class Surroundings(NamedTuple):

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from dlo_ros.command import NANOSECONDS, Command
+from dlo_ros.command import Command
 from dlo_ros.effects import build, quantities
 from dlo_ros.errors import InputError
 from dlo_ros.parameters import EFFECTS_PREFIX, Settings
@@ -197,11 +197,9 @@ def _compiled(
         pair = []
         for other, asked in both_sides(model, command, chosen):
             there = true_command(other, asked)
-            later = (there.stamp - true.stamp) / NANOSECONDS
-            imposed = imposed_of(other, boundary, there)
+            commands.append(imposed_of(other, boundary, there))
             systems.append(parts_of(other, boundary, flat=flat))
-            commands.append(imposed._replace(times=imposed.times + later))
-            pair.append(later != 0.0 or any(map(_differ, imposed, commands[0])))
+            pair.append(any(map(_differ, commands[-1], commands[0])))
         moves.append(any(pair) or systems[-1].reach != systems[-2].reach)
         steps.append(chosen.step)
     return Compiled(

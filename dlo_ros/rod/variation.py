@@ -19,7 +19,8 @@ from dlo_ros.rod.constraints import back_substitute, eliminate
 from dlo_ros.rod.moving import LAST, TIME, Moving, another, assign
 from dlo_ros.rod.plane import PLANAR
 from dlo_ros.rod.stepping import damped, extrapolated, frame_at, reached, remembered, weights
-from dlo_ros.rod.system import growth, inertia_of, matter_of, residual, targets
+from dlo_ros.rod.surroundings import rest_anchor
+from dlo_ros.rod.system import ITSELF, growth, inertia_of, matter_of, residual, targets, untouched
 from dlo_ros.rod.tables import History, Reference
 from dlo_ros.spline import FloatArray
 
@@ -91,7 +92,7 @@ def _forces(q, stretch, other, rule, ref, matter, grad_s, grad_o, response, grad
     """
     if q.shape[1] != PLANAR:
         forces.assemble(
-            q, rule, ref, matter, response, gradient, band, np.empty(grad_s.shape),
+            q, rule, ref, matter, response, np.empty(0), gradient, band, np.empty(grad_s.shape),
             np.zeros(grad_o.shape),
         )  # fmt: skip
         return gradient.copy()
@@ -181,9 +182,9 @@ def vary(system, imposed, old, new, varying):
     """
     h, time, q, rule = new.clock[LAST], new.clock[TIME], new.q, system.rule
     c_mass, c_drag = weights(h)
-    inertia, spin = inertia_of(system, 0, growth(imposed, 0, time), c_mass, c_drag)
+    inertia, spin = inertia_of(system, ITSELF, growth(imposed, ITSELF, time), c_mass, c_drag)
     band, gradient, response, grad_s, grad_o = solver.linearise(
-        q, rule, damped(system, 0, imposed, old, h), old.reference, inertia, spin
+        q, rule, damped(system, ITSELF, imposed, old, h), old.reference, inertia, spin
     )
     count, m = varying.step.size, system.pins.shape[0]
     rhs, increments = np.zeros((count, q.size)), np.zeros((count, q.size))
@@ -232,7 +233,7 @@ def _add(target, factor, source):
 
 
 @njit(cache=True, nogil=True)
-def vary_rest(system, imposed, before, rest, history, varying):
+def vary_rest(system, imposed, before, rest, history, fresh, varying):
     """Let the derivatives be those of an equilibrium.
 
     Args:
@@ -240,11 +241,14 @@ def vary_rest(system, imposed, before, rest, history, varying):
         before: configuration from which it was led there; its twist angles at the ends count.
         rest: the state there.
         history: internal variables with which the equilibrium was found.
+        fresh: see `resting.settle`.
         varying: derivatives before, of which the frames count; become those at rest.
     """
     q, rule, time = rest.q, system.rule, rest.clock[TIME]
     none = np.zeros((q.shape[0], 4))
-    matter = matter_of(system, 0, growth(imposed, 0, time), history)
+    matter = matter_of(system, ITSELF, growth(imposed, ITSELF, time), history)
+    if fresh:
+        matter = untouched(matter)
     band, gradient, response, grad_s, grad_o = solver.linearise(
         q, rule, matter, rest.reference, none, none
     )
@@ -257,6 +261,8 @@ def vary_rest(system, imposed, before, rest, history, varying):
             share = 0.5 / (varying.step[a] if side == 0 else -varying.step[a])
             factor = growth(imposed, k, time)
             matter = matter_of(system, k, factor, history)
+            if fresh:
+                matter = untouched(matter)
             elastic = _forces(
                 q, rest.stretch, rest.other, rule, rest.reference, matter, grad_s, grad_o,
                 response, gradient, spare,
@@ -277,6 +283,14 @@ def vary_rest(system, imposed, before, rest, history, varying):
         rest.frames, rest.stretch, rest.stretch_before, rest.other, rest.other_before, history,
     )  # fmt: skip
     _follow(system, q, rest.other, start, varying, d_q, grad_s, grad_o)
+    if fresh and history.anchor.shape[0] > 0:
+        shifted = np.empty(q.shape)
+        for a in range(count):
+            d = varying.step[a]
+            _shift(shifted, q, d, d_q[a])
+            above = rest_anchor(shifted, rule)
+            _shift(shifted, q, -d, d_q[a])
+            _rise(above, rest_anchor(shifted, rule), d, varying.history.anchor[a])
     assign(varying.q, d_q)
     assign(varying.stretch_before, varying.stretch)
     assign(varying.other_before, varying.other)

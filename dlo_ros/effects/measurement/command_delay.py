@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
-from dlo_ros.command import NANOSECONDS, Command
 from dlo_ros.effects.base import Effect, quantity
 
 
@@ -17,6 +16,6 @@ class CommandDelay(Effect):
 
     delay: float = quantity(0.0, "s", -2.0, 2.0, "of the true motion")
 
-    def impose(self, command: Command) -> Command:
+    def later(self) -> float:
         """See the base class."""
-        return replace(command, stamp=command.stamp + round(self.delay * NANOSECONDS))
+        return self.delay

@@ -1,0 +1,123 @@
+"""Derivatives by every parameter, at rest and in motion, against differences of whole runs."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from rods import PAPER, SECOND, command
+
+from dlo_ros.command import Motion
+from dlo_ros.errors import InputError
+from dlo_ros.observation import Observation
+from dlo_ros.rod import dynamics
+from dlo_ros.rod.simulation import Simulation
+from dlo_ros.rod.tangents import known, tangent
+from dlo_ros.spline import SplineBasis
+
+LOOSE = replace(PAPER, simulation=replace(PAPER.simulation, tolerance=0.1))
+STOPS = [SECOND // 5, SECOND // 2]
+SMOOTH, KINKED = 2e-6, 2e-3  # an effect that switches has no derivative where it switches
+CASES = [
+    ("young_modulus", {}, SMOOTH),
+    ("density", {}, SMOOTH),
+    ("air_drag", {}, SMOOTH),
+    ("relaxation_time", {}, SMOOTH),
+    ("gravity", {}, SMOOTH),
+    ("length", {}, SMOOTH),
+    ("start.x", {}, SMOOTH),
+    ("start.z", {}, SMOOTH),
+    ("start.angle", {}, SMOOTH),
+    ("end.x", {}, SMOOTH),
+    ("end.angle", {}, SMOOTH),
+    ("effects.intrinsic_curvature.curvature[1]",
+     {"intrinsic_curvature": {"curvature": (1.0, 2.0, -1.0)}}, SMOOTH),
+    ("effects.intrinsic_curvature.kink",
+     {"intrinsic_curvature": {"kink": 0.2, "position": 0.15}}, SMOOTH),
+    ("effects.clamp_angle.end", {"clamp_angle": {"end": 0.1}}, SMOOTH),
+    ("effects.gravity_tilt.angle", {"gravity_tilt": {"angle": 0.1}}, SMOOTH),
+    ("effects.point_mass.mass", {"point_mass": {"mass": 0.01, "position": 0.21}}, SMOOTH),
+    ("effects.point_mass.position", {"point_mass": {"mass": 0.01, "position": 0.21}}, SMOOTH),
+    ("effects.stiff_segment.centre",
+     {"stiff_segment": {"centre": 0.155, "extent": 0.1, "ratio": 3.0}}, SMOOTH),
+    ("effects.stiff_segment.ratio",
+     {"stiff_segment": {"centre": 0.155, "extent": 0.1, "ratio": 3.0}}, SMOOTH),
+    ("effects.stiffness_gradient.change", {"stiffness_gradient": {"change": 0.3}}, SMOOTH),
+    ("effects.nonlinear_stiffness.half_curvature",
+     {"nonlinear_stiffness": {"half_curvature": 5.0}}, SMOOTH),
+    ("effects.plasticity.yield_curvature",
+     {"plasticity": {"yield_curvature": 3.0, "hardening": 0.3}}, KINKED),
+    ("effects.plasticity.hardening",
+     {"plasticity": {"yield_curvature": 3.0, "hardening": 0.3}}, KINKED),
+    ("effects.surface_friction.force", {"surface_friction": {"force": 0.05}}, KINKED),
+    ("effects.air_drag.coefficient", {"air_drag": {"coefficient": 0.02}}, SMOOTH),
+    ("effects.internal_damping.relaxation_time",
+     {"internal_damping": {"relaxation_time": 0.01}}, SMOOTH),
+    ("effects.command_delay.delay", {"command_delay": {"delay": 0.021}}, 1e-3),
+    ("effects.clamp_slip.length", {"clamp_slip": {"length": 0.01}}, SMOOTH),
+    ("effects.length_error.difference", {"length_error": {"difference": 0.01}}, SMOOTH),
+    ("effects.camera_scale.ratio", {"camera_scale": {"ratio": 1.01}}, SMOOTH),
+    ("effects.camera_rotation.angle", {"camera_rotation": {"angle": 0.02}}, SMOOTH),
+    ("effects.constant_force.z", {"constant_force": {"x": 0.02, "z": 0.03}}, SMOOTH),
+    ("effects.obstacle.z", {"obstacle": {"x": 0.15, "z": -0.11, "radius": 0.02}}, KINKED),
+]  # fmt: skip
+
+
+def held(*, space):
+    aside = 0.06 if space else 0.0
+    return command(
+        ["start", "end"], [0.0, 0.4],
+        [[[0.0, 0.0, 0.0], [0.26, 0.0, 0.0]], [[0.02, aside, 0.04], [0.26, 0.0, 0.0]]],
+    )  # fmt: skip
+
+
+def run(settings, imposed, parameters=()):
+    """Published shapes at the start and at the stops, and their derivatives."""
+    basis = SplineBasis(settings.rod.control_points, settings.rod.length)
+    shape = np.zeros((basis.control_points, 4))
+    shape[:, 0] = 0.26 * basis.greville / 0.4
+    shape[:, 2] = -0.1 * np.sin(np.pi * basis.greville / 0.4)
+    simulation = Simulation(settings, Motion([imposed]), parameters=parameters, spans=14)
+    simulation.start([Observation(0, shape)])
+    path = [simulation.prediction(), *(simulation.advance(stop) for stop in STOPS)]
+    derivatives = np.array([p.sensitivity for p in path]) if parameters else None
+    return np.array([p.control_points[:, :3] for p in path]), derivatives
+
+
+@pytest.fixture
+def same_steps(monkeypatch):
+    """Every run takes the same steps and solves them exactly."""
+    monkeypatch.setattr(dynamics, "STEP_SHARE", 1e3)
+    monkeypatch.setattr(dynamics, "NEWTON_LARGEST", 1e-9)
+
+
+@pytest.mark.parametrize("space", [False, True], ids=["plane", "space"])
+@pytest.mark.parametrize(("name", "effects", "slack"), CASES, ids=[c[0] for c in CASES])
+def test_derivatives_agree_with_differences(same_steps, name, effects, slack, space):
+    settings, imposed = LOOSE.with_effects(effects), held(space=space)
+    _, exact = run(settings, imposed, (name,))
+    chosen = tangent(settings, name)
+
+    def difference(change):
+        pair = [run(*chosen.vary(settings, imposed, d * change))[0] for d in (1.0, -1.0)]
+        return (pair[0] - pair[1]) / (2.0 * change)
+
+    expected = difference(chosen.step)
+    if slack == SMOOTH:  # wide, so that rounding does not count, and of fourth order
+        expected = (4.0 * difference(10.0 * chosen.step) - difference(20.0 * chosen.step)) / 3.0
+    for k, instant in enumerate(("at rest", "moving", "after")):
+        scale = np.abs(expected[k]).max()
+        if scale < 1e-7 * np.abs(expected).max():
+            continue
+        np.testing.assert_allclose(
+            exact[k, 0], expected[k], atol=slack * scale, rtol=0.0, err_msg=instant
+        )
+    assert np.abs(expected).max() > 0.0
+
+
+def test_unknown_parameters_are_refused_with_those_that_there_are():
+    settings = LOOSE.with_effects({"point_mass": {"mass": 0.1, "position": 0.2}})
+    assert "effects.point_mass.mass" in known(settings)
+    with pytest.raises(InputError, match=r"no sensitivity to 'stiffness'; known are young_modulus"):
+        run(settings, held(space=False), ("stiffness",))
+    with pytest.raises(InputError, match=r"no sensitivity to .effects\.point_mass\.mass."):
+        run(LOOSE, held(space=False), ("effects.point_mass.mass",))
