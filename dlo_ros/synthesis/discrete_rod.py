@@ -183,14 +183,13 @@ class DiscreteRod:
     @property
     def linear(self) -> bool:
         """Whether moment and curvature are proportional, without any history."""
-        return bool(
-            np.isinf(self.half_curvature) and np.isinf(self.yield_curvature)
-        ) and not self.hysteresis
+        bounds = np.array([self.half_curvature, self.yield_curvature])
+        return bool(np.all(np.isinf(bounds))) and not self.hysteresis
 
     @property
     def usual_force(self) -> float:
         """A force that is large for this rod [N]: ten times its weight and its buckling load."""
-        bend = float(np.max(self.bending_stiffness)) * (2.0 * np.pi / self.u[-1]) ** 2
+        bend = float(np.max(self.bending_stiffness)) * (2.0 * np.pi / float(self.u[-1])) ** 2
         return 10.0 * (float(np.sum(np.abs(self.weight))) + bend)
 
     def stiffness(self) -> tuple[FloatArray, FloatArray]:
@@ -276,7 +275,7 @@ class DiscreteRod:
         """Elastic, potential and kinetic energy [J] at nodes x [m] with velocities v [m/s]."""
         potential = self.potential(np.zeros_like(self.mass), clamps)
         value = evaluate(x, potential, np.empty_like(x), np.empty((6, 2 * len(x))))
-        return float(value + 0.5 * np.sum(self.mass[:, None] * v**2))
+        return float(value) + float(0.5 * np.sum(self.mass[:, None] * v**2))
 
 
 def no_friction() -> Friction:
@@ -310,15 +309,17 @@ def lay_along(curve: ArrayLike, rod: DiscreteRod) -> FloatArray:
     return np.column_stack([np.interp(at, s, points[:, c]) for c in range(2)])
 
 
-def centreline(rod: DiscreteRod, x: FloatArray, u: ArrayLike) -> FloatArray:
+def centreline(rod: DiscreteRod | FloatArray, x: FloatArray, u: ArrayLike) -> FloatArray:
     """Smooth interpolation of the nodes.
 
     Args:
+        rod: the rod, or material coordinates of its nodes [m], shape (N + 1,).
         x: nodes [m], shape (N + 1, 2).
         u: material coordinates [m], shape (m,).
 
     Returns:
         Points in the board frame [m], shape (m, 3), y = 0.
     """
-    plane = CubicSpline(rod.u, x)(np.asarray(u, dtype=np.float64))
+    nodes = rod.u if isinstance(rod, DiscreteRod) else rod
+    plane = CubicSpline(nodes, x)(np.asarray(u, dtype=np.float64))
     return np.column_stack([plane[:, 0], np.zeros(len(plane)), plane[:, 1]])

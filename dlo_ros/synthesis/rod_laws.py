@@ -149,9 +149,7 @@ def _yield_to(law: BendingLaw, turn: FloatArray) -> None:
         law.turn[i] = turn[i]
 
 
-def _drag_nodes(
-    friction: Friction, x: FloatArray, gradient: FloatArray, band: FloatArray
-) -> float:
+def _drag_nodes(friction: Friction, x: FloatArray, gradient: FloatArray, band: FloatArray) -> float:
     """Energy [J] of the friction: quadratic within the slack, growing steadily beyond.
 
     Args:
@@ -224,7 +222,7 @@ def _press(
                 reach += lengths[i]
             if math.hypot(x[i, 0] - cx, x[i, 1] - cz) > radius + reach:
                 continue
-            count = int(math.ceil(0.5 * reach / contact.spacing))
+            count = math.ceil(0.5 * reach / contact.spacing)
             k = contact.stiffness * 0.5 * reach / count
             for q in range(count):
                 t = (q + 0.5) / count

@@ -56,7 +56,7 @@ def _evaluate(x: FloatArray, p: Potential, gradient: FloatArray, band: FloatArra
     """
     gradient[:] = 0.0
     band[:] = 0.0
-    value = elastic(x, p.lengths, p.clamps, p.stiffness, p.offsets, p.law, gradient, band)
+    value: float = elastic(x, p.lengths, p.clamps, p.stiffness, p.offsets, p.law, gradient, band)
     if p.friction.active:
         value += drag_nodes(p.friction, x, gradient, band)
     if p.contact.active:
@@ -91,7 +91,7 @@ def _direction(
         factor[0, 2 * i] += shift[i]
         factor[0, 2 * i + 1] += shift[i]
     right = -gradient.copy().reshape(2 * nodes)
-    definite = solve(factor, right)
+    definite: bool = solve(factor, right)
     result[:] = right.reshape((nodes, 2))
     return definite
 
@@ -142,7 +142,7 @@ def _minimise(x: FloatArray, p: Potential, tolerance: float) -> int:
 
 
 def _descend(x: FloatArray, p: Potential, mass: FloatArray, rounding: float) -> bool:
-    """Follow the potential downhill, in place: implicit steps of growing pseudo time, at last Newton.
+    """Follow the potential downhill, in place: steps of growing pseudo time, at last Newton's.
 
     Args:
         mass: [kg], shape (N + 1,), that hinders each step.
