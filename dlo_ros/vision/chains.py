@@ -121,16 +121,36 @@ def chain_end(chain: Chain, last: bool, width: float) -> ChainEnd:
     """
     span = max(5, round(END_SPAN * width))
     p = chain.points[-span:] if last else chain.points[:span][::-1]
-    s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(p, axis=0).T))])
-    s -= s[-1]
-    quadratic = len(p) >= 2 * width and len(p) >= 6
-    basis = np.column_stack([np.ones_like(s), s, 0.5 * s * s][: 3 if quadratic else 2])
-    c, *_ = np.linalg.lstsq(basis, p, rcond=None)
-    direction = c[1] / max(float(np.hypot(*c[1])), 1e-9)
-    curvature = float(direction[0] * c[2, 1] - direction[1] * c[2, 0]) if quadratic else 0.0
+    position, direction, curvature = _end_of(np.ascontiguousarray(p), width)
     # An end's curvature is uncertain; a DLO hardly bends sharper than two widths of radius.
     limit = 0.25 / width
-    return ChainEnd(c[0], direction, float(np.clip(curvature, -limit, limit)))
+    return ChainEnd(position, direction, float(min(max(curvature, -limit), limit)))
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def _end_of(points: FloatArray, width: float) -> tuple[FloatArray, FloatArray, float]:
+    """Position, direction and curvature at the last of some points, by a parabola over them."""
+    count = len(points)
+    terms = 3 if count >= 2 * width and count >= 6 else 2
+    normal, right = np.zeros((terms, terms)), np.zeros((terms, 2))
+    row = np.ones(terms)
+    s = 0.0
+    for i in range(count - 1, -1, -1):
+        if i < count - 1:
+            dx, dy = points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1]
+            s -= math.sqrt(dx * dx + dy * dy)
+        row[1] = s
+        if terms == 3:
+            row[2] = 0.5 * s * s
+        for a in range(terms):
+            for b in range(terms):
+                normal[a, b] += row[a] * row[b]
+            right[a, 0] += row[a] * points[i, 0]
+            right[a, 1] += row[a] * points[i, 1]
+    c = np.linalg.solve(normal, right)
+    direction = c[1] / max(math.sqrt(c[1, 0] ** 2 + c[1, 1] ** 2), 1e-9)
+    curvature = direction[0] * c[2, 1] - direction[1] * c[2, 0] if terms == 3 else 0.0
+    return c[0].copy(), direction, curvature
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]

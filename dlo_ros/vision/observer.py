@@ -29,6 +29,7 @@ from dlo_ros.vision.following import follow
 from dlo_ros.vision.metric import PlaneGrid
 from dlo_ros.vision.path import ClampPixel, Path, PathSearch
 from dlo_ros.vision.profile import Located, locate
+from dlo_ros.vision.reach import reach
 from dlo_ros.vision.segmentation import Image, as_bgr, bar_map
 from dlo_ros.vision.strip import Mask, inside, resample, smooth_curve, spacing_for
 
@@ -146,7 +147,9 @@ class Observer:
     ) -> VisionResult:
         """Search the whole image; a shape that was just lost tells which end is the start."""
         width = self._expected_width(ends)
-        bars = bar_map(image, width)
+        held = [end.position for end in (ends.start, ends.end) if end is not None]
+        rod = self.settings.rod
+        bars = bar_map(image, width, reach(self.camera, held, rod.length, rod.diameter))
         chains = find_chains(bars)
         clamps = [
             None if end is None else to_pixel(end, self.camera, 0.2 * self.settings.rod.diameter)
