@@ -134,15 +134,19 @@ def shape(rng, hairpin=False, crossing=None, scale=1.0):
     crossing = rng.random() < 0.25 if crossing is None else crossing
     while True:
         if hairpin:
-            # There and back, the strands one and a half to two and a half widths apart.
-            gap = rng.uniform(1.5, 2.5) * 0.004
-            share = np.pi * gap / 2 / LENGTH
-            turn = np.pi / (share * LENGTH)
-            first = rng.uniform(0.4, 0.6)
-            wave = rng.normal(0, 3)
+            # There and back around a bulb, the strands closer together than a rope is wide.
+            pitch = rng.uniform(1.35, 2.0) * 0.004
+            radius = rng.uniform(3.0, 5.0) * 0.004
+            neck = float(np.arccos(0.5 * (1.0 + 0.5 * pitch / radius)))
+            share = radius / LENGTH
+            middle, wave = rng.uniform(0.45, 0.55), rng.normal(0, 1.5)
+            bulb, foot = (np.pi / 2 + neck) * share, neck * share
+            sign = rng.choice([-1, 1])
             curve = curve_from_curvature(
-                lambda u, a=first, b=share, t=turn, k=wave: np.where(
-                    abs(u - a) < b / 2, t, k * np.sign(u - a) * np.minimum(abs(u - a) * 8, 1)
+                lambda u, m=middle, r=radius, b=bulb, f=foot, k=wave, s=sign: np.where(
+                    abs(u - m) < b,
+                    s / r,
+                    np.where(abs(u - m) < b + f, -s / r, k * np.sign(u - m)),
                 ),
                 angle=rng.uniform(0, 2 * np.pi),
             )

@@ -1,12 +1,13 @@
 """Rendered pictures that are hard on purpose: occlusion, faint ropes, shadows, blur, clutter.
 
-    python test/vision_stress.py [COUNT [FIRST_SEED]] [--set issue|other|absent] [--ends both|start|none]
-                                 [--disturb] [--wrong FOLDER]
+    python test/vision_stress.py [COUNT [FIRST_SEED]] [--set issue|other|absent]
+                                 [--ends both|start|none] [--disturb] [--wrong FOLDER]
 
 prints how many were found rightly, wrongly, or not at all with the reason. Every picture is a first
-detection: nothing is known of the frame before. The set `issue` is the one of this file, `other` and
-`absent` (no rope at all) are those of vision_kinds.py. With --disturb the clamps, the length and the
-diameter are off by what they are in practice; --wrong keeps pictures of what was found wrongly.
+detection: nothing is known of the frame before. The set `issue` is the one of this file, `other`
+and `absent` (no rope at all) are those of vision_kinds.py. With --disturb the clamps, the length
+and the diameter are off by what they are in practice; --wrong keeps pictures of what was found
+wrongly.
 """
 
 import argparse
@@ -17,7 +18,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 from vision_scenes import (
-    LENGTH,
     Scene,
     across_errors,
     clamps,
@@ -158,12 +158,16 @@ def judge(seed, which="issue", ends="both", disturb=False, wrong=None):
         held, known = disturbed(rng, curve, known, scene.diameter)
     names = {"both": ("start", "end"), "start": ("start",), "none": ()}[ends]
     motion = clamps(held, CONTROL_POINTS, names) if names else None
-    if not names and curve[0, 0] > curve[-1, 0]:
-        curve = curve[::-1]  # then the start is the end further left
     try:
         result = Observer(known, scene.camera(), motion).observe(0, picture)
     except VisionError as err:
         return kind, "silent", str(err)
+    first, last = result.observation.control_points[[0, -1], 0]
+    if not names and (first < last or abs(first - last) < 1.5 * scene.diameter):
+        # The start is the end further left, and either one where they lie above one another.
+        ends_at = result.observation.control_points[[0, -1]][:, [0, 2]]
+        if np.hypot(*(ends_at[0] - curve[-1])) < np.hypot(*(ends_at[0] - curve[0])):
+            curve = curve[::-1]
     points = result.observation.points
     pixel = scene.diameter / scene.width_px
     across, _ = across_errors(points.positions[:, [0, 2]], curve)

@@ -10,6 +10,7 @@ Planes = NDArray[np.uint8]
 Float32 = NDArray[np.float32]
 
 SHORT_GAP = 24  # [px] columns between searched ones that are searched with them
+CHANGED = 0.4  # share of the contrast that a change of colour along a bar takes away
 OPPOSITE = 0.5  # cosine between the differences to both sides, beyond which it is an edge
 
 
@@ -21,6 +22,7 @@ def bars(
     across: NDArray[np.int64],
     along: NDArray[np.int64],
     threshold: float,
+    tones: bool,
 ) -> tuple[NDArray[np.float32], NDArray[np.int8]]:
     """Strength and orientation of the bar that each pixel may lie on.
 
@@ -31,6 +33,7 @@ def bars(
         across: (row, column) to the compared background, one row an orientation, shape (k, 2).
         along: (row, column) to the compared pixels along the bar, shape (k, 2).
         threshold: least contrast [grey levels].
+        tones: whether a bar may change its colour along itself.
 
     Returns:
         Strength [grey levels], 0 for no bar, and the index of the orientation, shapes (h, w).
@@ -39,7 +42,7 @@ def bars(
     strength = np.zeros((height, width), dtype=np.float32)
     orientation = np.zeros((height, width), dtype=np.int8)
     least = np.float32(threshold * threshold)
-    squares = np.empty((5, width), dtype=np.float32)
+    squares = np.empty((6, width), dtype=np.float32)
     for row in range(height):
         last = 0
         while last < width:
@@ -56,6 +59,7 @@ def bars(
                 strength[row, first:last],
                 orientation[row, first:last],
                 squares,
+                tones,
             )
         for column in range(width):
             if strength[row, column] <= threshold or searched[row, column] == 0:
@@ -90,6 +94,7 @@ def _search_run(
     best: Float32,
     which: NDArray[np.int8],
     squares: Float32,
+    tones: bool,
 ) -> None:
     """Strength and orientation of neighbouring pixels of a row, compared in vector registers."""
     count = len(best)
@@ -104,12 +109,23 @@ def _search_run(
         _difference(planes, y, x, dy, dx, ahead)
         _difference(planes, y, x, -dy, -dx, behind)
         _keep_best(best, which, np.int8(k), left, ahead, behind, least)
+        if tones:
+            # What differs from both sides here, ahead and behind is a bar of whatever colours.
+            weakest = squares[5, :count]
+            weakest[:] = left
+            sy, sx = across[k, 0], across[k, 1]
+            for sign in (-1, 1):
+                _sides(planes, y + sign * dy, x + sign * dx, sy, sx, left, right, product)
+                _largest(left, right, product)
+                for i in range(count):
+                    weakest[i] = min(weakest[i], left[i])
+            ahead[:] = np.float32(CHANGED * CHANGED) * weakest
+            behind[:] = ahead
+            _keep_best(best, which, np.int8(k), weakest, ahead, behind, least)
 
 
 @njit(cache=True, nogil=True, fastmath=True)  # type: ignore[untyped-decorator]
-def _difference(
-    planes: Planes, y: int, x: int, dy: int, dx: int, result: Float32
-) -> None:
+def _difference(planes: Planes, y: int, x: int, dy: int, dx: int, result: Float32) -> None:
     """Squared differences of a row's pixels from those at a distance, all channels."""
     count = len(result)
     for channel in range(3):
@@ -171,7 +187,7 @@ def _largest(left: Float32, right: Float32, product: Float32) -> float:
         smaller = np.float32(0.0) if edge else min(left[i], right[i])
         left[i] = smaller
         result = max(result, smaller)
-    return result
+    return float(result)
 
 
 @njit(cache=True, nogil=True, fastmath=True)  # type: ignore[untyped-decorator]

@@ -37,5 +37,7 @@ def reach(camera: Camera, held: list[FloatArray], length: float, diameter: float
     mask = np.asarray(way < longest).reshape(rows, columns)
     # A cell is as large as its corners: the neighbours of what is reached count as well.
     grown = np.pad(mask, 1)
-    mask = grown[1:-1, 1:-1] | grown[:-2, 1:-1] | grown[2:, 1:-1] | grown[1:-1, :-2] | grown[1:-1, 2:]
-    return mask.astype(np.uint8)
+    mask = (
+        grown[1:-1, 1:-1] | grown[:-2, 1:-1] | grown[2:, 1:-1] | grown[1:-1, :-2] | grown[1:-1, 2:]
+    )
+    return np.asarray(mask, dtype=np.uint8)

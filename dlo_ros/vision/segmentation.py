@@ -80,13 +80,16 @@ def as_bgr(image: NDArray[np.uint8]) -> Image:
     raise VisionError(f"the image has shape {image.shape}; (h, w) or (h, w, 3) is needed")
 
 
-def bar_map(image: Image, width: float, allowed: Image | None = None) -> BarMap:
+def bar_map(
+    image: Image, width: float, allowed: Image | None = None, *, tones: bool = False
+) -> BarMap:
     """Search an image for bars of one width.
 
     Args:
         image: BGR, shape (h, w, 3).
         width: of the DLO in the image [px]; found are bars of about 0.6 to 1.6 times that.
         allowed: where the DLO may be, not zero there, of any size; None for everywhere.
+        tones: whether the DLO may change its colour along itself.
 
     Raises:
         VisionError: the DLO would be less than 1.5 px wide.
@@ -124,12 +127,11 @@ def bar_map(image: Image, width: float, allowed: Image | None = None) -> BarMap:
     strength, orientation = bars(
         np.stack(cv2.split(padded)),
         padding,
-        _searched(
-            allowed, smooth, math.ceil(FLANK * local), threshold, reduction, origin, full
-        ),
+        _searched(allowed, smooth, math.ceil(FLANK * local), threshold, reduction, origin, full),
         np.rint(FLANK * across).astype(np.int64),
         np.rint(ALONG * along).astype(np.int64),
         float(threshold),
+        tones,
     )
     return BarMap(strength, orientation, smooth, scale, local, threshold, origin)
 

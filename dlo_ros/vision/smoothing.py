@@ -87,10 +87,24 @@ def smooth(
         for support in supports:
             at = np.array([support.p])
             f, b = _basis(at, knots, count)
-            _add(bands, right, f, b, np.array([support.value_weight]), np.ascontiguousarray(support.value[None], dtype=np.float64))
+            _add(
+                bands,
+                right,
+                f,
+                b,
+                np.array([support.value_weight]),
+                np.ascontiguousarray(support.value[None], dtype=np.float64),
+            )
             if support.slope is not None:
                 d = _slopes(at, f, knots)
-                _add(bands, right, f, d, np.array([support.slope_weight]), np.ascontiguousarray(support.slope[None], dtype=np.float64))
+                _add(
+                    bands,
+                    right,
+                    f,
+                    d,
+                    np.array([support.slope_weight]),
+                    np.ascontiguousarray(support.slope[None], dtype=np.float64),
+                )
         _penalise(bands, PENALTY * scale)
         curve = SmoothCurve(knots, np.ascontiguousarray(solveh_banded(bands, right, lower=True)))
         distance = _distances(first, basis, curve.coefficients, points)
