@@ -79,7 +79,7 @@ def test_reason_names_the_fault_of_the_picture():
     image = render(xz, scene)
     for picture, words in (
         (np.full_like(image, 255), "overexposed"),
-        (image // 40, "too dark"),
+        (image // 90, "too dark"),
         (cv2.blur(image, (91, 91)), "blurred"),
     ):
         with pytest.raises(VisionError, match=words):
