@@ -159,29 +159,32 @@ def constant_force(rng: np.random.Generator, scene: Scene) -> Drawn:
 
 
 def obstacle(rng: np.random.Generator, scene: Scene) -> Drawn | None:
-    """A peg in the way of a moving part of the rope, clear of every first shape and of the grips.
+    """A peg at the border of what the rope sweeps, clear of every first shape and of the grips.
 
-    Its strength is how far it reaches into the swept area.
+    Its strength is how far it reaches into the swept area, so that it takes nothing at 0.
     """
     radius = float(rng.uniform(0.008, 0.02))
-    deepest = 0.15 * scene.length
-    for _ in range(300):
+    deepest = 0.08 * scene.length
+    everywhere = np.concatenate([s.reshape(-1, 2) for s in scene.shapes])
+    first = np.concatenate([s[0] for s in scene.shapes])
+    grips = np.concatenate([s[:, k] for s in scene.shapes for k in (0, 4, -5, -1)])
+    for _ in range(2000):
         shapes = scene.shapes[rng.integers(len(scene.shapes))]
         i = int(rng.integers(len(shapes) // 6, len(shapes)))
-        j = int(rng.integers(shapes.shape[1] // 4, shapes.shape[1]))
+        j = int(rng.integers(shapes.shape[1] // 6, shapes.shape[1]))
         way = shapes[i, j] - shapes[0, j]
         along = shapes[i, j] - shapes[i, j - 1]
         across = np.array([-along[1], along[0]]) / np.linalg.norm(along)
         across *= np.sign(way @ across) or 1.0
-        if way @ across < 0.1 * scene.length:
+        if way @ across < 0.08 * scene.length:
             continue
         touching = shapes[i, j] + (radius + 0.003) * across
-        pegs = [touching, touching - deepest * across]
-        first = np.concatenate([s[0] for s in scene.shapes])
-        grips = np.concatenate([s[:, k] for s in scene.shapes for k in (0, 4, -1)])
-        clear = min(np.linalg.norm(first - p, axis=1).min() for p in pegs)
-        beside = min(np.linalg.norm(grips - p, axis=1).min() for p in pegs)
-        if clear > radius + 0.01 and beside > radius + 0.01:
+        deep = touching - deepest * across
+        if (
+            np.linalg.norm(everywhere - touching, axis=1).min() > radius + 0.002
+            and np.linalg.norm(first - deep, axis=1).min() > radius + 0.006
+            and np.linalg.norm(grips - deep, axis=1).min() > radius + 0.006
+        ):
             x, z = touching
             return Drawn(
                 lambda s, x=x, z=z, n=across: {

@@ -1,4 +1,4 @@
-"""Draws a whole challenge: rope, manipulations, noise, effects of calibrated strength; writes bags."""
+"""Draws a whole challenge: rope, manipulations, noise, effects of wanted size; writes bags."""
 
 import json
 from dataclasses import asdict, dataclass
@@ -6,10 +6,10 @@ from pathlib import Path
 from zlib import crc32
 
 import numpy as np
+
 from challenge import manipulations
 from challenge.draws import NAMED, OTHERS, Drawn, Scene
 from challenge.residual import Refit, changed, shapes
-
 from dlo_ros.errors import SimulationError
 from dlo_ros.synthesis.experiment import read_experiment
 from dlo_ros.synthesis.synthesize import synthesize
@@ -150,12 +150,14 @@ def _strength(ratio, drawn: Drawn, target: float) -> tuple[float, float, np.ndar
     strength = float(np.sqrt(drawn.lower * drawn.upper))
     bounds = [drawn.lower, drawn.upper]
     best = None
-    for _ in range(6):
+    for attempt in range(6):
         reached, material = ratio(strength)
         if best is None or abs(np.log(reached / target)) < abs(np.log(best[1] / target)):
             best = strength, reached, material
         if abs(np.log(reached / target)) < 0.15:
             break
+        if attempt >= 2 and abs(np.log(best[1] / target)) > 1.2:
+            break  # it does not answer to its strength
         bounds[0 if reached < target else 1] = strength
         wanted = strength * float(np.clip(target / max(reached, 1e-9), 0.1, 10.0))
         if not bounds[0] * 1.02 < wanted < bounds[1] / 1.02:

@@ -5,6 +5,7 @@ Lengths are in units of the rope's; angles are those of growing u, positive from
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -58,7 +59,7 @@ def _smooth(way: Way) -> list[tuple[float, float, float, float]]:
     """Points of a motion that starts and stops gently at every waypoint (minimum jerk)."""
     rows = np.array(way, dtype=float)
     result = [rows[0]]
-    for a, b in zip(rows[:-1], rows[1:], strict=True):
+    for a, b in pairwise(rows):
         count = max(int(np.ceil((b[0] - a[0]) / SPACING)), 1)
         if np.allclose(a[1:], b[1:]):
             count = 1
