@@ -120,6 +120,7 @@ def test_the_camera_and_the_board_are_found(capsys, tmp_path, views, board):
     for name, reason in (("view04", "blurred"), ("view13", "does not fit")):
         assert re.search(rf"{name}\.png.*left out, {reason}", out)
     assert not re.search(r"view0[0-3]\.png.*left out", out)
+    assert "error [px]" in out
     assert re.search(r"view09\.png.*(left out|no chessboard)", out)
     html = (output / "report.html").read_text()
     assert "fx" in html and "view13.png" in html and "data:image/jpeg;base64," in html
@@ -152,7 +153,7 @@ def test_camera_info_is_what_camera_info_manager_reads(capsys, tmp_path, views):
 def test_board_yaml_merges_into_a_parameter_file(capsys, tmp_path, board, true_camera):
     words = ("--pattern", PATTERN, "--output", tmp_path, "--board", board)
     status, out, _ = run(capsys, *words, "--camera-info", true_camera)
-    assert status == 0 and "board at 1.00" in out
+    assert status == 0 and "the board at 1.00" in out
     values = read_parameter_file(ROOT / "config" / "default.yaml")
     settings = Settings.from_mapping(values | read_parameter_file(tmp_path / "board.yaml"))
     assert settings.camera.translation == pytest.approx(BOARD_SHIFT, abs=1e-3)

@@ -12,6 +12,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from dlo_ros.recordings.images import Image
@@ -104,7 +105,9 @@ def _headline(found: Calibration, board: BoardPose | None) -> str:
         )
     if board is not None:
         distance = float(np.linalg.norm(board.found.translation))
-        parts.append(f"board at {distance:.3f} m, fitted within {board.found.rms:.2f} px")
+        parts.append(
+            f"pattern on the board at {distance:.3f} m, fitted within {board.found.rms:.2f} px"
+        )
     return "; ".join(parts)
 
 
@@ -159,20 +162,15 @@ def _lens_rows(found: Calibration) -> list[tuple[str, float, str]]:
 
 
 def _board_rows(board: BoardPose) -> list[tuple[str, str]]:
-    names = ["x", "y", "z"]
+    std = ", ".join(f"{1e3 * s:.2f}" for s in board.std_translation)
+    turn = ", ".join(f"{math.degrees(s):.3f}" for s in board.std_rotation)
     degrees = math.degrees(board.found.tilt)
     return [
         ("translation", f"[{', '.join(f'{v:.5f}' for v in board.pose.translation)}] m"),
         ("rotation x y z w", f"[{', '.join(f'{v:.6f}' for v in board.pose.rotation)}]"),
         ("reprojection error", number(board.found.rms, "px")),
-        (
-            "standard deviation",
-            ", ".join(
-                f"{n} {1e3 * s:.2f} mm" for n, s in zip(names, board.std_translation, strict=True)
-            )
-            + f", rotation {math.degrees(float(np.linalg.norm(board.std_rotation))):.3f} deg "
-            "(of the corners alone)",
-        ),
+        ("standard deviation, translation", f"{std} mm"),
+        ("standard deviation, rotation", f"{turn} deg, of the corners alone, in the optical frame"),
         ("optical axis against the board's normal", f"{degrees:.1f} deg"),
         ("pattern's centre in the board frame", f"{list(board.pattern_at)} m"),
     ]
@@ -209,7 +207,7 @@ def summary(found: Calibration, skipped: Sequence[Skipped], board: BoardPose | N
 def _table(views: Sequence[ViewResult]) -> str:
     table = Table(box=None, pad_edge=False)
     for name in ("view", "error [px]", "distance [m]", "tilt [deg]", "edges [px]"):
-        table.add_column(name, justify="left" if name == "view" else "right", no_wrap=True)
+        table.add_column(escape(name), justify="left" if name == "view" else "right", no_wrap=True)
     table.add_column("remark")
     for v in views:
         distance, tilt = "", ""
@@ -218,9 +216,11 @@ def _table(views: Sequence[ViewResult]) -> str:
             tilt = f"{math.degrees(v.pose.tilt):.0f}"
         remark = "" if v.used else f"left out, {v.reason}"
         if v.used and v.dropped:
-            remark = f"{v.dropped} corners left out"
+            remark = f"{v.dropped} of its corners left out"
         error = f"{v.rms:.3f}" if math.isfinite(v.rms) else ""
-        table.add_row(v.view.name, error, distance, tilt, f"{v.view.edge_width:.1f}", remark)
+        table.add_row(
+            escape(v.view.name), error, distance, tilt, f"{v.view.edge_width:.1f}", remark
+        )
     terminal = Console(highlight=False)
     width = terminal.width if terminal.is_terminal else WIDTH
     console = Console(file=io.StringIO(), width=width, highlight=False)

@@ -184,7 +184,7 @@ def _views(views: Sequence[CalibrationView]) -> str:
     for view in views:
         remark = view.reason
         if view.dropped and not remark:
-            remark = f"{view.dropped} corners left out"
+            remark = f"{view.dropped} of its corners left out"
         rows.append(
             (
                 view.name,

@@ -60,7 +60,7 @@ class ViewCollector:
         """
         self._check_size(name, image)
         try:
-            view = find_pattern(image, self.pattern, name)
+            view = find_pattern(image, self.pattern, name, thorough=not moving)
         except VisionError as err:
             self.skipped.append(Skipped(name, str(err)))
             self._try_other_sizes(image)

@@ -17,6 +17,7 @@ from dlo_ros.vision.patterns import Charuco, Pattern
 from dlo_ros.vision.segmentation import Image
 
 SEARCH_SIZES = (1280, 2560)  # [px] larger side of the picture in which it is searched
+MOST = 0.8  # share of the corners with which a search is content
 THOROUGH = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE
 LEAST_CORNERS = 8  # fewer do not tell six numbers of a pose and an error
 LEAST_SPACING = 6.0  # [px] between corners
@@ -43,20 +44,21 @@ class View:
     edge_width: float
 
 
-def find_pattern(image: Image, pattern: Pattern, name: str = "") -> View:
+def find_pattern(image: Image, pattern: Pattern, name: str = "", thorough: bool = True) -> View:
     """Find the pattern in a picture.
 
     Args:
         image: grey or BGR, shape (h, w) or (h, w, 3).
         pattern: a chessboard must be seen whole, a ChArUco board may be seen in part.
         name: of the view.
+        thorough: whether to try hard, which takes most time where there is nothing.
 
     Raises:
         VisionError: it is not there, too small, or of another size; the message says which.
     """
     colour = image.ndim == 3
     gray = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if colour else image, dtype=np.uint8)
-    corners, pixels = _search(gray, pattern)
+    corners, pixels = _search(gray, pattern, thorough)
     spacing = _spacing(pattern, corners, pixels)
     if spacing < LEAST_SPACING:
         raise VisionError(f"the pattern is too small: {spacing:.1f} px between its corners")
@@ -88,23 +90,26 @@ def board_size(image: Image) -> tuple[int, int] | None:
     return int(columns), int(rows)
 
 
-def _search(gray: Image, pattern: Pattern) -> tuple[NDArray[np.int64], FloatArray]:
+def _search(gray: Image, pattern: Pattern, thorough: bool) -> tuple[NDArray[np.int64], FloatArray]:
     """Numbers and rough pixels of the corners; a small picture is searched first, it is faster."""
     reason = VisionError(f"no {pattern.kind} found")
+    corners, pixels = np.zeros(0, dtype=np.int64), np.zeros((0, 2))
     for small, scale in _scales(gray):
-        if isinstance(pattern, Charuco):
-            try:
-                corners, pixels = search_charuco(small, pattern)
-            except VisionError as err:
-                reason = err
-                continue
-        else:
-            found = _chessboard(small, pattern)
-            if found is None:
-                continue
-            corners, pixels = np.arange(len(found)), found
-        return corners, (pixels + 0.5) * scale - 0.5
-    raise reason
+        try:
+            if isinstance(pattern, Charuco):
+                numbers, places = search_charuco(small, pattern)
+            else:
+                numbers, places = _chessboard(small, pattern, thorough)
+        except VisionError as err:
+            reason = err
+            continue
+        if len(numbers) > len(corners):
+            corners, pixels = numbers, (places + 0.5) * scale - 0.5
+        if len(corners) > MOST * len(pattern.points):
+            break
+    if not len(corners):
+        raise reason
+    return corners, pixels
 
 
 def _scales(gray: Image) -> Iterator[tuple[Image, float]]:
@@ -125,20 +130,22 @@ def _scaled(gray: Image, size: int) -> tuple[Image, float]:
     return np.asarray(small, dtype=np.uint8), gray.shape[1] / shape[0]
 
 
-def _chessboard(gray: Image, pattern: Pattern) -> FloatArray | None:
-    """Corners row by row, shape (columns * rows, 2), in the handedness of the pattern's frame."""
+def _chessboard(
+    gray: Image, pattern: Pattern, thorough: bool
+) -> tuple[NDArray[np.int64], FloatArray]:
+    """All corners row by row, in the handedness of the pattern's frame."""
     grid = (pattern.columns, pattern.rows)
-    for flags in (cv2.CALIB_CB_NORMALIZE_IMAGE, THOROUGH):
+    for flags in (cv2.CALIB_CB_NORMALIZE_IMAGE, THOROUGH)[: 2 if thorough else 1]:
         found, pixels = cv2.findChessboardCornersSB(gray, grid, flags=flags)
         if found:
             break
     if not found:
-        return None
+        raise VisionError(f"no {pattern.kind} found")
     corners = np.asarray(pixels, dtype=np.float64).reshape(pattern.rows, pattern.columns, 2)
     along, down = corners[0, -1] - corners[0, 0], corners[-1, 0] - corners[0, 0]
     if along[0] * down[1] - along[1] * down[0] < 0.0:
         corners = corners[::-1]
-    return np.asarray(corners.reshape(-1, 2))
+    return np.arange(len(pattern.points)), np.asarray(corners.reshape(-1, 2))
 
 
 def _spacing(pattern: Pattern, corners: NDArray[np.int64], pixels: FloatArray) -> float:
