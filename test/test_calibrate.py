@@ -1,5 +1,7 @@
 """The tool `calibrate`: files and bags in; camera_info.yaml, board.yaml, report and reasons out."""
 
+import contextlib
+import io
 import os
 import re
 
@@ -106,11 +108,19 @@ def pose_error(file, rotation=BOARD_ROTATION, shift=BOARD_SHIFT):
     return np.linalg.norm(np.array(values["camera.translation"]) - shift), np.degrees(angle)
 
 
-def test_the_camera_and_the_board_are_found(capsys, tmp_path, views, board):
-    output = tmp_path / "new" / "camera"
-    words = ("--pattern", PATTERN, "--output", output, "--board", board, views)
-    status, out, err = run(capsys, *words)
-    assert status == 0, err
+@pytest.fixture(scope="module")
+def result(tmp_path_factory, views, board):
+    """What the tool makes of the views and the board, and what it prints."""
+    output = tmp_path_factory.mktemp("result") / "new" / "camera"
+    printed = io.StringIO()
+    words = ["--pattern", PATTERN, "--output", output, "--board", board, views]
+    with contextlib.redirect_stdout(printed):
+        assert cli.main(["calibrate", *map(str, words)]) == 0
+    return output, printed.getvalue()
+
+
+def test_the_camera_and_the_board_are_found(result):
+    output, out = result
     camera = read_camera_file(output / "camera_info.yaml")
     focal = camera.matrix[[0, 1], [0, 1]]
     assert focal == pytest.approx(MATRIX[[0, 1], [0, 1]], rel=2e-3)
@@ -128,9 +138,8 @@ def test_the_camera_and_the_board_are_found(capsys, tmp_path, views, board):
     assert "src=" in html and 'src="data:' in html
 
 
-def test_camera_info_is_what_camera_info_manager_reads(capsys, tmp_path, views):
-    assert run(capsys, "--pattern", PATTERN, "--output", tmp_path, views)[0] == 0
-    tree = yaml.safe_load((tmp_path / "camera_info.yaml").read_text())
+def test_camera_info_is_what_camera_info_manager_reads(result):
+    tree = yaml.safe_load((result[0] / "camera_info.yaml").read_text())
     shapes = {
         "camera_matrix": (3, 3),
         "rectification_matrix": (3, 3),
@@ -147,7 +156,6 @@ def test_camera_info_is_what_camera_info_manager_reads(capsys, tmp_path, views):
         assert all(isinstance(v, float) for v in matrix["data"])
     assert (tree["image_width"], tree["image_height"]) == SIZE
     assert tree["distortion_model"] == "plumb_bob" and tree["camera_name"] == "camera"
-    assert not (tmp_path / "board.yaml").exists()
 
 
 def test_board_yaml_merges_into_a_parameter_file(capsys, tmp_path, board, true_camera):
@@ -195,13 +203,13 @@ def test_the_origin_is_where_it_is_wanted(capsys, tmp_path, board, true_camera):
     assert distance < 1.2e-3 and angle < 0.1
 
 
-def test_views_of_a_bag_and_of_both(capsys, tmp_path, views):
+def test_views_of_a_bag(capsys, tmp_path, views):
     bag = tmp_path / "recording"
-    files = sorted(views.glob("*.png"))
+    files = sorted(views.glob("view0*.png"))
     with BagWriter(bag) as writer:
         for k, file in enumerate(files):
-            for repeat in range(3):  # held still, at 10 Hz
-                stamp = 1_000_000_000 + (3 * k + repeat) * 100_000_000
+            for repeat in range(4):  # held still, at 10 Hz; every other picture is looked at
+                stamp = 1_000_000_000 + (4 * k + repeat) * 100_000_000
                 message = compressed_message(BAG_MESSAGES, stamp, "camera", file.read_bytes())
                 writer.write("image_raw/compressed", message, stamp)
     words = ("--pattern", PATTERN, "--output", tmp_path / "out")
@@ -209,7 +217,7 @@ def test_views_of_a_bag_and_of_both(capsys, tmp_path, views):
     assert status == 0, err
     camera = read_camera_file(tmp_path / "out" / "camera_info.yaml")
     assert camera.matrix[0, 0] == pytest.approx(MATRIX[0, 0], rel=2e-3)
-    assert re.search(r"over 1[2-4] of 1[4-7] views", out) and "like recording" in out
+    assert re.search(r"over [78] of (9|10) views", out) and "like recording" in out
 
 
 def test_a_given_camera_is_checked_and_kept(capsys, tmp_path, views, true_camera):
@@ -225,6 +233,7 @@ def test_hints_name_missing_views(capsys, tmp_path, views):
     files = sorted(views.glob("*.png"))[:9]
     status, out, _ = run(capsys, "--pattern", PATTERN, "--output", tmp_path, *files)
     assert status == 0 and re.search(r"hint: \d views; \d more", out)
+    assert not (tmp_path / "board.yaml").exists()  # nobody showed the board
     assert "more make the result safer" in (tmp_path / "report.html").read_text()
 
 

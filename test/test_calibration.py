@@ -22,7 +22,7 @@ from calibration_scenes import (
 from dlo_ros.errors import InputError, VisionError
 from dlo_ros.vision.calibration import calibrate, check_camera
 from dlo_ros.vision.calibration_coverage import LEAST_VIEWS, Coverage
-from dlo_ros.vision.calibration_fit import Intrinsics, locate
+from dlo_ros.vision.calibration_fit import LENSES, Intrinsics, fit_camera, locate
 from dlo_ros.vision.calibration_views import ViewCollector
 from dlo_ros.vision.camera_file import camera_file, read_camera_file
 from dlo_ros.vision.pattern_search import View, board_size, find_pattern
@@ -152,6 +152,7 @@ def test_nothing_is_found_where_nothing_is():
 def test_the_lens_model_is_no_larger_than_needed(coefficients, name):
     found = calibrate(true_views(18, 0.05, 5, coefficients), BOARD)
     assert found.lens is not None and found.lens.name == name
+    assert len(found.used) == 18
     assert found.intrinsics.matrix == pytest.approx(MATRIX, rel=2e-3, abs=1e-9)
 
 
@@ -170,12 +171,11 @@ def test_a_strong_lens_is_followed_to_the_border():
 
 def test_standard_deviations_are_honest():
     scores = []
-    for seed in range(5):
-        found = calibrate(true_views(10, 0.1, seed), BOARD)
-        assert found.std is not None
-        error = (found.intrinsics.matrix - MATRIX)[[0, 1, 0, 1], [0, 1, 2, 2]]
-        scores.append(error / found.std)
-    assert 0.6 < np.sqrt(np.mean(np.square(scores))) < 1.5
+    for seed in range(12):
+        fit = fit_camera(true_views(10, 0.1, seed), BOARD, LENSES[3])
+        error = (fit.intrinsics.matrix - MATRIX)[[0, 1, 0, 1], [0, 1, 2, 2]]
+        scores.append(error / fit.std)
+    assert 0.7 < np.sqrt(np.mean(np.square(scores))) < 1.35
 
 
 def test_wrong_views_are_left_out_and_corners_too():
@@ -198,11 +198,6 @@ def test_wrong_views_are_left_out_and_corners_too():
     assert found.views[5].used and found.views[5].dropped == 2
     assert all(v.dropped == 0 for k, v in enumerate(found.views) if v.used and k != 5)
     assert found.intrinsics.matrix == pytest.approx(MATRIX, rel=2e-3)
-
-
-def test_good_views_are_all_used():
-    for seed in range(2):
-        assert len(calibrate(true_views(14, 0.05, seed), BOARD).used) >= 13
 
 
 def test_views_without_tilt_leave_the_focal_length_open():
@@ -282,9 +277,10 @@ def test_copies_and_stills_of_a_film_count_once():
 def test_a_given_camera_is_checked():
     views = true_views(6, 0.05, 0)
     right = check_camera(views, BOARD, TRUE)
-    assert right.rms < 0.1 and right.std is None
-    wrong = replace(TRUE, matrix=MATRIX * [[1.05], [1.0], [1.0]])
-    assert check_camera(views, BOARD, wrong).rms > 0.5
+    assert right.rms < 0.1 and right.std is None and not right.hints
+    wrong = replace(TRUE, matrix=MATRIX * [[1.1], [1.0], [1.0]])
+    found = check_camera(views, BOARD, wrong)
+    assert found.rms > 1.0 and "does not fit these views" in found.hints[0]
     with pytest.raises(InputError, match="calibrated for 640 x 480"):
         check_camera(views, BOARD, replace(TRUE, width=640, height=480))
 

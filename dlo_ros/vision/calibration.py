@@ -6,7 +6,7 @@ No picture is touched here: `pattern_search` finds the corners, this module opti
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -41,6 +41,7 @@ FAR = 3.0  # times the median error: such a view is no worse picture but another
 FAR_PX = 0.15  # and at least so much above it
 BLURRED, BLURRED_PX = 2.5, 4.0  # edge width: times the median, and at least [px]
 WEAK = 0.003  # standard deviation of the focal length over itself above which it is told
+POOR = 0.7  # [px] of reprojection error above which it is told
 UNKNOWN = 0.05  # and above which there is no result
 
 Progress = Callable[[str, float], None]
@@ -169,7 +170,14 @@ def calibrate(
             f"the focal length is known to {100.0 * weakness:.1f} % only; more views, tilted by 30 "
             "to 45 degrees and near enough to fill the image, tell it better"
         )
-    return Calibration(fit.intrinsics, fit.std, results, scores, lens, tuple(hints))
+    found = Calibration(fit.intrinsics, fit.std, results, scores, lens, tuple(hints))
+    if found.rms > POOR:
+        remark = (
+            f"a reprojection error of {found.rms:.1f} px is large: the pattern is not flat, zoom "
+            "or focus changed, or the lens distorts more than these models can tell"
+        )
+        return replace(found, hints=(*hints, remark))
+    return found
 
 
 def check_camera(views: Sequence[View], pattern: Pattern, intrinsics: Intrinsics) -> Calibration:
@@ -185,7 +193,14 @@ def check_camera(views: Sequence[View], pattern: Pattern, intrinsics: Intrinsics
                 f"{intrinsics.width} x {intrinsics.height}"
             )
     results = _results(views, views, range(len(views)), {}, pattern, intrinsics)
-    return Calibration(intrinsics, None, results, (), None, ())
+    found = Calibration(intrinsics, None, results, (), None, ())
+    if found.rms > POOR:
+        remark = (
+            f"the given camera does not fit these views: they are off by {found.rms:.1f} px; "
+            "zoom or focus changed since, or the pattern is not flat: calibrate anew"
+        )
+        return replace(found, hints=(remark,))
+    return found
 
 
 def _check(views: Sequence[View]) -> None:

@@ -15,7 +15,7 @@ from dlo_ros.vision.patterns import Charuco, Pattern
 
 SUFFIXES = (".pdf", ".png", ".svg")
 INCH = 0.0254  # [m]
-RESOLUTION = 600  # dots per inch of a PNG
+RESOLUTION = 300  # dots per inch of a PNG
 MOST_PIXELS = 120_000_000
 PAPER = {
     "A4": (0.297, 0.210),
