@@ -220,6 +220,21 @@ def test_views_of_a_bag(capsys, tmp_path, views):
     assert re.search(r"over [78] of (9|10) views", out) and "like recording" in out
 
 
+def test_a_charuco_board_seen_in_part(capsys, tmp_path):
+    """Views that run over the image's border, so that its corners are reached."""
+    rng = np.random.default_rng(4)
+    texture, texel, lens = charuco(8, 5, 0.022 / 0.03, "5X5_100"), 0.03 / TEXELS / 2, usual_lens()
+    for k, pose in enumerate(poses(12, parse_pattern(CHARUCO).points, rng, margin=-90)):
+        picture = lens.picture(texture, texel, *pose, rng)
+        cv2.imwrite(str(tmp_path / f"view{k:02d}.png"), picture)
+    output = tmp_path / "out"
+    status, out, _ = run(capsys, "--pattern", CHARUCO, "--output", output, tmp_path)
+    assert status == 0 and re.search(r"over 1[12] of 12 views", out)
+    matrix = read_camera_file(output / "camera_info.yaml").matrix
+    assert matrix[[0, 1], [0, 1]] == pytest.approx(MATRIX[[0, 1], [0, 1]], rel=2e-3)
+    assert matrix[:2, 2] == pytest.approx(MATRIX[:2, 2], abs=1.5)
+
+
 def test_a_given_camera_is_checked_and_kept(capsys, tmp_path, views, true_camera):
     words = ("--pattern", PATTERN, "--output", tmp_path, "--camera-info", true_camera)
     status, out, _ = run(capsys, *words, views)

@@ -244,9 +244,15 @@ def test_coverage_names_what_is_missing():
     assert "bottom left and bottom right" in hints and "top left" not in hints
     assert "top or bottom tilted" in hints and "left or right side" in hints
     assert "same distance" in hints and "9 more" in hints
+    assert coverage.missing() == [
+        "corners bottom left, bottom right",
+        "tilted up or down",
+        "turned sideways",
+        "nearer or farther",
+    ]
     for view in true_views(40, 0.0, 3, margin=5):
         coverage.add(view)
-    assert not list(coverage.hints())
+    assert not coverage.hints() and not coverage.missing()
 
 
 def test_tilts_are_told_apart():

@@ -195,8 +195,6 @@ def _calibration(
 
 
 def _still_missing(collector: ViewCollector) -> str:
-    hints = list(collector.coverage.hints())
+    missing = collector.coverage.missing()
     count = f"{collector.coverage.count} views"
-    # The number stands there already.
-    hints = [h for h in hints if not h.startswith(count)]
-    return f"{count}; {hints[0]}" if hints else f"{count}, all kinds are there"
+    return f"{count}; missing: {'; '.join(missing)}" if missing else f"{count}, all kinds are there"

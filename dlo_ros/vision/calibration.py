@@ -164,7 +164,7 @@ def calibrate(
     for result in results:
         if result.used and result.pose is not None:
             coverage.add(result.view, result.pose)
-    hints = list(coverage.hints())
+    hints = coverage.hints()
     if weakness > WEAK:
         hints.append(
             f"the focal length is known to {100.0 * weakness:.1f} % only; more views, tilted by 30 "

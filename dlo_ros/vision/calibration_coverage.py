@@ -70,23 +70,41 @@ class Coverage:
         """Share of the image's cells that corners were seen in."""
         return float(np.mean(self.cells > 0))
 
-    def hints(self) -> Iterator[str]:
-        """One line for each kind of view that is missing, the most important first."""
+    def hints(self) -> list[str]:
+        """A sentence for each kind of view that is missing, the most important first."""
+        return [sentence for _, sentence in self._gaps()]
+
+    def missing(self) -> list[str]:
+        """The same in a few words each, number of views aside."""
+        return [words for words, _ in self._gaps() if words]
+
+    def _gaps(self) -> Iterator[tuple[str, str]]:
         if self.count < GOOD_VIEWS:
-            yield f"{self.count} views; {GOOD_VIEWS - self.count} more make the result safer"
-        missing = [name for name, n in zip(PLACES, self._places, strict=True) if not n]
-        if missing:
-            yield f"no view reaches the image's {_listed(missing)} corner"
+            more = GOOD_VIEWS - self.count
+            yield "", f"{self.count} views; {more} more make the result safer"
+        places = [name for name, n in zip(PLACES, self._places, strict=True) if not n]
+        if places:
+            corners = "corner" if len(places) == 1 else "corners"
+            words = f"{corners} {', '.join(places)}" if len(places) < 4 else "the image's corners"
+            yield words, f"no view reaches the image's {_listed(places)} {corners}"
         elif self.share < COVERED:
-            yield f"the pattern was seen in {100.0 * self.share:.0f} % of the image's area only"
-        upright = sum(abs(t[0]) > TILTED for t in self._tilts)
-        sideways = sum(abs(t[1]) > TILTED for t in self._tilts)
-        if upright < TILTED_VIEWS:
-            yield "too few views with the pattern's top or bottom tilted towards the camera"
-        if sideways < TILTED_VIEWS:
-            yield "too few views with the pattern's left or right side turned towards the camera"
+            seen = f"{100.0 * self.share:.0f} %"
+            yield "much of the image", f"the pattern was seen in {seen} of the image's area only"
+        if sum(abs(t[0]) > TILTED for t in self._tilts) < TILTED_VIEWS:
+            yield (
+                "tilted up or down",
+                "too few views with the pattern's top or bottom tilted towards the camera",
+            )
+        if sum(abs(t[1]) > TILTED for t in self._tilts) < TILTED_VIEWS:
+            yield (
+                "turned sideways",
+                "too few views with the pattern's left or right side turned towards the camera",
+            )
         if self._scales and max(self._scales) < SCALE * min(self._scales):
-            yield "all views are from the same distance; take some nearer and some farther"
+            yield (
+                "nearer or farther",
+                "all views are from the same distance; take some nearer and some farther",
+            )
 
 
 def usual_camera(width: int, height: int) -> Intrinsics:
