@@ -1,0 +1,319 @@
+"""The planar rod's equations for eight parameter sets at once; see `plane` for the formulas.
+
+What is common to the sets are numbers, what differs are vectors (`lanes_vector`), stored as rows.
+Degree of freedom 2 i + c is coordinate c (x, z) of control point i. Only control points lo to
+hi - 1 are free. A symmetric matrix is stored by columns: row 8 k + m holds A[k + m, k].
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from dlo_ros.rod.kernels import MIDDLE, OUTER
+from dlo_ros.rod.lanes_vector import largest, load, root, smaller, spread, store
+from dlo_ros.rod.tables import Quadrature
+from dlo_ros.spline import FloatArray
+
+COLUMN = 8  # stored entries of a column
+PAIRS = 10  # of the four basis functions of a span, each with itself and the ones before
+
+
+class Tables(NamedTuple):
+    """What all sets have in common."""
+
+    rule: Quadrature
+    products: FloatArray  # (spans, PAIRS, 3, 4) of b1 and b2: 11, 12, 21, 22
+    lo: int
+    hi: int
+
+
+class Law(NamedTuple):
+    """Stiffness with weights and rest strains of one step; arrays (nb, LANES)."""
+
+    stretch: FloatArray
+    stretch_rest: FloatArray
+    bend: FloatArray
+    bend_rest: FloatArray
+
+
+class Scratch(NamedTuple):
+    """Room for the linear system; arrays (..., LANES)."""
+
+    gradient: FloatArray  # (2 n,)
+    step: FloatArray  # (2 n + 7,) right-hand side and solution
+    band: FloatArray  # (8 (2 n + 7),) matrix, then its factors
+    point: FloatArray  # (3 * 14,) forces and second derivatives at the points of a span
+    line: FloatArray  # (16,) derivatives of a span's mean stretch and of its tilt
+
+
+def products_of(rule: Quadrature) -> FloatArray:
+    """Products of the basis functions' derivatives, see `Tables`."""
+    spans = len(rule.weight) // 3
+    result = np.empty((spans, PAIRS, 3, 4))
+    b1, b2 = rule.b1.reshape(spans, 3, 4), rule.b2.reshape(spans, 3, 4)
+    pairs = [(i, j) for i in range(4) for j in range(i + 1)]
+    for p, (i, j) in enumerate(pairs):
+        for c, (left, right) in enumerate(((b1, b1), (b1, b2), (b2, b1), (b2, b2))):
+            result[:, p, :, c] = left[:, :, i] * right[:, :, j]
+    return result
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _point(q, at, b1, b2):
+    """First and second derivative along u, from the first degree of freedom of a span."""
+    x, z = load(q, at), load(q, at + 1)
+    px, pz, sx, sz = b1[0] * x, b1[0] * z, b2[0] * x, b2[0] * z
+    for i in range(1, 4):
+        x, z = load(q, at + 2 * i), load(q, at + 2 * i + 1)
+        px += b1[i] * x
+        pz += b1[i] * z
+        sx += b2[i] * x
+        sz += b2[i] * z
+    return px, pz, sx, sz
+
+
+@njit(cache=True, nogil=True)
+def strains(q, tables, stretch, bend):
+    """Write stretch of whole spans and curvature, (nb, LANES)."""
+    rule = tables.rule
+    for e in range(rule.weight.size):
+        px, pz, sx, sz = _point(q, 2 * rule.span[e], rule.b1[e], rule.b2[e])
+        square = px * px + pz * pz
+        n = root(square)
+        store(bend, e, (pz * sx - px * sz) / (square * n))
+        store(stretch, e, n - 1.0)
+        if e % 3 == 2:
+            _span_stretch(stretch, e - 2, rule.stretch_linear[e // 3])
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _span_stretch(stretch, first, linear):
+    """`kernels.span_stretch` of a span whose first point is given."""
+    a, b, c = load(stretch, first), load(stretch, first + 1), load(stretch, first + 2)
+    if linear:
+        mean, tilt = OUTER * (a + c) + MIDDLE * b, 0.5 * (c - a)
+        store(stretch, first, mean - tilt)
+        store(stretch, first + 1, mean)
+        store(stretch, first + 2, mean + tilt)
+    else:
+        store(stretch, first, b)
+        store(stretch, first + 2, b)
+
+
+@njit(cache=True, nogil=True)
+def assemble(q, tables, law, scratch, matrix):
+    """Gradient of the elastic energy, and `matrix` plus its exact Hessian in the free ones.
+
+    Args:
+        matrix: basis matrix for x and for z alike, lower rows (4 n, LANES).
+    """
+    rule, lo, hi = tables.rule, tables.lo, tables.hi
+    gradient, band, point = scratch.gradient, scratch.band, scratch.point
+    zero = spread(0.0)
+    for i in range(2 * hi):
+        store(gradient, i, zero)
+    for j in range(lo, hi):
+        for i in range(j, j + 4):
+            inside = i < hi
+            x = load(matrix, 4 * i + 3 - i + j) if inside else zero
+            at, m = COLUMN * 2 * j, 2 * (i - j)
+            store(band, at + m, x)
+            store(band, at + m + 1, zero)
+            store(band, at + COLUMN + m, x)
+            store(band, at + COLUMN + m + 1, zero)
+    for span in range(tables.products.shape[0]):
+        linear = rule.stretch_linear[span]
+        _points(q, rule, law, scratch, span, linear)
+        for i in range(4):
+            if lo <= span + i < hi:
+                at = 2 * (span + i)
+                x, z = load(gradient, at), load(gradient, at + 1)
+                for g in range(3):
+                    u, v, k = rule.b1[3 * span + g, i], rule.b2[3 * span + g, i], 14 * g
+                    x += u * load(point, k) + v * load(point, k + 2)
+                    z += u * load(point, k + 1) + v * load(point, k + 3)
+                store(gradient, at, x)
+                store(gradient, at + 1, z)
+        if linear:
+            _add_line(scratch, law, rule, span, lo, hi)
+        pair = 0
+        for i in range(4):
+            for j in range(i + 1):
+                if lo <= span + j and span + i < hi:
+                    _add_block(point, tables.products[span, pair], band, span + j, i - j)
+                pair += 1
+
+
+@njit(cache=True, nogil=True)
+def _points(q, rule, law, scratch, span, linear):
+    """Forces on p and s (4 rows) and second derivatives (10 rows) at a span's three points."""
+    point, line = scratch.point, scratch.line
+    at = 2 * rule.span[3 * span]
+    # Raw stretches first where a straight line counts.
+    a, b, c = spread(0.0), spread(0.0), spread(0.0)
+    if linear:
+        a, b, c = _length(q, at, rule, 3 * span), _length(q, at, rule, 3 * span + 1), _length(
+            q, at, rule, 3 * span + 2
+        )  # fmt: skip
+        for k in range(16):
+            store(line, k, spread(0.0))
+    mean, tilt = OUTER * (a + c) + MIDDLE * b - 1.0, 0.5 * (c - a)
+    for g in range(3):
+        e = 3 * span + g
+        px, pz, sx, sz = _point(q, at, rule.b1[e], rule.b2[e])
+        square = px * px + pz * pz
+        r2 = 1.0 / square
+        n = root(square)
+        r = n * r2
+        f0, tx, tz = r2 * r, px * r, pz * r
+        kappa = (pz * sx - px * sz) * f0
+        bend = load(law.bend, e)
+        stress = bend * (kappa - load(law.bend_rest, e))
+        f = 3.0 * kappa * r2
+        kpx, kpz = spread(0.0) - sz * f0 - f * px, sx * f0 - f * pz
+        ksx, ksz = pz * f0, spread(0.0) - px * f0
+        m = 3.0 * f0 * r2 * stress
+        q15, fs = 5.0 * f * r2 * stress, f * stress
+        hxx = bend * kpx * kpx + 2.0 * m * sz * px - fs + q15 * px * px
+        hxz = bend * kpx * kpz + m * (sz * pz - sx * px) + q15 * px * pz
+        hzz = bend * kpz * kpz - 2.0 * m * sx * pz - fs + q15 * pz * pz
+        fx, fz = stress * kpx, stress * kpz
+        if linear or g == 1:
+            stiff = load(law.stretch, e)
+            if linear:
+                tension = stiff * (mean + float(g - 1) * tilt - load(law.stretch_rest, e))
+            else:
+                stiff *= 1.0 / MIDDLE
+                tension = stiff * (n - 1.0 - load(law.stretch_rest, e))
+                hxx += stiff * tx * tx
+                hxz += stiff * tx * tz
+                hzz += stiff * tz * tz
+            fx += tension * tx
+            fz += tension * tz
+            soft = tension * r
+            hxx += soft * tz * tz
+            hxz -= soft * tx * tz
+            hzz += soft * tx * tx
+        if linear:
+            share = MIDDLE if g == 1 else OUTER
+            slope = np.sqrt(2.0 * OUTER) * 0.5 * float(g - 1)
+            for i in range(4):
+                u = rule.b1[e, i]
+                for half in range(2):
+                    w, k = (share * u if half == 0 else slope * u), 8 * half + 2 * i
+                    store(line, k, load(line, k) + w * tx)
+                    store(line, k + 1, load(line, k + 1) + w * tz)
+        k = 14 * g
+        store(point, k, fx)
+        store(point, k + 1, fz)
+        store(point, k + 2, stress * ksx)
+        store(point, k + 3, stress * ksz)
+        store(point, k + 4, hxx)
+        store(point, k + 5, hxz)
+        store(point, k + 6, hzz)
+        store(point, k + 7, bend * kpx * ksx - m * px * pz)
+        store(point, k + 8, bend * kpx * ksz - f0 * stress + m * px * px)
+        store(point, k + 9, bend * kpz * ksx + f0 * stress - m * pz * pz)
+        store(point, k + 10, bend * kpz * ksz + m * pz * px)
+        store(point, k + 11, bend * ksx * ksx)
+        store(point, k + 12, bend * ksx * ksz)
+        store(point, k + 13, bend * ksz * ksz)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _length(q, at, rule, e):
+    px, pz, _, _ = _point(q, at, rule.b1[e], rule.b2[e])
+    return root(px * px + pz * pz)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _add_block(point, products, band, j, apart):
+    """Add the second derivatives for control points j and j + apart."""
+    at, m = COLUMN * 2 * j, 2 * apart
+    xx, zx = load(band, at + m), load(band, at + m + 1)
+    zz = load(band, at + COLUMN + m)
+    xz = load(band, at + COLUMN + m - 1) if apart > 0 else zx
+    for g in range(3):
+        k = 14 * g
+        uu, uv, vu, vv = products[g, 0], products[g, 1], products[g, 2], products[g, 3]
+        axz, azx = load(point, k + 8), load(point, k + 9)
+        xx += uu * load(point, k + 4) + (uv + vu) * load(point, k + 7) + vv * load(point, k + 11)
+        zz += uu * load(point, k + 6) + (uv + vu) * load(point, k + 10) + vv * load(point, k + 13)
+        both = uu * load(point, k + 5) + vv * load(point, k + 12)
+        xz += both + uv * axz + vu * azx
+        zx += both + uv * azx + vu * axz
+    store(band, at + m, xx)
+    store(band, at + m + 1, zx)
+    store(band, at + COLUMN + m, zz)
+    if apart > 0:
+        store(band, at + COLUMN + m - 1, xz)
+
+
+@njit(cache=True, nogil=True)
+def _add_line(scratch, law, rule, span, lo, hi):
+    """Add the square of the straight line through a span's stretches; see `kernels.add_square`."""
+    line, band = scratch.line, scratch.band
+    # law.stretch has the points' weights, which sum to the span's length.
+    stiff = (load(law.stretch, 3 * span) + load(law.stretch, 3 * span + 1)
+             + load(law.stretch, 3 * span + 2))  # fmt: skip
+    first, last = max(0, 2 * (lo - span)), min(8, 2 * (hi - span))
+    for b in range(first, last):
+        mean, tilt = stiff * load(line, b), stiff * load(line, 8 + b)
+        for a in range(first, b + 1):
+            at = COLUMN * (2 * span + a) + b - a
+            store(band, at, load(band, at) + mean * load(line, a) + tilt * load(line, 8 + a))
+
+
+@njit(cache=True, nogil=True)
+def residual(q, matrix, rhs, scratch, lo, hi):
+    """Write rhs - matrix q - gradient of the free degrees of freedom to scratch.step."""
+    n = q.shape[0] // 2
+    zero = spread(0.0)
+    for i in range(lo, hi):
+        x = load(rhs, 2 * i) - load(scratch.gradient, 2 * i)
+        z = load(rhs, 2 * i + 1) - load(scratch.gradient, 2 * i + 1)
+        for j in range(max(0, i - 3), min(n, i + 4)):
+            a = load(matrix, 4 * i + 3 - i + j if j <= i else 4 * j + 3 - j + i)
+            x -= a * load(q, 2 * j)
+            z -= a * load(q, 2 * j + 1)
+        store(scratch.step, 2 * i, x)
+        store(scratch.step, 2 * i + 1, z)
+    for i in range(2 * hi, 2 * hi + 7):
+        store(scratch.step, i, zero)
+
+
+@njit(cache=True, nogil=True)
+def solve(scratch, lo, hi):
+    """Factorise the free part of the matrix and replace the right-hand side by the solution.
+
+    Returns:
+        The smallest pivot of all sets.
+    """
+    band, step = scratch.band, scratch.step
+    lowest = load(band, COLUMN * 2 * lo)
+    zero = spread(0.0)
+    for i in range(COLUMN * 2 * hi, COLUMN * (2 * hi + 7)):
+        store(band, i, zero)
+    for k in range(2 * lo, 2 * hi):
+        at = COLUMN * k
+        pivot = load(band, at)
+        lowest = smaller(pivot, lowest)
+        inverse = 1.0 / pivot
+        y = load(step, k)
+        for a in range(1, 8):
+            factor = load(band, at + a) * inverse
+            to = at + COLUMN * a - a
+            for b in range(a, 8):
+                store(band, to + b, load(band, to + b) - factor * load(band, at + b))
+            store(step, k + a, load(step, k + a) - factor * y)
+        store(band, at, inverse)
+    for k in range(2 * hi - 1, 2 * lo - 1, -1):
+        x = load(step, k)
+        at = COLUMN * k
+        for a in range(7, 0, -1):
+            x -= load(band, at + a) * load(step, k + a)
+        store(step, k, x * load(band, at))
+    return 0.0 - largest(0.0 - lowest)
