@@ -85,7 +85,7 @@ class ParameterSets:
         many = 2 * n + COLUMN - 1  # the factorisation reaches beyond the last column
         self._room = Room(
             Law(rows(nb), rows(nb), rows(nb), rows(nb)),
-            Scratch(rows(2 * n), rows(many), rows(COLUMN * many), rows(42), rows(16)),
+            Scratch(rows(2 * n), rows(many), rows(COLUMN * many), rows(42), rows(16), rows(2 * nb)),
             rows(4 * n), rows(2 * n), rows(2 * n), rows(2 * n), rows(2 * n), rows(2 * n),
             rows(2 * n), np.zeros((n, 2)), np.zeros((0, 3)), np.zeros(2),
         )  # fmt: skip
@@ -145,6 +145,7 @@ class ParameterSets:
             self._lanes([state.previous.stretch for state in states]),
             self._lanes(np.array([state.strains.other for state in states])[:, :, 0]),
             self._lanes(np.array([state.previous.other for state in states])[:, :, 0]),
+            rows(len(self._order), len(states[0].strains.stretch)),
         )  # fmt: skip
         length, n = self.models[0].basis.length, self.models[0].basis.control_points
         times = (np.asarray(stamps, dtype=np.int64) - command.stamp) / NANOSECONDS

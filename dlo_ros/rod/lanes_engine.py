@@ -24,7 +24,7 @@ from dlo_ros.rod.engine import (
     SMALLEST_STEP,
 )
 from dlo_ros.rod.grips import Imposed, impose
-from dlo_ros.rod.lanes_kernels import Law, Scratch, assemble, residual, solve, strains
+from dlo_ros.rod.lanes_kernels import Law, Scratch, assemble, residual, solve, strains, tensions
 from dlo_ros.rod.lanes_vector import largest, load, root, spread, store
 from dlo_ros.spline import FloatArray
 
@@ -53,6 +53,7 @@ class Motion(NamedTuple):
     stretch_before: FloatArray
     bend: FloatArray
     bend_before: FloatArray
+    tension: FloatArray  # (nb,) with weights, as `assemble` takes it
 
 
 class Room(NamedTuple):
@@ -111,7 +112,7 @@ def _predict(sets, motion, room, h, c_mass, c_drag):
 
 
 @njit(cache=True, nogil=True)
-def _newton(tables, room, limit, tolerance):
+def _newton(tables, room, tension, limit, tolerance):
     """Solve the step's equations from room.q.
 
     Args:
@@ -125,8 +126,8 @@ def _newton(tables, room, limit, tolerance):
     scratch = room.scratch
     if hi <= lo:
         return True, 1.0
-    for _ in range(MAX_NEWTON):
-        assemble(room.q, tables, room.law, scratch, room.matrix)
+    for iteration in range(MAX_NEWTON):
+        assemble(room.q, tables, room.law, scratch, room.matrix, tension, iteration == 0)
         residual(room.q, room.matrix, room.rhs, scratch, lo, hi)
         pivot = solve(scratch, lo, hi)
         square = spread(0.0)
@@ -162,7 +163,7 @@ def _step(sets, tables, motion, room, h, weights, limit, newton):
         if not tables.lo <= i < tables.hi:
             store(room.q, 2 * i, spread(room.target[i, 0]))
             store(room.q, 2 * i + 1, spread(room.target[i, 1]))
-    converged, pivot = _newton(tables, room, limit, newton)
+    converged, pivot = _newton(tables, room, motion.tension, limit, newton)
     # A negative pivot: the step has left the branch that a smaller one would follow.
     if not converged or (not pivot > 0.0 and h > 10.0 * SMALLEST_STEP):
         return False, np.inf
@@ -194,6 +195,7 @@ def _accept(tables, motion, room, h):
         store(motion.stretch_before, e, load(motion.stretch, e))
         store(motion.bend_before, e, load(motion.bend, e))
     strains(motion.q, tables, motion.stretch, motion.bend)
+    tensions(motion.stretch, room.law, tables.rule.stretch_linear, motion.tension)
 
 
 @njit(cache=True, nogil=True)
@@ -231,7 +233,9 @@ def march(sets, tables, imposed, frames, motion, room, clock, reach, limit, stop
         place = Motion(
             motion.q[c], motion.velocity[c], motion.acceleration[c], motion.auxiliary[c],
             motion.stretch[c], motion.stretch_before[c], motion.bend[c], motion.bend_before[c],
+            motion.tension[c],
         )  # fmt: skip
+        tensions(place.stretch, group.law, tables.rule.stretch_linear, place.tension)
         status[c, 0], status[c, 1] = _march_group(
             group, tables, imposed, frames[c], place, room, clock[c], reach, limit, stops,
             tolerance, newton, shapes[c],
