@@ -9,7 +9,7 @@ from rods import PAPER, SECOND, command, held_start, settled, straight
 
 from dlo_ros.errors import CommandError, InputError, SimulationError
 from dlo_ros.parameters import DampingParameters
-from dlo_ros.rod import dynamics, lanes_kernels, plane
+from dlo_ros.rod import dynamics, lanes_kernels, lanes_solver, plane
 from dlo_ros.rod.lanes import ParameterSets, follow_many
 from dlo_ros.rod.lanes_vector import LANES, largest, load, root, rows, smaller, spread, store
 from dlo_ros.rod.resolution import build
@@ -111,15 +111,15 @@ def test_equations_are_those_of_one_rod(held, first):
         matrix[:, k] = single[-1][2].ravel()
         law.stretch[:, k] = model.rule.weight * stiff.stretch
         law.bend[:, k], law.bend_rest[:, k] = model.rule.weight * stiff.bend[:, 0], rest
-    tables = lanes_kernels.Tables(model.rule, lanes_kernels.products_of(model.rule), lo, hi)
+    tables = lanes_kernels.tables_of(model.rule, lo, hi)
     stretch, bend, tension = rows(nb), rows(nb), rows(nb)
     lanes_kernels.strains(q, tables, stretch, bend)
-    lanes_kernels.tensions(stretch, law, model.rule.stretch_linear, tension)
+    lanes_kernels.tensions(stretch, law, tables, tension)
     lanes_kernels.assemble(q, tables, law, scratch, matrix, tension, True)
     if not first:  # what the last linear solution promised is where we are
         lanes_kernels.assemble(q, tables, law, scratch, matrix, np.nan * tension, False)
-    lanes_kernels.residual(q, matrix, rhs, scratch, lo, hi)
-    assert np.isfinite(lanes_kernels.solve(scratch, lo, hi))
+    lanes_solver.residual(q, matrix, rhs, scratch, n, lo, hi)
+    assert np.isfinite(lanes_solver.solve(scratch, lo, hi))
     for k, (bent, stiff, mass) in enumerate(single):
         gradient, band = np.empty(2 * n), np.empty((2 * n, 8))
         plane.assemble(

@@ -16,8 +16,9 @@ from dlo_ros.command import NANOSECONDS, START, Command
 from dlo_ros.errors import CommandError, InputError, SimulationError
 from dlo_ros.rod import dynamics
 from dlo_ros.rod.boundary import Boundary
-from dlo_ros.rod.lanes_engine import DONE, NO_DIRECTION, Motion, Room, Sets, march
-from dlo_ros.rod.lanes_kernels import COLUMN, Law, Scratch, Tables, products_of
+from dlo_ros.rod.lanes_engine import DONE, NO_DIRECTION, march
+from dlo_ros.rod.lanes_kernels import COLUMN, Law, Scratch, tables_of
+from dlo_ros.rod.lanes_step import Motion, Room, Sets
 from dlo_ros.rod.lanes_tracks import Ends, Tracks
 from dlo_ros.rod.lanes_vector import LANES, rows
 from dlo_ros.rod.model import RodModel
@@ -64,7 +65,7 @@ class ParameterSets:
         # Each end holds two control points at most, so what is free is in one piece.
         free = np.flatnonzero(~boundary.fixed.reshape(n, DOF)[:, 0])
         lo, hi = (int(free[0]), int(free[-1]) + 1) if len(free) else (n, n)
-        self._tables = Tables(first.rule, products_of(first.rule), lo, hi)
+        self._tables = tables_of(first.rule, lo, hi)
         # Number of the set in each lane: the last one fills up.
         self._order = np.minimum(np.arange(-(-len(models) // LANES) * LANES), len(models) - 1)
         self._order = self._order.reshape(-1, LANES)
@@ -87,7 +88,7 @@ class ParameterSets:
             Law(rows(nb), rows(nb), rows(nb), rows(nb)),
             Scratch(rows(2 * n), rows(many), rows(COLUMN * many), rows(42), rows(16), rows(2 * nb)),
             rows(4 * n), rows(2 * n), rows(2 * n), rows(2 * n), rows(2 * n), rows(2 * n),
-            rows(2 * n), np.zeros((n, 2)), np.zeros((0, 3)), np.zeros(2),
+            rows(2 * n), np.zeros((n, 2)),
         )  # fmt: skip
         tolerance = min(m.settings.simulation.tolerance for m in self.models)
         self._tolerance = dynamics.STEP_SHARE * tolerance * first.basis.length

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 
 from dlo_ros.rod.kernels import MIDDLE, OUTER
-from dlo_ros.rod.lanes_vector import largest, load, root, smaller, spread, store
+from dlo_ros.rod.lanes_vector import entry, load, root, spread, store
 from dlo_ros.rod.tables import Quadrature
 from dlo_ros.spline import FloatArray
 
@@ -22,12 +22,16 @@ PAIRS = 10  # of the four basis functions of a span, each with itself and the on
 
 
 class Tables(NamedTuple):
-    """What all sets have in common."""
+    """What all sets have in common; here and below, arrays are addresses in compiled code."""
 
-    rule: Quadrature
+    n: int  # control points
+    spans: int  # of the knots, with three points each
+    lo: int  # first free control point
+    hi: int  # one after the last free one
+    linear: FloatArray  # (spans,) 1 where the straight line through a span's stretches counts
+    b1: FloatArray  # (nb, 4)
+    b2: FloatArray  # (nb, 4)
     products: FloatArray  # (spans, PAIRS, 3, 4) of b1 and b2: 11, 12, 21, 22
-    lo: int
-    hi: int
 
 
 class Law(NamedTuple):
@@ -50,44 +54,46 @@ class Scratch(NamedTuple):
     tangent: FloatArray  # (2 nb,) x and z of the unit tangents when last assembled
 
 
-def products_of(rule: Quadrature) -> FloatArray:
-    """Products of the basis functions' derivatives, see `Tables`."""
+def tables_of(rule: Quadrature, lo: int, hi: int) -> Tables:
+    """The tables of a quadrature."""
     spans = len(rule.weight) // 3
-    result = np.empty((spans, PAIRS, 3, 4))
+    products = np.empty((spans, PAIRS, 3, 4))
     b1, b2 = rule.b1.reshape(spans, 3, 4), rule.b2.reshape(spans, 3, 4)
     pairs = [(i, j) for i in range(4) for j in range(i + 1)]
     for p, (i, j) in enumerate(pairs):
         for c, (left, right) in enumerate(((b1, b1), (b1, b2), (b2, b1), (b2, b2))):
-            result[:, p, :, c] = left[:, :, i] * right[:, :, j]
-    return result
+            products[:, p, :, c] = left[:, :, i] * right[:, :, j]
+    linear = rule.stretch_linear.astype(np.float64)
+    return Tables(spans + 3, spans, lo, hi, linear, rule.b1, rule.b2, products)
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _point(q, at, b1, b2):
-    """First and second derivative along u, from the first degree of freedom of a span."""
-    x, z = load(q, at), load(q, at + 1)
-    px, pz, sx, sz = b1[0] * x, b1[0] * z, b2[0] * x, b2[0] * z
+def _point(q, tables, e):
+    """First and second derivative along u at point e."""
+    at = 2 * (e // 3)
+    u, v, x, z = entry(tables.b1, 4 * e), entry(tables.b2, 4 * e), load(q, at), load(q, at + 1)
+    px, pz, sx, sz = u * x, u * z, v * x, v * z
     for i in range(1, 4):
+        u, v = entry(tables.b1, 4 * e + i), entry(tables.b2, 4 * e + i)
         x, z = load(q, at + 2 * i), load(q, at + 2 * i + 1)
-        px += b1[i] * x
-        pz += b1[i] * z
-        sx += b2[i] * x
-        sz += b2[i] * z
+        px += u * x
+        pz += u * z
+        sx += v * x
+        sz += v * z
     return px, pz, sx, sz
 
 
 @njit(cache=True, nogil=True)
 def strains(q, tables, stretch, bend):
     """Write stretch of whole spans and curvature, (nb, LANES)."""
-    rule = tables.rule
-    for e in range(rule.weight.size):
-        px, pz, sx, sz = _point(q, 2 * rule.span[e], rule.b1[e], rule.b2[e])
+    for e in range(3 * tables.spans):
+        px, pz, sx, sz = _point(q, tables, e)
         square = px * px + pz * pz
         n = root(square)
         store(bend, e, (pz * sx - px * sz) / (square * n))
         store(stretch, e, n - 1.0)
         if e % 3 == 2:
-            _span_stretch(stretch, e - 2, rule.stretch_linear[e // 3])
+            _span_stretch(stretch, e - 2, entry(tables.linear, e // 3) > 0.0)
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -119,7 +125,7 @@ def assemble(q, tables, law, scratch, matrix, tension, first):
         tension: with weights, for the Hessian where there was no linear solution yet, (nb, LANES).
         first: whether that is so.
     """
-    rule, lo, hi = tables.rule, tables.lo, tables.hi
+    lo, hi = tables.lo, tables.hi
     gradient, band, point = scratch.gradient, scratch.band, scratch.point
     zero = spread(0.0)
     for i in range(2 * hi):
@@ -133,44 +139,44 @@ def assemble(q, tables, law, scratch, matrix, tension, first):
             store(band, at + m + 1, zero)
             store(band, at + COLUMN + m, x)
             store(band, at + COLUMN + m + 1, zero)
-    for span in range(tables.products.shape[0]):
-        linear = rule.stretch_linear[span]
-        _points(q, rule, law, scratch, span, linear, tension, first)
+    for span in range(tables.spans):
+        linear = entry(tables.linear, span) > 0.0
+        _points(q, tables, law, scratch, span, linear, tension, first)
         for i in range(4):
             if lo <= span + i < hi:
                 at = 2 * (span + i)
                 x, z = load(gradient, at), load(gradient, at + 1)
                 for g in range(3):
-                    u, v, k = rule.b1[3 * span + g, i], rule.b2[3 * span + g, i], 14 * g
+                    k, at_point = 14 * g, 4 * (3 * span + g) + i
+                    u, v = entry(tables.b1, at_point), entry(tables.b2, at_point)
                     x += u * load(point, k) + v * load(point, k + 2)
                     z += u * load(point, k + 1) + v * load(point, k + 3)
                 store(gradient, at, x)
                 store(gradient, at + 1, z)
         if linear:
-            _add_line(scratch, law, rule, span, lo, hi)
+            _add_line(scratch, law, span, lo, hi)
         pair = 0
         for i in range(4):
             for j in range(i + 1):
                 if lo <= span + j and span + i < hi:
-                    _add_block(point, tables.products[span, pair], band, span + j, i - j)
+                    _add_block(point, tables.products, PAIRS * span + pair, band, span + j, i - j)
                 pair += 1
 
 
 @njit(cache=True, nogil=True)
-def _points(q, rule, law, scratch, span, linear, tension, first):
+def _points(q, tables, law, scratch, span, linear, tension, first):
     """Forces on p and s (4 rows) and second derivatives (10 rows) at a span's three points."""
     point, line, zero = scratch.point, scratch.line, spread(0.0)
-    at = 2 * rule.span[3 * span]
     # Where a straight line counts: lengths at all points first, and those promised.
     mean, tilt, next_mean, next_tilt = zero, zero, zero, zero
     if linear:
-        mean, tilt = _lengths(q, at, rule, span, scratch.tangent, False)
-        next_mean, next_tilt = _lengths(q, at, rule, span, scratch.tangent, True)
+        mean, tilt = _lengths(q, tables, span, scratch.tangent, False)
+        next_mean, next_tilt = _lengths(q, tables, span, scratch.tangent, True)
         for k in range(16):
             store(line, k, zero)
     for g in range(3):
         e = 3 * span + g
-        px, pz, sx, sz = _point(q, at, rule.b1[e], rule.b2[e])
+        px, pz, sx, sz = _point(q, tables, e)
         square = px * px + pz * pz
         r2 = 1.0 / square
         n = root(square)
@@ -215,7 +221,7 @@ def _points(q, rule, law, scratch, span, linear, tension, first):
             share = MIDDLE if g == 1 else OUTER
             slope = np.sqrt(2.0 * OUTER) * 0.5 * float(g - 1)
             for i in range(4):
-                u = rule.b1[e, i]
+                u = entry(tables.b1, 4 * e + i)
                 for half in range(2):
                     w, k = (share * u if half == 0 else slope * u), 8 * half + 2 * i
                     store(line, k, load(line, k) + w * tx)
@@ -244,28 +250,28 @@ def _along(tangent, e, px, pz):
 
 
 @njit(cache=True, nogil=True)
-def _lengths(q, at, rule, span, tangent, promised):
+def _lengths(q, tables, span, tangent, promised):
     """Mean and tilt of the straight line through |p| at a span's points; see `_along`."""
     a, b, c = spread(0.0), spread(0.0), spread(0.0)
     for g in range(3):
         e = 3 * span + g
-        px, pz, _, _ = _point(q, at, rule.b1[e], rule.b2[e])
+        px, pz, _, _ = _point(q, tables, e)
         a, b = b, c
         c = _along(tangent, e, px, pz) if promised else root(px * px + pz * pz)
     return OUTER * (a + c) + MIDDLE * b, 0.5 * (c - a)
 
 
 @njit(cache=True, nogil=True)
-def tensions(stretch, law, linear, out):
+def tensions(stretch, law, tables, out):
     """Write the tensions that `assemble` takes, from stretches of whole spans (nb, LANES)."""
-    for e in range(stretch.shape[0]):
-        share = 1.0 if linear[e // 3] else 1.0 / MIDDLE
+    for e in range(3 * tables.spans):
+        share = 1.0 if entry(tables.linear, e // 3) > 0.0 else 1.0 / MIDDLE
         stiff = share * load(law.stretch, e)
         store(out, e, stiff * (load(stretch, e) - load(law.stretch_rest, e)))
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _add_block(point, products, band, j, apart):
+def _add_block(point, products, row, band, j, apart):
     """Add the second derivatives for control points j and j + apart."""
     at, m = COLUMN * 2 * j, 2 * apart
     xx, zx = load(band, at + m), load(band, at + m + 1)
@@ -273,7 +279,9 @@ def _add_block(point, products, band, j, apart):
     xz = load(band, at + COLUMN + m - 1) if apart > 0 else zx
     for g in range(3):
         k = 14 * g
-        uu, uv, vu, vv = products[g, 0], products[g, 1], products[g, 2], products[g, 3]
+        c = 4 * (3 * row + g)
+        uu, uv = entry(products, c), entry(products, c + 1)
+        vu, vv = entry(products, c + 2), entry(products, c + 3)
         axz, azx = load(point, k + 8), load(point, k + 9)
         xx += uu * load(point, k + 4) + (uv + vu) * load(point, k + 7) + vv * load(point, k + 11)
         zz += uu * load(point, k + 6) + (uv + vu) * load(point, k + 10) + vv * load(point, k + 13)
@@ -288,7 +296,7 @@ def _add_block(point, products, band, j, apart):
 
 
 @njit(cache=True, nogil=True)
-def _add_line(scratch, law, rule, span, lo, hi):
+def _add_line(scratch, law, span, lo, hi):
     """Add the square of the straight line through a span's stretches; see `kernels.add_square`."""
     line, band = scratch.line, scratch.band
     # law.stretch has the points' weights, which sum to the span's length.
@@ -300,55 +308,3 @@ def _add_line(scratch, law, rule, span, lo, hi):
         for a in range(first, b + 1):
             at = COLUMN * (2 * span + a) + b - a
             store(band, at, load(band, at) + mean * load(line, a) + tilt * load(line, 8 + a))
-
-
-@njit(cache=True, nogil=True)
-def residual(q, matrix, rhs, scratch, lo, hi):
-    """Write rhs - matrix q - gradient of the free degrees of freedom to scratch.step."""
-    n = q.shape[0] // 2
-    zero = spread(0.0)
-    for i in range(lo, hi):
-        x = load(rhs, 2 * i) - load(scratch.gradient, 2 * i)
-        z = load(rhs, 2 * i + 1) - load(scratch.gradient, 2 * i + 1)
-        for j in range(max(0, i - 3), min(n, i + 4)):
-            a = load(matrix, 4 * i + 3 - i + j if j <= i else 4 * j + 3 - j + i)
-            x -= a * load(q, 2 * j)
-            z -= a * load(q, 2 * j + 1)
-        store(scratch.step, 2 * i, x)
-        store(scratch.step, 2 * i + 1, z)
-    for i in range(2 * hi, 2 * hi + 7):
-        store(scratch.step, i, zero)
-
-
-@njit(cache=True, nogil=True)
-def solve(scratch, lo, hi):
-    """Factorise the free part of the matrix and replace the right-hand side by the solution.
-
-    Returns:
-        The smallest pivot of all sets.
-    """
-    band, step = scratch.band, scratch.step
-    lowest = load(band, COLUMN * 2 * lo)
-    zero = spread(0.0)
-    for i in range(COLUMN * 2 * hi, COLUMN * (2 * hi + 7)):
-        store(band, i, zero)
-    for k in range(2 * lo, 2 * hi):
-        at = COLUMN * k
-        pivot = load(band, at)
-        lowest = smaller(pivot, lowest)
-        inverse = 1.0 / pivot
-        y = load(step, k)
-        for a in range(1, 8):
-            factor = load(band, at + a) * inverse
-            to = at + COLUMN * a - a
-            for b in range(a, 8):
-                store(band, to + b, load(band, to + b) - factor * load(band, at + b))
-            store(step, k + a, load(step, k + a) - factor * y)
-        store(band, at, inverse)
-    for k in range(2 * hi - 1, 2 * lo - 1, -1):
-        x = load(step, k)
-        at = COLUMN * k
-        for a in range(7, 0, -1):
-            x -= load(band, at + a) * load(step, k + a)
-        store(step, k, x * load(band, at))
-    return 0.0 - largest(0.0 - lowest)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_ros.errors import SimulationError
-from dlo_ros.rod.lanes_engine import Motion
+from dlo_ros.rod.lanes_step import Motion
 from dlo_ros.rod.lanes_vector import LANES
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.planar import expand, flat_reference

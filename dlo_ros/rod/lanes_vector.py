@@ -4,6 +4,9 @@ Numba knows numbers and arrays; a loop over eight lanes becomes vector instructi
 LLVM's vectoriser sees through it. Here the vector is a type of its own, so that a kernel reads as
 if it were for one rod and works on eight: `load` and `store` move rows of arrays (rows, LANES),
 the operators and `root` act on all lanes. Processors with narrower registers use several for one.
+
+Counting references to arrays would take as long as the mathematics. So kernels get the addresses
+of rows (`address`) in place of arrays; whoever takes an address keeps the array alive.
 """
 
 from __future__ import annotations
@@ -78,10 +81,43 @@ _define((operator.mul, operator.imul), "fmul")
 _define((operator.truediv, operator.itruediv), "fdiv")
 
 
-def _row(context, builder, kind, array, index):
-    data = context.make_array(kind)(context, builder, array).data
-    address = builder.gep(data, [builder.mul(index, ir.Constant(index.type, LANES))])
+ADDRESS = types.CPointer(types.float64)
+
+
+def _data(context, builder, kind, array):
+    """Address of the first number of an array, or of what is an address already."""
+    if isinstance(kind, types.CPointer):
+        return array
+    return context.make_array(kind)(context, builder, array).data
+
+
+def _row(context, builder, sig, args):
+    """Address of row args[1]."""
+    index = context.cast(builder, args[1], sig.args[1], types.intp)
+    first = builder.mul(index, ir.Constant(index.type, LANES))
+    address = builder.gep(_data(context, builder, sig.args[0], args[0]), [first])
     return builder.bitcast(address, WIDE.as_pointer())
+
+
+@intrinsic
+def address(_, array):
+    """Address of a contiguous array of float64, for `load`, `store` and `entry`."""
+
+    def generate(context, builder, sig, args):
+        return _data(context, builder, sig.args[0], args[0])
+
+    return ADDRESS(array), generate
+
+
+@intrinsic
+def entry(_, array, index):
+    """A number of a contiguous array, counted through all its axes; the index is not checked."""
+
+    def generate(context, builder, sig, args):
+        at = context.cast(builder, args[1], sig.args[1], types.intp)
+        return builder.load(builder.gep(_data(context, builder, sig.args[0], args[0]), [at]))
+
+    return types.float64(array, index), generate
 
 
 @intrinsic
@@ -89,8 +125,7 @@ def load(_, array, row):
     """Row of a contiguous array (rows, LANES); the row is not checked."""
 
     def generate(context, builder, sig, args):
-        index = context.cast(builder, args[1], sig.args[1], types.intp)
-        return builder.load(_row(context, builder, sig.args[0], args[0], index), align=8)
+        return builder.load(_row(context, builder, sig, args), align=8)
 
     return vector(array, row), generate
 
@@ -100,9 +135,7 @@ def store(_, array, row, value):
     """Write a row of a contiguous array (rows, LANES); the row is not checked."""
 
     def generate(context, builder, sig, args):
-        index = context.cast(builder, args[1], sig.args[1], types.intp)
-        address = _row(context, builder, sig.args[0], args[0], index)
-        builder.store(args[2], address, align=8)
+        builder.store(args[2], _row(context, builder, sig, args), align=8)
         return context.get_dummy_value()
 
     return types.void(array, row, value), generate
