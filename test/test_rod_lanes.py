@@ -10,6 +10,7 @@ from rods import PAPER, SECOND, command, held_start, settled, straight
 from dlo_ros.errors import CommandError, InputError, SimulationError
 from dlo_ros.parameters import DampingParameters
 from dlo_ros.rod import dynamics, lanes_kernels, lanes_solver, plane
+from dlo_ros.rod.grips import BODY, DIRECTOR
 from dlo_ros.rod.lanes import ParameterSets, follow_many
 from dlo_ros.rod.lanes_vector import LANES, largest, load, root, rows, smaller, spread, store
 from dlo_ros.rod.resolution import build
@@ -280,6 +281,10 @@ def test_unusable_sets_are_refused():
     sideways = straight(model, (0.8, 0.6, 0.0))
     with pytest.raises(InputError, match="motion of set 1 is not in the plane"):
         sets.follow([state, sideways], imposed, STAMPS)
+    frames = state.frames.copy()
+    frames[1, DIRECTOR:BODY] = [0.0, 0.0, 1.0]
+    with pytest.raises(InputError, match="motion of set 1 is not in the plane"):
+        sets.follow([state, replace(state, frames=frames)], imposed, STAMPS)
     leaving = command(["start"], [0.0, 1.0], [[0, 0, 0], [0, 0.1, 0]])
     with pytest.raises(InputError, match="motion of set 0 is not in the plane"):
         sets.follow([state, state], leaving, STAMPS)

@@ -14,7 +14,7 @@ import numpy as np
 
 from dlo_ros.command import NANOSECONDS, START, Command
 from dlo_ros.errors import CommandError, InputError, SimulationError
-from dlo_ros.rod import dynamics
+from dlo_ros.rod import dynamics, grips
 from dlo_ros.rod.boundary import Boundary
 from dlo_ros.rod.lanes_engine import DONE, NO_DIRECTION, march
 from dlo_ros.rod.lanes_kernels import COLUMN, Law, Scratch, tables_of
@@ -202,7 +202,9 @@ class ParameterSets:
                     f"parameter sets: the state of set {k} has {len(state.q)} control points at "
                     f"{state.stamp} ns; needed are {n} at {states[0].stamp} ns as in the first"
                 )
-        # All states as one: the check is the same for every control point and point.
+        # All states as one, with the ends that lie worst: the check is the same for every row.
+        ends = frames.reshape(-1, frames.shape[2])
+        ends = ends[np.argsort(ends[:, grips.DIRECTOR + 1])[:2]]
         together = replace(
             states[0],
             q=np.concatenate([state.q for state in states]),
@@ -212,7 +214,7 @@ class ParameterSets:
             reference=states[0].reference._replace(
                 director=np.concatenate([state.reference.director for state in states])
             ),
-            frames=frames.reshape(-1, frames.shape[2]),
+            frames=ends,
         )
         if in_plane(first, together, command):
             return
