@@ -18,6 +18,7 @@ LOG = logging.getLogger(__name__)
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
+Quadruple = tuple[float, float, float, float]
 
 EFFECTS_PREFIX = "effects."
 
@@ -93,6 +94,17 @@ class SimulationParameters:
 
 
 @dataclass(frozen=True)
+class VisionParameters:
+    """What is known of where the DLO is in the picture; the defaults say nothing."""
+
+    region: Quadruple = (0.0, 0.0, 0.0, 0.0)
+    colour_low: Vector = (0.0, 0.0, 0.0)
+    colour_high: Vector = (180.0, 255.0, 255.0)
+    mask: str = ""
+    empty_board: str = ""
+
+
+@dataclass(frozen=True)
 class Settings:
     """A whole parameter file."""
 
@@ -102,6 +114,7 @@ class Settings:
     damping: DampingParameters = field(default_factory=DampingParameters)
     camera: CameraPose = field(default_factory=CameraPose)
     simulation: SimulationParameters = field(default_factory=SimulationParameters)
+    vision: VisionParameters = field(default_factory=VisionParameters)
     image_transport: str = "auto"
     simulator_node: str = "simulator"
 
@@ -142,6 +155,7 @@ class Settings:
             damping=DampingParameters(**groups["damping"]),
             camera=CameraPose(**groups["camera"]),
             simulation=SimulationParameters(**groups["simulation"]),
+            vision=VisionParameters(**groups["vision"]),
             **top,
         )
 

@@ -55,6 +55,7 @@ class ObserverNode(DloNode):
         self._info: CameraInfo | None = None
         self._observer: Observer | None = None
         self._predicted: tuple[int, FloatArray] | None = None
+        self._mask: Image | None = None
         self._last_stamp = 0
         self._held: deque[Any] = deque(maxlen=HELD_IMAGES)
         self._hold_until = 0.0
@@ -64,6 +65,7 @@ class ObserverNode(DloNode):
         self._markers = Markers(self, "observed", (0.2, 0.9, 0.3))
         self._command_subscription = CommandSubscription(self, self._on_command)
         self.subscribe(topics.CAMERA_INFO, self._on_camera_info, qos.SENSOR)
+        self.subscribe(topics.MASK, self._on_mask, qos.SENSOR)
         self.subscribe(topics.PREDICTED, self._on_predicted, qos.RELIABLE)
         self._transport = ""
         self._image_subscription: Any = None
@@ -116,10 +118,16 @@ class ObserverNode(DloNode):
         shape = read_spline(message, self.settings, topics.PREDICTED)
         self._predicted = (stamp_of(message), shape)
 
+    def _on_mask(self, message: Any) -> None:
+        """It holds until the next one comes."""
+        self._mask = read_image(message)[:, :, 0]
+        if self._observer is not None:
+            self._observer.mask = self._mask
+
     def _on_camera_info(self, message: Any) -> None:
         info = read_camera_info(message)
         self.health.solved(topics.CAMERA_INFO)
-        if info != self._info:
+        if info != self._info or self._observer is None:
             self._info = info
             self._build()
 
@@ -134,7 +142,9 @@ class ObserverNode(DloNode):
             pose=self.settings.camera,
             model=self._info.distortion_model,
         )
+        self._observer = None
         self._observer = Observer(self.settings, camera, self._motion)
+        self._observer.mask = self._mask
 
     def _on_image(self, message: Any) -> None:
         self.health.count("images")

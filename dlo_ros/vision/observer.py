@@ -28,10 +28,11 @@ from dlo_ros.vision.credibility import LEAST_SEEN, check, check_change, unusable
 from dlo_ros.vision.ends import free_end, prolong
 from dlo_ros.vision.fit import Fit, fit_spline
 from dlo_ros.vision.following import follow
+from dlo_ros.vision.hints import Hints, limited
 from dlo_ros.vision.metric import PlaneGrid
 from dlo_ros.vision.path import ClampPixel, PathSearch
 from dlo_ros.vision.profile import Located, locate
-from dlo_ros.vision.reach import reach
+from dlo_ros.vision.reach import reach, spread
 from dlo_ros.vision.segmentation import Image, as_bgr, bar_map
 from dlo_ros.vision.strip import Mask, inside, resample, smooth_curve, spacing_for
 
@@ -104,6 +105,9 @@ class Observer:
         settings: a whole parameter file.
         camera: intrinsics and the board's pose.
         motion: the commands; it may grow between frames. None where there are none.
+
+    Raises:
+        InputError: an image that the parameters name cannot be read.
     """
 
     def __init__(self, settings: Settings, camera: Camera, motion: Motion | None = None) -> None:
@@ -114,6 +118,16 @@ class Observer:
         self._last: _Shape | None = None
         self._velocity: FloatArray | None = None
         self._misses = 0
+        self._hints = Hints(settings.vision)
+
+    @property
+    def mask(self) -> Image | None:
+        """Where the DLO may be in the next images, not zero there, shape (h, w); None: anywhere."""
+        return self._hints.mask
+
+    @mask.setter
+    def mask(self, mask: Image | None) -> None:
+        self._hints.mask = mask
 
     def reset(self) -> None:
         """Forget the last shape."""
@@ -129,6 +143,7 @@ class Observer:
 
         Raises:
             VisionError: no credible DLO; the message says why.
+            InputError: a mask has another size than the image.
         """
         image = as_bgr(image)
         height, width = image.shape[:2]
@@ -167,6 +182,9 @@ class Observer:
         held = [end.position for end in (ends.start, ends.end) if end is not None]
         rod = self.settings.rod
         allowed = reach(self.camera, held, rod.length, rod.diameter)
+        hinted = self._hints.allowed(image, width)
+        if hinted is not None:
+            allowed = hinted if allowed is None else hinted & spread(allowed, hinted)
         try:
             return self._search(stamp, image, ends, before, width, allowed, tones=False)
         except VisionError as err:
@@ -243,6 +261,7 @@ class Observer:
             known_width=aside or rough.known_width,
             tones=rough.tones,
         )
+        located = limited(located, self._hints.allowed(image, width))
         return self._finish(stamp, located, ends, before, None)
 
     def _track(
@@ -268,6 +287,7 @@ class Observer:
         )
         if not 0.6 * last.contrast < located.contrast < 1.7 * last.contrast:
             raise VisionError("what lies near the last shape has another contrast")
+        located = limited(located, self._hints.allowed(image, last.width))
         return self._finish(stamp, located, ends, before, last)
 
     def _predict(self, stamp: int, last: _Shape, ends: EndPoses) -> FloatArray:

@@ -41,3 +41,14 @@ def reach(camera: Camera, held: list[FloatArray], length: float, diameter: float
         grown[1:-1, 1:-1] | grown[:-2, 1:-1] | grown[2:, 1:-1] | grown[1:-1, :-2] | grown[1:-1, 2:]
     )
     return np.asarray(mask, dtype=np.uint8)
+
+
+def spread(cells: Image, like: Image) -> Image:
+    """The values of cells that cover a picture, for each of its pixels.
+
+    Args:
+        cells: from `reach`.
+        like: any array of the picture's height and width.
+    """
+    rows, columns = (np.arange(n) // CELL for n in like.shape[:2])
+    return np.asarray(cells[np.ix_(rows, columns)])
