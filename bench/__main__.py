@@ -25,6 +25,7 @@ from bench.report import Row, number, show, write
 from bench.sets import SETS, ForSets, OursForSets
 from bench.single import SIZES, Statics, cost_of_parameters, cost_of_sizes
 from bench.tasks import TASKS, Task
+from bench.vision import vision_rows
 
 BLOCK = 0.02  # [s] CPU time that one measurement of a short run fills
 STATIC_GOAL = 200.0  # [us]
@@ -111,6 +112,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     }
 
     rows = [*task_rows(tasks, value), *set_rows(tasks, value), *single_rows(value, curves)]
+    rows += vision_rows(options.rounds)
     details = {
         "machine": platform.machine(), "python": platform.python_version(),
         "versions": {p: version(p) for p in ("mujoco", "pyelastica", "numba", "numpy")},

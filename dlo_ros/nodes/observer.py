@@ -14,6 +14,7 @@ from dlo_ros.kernel_cache import announced
 from dlo_ros.nodes import qos
 from dlo_ros.nodes.base import JUMP_BACK, DloNode
 from dlo_ros.nodes.commands import CommandSubscription
+from dlo_ros.nodes.frames import Frames
 from dlo_ros.nodes.markers import Markers
 from dlo_ros.nodes.messages import ROS_MESSAGES
 from dlo_ros.nodes.runtime import run
@@ -57,6 +58,7 @@ class ObserverNode(DloNode):
         self._predicted: tuple[int, FloatArray] | None = None
         self._mask: Image | None = None
         self._last_stamp = 0
+        self._frames = Frames()
         self._held: deque[Any] = deque(maxlen=HELD_IMAGES)
         self._hold_until = 0.0
         self._spline_publisher = self.publisher(topics.OBSERVED, qos.RELIABLE)
@@ -78,6 +80,7 @@ class ObserverNode(DloNode):
         """Forget the last shape; the next image is searched as a whole."""
         self._predicted = None
         self._last_stamp = 0
+        self._frames.reset()
         if self._observer is not None:
             self._observer.reset()
 
@@ -148,6 +151,9 @@ class ObserverNode(DloNode):
 
     def _on_image(self, message: Any) -> None:
         self.health.count("images")
+        self._frames.arrived(stamp_of(message))
+        self.health.values["camera [Hz]"] = self._frames.rate
+        self.health.values["dropped images"] = self._frames.dropped
         if not self._motion.commands and self.is_published(topics.COMMAND):
             now = time.monotonic()
             if not self._hold_until:
@@ -186,8 +192,8 @@ class ObserverNode(DloNode):
         self._publish(stamp, result)
         self.health.solved("image")
         self.health.values["processing time [ms]"] = 1000.0 * (time.perf_counter() - began)
-        age = (self.now() - stamp) / NANOSECONDS
-        self.health.values["latency [ms]"] = 1000.0 * age
+        self._frames.worked_off((self.now() - stamp) / NANOSECONDS)
+        self.health.values["latency [ms]"] = 1000.0 * self._frames.latency
         self._publish_overlay(stamp, message, image, result)
 
     def _publish(self, stamp: int, result: VisionResult) -> None:

@@ -20,7 +20,6 @@ def bars(
     padding: int,
     searched: NDArray[np.uint8],
     across: NDArray[np.int64],
-    along: NDArray[np.int64],
     threshold: float,
     tones: bool,
 ) -> tuple[NDArray[np.float32], NDArray[np.int8]]:
@@ -30,8 +29,8 @@ def bars(
         planes: the smoothed picture by channels, with a border, shape (3, h + 2 p, w + 2 p).
         padding: p, at least as far as any pixel that is compared.
         searched: not zero where a bar may be, shape (h, w).
-        across: (row, column) to the compared background, one row an orientation, shape (k, 2).
-        along: (row, column) to the compared pixels along the bar, shape (k, 2).
+        across: (row, column) to the compared background, one row an orientation, shape (k, 2);
+            the orientations are equally spaced over half a turn, and k is even.
         threshold: least contrast [grey levels].
         tones: whether a bar may change its colour along itself.
 
@@ -42,7 +41,7 @@ def bars(
     strength = np.zeros((height, width), dtype=np.float32)
     orientation = np.zeros((height, width), dtype=np.int8)
     least = np.float32(threshold * threshold)
-    squares = np.empty((6, width), dtype=np.float32)
+    squares = np.empty((7, width), dtype=np.float32)
     for row in range(height):
         last = 0
         while last < width:
@@ -54,7 +53,6 @@ def bars(
                 row + padding,
                 first + padding,
                 across,
-                along,
                 least,
                 strength[row, first:last],
                 orientation[row, first:last],
@@ -89,7 +87,6 @@ def _search_run(
     y: int,
     x: int,
     across: NDArray[np.int64],
-    along: NDArray[np.int64],
     least: float,
     best: Float32,
     which: NDArray[np.int8],
@@ -99,46 +96,36 @@ def _search_run(
     """Strength and orientation of neighbouring pixels of a row, compared in vector registers."""
     count = len(best)
     left, right, product = squares[0, :count], squares[1, :count], squares[2, :count]
-    ahead, behind = squares[3, :count], squares[4, :count]
-    for k in range(across.shape[0]):
+    ahead, behind, other = squares[3, :count], squares[4, :count], squares[5, :count]
+    half = len(across) // 2
+    for k in range(half):
+        # What lies to the sides of one orientation lies ahead of and behind the one at right
+        # angles to it.
         dy, dx = across[k, 0], across[k, 1]
         _sides(planes, y, x, dy, dx, left, right, product)
-        if _largest(left, right, product) < least:
-            continue
-        dy, dx = along[k, 0], along[k, 1]
-        _difference(planes, y, x, dy, dx, ahead)
-        _difference(planes, y, x, -dy, -dx, behind)
-        _keep_best(best, which, np.int8(k), left, ahead, behind, least)
-        if tones:
-            # What differs from both sides here, ahead and behind is a bar of whatever colours.
-            weakest = squares[5, :count]
-            weakest[:] = left
-            sy, sx = across[k, 0], across[k, 1]
-            for sign in (-1, 1):
-                _sides(planes, y + sign * dy, x + sign * dx, sy, sx, left, right, product)
-                _largest(left, right, product)
-                for i in range(count):
-                    weakest[i] = min(weakest[i], left[i])
-            ahead[:] = np.float32(CHANGED * CHANGED) * weakest
-            behind[:] = ahead
-            _keep_best(best, which, np.int8(k), weakest, ahead, behind, least)
-
-
-@njit(cache=True, nogil=True, fastmath=True)  # type: ignore[untyped-decorator]
-def _difference(planes: Planes, y: int, x: int, dy: int, dx: int, result: Float32) -> None:
-    """Squared differences of a row's pixels from those at a distance, all channels."""
-    count = len(result)
-    for channel in range(3):
-        here = planes[channel, y, x : x + count]
-        there = planes[channel, y + dy, x + dx : x + dx + count]
-        if channel == 0:
+        dy, dx = across[k + half, 0], across[k + half, 1]
+        _sides(planes, y, x, dy, dx, ahead, behind, other)
+        _keep_best(best, which, np.int8(k), left, right, product, ahead, behind, least)
+        _keep_best(best, which, np.int8(k + half), ahead, behind, other, left, right, least)
+    if not tones:
+        return
+    weakest = squares[6, :count]
+    for k in range(len(across)):
+        # What differs from both sides here, ahead and behind is a bar of whatever colours.
+        weakest[:] = np.inf
+        dy, dx = across[k, 0], across[k, 1]
+        ay, ax = across[(k + half) % (2 * half), 0], across[(k + half) % (2 * half), 1]
+        for step in (0, -1, 1):
+            _sides(planes, y + step * ay, x + step * ax, dy, dx, left, right, product)
             for i in range(count):
-                d = np.float32(np.int32(here[i]) - np.int32(there[i]))
-                result[i] = d * d
-        else:
-            for i in range(count):
-                d = np.float32(np.int32(here[i]) - np.int32(there[i]))
-                result[i] += d * d
+                if _opposite(left[i], right[i], product[i]):
+                    weakest[i] = 0.0
+                weakest[i] = min(weakest[i], min(left[i], right[i]))
+        for i in range(count):
+            value = np.float32(1.0 - CHANGED) * np.sqrt(weakest[i])
+            if weakest[i] >= least and value > best[i]:
+                best[i] = value
+                which[i] = k
 
 
 @njit(cache=True, nogil=True, fastmath=True)  # type: ignore[untyped-decorator]
@@ -172,22 +159,15 @@ def _sides(
                 product[i] += a * b
 
 
-@njit(cache=True, nogil=True, fastmath=True)  # type: ignore[untyped-decorator]
-def _largest(left: Float32, right: Float32, product: Float32) -> float:
-    """Largest contrast to the weaker side, squared; leaves 0 in `left` where there is no bar.
+@njit(cache=True, nogil=True, fastmath=True, inline="always")  # type: ignore[untyped-decorator]
+def _opposite(left: float, right: float, product: float) -> bool:
+    """Whether a pixel differs from its two sides into opposite directions.
 
-    At the edge of two areas the picture is blurred: its pixels differ from both sides, but into
-    opposite directions.
+    At the edge of two areas the picture is blurred: its pixels differ from both sides so.
     """
-    result = np.float32(0.0)
-    for i in range(len(left)):
-        edge = product[i] < np.float32(0.0) and product[i] * product[i] > (
-            np.float32(OPPOSITE * OPPOSITE) * left[i] * right[i]
-        )
-        smaller = np.float32(0.0) if edge else min(left[i], right[i])
-        left[i] = smaller
-        result = max(result, smaller)
-    return float(result)
+    return product < np.float32(0.0) and product * product > (
+        np.float32(OPPOSITE * OPPOSITE) * left * right
+    )
 
 
 @njit(cache=True, nogil=True, fastmath=True)  # type: ignore[untyped-decorator]
@@ -195,14 +175,18 @@ def _keep_best(
     best: Float32,
     which: NDArray[np.int8],
     k: int,
-    smaller: Float32,
+    left: Float32,
+    right: Float32,
+    product: Float32,
     ahead: Float32,
     behind: Float32,
     least: float,
 ) -> None:
     """Contrast to the weaker side less the change along, where it beats the other orientations."""
     for i in range(len(best)):
-        value = np.sqrt(smaller[i]) - np.float32(0.5) * (np.sqrt(ahead[i]) + np.sqrt(behind[i]))
-        if smaller[i] >= least and value > best[i]:
+        smaller = min(left[i], right[i])
+        value = np.sqrt(smaller) - np.float32(0.5) * (np.sqrt(ahead[i]) + np.sqrt(behind[i]))
+        edge = _opposite(left[i], right[i], product[i])
+        if smaller >= least and value > best[i] and not edge:
             best[i] = value
             which[i] = k

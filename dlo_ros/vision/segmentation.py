@@ -25,8 +25,7 @@ ORIENTATIONS = 12
 WORKING_WIDTH = 4.6  # [px] about the width that the DLO has in the image that is searched
 SMOOTHING = 0.22  # of the width, standard deviation of the blur before comparing
 MOST_PIXELS = 600_000  # a larger picture is reduced a little more, for speed
-FLANK = 0.95  # distance of the compared background from the middle, in widths
-ALONG = 1.0  # distance of the compared pixels along the DLO, in widths
+FLANK = 0.95  # distance of the compared pixels beside and along the DLO, in widths
 LEAST_CONTRAST = 5.0  # [grey levels] below this nothing counts as a DLO
 NOISE_FACTOR = 3.5
 PADDING = 8  # [px] the border is repeated by at least this, so that no comparison leaves the image
@@ -122,14 +121,12 @@ def bar_map(
     padding = max(PADDING, math.ceil(1.8 * local))
     padded = cv2.copyMakeBorder(smooth, padding, padding, padding, padding, cv2.BORDER_REPLICATE)
     angles = np.arange(ORIENTATIONS) * math.pi / ORIENTATIONS
-    along = np.column_stack([np.sin(angles), np.cos(angles)]) * local  # (row, column)
-    across = np.column_stack([np.cos(angles), -np.sin(angles)]) * local
+    across = np.column_stack([np.cos(angles), -np.sin(angles)]) * local  # (row, column)
     strength, orientation = bars(
         np.stack(cv2.split(padded)),
         padding,
         _searched(allowed, smooth, math.ceil(FLANK * local), threshold, reduction, origin, full),
         np.rint(FLANK * across).astype(np.int64),
-        np.rint(ALONG * along).astype(np.int64),
         float(threshold),
         tones,
     )
