@@ -11,6 +11,7 @@ Float32 = NDArray[np.float32]
 
 SHORT_GAP = 24  # [px] columns between searched ones that are searched with them
 CHANGED = 0.4  # share of the contrast that a change of colour along a bar takes away
+ALIKE = 0.3  # share of the contrast that must be left after the change along: a spot has none
 OPPOSITE = 0.5  # cosine between the differences to both sides, beyond which it is an edge
 
 
@@ -165,9 +166,8 @@ def _opposite(left: float, right: float, product: float) -> bool:
 
     At the edge of two areas the picture is blurred: its pixels differ from both sides so.
     """
-    return product < np.float32(0.0) and product * product > (
-        np.float32(OPPOSITE * OPPOSITE) * left * right
-    )
+    limit = np.float32(OPPOSITE * OPPOSITE) * left * right
+    return bool(product < np.float32(0.0) and product * product > limit)
 
 
 @njit(cache=True, nogil=True, fastmath=True)  # type: ignore[untyped-decorator]
@@ -185,8 +185,9 @@ def _keep_best(
     """Contrast to the weaker side less the change along, where it beats the other orientations."""
     for i in range(len(best)):
         smaller = min(left[i], right[i])
-        value = np.sqrt(smaller) - np.float32(0.5) * (np.sqrt(ahead[i]) + np.sqrt(behind[i]))
+        contrast = np.sqrt(smaller)
+        value = contrast - np.float32(0.5) * (np.sqrt(ahead[i]) + np.sqrt(behind[i]))
         edge = _opposite(left[i], right[i], product[i])
-        if smaller >= least and value > best[i] and not edge:
+        if value > max(best[i], np.float32(ALIKE) * contrast) and smaller >= least and not edge:
             best[i] = value
             which[i] = k

@@ -101,7 +101,7 @@ def find_dlos(image: Image, hints: Hints | None = None) -> list[FoundDlo]:
 
 def _clear(chains: list[Chain], width: float) -> list[Chain]:
     """Chains that are not far fainter than the clearest long one."""
-    strength = [float(np.median(c.strength)) for c in chains]
+    strength = [c.strength for c in chains]
     long = [s for c, s in zip(chains, strength, strict=True) if c.length > 5 * width]
     least = CHAIN_CONTRAST * max(long, default=0.0)
     clear = [c for c, s in zip(chains, strength, strict=True) if s >= least]

@@ -181,8 +181,9 @@ def _searched(
 
 
 def _noise(smooth: Image, width: float) -> float:
-    """Standard deviation of the fine texture and noise that is left after smoothing."""
+    """Standard deviation, over all channels, of the fine texture and noise left after smoothing."""
     step = max(1, round(width / 2))
-    view = smooth[:: max(1, smooth.shape[0] // 200), :, 1].astype(np.int16)
-    second = 2 * view[:, step:-step:2] - view[:, : -2 * step : 2] - view[:, 2 * step :: 2]
-    return float(1.4826 * np.median(np.abs(second)) / math.sqrt(6.0))
+    view = smooth[:: max(1, smooth.shape[0] // 100)].astype(np.float32)
+    second = 2 * view[:, step:-step:3] - view[:, : -2 * step : 3] - view[:, 2 * step :: 3]
+    distance = np.sqrt(np.einsum("ijc,ijc->ij", second, second))
+    return float(1.4826 * np.median(distance) / math.sqrt(6.0))
