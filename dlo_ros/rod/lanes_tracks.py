@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,18 +40,20 @@ class Ends:
             expand(x.reshape(-1, 2), before.q) for x in values[:4]
         )
         frames = np.where(self.directed, self.frames[group], before.frames)
-        return State(
-            self.stamp,
-            q,
-            velocity,
-            acceleration,
-            auxiliary,
-            flat_reference(model, q, before.reference),
-            frames,
-            _strains(values.stretch, values.bend),
-            _strains(values.stretch_before, values.bend_before),
-            self.clock[group, 1],
-            self.clock[group, 2],
+        return replace(
+            before,
+            stamp=self.stamp,
+            q=q,
+            velocity=velocity,
+            acceleration=acceleration,
+            auxiliary=auxiliary,
+            reference=flat_reference(model, q, before.reference),
+            frames=frames,
+            strains=_strains(values.stretch, values.bend),
+            previous=_strains(values.stretch_before, values.bend_before),
+            last_step=float(self.clock[group, 1]),
+            next_step=float(self.clock[group, 2]),
+            sensitivity=None,
         )
 
 
