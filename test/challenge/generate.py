@@ -27,8 +27,8 @@ DENSITY_STD = 0.015  # a rope that has been weighed
 DAMPING_STD = 0.02
 TRIES = 40
 
-EDGES, STEP = 300, 1e-3
-"""Leaves 0.006 of the noise as discretisation error in the median, 0.04 at most."""
+EDGES, STEP = 300, 5e-4
+"""Leaves 0.005 of the noise as discretisation error in the median, and 6e-5 of E / mu."""
 
 
 @dataclass(frozen=True)
