@@ -1,22 +1,34 @@
-"""Many parameter sets at once: 64 runs of ours against `mujoco.batch` on one thread."""
+"""Many parameter sets at once: 64 of ours against `mujoco.batch`, on one thread.
+
+A setting that is just good enough for one set is too coarse for its neighbours, so that both sides
+look for settings of their own, good enough for the sets that are checked.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import mujoco
 import numpy as np
 from mujoco import batch
 
-from bench.contender import Contender, Failure, Setting
-from bench.mujoco_chain import chain_curves, chain_xml, clamp_path
+from bench.contender import Contender, Failure, Prepared, Setting
+from bench.mujoco_chain import MujocoChain, chain_curves, chain_xml, clamp_path
+from bench.ours import rod_settings, straight
 from bench.reference import reference
 from bench.tasks import Task
+from dlo_ros.command import NANOSECONDS
+from dlo_ros.rod.lanes import ParameterSets
+from dlo_ros.rod.lanes_tracks import Tracks
+from dlo_ros.spline import FloatArray
 
 SETS = 64
 SPREAD = 0.1  # E and density lie within this share of the task's
 CHECKED = (0, SETS // 2, SETS - 1)
+GROUP = (0, 9, 18, 27, 32, 45, 54, 63)  # the checked ones with others, as many as share steps
 
 
 def variants(task: Task) -> list[Task]:
@@ -26,25 +38,90 @@ def variants(task: Task) -> list[Task]:
     return [task.with_material(float(a), float(b)) for a, b in zip(stiffer, denser, strict=True)]
 
 
-def one_by_one(contender: Contender, task: Task, setting: Setting) -> Callable[[], Any]:
-    """A run of all sets after each other."""
-    runs = [contender.prepare(v, setting).run for v in variants(task)]
-    return lambda: [run() for run in runs]
+class Together(ABC):
+    """All sets of a task in one setting, ready to run; `run` is timed."""
+
+    tasks: list[Task]
+
+    @abstractmethod
+    def run(self) -> Any:
+        """Simulate all sets."""
+
+    @abstractmethod
+    def curves(self, result: Any, k: int) -> FloatArray:
+        """Shape of set k (1, points, 2) [m] out of what `run` returned."""
+
+    stretch = True
+
+    def worst_error(self) -> float:
+        """Largest error over L of the sets that are checked; infinite where one fails."""
+        try:
+            result = self.run()
+            return max(
+                self.tasks[k].error(
+                    self.curves(result, k), reference(self.tasks[k], stretch=self.stretch)
+                )
+                for k in CHECKED
+            )
+        except Failure:
+            return np.inf
 
 
-def worst_error(contender: Contender, task: Task, setting: Setting) -> float:
-    """Largest error over L of the sets that are checked, ours."""
-    chosen = variants(task)
-    return max(contender.error(chosen[k], setting) for k in CHECKED)
+class OneByOne(Together):
+    """All sets after each other."""
+
+    def __init__(self, contender: Contender, task: Task, setting: Setting) -> None:
+        self.tasks, self.stretch = variants(task), contender.stretch
+        self.prepared = [contender.prepare(v, setting) for v in self.tasks]
+
+    def run(self) -> list[Any]:
+        """See the base class."""
+        return [prepared.run() for prepared in self.prepared]
+
+    def curves(self, result: Any, k: int) -> FloatArray:
+        """See the base class."""
+        return self.prepared[k].curves(result[k])
 
 
-class MujocoBatch:
+class Lanes(Together):
+    """The rod of this package in its plane: one call for all sets.
+
+    Args:
+        numbers: which sets.
+    """
+
+    def __init__(self, task: Task, setting: Setting, numbers: Sequence[int] = range(SETS)) -> None:
+        self.tasks, self.numbers = variants(task), list(numbers)
+        self.duration = round(task.duration * NANOSECONDS)
+        model, boundary, state, self.command = straight(task, setting)
+        models = [model.with_settings(rod_settings(self.tasks[k], setting)) for k in self.numbers]
+        self.states = [state] * len(models)  # straight and at rest, whatever the material
+        self.sets = ParameterSets(models, boundary)
+        self.basis = model.basis.matrix(task.quadrature[0])
+
+    def run(self) -> Tracks:
+        """See the base class."""
+        tracks = self.sets.follow(self.states, self.command, [self.duration])
+        if tracks.failures:
+            raise Failure(next(iter(tracks.failures.values())))
+        return tracks
+
+    def curves(self, result: Tracks, k: int) -> FloatArray:
+        """See the base class."""
+        shapes = result.shapes[self.numbers.index(k)]
+        curve: FloatArray = self.basis @ shapes[:, :, [0, 2]]
+        return curve
+
+
+class MujocoBatch(Together):
     """`mujoco.batch` with one model for each set.
 
     Args:
         task: what is simulated.
-        setting: of the chain, as found for the single run.
+        setting: of the chain.
     """
+
+    stretch = False
 
     def __init__(self, task: Task, setting: Setting) -> None:
         self.task, self.setting = task, setting
@@ -61,7 +138,7 @@ class MujocoBatch:
         )
 
     def run(self) -> Any:
-        """Simulate all sets; the coordinates at the end, (64, nq)."""
+        """See the base class; the coordinates at the end, (64, nq)."""
         self.batch.state[:] = self.start
         if self.task.both_ends:
             self.batch.rollout(
@@ -71,14 +148,72 @@ class MujocoBatch:
             self.batch.step(nstep=self.steps)
         return self.qpos
 
-    def worst_error(self) -> float:
-        """Largest error over L of the sets that are checked."""
-        qpos = self.run().copy()
-        errors = []
+    def curves(self, result: Any, k: int) -> FloatArray:
+        """See the base class."""
+        return chain_curves(self.tasks[k], self.setting, self.models[k], result[[k]].copy())
+
+
+class ForSets(Contender):
+    """Looks for settings of a contender that are good enough for all sets that are checked.
+
+    Args:
+        one: simulates one set.
+    """
+
+    def __init__(self, one: Contender) -> None:
+        self.one = one
+        self.name, self.size, self.stretch = one.name, one.size, one.stretch
+
+    def settings(self, task: Task) -> Iterable[list[Setting]]:
+        """See the base class."""
+        return self.one.settings(task)
+
+    def prepare(self, task: Task, setting: Setting) -> Prepared:
+        """One set: each costs as much, and the search takes long enough."""
+        return self.one.prepare(task, setting)
+
+    def error(self, task: Task, setting: Setting) -> float:
+        """See the base class; of the worst set that is checked."""
+        chosen, worst = variants(task), 0.0
         for k in CHECKED:
-            try:
-                curves = chain_curves(self.tasks[k], self.setting, self.models[k], qpos[[k]])
-            except Failure:
-                return np.inf
-            errors.append(self.tasks[k].error(curves, reference(self.tasks[k], stretch=False)))
-        return max(errors)
+            worst = max(worst, self.one.error(chosen[k], setting))
+            if worst > max(task.levels):
+                break
+        return worst
+
+    def together(self, task: Task, setting: Setting) -> Together:
+        """All sets of a task."""
+        if isinstance(self.one, MujocoChain):
+            return MujocoBatch(task, setting)
+        return OneByOne(self.one, task, setting)
+
+
+class OursForSets(ForSets):
+    """Ours in the plane: sets share their steps, so that the search is for a group of them."""
+
+    def settings(self, task: Task) -> Iterable[list[Setting]]:
+        """See the base class; every number of control points up to 18."""
+        for chain in super().settings(task):
+            counts = {s["control_points"] for s in chain}
+            counts |= set(range(min(counts), min(max(counts), 18) + 1))
+            yield [{**chain[0], "control_points": n} for n in sorted(counts)]
+
+    def prepare(self, task: Task, setting: Setting) -> Prepared:
+        """A group of them."""
+        lanes = Lanes(task, setting, GROUP)
+        return Prepared(lanes.run, lambda tracks: lanes.curves(tracks, GROUP[0]))
+
+    def error(self, task: Task, setting: Setting) -> float:
+        """See the base class; with its conditions, that no setting counts that is right by luck."""
+        finer = {**setting, self.size: int(np.ceil(1.25 * setting[self.size]))}
+        longer = replace(task, duration=2.0 * task.duration)
+        worst = 0.0
+        for part, chosen in ((task, setting), (longer, setting), (task, finer)):
+            worst = max(worst, Lanes(part, chosen, GROUP).worst_error())
+            if worst > max(task.levels):
+                break
+        return worst
+
+    def together(self, task: Task, setting: Setting) -> Together:
+        """See the base class."""
+        return Lanes(task, setting)

@@ -55,7 +55,10 @@ def _slerp(a, b, s, out):
         size_a += a[i] * a[i]
         size_b += b[i] * b[i]
     size_a, size_b = np.sqrt(size_a), np.sqrt(size_b)
-    dot /= max(size_a * size_b, 1e-300)
+    if size_a * size_b < 1e-18:  # no rotation at all
+        out[0], out[1], out[2], out[3] = 0.0, 0.0, 0.0, 1.0
+        return
+    dot /= size_a * size_b
     sign = -1.0 if dot < 0.0 else 1.0
     angle = np.arccos(min(abs(dot), 1.0))
     if angle < 1e-6:

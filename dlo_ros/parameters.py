@@ -20,6 +20,7 @@ LOG = logging.getLogger(__name__)
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
+Quadruple = tuple[float, float, float, float]
 
 EFFECTS_PREFIX = "effects."
 
@@ -95,6 +96,17 @@ class SimulationParameters:
 
 
 @dataclass(frozen=True)
+class VisionParameters:
+    """What is known of where the DLO is in the picture; the defaults say nothing."""
+
+    region: Quadruple = (0.0, 0.0, 0.0, 0.0)
+    colour_low: Vector = (0.0, 0.0, 0.0)
+    colour_high: Vector = (180.0, 255.0, 255.0)
+    mask: str = ""
+    empty_board: str = ""
+
+
+@dataclass(frozen=True)
 class Settings:
     """A whole parameter file; `effects` are the values of those that the model contains."""
 
@@ -104,6 +116,7 @@ class Settings:
     damping: DampingParameters = field(default_factory=DampingParameters)
     camera: CameraPose = field(default_factory=CameraPose)
     simulation: SimulationParameters = field(default_factory=SimulationParameters)
+    vision: VisionParameters = field(default_factory=VisionParameters)
     image_transport: str = "auto"
     simulator_node: str = "simulator"
     effects: Values = field(default_factory=dict)
@@ -145,6 +158,7 @@ class Settings:
             camera=CameraPose(**groups["camera"]),
             simulation=SimulationParameters(**groups["simulation"]),
             effects=effects,
+            vision=VisionParameters(**groups["vision"]),
             **top,
         )
 

@@ -61,7 +61,14 @@ def test_gradient_and_hessian_are_exact():
     def evaluate(flat):
         gradient, band = np.zeros((nodes, 2)), np.zeros((rod_kernels.BANDS, 2 * nodes))
         value = rod_kernels.elastic(
-            flat.reshape(-1, 2), rod.lengths, clamps, rod.stiffness(), offsets, gradient, band
+            flat.reshape(-1, 2),
+            rod.lengths,
+            clamps,
+            rod.stiffness(),
+            offsets,
+            rod.bending_law(),
+            gradient,
+            band,
         )
         return value, gradient.ravel(), band
 

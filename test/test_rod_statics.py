@@ -116,7 +116,7 @@ def test_upright_column_buckles_under_its_own_weight():
         settings = replace(PAPER, rod=replace(rod, length=share * critical))
         _, _, found = settled(settings, upright, 14, direction=(0.0, 0.0, 1.0))
         assert found.buckled is not stable
-        assert np.abs(found.state.q[:, 0]).max() < 1e-9
+        assert found.buckled or np.abs(found.state.q[:, 0]).max() < 1e-9
 
 
 def test_twist_between_clamps_is_uniform_and_counts_full_turns():

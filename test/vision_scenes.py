@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import cv2
@@ -67,6 +67,11 @@ class Scene:
     jpeg: int = 0
     seed: int = 0
     curve_centre: tuple[float, float] = (0.0, 0.0)
+    second: tuple[int, int, int] | None = None  # other tone of a rope of two
+    pitch: float = 0.0  # of its twist [widths]; 0: the tones lie side by side all along
+    highlight: float = 0.0  # bright line along the rope, grey levels
+    cast: float = 0.0  # shadow that the rope casts beside itself, share of the light
+    painted: np.ndarray | None = None  # a board of one's own, (h, w, 3)
     extra: list = field(default_factory=list)
 
     def camera(self) -> Camera:
@@ -124,7 +129,13 @@ def paint_rope(canvas, camera, xz, scene, colour):
         s = (u[a] + (u[b] - u[a]) * nearest / len(dense)) * LENGTH / scene.diameter
         tone = scene.texture * np.sin(2 * np.pi * (1.3 * s + side / local))
         tone += scene.shade * side / local
+        if scene.highlight:
+            tone += scene.highlight * np.exp(-(((side / local + 0.15) / 0.12) ** 2))
         value = np.asarray(colour, float) + tone[:, None]
+        if scene.second is not None and tuple(colour) == tuple(scene.rope):
+            wave = np.sin(2 * np.pi * (s / scene.pitch + 0.3 * side / local)) if scene.pitch else 1
+            part = np.clip(0.5 + 4.0 * (wave if scene.pitch else side / local), 0.0, 1.0)[:, None]
+            value += part * (np.asarray(scene.second, float) - np.asarray(colour, float))
         at_pixel = (gy[yy, xx], gx[yy, xx])
         canvas[at_pixel] += cover[:, None] * (value - canvas[at_pixel])
 
@@ -132,6 +143,8 @@ def paint_rope(canvas, camera, xz, scene, colour):
 def ground(scene, camera):
     w, h = scene.size
     canvas = np.ones((h, w, 3)) * np.asarray(scene.board, float)
+    if scene.painted is not None:
+        canvas = scene.painted.astype(float)
     if scene.gradient:
         canvas += scene.gradient * (np.linspace(-0.5, 0.5, w)[None, :, None])
     if scene.holes:
@@ -158,12 +171,21 @@ def render(xz, scene):
     for action in scene.extra:
         if action[0] == "below":
             paint_rope(canvas, camera, action[1], scene, action[2])
+    if xz is not None and scene.cast:
+        light = np.ones_like(canvas)
+        plain = replace(scene, texture=0.0, shade=0.0, second=None, highlight=0.0)
+        paint_rope(light, camera, xz, plain, (1.0 - scene.cast,) * 3)
+        light = cv2.GaussianBlur(light, (0, 0), 0.25 * scene.width_px)
+        away = round(0.5 * scene.width_px)
+        canvas *= np.roll(light, (away, away), (0, 1))
     if xz is not None:
         paint_rope(canvas, camera, xz, scene, scene.rope)
     for action in scene.extra:
         if action[0] == "box":  # an occluder in pixels
             _, x0, y0, x1, y1, colour = action
             canvas[y0:y1, x0:x1] = colour
+        elif action[0] == "above":
+            paint_rope(canvas, camera, action[1], scene, action[2])
         elif action[0] == "shadow":
             canvas[:, action[1] :] *= action[2]
     if scene.blur:

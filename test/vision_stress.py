@@ -1,17 +1,23 @@
 """Rendered pictures that are hard on purpose: occlusion, faint ropes, shadows, blur, clutter.
 
-    python test/vision_stress.py [COUNT [FIRST_SEED]]
+    python test/vision_stress.py [COUNT [FIRST_SEED]] [--set issue|other|absent]
+                                 [--ends both|start|none] [--disturb] [--wrong FOLDER]
 
 prints how many were found rightly, wrongly, or not at all with the reason. Every picture is a first
-detection: nothing is known of the frame before.
+detection: nothing is known of the frame before. The set `issue` is the one of this file, `other`
+and `absent` (no rope at all) are those of vision_kinds.py. With --disturb the clamps, the length
+and the diameter are off by what they are in practice; --wrong keeps pictures of what was found
+wrongly.
 """
 
-import sys
+import argparse
 from collections import Counter, defaultdict
+from dataclasses import replace
+from pathlib import Path
 
+import cv2
 import numpy as np
 from vision_scenes import (
-    LENGTH,
     Scene,
     across_errors,
     clamps,
@@ -23,6 +29,7 @@ from vision_scenes import (
 
 from dlo_ros.errors import VisionError
 from dlo_ros.vision import Observer
+from dlo_ros.vision.overlay import draw_overlay
 
 KINDS = ("occlusion", "contrast", "shadow", "blur", "crossing", "clutter", "plain", "mix")
 RIGHT_PX = 2.0  # across the rope; along it only u is concerned
@@ -110,47 +117,109 @@ def make(seed):
     return kind, curve, scene
 
 
-def judge(seed):
-    """Kind, 'right', 'wrong' or 'silent', and the reason of silence."""
-    kind, curve, scene = make(seed)
-    observer = Observer(
-        settings(scene, CONTROL_POINTS), scene.camera(), clamps(curve, CONTROL_POINTS)
+def disturbed(rng, curve, known, diameter):
+    """Clamped curve and settings as somebody measured them who is no machine."""
+    off = rng.normal(0, 0.3, (2, 2)) * diameter
+    turn = rng.normal(0, 0.08, 2)
+    held = curve.copy()
+    for at, beside, k in ((0, 1, 0), (-1, -2, 1)):
+        c, s = np.cos(turn[k]), np.sin(turn[k])
+        held[beside] = held[at] + np.array([[c, -s], [s, c]]) @ (curve[beside] - curve[at]) + off[k]
+        held[at] += off[k]
+    rod = known.rod
+    rod = replace(
+        rod,
+        length=rod.length * (1 + rng.normal(0, 0.007)),
+        diameter=rod.diameter * rng.uniform(0.88, 1.12),
     )
+    return held, replace(known, rod=rod)
+
+
+def picture_of(which, seed):
+    """Kind, true curve, scene and picture of a seed."""
+    if which == "issue":
+        kind, curve, scene = make(seed)
+        return kind, curve, scene, render(curve, scene)
+    import vision_kinds
+
+    if which == "other":
+        kind, curve, scene = vision_kinds.make_other(seed)
+        return kind, curve, scene, vision_kinds.finish(render(curve, scene), scene, curve)
+    kind, curve, scene = vision_kinds.make_absent(seed)
+    return kind, curve, scene, render(None, scene)
+
+
+def judge(seed, which="issue", ends="both", disturb=False, wrong=None):
+    """Kind, 'right', 'wrong' or 'silent', and the reason of silence."""
+    kind, curve, scene, picture = picture_of(which, seed)
+    known, held = settings(scene, CONTROL_POINTS), curve
+    if disturb:
+        rng = np.random.default_rng([17, seed])
+        held, known = disturbed(rng, curve, known, scene.diameter)
+    names = {"both": ("start", "end"), "start": ("start",), "none": ()}[ends]
+    motion = clamps(held, CONTROL_POINTS, names) if names else None
     try:
-        result = observer.observe(0, render(curve, scene))
+        result = Observer(known, scene.camera(), motion).observe(0, picture)
     except VisionError as err:
         return kind, "silent", str(err)
+    first, last = result.observation.control_points[[0, -1], 0]
+    if not names and (first < last or abs(first - last) < 1.5 * scene.diameter):
+        # The start is the end further left, and either one where they lie above one another.
+        ends_at = result.observation.control_points[[0, -1]][:, [0, 2]]
+        if np.hypot(*(ends_at[0] - curve[-1])) < np.hypot(*(ends_at[0] - curve[0])):
+            curve = curve[::-1]
     points = result.observation.points
     pixel = scene.diameter / scene.width_px
     across, _ = across_errors(points.positions[:, [0, 2]], curve)
     # At a crossing the nearest point of the curve may lie on the other strand, so compare at u.
-    at = np.linspace(0.0, LENGTH, len(curve))
+    at = np.linspace(0.0, known.rod.length, len(curve))
     same = np.column_stack([np.interp(points.u, at, column) for column in curve.T])
     apart = np.hypot(*(points.positions[:, [0, 2]] - same).T)
-    right = np.max(np.abs(across)) < RIGHT_PX * pixel and np.max(apart) < RIGHT_ALONG_PX * pixel
+    along = RIGHT_ALONG_PX * max(1.0, scene.width_px / 10.0)
+    right = np.max(np.abs(across)) < RIGHT_PX * pixel and np.max(apart) < along * pixel
+    right = bool(right) and which != "absent"
+    if wrong is not None and not right:
+        drawn = draw_overlay(picture, scene.camera(), known.rod.length, result)
+        line = np.int32(np.rint(result.pixels * 8))
+        cv2.polylines(drawn, [line], False, (255, 0, 255), 1, cv2.LINE_AA, 3)
+        cv2.imwrite(str(wrong / f"{which}_{ends}_{seed}_{kind}.png"), drawn)
     return kind, "right" if right else "wrong", ""
 
 
-def tally(seeds):
+def tally(seeds, which="issue", ends="both", disturb=False, wrong=None):
     """Verdicts by kind, and reasons of silence."""
     verdicts, reasons = defaultdict(Counter), Counter()
     for seed in seeds:
-        kind, verdict, reason = judge(seed)
+        kind, verdict, reason = judge(seed, which, ends, disturb, wrong)
         verdicts[kind][verdict] += 1
         if reason:
             reasons[f"{kind}: {reason}"] += 1
     return verdicts, reasons
 
 
-if __name__ == "__main__":
-    number = int(sys.argv[1]) if len(sys.argv) > 1 else 80
-    start = int(sys.argv[2]) if len(sys.argv) > 2 else 0
-    by_kind, silence = tally(range(start, start + number))
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
+    parser.add_argument("count", type=int, nargs="?", default=80)
+    parser.add_argument("first", type=int, nargs="?", default=0)
+    parser.add_argument("--set", choices=("issue", "other", "absent"), default="issue")
+    parser.add_argument("--ends", choices=("both", "start", "none"), default="both")
+    parser.add_argument("--disturb", action="store_true")
+    parser.add_argument("--wrong", type=Path, metavar="FOLDER")
+    parser.add_argument("--reasons", type=int, default=10)
+    options = parser.parse_args()
+    if options.wrong:
+        options.wrong.mkdir(parents=True, exist_ok=True)
+    seeds = range(options.first, options.first + options.count)
+    by_kind, silence = tally(seeds, options.set, options.ends, options.disturb, options.wrong)
     print(f"{'':10} {'right':>6} {'silent':>6} {'wrong':>6}")
     total = Counter()
     for name, found in by_kind.items():
         total += found
         print(f"{name:10} {found['right']:6} {found['silent']:6} {found['wrong']:6}")
     print(f"{'all':10} {total['right']:6} {total['silent']:6} {total['wrong']:6}")
-    for reason, number in silence.most_common(10):
+    for reason, number in silence.most_common(options.reasons):
         print(f"  {number} {reason}")
+
+
+if __name__ == "__main__":
+    main()

@@ -73,6 +73,11 @@ EXECUTABLES: tuple[Executable, ...] = (
         node=True,
     ),
     Executable(
+        "calibrate",
+        "pictures of a chessboard or ChArUco board in, camera_info and the board's pose out",
+        "--pattern chessboard:9x6:0.025 --output build/camera --board board.png views",
+    ),
+    Executable(
         "observe",
         "offline: a bag or image files in, observed splines out",
         "--params params.yaml --output observed.mcap recording",

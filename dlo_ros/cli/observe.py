@@ -21,9 +21,10 @@ from dlo_ros.recordings import topics
 from dlo_ros.recordings.bag import open_bag
 from dlo_ros.recordings.building import BAG_MESSAGES, points_message, spline_message
 from dlo_ros.recordings.images import Image
-from dlo_ros.recordings.read import iterate_images, read_recording
+from dlo_ros.recordings.read import iterate_images, iterate_masks, read_recording
 from dlo_ros.recordings.write import BagWriter, copy_topics
 from dlo_ros.vision.camera import Camera
+from dlo_ros.vision.hints import Hints
 from dlo_ros.vision.observer import Observer, VisionResult
 from dlo_ros.vision.overlay import PALETTE, draw_curve, draw_overlay, write_message
 from dlo_ros.vision.photo import FoundDlo, find_dlos
@@ -56,7 +57,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The arguments of the tool."""
     parser.add_argument("inputs", nargs="+", type=Path, metavar="INPUT", help="a bag, or images")
     parser.add_argument(
-        "--params", type=Path, metavar="FILE", help="parameter file; needed for a bag"
+        "--params",
+        type=Path,
+        metavar="FILE",
+        help="parameter file; needed for a bag, with image files for its block vision",
     )
     parser.add_argument(
         "--output",
@@ -80,7 +84,7 @@ def run(arguments: argparse.Namespace) -> int:
     inputs: list[Path] = arguments.inputs
     bags = [p for p in inputs if p.is_dir() or p.suffix in BAG_SUFFIXES]
     if not bags:
-        return _observe_files(inputs, arguments.output)
+        return _observe_files(inputs, arguments.output, arguments.params)
     if len(inputs) > 1:
         raise InputError(f"{bags[0]}: is a bag; give one bag, or image files only")
     if arguments.params is None:
@@ -113,12 +117,17 @@ def observe_recording(
         motion.add(command)
     observer: Observer | None = None
     known = None
+    masks = iterate_masks(path, on_skip)
+    coming, mask = next(masks, None), None
     for stamp, image, info in iterate_images(path, on_skip):
         if observer is None or info != known:
             camera = Camera.from_info(
                 info.k, info.d, info.distortion_model, info.width, info.height, settings.camera
             )
             observer, known = Observer(settings, camera, motion), info
+        while coming is not None and coming[0] <= stamp:  # a mask holds until the next one
+            mask, coming = coming[1], next(masks, None)
+        observer.mask = mask
         try:
             yield ObservedFrame(stamp, image, camera, observer.observe(stamp, image))
         except VisionError as err:
@@ -180,7 +189,7 @@ def _observe_bag(
     return 0
 
 
-def _observe_files(inputs: list[Path], output: Path) -> int:
+def _observe_files(inputs: list[Path], output: Path, params: Path | None) -> int:
     names: dict[str, Path] = {}
     for path in inputs:
         if path.stem in names:
@@ -194,12 +203,13 @@ def _observe_files(inputs: list[Path], output: Path) -> int:
             raise InputError(f"{path}: would be overwritten; give another --output")
     if output.exists() and not output.is_dir():
         raise InputError(f"{output}: is a file; give a folder for the results")
+    hints = None if params is None else Hints(Settings.load(params).vision)
     images = {path: _read_image(path) for path in inputs[:1]}
     output.mkdir(parents=True, exist_ok=True)
     for path in inputs:
         image = images[path] if path in images else _read_image(path)
         try:
-            dlos = find_dlos(image)
+            dlos = find_dlos(image, hints)
         except DloError as err:
             raise InputError(f"{path}: {err}") from err
         _write_table(output / f"{path.stem}.csv", dlos)

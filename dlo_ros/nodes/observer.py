@@ -14,6 +14,7 @@ from dlo_ros.kernel_cache import announced
 from dlo_ros.nodes import qos
 from dlo_ros.nodes.base import JUMP_BACK, DloNode
 from dlo_ros.nodes.commands import CommandSubscription
+from dlo_ros.nodes.frames import Frames
 from dlo_ros.nodes.markers import Markers
 from dlo_ros.nodes.messages import ROS_MESSAGES
 from dlo_ros.nodes.runtime import run
@@ -55,7 +56,9 @@ class ObserverNode(DloNode):
         self._info: CameraInfo | None = None
         self._observer: Observer | None = None
         self._predicted: tuple[int, FloatArray] | None = None
+        self._mask: Image | None = None
         self._last_stamp = 0
+        self._frames = Frames()
         self._held: deque[Any] = deque(maxlen=HELD_IMAGES)
         self._hold_until = 0.0
         self._spline_publisher = self.publisher(topics.OBSERVED, qos.RELIABLE)
@@ -64,6 +67,7 @@ class ObserverNode(DloNode):
         self._markers = Markers(self, "observed", (0.2, 0.9, 0.3))
         self._command_subscription = CommandSubscription(self, self._on_command)
         self.subscribe(topics.CAMERA_INFO, self._on_camera_info, qos.SENSOR)
+        self.subscribe(topics.MASK, self._on_mask, qos.SENSOR)
         self.subscribe(topics.PREDICTED, self._on_predicted, qos.RELIABLE)
         self._transport = ""
         self._image_subscription: Any = None
@@ -76,6 +80,7 @@ class ObserverNode(DloNode):
         """Forget the last shape; the next image is searched as a whole."""
         self._predicted = None
         self._last_stamp = 0
+        self._frames.reset()
         if self._observer is not None:
             self._observer.reset()
 
@@ -116,10 +121,16 @@ class ObserverNode(DloNode):
         shape = read_spline(message, self.settings, topics.PREDICTED)
         self._predicted = (stamp_of(message), shape)
 
+    def _on_mask(self, message: Any) -> None:
+        """It holds until the next one comes."""
+        self._mask = read_image(message)[:, :, 0]
+        if self._observer is not None:
+            self._observer.mask = self._mask
+
     def _on_camera_info(self, message: Any) -> None:
         info = read_camera_info(message)
         self.health.solved(topics.CAMERA_INFO)
-        if info != self._info:
+        if info != self._info or self._observer is None:
             self._info = info
             self._build()
 
@@ -134,10 +145,15 @@ class ObserverNode(DloNode):
             pose=self.settings.camera,
             model=self._info.distortion_model,
         )
+        self._observer = None
         self._observer = Observer(self.settings, camera, self._motion)
+        self._observer.mask = self._mask
 
     def _on_image(self, message: Any) -> None:
         self.health.count("images")
+        self._frames.arrived(stamp_of(message))
+        self.health.values["camera [Hz]"] = self._frames.rate
+        self.health.values["dropped images"] = self._frames.dropped
         if not self._motion.commands and self.is_published(topics.COMMAND):
             now = time.monotonic()
             if not self._hold_until:
@@ -176,8 +192,8 @@ class ObserverNode(DloNode):
         self._publish(stamp, result)
         self.health.solved("image")
         self.health.values["processing time [ms]"] = 1000.0 * (time.perf_counter() - began)
-        age = (self.now() - stamp) / NANOSECONDS
-        self.health.values["latency [ms]"] = 1000.0 * age
+        self._frames.worked_off((self.now() - stamp) / NANOSECONDS)
+        self.health.values["latency [ms]"] = 1000.0 * self._frames.latency
         self._publish_overlay(stamp, message, image, result)
 
     def _publish(self, stamp: int, result: VisionResult) -> None:

@@ -134,6 +134,32 @@ def iterate_images(
             raise RecordingError(f"{path}: no image is usable ({last})")
 
 
+def iterate_masks(
+    path: Path | str, on_skip: Callable[[str], None] = LOG.warning
+) -> Iterator[tuple[int, Image]]:
+    """The masks of a bag in the order of recording; none where it has none.
+
+    Args:
+        on_skip: is told one line for each mask that is unusable.
+
+    Yields:
+        Stamp [ns], mask of shape (height, width), not zero where the DLO may be.
+
+    Raises:
+        RecordingError: no bag, or damaged.
+    """
+    path = Path(path)
+    with open_bag(path) as bag:
+        for raw in bag.messages(bag.find(topics.MASK)):
+            try:
+                message = deserialise(raw)
+                mask = stamp_of(message), read_image(message)[:, :, 0]
+            except InputError as err:
+                on_skip(f"{path}: {raw.topic} at {raw.stamp / 1e9:.3f} s skipped: {err}")
+                continue
+            yield mask
+
+
 def _camera_infos(bag: Bag, image_topic: str) -> tuple[list[int], list[CameraInfo]]:
     connections = bag.find(topics.CAMERA_INFO, near=image_topic)
     if not connections:

@@ -5,6 +5,7 @@ from __future__ import annotations
 IMAGE = "image_raw"
 COMPRESSED = "image_raw/compressed"
 CAMERA_INFO = "camera_info"
+MASK = "image_mask"
 COMMAND = "dlo/command"
 OBSERVED = "dlo/observed"
 OBSERVED_POINTS = "dlo/observed_points"
@@ -19,6 +20,7 @@ TYPES: dict[str, str] = {
     IMAGE: "sensor_msgs/msg/Image",
     COMPRESSED: "sensor_msgs/msg/CompressedImage",
     CAMERA_INFO: "sensor_msgs/msg/CameraInfo",
+    MASK: "sensor_msgs/msg/Image",
     COMMAND: "trajectory_msgs/msg/MultiDOFJointTrajectory",
     OBSERVED: "geometry_msgs/msg/PoseArray",
     OBSERVED_POINTS: "sensor_msgs/msg/PointCloud2",

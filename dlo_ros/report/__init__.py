@@ -1,9 +1,15 @@
 """Reports for people: self-contained HTML that opens without a network.
 
 `page` is the shell, `elements` the table and the text, `plots` the figures over time, `player` the
-shapes with a time slider; `identification` puts them together for one job.
+shapes with a time slider; `identification` and `calibration` put them together for one job.
 """
 
+from dlo_ros.report.calibration import (
+    BoardPicture,
+    CalibrationReport,
+    CalibrationView,
+    write_calibration_report,
+)
 from dlo_ros.report.identification import (
     Estimate,
     IdentificationReport,
@@ -14,11 +20,15 @@ from dlo_ros.report.identification import (
 from dlo_ros.report.player import Photograph, ShapeFrame
 
 __all__ = [
+    "BoardPicture",
+    "CalibrationReport",
+    "CalibrationView",
     "Estimate",
     "IdentificationReport",
     "ParameterTrack",
     "Photograph",
     "RecordingResult",
     "ShapeFrame",
+    "write_calibration_report",
     "write_identification_report",
 ]

@@ -9,7 +9,10 @@ import numpy as np
 from dlo_ros.command import Command, Motion
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import RodParameters, Settings
+from dlo_ros.rod.lanes import follow_many
+from dlo_ros.rod.resolution import build
 from dlo_ros.rod.simulation import Simulation
+from dlo_ros.rod.state import rest_state
 from dlo_ros.spline import SplineBasis
 
 
@@ -37,6 +40,12 @@ def compile_kernels() -> float:
         )
         simulation.start([Observation(0, shape)])
         simulation.advance(1_000_000)
+    clamp = Command(
+        0, ("start",), np.zeros(1), position[:, :1], np.tile([0.0, 0.0, 0.0, 1.0], (1, 1, 1)),
+        np.full((1, 1, 3), np.nan), basis.control_points,
+    )  # fmt: skip
+    model, boundary = build(settings, clamp, basis.spans)
+    follow_many([model], boundary, [rest_state(0, shape, model)], clamp, [1_000_000])
     return time.perf_counter() - began
 
 

@@ -12,7 +12,6 @@ from dlo_ros.rod.grips import Imposed, impose
 from dlo_ros.rod.tables import Law, Material, Quadrature, Stiffness, Surroundings
 from dlo_ros.spline import FloatArray
 
-
 ITSELF = np.int64(0)  # number of the variant that is the rod itself
 # (a plain 0 would have everything compiled once more, for that constant)
 

@@ -13,7 +13,8 @@ edge, which makes the whole scheme second order in the edge length. Every strain
 Kelvin and Voigt (force k (e + t_r de/dt)), every node by drag -c v per length; masses are lumped.
 
 Angles and curvatures are positive from x towards -z (about +y of the board frame). Twist plays no
-role in the plane. `rod_simulation` finds equilibria and steps in time.
+role in the plane. `rod_simulation` finds equilibria and steps in time. Bending may saturate, yield
+or show hysteresis, the board may rub and pegs may press: see `rod_laws`.
 """
 
 from __future__ import annotations
@@ -28,7 +29,16 @@ from scipy.interpolate import CubicSpline
 from dlo_ros.errors import InputError
 from dlo_ros.parameters import DampingParameters, RodParameters
 from dlo_ros.spline import FloatArray
-from dlo_ros.synthesis import rod_kernels
+from dlo_ros.synthesis.rod_laws import BendingLaw, Contact, Friction
+from dlo_ros.synthesis.rod_steps import Potential, evaluate
+
+PENETRATION = 1e-5
+"""How deep a force of `DiscreteRod.usual_force` presses the DLO into a peg [m]."""
+
+SLACK = 5e-6
+"""How far the DLO is drawn along the board before it slides [m]."""
+
+NO_PEGS = np.zeros((0, 3))
 
 
 def mesh(length: float, edges: int, nodes_at: Sequence[float] = ()) -> FloatArray:
@@ -64,6 +74,14 @@ class DiscreteRod:
         force: constant force on the nodes [N], shape (N + 1, 2).
         gravity: x and z [m/s^2], shape (2,).
         relaxation_time: t_r [s] of Kelvin-Voigt damping.
+        kink: turning angle at rest beside that of `rest_curvature` [rad], shape (N + 1,).
+        half_curvature: where the tangent bending stiffness has fallen to one half [1/m].
+        yield_curvature: elastic curvature beyond which the rest curvature follows [1/m].
+        hardening: tangent stiffness past the yield, over that before it, 0 to 1.
+        hysteresis: largest moment of a hysteretic bending element, over B [1/m].
+        hysteresis_width: change of curvature over which that moment turns round [1/m].
+        friction: largest friction with the board of the nodes [N], shape (N + 1,).
+        pegs: x, z [m] and the distance of the DLO's axis at contact [m], shape (m, 3).
     """
 
     lengths: FloatArray
@@ -75,6 +93,19 @@ class DiscreteRod:
     force: FloatArray
     gravity: FloatArray = field(default_factory=lambda: np.array([0.0, -9.81]))
     relaxation_time: float = 0.0
+    kink: FloatArray = field(default_factory=lambda: np.zeros(0))
+    half_curvature: float = np.inf
+    yield_curvature: float = np.inf
+    hardening: float = 0.0
+    hysteresis: float = 0.0
+    hysteresis_width: float = 1.0
+    friction: FloatArray = field(default_factory=lambda: np.zeros(0))
+    pegs: FloatArray = field(default_factory=lambda: NO_PEGS)
+
+    def __post_init__(self) -> None:
+        for name in ("kink", "friction"):
+            if not len(getattr(self, name)):
+                setattr(self, name, np.zeros(len(self.mass)))
 
     @classmethod
     def uniform(
@@ -96,9 +127,7 @@ class DiscreteRod:
             nodes_at: material coordinates [m] where a node must lie (pins).
         """
         lengths = mesh(rod.length, edges, nodes_at)
-        tributary = np.zeros(len(lengths) + 1)
-        tributary[:-1] += 0.5 * lengths
-        tributary[1:] += 0.5 * lengths
+        tributary = tributary_lengths(lengths)
         return cls(
             lengths=lengths,
             stretch_stiffness=np.full(len(lengths), rod.young_modulus * rod.area),
@@ -119,8 +148,7 @@ class DiscreteRod:
     @property
     def vertex_lengths(self) -> FloatArray:
         """Reference length that belongs to each vertex's turning angle [m], shape (N + 1,)."""
-        padded = np.concatenate([[0.0], self.lengths, [0.0]])
-        return np.asarray(0.5 * (padded[:-1] + padded[1:]))
+        return tributary_lengths(self.lengths)
 
     @property
     def weight(self) -> FloatArray:
@@ -142,6 +170,8 @@ class DiscreteRod:
             drag=spread @ self.drag,
             rest_curvature=self.rest_curvature[keep],
             force=spread @ self.force,
+            kink=spread @ self.kink,
+            friction=spread @ self.friction,
         )
 
     def softest_stretch(self) -> float:
@@ -150,23 +180,113 @@ class DiscreteRod:
         kink = float(np.max(self.bending_stiffness) / np.min(self.lengths) ** 2)
         return min(max(1e-3, 10.0 * max(weight, kink) / np.min(self.stretch_stiffness)), 1.0)
 
+    @property
+    def linear(self) -> bool:
+        """Whether moment and curvature are proportional, without any history."""
+        bounds = np.array([self.half_curvature, self.yield_curvature])
+        return bool(np.all(np.isinf(bounds))) and not self.hysteresis
+
+    @property
+    def usual_force(self) -> float:
+        """A force that is large for this rod [N]: ten times its weight and its buckling load."""
+        bend = float(np.max(self.bending_stiffness)) * (2.0 * np.pi / float(self.u[-1])) ** 2
+        return 10.0 * (float(np.sum(np.abs(self.weight))) + bend)
+
     def stiffness(self) -> tuple[FloatArray, FloatArray]:
-        """Stiffness [J] of the edges against stretch, (N,), of the vertices against turning."""
-        return self.stretch_stiffness * self.lengths, self.bending_stiffness / self.vertex_lengths
+        """Linear stiffness [J] of the edges against stretch, (N,), of the vertices against turning.
+
+        The vertices have none where `bending_law` stands for it.
+        """
+        edge = self.stretch_stiffness * self.lengths
+        if not self.linear:
+            return edge, np.zeros(len(self.bending_stiffness))
+        return edge, self.bending_stiffness / self.vertex_lengths
 
     def rest_offsets(self) -> tuple[FloatArray, FloatArray]:
-        """Stiffness times rest strain [J], for edges and vertices."""
-        return np.zeros(len(self.lengths)), self.bending_stiffness * self.rest_curvature
+        """Linear stiffness times rest strain [J], for edges and vertices."""
+        _, vertex = self.stiffness()
+        return np.zeros(len(self.lengths)), vertex * self.rest_turn
+
+    @property
+    def rest_turn(self) -> FloatArray:
+        """Turning angle of the vertices at rest [rad], shape (N + 1,)."""
+        return np.asarray(self.rest_curvature * self.vertex_lengths + self.kink)
+
+    def bending_law(self, history: BendingLaw | None = None) -> BendingLaw:
+        """Moment against turning angle; with the history of another time where one is given."""
+        v = self.vertex_lengths
+        none = np.zeros(0)
+        if self.linear:
+            return BendingLaw(False, *([none] * 10))
+        k = self.bending_stiffness / v
+        share = min(self.hardening, 1.0 - 1e-12)
+        yields = self.yield_curvature if self.hardening < 1.0 else np.inf
+        return BendingLaw(
+            active=True,
+            stiffness=k,
+            rest=self.rest_turn,
+            half=self.half_curvature * v,
+            limit=k * yields * v,
+            hardening=k * share / (1.0 - share),
+            plastic=np.zeros_like(v) if history is None else history.plastic,
+            drag=self.hysteresis * self.bending_stiffness,
+            width=self.hysteresis_width * v,
+            drag_state=np.zeros_like(v) if history is None else history.drag_state,
+            turn=np.zeros_like(v) if history is None else history.turn,
+        )
+
+    def contact(self) -> Contact:
+        """The pegs, so stiff that `usual_force` on one point presses in by `PENETRATION`."""
+        if not len(self.pegs):
+            return Contact(False, NO_PEGS, 0.0, 1.0)
+        # A straight DLO that penetrates by d touches along 2 sqrt(2 r d); the mean depth is 2 d/3.
+        patch = np.sqrt(2.0 * float(np.min(self.pegs[:, 2])) * PENETRATION)
+        stiffness = self.usual_force / (4.0 / 3.0 * patch * PENETRATION)
+        return Contact(True, self.pegs, float(stiffness), float(0.5 * patch))
+
+    def potential(
+        self,
+        held: FloatArray,
+        clamps: FloatArray,
+        *,
+        law: BendingLaw | None = None,
+    ) -> Potential:
+        """What an equilibrium minimises: no inertia, no friction.
+
+        Args:
+            held: 1 where a node is imposed, 0 where it is free, shape (N + 1,).
+            clamps: imposed directions [rad], NaN where free, shape (2,).
+            law: of bending with its history; otherwise without any.
+        """
+        return Potential(
+            held=held,
+            lengths=self.lengths,
+            clamps=clamps,
+            stiffness=self.stiffness(),
+            offsets=self.rest_offsets(),
+            spring=np.zeros_like(self.mass),
+            load=self.weight,
+            law=self.bending_law() if law is None else law,
+            friction=no_friction(),
+            contact=self.contact(),
+        )
 
     def energy(self, x: FloatArray, v: FloatArray, clamps: FloatArray) -> float:
         """Elastic, potential and kinetic energy [J] at nodes x [m] with velocities v [m/s]."""
-        stretch, turn = rod_kernels.strains(x, self.lengths, clamps)
-        edge, vertex = self.stiffness()
-        curving = turn - self.rest_curvature * self.vertex_lengths
-        curving[[0, -1]] *= ~np.isnan(clamps)
-        elastic = np.sum(edge * stretch**2) + np.sum(vertex * curving**2)
-        kinetic = np.sum(self.mass[:, None] * v**2)
-        return float(0.5 * elastic + 0.5 * kinetic - np.sum(self.weight * x))
+        potential = self.potential(np.zeros_like(self.mass), clamps)
+        value = evaluate(x, potential, np.empty_like(x), np.empty((6, 2 * len(x))))
+        return float(value) + float(0.5 * np.sum(self.mass[:, None] * v**2))
+
+
+def no_friction() -> Friction:
+    """A board that does not rub."""
+    return Friction(False, np.zeros(0), np.zeros((0, 2)), 1.0)
+
+
+def tributary_lengths(lengths: FloatArray) -> FloatArray:
+    """Half of the edges beside each node [m], shape (N + 1,), of edges of shape (N,)."""
+    padded = np.concatenate([[0.0], lengths, [0.0]])
+    return np.asarray(0.5 * (padded[:-1] + padded[1:]))
 
 
 def lay_along(curve: ArrayLike, rod: DiscreteRod) -> FloatArray:
@@ -189,15 +309,17 @@ def lay_along(curve: ArrayLike, rod: DiscreteRod) -> FloatArray:
     return np.column_stack([np.interp(at, s, points[:, c]) for c in range(2)])
 
 
-def centreline(rod: DiscreteRod, x: FloatArray, u: ArrayLike) -> FloatArray:
+def centreline(rod: DiscreteRod | FloatArray, x: FloatArray, u: ArrayLike) -> FloatArray:
     """Smooth interpolation of the nodes.
 
     Args:
+        rod: the rod, or material coordinates of its nodes [m], shape (N + 1,).
         x: nodes [m], shape (N + 1, 2).
         u: material coordinates [m], shape (m,).
 
     Returns:
         Points in the board frame [m], shape (m, 3), y = 0.
     """
-    plane = CubicSpline(rod.u, x)(np.asarray(u, dtype=np.float64))
+    nodes = rod.u if isinstance(rod, DiscreteRod) else rod
+    plane = CubicSpline(nodes, x)(np.asarray(u, dtype=np.float64))
     return np.column_stack([plane[:, 0], np.zeros(len(plane)), plane[:, 1]])

@@ -3,6 +3,7 @@
     parameters:          # the truth, written as in a parameter file
       rod: {length: 0.4, ...}
       camera: {translation: [...], rotation: [...]}
+      effects: {point_mass: {mass: 0.02, position: 0.3}}   # hidden in the simulated rope
     guess:               # what params.yaml says instead
       rod: {young_modulus: 1000000.0}
     duration: 3.0        # s
@@ -15,6 +16,12 @@
     camera: {...}        # intrinsics, see `look.SimulatedCamera`
     look: {...}          # see `look.Look`
     measurement: {...}   # see `look.Measurement`
+    foreign: {...}       # effects that no parameter file names, see `hidden.FOREIGN`
+
+The parameters state what an experimenter knows; effects say how the truth departs from that. So
+with `length_error` the rope is longer than `rod.length`, and with `camera_scale` or
+`camera_rotation` the camera stands elsewhere than `camera` says. `guess` has no effects unless it
+names some.
 
 `angle` is the direction of growing u at a clamp, positive from x towards -z [rad].
 """
@@ -22,7 +29,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -33,9 +40,11 @@ import yaml
 from dlo_ros.command import END, NANOSECONDS, START, Command
 from dlo_ros.errors import CommandError, InputError, ParameterError
 from dlo_ros.parameter_table import TABLE
-from dlo_ros.parameters import Settings
+from dlo_ros.parameters import EFFECTS_PREFIX, CameraPose, Settings
 from dlo_ros.share import shared_file
 from dlo_ros.spline import FloatArray
+from dlo_ros.synthesis.hidden import FOREIGN, Hidden, read_effects
+from dlo_ros.synthesis.hidden_rod import true_length
 from dlo_ros.synthesis.look import Look, Measurement, SimulatedCamera
 from dlo_ros.synthesis.sections import Section
 
@@ -43,6 +52,8 @@ START_STAMP = 1_760_000_000 * NANOSECONDS
 """Stamp of the first image [ns], the same in every run so that bags are reproducible."""
 
 FOLDER = "config/experiments"
+
+EFFECTS = EFFECTS_PREFIX.rstrip(".")
 
 REACH = 1e3  # [m] positions further away are typing errors
 
@@ -53,7 +64,7 @@ class Experiment:
 
     Args:
         name: of the experiment.
-        truth: parameters of the simulated rope, and the camera's pose.
+        truth: parameters of the simulated rope, and the camera's stated pose, without effects.
         guess: parameters that the parameter file beside the bag gives.
         duration: from the first image to the last [s].
         initial_shape: rough curve x, z [m], shape (m, 2).
@@ -61,6 +72,7 @@ class Experiment:
         camera: intrinsics and quality.
         look: of board and rope.
         measurement: noise where no images are made.
+        hidden: effects that the truth has beside its parameters.
     """
 
     name: str
@@ -72,6 +84,12 @@ class Experiment:
     camera: SimulatedCamera
     look: Look
     measurement: Measurement
+    hidden: Hidden = field(default_factory=Hidden)
+
+    @property
+    def camera_pose(self) -> CameraPose:
+        """Where the camera really stands; `truth.camera` is where it is said to stand."""
+        return self.hidden.camera(self.truth.camera)
 
     @property
     def stamps(self) -> list[int]:
@@ -111,8 +129,10 @@ def read_experiment(tree: Any, name: str, where: str) -> Experiment:
     top = Section(tree, where)
     name = str(top.raw("name", name))
     top.raw("description")
-    parameters = _flat(top.required("parameters", "the rope's true parameters"), where)
+    given = top.required("parameters", "the rope's true parameters")
+    parameters = _flat(_without_effects(given), where)
     override = _flat(top.raw("guess", {}), where)
+    effects = given.get(EFFECTS) if isinstance(given, Mapping) else None
     try:
         truth = Settings.from_mapping(parameters)
         guess = Settings.from_mapping({**parameters, **override})
@@ -130,9 +150,14 @@ def read_experiment(tree: Any, name: str, where: str) -> Experiment:
         camera=_finished(SimulatedCamera.read, top.block("camera")),
         look=_finished(Look.read, top.block("look")),
         measurement=_finished(Measurement.read, top.block("measurement")),
+        hidden=Hidden(
+            effects=read_effects(effects, f"{where}: {EFFECTS}"),
+            foreign=read_effects(top.raw("foreign"), f"{where}: foreign", FOREIGN),
+        ),
     )
     top.finish()
-    _check_reach(experiment.command, truth.rod.length, where)
+    _check_effects(experiment, where)
+    _check_reach(experiment.command, true_length(truth, experiment.hidden), where)
     return experiment
 
 
@@ -151,11 +176,41 @@ def _flat(block: Any, where: str, prefix: str = "") -> dict[str, Any]:
         name = f"{prefix}{key}"
         if isinstance(value, Mapping):
             result |= _flat(value, where, f"{name}.")
-        elif name in TABLE:
+        elif name in TABLE or name.startswith(EFFECTS_PREFIX):
             result[name] = value
         else:
             raise InputError(f"{where}: '{name}' is no parameter; known are {', '.join(TABLE)}")
     return result
+
+
+def _without_effects(block: Any) -> Any:
+    if not isinstance(block, Mapping):
+        return block
+    return {key: value for key, value in block.items() if key != EFFECTS}
+
+
+def _check_effects(experiment: Experiment, where: str) -> None:
+    """What is wrong with effects only for this rope.
+
+    Raises:
+        InputError: no length is left, or something lies beyond the rope's end.
+    """
+    length, hidden = experiment.truth.rod.length, experiment.hidden
+    shortest = true_length(experiment.truth, hidden)
+    shortest += min(hidden.number("clamp_slip", "length"), 0.0)
+    if shortest < 0.5 * length:
+        raise InputError(f"{where}: effects leave {shortest:g} m of a rope of {length:g} m")
+    places = (
+        ("point_mass", "position"),
+        ("intrinsic_curvature", "position"),
+        ("stiff_segment", "centre"),
+    )
+    for name, key in places:
+        place = hidden.number(name, key)
+        if place > length:
+            raise InputError(
+                f"{where}: effects.{name}.{key} is {place:g} m; the rope is {length:g} m long"
+            )
 
 
 def _curve(top: Section) -> FloatArray:
@@ -167,7 +222,7 @@ def _curve(top: Section) -> FloatArray:
 
 def _motion(section: Section, truth: Settings) -> Command:
     """The command of the block `motion`: all names get points at all the times that occur."""
-    names = tuple(section._values)
+    names = section.names
     tracks: list[tuple[list[float], FloatArray]] = []
     for name in names:
         points = section.raw(name)

@@ -1,4 +1,4 @@
-"""Compiled kernels of the planar discrete elastic rod (see `discrete_rod` for the model).
+"""Strains of the planar discrete rod and banded solving, compiled as with numba's @njit.
 
 Nodes x of shape (N + 1, 2) hold x and z [m]; edges have index 0..N-1; vertex i lies at node i.
 A banded symmetric matrix is stored as its lower half, `band[d, j]` = entry (j + d, j).
@@ -12,6 +12,7 @@ import numpy as np
 from numba import njit
 
 from dlo_ros.spline import FloatArray
+from dlo_ros.synthesis.rod_laws import BendingLaw, bend
 
 BANDS = 6  # two coordinates, coupling over two neighbours: entries up to five below the diagonal
 
@@ -51,14 +52,18 @@ def _elastic(
     clamps: FloatArray,
     stiffness: tuple[FloatArray, FloatArray],
     offsets: tuple[FloatArray, FloatArray],
+    law: BendingLaw,
     gradient: FloatArray,
     band: FloatArray,
 ) -> float:
-    """Energy sum(k e^2 / 2 - f e) over all strains e; adds its gradient and Hessian.
+    """Energy sum(k e^2 / 2 - f e) over all strains e, and that of a law of bending.
+
+    Adds its gradient and Hessian.
 
     Args:
         stiffness: k of each edge's stretch [J] and of each vertex's turning angle [J].
         offsets: f, the force that rest strain and strain history put against each strain [J].
+        law: further moments, where bending is not linear.
         gradient: [N], shape (N + 1, 2), is added to.
         band: Hessian [N/m], shape (BANDS, 2 (N + 1)), is added to.
 
@@ -103,6 +108,11 @@ def _elastic(
         k, f = stiffness[1][i], offsets[1][i]
         total += 0.5 * k * turn[i] * turn[i] - f * turn[i]
         moment = k * turn[i] - f
+        if law.active:
+            stored, more, steeper = bend(law, i, turn[i])
+            total += stored
+            moment += more
+            k += steeper
         # The turning angle is (direction of edge i) - (direction of edge i - 1); at a clamp one of
         # the two is imposed. d(direction)/d(edge) = n / size with n = (tz, -tx), its derivative
         # -(t n^T + n t^T) / size^2.
@@ -170,91 +180,8 @@ def _solve(band: FloatArray, right: FloatArray) -> bool:
     return True
 
 
-def _newton_direction(
-    x: FloatArray,
-    held: FloatArray,
-    lengths: FloatArray,
-    clamps: FloatArray,
-    stiffness: tuple[FloatArray, FloatArray],
-    offsets: tuple[FloatArray, FloatArray],
-    spring: FloatArray,
-    load: FloatArray,
-    direction: FloatArray,
-) -> tuple[float, bool]:
-    """One Newton direction for elastic energy + sum(spring x^2 / 2 - load . x).
-
-    Args:
-        held: 1 where a node is imposed, 0 where it is free, shape (N + 1,).
-        spring: [N/m], shape (N + 1,), from inertia and drag.
-        load: [N], shape (N + 1, 2).
-        direction: receives the step [m], shape (N + 1, 2), zero at held nodes.
-
-    Returns:
-        Value of the potential [J], and whether its Hessian is positive definite.
-    """
-    nodes = x.shape[0]
-    band = np.zeros((BANDS, 2 * nodes))
-    gradient = np.zeros((nodes, 2))
-    value = elastic(x, lengths, clamps, stiffness, offsets, gradient, band)
-    for i in range(nodes):
-        for c in range(2):
-            value += (0.5 * spring[i] * x[i, c] - load[i, c]) * x[i, c]
-            gradient[i, c] += spring[i] * x[i, c] - load[i, c]
-            band[0, 2 * i + c] += spring[i]
-    right = -gradient.copy().reshape(2 * nodes)
-    for i in range(nodes):
-        if held[i] > 0.0:
-            for j in range(2 * i, 2 * i + 2):
-                right[j] = 0.0
-                band[:, j] = 0.0
-                for d in range(1, min(BANDS, j + 1)):
-                    band[d, j - d] = 0.0
-                band[0, j] = 1.0
-    definite = solve(band, right)
-    direction[:] = right.reshape((nodes, 2))
-    return value, definite
-
-
-def _minimise(
-    x: FloatArray,
-    held: FloatArray,
-    lengths: FloatArray,
-    clamps: FloatArray,
-    stiffness: tuple[FloatArray, FloatArray],
-    offsets: tuple[FloatArray, FloatArray],
-    spring: FloatArray,
-    load: FloatArray,
-    tolerance: float,
-) -> int:
-    """Newton's method for one implicit step, in place.
-
-    Returns:
-        Number of iterations, or -1 where it did not converge to a step below `tolerance` [m].
-    """
-    direction = np.empty_like(x)
-    shift = 0.0
-    for iteration in range(60):
-        shifted = spring + shift
-        pull = load + shift * x
-        _, definite = newton_direction(
-            x, held, lengths, clamps, stiffness, offsets, shifted, pull, direction
-        )
-        if not definite:
-            shift = max(4.0 * shift, np.max(spring))
-            continue
-        largest = np.max(np.abs(direction))
-        limit = 0.5 * np.min(lengths)
-        x += direction * min(1.0, limit / max(largest, 1e-300))
-        if largest < tolerance and shift == 0.0:
-            return iteration + 1
-        shift = 0.0 if shift < 1e-3 * np.max(spring) else 0.1 * shift
-    return -1
-
-
 _jit = njit(cache=True)
 wrap = _jit(_wrap)
 strains = _jit(_strains)
 elastic = _jit(_elastic)
 solve = _jit(_solve)
-newton_direction = _jit(_newton_direction)
-minimise = _jit(_minimise)

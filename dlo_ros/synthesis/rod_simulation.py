@@ -4,7 +4,7 @@ Time stepping is BDF2 with Newton's method on the exact Hessian of each step's p
 rates are differenced in the same way, so that the Hessian stays symmetric.
 
 All properties of the rod are arrays and may be changed between two calls of `Simulation.advance`;
-hidden effects (a stiff segment, a hung mass, a gust) are made that way.
+what changes in time by itself (a gust, a rope that slips) is given as a function.
 """
 
 from __future__ import annotations
@@ -18,7 +18,12 @@ from scipy.interpolate import CubicSpline
 from dlo_ros.errors import SimulationError
 from dlo_ros.spline import FloatArray
 from dlo_ros.synthesis import rod_kernels
-from dlo_ros.synthesis.discrete_rod import DiscreteRod
+from dlo_ros.synthesis.discrete_rod import SLACK, DiscreteRod, no_friction
+from dlo_ros.synthesis.rod_laws import Friction, pull_anchors, yield_to
+from dlo_ros.synthesis.rod_steps import Potential, descend, minimise
+
+Change = Callable[[DiscreteRod, float], DiscreteRod]
+"""The rod at a time [s], made of the rod as it is without any change."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +65,7 @@ class Simulation:
         x: nodes [m] at the start, shape (N + 1, 2), at rest.
         step: largest time step [s].
         time: start [s].
+        change: what the rod is at a time.
     """
 
     def __init__(
@@ -70,8 +76,10 @@ class Simulation:
         *,
         step: float = 1e-3,
         time: float = 0.0,
+        change: Change | None = None,
     ) -> None:
         self.rod = rod
+        self.change = change
         self.boundary = boundary
         self.step = step
         self.time = time
@@ -86,11 +94,24 @@ class Simulation:
         self._v_before = np.zeros_like(self.x)
         self._used_step = 0.0
         clamps = self.boundary(self.time).clamps
-        self._strains = rod_kernels.strains(self.x, self.rod.lengths, clamps)
+        rod = self.rod_at(self.time)
+        self._strains = rod_kernels.strains(self.x, rod.lengths, clamps)
         self._strains_before = self._strains
+        self._law = rod.bending_law()
+        if self._law.active:
+            # What yields on the way into the first shape stays; hysteresis begins with it.
+            yield_to(self._law._replace(drag=np.zeros_like(rod.mass)), self._strains[1])
+        self._anchor = self.x.copy()
+
+    def rod_at(self, time: float) -> DiscreteRod:
+        """The rod at a time [s]."""
+        return self.rod if self.change is None else self.change(self.rod, time)
 
     def settle(self) -> FloatArray:
         """Bring the rod to the stable equilibrium under the present boundary, downhill from here.
+
+        It comes without friction and hysteresis, whose forces begin with the motion. Bending beyond
+        the yield is taken as one steady path from the straight rod to the first shape.
 
         Returns:
             The nodes [m], shape (N + 1, 2).
@@ -102,17 +123,18 @@ class Simulation:
         boundary.impose(self.x)
         # A rough curve has kinks and the wrong length here and there, at which a fine rod would
         # crumple. A coarse one, soft in stretch at first, buckles in long waves instead.
-        edges = len(self.rod.lengths)
+        full = self.rod_at(self.time)
+        edges = len(full.lengths)
         for every in (max(edges // 20, 1), max(edges // 60, 1), 1):
             keep = np.union1d(np.arange(0, edges, every), [*boundary.positions, edges])
-            rod = self.rod.coarsened(keep)
+            rod = replace(full.coarsened(keep), hysteresis=0.0)
             where = {int(np.searchsorted(keep, i)): p for i, p in boundary.positions.items()}
             x = self.x[keep]
             softest = rod.softest_stretch() if every > 1 else 1.0
             for factor in np.geomspace(softest, 1.0, 3 if softest < 1.0 else 1):
                 soft = replace(rod, stretch_stiffness=factor * rod.stretch_stiffness)
                 x = _descend(soft, replace(boundary, positions=where), x)
-            self.x = CubicSpline(rod.u, x)(self.rod.u)
+            self.x = CubicSpline(rod.u, x)(full.u)
             boundary.impose(self.x)
         self._rest()
         return self.x
@@ -134,7 +156,7 @@ class Simulation:
         return self.x
 
     def _advance_one(self, time: float, h: float) -> None:
-        rod = self.rod
+        rod = self.rod_at(time)
         # BDF2 for a step h after a step g: dy/dt = c0 y_new - c1 y + c2 y_before.
         g = self._used_step or h
         c0 = (2.0 * h + g) / (h * (h + g))
@@ -142,75 +164,59 @@ class Simulation:
         c2 = h / (g * (h + g))
         past_x = c2 * self._x_before - c1 * self.x
         past_v = c2 * self._v_before - c1 * self.v
-        stiffness = rod.stiffness()
-        offsets = rod.rest_offsets()
+        # Elastic stiffness, and the dampers of Kelvin and Voigt beside it.
+        elastic, offsets = rod.stiffness(), rod.rest_offsets()
+        dampers = (elastic[0], rod.bending_stiffness / rod.vertex_lengths)
         damped, held_back = [], []
-        for k, f, now, before in zip(
-            stiffness, offsets, self._strains, self._strains_before, strict=True
+        for k, f, d, now, before in zip(
+            elastic, offsets, dampers, self._strains, self._strains_before, strict=True
         ):
-            damped.append(k * (1.0 + rod.relaxation_time * c0))
-            held_back.append(f - k * rod.relaxation_time * (c2 * before - c1 * now))
-        spring = rod.mass * c0**2 + rod.drag * c0
-        load = rod.weight - rod.mass[:, None] * (c0 * past_x + past_v) - rod.drag[:, None] * past_x
+            damped.append(k + d * rod.relaxation_time * c0)
+            held_back.append(f - d * rod.relaxation_time * (c2 * before - c1 * now))
         boundary = self.boundary(time)
+        law = rod.bending_law(self._law)
+        friction = no_friction()
+        if np.any(rod.friction > 0.0):
+            friction = Friction(True, rod.friction, self._anchor, SLACK)
+        potential = Potential(
+            held=boundary.held(len(rod.mass)),
+            lengths=rod.lengths,
+            clamps=boundary.clamps,
+            stiffness=(damped[0], damped[1]),
+            offsets=(held_back[0], held_back[1]),
+            spring=rod.mass * c0**2 + rod.drag * c0,
+            load=rod.weight
+            - rod.mass[:, None] * (c0 * past_x + past_v)
+            - rod.drag[:, None] * past_x,
+            law=law,
+            friction=friction,
+            contact=rod.contact(),
+        )
         x = self.x + h * self.v
         boundary.impose(x)
-        iterations = rod_kernels.minimise(
-            x,
-            boundary.held(len(rod.mass)),
-            rod.lengths,
-            boundary.clamps,
-            (damped[0], damped[1]),
-            (held_back[0], held_back[1]),
-            spring,
-            load,
-            1e-10,
-        )
+        iterations = minimise(x, potential, 1e-10)
         if iterations < 0 or not np.all(np.isfinite(x)):
             raise SimulationError(f"the discrete rod's step at {time:.4f} s did not converge")
         self._x_before, self.x = self.x, x
         self._v_before, self.v = self.v, c0 * x + past_x
         self._strains_before = self._strains
         self._strains = rod_kernels.strains(x, rod.lengths, boundary.clamps)
+        self._law = law
+        if law.active:
+            yield_to(law, self._strains[1])
+        if friction.active:
+            pull_anchors(friction, x)
         self._used_step = h
         self.time = time
 
 
 def _descend(rod: DiscreteRod, boundary: Boundary, x: FloatArray) -> FloatArray:
-    """Follow the energy downhill: implicit steps of a growing pseudo time, at last plain Newton."""
-    held, clamps = boundary.held(len(rod.mass)), boundary.clamps
-    direction = np.empty_like(x)
-    still = np.zeros_like(x)
-    energy = rod.energy(x, still, clamps)
+    """The equilibrium downhill of nodes x, which are imposed where they are held."""
+    potential = rod.potential(boundary.held(len(rod.mass)), boundary.clamps)
     rounding = 1e-12 * float(np.sum(np.abs(rod.weight))) * rod.u[-1] + 1e-16
-    limit = 0.2 * float(np.min(rod.lengths))
-    h = 1e-3
-    for _ in range(2000):
-        spring = rod.mass / h**2
-        _, definite = rod_kernels.newton_direction(
-            x,
-            held,
-            rod.lengths,
-            clamps,
-            rod.stiffness(),
-            rod.rest_offsets(),
-            spring,
-            rod.weight + spring[:, None] * x,
-            direction,
+    settled = np.array(x)
+    if not descend(settled, potential, rod.mass, rounding):
+        raise SimulationError(
+            "the rope found no stable equilibrium from its initial shape; give a shape that sags"
         )
-        if definite:
-            largest = float(np.max(np.abs(direction)))
-            trial = x + direction * (limit / max(largest, limit))
-            after = rod.energy(trial, still, clamps)
-            if after <= energy + rounding + 1e-12 * abs(energy):
-                x, energy = trial, after
-                if h > 1e3 and largest < 1e-9:
-                    return x
-                h *= 1.6
-                continue
-        h *= 0.3
-        if h < 1e-9:
-            break
-    raise SimulationError(
-        "the rope found no stable equilibrium from its initial shape; give a shape that sags"
-    )
+    return settled

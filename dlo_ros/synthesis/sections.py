@@ -30,6 +30,11 @@ class Section:
     def __contains__(self, key: str) -> bool:
         return self._values.get(key) is not None
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The keys of the block."""
+        return tuple(self._values)
+
     def raw(self, key: str, default: Any = None) -> Any:
         """The value as YAML gave it."""
         self._known.add(key)

@@ -10,6 +10,7 @@ import numpy as np
 import yaml
 
 from dlo_ros.command import NANOSECONDS
+from dlo_ros.errors import InputError
 from dlo_ros.observation import CentrelinePoints
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.building import (
@@ -26,7 +27,7 @@ from dlo_ros.spline import FloatArray, SplineBasis
 from dlo_ros.synthesis.experiment import Experiment
 from dlo_ros.synthesis.geometry import Geometry
 from dlo_ros.synthesis.render import Renderer
-from dlo_ros.synthesis.truth import Truth, build_simulation, simulate
+from dlo_ros.synthesis.truth import EDGES, STEP, Truth, build_simulation, simulate
 
 LOG = logging.getLogger(__name__)
 
@@ -48,6 +49,8 @@ def synthesize(
     images: bool = True,
     force: bool = False,
     progress: Progress = lambda frames, _: frames,
+    edges: int = EDGES,
+    step: float = STEP,
 ) -> Truth:
     """Simulate an experiment and record it.
 
@@ -58,6 +61,8 @@ def synthesize(
         images: whether a camera is rendered; otherwise the observed splines are written directly.
         force: whether an existing bag is replaced.
         progress: wraps the loop over the frames.
+        edges: of the simulated rope.
+        step: of its simulation [s].
 
     Returns:
         The true motion.
@@ -65,17 +70,22 @@ def synthesize(
     Raises:
         RecordingError: the bag cannot be written.
         SimulationError: the rope cannot be simulated.
+        InputError: images of a camera that moves.
     """
+    if images and "camera_creep" in experiment.hidden:
+        raise InputError(
+            f"{experiment.name}: no images can be made by a camera that creeps; use --no-images"
+        )
     with BagWriter(output, force) as writer:
-        simulation, grips = build_simulation(experiment)
-        truth = simulate(simulation, experiment.stamps)
+        simulation, grips = build_simulation(experiment, edges=edges, step=step)
+        truth = simulate(simulation, experiment.stamps, experiment.truth.rod.length)
         frame = experiment.truth.frame_id
         command = command_message(BAG_MESSAGES, experiment.command)
         writer.write(topics.COMMAND, command, experiment.command.stamp - LEAD)
         frames = progress(range(len(truth.stamps)), len(truth.stamps))
         if images:
             camera = experiment.camera
-            geometry = Geometry(camera, experiment.truth.camera)
+            geometry = Geometry(camera, experiment.camera_pose)
             instants = BLUR_INSTANTS if camera.exposure > 0.0 else 1
             within = camera.exposure * ((np.arange(instants) + 0.5) / instants - 0.5)
             _warn_out_of_sight(geometry, truth)
@@ -130,9 +140,13 @@ def measure(
     step = 1e-3 * rod.length
     rng = np.random.default_rng(seed)
     for i in frames:
-        points = truth.centreline(i, u)
-        ahead = truth.centreline(i, np.minimum(u + step, rod.length))
-        tangent = ahead - truth.centreline(i, np.maximum(u - step, 0.0))
+
+        def seen(at: FloatArray, i: int = i) -> FloatArray:
+            time = (truth.stamps[i] - truth.stamps[0]) / NANOSECONDS
+            return experiment.hidden.measured(truth.centreline(i, at), time)
+
+        points = seen(u)
+        tangent = seen(np.minimum(u + step, rod.length)) - seen(np.maximum(u - step, 0.0))
         tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
         across = np.column_stack([-tangent[:, 2], np.zeros(count), tangent[:, 0]])
         points = points + rng.normal(0.0, measurement.std, count)[:, None] * across
@@ -149,7 +163,7 @@ def parameter_text(experiment: Experiment) -> str:
 
 
 def truth_text(experiment: Experiment, truth: Truth) -> str:
-    """YAML with the true parameters and, for each image, the true spline.
+    """YAML with the true parameters and effects and, for each image, the true spline.
 
     The control points are the least-squares projection of the true curve onto the published basis,
     ends kept; `projection_error` is their mean distance [m].
@@ -172,6 +186,15 @@ def truth_text(experiment: Experiment, truth: Truth) -> str:
             if name.startswith(f"{group}.")
         }
     tree["gravity"] = list(experiment.truth.gravity)
+    for block, effects in (
+        ("effects", experiment.hidden.effects),
+        ("foreign", experiment.hidden.foreign),
+    ):
+        if effects:
+            tree[block] = {
+                name: {k: list(v) if isinstance(v, tuple) else v for k, v in values.items()}
+                for name, values in effects.items()
+            }
     tree["specific_modulus"] = rod.specific_modulus
     tree["stamps"] = list(truth.stamps)
     tree["projection_error"] = [round(e, 8) for e in errors]
@@ -182,7 +205,7 @@ def truth_text(experiment: Experiment, truth: Truth) -> str:
 
 def _warn_out_of_sight(geometry: Geometry, truth: Truth) -> None:
     """Say when the rope leaves the picture, since nothing would show it afterwards."""
-    u = np.linspace(0.0, truth.rod.u[-1], 100)
+    u = np.linspace(0.0, truth.u[-1], 100)
     size = np.array([geometry.camera.width, geometry.camera.height]) - 1
     for i, stamp in enumerate(truth.stamps):
         pixels = geometry.project(truth.centreline(i, u))

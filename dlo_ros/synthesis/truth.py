@@ -13,6 +13,7 @@ from dlo_ros.errors import InputError
 from dlo_ros.spline import FloatArray, SplineBasis
 from dlo_ros.synthesis.discrete_rod import DiscreteRod, centreline, lay_along
 from dlo_ros.synthesis.experiment import START_STAMP, Experiment
+from dlo_ros.synthesis.hidden_rod import build_rod, change
 from dlo_ros.synthesis.rod_simulation import Boundary, Simulation
 
 EDGES = 300
@@ -26,13 +27,15 @@ class Truth:
 
     Args:
         stamps: [ns], T of them.
-        rod: the discrete rod, whose nodes these are.
+        rod: the discrete rod, whose nodes these are, as it is at the start.
+        u: material coordinates of the nodes in the configured length [m], shape (N + 1,).
         nodes: x and z [m], shape (T, N + 1, 2).
         velocities: of the nodes [m/s], shape (T, N + 1, 2).
     """
 
     stamps: tuple[int, ...]
     rod: DiscreteRod
+    u: FloatArray
     nodes: FloatArray
     velocities: FloatArray
 
@@ -47,7 +50,7 @@ class Truth:
         Returns:
             Points [m], shape (m, 3), y = 0.
         """
-        return centreline(self.rod, self.nodes[index] + later * self.velocities[index], u)
+        return centreline(self.u, self.nodes[index] + later * self.velocities[index], u)
 
     def control_points(self, index: int, basis: SplineBasis) -> FloatArray:
         """Least-squares projection onto a published basis, both ends kept, shape (n, 3)."""
@@ -90,6 +93,19 @@ class Grips:
         }
         self._pins = [m for m in self._command.names if m not in self._pairs.values()]
         self._nodes: dict[str, int] = {}
+        hidden = experiment.hidden
+        self._delay = hidden.number("command_delay", "delay")
+        self._turned = {
+            START: hidden.number("clamp_angle", "start"),
+            END: hidden.number("clamp_angle", "end"),
+        }
+        steps = np.linalg.norm(np.diff(self._command.positions, axis=0), axis=2).sum(axis=1)
+        self._way = np.concatenate([[0.0], np.cumsum(steps)])
+
+    def travelled(self, time: float) -> float:
+        """Fraction of the imposed points' way that is behind them at a time [s]; 0 without any."""
+        way = float(np.interp(time - self._delay, self._command.times, self._way))
+        return way / float(self._way[-1]) if self._way[-1] > 0.0 else 0.0
 
     @property
     def places(self) -> FloatArray:
@@ -105,13 +121,13 @@ class Grips:
 
     def attach(self, rod: DiscreteRod) -> None:
         """Find the nodes of a rod whose mesh has `nodes_at`."""
-        self._nodes = {
-            name: int(np.argmin(np.abs(rod.u - self._place[name]))) for name in self._pins
-        }
+        u = rod.u * (self._place[END] / rod.u[-1])
+        self._nodes = {name: int(np.argmin(np.abs(u - self._place[name]))) for name in self._pins}
 
     def boundary(self, time: float) -> Boundary:
         """What is imposed at a time [s] since the start of the recording."""
-        values, rotations = self._command.sample(START_STAMP + round(time * NANOSECONDS))
+        stamp = START_STAMP + round((time - self._delay) * NANOSECONDS)
+        values, rotations = self._command.sample(stamp)
         at = dict(zip(self._command.names, values, strict=True))
         turned = dict(zip(self._command.names, rotations, strict=True))
         directions: dict[str, float] = {}
@@ -124,6 +140,7 @@ class Grips:
             if not np.linalg.norm(d) > 0.0:
                 raise InputError(f"motion: {end} and {second} coincide; they give a direction")
             directions[START if outward else END] = float(np.arctan2(-d[2], d[0]))
+        directions = {end: angle + self._turned[end] for end, angle in directions.items()}
         return Boundary(
             positions={self._nodes[name]: at[name][[0, 2]] for name in self._pins},
             start=directions.get(START),
@@ -144,20 +161,24 @@ def build_simulation(
         SimulationError: it finds no stable equilibrium.
     """
     grips = Grips(experiment)
-    truth = experiment.truth
-    gravity = (truth.gravity[0], truth.gravity[2])
-    rod = DiscreteRod.uniform(
-        truth.rod, truth.damping, gravity=gravity, edges=edges, nodes_at=grips.nodes_at
-    )
+    settings, hidden = experiment.truth, experiment.hidden
+    rod = build_rod(settings, hidden, edges=edges, pins=grips.nodes_at)
     grips.attach(rod)
     x = lay_along(experiment.initial_shape, rod)
-    simulation = Simulation(rod, grips.boundary, x, step=step)
+    changes = change(settings, hidden, grips.travelled)
+    simulation = Simulation(rod, grips.boundary, x, step=step, change=changes)
     simulation.settle()
     return simulation, grips
 
 
-def simulate(simulation: Simulation, stamps: Iterable[int]) -> Truth:
+def simulate(simulation: Simulation, stamps: Iterable[int], length: float | None = None) -> Truth:
     """Run a settled simulation over growing stamps [ns].
+
+    Args:
+        simulation: settled.
+        stamps: [ns].
+        length: configured length [m], by which the material coordinate counts; None where that is
+            the rod's.
 
     Raises:
         SimulationError: a step did not converge.
@@ -170,4 +191,6 @@ def simulate(simulation: Simulation, stamps: Iterable[int]) -> Truth:
             simulation.advance(time)
         nodes.append(simulation.x)
         velocities.append(simulation.v)
-    return Truth(stamps, simulation.rod, np.array(nodes), np.array(velocities))
+    rod = simulation.rod
+    u = rod.u if length is None else rod.u * (length / rod.u[-1])
+    return Truth(stamps, rod, u, np.array(nodes), np.array(velocities))

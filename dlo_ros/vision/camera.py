@@ -16,10 +16,10 @@ from scipy.spatial.transform import Rotation
 from dlo_ros.errors import InputError
 from dlo_ros.parameters import CameraPose
 from dlo_ros.spline import FloatArray
+from dlo_ros.vision.lens import distort, undistort
 
 # Number of coefficients that sensor_msgs/CameraInfo carries for each model.
 MODELS = {"plumb_bob": (0, 4, 5), "rational_polynomial": (0, 4, 5, 8, 12, 14)}
-NEWTON_STEPS = 8
 STEP_X, STEP_Y = np.array([1.0, 0.0]), np.array([0.0, 1.0])
 ROUND_TRIP = 0.05  # [px] above this a pixel lies where the distortion cannot be undone
 
@@ -123,37 +123,6 @@ class Camera:
     def _is_pinhole(self) -> bool:
         return not np.any(self._coefficients)
 
-    def _distort(self, p: FloatArray) -> FloatArray:
-        """Normalised image points, ideal to distorted, shape (m, 2) (OpenCV's model)."""
-        k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4 = self._coefficients
-        x, y = p[:, 0], p[:, 1]
-        r2 = x * x + y * y
-        radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
-        return np.column_stack(
-            [
-                x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x) + r2 * (s1 + r2 * s2),
-                y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y + r2 * (s3 + r2 * s4),
-            ]
-        )
-
-    def _undistort(self, distorted: FloatArray) -> FloatArray:
-        """Inverse of `_distort` by Newton's method with a numerical Jacobian."""
-        p = distorted.copy()
-        step = 1e-6
-        for _ in range(NEWTON_STEPS):
-            value = self._distort(p)
-            jx = (self._distort(p + STEP_X * step) - value) / step
-            jy = (self._distort(p + STEP_Y * step) - value) / step
-            error = value - distorted
-            det = jx[:, 0] * jy[:, 1] - jx[:, 1] * jy[:, 0]
-            det = np.where(np.abs(det) < 1e-9, np.nan, det)
-            dx = (error[:, 0] * jy[:, 1] - error[:, 1] * jy[:, 0]) / det
-            dy = (error[:, 1] * jx[:, 0] - error[:, 0] * jx[:, 1]) / det
-            p -= np.column_stack([dx, dy])
-            if not np.any(np.abs(error) > 1e-12):
-                break
-        return p
-
     def project(self, points: FloatArray) -> FloatArray:
         """Pixels of points in the board frame.
 
@@ -167,7 +136,7 @@ class Camera:
         depth = np.where(p[:, 2] > 1e-9, p[:, 2], np.nan)
         q = p[:, :2] / depth[:, None]
         if not self._is_pinhole:
-            q = self._distort(q)
+            q = distort(np.ascontiguousarray(q), self._coefficients)
         k = self.matrix
         return np.column_stack(
             [k[0, 0] * q[:, 0] + k[0, 1] * q[:, 1] + k[0, 2], k[1, 1] * q[:, 1] + k[1, 2]]
@@ -182,11 +151,8 @@ class Camera:
         q = np.column_stack([x, y])
         if self._is_pinhole:
             return q
-        with np.errstate(all="ignore"):
-            p = self._undistort(q)
-            error = np.abs(self._distort(p) - q).max(axis=1)
-            p[~(error * max(k[0, 0], k[1, 1]) < ROUND_TRIP)] = np.nan
-        return p
+        tolerance = ROUND_TRIP / max(k[0, 0], k[1, 1])
+        return np.asarray(undistort(q, self._coefficients, float(tolerance)))
 
     def to_board(self, pixels: FloatArray) -> FloatArray:
         """Points of the board's plane y = 0 that pixels show.

@@ -13,7 +13,6 @@ from itertools import pairwise
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter1d
 
 from dlo_ros.spline import FloatArray
 from dlo_ros.vision.segmentation import ORIENTATIONS, BarMap
@@ -29,12 +28,12 @@ class Chain:
 
     Args:
         points: (x, y), about 1 px apart, shape (m, 2).
-        strength: contrast at the points [grey levels], shape (m,).
-        colour: mean colour, BGR, shape (3,).
+        strength: median contrast of the points [grey levels].
+        colour: median colour, BGR, shape (3,).
     """
 
     points: FloatArray
-    strength: FloatArray
+    strength: float
     colour: FloatArray
 
     @property
@@ -44,7 +43,7 @@ class Chain:
 
     def part(self, first: int, last: int) -> Chain:
         """The points first to last (exclusive)."""
-        return Chain(self.points[first:last], self.strength[first:last], self.colour)
+        return Chain(self.points[first:last], self.strength, self.colour)
 
 
 @dataclass(frozen=True)
@@ -61,25 +60,65 @@ def find_chains(bars: BarMap) -> list[Chain]:
     rows, columns, offsets = _ridge(bars.strength, bars.orientation, round(0.9 * bars.width))
     if len(rows) == 0:
         return []
-    order = np.argsort(-bars.strength[rows, columns], kind="stable")
-    index = np.full(bars.strength.shape, -1, dtype=np.int64)
-    index[rows, columns] = np.arange(len(rows))
+    strength = bars.strength[rows, columns]
+    order = np.argsort(-strength, kind="stable")
+    index = np.full(bars.strength.shape, -1, dtype=np.int32)
+    index[rows, columns] = np.arange(len(rows), dtype=np.int32)
     angles = bars.orientation[rows, columns].astype(np.float64) * (math.pi / ORIENTATIONS)
-    members, starts = _trace(rows, columns, angles, order, index)
+    directions = np.column_stack([np.cos(angles), np.sin(angles)])
+    members, starts = _trace(rows, columns, directions, order, index)
     xy = np.column_stack([columns + offsets[:, 0], rows + offsets[:, 1]])
+    colours = bars.colour[rows, columns].astype(np.float64)
+    least = max(4, math.ceil(SHORTEST * bars.width))
+    kernel = _gaussian(0.35 * bars.width)
+    smooth, medians, tones = _describe(xy, strength, colours, members, starts, least, kernel)
     chains: list[Chain] = []
-    long = np.flatnonzero(np.diff(starts) >= max(4, SHORTEST * bars.width))
-    for first, last in zip(starts[long], starts[long + 1], strict=True):
-        which = members[first:last]
-        points = gaussian_filter1d(xy[which], 0.35 * bars.width, axis=0, mode="nearest")
-        at = (rows[which], columns[which])
-        chain = Chain(
-            points,
-            bars.strength[at].astype(np.float64),
-            np.median(bars.colour[at].astype(np.float64), axis=0),
-        )
+    for k in np.flatnonzero(np.diff(starts) >= least):
+        part = slice(starts[k], starts[k + 1])
+        chain = Chain(smooth[part], float(medians[k]), tones[k])
         chains.extend(_cut_at_turns(chain, bars.width))
     return chains
+
+
+def _gaussian(sigma: float) -> FloatArray:
+    reach = max(1, round(3.0 * sigma))
+    kernel: FloatArray = np.exp(-0.5 * (np.arange(-reach, reach + 1.0) / sigma) ** 2)
+    return np.asarray(kernel / kernel.sum())
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def _describe(
+    xy: FloatArray,
+    strength: NDArray[np.float32],
+    colours: FloatArray,
+    members: NDArray[np.int64],
+    starts: NDArray[np.int64],
+    least: int,
+    kernel: FloatArray,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Smoothed points of the chains, and of those long enough median strength and colour."""
+    count = len(starts) - 1
+    smooth = np.empty((len(members), 2))
+    medians = np.zeros(count)
+    tones = np.zeros((count, 3))
+    reach = len(kernel) // 2
+    for c in range(count):
+        first, last = starts[c], starts[c + 1]
+        if last - first < least:
+            continue
+        for i in range(first, last):
+            x, y = 0.0, 0.0
+            for j in range(-reach, reach + 1):
+                # Beyond the ends the chain is continued by its end points.
+                at = members[min(max(i + j, first), last - 1)]
+                x += kernel[j + reach] * xy[at, 0]
+                y += kernel[j + reach] * xy[at, 1]
+            smooth[i, 0], smooth[i, 1] = x, y
+        which = members[first:last]
+        medians[c] = np.median(strength[which])
+        for channel in range(3):
+            tones[c, channel] = np.median(colours[which, channel])
+    return smooth, medians, tones
 
 
 def _cut_at_turns(chain: Chain, width: float) -> list[Chain]:
@@ -121,16 +160,36 @@ def chain_end(chain: Chain, last: bool, width: float) -> ChainEnd:
     """
     span = max(5, round(END_SPAN * width))
     p = chain.points[-span:] if last else chain.points[:span][::-1]
-    s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(p, axis=0).T))])
-    s -= s[-1]
-    quadratic = len(p) >= 2 * width and len(p) >= 6
-    basis = np.column_stack([np.ones_like(s), s, 0.5 * s * s][: 3 if quadratic else 2])
-    c, *_ = np.linalg.lstsq(basis, p, rcond=None)
-    direction = c[1] / max(float(np.hypot(*c[1])), 1e-9)
-    curvature = float(direction[0] * c[2, 1] - direction[1] * c[2, 0]) if quadratic else 0.0
+    position, direction, curvature = _end_of(np.ascontiguousarray(p), width)
     # An end's curvature is uncertain; a DLO hardly bends sharper than two widths of radius.
     limit = 0.25 / width
-    return ChainEnd(c[0], direction, float(np.clip(curvature, -limit, limit)))
+    return ChainEnd(position, direction, float(min(max(curvature, -limit), limit)))
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def _end_of(points: FloatArray, width: float) -> tuple[FloatArray, FloatArray, float]:
+    """Position, direction and curvature at the last of some points, by a parabola over them."""
+    count = len(points)
+    terms = 3 if count >= 2 * width and count >= 6 else 2
+    normal, right = np.zeros((terms, terms)), np.zeros((terms, 2))
+    row = np.ones(terms)
+    s = 0.0
+    for i in range(count - 1, -1, -1):
+        if i < count - 1:
+            dx, dy = points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1]
+            s -= math.sqrt(dx * dx + dy * dy)
+        row[1] = s
+        if terms == 3:
+            row[2] = 0.5 * s * s
+        for a in range(terms):
+            for b in range(terms):
+                normal[a, b] += row[a] * row[b]
+            right[a, 0] += row[a] * points[i, 0]
+            right[a, 1] += row[a] * points[i, 1]
+    c = np.linalg.solve(normal, right)
+    direction = c[1] / max(math.sqrt(c[1, 0] ** 2 + c[1, 1] ** 2), 1e-9)
+    curvature = direction[0] * c[2, 1] - direction[1] * c[2, 0] if terms == 3 else 0.0
+    return c[0].copy(), direction, curvature
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
@@ -180,9 +239,9 @@ def _ridge(
 def _trace(
     rows: NDArray[np.int64],
     columns: NDArray[np.int64],
-    angles: FloatArray,
+    directions: FloatArray,
     order: NDArray[np.int64],
-    index: NDArray[np.int64],
+    index: NDArray[np.int32],
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Chains of ridge points: members of all chains one after the other, and where each starts."""
     total = len(rows)
@@ -194,6 +253,10 @@ def _trace(
     filled = 0
     forward = np.empty(total, dtype=np.int64)
     backward = np.empty(total, dtype=np.int64)
+    distances = np.empty((5, 5))
+    for dy in range(-2, 3):
+        for dx in range(-2, 3):
+            distances[dy + 2, dx + 2] = math.sqrt(dx * dx + dy * dy)
     for seed in order:
         if used[seed]:
             continue
@@ -201,8 +264,8 @@ def _trace(
         lengths = [0, 0]
         for side in range(2):
             here = seed
-            tx = math.cos(angles[seed]) * (1.0 if side == 0 else -1.0)
-            ty = math.sin(angles[seed]) * (1.0 if side == 0 else -1.0)
+            tx = directions[seed, 0] * (1.0 if side == 0 else -1.0)
+            ty = directions[seed, 1] * (1.0 if side == 0 else -1.0)
             while True:
                 best = -1
                 least = 1e9
@@ -218,11 +281,11 @@ def _trace(
                         other = index[y, x]
                         if other < 0 or used[other]:
                             continue
-                        distance = math.sqrt(dx * dx + dy * dy)
+                        distance = distances[dy + 2, dx + 2]
                         ahead = (dx * tx + dy * ty) / distance
                         if ahead < 0.6:
                             continue
-                        ox, oy = math.cos(angles[other]), math.sin(angles[other])
+                        ox, oy = directions[other, 0], directions[other, 1]
                         same = ox * tx + oy * ty
                         if same < 0.0:
                             ox, oy, same = -ox, -oy, -same

@@ -19,7 +19,7 @@ def compile_kernels() -> None:
     image[57:63, 20:180] = 60
     matrix = np.array([[1000.0, 0.0, 99.5], [0.0, 1000.0, 59.5], [0.0, 0.0, 1.0]])
     pose = CameraPose((0.0, 0.0, 1.0), (2**-0.5, 0.0, 0.0, 2**-0.5))
-    camera = Camera(matrix, (), 200, 120, pose)
+    camera = Camera(matrix, (-1e-3, 0.0, 0.0, 0.0), 200, 120, pose)
     rod = RodParameters(length=0.16, diameter=0.006, young_modulus=1e6, density=1e3)
     try:
         Observer(Settings(rod, camera=pose), camera).observe(0, image)

@@ -57,14 +57,14 @@ def follow(
     if colour is not None:
         unlike = np.linalg.norm(core - colour.astype(np.float32), axis=2) / scale
         score -= np.minimum(unlike, 1.5)
-    shift = _best_course(score.astype(np.float64), STEEPNESS * step * step, 2) - reach
+    shift = best_course(score.astype(np.float64), STEEPNESS * step * step, 2) - reach
     sigma = 0.6 * width / spacing_for(width)
     moved = smooth_curve((shift * step)[:, None], sigma)
     return curve + moved * normals
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
-def _best_course(score: FloatArray, steepness: float, largest: int) -> FloatArray:
+def best_course(score: FloatArray, steepness: float, largest: int) -> FloatArray:
     """Offset index per row that maximises the sum of scores less the cost of moving."""
     rows, count = score.shape
     value = score[0].copy()

@@ -84,6 +84,6 @@ def _course(
         np.concatenate(seen),
         0.0,
         float(np.sum(np.hypot(*np.diff(points, axis=0).T))),
-        float(np.average([np.median(c.strength) for c in members], weights=weights)),
+        float(np.average([c.strength for c in members], weights=weights)),
         np.average([c.colour for c in members], axis=0, weights=weights),
     )

@@ -64,7 +64,7 @@ class Linker:
 
     def __init__(self, chains: list[Chain], bars: BarMap, plane: PlaneGrid) -> None:
         found = [chain_end(chain, last, bars.width) for chain in chains for last in (False, True)]
-        strengths = [float(np.median(chain.strength)) for chain in chains]
+        strengths = [chain.strength for chain in chains]
         self.ends = Ends(
             np.array([e.position for e in found]).reshape(-1, 2),
             np.array([e.direction for e in found]).reshape(-1, 2),

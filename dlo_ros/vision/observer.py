@@ -21,25 +21,25 @@ from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray, SplineBasis
 from dlo_ros.vision.camera import Camera
+from dlo_ros.vision.centring import centred
 from dlo_ros.vision.chains import find_chains
 from dlo_ros.vision.clamps import EndPoses, ends_at, to_pixel
+from dlo_ros.vision.credibility import LEAST_SEEN, check, check_change, unusable
 from dlo_ros.vision.ends import free_end, prolong
 from dlo_ros.vision.fit import Fit, fit_spline
 from dlo_ros.vision.following import follow
+from dlo_ros.vision.hints import Hints, limited
 from dlo_ros.vision.metric import PlaneGrid
-from dlo_ros.vision.path import ClampPixel, Path, PathSearch
+from dlo_ros.vision.path import ClampPixel, PathSearch
 from dlo_ros.vision.profile import Located, locate
+from dlo_ros.vision.reach import reach, spread
 from dlo_ros.vision.segmentation import Image, as_bgr, bar_map
 from dlo_ros.vision.strip import Mask, inside, resample, smooth_curve, spacing_for
 
 LOG = logging.getLogger(__name__)
 
-LEAST_SEEN = 0.55  # share of the length that must be seen
-LENGTH_LIMIT = 0.12  # of L: a seen length further off is another object
-FREE_LENGTH_LIMIT = 0.06  # the same where no clamp says where an end is
-TRACKING_LENGTH_LIMIT = 0.03  # of the length at the last frame
+TONES_EVERY = 5  # images without a DLO between two that are searched for ropes of several colours
 TRACKING_SEARCH = (2.0, 5.0)  # [widths] to each side, second attempt where the first fails
-LARGEST_RESIDUAL = 1.0  # [widths] between measured points and spline
 FRESH = 500_000_000  # [ns] an older shape predicts nothing
 
 
@@ -83,6 +83,19 @@ class _Shape:
     colour: FloatArray
     contrast: float
     ends: EndPoses
+    known_width: bool
+    tones: bool
+
+
+@dataclass(frozen=True, eq=False)
+class _Rough:
+    """What a search tells of the DLO besides its course; `width` is the expected one [px]."""
+
+    colour: FloatArray
+    contrast: float
+    width: float
+    known_width: bool
+    tones: bool
 
 
 class Observer:
@@ -92,6 +105,9 @@ class Observer:
         settings: a whole parameter file.
         camera: intrinsics and the board's pose.
         motion: the commands; it may grow between frames. None where there are none.
+
+    Raises:
+        InputError: an image that the parameters name cannot be read.
     """
 
     def __init__(self, settings: Settings, camera: Camera, motion: Motion | None = None) -> None:
@@ -101,6 +117,17 @@ class Observer:
         self.basis = SplineBasis(settings.rod.control_points, settings.rod.length)
         self._last: _Shape | None = None
         self._velocity: FloatArray | None = None
+        self._misses = 0
+        self._hints = Hints(settings.vision)
+
+    @property
+    def mask(self) -> Image | None:
+        """Where the DLO may be in the next images, not zero there, shape (h, w); None: anywhere."""
+        return self._hints.mask
+
+    @mask.setter
+    def mask(self, mask: Image | None) -> None:
+        self._hints.mask = mask
 
     def reset(self) -> None:
         """Forget the last shape."""
@@ -116,6 +143,7 @@ class Observer:
 
         Raises:
             VisionError: no credible DLO; the message says why.
+            InputError: a mask has another size than the image.
         """
         image = as_bgr(image)
         height, width = image.shape[:2]
@@ -140,13 +168,47 @@ class Observer:
             return self._acquire(stamp, image, ends, last)
         except np.linalg.LinAlgError as err:
             raise VisionError(f"the fit has no solution ({err})") from err
+        except VisionError as err:
+            fault = unusable(image, self._expected_width(ends))
+            if fault:
+                raise VisionError(f"{fault} ({err})") from err
+            raise
 
     def _acquire(
         self, stamp: int, image: Image, ends: EndPoses, before: _Shape | None
     ) -> VisionResult:
         """Search the whole image; a shape that was just lost tells which end is the start."""
         width = self._expected_width(ends)
-        bars = bar_map(image, width)
+        held = [end.position for end in (ends.start, ends.end) if end is not None]
+        rod = self.settings.rod
+        allowed = reach(self.camera, held, rod.length, rod.diameter)
+        hinted = self._hints.allowed(image, width)
+        if hinted is not None:
+            allowed = hinted if allowed is None else hinted & spread(allowed, hinted)
+        try:
+            return self._search(stamp, image, ends, before, width, allowed, tones=False)
+        except VisionError as err:
+            self._misses += 1
+            if self._misses % TONES_EVERY != 1:
+                raise
+            try:  # a rope of twisted or braided colours
+                return self._search(stamp, image, ends, before, width, allowed, tones=True)
+            except (VisionError, np.linalg.LinAlgError):
+                raise err from None
+
+    def _search(
+        self,
+        stamp: int,
+        image: Image,
+        ends: EndPoses,
+        before: _Shape | None,
+        width: float,
+        allowed: Image | None,
+        *,
+        tones: bool,
+    ) -> VisionResult:
+        """Find and measure the DLO in the part of the image where it may be."""
+        bars = bar_map(image, width, allowed, tones=tones)
         chains = find_chains(bars)
         clamps = [
             None if end is None else to_pixel(end, self.camera, 0.2 * self.settings.rod.diameter)
@@ -162,13 +224,15 @@ class Observer:
         points = bars.to_image(path.points)
         if ends.start is None and ends.end is None and self._backwards(points, before):
             points = points[::-1]
-        result = self._measure(stamp, image, ends, points, path, width)
+        rough = _Rough(path.colour, path.contrast, width, tones, tones)
+        result = self._measure(stamp, image, ends, points, width, rough)
         if ends.start is not None and ends.end is not None:
             return result
         # A free end is looked for beyond the last chain; from a fitted curve that is surer.
         assert self._last is not None
-        points = result.pixels
-        return self._measure(stamp, image, ends, points, self._last, result.width)
+        first = self._last
+        rough = _Rough(first.colour, first.contrast, width, first.known_width, tones)
+        return self._measure(stamp, image, ends, result.pixels, result.width, rough)
 
     def _measure(
         self,
@@ -176,15 +240,28 @@ class Observer:
         image: Image,
         ends: EndPoses,
         points: FloatArray,
-        known: Path | _Shape,
         width: float,
+        rough: _Rough,
     ) -> VisionResult:
         """Locate the DLO along a rough course and fit it."""
         spacing = spacing_for(width)
         curve, before = prolong(points, width, spacing, ends.start is None, ends.end is None)
         curve = smooth_curve(curve, 0.8 * width / spacing)
-        moved = follow(image, curve, width, 0.8 * width, known.colour, known.contrast)
-        located = locate(image, resample(moved, spacing), width, None)
+        colour = None if rough.tones else rough.colour
+        moved = follow(image, curve, width, 0.8 * width, colour, rough.contrast)
+        moved, aside = centred(image, resample(moved, spacing), rough.width)
+        if (
+            aside or rough.known_width
+        ):  # then what looks like edges is not to be trusted to tell the width
+            width = rough.width
+        located = locate(
+            image,
+            resample(moved, spacing),
+            width,
+            known_width=aside or rough.known_width,
+            tones=rough.tones,
+        )
+        located = limited(located, self._hints.allowed(image, width))
         return self._finish(stamp, located, ends, before, None)
 
     def _track(
@@ -198,10 +275,19 @@ class Observer:
             raise VisionError("the DLO has left the picture")
         spacing = spacing_for(last.width)
         curve, before = prolong(points, last.width, spacing, ends.start is None, ends.end is None)
-        moved = follow(image, curve, last.width, search * last.width, last.colour, last.contrast)
-        located = locate(image, resample(moved, spacing), last.width, last.colour)
+        colour = None if last.tones else last.colour
+        moved = follow(image, curve, last.width, search * last.width, colour, last.contrast)
+        located = locate(
+            image,
+            resample(moved, spacing),
+            last.width,
+            colour,
+            known_width=last.known_width,
+            tones=last.tones,
+        )
         if not 0.6 * last.contrast < located.contrast < 1.7 * last.contrast:
             raise VisionError("what lies near the last shape has another contrast")
+        located = limited(located, self._hints.allowed(image, last.width))
         return self._finish(stamp, located, ends, before, last)
 
     def _predict(self, stamp: int, last: _Shape, ends: EndPoses) -> FloatArray:
@@ -231,7 +317,9 @@ class Observer:
         if ends.end is None:
             high = free_end(located, prolonged, from_start=False)
         fit = fit_spline(located, self.camera, self.basis, stamp, ends.start, ends.end, (low, high))
-        self._check(fit, located, ends, last)
+        check(fit, located, ends, self.camera, self.basis.length)
+        if last is not None:
+            check_change(fit.seen_length, last.seen_length)
         self._remember(stamp, fit, located, ends)
         board = np.column_stack([fit.curve[:, 0], np.zeros(len(fit.curve)), fit.curve[:, 1]])
         return VisionResult(
@@ -247,38 +335,8 @@ class Observer:
             last is not None,
         )
 
-    def _check(self, fit: Fit, located: Located, ends: EndPoses, last: _Shape | None) -> None:
-        """Refuse what is not credible.
-
-        Raises:
-            VisionError: with the reason.
-        """
-        length = self.basis.length
-        if fit.fraction_seen < LEAST_SEEN:
-            raise VisionError(
-                f"only {100 * fit.fraction_seen:.0f} % of the DLO is visible, at least "
-                f"{100 * LEAST_SEEN:.0f} % are needed"
-            )
-        held = ends.start is not None and ends.end is not None
-        limit = LENGTH_LIMIT if held else FREE_LENGTH_LIMIT
-        if abs(fit.seen_length / length - 1.0) > limit:
-            raise VisionError(
-                f"what looks like the DLO is {fit.seen_length:.3g} m long, rod.length is "
-                f"{length:.3g} m"
-            )
-        if fit.residual_px > LARGEST_RESIDUAL * located.width:
-            raise VisionError(
-                f"the spline misses the measured centreline by {1000 * fit.residual:.1f} mm; "
-                "more control points are needed, or it is no DLO"
-            )
-        if last is not None:
-            change = abs(fit.seen_length / last.seen_length - 1.0)
-            if change > TRACKING_LENGTH_LIMIT:
-                raise VisionError(
-                    f"the length changed by {100 * change:.1f} % since the last image"
-                )
-
     def _remember(self, stamp: int, fit: Fit, located: Located, ends: EndPoses) -> None:
+        self._misses = 0
         last = self._last
         curve = resample_count(fit.curve, 400)
         if last is not None and stamp > last.stamp:
@@ -286,7 +344,15 @@ class Observer:
         else:
             self._velocity = None
         self._last = _Shape(
-            stamp, curve, fit.seen_length, located.width, located.colour, located.contrast, ends
+            stamp,
+            curve,
+            fit.seen_length,
+            located.width,
+            located.colour,
+            located.contrast,
+            ends,
+            located.known_width,
+            located.tones,
         )
 
     def _expected_width(self, ends: EndPoses) -> float:

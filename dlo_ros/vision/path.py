@@ -247,7 +247,7 @@ class PathSearch:
             add(self._clamp_bridge(self.end, partial.chains[-1] ^ 1, False)[1:], False)
         which = [state // 2 for state in partial.chains]
         weights = self.lengths[which]
-        strengths = np.array([np.median(self.chains[k].strength) for k in which])
+        strengths = np.array([self.chains[k].strength for k in which])
         colours = np.array([self.chains[k].colour for k in which])
         points = np.vstack(pieces)
         return Path(

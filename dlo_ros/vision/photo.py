@@ -15,6 +15,7 @@ from dlo_ros.spline import FloatArray
 from dlo_ros.vision.chains import Chain, find_chains
 from dlo_ros.vision.ends import free_end, prolong
 from dlo_ros.vision.following import follow
+from dlo_ros.vision.hints import Hints, limited
 from dlo_ros.vision.joining import join
 from dlo_ros.vision.path import Path
 from dlo_ros.vision.profile import Located, locate
@@ -66,14 +67,16 @@ class FoundDlo:
         return float(np.sum(np.hypot(*np.diff(self.pixels, axis=0).T)))
 
 
-def find_dlos(image: Image) -> list[FoundDlo]:
+def find_dlos(image: Image, hints: Hints | None = None) -> list[FoundDlo]:
     """All DLOs in a picture, the longest first; an empty list where there is none.
 
     Args:
         image: BGR or mono, uint8.
+        hints: what is known of where they are.
 
     Raises:
         VisionError: it is no image.
+        InputError: a mask or the empty board has another size than the image.
     """
     image = as_bgr(image)
     found: list[FoundDlo] = []
@@ -82,11 +85,14 @@ def find_dlos(image: Image) -> list[FoundDlo]:
     if min(image.shape[:2]) < SMALLEST:
         return []
     while width <= max(narrowest, WIDEST * largest):
-        bars = bar_map(image, width)
+        allowed = None if hints is None else hints.allowed(image, width)
+        if allowed is not None and not allowed.any():
+            return []
+        bars = bar_map(image, width, allowed)
         for path in join(_clear(find_chains(bars), bars.width), bars)[:MOST_COURSES]:
             if path.length < 0.7 * SHORTEST * bars.width:
                 break  # they come longest first
-            dlo = _measured(image, bars, path, width)
+            dlo = _measured(image, bars, path, width, allowed)
             if dlo is not None:
                 found.append(dlo)
         width *= RATIO
@@ -95,7 +101,7 @@ def find_dlos(image: Image) -> list[FoundDlo]:
 
 def _clear(chains: list[Chain], width: float) -> list[Chain]:
     """Chains that are not far fainter than the clearest long one."""
-    strength = [float(np.median(c.strength)) for c in chains]
+    strength = [c.strength for c in chains]
     long = [s for c, s in zip(chains, strength, strict=True) if c.length > 5 * width]
     least = CHAIN_CONTRAST * max(long, default=0.0)
     clear = [c for c, s in zip(chains, strength, strict=True) if s >= least]
@@ -103,7 +109,9 @@ def _clear(chains: list[Chain], width: float) -> list[Chain]:
     return sorted(clear, key=lambda c: -len(c.points))[:MOST_CHAINS]
 
 
-def _measured(image: Image, bars: BarMap, path: Path, width: float) -> FoundDlo | None:
+def _measured(
+    image: Image, bars: BarMap, path: Path, width: float, allowed: Image | None
+) -> FoundDlo | None:
     """Follow a course in the full picture; None where it is no DLO after all."""
     points = bars.to_image(path.points)
     narrowest = LEAST_MEASURED * width
@@ -114,7 +122,7 @@ def _measured(image: Image, bars: BarMap, path: Path, width: float) -> FoundDlo 
             return None
         curve = smooth_curve(curve, 0.8 * width / spacing)
         moved = follow(image, curve, width, 0.6 * width, path.colour, path.contrast)
-        located = locate(image, resample(moved, spacing), width)
+        located = limited(locate(image, resample(moved, spacing), width), allowed)
         low = free_end(located, extra, from_start=True)
         high = free_end(located, extra, from_start=False)
         shortest = max(SHORTEST * located.width, SHORTEST_SHARE * max(image.shape[:2]))

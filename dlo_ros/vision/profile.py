@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from scipy.ndimage import gaussian_filter1d, median_filter, minimum_filter1d
 
@@ -32,6 +33,9 @@ FOREIGN = 1.5  # times the contrast: no light changes a DLO's colour by that muc
 SURE = 0.75  # likeness that needs no second edge
 ISLAND = 1.5  # [widths] a shorter piece between two longer gaps is chance
 WEAK_SIDE = 0.3  # a side of less than this share of the usual contrast shows no edge
+MOST_TONES = 4  # of a DLO that changes its colour, those between two counted as well
+FREE_HALF = (0.3, 0.75)  # [widths] that half the measured width may be
+KNOWN_HALF = (0.44, 0.56)  # the same where the width is known
 COLOUR_LIMIT = 0.6  # of the contrast: a larger change of colour is another object
 
 
@@ -52,6 +56,7 @@ class Located:
         width_spread: standard deviation of the width along the DLO [px] (robust).
         imbalance: difference of the backgrounds on the two sides over the contrast to the nearer
             one, median; large along the edge of an object.
+        known_width, tones: what `locate` was told.
     """
 
     curve: FloatArray
@@ -65,6 +70,8 @@ class Located:
     spacing: float
     width_spread: float
     imbalance: float
+    known_width: bool = False
+    tones: bool = False
 
     @property
     def trust(self) -> FloatArray:
@@ -78,7 +85,13 @@ class Located:
 
 
 def locate(
-    image: Image, curve: FloatArray, width: float, colour: FloatArray | None = None
+    image: Image,
+    curve: FloatArray,
+    width: float,
+    colour: FloatArray | None = None,
+    *,
+    known_width: bool = False,
+    tones: bool = False,
 ) -> Located:
     """Sub-pixel middle of the DLO across a curve that lies on it to about a third of its width.
 
@@ -87,6 +100,8 @@ def locate(
         curve: equally spaced points [px], shape (m, 2).
         width: of the DLO [px], to about a fifth; it is measured anew.
         colour: of the DLO where it is known.
+        known_width: the edges lie the width apart to a tenth; what lies otherwise is none.
+        tones: whether the DLO changes its colour along itself.
     """
     spacing = float(np.median(np.hypot(*np.diff(curve, axis=0).T)))
     normals = normals_of(smooth_curve(curve, width / spacing))
@@ -103,8 +118,11 @@ def locate(
         )
 
     core, left, right = mean(-CORE, CORE), mean(-GROUND[1], -GROUND[0]), mean(*GROUND)
-    contrast_left = np.linalg.norm(core - left, axis=1)
-    contrast_right = np.linalg.norm(core - right, axis=1)
+    # A DLO of two tones may have one of them at either edge.
+    core_left = mean(-CORE, -0.05) if known_width else core
+    core_right = mean(0.05, CORE) if known_width else core
+    contrast_left = np.linalg.norm(core_left - left, axis=1)
+    contrast_right = np.linalg.norm(core_right - right, axis=1)
     usual = float(np.median(np.minimum(contrast_left, contrast_right)))
     usual = max(usual, 1.0)
     typical = np.median(core, axis=0) if colour is None else colour
@@ -112,14 +130,17 @@ def locate(
     middle = np.zeros(len(curve))
     half = 0.5 * width
     for _ in range(2):
-        edge_left, found_left = _edge(fine, offsets, core - left, middle - half, width, 1.0)
-        edge_right, found_right = _edge(fine, offsets, core - right, middle + half, width, -1.0)
+        edge_left, found_left = _edge(fine, offsets, core_left - left, middle - half, width, 1.0)
+        edge_right, found_right = _edge(
+            fine, offsets, core_right - right, middle + half, width, -1.0
+        )
         found_left &= contrast_left > WEAK_SIDE * usual
         found_right &= contrast_right > WEAK_SIDE * usual
         both = found_left & found_right
         if np.any(both):
             half = 0.5 * float(np.median((edge_right - edge_left)[both]))
-            half = float(np.clip(half, 0.3 * width, 0.75 * width))
+            low, high = KNOWN_HALF if known_width else FREE_HALF
+            half = float(np.clip(half, low * width, high * width))
         middle, seen = _middle(edge_left, found_left, edge_right, found_right, half)
         size = max(3, 2 * round(width / spacing) + 1)
         middle = median_filter(_fill(middle, seen), size=size, mode="nearest")
@@ -127,6 +148,8 @@ def locate(
     seen &= ~(both & _odd_width(edge_right - edge_left, both, width / spacing))
     nearer = np.minimum(contrast_left, contrast_right)
     likeness = _likeness(core, nearer, seen & both, np.asarray(typical), usual, width / spacing)
+    if tones:
+        likeness = np.maximum(likeness, _likeness_of_tones(core, seen & both, usual))
     likeness[~inside(image, curve)] = 0.0
     # The right width between two edges makes up for a changed colour, as in a shadow; a single
     # edge may be that of whatever hides the DLO.
@@ -147,6 +170,8 @@ def locate(
         spacing,
         _spread((edge_right - edge_left)[both]),
         float(np.median(np.linalg.norm(left - right, axis=1))) / usual,
+        known_width,
+        tones,
     )
 
 
@@ -176,6 +201,22 @@ def _likeness(
     near = np.column_stack([np.interp(index, at, column) for column in columns])
     scale = np.interp(index, at, running_median(contrast[sure].astype(np.float64), size))
     unlike = np.linalg.norm(core - near, axis=1) / np.maximum(scale, 0.5 * usual)
+    return np.asarray(np.clip(1.0 - unlike, 0.0, 1.0), dtype=np.float64)
+
+
+def _likeness_of_tones(core: Float32, sure: Mask, usual: float) -> FloatArray:
+    """How much the middle has any of the colours of a DLO of several tones."""
+    if np.count_nonzero(sure) < MOST_TONES:
+        return np.zeros(len(core))
+    _, _, tones = cv2.kmeans(
+        core[sure],
+        MOST_TONES,
+        np.zeros((0, 0), dtype=np.int32),
+        (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 20, 1.0),
+        1,
+        cv2.KMEANS_PP_CENTERS,
+    )
+    unlike = np.linalg.norm(core[:, None] - tones[None], axis=2).min(axis=1) / usual
     return np.asarray(np.clip(1.0 - unlike, 0.0, 1.0), dtype=np.float64)
 
 

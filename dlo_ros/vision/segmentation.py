@@ -13,11 +13,11 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from dlo_ros.errors import VisionError
 from dlo_ros.spline import FloatArray
+from dlo_ros.vision.bars import bars
 
 Image = NDArray[np.uint8]
 
@@ -25,11 +25,10 @@ ORIENTATIONS = 12
 WORKING_WIDTH = 4.6  # [px] about the width that the DLO has in the image that is searched
 SMOOTHING = 0.22  # of the width, standard deviation of the blur before comparing
 MOST_PIXELS = 600_000  # a larger picture is reduced a little more, for speed
-FLANK = 0.95  # distance of the compared background from the middle, in widths
-ALONG = 1.0  # distance of the compared pixels along the DLO, in widths
+FLANK = 0.95  # distance of the compared pixels beside and along the DLO, in widths
 LEAST_CONTRAST = 5.0  # [grey levels] below this nothing counts as a DLO
 NOISE_FACTOR = 3.5
-PADDING = 8  # [px] the border is repeated by this much so that no comparison leaves the image
+PADDING = 8  # [px] the border is repeated by at least this, so that no comparison leaves the image
 
 
 @dataclass(frozen=True)
@@ -43,6 +42,7 @@ class BarMap:
         scale: size of a pixel of the image in pixels of this map (at most 1).
         width: of the bar in pixels of this map.
         threshold: strength below which nothing was kept [grey levels].
+        origin: pixel (x, y) of the image where the map begins.
     """
 
     strength: NDArray[np.float32]
@@ -51,14 +51,15 @@ class BarMap:
     scale: float
     width: float
     threshold: float
+    origin: tuple[int, int] = (0, 0)
 
     def to_image(self, points: FloatArray) -> FloatArray:
         """Pixels of the image for points (x, y) of this map."""
-        return (points + 0.5) / self.scale - 0.5
+        return (points + 0.5) / self.scale - 0.5 + self.origin
 
     def from_image(self, points: FloatArray) -> FloatArray:
         """Points of this map for pixels of the image."""
-        return (points + 0.5) * self.scale - 0.5
+        return (points - self.origin + 0.5) * self.scale - 0.5
 
 
 def as_bgr(image: NDArray[np.uint8]) -> Image:
@@ -78,12 +79,16 @@ def as_bgr(image: NDArray[np.uint8]) -> Image:
     raise VisionError(f"the image has shape {image.shape}; (h, w) or (h, w, 3) is needed")
 
 
-def bar_map(image: Image, width: float) -> BarMap:
+def bar_map(
+    image: Image, width: float, allowed: Image | None = None, *, tones: bool = False
+) -> BarMap:
     """Search an image for bars of one width.
 
     Args:
         image: BGR, shape (h, w, 3).
         width: of the DLO in the image [px]; found are bars of about 0.6 to 1.6 times that.
+        allowed: where the DLO may be, not zero there, of any size; None for everywhere.
+        tones: whether the DLO may change its colour along itself.
 
     Raises:
         VisionError: the DLO would be less than 1.5 px wide.
@@ -97,6 +102,9 @@ def bar_map(image: Image, width: float) -> BarMap:
     reduction = max(1, int(width / WORKING_WIDTH))
     if image.shape[0] * image.shape[1] > MOST_PIXELS * reduction**2:
         reduction = max(1, round(width / WORKING_WIDTH))
+    top, bottom, left, right = _part(image, allowed, math.ceil(2.0 * width))
+    origin, full = (left, top), (image.shape[0], image.shape[1])
+    image = image[top:bottom, left:right]
     size = (image.shape[1] // reduction, image.shape[0] // reduction)
     if min(size) < 8:
         raise VisionError(f"the DLO would be {width:.0f} px wide, as large as the image")
@@ -110,92 +118,72 @@ def bar_map(image: Image, width: float) -> BarMap:
     smooth = np.asarray(cv2.GaussianBlur(small, (0, 0), sigma), dtype=np.uint8)
     noise = _noise(smooth, local)
     threshold = max(LEAST_CONTRAST, NOISE_FACTOR * noise)
-    padding = max(PADDING, math.ceil(1.2 * local))
+    padding = max(PADDING, math.ceil(1.8 * local))
     padded = cv2.copyMakeBorder(smooth, padding, padding, padding, padding, cv2.BORDER_REPLICATE)
-    reach = math.ceil(FLANK * local)
+    angles = np.arange(ORIENTATIONS) * math.pi / ORIENTATIONS
+    across = np.column_stack([np.cos(angles), -np.sin(angles)]) * local  # (row, column)
+    strength, orientation = bars(
+        np.stack(cv2.split(padded)),
+        padding,
+        _searched(allowed, smooth, math.ceil(FLANK * local), threshold, reduction, origin, full),
+        np.rint(FLANK * across).astype(np.int64),
+        float(threshold),
+        tones,
+    )
+    return BarMap(strength, orientation, smooth, scale, local, threshold, origin)
+
+
+def _part(image: Image, allowed: Image | None, margin: int) -> tuple[int, int, int, int]:
+    """Top, bottom, left and right of the part of an image where the DLO may be."""
+    height, width = image.shape[:2]
+    if allowed is None:
+        return 0, height, 0, width
+    if not allowed.any():
+        raise VisionError("nothing of the picture is left where the DLO may be")
+    ranges: list[int] = []
+    for axis, size in ((1, height), (0, width)):
+        at = np.flatnonzero(allowed.any(axis=axis))
+        cell = size / allowed.shape[1 - axis]
+        low = max(0, math.floor(at[0] * cell) - margin)
+        ranges += [low, min(size, math.ceil((at[-1] + 1) * cell) + margin)]
+    return ranges[0], ranges[1], ranges[2], ranges[3]
+
+
+def _searched(
+    allowed: Image | None,
+    smooth: Image,
+    reach: int,
+    threshold: float,
+    reduction: int,
+    origin: tuple[int, int],
+    full: tuple[int, int],
+) -> Image:
+    """Which pixels of the map are worth a search, shape (h, w).
+
+    No two pixels around another differ by more than the span of their values, so a plain board
+    falls out at once.
+    """
     window = np.ones((2 * reach + 1, 2 * reach + 1), dtype=np.uint8)
     span = cv2.subtract(cv2.dilate(smooth, window), cv2.erode(smooth, window))
-    angles = np.arange(ORIENTATIONS) * math.pi / ORIENTATIONS
-    along = np.column_stack([np.sin(angles), np.cos(angles)]) * local  # (row, column)
-    across = np.column_stack([np.cos(angles), -np.sin(angles)]) * local
-    strength, orientation = _bars(
-        padded,
-        padding,
-        np.asarray(span, dtype=np.uint8),
-        np.rint(FLANK * across).astype(np.int64),
-        np.rint(ALONG * along).astype(np.int64),
-        float(threshold),
-    )
-    return BarMap(strength, orientation, smooth, scale, local, threshold)
+    # The length of the span as a vector is at most its largest component times the root of 3.
+    largest = np.maximum(np.maximum(span[:, :, 0], span[:, :, 1]), span[:, :, 2])
+    result: Image = (largest >= threshold / math.sqrt(3.0)).astype(np.uint8)
+    if allowed is not None:
+        rows, columns = (
+            ((np.arange(n) + 0.5) * reduction + start) * (cells / pixels)
+            for n, start, cells, pixels in zip(
+                smooth.shape[:2], origin[::-1], allowed.shape[:2], full, strict=True
+            )
+        )
+        at = np.ix_(rows.astype(np.int64), columns.astype(np.int64))
+        result &= (allowed[at] != 0).astype(np.uint8)
+    return result
 
 
 def _noise(smooth: Image, width: float) -> float:
-    """Standard deviation of the fine texture and noise that is left after smoothing."""
+    """Standard deviation, over all channels, of the fine texture and noise left after smoothing."""
     step = max(1, round(width / 2))
-    view = smooth[:, :, 1].astype(np.int16)
-    second = 2 * view[:, step:-step:2] - view[:, : -2 * step : 2] - view[:, 2 * step :: 2]
-    return float(1.4826 * np.median(np.abs(second)) / math.sqrt(6.0))
-
-
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
-def _bars(
-    image: Image,
-    padding: int,
-    span: Image,
-    across: NDArray[np.int64],
-    along: NDArray[np.int64],
-    threshold: float,
-) -> tuple[NDArray[np.float32], NDArray[np.int8]]:
-    height = image.shape[0] - 2 * padding
-    width = image.shape[1] - 2 * padding
-    strength = np.zeros((height, width), dtype=np.float32)
-    orientation = np.zeros((height, width), dtype=np.int8)
-    least = threshold * threshold
-    for row in range(height):
-        y = row + padding
-        for column in range(width):
-            # No two pixels around differ by more than the span: a plain board ends here.
-            d0 = np.int32(span[row, column, 0])
-            d1 = np.int32(span[row, column, 1])
-            d2 = np.int32(span[row, column, 2])
-            if d0 * d0 + d1 * d1 + d2 * d2 < least:
-                continue
-            x = column + padding
-            b = np.int32(image[y, x, 0])
-            g = np.int32(image[y, x, 1])
-            r = np.int32(image[y, x, 2])
-            best = 0.0
-            which = 0
-            for k in range(across.shape[0]):
-                dy, dx = across[k, 0], across[k, 1]
-                d0 = np.int32(image[y + dy, x + dx, 0]) - b
-                d1 = np.int32(image[y + dy, x + dx, 1]) - g
-                d2 = np.int32(image[y + dy, x + dx, 2]) - r
-                left = float(d0 * d0 + d1 * d1 + d2 * d2)
-                if left < least:
-                    continue
-                d0 = np.int32(image[y - dy, x - dx, 0]) - b
-                d1 = np.int32(image[y - dy, x - dx, 1]) - g
-                d2 = np.int32(image[y - dy, x - dx, 2]) - r
-                right = float(d0 * d0 + d1 * d1 + d2 * d2)
-                if right < least:
-                    continue
-                value = math.sqrt(min(left, right))
-                if value <= best:
-                    continue
-                dy, dx = along[k, 0], along[k, 1]
-                d0 = np.int32(image[y + dy, x + dx, 0]) - b
-                d1 = np.int32(image[y + dy, x + dx, 1]) - g
-                d2 = np.int32(image[y + dy, x + dx, 2]) - r
-                value -= 0.5 * math.sqrt(float(d0 * d0 + d1 * d1 + d2 * d2))
-                d0 = np.int32(image[y - dy, x - dx, 0]) - b
-                d1 = np.int32(image[y - dy, x - dx, 1]) - g
-                d2 = np.int32(image[y - dy, x - dx, 2]) - r
-                value -= 0.5 * math.sqrt(float(d0 * d0 + d1 * d1 + d2 * d2))
-                if value > best:
-                    best = value
-                    which = k
-            if best > threshold:
-                strength[row, column] = best
-                orientation[row, column] = which
-    return strength, orientation
+    view = smooth[:: max(1, smooth.shape[0] // 100)].astype(np.float32)
+    second = 2 * view[:, step:-step:3] - view[:, : -2 * step : 3] - view[:, 2 * step :: 3]
+    distance = np.sqrt(np.einsum("ijc,ijc->ij", second, second))
+    return float(1.4826 * np.median(distance) / math.sqrt(6.0))

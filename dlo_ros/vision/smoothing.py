@@ -6,9 +6,12 @@ differences are penalised, solved in the band. The penalty is so small that it a
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
+from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 from scipy.linalg import solveh_banded
 
@@ -71,6 +74,7 @@ def smooth(
     knots: FloatArray = low + step * np.arange(-DEGREE, spans + DEGREE + 1.0)
     count = spans + DEGREE
     first, basis = _basis(p, knots, count)
+    points = np.ascontiguousarray(points, dtype=np.float64)
     base = np.ones(len(p)) if trust is None else trust
     judged = base >= 1.0
     weights = np.ones(len(p))
@@ -83,13 +87,27 @@ def smooth(
         for support in supports:
             at = np.array([support.p])
             f, b = _basis(at, knots, count)
-            _add(bands, right, f, b, np.array([support.value_weight]), support.value[None])
+            _add(
+                bands,
+                right,
+                f,
+                b,
+                np.array([support.value_weight]),
+                np.ascontiguousarray(support.value[None], dtype=np.float64),
+            )
             if support.slope is not None:
                 d = _slopes(at, f, knots)
-                _add(bands, right, f, d, np.array([support.slope_weight]), support.slope[None])
+                _add(
+                    bands,
+                    right,
+                    f,
+                    d,
+                    np.array([support.slope_weight]),
+                    np.ascontiguousarray(support.slope[None], dtype=np.float64),
+                )
         _penalise(bands, PENALTY * scale)
-        curve = SmoothCurve(knots, np.asarray(solveh_banded(bands, right, lower=True)))
-        distance = np.linalg.norm(curve(p) - points, axis=1)
+        curve = SmoothCurve(knots, np.ascontiguousarray(solveh_banded(bands, right, lower=True)))
+        distance = _distances(first, basis, curve.coefficients, points)
         spread = 1.4826 * float(np.median(distance[judged])) / 0.9  # of one component, roughly
         limit = HUBER * max(spread, 1e-12)
         new = np.where(distance > limit, limit / np.maximum(distance, 1e-300), 1.0)
@@ -99,7 +117,7 @@ def smooth(
     return curve, weights
 
 
-def _basis(p: FloatArray, knots: FloatArray, count: int) -> tuple[np.ndarray, FloatArray]:
+def _basis(p: FloatArray, knots: FloatArray, count: int) -> tuple[NDArray[np.int64], FloatArray]:
     """First non-zero B-spline and the four values for each p (uniform knots)."""
     step = knots[1] - knots[0]
     x = (p - knots[DEGREE]) / step
@@ -123,22 +141,41 @@ def _slopes(p: FloatArray, cell: np.ndarray, knots: FloatArray) -> FloatArray:
     return np.asarray(values / (2 * step))
 
 
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
 def _add(
     bands: FloatArray,
     right: FloatArray,
-    cell: np.ndarray,
+    cell: NDArray[np.int64],
     basis: FloatArray,
     weights: FloatArray,
     values: FloatArray,
 ) -> None:
     """Add weighted observation equations to the lower bands of the normal matrix."""
-    count = bands.shape[1]
-    for a in range(DEGREE + 1):
-        wa = weights * basis[:, a]
-        for b in range(a, DEGREE + 1):
-            bands[b - a] += np.bincount(cell + a, wa * basis[:, b], minlength=count)
-        for d in range(right.shape[1]):
-            right[:, d] += np.bincount(cell + a, wa * values[:, d], minlength=count)
+    for i in range(len(cell)):
+        for a in range(DEGREE + 1):
+            k = cell[i] + a
+            weighted = weights[i] * basis[i, a]
+            for b in range(a, DEGREE + 1):
+                bands[b - a, k] += weighted * basis[i, b]
+            for d in range(right.shape[1]):
+                right[k, d] += weighted * values[i, d]
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def _distances(
+    cell: NDArray[np.int64], basis: FloatArray, coefficients: FloatArray, points: FloatArray
+) -> FloatArray:
+    """Distances of points from the curve at their parameters, shape (m,)."""
+    result = np.empty(len(cell))
+    for i in range(len(cell)):
+        square = 0.0
+        for d in range(points.shape[1]):
+            value = -points[i, d]
+            for a in range(DEGREE + 1):
+                value += basis[i, a] * coefficients[cell[i] + a, d]
+            square += value * value
+        result[i] = math.sqrt(square)
+    return result
 
 
 def _penalise(bands: FloatArray, amount: float) -> None:

@@ -1,0 +1,204 @@
+"""Vectors of eight numbers for compiled code: one lane for each parameter set.
+
+Numba knows numbers and arrays; a loop over eight lanes becomes vector instructions only where
+LLVM's vectoriser sees through it. Here the vector is a type of its own, so that a kernel reads as
+if it were for one rod and works on eight: `load` and `store` move rows of arrays (rows, LANES),
+the operators and `root` act on all lanes. Processors with narrower registers use several for one.
+
+Counting references to arrays would take as long as the mathematics. So kernels get the addresses
+of rows (`address`) in place of arrays; whoever takes an address keeps the array alive.
+"""
+
+from __future__ import annotations
+
+import math
+import operator
+
+import numpy as np
+from llvmlite import ir
+from numba import njit, types
+from numba.core import cgutils
+from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
+from numba.extending import intrinsic, lower_builtin, models, register_model
+
+from dlo_ros.spline import FloatArray
+
+LANES = 8
+WIDTH = 8 * LANES  # bytes of a row
+DOUBLE, WIDE = ir.DoubleType(), ir.VectorType(ir.DoubleType(), LANES)
+FUSED = ("contract", "nsz", "arcp")  # a product and a sum may become one instruction
+
+
+class Vector(types.Type):  # type: ignore[misc]
+    """LANES numbers in double precision."""
+
+    def __init__(self) -> None:
+        super().__init__(name=f"Vector({LANES})")
+
+
+vector = Vector()
+
+
+@register_model(Vector)
+class VectorModel(models.PrimitiveModel):  # type: ignore[misc]
+    """It is held in vector registers."""
+
+    def __init__(self, manager, kind):
+        super().__init__(manager, kind, WIDE)
+
+
+def _broadcast(builder, number):
+    first = builder.insert_element(
+        ir.Constant(WIDE, ir.Undefined), number, ir.Constant(ir.IntType(32), 0)
+    )
+    mask = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
+    return builder.shuffle_vector(first, ir.Constant(WIDE, ir.Undefined), mask)
+
+
+def _define(operators, name):
+    """Let operators act on two vectors, or on a vector and a number, on either side."""
+    forms = [(vector, vector), (vector, types.float64), (types.float64, vector)]
+
+    class Operation(ConcreteTemplate):
+        cases = [signature(vector, *form) for form in forms]  # noqa: RUF012
+
+    def implementation(context, builder, sig, args):
+        wide = [
+            arg if kind is vector else _broadcast(builder, arg)
+            for arg, kind in zip(args, sig.args, strict=True)
+        ]
+        return getattr(builder, name)(*wide, flags=FUSED)
+
+    for function in operators:
+        infer_global(function)(Operation)
+        for form in forms:
+            lower_builtin(function, *form)(implementation)
+
+
+_define((operator.add, operator.iadd), "fadd")
+_define((operator.sub, operator.isub), "fsub")
+_define((operator.mul, operator.imul), "fmul")
+_define((operator.truediv, operator.itruediv), "fdiv")
+
+
+ADDRESS = types.CPointer(types.float64)
+
+
+def _data(context, builder, kind, array):
+    """Address of the first number of an array, or of what is an address already."""
+    if isinstance(kind, types.CPointer):
+        return array
+    return context.make_array(kind)(context, builder, array).data
+
+
+def _row(context, builder, sig, args):
+    """Address of row args[1]."""
+    index = context.cast(builder, args[1], sig.args[1], types.intp)
+    first = builder.mul(index, ir.Constant(index.type, LANES))
+    address = builder.gep(_data(context, builder, sig.args[0], args[0]), [first])
+    return builder.bitcast(address, WIDE.as_pointer())
+
+
+@intrinsic
+def address(_, array):
+    """Address of a contiguous array of float64, for `load`, `store` and `entry`."""
+
+    def generate(context, builder, sig, args):
+        return _data(context, builder, sig.args[0], args[0])
+
+    return ADDRESS(array), generate
+
+
+@intrinsic
+def entry(_, array, index):
+    """A number of a contiguous array, counted through all its axes; the index is not checked."""
+
+    def generate(context, builder, sig, args):
+        at = context.cast(builder, args[1], sig.args[1], types.intp)
+        return builder.load(builder.gep(_data(context, builder, sig.args[0], args[0]), [at]))
+
+    return types.float64(array, index), generate
+
+
+@intrinsic
+def load(_, array, row):
+    """Row of a contiguous array (rows, LANES); the row is not checked."""
+
+    def generate(context, builder, sig, args):
+        return builder.load(_row(context, builder, sig, args), align=8)
+
+    return vector(array, row), generate
+
+
+@intrinsic
+def store(_, array, row, value):
+    """Write a row of a contiguous array (rows, LANES); the row is not checked."""
+
+    def generate(context, builder, sig, args):
+        builder.store(args[2], _row(context, builder, sig, args), align=8)
+        return context.get_dummy_value()
+
+    return types.void(array, row, value), generate
+
+
+@intrinsic
+def spread(_, number):
+    """The same number in all lanes."""
+
+    def generate(context, builder, sig, args):
+        return _broadcast(builder, context.cast(builder, args[0], sig.args[0], types.float64))
+
+    return vector(number), generate
+
+
+@intrinsic
+def root(_, value):
+    """Square root."""
+
+    def generate(context, builder, sig, args):
+        kind = ir.FunctionType(WIDE, [WIDE])
+        function = cgutils.get_or_insert_function(builder.module, kind, f"llvm.sqrt.v{LANES}f64")
+        return builder.call(function, args)
+
+    return vector(value), generate
+
+
+@intrinsic
+def smaller(_, a, b):
+    """The smaller one, lane by lane."""
+
+    def generate(context, builder, sig, args):
+        return builder.select(builder.fcmp_ordered("<", *args), *args)
+
+    return vector(a, b), generate
+
+
+@intrinsic
+def lane(_, value, number):
+    """One of the numbers."""
+
+    def generate(context, builder, sig, args):
+        index = context.cast(builder, args[1], sig.args[1], types.int32)
+        return builder.extract_element(args[0], index)
+
+    return types.float64(value, number), generate
+
+
+@njit(cache=True, nogil=True)
+def largest(value):
+    """The largest of the numbers; NaN where one is."""
+    result = lane(value, 0)
+    for k in range(1, LANES):
+        x = lane(value, k)
+        if x > result or np.isnan(x):
+            result = x
+        # A NaN stays, for nothing is larger.
+    return result
+
+
+def rows(*shape: int) -> FloatArray:
+    """An array of zeros (*shape, LANES), each row in one line of the processor's cache."""
+    size = math.prod(shape) * LANES
+    room = np.zeros(size + LANES)
+    first = (-room.ctypes.data % WIDTH) // 8
+    return room[first : first + size].reshape(*shape, LANES)

@@ -1,0 +1,204 @@
+"""Effects that a simulated experiment hides: their names and values, checked.
+
+They are given as in a parameter file: `effects.NAME.KEY`, by the names and units of the interface.
+`hidden_rod` puts those that act on the rope into the discrete rod, `truth` those that act on its
+motion; those of the camera are here. Nothing is shared with the model that is to find them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from dlo_ros.errors import InputError
+from dlo_ros.parameters import CameraPose
+from dlo_ros.spline import FloatArray
+from dlo_ros.synthesis.sections import Section
+
+Values = Mapping[str, float | tuple[float, ...]]
+Effects = Mapping[str, Values]
+
+PI = float(np.pi)
+
+
+@dataclass(frozen=True)
+class Key:
+    """One number of an effect.
+
+    Args:
+        unit: SI unit.
+        lower, upper: range, both ends allowed.
+        default: where it is not given; None means that it must be.
+        listed: whether a list of numbers is allowed as well.
+    """
+
+    unit: str
+    lower: float
+    upper: float
+    default: float | None = None
+    listed: bool = False
+
+
+EFFECTS: Mapping[str, Mapping[str, Key]] = {
+    "intrinsic_curvature": {
+        "curvature": Key("1/m", -1e3, 1e3, 0.0, listed=True),
+        "kink": Key("rad", -PI, PI, 0.0),
+        "position": Key("m", 0.0, 1e2, 0.0),
+    },
+    "clamp_angle": {"start": Key("rad", -PI, PI, 0.0), "end": Key("rad", -PI, PI, 0.0)},
+    "gravity_tilt": {"angle": Key("rad", -PI, PI)},
+    "point_mass": {"mass": Key("kg", 0.0, 1e3), "position": Key("m", 0.0, 1e2)},
+    "stiff_segment": {
+        "centre": Key("m", 0.0, 1e2),
+        "extent": Key("m", 0.0, 1e2),
+        "ratio": Key("", 1e-2, 1e3),
+    },
+    "stiffness_gradient": {"change": Key("", -1.99, 1.99)},
+    "nonlinear_stiffness": {"half_curvature": Key("1/m", 1e-2, 1e6)},
+    "plasticity": {
+        "yield_curvature": Key("1/m", 0.0, 1e6),
+        "hardening": Key("", 0.0, 1.0),
+    },
+    "surface_friction": {"force": Key("N/m", 0.0, 1e3)},
+    "air_drag": {"coefficient": Key("N s/m^2", -1e3, 1e3)},
+    "internal_damping": {"relaxation_time": Key("s", -10.0, 10.0)},
+    "command_delay": {"delay": Key("s", -10.0, 10.0)},
+    "clamp_slip": {"length": Key("m", -1e2, 1e2)},
+    "length_error": {"difference": Key("m", -1e2, 1e2)},
+    "camera_scale": {"ratio": Key("", 0.1, 10.0)},
+    "camera_rotation": {"angle": Key("rad", -PI, PI)},
+    "obstacle": {
+        "x": Key("m", -1e2, 1e2),
+        "z": Key("m", -1e2, 1e2),
+        "radius": Key("m", 1e-4, 1e2),
+    },
+    "constant_force": {"x": Key("N/m", -1e3, 1e3, 0.0), "z": Key("N/m", -1e3, 1e3, 0.0)},
+}
+"""The table "Names of effects" of the interface."""
+
+FOREIGN: Mapping[str, Mapping[str, Key]] = {
+    "gusts": {
+        "force": Key("N/m", 0.0, 1e3),
+        "correlation_time": Key("s", 1e-3, 1e3, 0.2),
+        "seed": Key("", 0.0, 2.0**31, 0.0),
+    },
+    "stiffness_drift": {"rate": Key("1/s", -10.0, 10.0)},
+    "camera_creep": {
+        "x": Key("m/s", -10.0, 10.0, 0.0),
+        "z": Key("m/s", -10.0, 10.0, 0.0),
+        "angle": Key("rad/s", -10.0, 10.0, 0.0),
+    },
+    "bending_hysteresis": {
+        "moment": Key("1/m", 0.0, 1e6),
+        "width": Key("1/m", 1e-6, 1e6),
+    },
+}
+"""Effects that the interface has no name for; the block `foreign` of an experiment holds them."""
+
+
+def read_effects(
+    tree: Any, where: str, table: Mapping[str, Mapping[str, Key]] = EFFECTS
+) -> Effects:
+    """Check a block of effects.
+
+    Args:
+        tree: as YAML gives it: effect, key, number.
+        where: for messages, the file and the block.
+        table: of the allowed names.
+
+    Returns:
+        All keys of the effects that are named, those not given with their defaults.
+
+    Raises:
+        InputError: an unknown name or key, a missing or an unusable value.
+    """
+    section = Section(tree, where)
+    result: dict[str, Values] = {}
+    for name in section.names:
+        if name not in table:
+            raise InputError(f"{where}: '{name}' is no effect; known are {', '.join(table)}")
+        block = section.block(name)
+        values: dict[str, float | tuple[float, ...]] = {}
+        for key, rule in table[name].items():
+            if rule.default is None:
+                block.required(key, f"a number [{rule.unit}]")
+            value = block.raw(key, rule.default)
+            if rule.listed and isinstance(value, (list, tuple)):
+                size = max(len(value), 1)
+                values[key] = block.check_all(value, key, size, rule.lower, rule.upper)
+            else:
+                values[key] = block.check(value, key, rule.lower, rule.upper)
+        if not block.names:
+            raise InputError(f"{block.where} is empty; give {', '.join(table[name])}")
+        block.finish()
+        result[name] = values
+    return result
+
+
+@dataclass(frozen=True)
+class Hidden:
+    """What an experiment hides.
+
+    Args:
+        effects: those that the interface names.
+        foreign: those that it does not.
+    """
+
+    effects: Effects = field(default_factory=dict)
+    foreign: Effects = field(default_factory=dict)
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.effects or name in self.foreign
+
+    def number(self, name: str, key: str, neutral: float = 0.0) -> float:
+        """A value, or the neutral one where the effect is absent."""
+        value = (self.effects.get(name) or self.foreign.get(name) or {}).get(key, neutral)
+        if isinstance(value, tuple):
+            raise InputError(f"effects.{name}.{key} is a list; give one number")
+        return value
+
+    def gravity(self, gravity: FloatArray) -> FloatArray:
+        """Gravity x, z [m/s^2], shape (2,), as it is in the board's plane."""
+        return turned(gravity, self.number("gravity_tilt", "angle"))
+
+    def measured(self, points: FloatArray, time: float = 0.0) -> FloatArray:
+        """Where the camera takes points to be.
+
+        Args:
+            points: true ones in the board frame [m], shape (m, 3).
+            time: since the start of the recording [s].
+        """
+        creep = time * self.number("camera_creep", "angle")
+        angle = self.number("camera_rotation", "angle") + creep
+        result = np.array(points)
+        result[:, [0, 2]] = turned(points[:, [0, 2]], angle)
+        result /= self.number("camera_scale", "ratio", 1.0)
+        result[:, 0] += time * self.number("camera_creep", "x")
+        result[:, 2] += time * self.number("camera_creep", "z")
+        return result
+
+    def camera(self, stated: CameraPose) -> CameraPose:
+        """The true pose of a camera that is believed to stand at another.
+
+        A point X is taken for the point M X that projects to the same pixel under the stated pose
+        (R, t). With M a rotation Q and the factor 1 / s that is R Q X / s + t, which a camera
+        at (R Q, s t) sees at the same pixel.
+        """
+        angle = self.number("camera_rotation", "angle")
+        scale = self.number("camera_scale", "ratio", 1.0)
+        if angle == 0.0 and scale == 1.0:
+            return stated
+        rotation = Rotation.from_quat(stated.rotation) * Rotation.from_rotvec([0.0, angle, 0.0])
+        x, y, z, w = (float(v) for v in rotation.as_quat())
+        tx, ty, tz = (scale * v for v in stated.translation)
+        return CameraPose(translation=(tx, ty, tz), rotation=(x, y, z, w))
+
+
+def turned(points: FloatArray, angle: float) -> FloatArray:
+    """Points x, z turned about the origin from x towards -z by an angle [rad], shape (..., 2)."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.asarray(points @ np.array([[c, -s], [s, c]]))

@@ -1,0 +1,203 @@
+"""The discrete rod with the effects that an experiment hides in it.
+
+Positions u of effects, pins and measured points count in the configured length, as everything does
+that is seen from outside; the true rope may be longer, evenly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from dlo_ros.parameters import Settings
+from dlo_ros.spline import FloatArray
+from dlo_ros.synthesis import foreign
+from dlo_ros.synthesis.discrete_rod import DiscreteRod, tributary_lengths
+from dlo_ros.synthesis.hidden import Hidden
+from dlo_ros.synthesis.rod_simulation import Change
+
+SAMPLES = 16  # of a property over half an edge
+
+
+def true_length(settings: Settings, hidden: Hidden) -> float:
+    """Length of the rope at the start [m]."""
+    return settings.rod.length + hidden.number("length_error", "difference")
+
+
+def nodes_at(settings: Settings, hidden: Hidden, pins: Sequence[float], edges: int) -> list[float]:
+    """Material coordinates u [m] where the rod needs a node, pins first.
+
+    Where two are wanted closer together than a third of an edge, the second is left out: it would
+    make an edge too short to compute with.
+    """
+    length = settings.rod.length
+    wanted = list(pins)
+    if "stiff_segment" in hidden:
+        centre = hidden.number("stiff_segment", "centre")
+        half = 0.5 * hidden.number("stiff_segment", "extent")
+        wanted += [centre - half, centre + half]
+    for name in ("point_mass", "intrinsic_curvature"):
+        if name in hidden:
+            wanted.append(hidden.number(name, "position"))
+    near = length / edges / 3.0
+    result: list[float] = []
+    for u in wanted:
+        if near < u < length - near and all(abs(u - v) > near for v in result):
+            result.append(u)
+    return result
+
+
+def build_rod(
+    settings: Settings, hidden: Hidden, *, edges: int, pins: Sequence[float] = ()
+) -> DiscreteRod:
+    """A rod with all that is hidden in it and does not change in time.
+
+    Args:
+        settings: its parameters.
+        hidden: the effects.
+        edges: wanted number of edges.
+        pins: material coordinates u [m] where a node must lie.
+    """
+    length = settings.rod.length
+    grown = true_length(settings, hidden) / length
+    damping = replace(
+        settings.damping,
+        air_drag=settings.damping.air_drag + hidden.number("air_drag", "coefficient"),
+        relaxation_time=settings.damping.relaxation_time
+        + hidden.number("internal_damping", "relaxation_time"),
+    )
+    rod = DiscreteRod.uniform(
+        replace(settings.rod, length=length * grown),
+        damping,
+        gravity=hidden.gravity(np.array([settings.gravity[0], settings.gravity[2]])),
+        edges=edges,
+        nodes_at=[grown * u for u in nodes_at(settings, hidden, pins, edges)],
+    )
+    u, tributary = rod.u / grown, rod.vertex_lengths
+    softness = _over_vertices(u, lambda at: 1.0 / _stiffness_ratio(at, length, hidden))
+    rod.bending_stiffness = rod.bending_stiffness / softness
+    rod.rest_curvature = _over_vertices(u, lambda at: _curvature(at, length, hidden))
+    rod.kink = hidden.number("intrinsic_curvature", "kink") * _hat(
+        u, hidden.number("intrinsic_curvature", "position")
+    )
+    rod.mass = rod.mass + _point_mass(u, hidden)
+    along = (hidden.number("constant_force", "x"), hidden.number("constant_force", "z"))
+    rod.force = tributary[:, None] * np.array(along)
+    rod.friction = tributary * hidden.number("surface_friction", "force")
+    rod.half_curvature = hidden.number("nonlinear_stiffness", "half_curvature", np.inf)
+    rod.yield_curvature = hidden.number("plasticity", "yield_curvature", np.inf)
+    rod.hardening = hidden.number("plasticity", "hardening")
+    if "obstacle" in hidden:
+        x, z, radius = (hidden.number("obstacle", key) for key in ("x", "z", "radius"))
+        rod.pegs = np.array([[x, z, radius + 0.5 * settings.rod.diameter]])
+    rod.hysteresis = hidden.number("bending_hysteresis", "moment")
+    rod.hysteresis_width = hidden.number("bending_hysteresis", "width", 1.0)
+    return rod
+
+
+def change(
+    settings: Settings, hidden: Hidden, travelled: Callable[[float], float]
+) -> Change | None:
+    """What the rod is at a time, where something of it changes by itself.
+
+    Args:
+        settings: its parameters.
+        hidden: the effects.
+        travelled: fraction of the imposed points' way that is behind them at a time [s].
+
+    Returns:
+        None where nothing changes.
+    """
+    parts: list[Change] = []
+    slip = hidden.number("clamp_slip", "length")
+    if slip:
+        initial = true_length(settings, hidden)
+
+        def slide(rod: DiscreteRod, time: float) -> DiscreteRod:
+            hung = _point_mass(rod.u * (settings.rod.length / initial), hidden)
+            return stretched(rod, 1.0 + slip / initial * travelled(time), hung)
+
+        parts.append(slide)
+    if "stiffness_drift" in hidden:
+        parts.append(foreign.stiffness_drift(hidden.number("stiffness_drift", "rate")))
+    if "gusts" in hidden:
+        force, tau, seed = (
+            hidden.number("gusts", key) for key in ("force", "correlation_time", "seed")
+        )
+        parts.append(foreign.gusts(force, tau, int(seed)))
+    if not parts:
+        return None
+
+    def all_changes(rod: DiscreteRod, time: float) -> DiscreteRod:
+        for part in parts:
+            rod = part(rod, time)
+        return rod
+
+    return all_changes
+
+
+def stretched(rod: DiscreteRod, factor: float, hung: FloatArray) -> DiscreteRod:
+    """A rod with more of the same material on every edge; what hangs on it stays as it is.
+
+    A rope that slips through a grip gains its length there. Since it is the same everywhere, an
+    even gain gives the same shape, and no edge grows beyond what the others can follow.
+
+    Args:
+        rod: as it is at first.
+        factor: its length over that at first.
+        hung: masses that belong to bodies on the nodes [kg], shape (N + 1,).
+    """
+    return replace(
+        rod,
+        lengths=factor * rod.lengths,
+        mass=factor * (rod.mass - hung) + hung,
+        drag=factor * rod.drag,
+        force=factor * rod.force,
+        friction=factor * rod.friction,
+    )
+
+
+def _over_vertices(u: FloatArray, value: Callable[[FloatArray], FloatArray]) -> FloatArray:
+    """Mean of a property over the half edges beside each node, shape (N + 1,)."""
+    lengths = np.diff(u)
+    inner = (np.arange(SAMPLES) + 0.5) / SAMPLES * 0.5
+    first = value(u[:-1, None] + lengths[:, None] * inner).mean(axis=1)
+    second = value(u[1:, None] - lengths[:, None] * inner).mean(axis=1)
+    total = np.zeros(len(u))
+    total[:-1] += 0.5 * lengths * first
+    total[1:] += 0.5 * lengths * second
+    return np.asarray(total / tributary_lengths(lengths))
+
+
+def _stiffness_ratio(u: FloatArray, length: float, hidden: Hidden) -> FloatArray:
+    """Bending stiffness over that of the uniform rod, any shape."""
+    result = 1.0 + hidden.number("stiffness_gradient", "change") * (u / length - 0.5)
+    if "stiff_segment" in hidden:
+        centre = hidden.number("stiff_segment", "centre")
+        inside = np.abs(u - centre) <= 0.5 * hidden.number("stiff_segment", "extent")
+        result = result * np.where(inside, hidden.number("stiff_segment", "ratio"), 1.0)
+    return result
+
+
+def _curvature(u: FloatArray, length: float, hidden: Hidden) -> FloatArray:
+    """Curvature at rest [1/m], any shape; values of a list are spread evenly over the length."""
+    given = hidden.effects.get("intrinsic_curvature", {}).get("curvature", 0.0)
+    values = np.atleast_1d(np.asarray(given, dtype=np.float64))
+    return np.interp(u, np.linspace(0.0, length, len(values)), values)
+
+
+def _point_mass(u: FloatArray, hidden: Hidden) -> FloatArray:
+    """Mass of the hung body on the nodes [kg], shape (N + 1,)."""
+    mass = hidden.number("point_mass", "mass")
+    return mass * _hat(u, hidden.number("point_mass", "position"))
+
+
+def _hat(u: FloatArray, position: float) -> FloatArray:
+    """Shares of the two nodes beside a position; all of it where a node lies, shape (N + 1,)."""
+    result = np.zeros(len(u))
+    right = min(max(int(np.searchsorted(u, position)), 1), len(u) - 1)
+    share = float(np.clip((position - u[right - 1]) / (u[right] - u[right - 1]), 0.0, 1.0))
+    result[right - 1], result[right] = 1.0 - share, share
+    return result

@@ -1,0 +1,108 @@
+"""Whether what was found can be the DLO, and what is wrong with a picture in which nothing was."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from dlo_ros.errors import VisionError
+from dlo_ros.vision.camera import Camera
+from dlo_ros.vision.clamps import EndPoses
+from dlo_ros.vision.fit import Fit
+from dlo_ros.vision.profile import Located
+from dlo_ros.vision.segmentation import Image
+
+LEAST_SEEN = 0.55  # share of the length that must be seen
+LENGTH_LIMIT = 0.12  # of L: a seen length further off is another object
+FREE_LENGTH_LIMIT = 0.04  # the same where no clamp says where an end is
+TRACKING_LENGTH_LIMIT = 0.03  # of the length at the last frame
+LARGEST_RESIDUAL = 1.0  # [widths] between measured points and spline
+
+SATURATED = 0.5  # share of pixels that are all white or all black, beyond which that is the reason
+BRIGHTEST, DARKEST = 253, 2  # [grey levels]
+DARK = 40.0  # [grey levels] the brightest that a picture shows which is too dark
+BLURRED = 0.5  # [widths] standard deviation of a blur that leaves no edges
+LEAST_EDGE = 8.0  # [grey levels] in a picture with less there is nothing to be blurred
+EDGES = 99.8  # [%] what is meant by the sharpest edges of a picture
+LOOKED_AT = 100  # rows of a picture that are looked at
+
+
+def check(fit: Fit, located: Located, ends: EndPoses, camera: Camera, length: float) -> None:
+    """Refuse what is not credible.
+
+    Args:
+        fit: of what was found.
+        located: in the picture.
+        ends: the clamps.
+        camera: that took the picture.
+        length: of the DLO, L [m].
+
+    Raises:
+        VisionError: with the reason.
+    """
+    if fit.fraction_seen < LEAST_SEEN:
+        raise VisionError(
+            f"only {100 * fit.fraction_seen:.0f} % of the DLO is visible, at least "
+            f"{100 * LEAST_SEEN:.0f} % are needed"
+        )
+    held = ends.start is not None and ends.end is not None
+    limit = LENGTH_LIMIT if held else FREE_LENGTH_LIMIT
+    if abs(fit.seen_length / length - 1.0) > limit:
+        raise VisionError(
+            f"what looks like the DLO is {fit.seen_length:.3g} m long, rod.length is {length:.3g} m"
+        )
+    if fit.residual_px > LARGEST_RESIDUAL * located.width:
+        raise VisionError(
+            f"the spline misses the measured centreline by {1000 * fit.residual:.1f} mm; "
+            "more control points are needed, or it is no DLO"
+        )
+    edge = np.array([camera.width, camera.height]) - 1.0
+    for end, at in ((ends.start, 0), (ends.end, -1)):
+        if end is None:
+            x, z = fit.curve[at]
+            pixel = camera.project(np.array([[x, 0.0, z]]))[0]
+            if np.min(np.minimum(pixel, edge - pixel)) < 0.5 * located.width:
+                raise VisionError("what looks like the DLO runs out of the picture")
+
+
+def check_change(length: float, before: float) -> None:
+    """Refuse a length that is not that of the last image.
+
+    Args:
+        length, before: seen now and in the last image [m].
+
+    Raises:
+        VisionError: with the reason.
+    """
+    change = abs(length / before - 1.0)
+    if change > TRACKING_LENGTH_LIMIT:
+        raise VisionError(f"the length changed by {100 * change:.1f} % since the last image")
+
+
+def unusable(image: Image, width: float) -> str:
+    """What is wrong with a picture, if anything: overexposed, dark or blurred.
+
+    Args:
+        image: BGR.
+        width: of the DLO that is looked for [px].
+    """
+    rows = image[:: max(1, image.shape[0] // LOOKED_AT)]
+    grey = np.asarray(cv2.cvtColor(np.ascontiguousarray(rows), cv2.COLOR_BGR2GRAY), np.float32)
+    white = float(np.mean(grey >= BRIGHTEST))
+    if white > SATURATED:
+        return f"the picture is overexposed, {100 * white:.0f} % of it are saturated"
+    black = float(np.mean(grey <= DARKEST))
+    if black > SATURATED and np.percentile(grey, EDGES) < DARK:
+        return f"the picture is too dark, {100 * black:.0f} % of it are black"
+    far = max(2, round(2.0 * width))
+    if grey.shape[1] <= 4 * far:
+        return ""
+    # An edge of contrast c blurred by sigma climbs by c / (sigma sqrt(2 pi)) a pixel. Grain is
+    # taken out first, which blurs by about a pixel itself.
+    smooth = cv2.GaussianBlur(grey, (0, 0), sigmaX=1.0, sigmaY=0.01)
+    near = float(np.percentile(np.abs(smooth[:, 2:] - smooth[:, :-2]), EDGES)) / 2.0
+    contrast = float(np.percentile(np.abs(smooth[:, 2 * far :] - smooth[:, : -2 * far]), EDGES))
+    blur = contrast / max(near, 1e-6) / np.sqrt(2.0 * np.pi)
+    if contrast > LEAST_EDGE and blur > max(BLURRED * width, 2.0):
+        return "the picture is blurred"
+    return ""

@@ -1,0 +1,128 @@
+"""What the user knows of where the DLO is: region, colour, masks, the empty board."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from vision_scenes import Scene, across_errors, bow, curve_from_curvature, render, settings
+
+from dlo_ros.cli import main as cli
+from dlo_ros.errors import InputError, ParameterError, VisionError
+from dlo_ros.parameters import Settings, VisionParameters
+from dlo_ros.vision import Observer
+from dlo_ros.vision.hints import Hints
+from dlo_ros.vision.photo import find_dlos
+
+# Two ropes alike, side by side: without a hint nobody knows which one is meant.
+OWN = bow()
+TWIN = bow() + np.array([0.0, 0.09])
+BLUE, RED = (170, 70, 40), (40, 50, 190)
+
+
+def scene_with(other):
+    return Scene(rope=BLUE, extra=[("below", TWIN, other)], size=(960, 900))
+
+
+def find(scene, image, mask=None, **known):
+    parameters = replace(settings(scene), vision=VisionParameters(**known))
+    observer = Observer(parameters, scene.camera())
+    observer.mask = mask
+    result = observer.observe(0, image)
+    across, _ = across_errors(result.observation.points.positions[:, [0, 2]], OWN)
+    return np.abs(across).max() * scene.width_px / scene.diameter
+
+
+def test_without_a_hint_two_ropes_alike_are_ambiguous():
+    scene = scene_with(BLUE)
+    with pytest.raises(VisionError, match="equally plausible"):
+        find(scene, render(OWN, scene))
+
+
+def own_mask(scene, image):
+    pixels = scene.camera().project(np.insert(OWN, 1, 0.0, axis=1))
+    mask = np.zeros(image.shape[:2], np.uint8)
+    cv2.polylines(mask, [np.int32(pixels)], False, 255, 12)
+    return mask
+
+
+def test_mask_tells_which_rope(tmp_path):
+    scene = scene_with(BLUE)
+    image = render(OWN, scene)
+    mask = own_mask(scene, image)
+    assert find(scene, image, mask=mask) < 1.0
+    cv2.imwrite(str(tmp_path / "mask.png"), mask)
+    known = VisionParameters(mask=str(tmp_path / "mask.png"))
+    observer = Observer(replace(settings(scene), vision=known), scene.camera())
+    assert observer.observe(0, image).fraction_seen > 0.9
+    assert observer.observe(33_000_000, image).tracked
+
+
+def test_colour_tells_which_rope():
+    scene = scene_with(RED)
+    image = render(OWN, scene)
+    blue = {"colour_low": (95.0, 60.0, 40.0), "colour_high": (130.0, 255.0, 255.0)}
+    assert find(scene, image, **blue) < 1.0
+    # The hues of the other one, over red.
+    with pytest.raises((VisionError, AssertionError)):
+        red = {"colour_low": (165.0, 60.0, 40.0), "colour_high": (15.0, 255.0, 255.0)}
+        assert find(scene, image, **red) < 1.0
+
+
+def test_region_tells_which_rope():
+    scene = scene_with(BLUE)
+    image = render(OWN, scene)
+    pixels = scene.camera().project(np.insert(OWN, 1, 0.0, axis=1))
+    low, high = pixels.min(axis=0) - 20, pixels.max(axis=0) + 20
+    region = tuple(float(v) for v in (*low, *(high - low)))
+    assert find(scene, image, region=region) < 1.0
+
+
+def test_empty_board_tells_the_rope_from_what_lies_there(tmp_path):
+    scene = scene_with(BLUE)
+    board = render(None, replace(scene, seed=5))
+    cv2.imwrite(str(tmp_path / "board.png"), board)
+    brighter = cv2.convertScaleAbs(render(OWN, scene), alpha=1.06)
+    assert find(scene, brighter, empty_board=str(tmp_path / "board.png")) < 1.0
+
+
+def test_gripper_of_the_ropes_colour_is_left_out_where_a_mask_says_so():
+    # A free end that goes on into a bar of its own colour has no end without the mask.
+    away = OWN[-1] - OWN[-9]
+    tail = curve_from_curvature(0.0, OWN[-1], np.arctan2(away[1], away[0]), 0.05)
+    scene = Scene(rope=BLUE, extra=[("below", tail, BLUE)])
+    image = render(OWN, scene)
+    mask = np.full(image.shape[:2], 255, np.uint8)
+    end = scene.camera().project(np.array([[*OWN[-1][:1], 0.0, OWN[-1][1]]]))[0]
+    pixels = scene.camera().project(np.insert(tail[40:], 1, 0.0, axis=1))
+    cv2.polylines(mask, [np.int32(pixels)], False, 0, 16)
+    known = Observer(settings(scene), scene.camera())
+    known.mask = mask
+    result = known.observe(0, image)
+    ends = result.pixels[[0, -1]]
+    assert np.hypot(*(ends - end).T).min() < 8.0
+
+
+def test_unusable_hints_are_refused(tmp_path):
+    with pytest.raises(InputError, match=r"vision\.empty_board is 'nowhere\.png'"):
+        Hints(VisionParameters(empty_board="nowhere.png"))
+    scene = Scene()
+    with pytest.raises(InputError, match="300 x 200 px"):
+        find(scene, render(OWN, scene), mask=np.zeros((200, 300), np.uint8))
+    with pytest.raises(VisionError, match="nothing of the picture is left"):
+        find(scene, render(OWN, scene), mask=np.zeros((540, 960), np.uint8))
+    flat = {**settings(scene).flat(), "vision.region": [0.0, 0.0, -1.0, 0.0]}
+    with pytest.raises(ParameterError, match=r"vision\.region"):
+        Settings.from_mapping(flat)
+
+
+def test_hints_serve_image_files_too(tmp_path):
+    scene = scene_with(RED)
+    cv2.imwrite(str(tmp_path / "two.png"), render(OWN, scene))
+    assert len(find_dlos(render(OWN, scene))) == 2
+    known = VisionParameters(colour_low=(95.0, 60.0, 40.0), colour_high=(130.0, 255.0, 255.0))
+    replace(settings(scene), vision=known).dump(tmp_path / "params.yaml")
+    words = ["observe", "--params", str(tmp_path / "params.yaml"), "--output", str(tmp_path / "o")]
+    assert cli.main([*words, str(tmp_path / "two.png")]) == 0
+    rows = (tmp_path / "o" / "two.csv").read_text().splitlines()[1:]
+    assert {row.split(",")[0] for row in rows} == {"0"}
