@@ -36,6 +36,17 @@ def held_start(**keywords):
     return command(["start"], [0.0], [[0.0, 0.0, 0.0]], **keywords)
 
 
+class Nothing:
+    """A command that holds nothing."""
+
+    names = ()
+    stamp = 0
+    times = np.zeros(1)
+    positions = velocities = np.zeros((1, 0, 3))
+    rotations = np.zeros((1, 0, 4))
+    off_plane, turns_in_plane, progress = 0.0, True, np.zeros(1)
+
+
 def straight(model: RodModel, direction=(1.0, 0.0, 0.0)) -> State:
     """A straight rod at rest."""
     q = np.zeros((model.basis.control_points, 4))
@@ -71,5 +82,5 @@ def dense_stiffness(model: RodModel, state: State) -> np.ndarray:
     return full
 
 
-__all__ = ["PAPER", "SECOND", "Boundary", "command", "dense_stiffness", "held_start", "settled",
-           "straight"]  # fmt: skip
+__all__ = ["PAPER", "SECOND", "Boundary", "Nothing", "command", "dense_stiffness", "held_start",
+           "settled", "straight"]  # fmt: skip

@@ -344,7 +344,7 @@ def test_a_peg_carries_the_difference_of_the_moments():
         beyond = np.where(u < place, force, 0.0)
         return fx + beyond * normal[0], fz + beyond * normal[1]
 
-    assert apart(shape, elastica(linear, load, breaks=[place])) < 2e-3
+    assert apart(shape, elastica(linear, load, breaks=[place])) < 4e-3
 
 
 def test_effects_combine_in_any_order():

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rods import PAPER, SECOND, command, dense_stiffness, held_start, straight
+from rods import PAPER, SECOND, Nothing, command, dense_stiffness, held_start, straight
 from scipy.linalg import eigh
 
 from dlo_ros.command import Motion
@@ -26,17 +26,6 @@ WEIGHTLESS = replace(UNDAMPED, gravity=(0.0, 0.0, 0.0))
 
 def tolerant(settings, tolerance):
     return replace(settings, simulation=replace(settings.simulation, tolerance=tolerance))
-
-
-class Nothing:
-    """A command that holds nothing."""
-
-    names = ()
-    stamp = 0
-    times = np.zeros(1)
-    positions = velocities = np.zeros((1, 0, 3))
-    rotations = np.zeros((1, 0, 4))
-    off_plane, turns_in_plane, progress = 0.0, True, np.zeros(1)
 
 
 def first_shape(settings=PAPER):
@@ -151,7 +140,7 @@ def test_sensitivities_of_a_motion_agree_with_differences(monkeypatch):
         return simulation.advance(SECOND // 2)
 
     base = run(settings, MATERIAL)
-    step = 1e-3
+    step = 5e-4
     for k, name in enumerate(MATERIAL):
         group = "rod" if k < 2 else "damping"
         shapes = []
@@ -163,7 +152,7 @@ def test_sensitivities_of_a_motion_agree_with_differences(monkeypatch):
         expected = (shapes[0] - shapes[1]) / (2.0 * step)
         scale = np.abs(expected).max()
         assert scale > 1e-5
-        np.testing.assert_allclose(base.sensitivity[k], expected, atol=2e-6 * scale)
+        np.testing.assert_allclose(base.sensitivity[k], expected, atol=3e-6 * scale)
 
 
 def test_smaller_tolerance_gives_a_truer_motion():

@@ -14,8 +14,8 @@ from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.tables import BAND, History, Law, Material, Reference, Stiffness, Surroundings
 from dlo_ros.spline import SplineBasis
 
-LINEAR = Law(False, np.inf, np.inf, 0.0)
-SOFT = Law(True, 20.0, np.inf, 0.0)
+LINEAR = Law(0.0, np.inf, np.inf, 0.0)
+SOFT = Law(1.0, 20.0, np.inf, 0.0)
 
 
 @pytest.fixture
@@ -53,7 +53,7 @@ def material(stiff, law):
     around = Surroundings(
         0.0, 1.0, nothing, 0.0, np.zeros(0, np.int64), np.zeros((0, 4)), np.zeros(0)
     )
-    return Material(stiff, stiff, law, around, history)
+    return Material(stiff, 1.0, stiff.bend_rest, law, around, history)
 
 
 def evaluate(rule, stiff, ref, q, law=LINEAR):

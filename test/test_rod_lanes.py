@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numba import njit
-from rods import PAPER, SECOND, command, held_start, settled, straight
+from rods import PAPER, SECOND, Nothing, command, held_start, settled, straight
 
 from dlo_ros.errors import CommandError, InputError, SimulationError
 from dlo_ros.parameters import DampingParameters
@@ -127,8 +127,8 @@ def test_equations_are_those_of_one_rod(held, first):
         gradient, band = np.empty(2 * n), np.empty((2 * n, 8))
         matter = matter_of(model, NO_HISTORY)._replace(stiffness=stiff)
         forces.assemble(
-            bent, model.rule, straight(model).reference, matter, room(nb), np.empty(0), gradient, band,
-            np.empty((nb, 2)), np.zeros((nb, 1, 4)),
+            bent, model.rule, straight(model).reference, matter, room(nb), np.empty(0), gradient,
+            band, np.empty((nb, 2)), np.zeros((nb, 1, 4)),
         )  # fmt: skip
         basis, full = np.zeros((n, n)), np.zeros((2 * n, 2 * n))
         for i in range(n):
@@ -175,16 +175,6 @@ def test_moving_turning_clamps_rest_curvature_and_hung_masses():
     states = [found.state if hasattr(found, "state") else found] * 5
     tracks = follow_many(models, boundary, states, imposed, STAMPS)
     assert_as_alone(tracks, models, boundary, states, imposed, STAMPS)
-
-
-class Nothing:
-    """A command that holds nothing."""
-
-    names = ()
-    stamp = 0
-    times = np.zeros(1)
-    positions = velocities = np.zeros((1, 0, 3))
-    rotations = np.zeros((1, 0, 4))
 
 
 def test_rods_held_at_their_tips():

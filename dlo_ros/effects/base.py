@@ -86,11 +86,18 @@ class Body:
             )
 
     def coverage(self, start: float, stop: float) -> FloatArray:
-        """Which share of each quadrature point's cell lies within [start, stop], shape (nb,)."""
-        edges = np.concatenate([[0.0], np.cumsum(self.weight)])
-        inside = np.clip(edges, start, stop)
-        share: FloatArray = np.diff(inside) / self.weight
-        return share
+        """Share in [start, stop] at the quadrature points, shape (nb,).
+
+        It rises and falls over a knot span to either side, since the spline's curvature cannot
+        jump; its integral is that of the interval.
+        """
+        return self._step(start) - self._step(stop)
+
+    def _step(self, place: float) -> FloatArray:
+        """The integral of a hat as wide as two knot spans, 0 before and 1 behind a place."""
+        s = np.clip((self.points - place) / self.basis.span_length, -1.0, 1.0)
+        result: FloatArray = 0.5 + s - 0.5 * s * np.abs(s)
+        return result
 
 
 @dataclass(frozen=True)

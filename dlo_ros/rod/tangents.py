@@ -32,7 +32,7 @@ MATERIAL = ("young_modulus", "density", "air_drag", "relaxation_time")
 LOGARITHMIC = (*MATERIAL, "gravity", "length")
 POSES = tuple(f"{end}.{what}" for end in ("start", "end") for what in ("x", "z", "angle"))
 KEPT = 8  # compiled rods of one model
-STEP = 1e-4  # in the logarithm, or of a parameter's natural size
+STEP = 1e-5  # in the logarithm, or of a parameter's natural size
 
 
 @dataclass(frozen=True)

@@ -23,4 +23,5 @@ class StiffSegment(Effect):
         body.within("stiff_segment.centre", self.centre)
         half = 0.5 * self.extent
         share = body.coverage(self.centre - half, self.centre + half)
-        body.bend *= 1.0 + (self.ratio - 1.0) * share[:, None]
+        # It is the compliance that adds up: the moment is continuous, the curvature jumps.
+        body.bend /= 1.0 + (1.0 / self.ratio - 1.0) * share[:, None]
