@@ -9,7 +9,7 @@ from rods import PAPER, SECOND, command
 from dlo_ros.command import Motion
 from dlo_ros.errors import InputError
 from dlo_ros.observation import Observation
-from dlo_ros.rod import dynamics
+from dlo_ros.rod import dynamics, integration
 from dlo_ros.rod.simulation import Simulation
 from dlo_ros.rod.tangents import known, tangent
 from dlo_ros.spline import SplineBasis
@@ -87,8 +87,9 @@ def run(settings, imposed, parameters=()):
 @pytest.fixture
 def same_steps(monkeypatch):
     """Every run takes the same steps and solves them exactly."""
-    monkeypatch.setattr(dynamics, "STEP_SHARE", 1e3)
-    monkeypatch.setattr(dynamics, "NEWTON_LARGEST", 1e-9)
+    monkeypatch.setattr(dynamics, "in_lanes", lambda *_: False)
+    monkeypatch.setattr(integration, "STEP_SHARE", 1e3)
+    monkeypatch.setattr(integration, "NEWTON_LARGEST", 1e-9)
 
 
 @pytest.mark.parametrize("space", [False, True], ids=["plane", "space"])

@@ -14,7 +14,7 @@ import numpy as np
 
 from dlo_ros.command import NANOSECONDS, START, Command
 from dlo_ros.errors import CommandError, InputError, SimulationError
-from dlo_ros.rod import dynamics, grips
+from dlo_ros.rod import grips, integration
 from dlo_ros.rod.boundary import Boundary
 from dlo_ros.rod.lanes_engine import DONE, NO_DIRECTION, march
 from dlo_ros.rod.lanes_kernels import COLUMN, Law, Scratch, tables_of
@@ -92,7 +92,7 @@ class ParameterSets:
             rows(2 * n), np.zeros((n, 2)),
         )  # fmt: skip
         tolerance = min(m.settings.simulation.tolerance for m in self.models)
-        self._tolerance = dynamics.STEP_SHARE * tolerance * first.basis.length
+        self._tolerance = integration.STEP_SHARE * tolerance * first.basis.length
 
     def _check(self) -> None:
         if not self.models:
@@ -205,7 +205,9 @@ class ParameterSets:
         """Simulate set k by itself and enter what comes out."""
         before = tracks.ends.before[k]
         try:
-            track = dynamics.follow(self.models[k], self.boundary, before, command, stamps)
+            track = integration.integrate(
+                self.models[k], self.boundary, before, command, stamps, flat=True
+            )
         except (SimulationError, ZeroDivisionError) as err:  # the latter: coinciding points
             tracks.failures[k] = str(err)
             tracks.shapes[k] = np.nan

@@ -1,0 +1,90 @@
+"""One rod through a series of instants, with its sensitivities: around the compiled `engine`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dlo_ros.command import NANOSECONDS, Command
+from dlo_ros.errors import CommandError, SimulationError
+from dlo_ros.rod import engine
+from dlo_ros.rod.boundary import Boundary
+from dlo_ros.rod.model import RodModel
+from dlo_ros.rod.moving import TIME
+from dlo_ros.rod.packing import moving_of, nothing_varies, state_of, true_command, varying_of
+from dlo_ros.rod.planar import expand
+from dlo_ros.rod.state import State
+from dlo_ros.rod.statics import NO_DIRECTION_TEXT
+from dlo_ros.rod.stepping import DONE, NO_DIRECTION, SMALLEST_STEP
+from dlo_ros.rod.tangents import compiled
+from dlo_ros.spline import FloatArray
+
+# Newton's method may leave this share of the error that a step may add, and no more than this of L.
+NEWTON_SHARE, NEWTON_LARGEST = 0.01, 1e-5
+# Error that one step may add, as a share of simulation.tolerance: measured on a falling cantilever.
+STEP_SHARE = 0.03
+
+
+@dataclass(frozen=True)
+class Track:
+    """A simulated motion.
+
+    Args:
+        state: at the last stamp.
+        shapes: control points of the simulation's basis at every stamp, shape (S, n, 4).
+        speeds: their velocities; only where sensitivities were asked for (else empty).
+        derivatives: with respect to the logarithms of the P parameters, shape (S, P, n, 4).
+        steps: taken, rejected ones included.
+    """
+
+    state: State
+    shapes: FloatArray
+    speeds: FloatArray
+    derivatives: FloatArray
+    steps: int
+
+
+def integrate(
+    model: RodModel,
+    boundary: Boundary,
+    state: State,
+    command: Command,
+    stamps: Sequence[int],
+    parameters: Sequence[str] = (),
+    *,
+    flat: bool,
+) -> Track:
+    """What `dynamics.follow` does, for one rod.
+
+    Args:
+        flat: whether everything lies in the plane y = 0.
+    """
+    true = true_command(model, command)
+    rod = compiled(model, boundary, command, parameters, flat=flat)
+    moving = moving_of(state, true, flat=flat)
+    if parameters:
+        varying = varying_of(state, rod.mark(nothing_varies(state, 0)), flat=flat)
+    else:
+        varying = nothing_varies(state, 0, flat=flat)
+    times = (np.asarray(stamps, dtype=np.int64) - true.stamp) / NANOSECONDS
+    shapes, speeds = (np.empty((len(times), *moving.q.shape)) for _ in range(2))
+    derivatives = np.empty((len(times), len(parameters), *moving.q.shape))
+    tolerance = STEP_SHARE * model.settings.simulation.tolerance * model.basis.length
+    newton = min(NEWTON_SHARE * tolerance / model.basis.length, NEWTON_LARGEST)
+    status, steps = engine.march(
+        rod.system, rod.imposed, moving, times, tolerance, newton, varying, shapes, speeds,
+        derivatives,
+    )  # fmt: skip
+    if status == NO_DIRECTION:
+        raise CommandError(NO_DIRECTION_TEXT)
+    if status != DONE:
+        raise SimulationError(
+            f"the simulation does not converge at {moving.clock[TIME]:.3f} s of the command even "
+            f"with steps of {SMALLEST_STEP:g} s; the imposed motion may jump or stretch the DLO"
+        )
+    last = int(stamps[-1]) if len(stamps) else state.stamp
+    new = state_of(model, state, moving, last, varying if parameters else None)
+    shapes, speeds, derivatives = (expand(x, state.q) for x in (shapes, speeds, derivatives))
+    return Track(new, shapes, speeds, derivatives, steps)
