@@ -155,6 +155,25 @@ def assemble(q, rule, ref, other, response, gradient, band, grad_stretch, grad_o
         add_forces(forces, DOF, rule.span[e], gradient)
 
 
+@njit(**FLAGS)
+def force(q, rule, ref, other, response, gradient):
+    """Add the gradient of the strain energy to `gradient`; see `assemble`."""
+    forces = np.empty(FIRST)
+    for k in range(rule.weight.size // 3):
+        e = 3 * k
+        kappa1, kappa2 = column(other, e, 0), column(other, e, 1)
+        f, x = _stress(response, rule, e), first(q, rule, ref, e, kappa1, kappa2)
+        bent = mix3(f.bend1, x.kappa1_p, f.bend2, x.kappa2_p, f.torque, x.twist_p)
+        _derive(
+            forces, 0,
+            mix(1.0, bent, f.tension, x.t),
+            mix3(f.bend1, x.kappa1_s, f.bend2, x.kappa2_s, f.torque, x.a),
+            f.bend1 * kappa2 - f.bend2 * kappa1,
+            f.torque, rule, e,
+        )  # fmt: skip
+        add_forces(forces, DOF, rule.span[e], gradient)
+
+
 @njit(**INLINE)
 def _keep(grad_stretch, grad_other, e, x, kappa1, kappa2):
     """Write the derivatives of the strains at the points of a span, see `assemble`."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 
 from dlo_ros.rod.grips import BODY, DIRECTOR, FRAME, TANGENT
 from dlo_ros.rod.tables import Reference
@@ -37,18 +38,7 @@ def twist_free(
     start = start - tangent[0] * (tangent[0] @ start)
     frame = np.empty_like(tangent)
     frame[0] = start / np.linalg.norm(start)
-    for k in range(len(u) - 1):
-        # Two reflections carry the frame with an error of fourth order in the spacing.
-        v1 = r[k + 1] - r[k]
-        c1 = max(float(v1 @ v1), 1e-300)
-        d = frame[k] - 2.0 / c1 * (v1 @ frame[k]) * v1
-        t = tangent[k] - 2.0 / c1 * (v1 @ tangent[k]) * v1
-        v2 = tangent[k + 1] - t
-        c2 = float(v2 @ v2)
-        if c2 > 1e-30:
-            d = d - 2.0 / c2 * (v2 @ d) * v2
-        d = d - tangent[k + 1] * (tangent[k + 1] @ d)
-        frame[k + 1] = d / np.linalg.norm(d)
+    _carry_along(r, tangent, frame)
     at = np.searchsorted(u, points)
     reference = Reference(
         np.ascontiguousarray(tangent[at]),
@@ -60,3 +50,22 @@ def twist_free(
     for end, k in enumerate((0, -1)):
         ends[end, TANGENT:DIRECTOR], ends[end, DIRECTOR:BODY] = tangent[k], frame[k]
     return reference, ends
+
+
+@njit(cache=True, nogil=True)
+def _carry_along(r, tangent, frame):
+    """Fill the rows of frame (m, 3) from the first, along points r and tangents.
+
+    Two reflections carry it from point to point with an error of fourth order in the spacing.
+    """
+    for k in range(len(r) - 1):
+        v1 = r[k + 1] - r[k]
+        c1 = max(np.sum(v1 * v1), 1e-300)
+        d = frame[k] - 2.0 / c1 * np.sum(v1 * frame[k]) * v1
+        t = tangent[k] - 2.0 / c1 * np.sum(v1 * tangent[k]) * v1
+        v2 = tangent[k + 1] - t
+        c2 = np.sum(v2 * v2)
+        if c2 > 1e-30:
+            d = d - 2.0 / c2 * np.sum(v2 * d) * v2
+        d = d - tangent[k + 1] * np.sum(tangent[k + 1] * d)
+        frame[k + 1] = d / np.sqrt(np.sum(d * d))

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dlo_ros.command import NANOSECONDS, START, Command
+from dlo_ros.command import NANOSECONDS, Command
 from dlo_ros.errors import CommandError, InputError, SimulationError
 from dlo_ros.rod import grips, integration
 from dlo_ros.rod.boundary import Boundary
@@ -24,9 +24,9 @@ from dlo_ros.rod.lanes_vector import LANES, rows
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.packing import true_command
 from dlo_ros.rod.planar import IN_PLANE, expand, in_plane
-from dlo_ros.rod.state import State, rest_state
+from dlo_ros.rod.state import State
 from dlo_ros.rod.tables import DOF
-from dlo_ros.spline import DEGREE, FloatArray
+from dlo_ros.spline import FloatArray
 
 # Newton's method stops when its last correction is below this share of a step's tolerance; what
 # is left is quadratically smaller.
@@ -105,9 +105,6 @@ class ParameterSets:
         first = self.models[0]
         if self.boundary.basis != first.basis:
             raise InputError("parameter sets: the boundary has another basis than the first set")
-        straight = np.zeros((first.basis.control_points, DOF))
-        straight[:, 0] = first.basis.greville
-        state = rest_state(0, straight, first)
         for k, model in enumerate(self.models):
             ends = (model.full_start, model.full_end)
             if model.basis != first.basis or ends != (first.full_start, first.full_end):
@@ -124,7 +121,7 @@ class ParameterSets:
                     f"parameter sets: set {k} softens, yields, touches something, slips through a "
                     "grip or is longer than the first; simulate such sets one by one"
                 )
-            if not in_plane(model, state, _clamp()):
+            if not model.planar:
                 raise InputError(
                     f"parameter sets: set {k} has rest strains or loads out of the plane y = 0; "
                     "simulate such sets one by one"
@@ -271,11 +268,3 @@ class ParameterSets:
         result = rows(len(self._order), flat.shape[1])
         result[...] = flat[self._order].transpose(0, 2, 1)
         return result
-
-
-def _clamp() -> Command:
-    """A command that clamps the start in the plane."""
-    return Command(
-        0, (START,), np.zeros(1), np.zeros((1, 1, 3)), np.array([[[0.0, 0.0, 0.0, 1.0]]]),
-        np.full((1, 1, 3), np.nan), DEGREE + 1,
-    )  # fmt: skip

@@ -15,8 +15,8 @@ from dlo_ros.rod.moving import LAST, NEXT, Moving
 from dlo_ros.rod.planar import IN_PLANE, expand, flat_reference, reduce
 from dlo_ros.rod.state import State, Strains
 from dlo_ros.rod.system import System, Uniform
-from dlo_ros.rod.tables import History, Reference
-from dlo_ros.rod.variation import Varying
+from dlo_ros.rod.tables import History, Reference, Stiffness
+from dlo_ros.rod.varying import Rates, Varying
 from dlo_ros.spline import FloatArray
 
 
@@ -114,8 +114,8 @@ def varying_of(state: State, wanted: Varying, *, flat: bool) -> Varying:
     v = state.sensitivity
     assert v is not None
     return Varying(
-        wanted.step, wanted.moves, reduce(v.q, flat), reduce(v.velocity, flat),
-        reduce(v.acceleration, flat), reduce(v.auxiliary, flat),
+        wanted.step, wanted.moves, wanted.rates, wanted.special, reduce(v.q, flat),
+        reduce(v.velocity, flat), reduce(v.acceleration, flat), reduce(v.auxiliary, flat),
         Reference(*(x.copy() for x in v.reference)), v.frames.copy(), v.stretch.copy(),
         v.stretch_before.copy(), v.other.copy(), v.other_before.copy(),
         History(*(x.copy() for x in v.history)),
@@ -130,8 +130,12 @@ def nothing_varies(state: State, count: int, *, flat: bool = False) -> Varying:
         return np.zeros((count, *shape))
 
     d = 2 if flat else 4
+    stiffness = Stiffness(
+        zeros(nb), zeros(nb), zeros(nb, 2), zeros(nb, 2), zeros(nb), zeros(nb)
+    )
+    rates = Rates(stiffness, zeros(n, 4), zeros(n, 4), zeros(n, 4), zeros(n, d), zeros())
     return Varying(
-        zeros(), zeros(), zeros(n, d), zeros(n, d), zeros(n, d), zeros(n, d),
+        zeros(), zeros(), rates, 0.0, zeros(n, d), zeros(n, d), zeros(n, d), zeros(n, d),
         Reference(zeros(nb, 3), zeros(nb, 3), zeros(nb, 3), zeros(nb)),
         np.tile(state.frames, (count, 2, 1, 1)), zeros(nb), zeros(nb), zeros(nb, 3),
         zeros(nb, 3), History(*(zeros(*x.shape) for x in state.history)),

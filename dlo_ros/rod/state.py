@@ -12,7 +12,7 @@ from dlo_ros.rod.kernels import strains
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.surroundings import rest_anchor
 from dlo_ros.rod.tables import DOF, History, Reference
-from dlo_ros.rod.variation import Varying
+from dlo_ros.rod.varying import Varying
 from dlo_ros.spline import FloatArray
 
 

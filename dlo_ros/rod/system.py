@@ -135,27 +135,38 @@ def load_of(system, k, factor):
 
 
 @njit(cache=True, nogil=True)
+def weigh(mass, spin, drag, acceleration, velocity, factor, out):
+    """Add factor times (mass times acceleration plus drag times velocity) to out (n, d).
+
+    Args:
+        mass, spin, drag: basis matrices, lower bands (n, 4); spin is that of theta, which has no
+            drag.
+    """
+    dof = out.shape[1]
+    for i in range(out.shape[0]):
+        for j in range(max(0, i - 3), i + 1):
+            m, viscous = factor * mass[i, 3 - i + j], factor * drag[i, 3 - i + j]
+            for c in range(min(dof, 3)):
+                out[i, c] += m * acceleration[j, c] + viscous * velocity[j, c]
+                if j < i:
+                    out[j, c] += m * acceleration[i, c] + viscous * velocity[i, c]
+            if dof == 4:
+                m = factor * spin[i, 3 - i + j]
+                out[i, 3] += m * acceleration[j, 3]
+                if j < i:
+                    out[j, 3] += m * acceleration[i, 3]
+
+
+@njit(cache=True, nogil=True)
 def residual(system, k, factor, velocity, acceleration):
     """Inertia and drag less the dead loads of variant k [N], shape (n, d)."""
-    result, dof = load_of(system, k, factor), velocity.shape[1]
-    more, u = factor - 1.0, system.uniform
+    result, more, u = load_of(system, k, factor), factor - 1.0, system.uniform
     for i in range(result.shape[0]):
-        for c in range(dof):
+        for c in range(result.shape[1]):
             result[i, c] = -result[i, c]
-    for i in range(result.shape[0]):
-        for j in range(max(0, i - 3), i + 1):
-            at = 3 - i + j
-            mass = system.mass[k, i, at] + more * u.mass[k, i, at]
-            drag = system.drag[k, i, at] + more * u.drag[k, i, at]
-            for c in range(min(dof, 3)):
-                result[i, c] += mass * acceleration[j, c] + drag * velocity[j, c]
-                if j < i:
-                    result[j, c] += mass * acceleration[i, c] + drag * velocity[i, c]
-            if dof == 4:  # theta has no drag
-                spin = system.spin[k, i, at] + more * u.spin[k, i, at]
-                result[i, 3] += spin * acceleration[j, 3]
-                if j < i:
-                    result[j, 3] += spin * acceleration[i, 3]
+    weigh(system.mass[k], system.spin[k], system.drag[k], acceleration, velocity, 1.0, result)
+    if more != 0.0:
+        weigh(u.mass[k], u.spin[k], u.drag[k], acceleration, velocity, more, result)
     return result
 
 

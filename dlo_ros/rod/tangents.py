@@ -24,7 +24,8 @@ from dlo_ros.rod.boundary import Boundary
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.packing import imposed_of, parts_of, stacked, stacked_imposed, true_command
 from dlo_ros.rod.system import System
-from dlo_ros.rod.variation import Varying
+from dlo_ros.rod.tables import Stiffness
+from dlo_ros.rod.varying import Rates, Varying
 from dlo_ros.spline import FloatArray
 
 MATERIAL = ("young_modulus", "density", "air_drag", "relaxation_time")
@@ -150,17 +151,21 @@ class Compiled:
 
     Args:
         system, imposed: see there.
-        step, moves: of the parameters, shape (P,), see `Varying`.
+        step, moves, rates, special: of the parameters, see `Varying`.
     """
 
     system: System
     imposed: grips.Imposed
     step: FloatArray
     moves: FloatArray
+    rates: Rates
+    special: float
 
     def mark(self, varying: Varying) -> Varying:
         """Sensitivities that know their parameters."""
-        return varying._replace(step=self.step, moves=self.moves)
+        return varying._replace(
+            step=self.step, moves=self.moves, rates=self.rates, special=self.special
+        )
 
 
 def compiled(
@@ -202,9 +207,32 @@ def _compiled(
             pair.append(any(map(_differ, commands[-1], commands[0])))
         moves.append(any(pair) or systems[-1].reach != systems[-2].reach)
         steps.append(chosen.step)
+    system, step = stacked(systems), np.array(steps, dtype=np.float64)
     return Compiled(
-        stacked(systems), stacked_imposed(commands), np.array(steps, dtype=np.float64),
-        np.array(moves, dtype=np.float64),
+        system, stacked_imposed(commands), step, np.array(moves, dtype=np.float64),
+        _rates(system, step), float(_does_more(model)),
+    )  # fmt: skip
+
+
+def _rates(system: System, step: FloatArray) -> Rates:
+    """Derivatives of the rod's numbers, from the variants above and below."""
+
+    def rate(x: FloatArray) -> FloatArray:
+        width = 2.0 * step.reshape(-1, *([1] * (x.ndim - 1)))
+        return np.ascontiguousarray((x[1::2] - x[2::2]) / width)
+
+    return Rates(
+        Stiffness(*(rate(x) for x in system.stiffness)), rate(system.mass), rate(system.spin),
+        rate(system.drag), rate(system.load), rate(system.relaxation_time),
+    )  # fmt: skip
+
+
+def _does_more(model: RodModel) -> bool:
+    """Whether the rod does more than its stiffness, mass, drag and loads say."""
+    body = model.body
+    touching = body.friction is not None or bool(body.pegs)
+    return model.law.active != 0.0 or touching or bool(body.slip) or "clamp_slip" in (
+        model.settings.effects
     )  # fmt: skip
 
 

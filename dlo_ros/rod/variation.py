@@ -1,87 +1,42 @@
 """Compiled sensitivities of steps and of equilibria, by the factorisation of the tangent matrix.
 
 Every parameter is given by two variants of the rod and of its command, a little above and a little
-below its value. At the solution, with the shape held, the residual of the equations is evaluated
-with both; their difference is the explicit derivative, and one back-substitution gives that of the
-shape. Strains, internal variables and the transported frame vary along. Because the shape is the
-same in both, nothing large cancels, and whatever an effect does to the rod is covered.
+below its value. What follows linearly from their numbers is differentiated as it stands. Where the
+rod yields, softens, rubs, touches or slips, the residual of the equations is evaluated with both
+variants, with the shape of the solution held; because the shape is the same, nothing large cancels.
+Either way one back-substitution gives the derivative of the shape. Strains, internal variables and
+the transported frame vary along, and whatever an effect does to the rod is covered.
 """
 
 from __future__ import annotations
-
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from dlo_ros.rod import banded, forces, material, solver, surroundings
 from dlo_ros.rod.constraints import back_substitute, eliminate
+from dlo_ros.rod.following import follow, turned
 from dlo_ros.rod.moving import LAST, TIME, Moving, another, assign
 from dlo_ros.rod.plane import PLANAR
-from dlo_ros.rod.stepping import damped, extrapolated, frame_at, reached, remembered, weights
+from dlo_ros.rod.stepping import (
+    damped,
+    extrapolated,
+    reached,
+    strain_rate_weights,
+    weights,
+)
 from dlo_ros.rod.surroundings import rest_anchor
-from dlo_ros.rod.system import ITSELF, growth, inertia_of, matter_of, residual, targets, untouched
-from dlo_ros.rod.tables import History, Reference
-from dlo_ros.spline import FloatArray
-
-
-class Varying(NamedTuple):
-    """Derivatives of a moving rod by P parameters, changed in place; named as in `Moving`."""
-
-    step: FloatArray  # (P,) half the distance of a parameter's two variants
-    moves: FloatArray  # (P,) not 0 where the parameter changes what is imposed
-    q: FloatArray  # (P, n, d)
-    velocity: FloatArray
-    acceleration: FloatArray
-    auxiliary: FloatArray
-    reference: Reference  # likewise with a leading axis of P
-    frames: FloatArray  # (P, 2, 2, FRAME): the frames themselves, above and below
-    stretch: FloatArray
-    stretch_before: FloatArray
-    other: FloatArray
-    other_before: FloatArray
-    history: History
-
-
-@njit(cache=True, nogil=True)
-def _rise(above, below, d, out):
-    """Write (above - below) / (2 d) to out."""
-    a, b, c = out.ravel(), above.ravel(), below.ravel()
-    for i in range(a.size):
-        a[i] = (b[i] - c[i]) / (2.0 * d)
-
-
-@njit(cache=True, nogil=True)
-def _shift(target, source, d, change):
-    """Write source + d * change to target, arrays of one shape."""
-    a, b, c = target.ravel(), source.ravel(), change.ravel()
-    for i in range(a.size):
-        a[i] = b[i] + d * c[i]
-
-
-@njit(cache=True, nogil=True)
-def _shift_state(target, state, v, a, d):
-    """Write the state with d times the derivatives by parameter a added to target."""
-    _shift(target.q, state.q, d, v.q[a])
-    _shift(target.velocity, state.velocity, d, v.velocity[a])
-    _shift(target.acceleration, state.acceleration, d, v.acceleration[a])
-    _shift(target.auxiliary, state.auxiliary, d, v.auxiliary[a])
-    _shift(target.stretch, state.stretch, d, v.stretch[a])
-    _shift(target.stretch_before, state.stretch_before, d, v.stretch_before[a])
-    _shift(target.other, state.other, d, v.other[a])
-    _shift(target.other_before, state.other_before, d, v.other_before[a])
-    _shift(target.history.plastic, state.history.plastic, d, v.history.plastic[a])
-    _shift(target.history.anchor, state.history.anchor, d, v.history.anchor[a])
-    if state.q.shape[1] != PLANAR:
-        _shift_frame(target.reference, state.reference, v.reference, a, d)
-
-
-@njit(cache=True, nogil=True)
-def _shift_frame(target, ref, change, a, d):
-    _shift(target.tangent, ref.tangent, d, change.tangent[a])
-    _shift(target.rate, ref.rate, d, change.rate[a])
-    _shift(target.director, ref.director, d, change.director[a])
-    _shift(target.twist, ref.twist, d, change.twist[a])
+from dlo_ros.rod.system import (
+    ITSELF,
+    growth,
+    inertia_of,
+    matter_of,
+    residual,
+    targets,
+    untouched,
+    weigh,
+)
+from dlo_ros.rod.varying import add, rise, shift, shift_state
 
 
 @njit(cache=True, nogil=True)
@@ -118,83 +73,82 @@ def _solve(system, band, rhs, increments, gaps):
 
 
 @njit(cache=True, nogil=True)
-def _follow(system, q, other, old, varying, d_q, grad_s, grad_o):
-    """Let what follows the shape vary along: strains, transported frame, internal variables.
-
-    Args:
-        q, other: shape and strains after the step.
-        old: the state before it.
-        varying: derivatives; those of q, frame, strains and history are changed.
-        d_q: derivatives of the shape, shape (P, n, d).
-        grad_s, grad_o: derivatives of the strains, see `assembly.assemble`.
-    """
-    rule = system.rule
-    d_stretch, d_other = forces.strain_sensitivities(rule, grad_s, grad_o, d_q)
-    above, below = another(old), another(old)
-    shifted, strained = np.empty(q.shape), np.empty(other.shape)
-    for a in range(varying.step.size):
-        d = varying.step[a]
-        if q.shape[1] != PLANAR:
-            _shift_frame(above.reference, old.reference, varying.reference, a, d)
-            _shift_frame(below.reference, old.reference, varying.reference, a, -d)
-            _, up = forces.strains(q, rule, above.reference)
-            _, down = forces.strains(q, rule, below.reference)
-            for e in range(rule.weight.size):
-                for c in range(3):
-                    d_other[a, e, c] += (up[e, c] - down[e, c]) / (2.0 * d)
-            _shift(shifted, q, d, d_q[a])
-            frame_at(shifted, rule, above.reference, above.reference)
-            _shift(shifted, q, -d, d_q[a])
-            frame_at(shifted, rule, below.reference, below.reference)
-            change = varying.reference
-            _rise(above.reference.tangent, below.reference.tangent, d, change.tangent[a])
-            _rise(above.reference.rate, below.reference.rate, d, change.rate[a])
-            _rise(above.reference.director, below.reference.director, d, change.director[a])
-            _rise(above.reference.twist, below.reference.twist, d, change.twist[a])
-        if old.history.plastic.shape[0] + old.history.anchor.shape[0] > 0:
-            before = varying.history
-            for side in range(2):
-                amount = d if side == 0 else -d
-                end = above.history if side == 0 else below.history
-                plastic, anchor = old.history.plastic.copy(), old.history.anchor.copy()
-                _shift(plastic, old.history.plastic, amount, before.plastic[a])
-                _shift(anchor, old.history.anchor, amount, before.anchor[a])
-                matter = matter_of(system, 1 + 2 * a + side, 1.0, History(plastic, anchor))
-                _shift(shifted, q, amount, d_q[a])
-                _shift(strained, other, amount, d_other[a])
-                remembered(shifted, strained, rule, matter, end)
-            _rise(above.history.plastic, below.history.plastic, d, before.plastic[a])
-            _rise(above.history.anchor, below.history.anchor, d, before.anchor[a])
-    assign(varying.stretch_before, varying.stretch)
-    assign(varying.other_before, varying.other)
-    assign(varying.stretch, d_stretch)
-    assign(varying.other, d_other)
+def _stresses(system, old, new, varying, h, a, stress_s, stress_o):
+    """Derivatives of the stresses by parameter a, strains held: shape (nb,) and (nb, 3)."""
+    c0, c1, c2 = strain_rate_weights(h, old.clock[LAST])
+    base, more, t_r = system.stiffness, varying.rates.stiffness, system.relaxation_time[0]
+    d_t = varying.rates.relaxation_time[a]
+    for e in range(stress_s.size):
+        rate = c0 * new.stretch[e] + c1 * old.stretch[e] + c2 * old.stretch_before[e]
+        past = c1 * varying.stretch[a, e] + c2 * varying.stretch_before[a, e]
+        stress_s[e] = more.stretch[a, e] * (
+            new.stretch[e] - base.stretch_rest[0, e] + t_r * rate
+        ) + base.stretch[0, e] * (d_t * rate + t_r * past - more.stretch_rest[a, e])
+        for c in range(3):
+            rate = c0 * new.other[e, c] + c1 * old.other[e, c] + c2 * old.other_before[e, c]
+            past = c1 * varying.other[a, e, c] + c2 * varying.other_before[a, e, c]
+            if c < 2:
+                modulus, d_modulus = base.bend[0, e, c], more.bend[a, e, c]
+                rest, d_rest = base.bend_rest[0, e, c], more.bend_rest[a, e, c]
+            else:
+                modulus, d_modulus = base.twist[0, e], more.twist[a, e]
+                rest, d_rest = base.twist_rest[0, e], more.twist_rest[a, e]
+            stress_o[e, c] = d_modulus * (
+                new.other[e, c] - rest + t_r * rate
+            ) + modulus * (d_t * rate + t_r * past - d_rest)
 
 
 @njit(cache=True, nogil=True)
-def vary(system, imposed, old, new, varying):
-    """Let the derivatives follow a converged step.
-
-    Args:
-        system, imposed: the rod and its command, with two variants for each parameter.
-        old, new: its states before and after the step.
-        varying: the derivatives before; become those after.
-    """
-    h, time, q, rule = new.clock[LAST], new.clock[TIME], new.q, system.rule
+def _linear(system, imposed, old, new, varying, grad_s, grad_o, rhs, increments, gaps):
+    """Right-hand sides of the derivatives of a step of a rod that its numbers describe."""
+    h, time, rule = new.clock[LAST], new.clock[TIME], system.rule
     c_mass, c_drag = weights(h)
-    inertia, spin = inertia_of(system, ITSELF, growth(imposed, ITSELF, time), c_mass, c_drag)
-    band, gradient, response, grad_s, grad_o = solver.linearise(
-        q, rule, damped(system, ITSELF, imposed, old, h), old.reference, inertia, spin
-    )
-    count, m = varying.step.size, system.pins.shape[0]
-    rhs, increments = np.zeros((count, q.size)), np.zeros((count, q.size))
-    gaps, spare = np.zeros((count, m)), np.empty(band.shape)
-    before = another(old)
+    count, nb, n = varying.step.size, rule.weight.size, new.q.shape[0]
+    stress_s, stress_o = np.empty((count, nb)), np.empty((count, nb, 3))
     for a in range(count):
+        _stresses(system, old, new, varying, h, a, stress_s[a], stress_o[a])
+    pull = forces.stress_forces(rule, grad_s, grad_o, stress_s, stress_o)
+    q_star, v_star, lag = extrapolated(
+        varying.q, varying.velocity, varying.acceleration, varying.auxiliary, h
+    )
+    past, passing = np.empty(new.q.shape), np.empty(new.q.shape)
+    rates = varying.rates
+    for a in range(count):
+        for i in range(n):
+            for c in range(new.q.shape[1]):
+                past[i, c] = c_mass * q_star[a, i, c] + lag[a, i, c]
+                passing[i, c] = c_drag * q_star[a, i, c] - v_star[a, i, c]
+                k = new.q.shape[1] * i + c
+                rhs[a, k] += rates.load[a, i, c] - pull[a, k]
+        right = rhs[a].reshape(new.q.shape)
+        weigh(system.mass[0], system.spin[0], system.drag[0], past, passing, 1.0, right)
+        weigh(
+            rates.mass[a], rates.spin[a], rates.drag[a], new.acceleration, new.velocity, -1.0,
+            right,
+        )  # fmt: skip
+        if varying.moves[a] != 0.0:
+            for side in range(2):
+                d = varying.step[a] if side == 0 else -varying.step[a]
+                before = old.q.copy()
+                shift(before, old.q, d, varying.q[a])
+                _, target, gap = targets(
+                    system, 1 + 2 * a + side, imposed, time, before, varying.frames[a, side]
+                )
+                add(increments[a], 0.5 / d, target.ravel())
+                add(gaps[a], 0.5 / d, gap)
+
+
+@njit(cache=True, nogil=True)
+def _special(system, imposed, old, new, varying, grad_s, grad_o, rhs, increments, gaps):
+    """The same for any rod, from the residual of both variants of each parameter."""
+    h, time, q, rule = new.clock[LAST], new.clock[TIME], new.q, system.rule
+    before, response = another(old), material.room(rule.weight.size)
+    gradient, spare = np.empty(q.size), np.empty((q.size, 4 * q.shape[1]))
+    for a in range(varying.step.size):
         for side in range(2):
             k, d = 1 + 2 * a + side, varying.step[a] if side == 0 else -varying.step[a]
             share = 0.5 / d
-            _shift_state(before, old, varying, a, d)
+            shift_state(before, old, varying, a, d)
             matter = damped(system, k, imposed, before, h)
             q_star, v_star, lag = extrapolated(
                 before.q, before.velocity, before.acceleration, before.auxiliary, h
@@ -211,11 +165,40 @@ def vary(system, imposed, old, new, varying):
                 _, target, gap = targets(
                     system, k, imposed, time, before.q, varying.frames[a, side]
                 )
-                _add(increments[a], share, target.ravel())
-                _add(gaps[a], share, gap)
+                add(increments[a], share, target.ravel())
+                add(gaps[a], share, gap)
+
+
+@njit(cache=True, nogil=True)
+def vary(system, imposed, old, new, varying):
+    """Let the derivatives follow a converged step.
+
+    Args:
+        system, imposed: the rod and its command, with two variants for each parameter.
+        old, new: its states before and after the step.
+        varying: the derivatives before; become those after.
+    """
+    h, time, q, rule = new.clock[LAST], new.clock[TIME], new.q, system.rule
+    c_mass, c_drag = weights(h)
+    inertia, spin = inertia_of(system, ITSELF, growth(imposed, ITSELF, time), c_mass, c_drag)
+    matter = damped(system, ITSELF, imposed, old, h)
+    band, _, response, grad_s, grad_o = solver.linearise(
+        q, rule, matter, old.reference, inertia, spin
+    )
+    count, m = varying.step.size, system.pins.shape[0]
+    rhs, increments = np.zeros((count, q.size)), np.zeros((count, q.size))
+    gaps, by_frame = np.zeros((count, m)), np.zeros((count, rule.weight.size, 3))
+    special = varying.special != 0.0
+    if special:
+        _special(system, imposed, old, new, varying, grad_s, grad_o, rhs, increments, gaps)
+    else:
+        _linear(system, imposed, old, new, varying, grad_s, grad_o, rhs, increments, gaps)
+    if q.shape[1] != PLANAR:
+        forced = np.zeros((0, q.size)) if special else rhs
+        turned(system, q, old, matter, response, varying, forced, by_frame)
     _solve(system, band, rhs, increments, gaps)
     d_q = rhs.reshape((count, q.shape[0], q.shape[1]))
-    _follow(system, q, new.other, old, varying, d_q, grad_s, grad_o)
+    follow(system, q, new.other, old, varying, d_q, grad_s, grad_o, by_frame)
     q_star, v_star, lag = extrapolated(
         varying.q, varying.velocity, varying.acceleration, varying.auxiliary, h
     )
@@ -224,12 +207,6 @@ def vary(system, imposed, old, new, varying):
     assign(varying.velocity, velocity)
     assign(varying.acceleration, acceleration)
     assign(varying.auxiliary, auxiliary)
-
-
-@njit(cache=True, nogil=True)
-def _add(target, factor, source):
-    for i in range(target.size):
-        target[i] += factor * source[i]
 
 
 @njit(cache=True, nogil=True)
@@ -274,23 +251,24 @@ def vary_rest(system, imposed, before, rest, history, fresh, varying):
                 _, target, gap = targets(
                     system, k, imposed, time, before, varying.frames[a, side]
                 )
-                _add(increments[a], share, target.ravel())
-                _add(gaps[a], share, gap)
+                add(increments[a], share, target.ravel())
+                add(gaps[a], share, gap)
     _solve(system, band, rhs, increments, gaps)
     d_q = rhs.reshape((count, q.shape[0], q.shape[1]))
     start = Moving(
         rest.clock, rest.q, rest.velocity, rest.acceleration, rest.auxiliary, rest.reference,
         rest.frames, rest.stretch, rest.stretch_before, rest.other, rest.other_before, history,
     )  # fmt: skip
-    _follow(system, q, rest.other, start, varying, d_q, grad_s, grad_o)
+    unturned = np.zeros((count, rule.weight.size, 3))
+    follow(system, q, rest.other, start, varying, d_q, grad_s, grad_o, unturned)
     if fresh and history.anchor.shape[0] > 0:
         shifted = np.empty(q.shape)
         for a in range(count):
             d = varying.step[a]
-            _shift(shifted, q, d, d_q[a])
+            shift(shifted, q, d, d_q[a])
             above = rest_anchor(shifted, rule)
-            _shift(shifted, q, -d, d_q[a])
-            _rise(above, rest_anchor(shifted, rule), d, varying.history.anchor[a])
+            shift(shifted, q, -d, d_q[a])
+            rise(above, rest_anchor(shifted, rule), d, varying.history.anchor[a])
     assign(varying.q, d_q)
     assign(varying.stretch_before, varying.stretch)
     assign(varying.other_before, varying.other)

@@ -1,0 +1,118 @@
+"""Compiled derivatives of what follows the shape: strains, frame, internal variables."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from dlo_ros.rod import assembly, forces, material
+from dlo_ros.rod.moving import another, assign
+from dlo_ros.rod.plane import PLANAR
+from dlo_ros.rod.stepping import frame_at, remembered
+from dlo_ros.rod.system import matter_of
+from dlo_ros.rod.tables import History
+from dlo_ros.rod.varying import add, rise, shift, shift_frame
+
+
+@njit(cache=True, nogil=True)
+def _frames(system, q, old, varying, d_q):
+    """Let the transported frame vary along; (q is in space).
+
+    Args:
+        d_q: derivatives of the shape, shape (P, n, 4).
+    """
+    rule, shifted = system.rule, np.empty(q.shape)
+    up, down = another(old).reference, another(old).reference
+    change = varying.reference
+    for a in range(varying.step.size):
+        d = varying.step[a]
+        shift_frame(up, old.reference, change, a, d)
+        shift_frame(down, old.reference, change, a, -d)
+        shift(shifted, q, d, d_q[a])
+        frame_at(shifted, rule, up, up)
+        shift(shifted, q, -d, d_q[a])
+        frame_at(shifted, rule, down, down)
+        rise(up.tangent, down.tangent, d, change.tangent[a])
+        rise(up.rate, down.rate, d, change.rate[a])
+        rise(up.director, down.director, d, change.director[a])
+        rise(up.twist, down.twist, d, change.twist[a])
+
+
+@njit(cache=True, nogil=True)
+def turned(system, q, old, matter, response, varying, rhs, by_frame):
+    """What the change of the frame before a step does at its end (q is in space).
+
+    Args:
+        matter, response: material of the step, and room for stresses.
+        rhs: right-hand sides (P, 4 n), to which the forces are added (against their sign); none
+            where they are there already.
+        by_frame: output, derivatives of bending and twist, shape (P, nb, 3).
+    """
+    rule, ref = system.rule, another(old).reference
+    pull = np.zeros((2, q.size))
+    for a in range(varying.step.size):
+        for side in range(2):
+            d = varying.step[a] if side == 0 else -varying.step[a]
+            shift_frame(ref, old.reference, varying.reference, a, d)
+            stretch, other = forces.strains(q, rule, ref)
+            add(by_frame[a].ravel(), 0.5 / d, other.ravel())
+            if rhs.shape[0] > 0:
+                material.respond(stretch, other, rule.weight, matter, response)
+                pull[side] = 0.0
+                assembly.force(q, rule, ref, other, response, pull[side])
+        if rhs.shape[0] > 0:
+            for i in range(q.size):
+                rhs[a, i] -= (pull[0, i] - pull[1, i]) / (2.0 * varying.step[a])
+
+
+@njit(cache=True, nogil=True)
+def _remember(system, q, other, old, varying, d_q, d_other):
+    """Let the internal variables vary along.
+
+    Args:
+        q, other: shape and strains after the step.
+        old: the state before it.
+        d_q, d_other: their derivatives, shape (P, n, d) and (P, nb, 3).
+    """
+    if old.history.plastic.shape[0] + old.history.anchor.shape[0] == 0:
+        return
+    above, below, before = another(old).history, another(old).history, varying.history
+    shifted, strained = np.empty(q.shape), np.empty(other.shape)
+    for a in range(varying.step.size):
+        for side in range(2):
+            d = varying.step[a] if side == 0 else -varying.step[a]
+            plastic, anchor = old.history.plastic.copy(), old.history.anchor.copy()
+            shift(plastic, old.history.plastic, d, before.plastic[a])
+            shift(anchor, old.history.anchor, d, before.anchor[a])
+            matter = matter_of(system, 1 + 2 * a + side, 1.0, History(plastic, anchor))
+            shift(shifted, q, d, d_q[a])
+            shift(strained, other, d, d_other[a])
+            remembered(
+                shifted, strained, system.rule, matter, above if side == 0 else below
+            )
+        d = varying.step[a]
+        rise(above.plastic, below.plastic, d, before.plastic[a])
+        rise(above.anchor, below.anchor, d, before.anchor[a])
+
+
+@njit(cache=True, nogil=True)
+def follow(system, q, other, old, varying, d_q, grad_s, grad_o, by_frame):
+    """Let what follows the shape vary along: strains, transported frame, internal variables.
+
+    Args:
+        q, other: shape and strains after the step.
+        old: the state before it.
+        varying: derivatives; those of frame, strains and history are changed.
+        d_q: derivatives of the shape, shape (P, n, d).
+        grad_s, grad_o: derivatives of the strains, see `assembly.assemble`.
+        by_frame: see `_turned`.
+    """
+    d_stretch, d_other = forces.strain_sensitivities(system.rule, grad_s, grad_o, d_q)
+    if q.shape[1] != PLANAR:
+        add(d_other.ravel(), 1.0, by_frame.ravel())
+        _frames(system, q, old, varying, d_q)
+    _remember(system, q, other, old, varying, d_q, d_other)
+    assign(varying.stretch_before, varying.stretch)
+    assign(varying.other_before, varying.other)
+    assign(varying.stretch, d_stretch)
+    assign(varying.other, d_other)
