@@ -98,7 +98,7 @@ class Ours(Contender):
             rod = task.rod
             rate = np.sqrt(9.81 / rod.length)
             drags = [f * rod.linear_density * rate for f in (1.0, 2.0, 4.0)]
-            damping = list(itertools.product(drags, (0.1,)))
+            damping = list(itertools.product(drags, (0.1, 0.3)))
         if self.spatial:  # dearer, and known from the plane where to look
             tolerances = tolerances[:3]
         for (drag, relaxation), tolerance in itertools.product(damping, tolerances):

@@ -143,18 +143,25 @@ def nothing_varies(state: State, count: int, *, flat: bool = False) -> Varying:
 
 
 def state_of(
-    model: RodModel, before: State, m: Moving, stamp: int, varying: Varying | None = None
-) -> State:
-    """What compiled code left, as a state in space."""
+    model: RodModel, before: State, m: Moving, stamp: int, varying: Varying | None = None,
+    *, still: bool = False,
+) -> State:  # fmt: skip
+    """What compiled code left, as a state in space; `still` where it is at rest."""
     flat = m.q.shape[1] == len(IN_PLANE)
     q = expand(m.q, before.q)
+    zero = np.zeros_like(q) if still else None
+    velocity, acceleration, auxiliary = (
+        expand(x, q) if zero is None else zero for x in (m.velocity, m.acceleration, m.auxiliary)
+    )
     if varying is not None and flat:
+        d_q = expand(varying.q, q)
+        changes = [varying.velocity, varying.acceleration, varying.auxiliary]
+        changes = [np.zeros_like(d_q)] * 3 if still else [expand(x, q) for x in changes]
         varying = varying._replace(
-            q=expand(varying.q, q), velocity=expand(varying.velocity, q),
-            acceleration=expand(varying.acceleration, q), auxiliary=expand(varying.auxiliary, q),
-        )  # fmt: skip
+            q=d_q, velocity=changes[0], acceleration=changes[1], auxiliary=changes[2]
+        )
     return State(
-        stamp, q, expand(m.velocity, q), expand(m.acceleration, q), expand(m.auxiliary, q),
+        stamp, q, velocity, acceleration, auxiliary,
         flat_reference(model, q, before.reference) if flat else m.reference, m.frames,
         Strains(m.stretch, m.other), Strains(m.stretch_before, m.other_before), m.history,
         float(m.clock[LAST]), float(m.clock[NEXT]), varying,

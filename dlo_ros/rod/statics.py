@@ -102,7 +102,7 @@ def settle(
     if parameters:
         varying = rod.mark(nothing_varies(state, len(parameters), flat=flat))
         vary_rest(rod.system, rod.imposed, before.q, rest, before.history, fresh, varying)
-    new = state_of(model, state, rest, stamp, varying)
+    new = state_of(model, state, rest, stamp, varying, still=True)
     if flat:
         negative = max(negative, _unstable_directions(model, boundary, new.q, new.reference))
     return Equilibrium(new, negative <= 0, iterations, buckled)
