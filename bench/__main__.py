@@ -228,8 +228,12 @@ def single_rows(value: dict[Any, float], curves: dict[str, dict[int, float]]) ->
         carried = curves[f"parameters {form.name}"]
         most = max(carried)
         rows.append(Row(
-            f"each of {most} further parameters in a dynamic run{twist}",
-            (carried[most] - 1.0) / most, "of a run", "goal", PARAMETER_GOAL, 1.0,
+            f"the first parameter in a dynamic run{twist}",
+            carried[1] - 1.0, "of a run", "goal", PARAMETER_GOAL, 1.0,
+        ))  # fmt: skip
+        rows.append(Row(
+            f"each of {most - 1} further parameters in a dynamic run{twist}",
+            (carried[most] - carried[1]) / (most - 1), "of a run", "goal", PARAMETER_GOAL, 1.0,
         ))  # fmt: skip
     return rows
 
