@@ -8,6 +8,7 @@ import numpy as np
 from dlo_ros.errors import VisionError
 from dlo_ros.vision.camera import Camera
 from dlo_ros.vision.clamps import EndPoses
+from dlo_ros.vision.control_points import choose_control_points
 from dlo_ros.vision.fit import Fit
 from dlo_ros.vision.profile import Located
 from dlo_ros.vision.segmentation import Image
@@ -54,7 +55,7 @@ def check(fit: Fit, located: Located, ends: EndPoses, camera: Camera, length: fl
     if fit.residual_px > LARGEST_RESIDUAL * located.width:
         raise VisionError(
             f"the spline misses the measured centreline by {1000 * fit.residual:.1f} mm; "
-            "more control points are needed, or it is no DLO"
+            f"more control points are needed{_enough(fit, length)}, or it is no DLO"
         )
     edge = np.array([camera.width, camera.height]) - 1.0
     for end, at in ((ends.start, 0), (ends.end, -1)):
@@ -63,6 +64,14 @@ def check(fit: Fit, located: Located, ends: EndPoses, camera: Camera, length: fl
             pixel = camera.project(np.array([[x, 0.0, z]]))[0]
             if np.min(np.minimum(pixel, edge - pixel)) < 0.5 * located.width:
                 raise VisionError("what looks like the DLO runs out of the picture")
+
+
+def _enough(fit: Fit, length: float) -> str:
+    points = fit.observation.points
+    try:
+        return "" if points is None else f" ({choose_control_points(points, length)} would do)"
+    except VisionError:
+        return ""
 
 
 def check_change(length: float, before: float) -> None:
