@@ -15,7 +15,7 @@ from dlo_ros.vision.segmentation import Image
 
 LEAST_SEEN = 0.55  # share of the length that must be seen
 LENGTH_LIMIT = 0.12  # of L: a seen length further off is another object
-FREE_LENGTH_LIMIT = 0.04  # the same where no clamp says where an end is
+FREE_LENGTH_LIMIT = 0.03  # the same where no clamp says where an end is
 TRACKING_LENGTH_LIMIT = 0.03  # of the length at the last frame
 LARGEST_RESIDUAL = 1.0  # [widths] between measured points and spline
 
