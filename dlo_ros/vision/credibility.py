@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 
 from dlo_ros.errors import VisionError
+from dlo_ros.spline import FloatArray
 from dlo_ros.vision.camera import Camera
 from dlo_ros.vision.clamps import EndPoses
 from dlo_ros.vision.control_points import choose_control_points
@@ -18,6 +19,8 @@ LENGTH_LIMIT = 0.12  # of L: a seen length further off is another object
 FREE_LENGTH_LIMIT = 0.03  # the same where no clamp says where an end is
 TRACKING_LENGTH_LIMIT = 0.03  # of the length at the last frame
 LARGEST_RESIDUAL = 1.0  # [widths] between measured points and spline
+
+SHARPEST = 0.8  # [rad] over its own width that a DLO bends; a rope seldom bends by half of that
 
 SATURATED = 0.5  # share of pixels that are all white or all black, beyond which that is the reason
 BRIGHTEST, DARKEST = 253, 2  # [grey levels]
@@ -57,6 +60,8 @@ def check(fit: Fit, located: Located, ends: EndPoses, camera: Camera, length: fl
             f"the spline misses the measured centreline by {1000 * fit.residual:.1f} mm; "
             f"more control points are needed{_enough(fit, length)}, or it is no DLO"
         )
+    if sharpest_turn(fit.curve, fit.width) > SHARPEST:
+        raise VisionError("what looks like the DLO bends more sharply than one can")
     edge = np.array([camera.width, camera.height]) - 1.0
     for end, at in ((ends.start, 0), (ends.end, -1)):
         if end is None:
@@ -64,6 +69,23 @@ def check(fit: Fit, located: Located, ends: EndPoses, camera: Camera, length: fl
             pixel = camera.project(np.array([[x, 0.0, z]]))[0]
             if np.min(np.minimum(pixel, edge - pixel)) < 0.5 * located.width:
                 raise VisionError("what looks like the DLO runs out of the picture")
+
+
+def sharpest_turn(curve: FloatArray, width: float) -> float:
+    """Largest change of direction of a curve over its own width [rad].
+
+    Args:
+        curve: (x, z) [m], shape (m, 2).
+        width: [m].
+    """
+    s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(curve, axis=0).T))])
+    at = np.linspace(0.0, s[-1], max(8, round(2.0 * float(s[-1]) / width)))
+    x, z = (np.diff(np.interp(at, s, column)) for column in curve.T)
+    ahead, behind = slice(2, None), slice(None, -2)
+    turn = np.arctan2(
+        x[behind] * z[ahead] - z[behind] * x[ahead], x[behind] * x[ahead] + z[behind] * z[ahead]
+    )
+    return float(np.abs(turn).max())
 
 
 def _enough(fit: Fit, length: float) -> str:

@@ -53,6 +53,7 @@ class Fit:
         seen_length: length of the fine curve from end to end [m]; it would be L if the camera, L
             and the ends were exact.
         fraction_seen: share of that length where an edge of the DLO was seen.
+        width: of the DLO as it was seen [m].
     """
 
     observation: Observation
@@ -62,6 +63,7 @@ class Fit:
     curve_seen: Mask
     seen_length: float
     fraction_seen: float
+    width: float
 
 
 def fit_spline(
@@ -146,6 +148,7 @@ def fit_spline(
         even_seen,
         total,
         float(np.mean(even_seen)),
+        width,
     )
 
 
