@@ -23,7 +23,7 @@ from dlo_ros.vision.strip import Mask
 KNOT_SPAN = 3.0  # [widths] of the fine curve
 CLAMP_STD = 0.25  # [widths] how well a clamp's position is trusted against the picture
 CLAMP_DIRECTION_STD = 0.05  # [rad]
-POINT_STD_FLOOR = 0.025  # [px] systematic errors of sampling that scatter does not show
+POINT_STD_FLOOR = 0.027  # [px] systematic errors of sampling that scatter does not show
 MOST_BESIDE = 3.0  # [px] root mean square, beyond which the published spline rather slides along
 ALONG_WEIGHT = 0.01  # of deviations along the DLO in the published spline, against 1 across it
 UNSEEN_WEIGHT = 0.05  # of bridged parts in the published spline, against 1
