@@ -49,6 +49,13 @@ def check(fit: Fit, located: Located, ends: EndPoses, camera: Camera, length: fl
             f"only {100 * fit.fraction_seen:.0f} % of the DLO is visible, at least "
             f"{100 * LEAST_SEEN:.0f} % are needed"
         )
+    edge = np.array([camera.width, camera.height]) - 1.0
+    for end, at in ((ends.start, 0), (ends.end, -1)):
+        if end is None:
+            x, z = fit.curve[at]
+            pixel = camera.project(np.array([[x, 0.0, z]]))[0]
+            if np.min(np.minimum(pixel, edge - pixel)) < 0.5 * located.width:
+                raise VisionError("what looks like the DLO runs out of the picture")
     held = ends.start is not None and ends.end is not None
     limit = LENGTH_LIMIT if held else FREE_LENGTH_LIMIT
     if abs(fit.seen_length / length - 1.0) > limit:
@@ -62,13 +69,6 @@ def check(fit: Fit, located: Located, ends: EndPoses, camera: Camera, length: fl
         )
     if sharpest_turn(fit.curve, fit.width) > SHARPEST:
         raise VisionError("what looks like the DLO bends more sharply than one can")
-    edge = np.array([camera.width, camera.height]) - 1.0
-    for end, at in ((ends.start, 0), (ends.end, -1)):
-        if end is None:
-            x, z = fit.curve[at]
-            pixel = camera.project(np.array([[x, 0.0, z]]))[0]
-            if np.min(np.minimum(pixel, edge - pixel)) < 0.5 * located.width:
-                raise VisionError("what looks like the DLO runs out of the picture")
 
 
 def sharpest_turn(curve: FloatArray, width: float) -> float:
