@@ -26,9 +26,10 @@ from dlo_ros.recordings.write import BagWriter, copy_topics
 from dlo_ros.vision.camera import Camera
 from dlo_ros.vision.control_points import choose_control_points
 from dlo_ros.vision.hints import Hints
-from dlo_ros.vision.observer import Observer, VisionResult
+from dlo_ros.vision.observer import Observer
 from dlo_ros.vision.overlay import PALETTE, draw_curve, draw_overlay, write_message
 from dlo_ros.vision.photo import FoundDlo, find_dlos
+from dlo_ros.vision.result import VisionResult
 
 LOG = logging.getLogger(__name__)
 

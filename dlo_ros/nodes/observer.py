@@ -26,8 +26,9 @@ from dlo_ros.recordings.messages import read_spline, stamp_of
 from dlo_ros.spline import FloatArray
 from dlo_ros.vision.camera import Camera
 from dlo_ros.vision.compile import compile_kernels
-from dlo_ros.vision.observer import Observer, VisionResult
+from dlo_ros.vision.observer import Observer
 from dlo_ros.vision.overlay import draw_overlay
+from dlo_ros.vision.result import VisionResult
 
 POLL = 0.2
 """Seconds between two looks at which transport is published."""
