@@ -109,7 +109,7 @@ class ObserverNode(DloNode):
         if self._image_subscription is not None:
             self.destroy_subscription(self._image_subscription)
         topic = topics.COMPRESSED if wanted == "compressed" else topics.IMAGE
-        self._image_subscription = self.subscribe(topic, self._on_image, qos.SENSOR)
+        self._image_subscription = self.subscribe(topic, self._on_image, qos.IMAGES)
         self._transport = wanted
         self.health.values["image transport"] = wanted
 
