@@ -12,7 +12,7 @@ from vision_stress import judge, tally
 
 from dlo_ros.errors import VisionError
 from dlo_ros.vision import Observer
-from dlo_ros.vision.credibility import unusable
+from dlo_ros.vision.credibility import sharpest_turn, unusable
 
 FRAME = 33_000_000  # ns
 STRIPED = Scene(rope=(40, 120, 60), second=(60, 210, 225), board=(225, 228, 230))
@@ -92,3 +92,12 @@ def test_good_pictures_have_no_fault():
     assert unusable(render(bow(), dark), 10.0) == ""
     assert unusable(render(bow(), replace(Scene(), blur=2.3)), 10.0) == ""
     assert unusable(np.full((540, 960, 3), 200, np.uint8), 10.0) == ""
+
+
+def test_sharpest_turn_is_that_of_a_circle_and_of_a_corner():
+    angle = np.linspace(0.0, 4.0, 4001)
+    circle = 0.02 * np.column_stack([np.cos(angle), np.sin(angle)])
+    assert sharpest_turn(circle, 0.004) == pytest.approx(0.004 / 0.02, rel=0.05)
+    side = np.linspace(0.0, 0.1, 2000)[:, None]
+    corner = np.vstack([side * [1.0, 0.0], [0.1, 0.0] + side[1:] * [0.0, 1.0]])
+    assert sharpest_turn(corner, 0.004) == pytest.approx(np.pi / 2, rel=0.01)

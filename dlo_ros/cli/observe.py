@@ -6,7 +6,7 @@ import argparse
 import logging
 from collections import Counter
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -24,14 +24,18 @@ from dlo_ros.recordings.images import Image
 from dlo_ros.recordings.read import iterate_images, iterate_masks, read_recording
 from dlo_ros.recordings.write import BagWriter, copy_topics
 from dlo_ros.vision.camera import Camera
+from dlo_ros.vision.control_points import choose_control_points
 from dlo_ros.vision.hints import Hints
-from dlo_ros.vision.observer import Observer, VisionResult
+from dlo_ros.vision.observer import Observer
 from dlo_ros.vision.overlay import PALETTE, draw_curve, draw_overlay, write_message
 from dlo_ros.vision.photo import FoundDlo, find_dlos
+from dlo_ros.vision.result import VisionResult
 
 LOG = logging.getLogger(__name__)
 
 BAG_SUFFIXES = (".mcap", ".db3")
+MOST_CONTROL_POINTS = 60  # with which shapes are looked at before their number is chosen
+CHOSEN_BY, CHOSEN_EVERY = 20, 3  # images that choose it, and every how many one is taken
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +76,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--overlays", type=Path, metavar="FOLDER", help="bag only: write each image's overlay there"
     )
+    parser.add_argument(
+        "--control-points",
+        metavar="N",
+        help="bag only: control points of the splines instead of rod.control_points; "
+        "'auto' chooses them by cross-validation",
+    )
     parser.add_argument("--force", action="store_true", help="replace an existing bag")
 
 
@@ -90,9 +100,36 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.params is None:
         raise InputError(f"{bags[0]}: is a bag; give its parameter file with --params")
     settings = Settings.load(arguments.params)
+    if arguments.control_points is not None:
+        settings = _with_control_points(bags[0], settings, arguments.control_points)
     return _observe_bag(
         bags[0], settings, arguments.output, arguments.overlays, force=arguments.force
     )
+
+
+def _with_control_points(path: Path, settings: Settings, wanted: str) -> Settings:
+    """The settings with another number of control points, given or chosen.
+
+    Raises:
+        InputError: it is no number, or no image shows the DLO.
+    """
+    if wanted != "auto":
+        flat = {**settings.flat(), "rod.control_points": wanted}
+        return Settings.from_mapping(flat)
+    many = replace(settings, rod=replace(settings.rod, control_points=MOST_CONTROL_POINTS))
+    needed: list[int] = []
+    for number, frame in enumerate(observe_recording(path, many)):
+        points = None if frame.result is None else frame.result.observation.points
+        if points is not None and number % CHOSEN_EVERY == 0:
+            needed.append(choose_control_points(points, settings.rod.length))
+        if number >= CHOSEN_EVERY * CHOSEN_BY:
+            break
+    if not needed:
+        raise InputError(f"{path}: no image shows a credible DLO to choose control points by")
+    # Shapes still to come may be a little more bent than those looked at.
+    chosen = max(needed) + 1
+    print(f"{chosen} control points by cross-validation; set rod.control_points to {chosen}")
+    return replace(settings, rod=replace(settings.rod, control_points=chosen))
 
 
 def observe_recording(

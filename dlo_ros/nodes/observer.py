@@ -26,8 +26,9 @@ from dlo_ros.recordings.messages import read_spline, stamp_of
 from dlo_ros.spline import FloatArray
 from dlo_ros.vision.camera import Camera
 from dlo_ros.vision.compile import compile_kernels
-from dlo_ros.vision.observer import Observer, VisionResult
+from dlo_ros.vision.observer import Observer
 from dlo_ros.vision.overlay import draw_overlay
+from dlo_ros.vision.result import VisionResult
 
 POLL = 0.2
 """Seconds between two looks at which transport is published."""
@@ -108,7 +109,7 @@ class ObserverNode(DloNode):
         if self._image_subscription is not None:
             self.destroy_subscription(self._image_subscription)
         topic = topics.COMPRESSED if wanted == "compressed" else topics.IMAGE
-        self._image_subscription = self.subscribe(topic, self._on_image, qos.SENSOR)
+        self._image_subscription = self.subscribe(topic, self._on_image, qos.IMAGES)
         self._transport = wanted
         self.health.values["image transport"] = wanted
 

@@ -34,7 +34,15 @@ SENSOR = QoSProfile(
     reliability=ReliabilityPolicy.BEST_EFFORT,
     durability=DurabilityPolicy.VOLATILE,
 )
-"""Subscriptions to images and camera_info: they match every camera driver."""
+"""Subscriptions to camera_info and masks: they match every camera driver."""
+
+IMAGES = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=10,
+    reliability=ReliabilityPolicy.BEST_EFFORT,
+    durability=DurabilityPolicy.VOLATILE,
+)
+"""Subscription to the images themselves: a moment in which the machine is busy loses none."""
 
 CLOCK = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,

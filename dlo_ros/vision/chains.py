@@ -19,6 +19,7 @@ from dlo_ros.vision.segmentation import ORIENTATIONS, BarMap
 
 SHORTEST = 1.5  # widths; a shorter chain is noise
 SHARP_TURN = 1.0  # [rad] over two widths: no bend of a DLO, so the chain is cut there
+GOES_ON = 0.3  # share of a ridge's strength that it has at least nearly a width further on
 END_SPAN = 2.0  # widths over which direction and curvature at a chain's end are measured
 
 
@@ -214,6 +215,15 @@ def _ridge(
             ahead = strength[y + dy, x + dx]
             behind = strength[y - dy, x - dx]
             if value < ahead or value <= behind:
+                continue
+            # A line goes on, at least to one side; a spot does not.
+            goes_on = False
+            for sign in (-1, 1):
+                yy = y + round(sign * reach * nx)
+                xx = x - round(sign * reach * ny)
+                if 0 <= yy < height and 0 <= xx < width and strength[yy, xx] > GOES_ON * value:
+                    goes_on = True
+            if not goes_on:
                 continue
             # The blur of a strong bar makes weak ones beside it.
             beside = False

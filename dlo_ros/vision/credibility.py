@@ -6,22 +6,26 @@ import cv2
 import numpy as np
 
 from dlo_ros.errors import VisionError
+from dlo_ros.spline import FloatArray
 from dlo_ros.vision.camera import Camera
 from dlo_ros.vision.clamps import EndPoses
+from dlo_ros.vision.control_points import choose_control_points
 from dlo_ros.vision.fit import Fit
 from dlo_ros.vision.profile import Located
 from dlo_ros.vision.segmentation import Image
 
 LEAST_SEEN = 0.55  # share of the length that must be seen
 LENGTH_LIMIT = 0.12  # of L: a seen length further off is another object
-FREE_LENGTH_LIMIT = 0.04  # the same where no clamp says where an end is
+FREE_LENGTH_LIMIT = 0.03  # the same where no clamp says where an end is
 TRACKING_LENGTH_LIMIT = 0.03  # of the length at the last frame
 LARGEST_RESIDUAL = 1.0  # [widths] between measured points and spline
+
+SHARPEST = 0.8  # [rad] over its own width that a DLO bends; a rope seldom bends by half of that
 
 SATURATED = 0.5  # share of pixels that are all white or all black, beyond which that is the reason
 BRIGHTEST, DARKEST = 253, 2  # [grey levels]
 DARK = 40.0  # [grey levels] the brightest that a picture shows which is too dark
-BLURRED = 0.5  # [widths] standard deviation of a blur that leaves no edges
+BLURRED = 0.7  # [widths] standard deviation of a blur that leaves no edges
 LEAST_EDGE = 8.0  # [grey levels] in a picture with less there is nothing to be blurred
 EDGES = 99.8  # [%] what is meant by the sharpest edges of a picture
 LOOKED_AT = 100  # rows of a picture that are looked at
@@ -45,6 +49,13 @@ def check(fit: Fit, located: Located, ends: EndPoses, camera: Camera, length: fl
             f"only {100 * fit.fraction_seen:.0f} % of the DLO is visible, at least "
             f"{100 * LEAST_SEEN:.0f} % are needed"
         )
+    edge = np.array([camera.width, camera.height]) - 1.0
+    for end, at in ((ends.start, 0), (ends.end, -1)):
+        if end is None:
+            x, z = fit.curve[at]
+            pixel = camera.project(np.array([[x, 0.0, z]]))[0]
+            if np.min(np.minimum(pixel, edge - pixel)) < 0.5 * located.width:
+                raise VisionError("what looks like the DLO runs out of the picture")
     held = ends.start is not None and ends.end is not None
     limit = LENGTH_LIMIT if held else FREE_LENGTH_LIMIT
     if abs(fit.seen_length / length - 1.0) > limit:
@@ -54,15 +65,35 @@ def check(fit: Fit, located: Located, ends: EndPoses, camera: Camera, length: fl
     if fit.residual_px > LARGEST_RESIDUAL * located.width:
         raise VisionError(
             f"the spline misses the measured centreline by {1000 * fit.residual:.1f} mm; "
-            "more control points are needed, or it is no DLO"
+            f"more control points are needed{_enough(fit, length)}, or it is no DLO"
         )
-    edge = np.array([camera.width, camera.height]) - 1.0
-    for end, at in ((ends.start, 0), (ends.end, -1)):
-        if end is None:
-            x, z = fit.curve[at]
-            pixel = camera.project(np.array([[x, 0.0, z]]))[0]
-            if np.min(np.minimum(pixel, edge - pixel)) < 0.5 * located.width:
-                raise VisionError("what looks like the DLO runs out of the picture")
+    if sharpest_turn(fit.curve, fit.width) > SHARPEST:
+        raise VisionError("what looks like the DLO bends more sharply than one can")
+
+
+def sharpest_turn(curve: FloatArray, width: float) -> float:
+    """Largest change of direction of a curve over its own width [rad].
+
+    Args:
+        curve: (x, z) [m], shape (m, 2).
+        width: [m].
+    """
+    s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(curve, axis=0).T))])
+    at = np.linspace(0.0, s[-1], max(8, round(2.0 * float(s[-1]) / width)))
+    x, z = (np.diff(np.interp(at, s, column)) for column in curve.T)
+    ahead, behind = slice(2, None), slice(None, -2)
+    turn = np.arctan2(
+        x[behind] * z[ahead] - z[behind] * x[ahead], x[behind] * x[ahead] + z[behind] * z[ahead]
+    )
+    return float(np.abs(turn).max())
+
+
+def _enough(fit: Fit, length: float) -> str:
+    points = fit.observation.points
+    try:
+        return "" if points is None else f" ({choose_control_points(points, length)} would do)"
+    except VisionError:
+        return ""
 
 
 def check_change(length: float, before: float) -> None:

@@ -23,7 +23,7 @@ from dlo_ros.vision.strip import Mask
 KNOT_SPAN = 3.0  # [widths] of the fine curve
 CLAMP_STD = 0.25  # [widths] how well a clamp's position is trusted against the picture
 CLAMP_DIRECTION_STD = 0.05  # [rad]
-POINT_STD_FLOOR = 0.03  # [px] systematic errors of sampling that scatter does not show
+POINT_STD_FLOOR = 0.027  # [px] systematic errors of sampling that scatter does not show
 MOST_BESIDE = 3.0  # [px] root mean square, beyond which the published spline rather slides along
 ALONG_WEIGHT = 0.01  # of deviations along the DLO in the published spline, against 1 across it
 UNSEEN_WEIGHT = 0.05  # of bridged parts in the published spline, against 1
@@ -53,6 +53,7 @@ class Fit:
         seen_length: length of the fine curve from end to end [m]; it would be L if the camera, L
             and the ends were exact.
         fraction_seen: share of that length where an edge of the DLO was seen.
+        width: of the DLO as it was seen [m].
     """
 
     observation: Observation
@@ -62,6 +63,7 @@ class Fit:
     curve_seen: Mask
     seen_length: float
     fraction_seen: float
+    width: float
 
 
 def fit_spline(
@@ -146,6 +148,7 @@ def fit_spline(
         even_seen,
         total,
         float(np.mean(even_seen)),
+        width,
     )
 
 

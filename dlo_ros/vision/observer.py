@@ -11,13 +11,11 @@ where x agrees to a diameter). Once found, the ends keep their names as long as 
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
 
 import numpy as np
 
 from dlo_ros.command import Motion
 from dlo_ros.errors import VisionError
-from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray, SplineBasis
 from dlo_ros.vision.camera import Camera
@@ -33,69 +31,16 @@ from dlo_ros.vision.metric import PlaneGrid
 from dlo_ros.vision.path import ClampPixel, PathSearch
 from dlo_ros.vision.profile import Located, locate
 from dlo_ros.vision.reach import reach, spread
+from dlo_ros.vision.result import Rough, Shape, VisionResult
 from dlo_ros.vision.segmentation import Image, as_bgr, bar_map
-from dlo_ros.vision.strip import Mask, inside, resample, smooth_curve, spacing_for
+from dlo_ros.vision.strip import inside, resample, smooth_curve, spacing_for
 
 LOG = logging.getLogger(__name__)
 
 TONES_EVERY = 5  # images without a DLO between two that are searched for ropes of several colours
+MOST_PROLONGED = 3  # times that a free end is looked for beyond where it was found
 TRACKING_SEARCH = (2.0, 5.0)  # [widths] to each side, second attempt where the first fails
 FRESH = 500_000_000  # [ns] an older shape predicts nothing
-
-
-@dataclass(frozen=True, eq=False)
-class VisionResult:
-    """What one image showed.
-
-    Args:
-        observation: control points and measured points, with the image's stamp.
-        residual: root mean square distance of the measured points across the spline [m].
-        residual_px: the same [px].
-        fraction_seen: share of the length where the DLO was seen.
-        seen_length: length from end to end [m]; compare with rod.length.
-        pixels: the centreline in the image, from start to end [px], shape (m, 2).
-        pixels_seen: which of them were seen (else bridged), shape (m,).
-        width: of the DLO [px].
-        contrast: of the DLO to its background [grey levels].
-        tracked: whether the last shape's surroundings sufficed (else the whole image was searched).
-    """
-
-    observation: Observation
-    residual: float
-    residual_px: float
-    fraction_seen: float
-    seen_length: float
-    pixels: FloatArray
-    pixels_seen: Mask
-    width: float
-    contrast: float
-    tracked: bool
-
-
-@dataclass(frozen=True, eq=False)
-class _Shape:
-    """The last shape: what tracking starts from."""
-
-    stamp: int
-    curve: FloatArray
-    seen_length: float
-    width: float
-    colour: FloatArray
-    contrast: float
-    ends: EndPoses
-    known_width: bool
-    tones: bool
-
-
-@dataclass(frozen=True, eq=False)
-class _Rough:
-    """What a search tells of the DLO besides its course; `width` is the expected one [px]."""
-
-    colour: FloatArray
-    contrast: float
-    width: float
-    known_width: bool
-    tones: bool
 
 
 class Observer:
@@ -115,9 +60,10 @@ class Observer:
         self.camera = camera
         self.motion = motion
         self.basis = SplineBasis(settings.rod.control_points, settings.rod.length)
-        self._last: _Shape | None = None
+        self._last: Shape | None = None
         self._velocity: FloatArray | None = None
         self._misses = 0
+        self._found: tuple[Fit, Located] | None = None
         self._hints = Hints(settings.vision)
 
     @property
@@ -167,15 +113,17 @@ class Observer:
         try:
             return self._acquire(stamp, image, ends, last)
         except np.linalg.LinAlgError as err:
+            self.reset()
             raise VisionError(f"the fit has no solution ({err})") from err
         except VisionError as err:
+            self.reset()  # what was found on the way is not credible
             fault = unusable(image, self._expected_width(ends))
             if fault:
                 raise VisionError(f"{fault} ({err})") from err
             raise
 
     def _acquire(
-        self, stamp: int, image: Image, ends: EndPoses, before: _Shape | None
+        self, stamp: int, image: Image, ends: EndPoses, before: Shape | None
     ) -> VisionResult:
         """Search the whole image; a shape that was just lost tells which end is the start."""
         width = self._expected_width(ends)
@@ -201,7 +149,7 @@ class Observer:
         stamp: int,
         image: Image,
         ends: EndPoses,
-        before: _Shape | None,
+        before: Shape | None,
         width: float,
         allowed: Image | None,
         *,
@@ -224,15 +172,24 @@ class Observer:
         points = bars.to_image(path.points)
         if ends.start is None and ends.end is None and self._backwards(points, before):
             points = points[::-1]
-        rough = _Rough(path.colour, path.contrast, width, tones, tones)
-        result = self._measure(stamp, image, ends, points, width, rough)
-        if ends.start is not None and ends.end is not None:
+        rough = Rough(path.colour, path.contrast, width, tones, tones)
+        held = ends.start is not None and ends.end is not None
+        result = self._measure(stamp, image, ends, points, width, rough, final=held)
+        if held:
             return result
         # A free end is looked for beyond the last chain; from a fitted curve that is surer.
-        assert self._last is not None
-        first = self._last
-        rough = _Rough(first.colour, first.contrast, width, first.known_width, tones)
-        return self._measure(stamp, image, ends, result.pixels, result.width, rough)
+        for _ in range(MOST_PROLONGED):
+            first, before_ends = self._last, result.pixels[[0, -1]]
+            assert first is not None
+            rough = Rough(first.colour, first.contrast, width, first.known_width, tones)
+            known, wide = result.pixels, result.width
+            result = self._measure(stamp, image, ends, known, wide, rough, final=False)
+            moved = np.hypot(*(result.pixels[[0, -1]] - before_ends).T)
+            if np.max(moved) < 0.5 * result.width:
+                break
+        assert self._found is not None
+        check(*self._found, ends, self.camera, self.basis.length)
+        return result
 
     def _measure(
         self,
@@ -241,7 +198,9 @@ class Observer:
         ends: EndPoses,
         points: FloatArray,
         width: float,
-        rough: _Rough,
+        rough: Rough,
+        *,
+        final: bool,
     ) -> VisionResult:
         """Locate the DLO along a rough course and fit it."""
         spacing = spacing_for(width)
@@ -262,10 +221,10 @@ class Observer:
             tones=rough.tones,
         )
         located = limited(located, self._hints.allowed(image, width))
-        return self._finish(stamp, located, ends, before, None)
+        return self._finish(stamp, located, ends, before, None, final)
 
     def _track(
-        self, stamp: int, image: Image, ends: EndPoses, last: _Shape, search: float
+        self, stamp: int, image: Image, ends: EndPoses, last: Shape, search: float
     ) -> VisionResult:
         """Search around where the last shape and the imposed motion predict the DLO."""
         plane = self._predict(stamp, last, ends)
@@ -288,9 +247,9 @@ class Observer:
         if not 0.6 * last.contrast < located.contrast < 1.7 * last.contrast:
             raise VisionError("what lies near the last shape has another contrast")
         located = limited(located, self._hints.allowed(image, last.width))
-        return self._finish(stamp, located, ends, before, last)
+        return self._finish(stamp, located, ends, before, last, True)
 
-    def _predict(self, stamp: int, last: _Shape, ends: EndPoses) -> FloatArray:
+    def _predict(self, stamp: int, last: Shape, ends: EndPoses) -> FloatArray:
         curve = last.curve
         dt = (stamp - last.stamp) * 1e-9
         if self._velocity is not None:
@@ -307,9 +266,10 @@ class Observer:
         located: Located,
         ends: EndPoses,
         prolonged: float,
-        last: _Shape | None,
+        last: Shape | None,
+        final: bool,
     ) -> VisionResult:
-        """Ends, spline and checks."""
+        """Ends, spline and, where it is the final one, checks."""
         count = len(located.curve)
         low, high = 0.0, count - 1.0
         if ends.start is None:
@@ -317,7 +277,9 @@ class Observer:
         if ends.end is None:
             high = free_end(located, prolonged, from_start=False)
         fit = fit_spline(located, self.camera, self.basis, stamp, ends.start, ends.end, (low, high))
-        check(fit, located, ends, self.camera, self.basis.length)
+        self._found = fit, located
+        if final:
+            check(fit, located, ends, self.camera, self.basis.length)
         if last is not None:
             check_change(fit.seen_length, last.seen_length)
         self._remember(stamp, fit, located, ends)
@@ -343,7 +305,7 @@ class Observer:
             self._velocity = (curve - last.curve) / ((stamp - last.stamp) * 1e-9)
         else:
             self._velocity = None
-        self._last = _Shape(
+        self._last = Shape(
             stamp,
             curve,
             fit.seen_length,
@@ -373,7 +335,7 @@ class Observer:
             )
         return self.settings.rod.diameter / float(np.median(scales))
 
-    def _backwards(self, points: FloatArray, before: _Shape | None) -> bool:
+    def _backwards(self, points: FloatArray, before: Shape | None) -> bool:
         """Whether a path without known ends runs from the end to the start."""
         first, last = self.camera.to_board(points[[0, -1]])[:, [0, 2]]
         if before is not None:

@@ -7,7 +7,7 @@ import numpy as np
 
 from dlo_ros.spline import FloatArray, SplineBasis
 from dlo_ros.vision.camera import Camera
-from dlo_ros.vision.observer import VisionResult
+from dlo_ros.vision.result import VisionResult
 from dlo_ros.vision.segmentation import Image, as_bgr
 from dlo_ros.vision.strip import Mask
 

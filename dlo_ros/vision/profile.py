@@ -31,6 +31,7 @@ FAINT = 0.01  # weight of a profile without an edge but of the DLO's colour
 COLOUR_WINDOW = 4.0  # [widths] to each side, for the colour that the DLO has nearby
 FOREIGN = 1.5  # times the contrast: no light changes a DLO's colour by that much
 SURE = 0.75  # likeness that needs no second edge
+LONGEST_SINGLE = 4.0  # [widths] along which one edge alone may show the DLO
 ISLAND = 1.5  # [widths] a shorter piece between two longer gaps is chance
 WEAK_SIDE = 0.3  # a side of less than this share of the usual contrast shows no edge
 MOST_TONES = 4  # of a DLO that changes its colour, those between two counted as well
@@ -155,6 +156,8 @@ def locate(
     # edge may be that of whatever hides the DLO.
     alike = np.where(both, likeness > 1.0 - COLOUR_LIMIT, likeness > SURE)
     seen &= _eroded(alike, round(along))
+    # Beside a hole a single edge will do; a long one is that of something else.
+    seen &= both | ~_long_runs(seen & ~both, round(LONGEST_SINGLE * width / spacing))
     seen &= inside(image, curve + middle[:, None] * normals, 1.0)
     seen &= ~_outliers(middle, seen, width, spacing)
     seen = _without_islands(seen, round(ISLAND * width / spacing))
@@ -300,6 +303,15 @@ def _eroded(mask: Mask, size: int) -> Mask:
     if size < 1 or mask.all():
         return mask
     return np.asarray(minimum_filter1d(mask, 2 * size + 1, mode="nearest"), dtype=np.bool_)
+
+
+def _long_runs(mask: Mask, size: int) -> Mask:
+    """Where a mask is true for longer than a size."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
+    result = np.zeros_like(mask)
+    for first, last in edges.reshape(-1, 2):
+        result[first:last] = last - first > size
+    return result
 
 
 def _without_islands(seen: Mask, size: int) -> Mask:

@@ -1,0 +1,86 @@
+"""The number of control points: what a spline says of points that it was not fitted to."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_vision_photo import write_bag
+from vision_scenes import LENGTH, Scene, bow, clamps, loop, render, settings
+
+from dlo_ros.cli import main as cli
+from dlo_ros.errors import VisionError
+from dlo_ros.observation import CentrelinePoints
+from dlo_ros.recordings import read_recording
+from dlo_ros.spline import SplineBasis
+from dlo_ros.vision import Observer
+from dlo_ros.vision.control_points import choose_control_points
+
+
+def points_of(control_points, noise, seed=0, count=150):
+    """Points of a random spline, with noise across and along [m]."""
+    rng = np.random.default_rng(seed)
+    basis = SplineBasis(control_points, LENGTH)
+    straight = np.column_stack([basis.greville, np.zeros(control_points)])
+    q = straight + rng.normal(0.0, 0.012, straight.shape)
+    u = np.linspace(0.0, LENGTH, count)
+    xz = basis.matrix(u) @ q + rng.normal(0.0, noise, (count, 2))
+    positions = np.column_stack([xz[:, 0], np.zeros(count), xz[:, 1]])
+    return CentrelinePoints(positions, u, np.full(count, noise))
+
+
+@pytest.mark.parametrize("true", [6, 10, 14])
+def test_what_the_shape_needs_is_found(true):
+    chosen = [choose_control_points(points_of(true, 2e-5, seed), LENGTH) for seed in range(5)]
+    # A number that is no multiple of the true spans needs some more to follow it as well.
+    assert all(true - 1 <= n <= 4 * true for n in chosen)
+
+
+def test_noise_asks_for_fewer():
+    clean = choose_control_points(points_of(14, 1e-5), LENGTH)
+    noisy = choose_control_points(points_of(14, 3e-3), LENGTH)
+    assert noisy < clean
+
+
+def test_single_wrong_points_do_not_choose():
+    points = points_of(8, 2e-5)
+    points.positions[[20, 71, 118], 2] += 0.004
+    assert (
+        choose_control_points(points, LENGTH)
+        <= choose_control_points(points_of(8, 2e-5), LENGTH) + 8
+    )
+
+
+def test_too_few_points_are_refused():
+    with pytest.raises(VisionError, match="too few"):
+        choose_control_points(points_of(6, 1e-5, count=12), LENGTH)
+
+
+def test_a_spline_that_cannot_follow_names_a_number_that_can():
+    scene, xz = Scene(), loop()
+    with pytest.raises(VisionError, match=r"more control points are needed \(\d+ would do\)"):
+        Observer(settings(scene, 4), scene.camera(), clamps(xz, 4)).observe(0, render(xz, scene))
+
+
+@pytest.mark.parametrize(("wanted", "least", "most"), [("auto", 12, 40), ("17", 17, 17)])
+def test_observe_with_another_number(tmp_path, capsys, wanted, least, most):
+    scene, xz = Scene(), bow()
+    write_bag(tmp_path / "bag", scene, [render(xz, scene)] * 2, clamps(xz).commands[0])
+    known = settings(scene, 6)
+    known.dump(tmp_path / "params.yaml")
+    words = ["observe", "--params", str(tmp_path / "params.yaml"), "--control-points", wanted]
+    assert cli.main([*words, "--output", str(tmp_path / "out"), str(tmp_path / "bag")]) == 0
+    said = capsys.readouterr().out
+    n = int(said.split()[0]) if wanted == "auto" else 17
+    assert least <= n <= most
+    more = replace(known, rod=replace(known.rod, control_points=n))
+    (first, _) = read_recording(tmp_path / "out", more).observations
+    assert len(first.control_points) == n
+
+
+def test_observe_refuses_what_is_no_number(tmp_path, capsys):
+    scene = Scene()
+    write_bag(tmp_path / "bag", scene, [render(bow(), scene)])
+    settings(scene).dump(tmp_path / "params.yaml")
+    words = ["observe", "--params", str(tmp_path / "params.yaml"), "--control-points", "many"]
+    assert cli.main([*words, "--output", str(tmp_path / "out"), str(tmp_path / "bag")]) == 2
+    assert "rod.control_points is 'many'" in capsys.readouterr().err
