@@ -23,7 +23,7 @@ from dlo_ros.rod.material import room
 
 MAX_STATIC_ITERATIONS = 300
 MAX_NEWTON = 50
-PATIENCE = 10  # iterations after which corrections must at least halve
+PATIENCE = 15  # iterations after which corrections must shrink
 FREE_ITERATIONS = 60  # of those, without a check of the energy
 
 
@@ -65,16 +65,15 @@ def equilibrium(q, increment, fixed, pins, gap, rule, matter, ref, load, mass, s
     gradient, band = np.empty(size), np.empty((size, 4 * q.shape[1]))
     work, diagonal = np.empty((size, 4 * q.shape[1])), np.empty(size)
     grad_s, grad_o = strain_gradients(q, rule)
-    response, spare, promised = room(rule.weight.size), room(rule.weight.size), np.empty(0)
+    response, spare, exact = room(rule.weight.size), room(rule.weight.size), np.empty(0)
     steps, step = np.empty((1, size)), np.empty(size)
     changes, still = increment.reshape(1, size), np.zeros((1, size))
     closed = np.zeros(gap.size)
     first = np.any(increment != 0.0) or np.any(gap != 0.0)
     shift = 0.0
     for iteration in range(1, MAX_STATIC_ITERATIONS + 1):
-        energy = assemble(
-            q, rule, ref, matter, response, promised, gradient, band, grad_s, grad_o
-        )
+        # The exact Hessian: with promised tensions long steps would lose the branch.
+        energy = assemble(q, rule, ref, matter, response, exact, gradient, band, grad_s, grad_o)
         energy -= np.dot(load, q.ravel())
         lack = gap if first else closed
         accepted = False
@@ -114,7 +113,6 @@ def equilibrium(q, increment, fixed, pins, gap, rule, matter, ref, load, mass, s
                 accepted = new <= energy + 1e-13 * scale
             if accepted:
                 q[:, :] = trial
-                promised = promise(rule, response, grad_s, grad_o, steps)
                 break
             shift = max(4.0 * shift, 1e-2 * rate2)
         if not accepted:
@@ -197,7 +195,7 @@ def implicit_step(q, target, fixed, pins, gap, rule, matter, ref, inertia, spin,
         left = now if iteration == 1 else now * min(now / before, 1.0)
         if left < tolerance:
             return iteration, held_back(negative, schur)
-        if iteration > PATIENCE and now > 0.5 * before:
+        if iteration > PATIENCE and now > 0.9 * before:
             return -iteration, 0
         before = now
     return -MAX_NEWTON, 0
