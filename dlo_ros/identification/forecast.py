@@ -97,37 +97,73 @@ def _forecast(
     spans: int | None,
     last_stamp: int | None,
 ) -> Forecast:
-    observations = [
-        o for o in manipulation.observations if last_stamp is None or o.stamp <= last_stamp
-    ]
-    if not observations:
-        raise InputError(f"{manipulation.name}: there is no observed shape to compare with")
-    motion = Motion()
-    for command in manipulation.commands:
-        motion.add(command)
+    observations = seen_until(manipulation, last_stamp)
+    motion = motion_of(manipulation)
     simulation = Simulation(settings, motion, parameters=parameters, spans=spans)
     simulation.start(observations[:2], observations[-1].stamp)
     if settings.simulation.start == "moving":
         observations = observations[1:]
-    white = whitening(settings.rod.control_points, settings.rod.length)
-    basis = simulation.published
-    predicted, residual, derivative, err = [], [], [], []
     first = [simulation.prediction()] if observations[0].stamp == simulation.stamp else []
     later = simulation.advance_through([o.stamp for o in observations[len(first) :]])
-    for observation, prediction in zip(observations, first + later, strict=True):
-        gap = observation.control_points[:, :3] - prediction.control_points[:, :3]
-        predicted.append(prediction.control_points)
-        residual.append(white @ gap)
-        if prediction.sensitivity is not None:
-            derivative.append(white @ prediction.sensitivity)
-        err.append(shape_error(observation.control_points, prediction.control_points, basis))
+    predictions = first + later
+    changes = [p.sensitivity for p in predictions if p.sensitivity is not None]
     judged = simulation.resolution
-    return Forecast(
-        np.array([o.stamp for o in observations], dtype=np.int64),
-        np.array(predicted),
-        np.array(residual),
-        np.array(derivative) if derivative else None,
-        np.array(err),
+    return compared(
+        observations,
+        np.array([p.control_points for p in predictions]),
+        np.array(changes) if changes else None,
+        simulation.published,
         simulation.model.basis.spans,
         judged.error if judged else np.nan,
+    )
+
+
+def seen_until(manipulation: Manipulation, last_stamp: int | None) -> list[Observation]:
+    """The observations up to a stamp [ns]; all where None.
+
+    Raises:
+        InputError: there is none.
+    """
+    seen = [o for o in manipulation.observations if last_stamp is None or o.stamp <= last_stamp]
+    if not seen:
+        raise InputError(f"{manipulation.name}: there is no observed shape to compare with")
+    return seen
+
+
+def motion_of(manipulation: Manipulation) -> Motion:
+    """The commands of a manipulation as one motion."""
+    motion = Motion()
+    for command in manipulation.commands:
+        motion.add(command)
+    return motion
+
+
+def compared(
+    observations: Sequence[Observation],
+    predicted: FloatArray,
+    sensitivity: FloatArray | None,
+    basis: SplineBasis,
+    spans: int,
+    resolution_error: float,
+) -> Forecast:
+    """Predictions beside the observations.
+
+    Args:
+        observations: F of them.
+        predicted: control points at their stamps, shape (F, n, 4).
+        sensitivity: derivatives of x, y, z, shape (F, P, n, 3), or None.
+        basis: the published one.
+        spans, resolution_error: see `Forecast`.
+    """
+    white = whitening(basis.control_points, basis.length)
+    observed = np.array([o.control_points for o in observations])
+    err = [shape_error(a, b, basis) for a, b in zip(observed, predicted, strict=True)]
+    return Forecast(
+        np.array([o.stamp for o in observations], dtype=np.int64),
+        predicted,
+        np.asarray(white @ (observed[:, :, :3] - predicted[:, :, :3])),
+        None if sensitivity is None else np.asarray(white @ sensitivity),
+        np.array(err),
+        spans,
+        resolution_error,
     )

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from dlo_ros.command import NANOSECONDS
 from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.identification.estimate import (
     Estimate,
@@ -19,22 +18,28 @@ from dlo_ros.identification.estimate import (
     with_logarithms,
     within_noise,
 )
+from dlo_ros.identification.fit import (
+    CONVERGED,
+    Fit,
+    Progress,
+    Resolutions,
+    best_start,
+    descend,
+    evaluate,
+    numerical_shifts,
+    recentred,
+    seen_wrongly,
+    without,
+)
 from dlo_ros.identification.forecast import Forecast, Manipulation, forecast
-from dlo_ros.identification.noise import correlation_length, noise_floor
+from dlo_ros.identification.noise import noise_floor
+from dlo_ros.identification.uncertainty import data_information
 from dlo_ros.parameters import Settings
-from dlo_ros.rod.tangents import MATERIAL
 from dlo_ros.spline import FloatArray, SplineBasis
 
 LOG = logging.getLogger(__name__)
 
-START_FACTORS = (1.0, 1 / 100, 1 / 30, 1 / 10, 1 / 3, 3.0, 10.0, 30.0, 100.0)  # of E/mu
-SCAN_SECONDS = 4.0  # of each recording, for the comparison of starts
-MAX_ITERATIONS = 30
-CONVERGED = 1e-4  # change of a logarithm
-LONGEST_STEP = 1.5  # change of a logarithm in one iteration
-NOISE_LIMIT = 1e-7  # [m]: residuals below are rounding
-
-Progress = Callable[[str, float], None]
+ROUGHLY = 1e-2  # change of a logarithm at which the search goes on with a finer simulation
 
 
 @dataclass(frozen=True)
@@ -69,17 +74,6 @@ class Identification:
     converged: bool
 
 
-@dataclass(frozen=True)
-class _Fit:
-    theta: FloatArray
-    forecasts: list[Forecast]
-    cost: float
-    normal: FloatArray  # J^T J summed over recordings (4, 4) [m^2]
-    gradient: FloatArray  # J^T r (4,)
-    power: float  # sum of squared residuals [m^2]
-    count: int  # residual numbers that can differ from zero
-
-
 def identify(
     train: Sequence[Manipulation],
     settings: Settings,
@@ -107,16 +101,9 @@ def identify(
         if not recording.observations:
             raise InputError(f"{recording.name}: has no usable dlo/observed")
     given, settings = settings, searchable(settings)
-    guess = logarithms(settings)
-    theta = _best_start(train, settings, guess, progress)
-    fit, iterations, converged = _descend(train, settings, guess, theta, progress)
-    rms = float(np.sqrt(fit.power / sum(len(f.stamps) for f in fit.forecasts)))
-    fine = within_noise(settings, rms)
-    if fine != settings:
-        # The simulation's own error must lie below the noise, or it would bias the estimate.
-        fit, more, converged = _descend(train, fine, guess, fit.theta, progress)
-        iterations += more
-    estimate = summarise(settings, fit.theta, data_information(fit.forecasts))
+    found = fitted(train, settings, progress)
+    fit, theta, told = found.fit, found.theta, found.told
+    estimate = summarise(settings, theta, told)
     basis = SplineBasis(settings.rod.control_points, settings.rod.length)
     results = []
     for role, group in (("train", train), ("validate", validate)):
@@ -141,48 +128,58 @@ def identify(
         estimate,
         tuple(results),
         float(np.mean(floors)) if floors else None,
-        iterations,
-        converged,
+        found.iterations,
+        found.converged,
     )
 
 
-def data_information(forecasts: Sequence[Forecast]) -> FloatArray:
-    """Information of residuals on the logarithms, shape (4, 4), for what they really are.
+@dataclass(frozen=True)
+class Fitted:
+    """What the search has found.
 
-    The noise is what is left over, model errors included; residuals that repeat along the DLO or
-    in time count once. Where recordings pull apart more than that explains, the information is
-    reduced until they agree (Birge ratio, on the direction of ln E).
+    Args:
+        fit: with forecasts of all pictures.
+        theta: ln (E, mu, c, t_r).
+        told: information of the data on them (4, 4).
+        ignored: pictures of each recording that were seen wrongly.
+        settings: with the tolerance that was needed.
     """
-    normals, gradients, residuals = [], [], []
-    for f in forecasts:
-        assert f.derivative is not None
-        j = f.derivative.transpose(0, 2, 3, 1).reshape(-1, f.derivative.shape[1])
-        normals.append(j.T @ j)
-        gradients.append(j.T @ f.residual.ravel())
-        residuals.append(f.residual)
-    power = sum(float(np.sum(r**2)) for r in residuals)
-    count = sum(_count(r) for r in residuals)
-    repeats = correlation_length(residuals, 0) * correlation_length(residuals, 1)
-    independent = max(count / repeats, 1.0)
-    freedom = max(independent - 2.0, 0.5)
-    variance = max(power / count * independent / freedom, NOISE_LIMIT**2)
-    scale = 1.0 / (variance * repeats)
-    if len(forecasts) > 1:
-        pulls = [
-            g[0] ** 2 * scale / max(h[0, 0], 1e-300)
-            for g, h in zip(gradients, normals, strict=True)
-        ]
-        scale /= max(1.0, float(np.sum(pulls)) / (len(pulls) - 1))
-    total: FloatArray = np.sum(normals, axis=0) * scale
-    return total
+
+    fit: Fit
+    theta: FloatArray
+    told: FloatArray
+    ignored: list[np.ndarray]
+    settings: Settings
+    iterations: int
+    converged: bool
 
 
-def _count(residual: FloatArray) -> int:
-    """Numbers of a residual that carry information: planar recordings have no y."""
-    power = np.sum(residual**2, axis=(0, 1))
-    active = int(np.count_nonzero(power > 1e-9 * max(float(power.max()), 1e-300)))
-    frames, n, _ = (int(k) for k in residual.shape)
-    return frames * n * max(active, 1)
+def fitted(train: Sequence[Manipulation], settings: Settings, progress: Progress) -> Fitted:
+    """Search from several starts, then with a simulation whose own error lies below the noise.
+
+    Args:
+        settings: as `searchable` gives them.
+    """
+    guess, resolutions = logarithms(settings), Resolutions()
+    theta = best_start(train, settings, guess, progress)
+    fit, iterations, converged = descend(
+        train, settings, guess, theta, progress, resolutions, converged=ROUGHLY
+    )
+    typical = [float(np.median(np.sum(f.residual**2, axis=(1, 2)))) for f in fit.forecasts]
+    fine = within_noise(settings, float(np.sqrt(min(typical))))
+    ignored = seen_wrongly(fit.forecasts)
+    fit, more, converged = descend(train, fine, guess, fit.theta, progress, resolutions, ignored)
+    used = [without(f, mask) for f, mask in zip(fit.forecasts, ignored, strict=True)]
+    shifts = numerical_shifts(train, fine, fit, ignored)
+    told = data_information(used, with_logarithms(fine, fit.theta), shifts)
+    theta = recentred(fit, guess, search_information(settings), told)
+    if float(np.abs(theta - fit.theta).max()) > CONVERGED:
+        try:
+            fit = evaluate(train, fine, guess, theta, resolutions, ignored)
+        except SimulationError as err:
+            LOG.warning("the estimate stays where the search ended: %s", err)
+            theta = fit.theta
+    return Fitted(fit, theta, told, ignored, fine, iterations + more, converged)
 
 
 def _attempt(recording: Manipulation, settings: Settings) -> Forecast | None:
@@ -191,99 +188,3 @@ def _attempt(recording: Manipulation, settings: Settings) -> Forecast | None:
     except SimulationError as err:
         LOG.warning("%s cannot be simulated: %s", recording.name, err)
         return None
-
-
-def _best_start(
-    train: Sequence[Manipulation], settings: Settings, guess: FloatArray, progress: Progress
-) -> FloatArray:
-    """The start with the smallest residual: far away a shape may lie on another branch."""
-    best, smallest = None, np.inf
-    last_error: SimulationError | None = None
-    spans = 2 * (settings.rod.control_points - 3)
-    for k, factor in enumerate(START_FACTORS):
-        progress("trying starting values", k / len(START_FACTORS))
-        theta = guess.copy()
-        theta[0] += np.log(factor)
-        power = 0.0
-        try:
-            for recording in train:
-                stop = recording.observations[0].stamp + round(SCAN_SECONDS * NANOSECONDS)
-                found = forecast(
-                    recording, with_logarithms(settings, theta), spans=spans, last_stamp=stop
-                )
-                power += float(np.mean(np.sum(found.residual**2, axis=(1, 2))))
-        except SimulationError as err:
-            last_error = err
-            continue
-        if power < smallest:
-            best, smallest = theta, power
-    if best is None:
-        raise last_error or SimulationError("no starting value can be simulated")
-    return best
-
-
-def _evaluate(
-    train: Sequence[Manipulation], settings: Settings, guess: FloatArray, theta: FloatArray
-) -> _Fit:
-    """Simulate all recordings with sensitivities at theta."""
-    current = with_logarithms(settings, theta)
-    forecasts = [forecast(r, current, parameters=MATERIAL) for r in train]
-    normal, gradient, power, count = np.zeros((4, 4)), np.zeros(4), 0.0, 0
-    for f in forecasts:
-        assert f.derivative is not None
-        j = f.derivative.transpose(0, 2, 3, 1).reshape(-1, 4)
-        r = f.residual.ravel()
-        # Each recording counts by its frames.
-        normal += j.T @ j
-        gradient += j.T @ r
-        power += float(r @ r)
-        count += _count(f.residual)
-    off = np.where(np.isfinite(guess), theta - guess, 0.0)
-    prior = float(off @ search_information(settings) @ off)
-    cost = 0.5 * count * np.log(max(power / count, NOISE_LIMIT**2)) + 0.5 * prior
-    return _Fit(theta, forecasts, cost, normal, gradient, power, count)
-
-
-def _descend(
-    train: Sequence[Manipulation],
-    settings: Settings,
-    guess: FloatArray,
-    theta: FloatArray,
-    progress: Progress,
-) -> tuple[_Fit, int, bool]:
-    """Levenberg-Marquardt on the concentrated likelihood, in which the noise is unknown."""
-    prior = search_information(settings)
-    fit = _evaluate(train, settings, guess, theta)
-    damping = 1e-3
-    for iteration in range(1, MAX_ITERATIONS + 1):
-        progress("fitting", iteration / MAX_ITERATIONS)
-        scale = fit.count / max(fit.power, fit.count * NOISE_LIMIT**2)
-        off = np.where(np.isfinite(guess), fit.theta - guess, 0.0)
-        normal = scale * fit.normal + prior
-        slope = scale * fit.gradient - prior @ off
-        accepted = False
-        for _ in range(12):
-            lhs = normal + damping * np.diag(np.diag(normal))
-            step = np.linalg.solve(lhs, slope)
-            step *= min(1.0, LONGEST_STEP / max(float(np.abs(step).max()), 1e-300))
-            try:
-                trial = _evaluate(train, settings, guess, fit.theta + step)
-            except SimulationError:
-                damping = max(damping, 1e-3) * 10.0
-                continue
-            if trial.cost <= fit.cost + 1e-9 * abs(fit.cost):
-                accepted = True
-                break
-            if float(np.abs(step).max()) < CONVERGED:
-                break
-            damping = max(damping, 1e-3) * 10.0
-        if not accepted:
-            return fit, iteration, True
-        small = float(np.abs(step).max()) < CONVERGED
-        gained = fit.cost - trial.cost
-        fit = trial
-        damping *= 0.1
-        if small or gained < 1e-6 * abs(fit.cost):
-            return fit, iteration, True
-    LOG.warning("the fit has not converged after %d iterations", MAX_ITERATIONS)
-    return fit, MAX_ITERATIONS, False
