@@ -93,6 +93,11 @@ EXECUTABLES: tuple[Executable, ...] = (
         "--params params.yaml --output build/estimate recording",
     ),
     Executable(
+        "design",
+        "ranks manipulations by what they tell about E and mu, and searches a better one",
+        "--params params.yaml --output build/design",
+    ),
+    Executable(
         "play",
         "plays a bag onto live topics, with /clock",
         "--rate 0.5 recording",

@@ -81,7 +81,7 @@ def forecast_each(
     manipulation: Manipulation,
     settings: Sequence[Settings],
     *,
-    spans: int,
+    spans: int | None = None,
     last_stamp: int | None = None,
 ) -> list[Forecast | None]:
     """Forecasts with several settings of one DLO; None where the simulation fails.
@@ -138,11 +138,15 @@ def _together(
     stamps = [o.stamp for o in observations]
     later = [s for s in stamps if s > begin]
     states = [s.state for s in simulations if s.state is not None]
-    try:
-        parameter_sets = ParameterSets([s.model for s in simulations], boundary)
-        tracks = parameter_sets.follow(states, command, later)
-    except InputError:
-        return None
+    moved: Sequence[FloatArray] = [s.q[None, :0] for s in states]
+    lost: dict[int, str] = {}
+    if later:
+        try:
+            parameter_sets = ParameterSets([s.model for s in simulations], boundary)
+            tracks = parameter_sets.follow(states, command, later)
+        except InputError:
+            return None
+        moved, lost = list(tracks.shapes), tracks.failures
     published = first.published
     down = published.projection(model.basis)
     error = first.resolution.error if first.resolution else np.nan
@@ -153,15 +157,22 @@ def _together(
             result.append(None)
             continue
         i = next(row)
-        if i in tracks.failures:
+        if i in lost:
             result.append(None)
             continue
-        shapes = tracks.shapes[i]
+        shapes = moved[i]
         if len(later) < len(stamps):
-            shapes = np.concatenate([states[i].q[None], shapes])
+            first_shape = states[i].q[None]
+            shapes = np.concatenate([first_shape, shapes]) if later else first_shape
         result.append(
             compared(
-                observations, _projected(down, shapes), None, published, model.basis.spans, error
+                observations,
+                _projected(down, shapes),
+                None,
+                published,
+                model.basis.spans,
+                error,
+                stable=simulations[i].stable,
             )
         )
     return result
@@ -187,9 +198,10 @@ def _started(first: Simulation, settings: Settings) -> Simulation:
     assert command is not None
     state: State
     if settings.simulation.start == "equilibrium":
-        state = settle(
+        found = settle(
             twin.model, twin.boundary, first.state, command, first.state.stamp, fresh=True
-        ).state
+        )
+        state, twin.stable = found.state, found.stable
     else:
         state = with_consistent_acceleration(twin.model, twin.boundary, first.state, command)
     twin.state = state

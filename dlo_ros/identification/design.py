@@ -16,21 +16,26 @@ import numpy as np
 
 from dlo_ros.command import NANOSECONDS, Command
 from dlo_ros.errors import SimulationError
+from dlo_ros.identification.bundle import forecast_each, forecast_varied
 from dlo_ros.identification.estimate import (
     COMBINATIONS,
     logarithms,
     search_information,
     with_logarithms,
 )
-from dlo_ros.identification.forecast import Forecast, Manipulation, forecast
+from dlo_ros.identification.forecast import Forecast, Manipulation, forecast, whitening
+from dlo_ros.identification.uncertainty import STRETCH_STIFFNESS, strain
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.tangents import MATERIAL
-from dlo_ros.spline import FloatArray
+from dlo_ros.spline import FloatArray, SplineBasis
 
 # E/mu is not known when an experiment is planned: what it tells is averaged over these factors.
 HYPOTHESES = (0.5, 1.0, 2.0)
-UNKNOWN_RATIO = np.array([[1.0, 0.0], [0.0, 1.0]])
+REFITS = 6  # rounds in which the second model is fitted to the first
+POINTS = 81  # along the DLO, where displacements are told
+# Of the logarithms of E, c and t_r, to either side; what mu does follows from E and c.
+DIFFERENCES = ((0, 0.02), (2, 0.1), (3, 0.1))
 
 
 @dataclass(frozen=True)
@@ -42,11 +47,16 @@ class Noise:
         spacing: distance between measured points along the DLO [m].
         common: error that is the same in all pictures of a recording, such as that of the
             calibration; root mean square along the DLO [m].
+        tilt: standard deviation of the board's and the clamps' angles [rad].
+        bend: standard deviation of the angle by which the DLO is curved at rest, from its start to
+            its end [rad].
     """
 
     std: float = 3e-4
     spacing: float = 4e-3
     common: float = 1e-4
+    tilt: float = 5e-3
+    bend: float = 0.03
 
 
 @dataclass(frozen=True)
@@ -98,23 +108,47 @@ class Outlook:
     forecast: Forecast
 
 
-def information(found: Forecast, settings: Settings, noise: Noise) -> FloatArray:
-    """Information (4, 4) of a recording with white noise and an error common to its pictures.
+def information(derivative: FloatArray, settings: Settings, noise: Noise) -> FloatArray:
+    """Information of a recording with white noise, a common error and small imperfections.
 
     Args:
-        found: with derivatives by `MATERIAL`.
-        settings: of the rod, for the number of measured points.
+        derivative: of the shapes with respect to P parameters and then to the imperfections that
+            `imperfect` makes, in the coefficients of `Forecast`, shape (F, P + 2, n, 3).
+        settings: of the rod.
         noise: of the observer.
+
+    Returns:
+        Shape (P, P).
     """
-    j = _derivative(found)
-    return np.asarray(_weighted(j, j, settings, noise))
+    j = _columns(derivative)
+    full = _weighted(j, j, settings, noise)
+    full[-2:, -2:] += np.eye(2)  # imperfections are in units of their standard deviation
+    kept = full[:-2, :-2] - full[:-2, -2:] @ np.linalg.solve(full[-2:, -2:], full[-2:, :-2])
+    return np.asarray(kept)
 
 
-def _derivative(found: Forecast) -> FloatArray:
+def _columns(derivative: FloatArray) -> FloatArray:
     """Derivatives as columns for each picture, shape (F, 3n, P)."""
-    assert found.derivative is not None
-    frames, parameters = found.derivative.shape[:2]
-    return found.derivative.reshape(frames, parameters, -1).transpose(0, 2, 1)
+    frames, parameters = derivative.shape[:2]
+    return derivative.reshape(frames, parameters, -1).transpose(0, 2, 1)
+
+
+def imperfect(settings: Settings, noise: Noise) -> list[Settings]:
+    """The rod with gravity tilted and with a curvature at rest, to either side of what it is.
+
+    Where a rope stands near a snap such trifles decide, and it tells nothing about E.
+    """
+    result = []
+    for name, key, size in (
+        ("gravity_tilt", "angle", noise.tilt),
+        ("intrinsic_curvature", "curvature", noise.bend / settings.rod.length),
+    ):
+        for side in (1.0, -1.0):
+            effects = {k: dict(v) for k, v in settings.effects.items()}
+            values = effects.setdefault(name, {})
+            values[key] = float(np.mean(values.get(key, 0.0))) + side * size
+            result.append(settings.with_effects(effects))
+    return result
 
 
 def _weighted(a: FloatArray, b: FloatArray, settings: Settings, noise: Noise) -> FloatArray:
@@ -145,7 +179,7 @@ def outlook(
         noise: of the observer.
         known: information (4, 4) on the logarithms of `MATERIAL`, such as that of recordings that
             have been made; default: what the settings say is known, and weakly the guesses.
-        hypotheses: factors of E/mu over which the gain is averaged.
+        hypotheses: factors of E/mu over which the gain is averaged; 1 is among them.
         spans: knot spans of the simulation; default: as simulation.tolerance asks.
 
     Raises:
@@ -153,29 +187,74 @@ def outlook(
     """
     before = search_information(settings) if known is None else known
     recording = plan.manipulation()
-    here = forecast(recording, settings, parameters=MATERIAL, spans=spans)
-    gains = []
+    sets: list[Settings] = []
+    places: list[int] = []
     for factor in hypotheses:
-        found = here
-        if factor != 1.0:
-            theta = logarithms(settings)
-            theta[0] += math.log(factor)
-            try:
-                found = forecast(
-                    recording, with_logarithms(settings, theta), parameters=MATERIAL, spans=spans
-                )
-            except SimulationError:
-                gains.append(0.0)
-                continue
-        gains.append(_gain(before, information(found, settings, noise)))
-    told = information(here, settings, noise)
+        theta = logarithms(settings)
+        theta[0] += math.log(factor)
+        places.append(len(sets))
+        sets += _around(with_logarithms(settings, theta), noise)
+    found = forecast_each(recording, sets, spans=spans)
+    gains, nominal, told = [], None, np.zeros((4, 4))
+    for factor, at in zip(hypotheses, places, strict=True):
+        group = [f for f in found[at : at + len(sets) // len(places)] if f is not None]
+        if len(group) < len(sets) // len(places):
+            gains.append(0.0)
+            continue
+        derivative = _differences(group)
+        here = information(derivative, settings, noise)
+        gains.append(_gain(before, here))
+        if factor == 1.0:
+            nominal, told = replace(group[0], derivative=derivative[:, : len(MATERIAL)]), here
+    if nominal is None:
+        raise SimulationError(f"{plan.name}: the manipulation cannot be simulated")
     covariance = np.linalg.inv(before + told)
     std = {k: math.sqrt(float(c @ covariance @ c)) for k, c in COMBINATIONS.items()}
-    j = _derivative(here)
-    shift = np.sqrt((j[:, :, 0] ** 2).sum(axis=1))  # root mean square along u
-    return Outlook(
-        plan, float(np.mean(gains)), std, float(shift.mean()) / settings.rod.length, told, here
-    )
+    # Rod theories differ by that much (see `uncertainty`).
+    theory = STRETCH_STIFFNESS * strain(settings)
+    for name in ("young_modulus", "specific_modulus"):
+        std[name] = math.hypot(std[name], theory)
+    shift = displacement(nominal, settings)
+    response = float(shift.mean()) / settings.rod.length
+    return Outlook(plan, float(np.mean(gains)), std, response, told, nominal)
+
+
+def _around(settings: Settings, noise: Noise) -> list[Settings]:
+    """The settings, and to either side of them what derivatives are taken from."""
+    theta = logarithms(settings)
+    sets = [settings]
+    for k, step in DIFFERENCES:
+        for side in (1.0, -1.0):
+            moved = theta.copy()
+            moved[k] += side * step
+            sets.append(with_logarithms(settings, moved))
+    return sets + imperfect(settings, noise)
+
+
+def _differences(group: Sequence[Forecast]) -> FloatArray:
+    """Derivatives by `MATERIAL` and by both imperfections from the forecasts of `_around`."""
+    here, *sides = group
+    count = len(MATERIAL)
+    result = np.zeros((len(here.stamps), count + 2, *here.residual.shape[1:]))
+    for i, (k, step) in enumerate(DIFFERENCES):
+        result[:, k] = (sides[2 * i + 1].residual - sides[2 * i].residual) / (2.0 * step)
+    result[:, 1] = -result[:, 0] - result[:, 2]
+    for i in range(2):
+        above, below = sides[2 * len(DIFFERENCES) + 2 * i : 2 * len(DIFFERENCES) + 2 * i + 2]
+        result[:, count + i] = (below.residual - above.residual) / 2.0
+    return result
+
+
+def displacement(found: Forecast, settings: Settings) -> FloatArray:
+    """By how much a unit change of ln(E/mu) displaces the DLO, shape (F, U) [m].
+
+    U points are spread evenly along it; `POINTS` of them.
+    """
+    assert found.derivative is not None
+    n, length = settings.rod.control_points, settings.rod.length
+    change = np.linalg.solve(whitening(n, length), found.derivative[:, 0])
+    curve = SplineBasis(n, length).matrix(np.linspace(0.0, length, POINTS)) @ change
+    return np.asarray(np.linalg.norm(curve, axis=2))
 
 
 def _gain(before: FloatArray, told: FloatArray) -> float:
@@ -229,19 +308,29 @@ def separation(
     """
     recording = plan.manipulation()
     a = forecast(recording, first)
-    b = forecast(recording, second, parameters=MATERIAL)
-    gap = _whitened_gap(a, b, second)
-    j = _derivative(b)
-    across = gap[:, :, None]
-    total = float(_weighted(across, across, second, noise)[0, 0])
-    pull = _weighted(j, across, second, noise)[:, 0]
-    free = _weighted(j, j, second, noise) + search_information(second)
-    left = total - float(pull @ np.linalg.solve(free, pull))
-    distance = float(np.sqrt((gap**2).sum(axis=1)).mean())
-    return Separation(plan, math.sqrt(max(left, 0.0)), distance)
+    guess = logarithms(second)
+    theta, best, distance = guess.copy(), np.inf, 0.0
+    prior = search_information(second)
+    for iteration in range(REFITS):
+        b = forecast_varied(recording, with_logarithms(second, theta))
+        assert b.derivative is not None
+        j, gap = _columns(b.derivative), _whitened_gap(a, b)
+        if iteration == 0:
+            distance = float(np.sqrt((gap**2).sum(axis=1)).mean())
+        across = gap[:, :, None]
+        off = np.where(np.isfinite(guess), theta - guess, 0.0)
+        total = float(_weighted(across, across, second, noise)[0, 0] + off @ prior @ off)
+        best = min(best, total)
+        pull = _weighted(j, across, second, noise)[:, 0] - prior @ off
+        step = np.linalg.solve(_weighted(j, j, second, noise) + prior, pull)
+        if float(pull @ step) < 0.1 * best or iteration == REFITS - 1:
+            best = min(best, total - float(pull @ step)) if iteration else best
+            break
+        theta = theta + np.clip(step, -1.0, 1.0)
+    return Separation(plan, math.sqrt(max(best, 0.0)), distance)
 
 
-def _whitened_gap(a: Forecast, b: Forecast, settings: Settings) -> FloatArray:
+def _whitened_gap(a: Forecast, b: Forecast) -> FloatArray:
     # The residuals have the same (made up) shapes in common.
     frames = min(len(a.residual), len(b.residual))
     return np.asarray((b.residual[:frames] - a.residual[:frames]).reshape(frames, -1))

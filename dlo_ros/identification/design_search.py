@@ -27,7 +27,7 @@ SPACING = 0.04  # [s] of a command's points
 TAUT = 0.97  # of L: ends are held no further apart
 CLOSEST = 0.12  # of L: nor closer
 SEARCH_RATE = 10.0  # Hz of the camera while searching
-STEEPEST = 1.0  # response beyond which a manipulation is at a snap and cannot be relied on
+STEEPEST = 0.5  # response beyond which a manipulation is at a snap and cannot be relied on
 FIRST_SPREAD, LAST_SPREAD = 0.3, 0.04  # of the ranges, by which good candidates are varied
 ELITE = 4
 TURN = np.pi  # range of a clamp's direction to either side
@@ -281,7 +281,7 @@ def search(
             seen = outlook(plan, settings, noise, known=known, spans=spans)
         except (SimulationError, CommandError):
             return
-        if seen.response < STEEPEST:
+        if seen.forecast.stable and seen.response < STEEPEST:
             found.append((seen.gain, candidate))
 
     for k in range(budget // 3):

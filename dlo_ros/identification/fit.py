@@ -239,7 +239,7 @@ def descend(
         accepted = False
         for _ in range(12):
             lhs = normal + damping * np.diag(np.diag(normal))
-            step = np.linalg.solve(lhs, slope)
+            step = np.asarray(np.linalg.solve(lhs, slope), dtype=np.float64)
             step *= min(1.0, LONGEST_STEP / max(float(np.abs(step).max()), 1e-300))
             if _negligible(step, normal, converged):
                 return fit, iteration, True
@@ -265,7 +265,7 @@ def descend(
 
 def _negligible(step: FloatArray, normal: FloatArray, converged: float) -> bool:
     """Whether a step is small, or far within what the data tell."""
-    sigmas = float(np.sqrt(max(step @ normal @ step, 0.0)))
+    sigmas = float(np.sqrt(max(float(step @ normal @ step), 0.0)))
     return float(np.abs(step).max()) < converged or sigmas < 0.01
 
 

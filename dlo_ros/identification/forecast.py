@@ -47,6 +47,7 @@ class Forecast:
         err: eq. (10), shape (F,) [m].
         spans: knot spans of the simulation.
         resolution_error: the simulation's own error, over L; NaN where it was not judged.
+        stable: whether the equilibrium that it starts from is stable.
     """
 
     stamps: np.ndarray
@@ -56,6 +57,7 @@ class Forecast:
     err: FloatArray
     spans: int
     resolution_error: float
+    stable: bool = True
 
 
 @lru_cache(maxsize=32)
@@ -115,6 +117,7 @@ def _forecast(
         simulation.published,
         simulation.model.basis.spans,
         judged.error if judged else np.nan,
+        stable=simulation.stable,
     )
 
 
@@ -145,6 +148,8 @@ def compared(
     basis: SplineBasis,
     spans: int,
     resolution_error: float,
+    *,
+    stable: bool = True,
 ) -> Forecast:
     """Predictions beside the observations.
 
@@ -153,7 +158,7 @@ def compared(
         predicted: control points at their stamps, shape (F, n, 4).
         sensitivity: derivatives of x, y, z, shape (F, P, n, 3), or None.
         basis: the published one.
-        spans, resolution_error: see `Forecast`.
+        spans, resolution_error, stable: see `Forecast`.
     """
     white = whitening(basis.control_points, basis.length)
     observed = np.array([o.control_points for o in observations])
@@ -166,4 +171,5 @@ def compared(
         np.array(err),
         spans,
         resolution_error,
+        stable,
     )

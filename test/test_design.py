@@ -1,0 +1,178 @@
+"""What to measure next: known answers about shapes, limits of the workspace, the tool."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from rods import PAPER, command
+
+from dlo_ros.cli.design import experiment_plan, experiment_text
+from dlo_ros.cli.main import main
+from dlo_ros.errors import InputError
+from dlo_ros.identification.design import Noise, Plan, outlook, rank, rank_separation
+from dlo_ros.identification.design_search import (
+    KINDS,
+    MOMENTS,
+    Workspace,
+    draw,
+    hanging,
+    imposed,
+    laid,
+    plan_of,
+    search,
+    varied,
+)
+from dlo_ros.parameters import DampingParameters
+from dlo_ros.spline import SplineBasis
+from dlo_ros.synthesis.experiment import find_experiment, load_experiment, read_experiment
+from dlo_ros.synthesis.truth import build_simulation
+
+BASIS = SplineBasis(10, 0.4)
+PLACE = Workspace((-0.2, 0.2), (-0.1, 0.3))
+
+
+def rope(ratio):
+    """The paper's rope with E such that L is so many times (B/w)^(1/3)."""
+    rod = PAPER.rod
+    load = 9.81 * rod.linear_density
+    return PAPER.with_material((0.4 / ratio) ** 3 * load / rod.second_moment, rod.density)
+
+
+def bundled(name):
+    return experiment_plan(load_experiment(find_experiment(name)), PAPER)
+
+
+def free_end():
+    shape = np.zeros((10, 4))
+    shape[:, 0] = BASIS.greville
+    return Plan("free end", command(["start"], [0.0], [[0.0, 0.0, 0.0]]), shape, 0.0)
+
+
+def u_shape():
+    ends = np.array([[0.0, 0.0], [0.2, 0.0]])
+    imposed = command(
+        ["control_point_1", "control_point_10"], [0.0], [[[0.0, 0.0, 0.0], [0.2, 0.0, 0.0]]]
+    )
+    return Plan("u", imposed, laid(hanging(*ends, 0.4), BASIS), 0.0)
+
+
+# Mean displacement over L for a unit change of ln(E/mu), computed with a planar elastica.
+@pytest.mark.parametrize(
+    ("ratio", "moved"),
+    [(1.0, 0.049), (2.0, 0.173), (3.15, 0.123), (5.0, 0.065), (7.5, 0.036), (10.8, 0.021)],
+)
+def test_a_free_end_answers_to_stiffness_as_the_elastica_does(ratio, moved):
+    assert outlook(free_end(), rope(ratio)).response == pytest.approx(moved, rel=0.03, abs=0.0015)
+
+
+def test_a_free_end_near_two_beats_every_u():
+    free = {r: outlook(free_end(), rope(r)) for r in (1.0, 2.0, 5.0)}
+    assert max(free, key=lambda r: free[r].response) == 2.0
+    held = [outlook(u_shape(), rope(r)) for r in (2.0, 3.15, 5.0, 7.5, 10.8)]
+    assert free[2.0].response > 10.0 * max(u.response for u in held)
+    assert free[2.0].gain > max(u.gain for u in held)
+
+
+def test_the_c_shape_beats_the_simple_one():
+    ranking = rank([bundled(n) for n in ("simple", "c_shape", "different")], PAPER)
+    assert [o.plan.name for o in ranking] == ["c_shape", "different", "simple"]
+    assert ranking[0].std["specific_modulus"] < 0.3 * ranking[-1].std["specific_modulus"]
+
+
+def test_the_prediction_holds_for_what_is_then_identified():
+    """The predicted std is that of a fit to such a recording, within the factor of its noise."""
+    from measured import swing
+
+    from dlo_ros.identification import identify
+
+    recording = swing(PAPER, seconds=1.0)
+    shape = recording.observations[0].control_points
+    plan = Plan("swing", recording.commands[0], shape, 1.0)
+    said = outlook(plan, PAPER, Noise(std=3e-4, spacing=0.4 / 120)).std["specific_modulus"]
+    estimate = identify([recording], PAPER).estimate
+    found = estimate.specific_modulus_std / estimate.specific_modulus
+    assert 0.3 < said / found < 3.0
+
+
+def test_only_a_known_drag_promises_the_density():
+    windy = replace(PAPER, damping=DampingParameters(air_drag=0.15, air_drag_std=0.005))
+    guessed = replace(PAPER, damping=DampingParameters(air_drag=0.15))
+    plan = bundled("c_shape")
+    assert outlook(plan, windy).std["density"] < 0.15
+    assert outlook(plan, guessed).std["density"] > 0.25
+
+
+def test_what_is_known_already_is_not_told_again():
+    plan = bundled("c_shape")
+    once = outlook(plan, PAPER)
+    again = outlook(plan, PAPER, known=once.information + np.diag([1 / 16, 11.0, 0.1, 0.25]))
+    assert again.gain < 0.2 * once.gain
+
+
+def test_two_models_are_told_apart_where_they_differ():
+    tilted = PAPER.with_effects({"gravity_tilt": {"angle": 0.02}})
+    ranking = rank_separation([bundled("simple"), bundled("c_shape")], PAPER, tilted)
+    assert ranking[0].plan.name == "c_shape"
+    assert ranking[0].sigmas > 5.0
+    # Another E/mu is no other model: the fit makes up for it.
+    stiffer = PAPER.with_material(1.05 * PAPER.rod.young_modulus, PAPER.rod.density)
+    same = rank_separation([bundled("c_shape")], PAPER, stiffer)[0]
+    assert same.distance > 1e-4
+    assert same.sigmas < 0.1 * ranking[0].sigmas
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_candidates_keep_within_the_workspace(kind):
+    rng = np.random.default_rng(3)
+    candidate = draw(kind, PLACE, 0.4, rng)
+    for _ in range(20):
+        for rows in imposed(candidate, PLACE.duration, 10).values():
+            assert rows[:, 1].min() >= -0.2 - 1e-9 and rows[:, 1].max() <= 0.2 + 1e-9
+            assert rows[:, 2].min() >= -0.1 - 1e-9 and rows[:, 2].max() <= 0.3 + 1e-9
+            step, time = np.diff(rows[:, 1:], axis=0), np.diff(rows[:, 0])
+            assert np.max(np.hypot(step[:, 0], step[:, 1]) / time) < 1.02 * PLACE.speed
+            assert np.max(np.abs(step[:, 2]) / time) < 1.02 * PLACE.turn
+        assert candidate.start.shape == (MOMENTS, 3)
+        if kind != "free":
+            apart = np.hypot(*(candidate.end - candidate.start)[:, :2].T)
+            assert apart.max() < 0.98 * 0.4
+        plan_of(candidate, "candidate", PLACE, PAPER)
+        candidate = varied(candidate, 0.3, PLACE, 0.4, rng)
+
+
+def test_the_search_beats_what_was_given_and_can_be_made():
+    found = search(PAPER, PLACE, budget=24, seed=1)
+    assert found.outlook.gain > outlook(bundled("c_shape"), PAPER).gain
+    tree = experiment_text(found.candidate, PLACE, PAPER, Noise())
+    import yaml
+
+    made = read_experiment(yaml.safe_load(tree), "searched", "test")
+    build_simulation(made, edges=60)  # settles
+    assert made.truth.rod == PAPER.rod
+
+
+def test_an_empty_workspace_is_refused():
+    with pytest.raises(InputError, match=r"x from 0\.2 to 0\.1 m is empty"):
+        Workspace((0.2, 0.1), (0.0, 0.1))
+
+
+def test_the_tool_writes_ranking_report_and_experiment(tmp_path, capsys):
+    params, output = tmp_path / "params.yaml", tmp_path / "design"
+    PAPER.dump(params)
+    words = ["design", "--params", params, "--output", output, "--tries", "9", "--bounds", "-0.2",
+             "0.2", "-0.1", "0.3", "simple", "c_shape"]  # fmt: skip
+    assert main([str(w) for w in words]) == 0
+    tree = json.loads((output / "design.json").read_text())
+    names = [e["name"] for e in tree["experiments"]]
+    assert set(names) == {"simple", "c_shape", "searched"}
+    assert names.index("c_shape") < names.index("simple")
+    assert tree["experiments"][0]["std"]["density"] is None
+    load_experiment(output / "EXPERIMENT.yaml")
+    report = (output / "report.html").read_text()
+    assert "moves the DLO" in report and "<svg" in report
+    assert "http" not in report
+    assert "c_shape" in capsys.readouterr().out
+    bad = ["design", "--params", str(params), "--output", str(output), "nothing"]
+    assert main(bad) == 2
+    assert "no such experiment" in capsys.readouterr().err
