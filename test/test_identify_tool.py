@@ -49,9 +49,12 @@ def test_identify_writes_estimate_parameters_and_report(folder, tmp_path, capsys
     )  # fmt: skip
     assert status == 0
     estimate = json.loads((output / "estimate.json").read_text())
-    assert set(estimate) == {
+    assert set(estimate) >= {
         "young_modulus", "density", "specific_modulus", "identifiable", "noise_floor", "recordings"
     }  # fmt: skip
+    assert "E and mu change together" in " ".join(estimate["statement"])
+    assert estimate["knowledge"]["specific_modulus"]["source"] == "data"
+    assert estimate["knowledge"]["density"] == {"source": "guess", "data_std": None, "std": None}
     ratio = estimate["specific_modulus"]
     assert abs(ratio["value"] - 2e4) < max(4 * ratio["std"], 100.0)
     assert estimate["density"]["std"] is None
@@ -66,6 +69,8 @@ def test_identify_writes_estimate_parameters_and_report(folder, tmp_path, capsys
     assert settings.rod.specific_modulus == pytest.approx(ratio["value"])
     report = (output / "report.html").read_text()
     assert "E/mu" in report
+    assert "Residuals along the DLO" in report
+    assert "predicted at first" in report
     assert "http" not in report.replace("http://www.w3.org", "")
     out = capsys.readouterr().out
     assert "E/mu" in out

@@ -7,11 +7,8 @@ beforehand. Recordings are simulated side by side in threads, since compiled cod
 from __future__ import annotations
 
 import logging
-import os
-from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TypeVar
 
 import numpy as np
 
@@ -20,6 +17,7 @@ from dlo_ros.errors import SimulationError
 from dlo_ros.identification.bundle import forecast_each, forecast_varied
 from dlo_ros.identification.estimate import search_information, with_logarithms
 from dlo_ros.identification.forecast import Forecast, Manipulation
+from dlo_ros.identification.parallel import Pool, Threads
 from dlo_ros.identification.uncertainty import NOISE_LIMIT, outliers
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import DEGREE, FloatArray
@@ -35,8 +33,6 @@ STEP_COARSER = 2.0  # of the time steps, to see what they do
 RECHECK_RATIO = 1.5  # change of E/mu after which the resolution is judged anew
 
 Progress = Callable[[str, float], None]
-Item = TypeVar("Item")
-Result = TypeVar("Result")
 
 
 @dataclass(frozen=True)
@@ -63,9 +59,15 @@ class Fit:
 
 
 @dataclass
-class Resolutions:
-    """Knot spans of each recording's simulation, judged anew when E/mu or tolerance has changed."""
+class Simulations:
+    """How recordings are simulated.
 
+    Args:
+        pool: where.
+        spans: knot spans of each recording, with E/mu and tolerance for which they were judged.
+    """
+
+    pool: Pool = field(default_factory=Threads)
     spans: dict[int, tuple[float, float, Forecast]] = field(default_factory=dict)
 
     def known(self, index: int, settings: Settings) -> Forecast | None:
@@ -77,15 +79,48 @@ class Resolutions:
         same = tolerance == settings.simulation.tolerance
         return found if same and 1 / RECHECK_RATIO < apart < RECHECK_RATIO else None
 
+    def vary(self, train: Sequence[Manipulation], settings: Settings) -> list[Forecast]:
+        """Forecasts of all recordings with derivatives.
 
-def side_by_side(work: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
-    """Results of compiled work on several items, in threads; the first error is raised."""
-    items = list(items)
-    threads = min(len(items), os.cpu_count() or 1)
-    if threads < 2:
-        return [work(item) for item in items]
-    with ThreadPoolExecutor(threads) as pool:
-        return list(pool.map(work, items))
+        Raises:
+            SimulationError: a recording cannot be simulated.
+        """
+        known = [self.known(k, settings) for k in range(len(train))]
+        spans = [None if f is None else f.spans for f in known]
+        tasks = [(r, settings, s) for r, s in zip(train, spans, strict=True)]
+        found = self.pool.map(_varied, tasks)
+        for k, (before, now) in enumerate(zip(known, found, strict=True)):
+            if before is None:
+                ratio, tolerance = settings.rod.specific_modulus, settings.simulation.tolerance
+                self.spans[k] = (ratio, tolerance, now)
+            else:
+                found[k] = replace(now, resolution_error=before.resolution_error)
+        return found
+
+
+def _varied(task: tuple[Manipulation, Settings, int | None]) -> Forecast:
+    recording, settings, spans = task
+    return forecast_varied(recording, settings, spans=spans)
+
+
+def _scanned(task: tuple[Manipulation, list[Settings], int]) -> list[float]:
+    """Typical squared residual of one recording's beginning with several settings."""
+    recording, sets, spans = task
+    stop = recording.observations[0].stamp + round(SCAN_SECONDS * NANOSECONDS)
+    # The median over time: a picture that was seen wrongly must not choose.
+    return [
+        np.inf if f is None else float(np.median(np.sum(f.residual**2, axis=(1, 2))))
+        for f in forecast_each(recording, sets, spans=spans, last_stamp=stop)
+    ]
+
+
+def _coarser(task: tuple[Manipulation, Settings, Settings, int, int]) -> list[Forecast | None]:
+    """Forecasts with longer time steps, and with fewer knot spans."""
+    recording, current, steps, spans, half = task
+    return [
+        *forecast_each(recording, [steps], spans=spans),
+        *forecast_each(recording, [current], spans=half),
+    ]
 
 
 def count_numbers(residual: FloatArray) -> int:
@@ -97,7 +132,11 @@ def count_numbers(residual: FloatArray) -> int:
 
 
 def best_start(
-    train: Sequence[Manipulation], settings: Settings, guess: FloatArray, progress: Progress
+    train: Sequence[Manipulation],
+    settings: Settings,
+    guess: FloatArray,
+    progress: Progress,
+    simulations: Simulations,
 ) -> FloatArray:
     """The start with the smallest residual: far away a shape may lie on another branch.
 
@@ -111,20 +150,9 @@ def best_start(
         theta[0] += np.log(factor)
         starts.append(theta)
     sets = [with_logarithms(settings, theta) for theta in starts]
-    power = np.zeros(len(starts))
     progress("trying starting values", 0.0)
-
-    def tried(recording: Manipulation) -> list[Forecast | None]:
-        stop = recording.observations[0].stamp + round(SCAN_SECONDS * NANOSECONDS)
-        return forecast_each(recording, sets, spans=spans, last_stamp=stop)
-
-    for forecasts in side_by_side(tried, train):
-        for k, found in enumerate(forecasts):
-            if found is None:
-                power[k] = np.inf
-            else:
-                # The median over time: a picture that was seen wrongly must not choose.
-                power[k] += float(np.median(np.sum(found.residual**2, axis=(1, 2))))
+    scans = simulations.pool.map(_scanned, [(recording, sets, spans) for recording in train])
+    power = np.sum(scans, axis=0)
     best = int(np.argmin(power))
     if not np.isfinite(power[best]):
         raise SimulationError(
@@ -139,7 +167,7 @@ def evaluate(
     settings: Settings,
     guess: FloatArray,
     theta: FloatArray,
-    resolutions: Resolutions,
+    simulations: Simulations,
     ignored: Sequence[np.ndarray] | None = None,
 ) -> Fit:
     """Simulate all recordings with sensitivities at theta.
@@ -149,26 +177,13 @@ def evaluate(
         settings: of the search.
         guess: logarithms beforehand.
         theta: logarithms.
-        resolutions: known so far; what is judged anew is added.
+        simulations: how.
         ignored: pictures of each recording that do not count, shape (F,) each.
 
     Raises:
         SimulationError: a recording cannot be simulated.
     """
-    current = with_logarithms(settings, theta)
-
-    def simulated(item: tuple[int, Manipulation]) -> Forecast:
-        index, recording = item
-        known = resolutions.known(index, current)
-        if known is not None:
-            found = forecast_varied(recording, current, spans=known.spans)
-            return replace(found, resolution_error=known.resolution_error)
-        found = forecast_varied(recording, current)
-        ratio, tolerance = current.rod.specific_modulus, current.simulation.tolerance
-        resolutions.spans[index] = (ratio, tolerance, found)
-        return found
-
-    forecasts = side_by_side(simulated, enumerate(train))
+    forecasts = simulations.vary(train, with_logarithms(settings, theta))
     size = len(theta)
     normal, gradient, power, count = np.zeros((size, size)), np.zeros(size), 0.0, 0
     for k, f in enumerate(forecasts):
@@ -214,7 +229,7 @@ def descend(
     guess: FloatArray,
     theta: FloatArray,
     progress: Progress,
-    resolutions: Resolutions,
+    simulations: Simulations,
     ignored: Sequence[np.ndarray] | None = None,
     *,
     converged: float = CONVERGED,
@@ -228,7 +243,7 @@ def descend(
         The best point, the iterations, and whether it has converged.
     """
     prior = search_information(settings)
-    fit = evaluate(train, settings, guess, theta, resolutions, ignored)
+    fit = evaluate(train, settings, guess, theta, simulations, ignored)
     damping = 1e-3
     for iteration in range(1, MAX_ITERATIONS + 1):
         progress("fitting", iteration / MAX_ITERATIONS)
@@ -244,7 +259,7 @@ def descend(
             if _negligible(step, normal, converged):
                 return fit, iteration, True
             try:
-                trial = evaluate(train, settings, guess, fit.theta + step, resolutions, ignored)
+                trial = evaluate(train, settings, guess, fit.theta + step, simulations, ignored)
             except SimulationError:
                 damping = max(damping, 1e-3) * 10.0
                 continue
@@ -274,6 +289,7 @@ def numerical_shifts(
     settings: Settings,
     fit: Fit,
     ignored: Sequence[np.ndarray],
+    simulations: Simulations,
 ) -> list[FloatArray]:
     """By how much time steps and knot spans of the simulation move the estimate, each (4,).
 
@@ -284,20 +300,15 @@ def numerical_shifts(
     tolerance = STEP_COARSER**3 * current.simulation.tolerance
     steps = replace(current, simulation=replace(current.simulation, tolerance=tolerance))
 
-    def coarser(item: tuple[Manipulation, Forecast]) -> list[Forecast | None]:
-        recording, found = item
-        published = recording.observations[0].control_points.shape[0] - DEGREE
-        half = max(found.spans // 2, published)
-        return [
-            *forecast_each(recording, [steps], spans=found.spans),
-            *forecast_each(recording, [current], spans=half),
-        ]
-
+    published = settings.rod.control_points - DEGREE
+    tasks = [
+        (recording, current, steps, f.spans, max(f.spans // 2, published))
+        for recording, f in zip(train, fit.forecasts, strict=True)
+    ]
     moved = np.zeros((2, len(fit.theta)))
     for found, mask, others in zip(
-        fit.forecasts, ignored, side_by_side(coarser, list(zip(train, fit.forecasts, strict=True))),
-        strict=True,
-    ):  # fmt: skip
+        fit.forecasts, ignored, simulations.pool.map(_coarser, tasks), strict=True
+    ):
         assert found.derivative is not None
         halved = 1.0 if others[1] is None or others[1].spans < found.spans else 0.0
         shares = (1.0 / (STEP_COARSER**2 - 1.0), halved / 7.0)

@@ -22,7 +22,7 @@ from dlo_ros.identification.fit import (
     CONVERGED,
     Fit,
     Progress,
-    Resolutions,
+    Simulations,
     best_start,
     descend,
     evaluate,
@@ -33,6 +33,7 @@ from dlo_ros.identification.fit import (
 )
 from dlo_ros.identification.forecast import Forecast, Manipulation, forecast
 from dlo_ros.identification.noise import noise_floor
+from dlo_ros.identification.parallel import Pool, Threads
 from dlo_ros.identification.uncertainty import data_information
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray, SplineBasis
@@ -53,6 +54,7 @@ class RecordingResult:
             None where the simulation failed.
         forecast: with the estimate.
         noise_floor: the err that a perfect model would have [m], None where unknown.
+        before: forecast with the initial guess.
     """
 
     name: str
@@ -61,17 +63,28 @@ class RecordingResult:
     err_initial: float | None
     forecast: Forecast | None
     noise_floor: float | None
+    before: Forecast | None = None
 
 
 @dataclass(frozen=True)
 class Identification:
-    """What `identify` found."""
+    """What `identify` found.
+
+    Args:
+        estimate: of the parameters.
+        recordings: how each is matched, `train` before `validate`.
+        noise_floor: the err that a perfect model would have [m], None where unknown.
+        iterations: of the fit.
+        converged: whether it has.
+        fitted: the fit itself; None where a result was put together otherwise.
+    """
 
     estimate: Estimate
     recordings: tuple[RecordingResult, ...]
     noise_floor: float | None
     iterations: int
     converged: bool
+    fitted: Fitted | None = None
 
 
 def identify(
@@ -80,6 +93,7 @@ def identify(
     validate: Sequence[Manipulation] = (),
     *,
     progress: Progress = lambda text, share: None,
+    pool: Pool | None = None,
 ) -> Identification:
     """Fit ln (E, mu, c, t_r) to recordings; c and t_r are nuisances unless they are known.
 
@@ -88,6 +102,7 @@ def identify(
         settings: initial guess and what is known beforehand.
         validate: recordings that are only predicted.
         progress: called with what is being done and the share of it that is done.
+        pool: where simulations run; default: in threads.
 
     Raises:
         InputError: no usable recording.
@@ -101,7 +116,7 @@ def identify(
         if not recording.observations:
             raise InputError(f"{recording.name}: has no usable dlo/observed")
     given, settings = settings, searchable(settings)
-    found = fitted(train, settings, progress)
+    found = fitted(train, settings, progress, pool)
     fit, theta, told = found.fit, found.theta, found.told
     estimate = summarise(settings, theta, told)
     basis = SplineBasis(settings.rod.control_points, settings.rod.length)
@@ -121,6 +136,7 @@ def identify(
                     float(before.err.mean()) if before else None,
                     with_estimate,
                     noise_floor(recording.observations, basis),
+                    before,
                 )
             )
     floors = [r.noise_floor for r in results if r.role == "train" and r.noise_floor is not None]
@@ -130,6 +146,7 @@ def identify(
         float(np.mean(floors)) if floors else None,
         found.iterations,
         found.converged,
+        found,
     )
 
 
@@ -154,28 +171,40 @@ class Fitted:
     converged: bool
 
 
-def fitted(train: Sequence[Manipulation], settings: Settings, progress: Progress) -> Fitted:
+def fitted(
+    train: Sequence[Manipulation],
+    settings: Settings,
+    progress: Progress = lambda text, share: None,
+    pool: Pool | None = None,
+    start: FloatArray | None = None,
+) -> Fitted:
     """Search from several starts, then with a simulation whose own error lies below the noise.
 
     Args:
+        train: recordings.
         settings: as `searchable` gives them.
+        progress: see `identify`.
+        pool: where simulations run; default: in threads.
+        start: logarithms to start from; default: the best of several.
     """
-    guess, resolutions = logarithms(settings), Resolutions()
-    theta = best_start(train, settings, guess, progress)
+    guess, simulations = logarithms(settings), Simulations(pool or Threads())
+    theta = (
+        start if start is not None else best_start(train, settings, guess, progress, simulations)
+    )
     fit, iterations, converged = descend(
-        train, settings, guess, theta, progress, resolutions, converged=ROUGHLY
+        train, settings, guess, theta, progress, simulations, converged=ROUGHLY
     )
     typical = [float(np.median(np.sum(f.residual**2, axis=(1, 2)))) for f in fit.forecasts]
     fine = within_noise(settings, float(np.sqrt(min(typical))))
     ignored = seen_wrongly(fit.forecasts)
-    fit, more, converged = descend(train, fine, guess, fit.theta, progress, resolutions, ignored)
+    fit, more, converged = descend(train, fine, guess, fit.theta, progress, simulations, ignored)
     used = [without(f, mask) for f, mask in zip(fit.forecasts, ignored, strict=True)]
-    shifts = numerical_shifts(train, fine, fit, ignored)
+    shifts = numerical_shifts(train, fine, fit, ignored, simulations)
     told = data_information(used, with_logarithms(fine, fit.theta), shifts)
     theta = recentred(fit, guess, search_information(settings), told)
     if float(np.abs(theta - fit.theta).max()) > CONVERGED:
         try:
-            fit = evaluate(train, fine, guess, theta, resolutions, ignored)
+            fit = evaluate(train, fine, guess, theta, simulations, ignored)
         except SimulationError as err:
             LOG.warning("the estimate stays where the search ended: %s", err)
             theta = fit.theta

@@ -21,6 +21,7 @@ from dlo_ros.report.elements import (
 from dlo_ros.report.page import Section, page, write_page
 from dlo_ros.report.player import ShapeFrame, player
 from dlo_ros.report.plots import Level, LinePlot, Series, line_plot
+from dlo_ros.report.uncertainty import Ellipse, ResidualMap, ellipse_picture, residual_picture
 from dlo_ros.spline import FloatArray
 
 
@@ -73,6 +74,7 @@ class RecordingResult:
         length: L of the spline basis [m].
         err_initial, err: eq. (10) before and after [m]; None where not known.
         frames: the shapes in the order of time; may be empty.
+        residuals: along the DLO and in time; None where not known.
     """
 
     name: str
@@ -81,6 +83,7 @@ class RecordingResult:
     err_initial: float | None
     err: float | None
     frames: tuple[ShapeFrame, ...] = ()
+    residuals: ResidualMap | None = None
 
 
 @dataclass(frozen=True)
@@ -96,6 +99,7 @@ class IdentificationReport:
         track_label: what the tracks go over, with its unit.
         noise_floor: the ERR that a perfect model would have [m]; None where not known.
         remarks: sentences for the reader, such as what the data cannot tell.
+        ellipses: pairs of parameters and their common uncertainty; may be empty.
     """
 
     title: str
@@ -106,6 +110,7 @@ class IdentificationReport:
     track_label: str = "time [s]"
     noise_floor: float | None = None
     remarks: tuple[str, ...] = ()
+    ellipses: tuple[Ellipse, ...] = ()
 
 
 def write_identification_report(path: Path | str, report: IdentificationReport) -> None:
@@ -125,6 +130,11 @@ def identification_page(report: IdentificationReport) -> str:
     shapes = "".join(_shapes(r, len(report.recordings) > 1) for r in report.recordings)
     if shapes:
         sections.append(Section("Observed and predicted shape", shapes))
+    maps = "".join(_residuals(r) for r in report.recordings if r.residuals is not None)
+    if maps:
+        sections.append(Section("Residuals along the DLO and in time", maps))
+    if report.ellipses:
+        sections.append(Section("Uncertainty of pairs", _ellipses(report)))
     if any(r.frames for r in report.recordings):
         sections.append(Section("ERR over time", _err(report)))
     if report.tracks:
@@ -181,6 +191,21 @@ def _shapes(recording: RecordingResult, several: bool) -> str:
         "camera's image; predicted: the simulated one at the same instant."
     )
     return heading + figure(player(recording.frames, recording.length), caption)
+
+
+def _residuals(recording: RecordingResult) -> str:
+    assert recording.residuals is not None
+    caption = (
+        "Observed beside predicted, across the DLO: to the left of growing u in one colour, to the "
+        "right in the other. Noise is a fine grain; stripes and patches are what the model misses."
+    )
+    heading = f"<h3>{markup(f'{recording.name} ({recording.role})')}</h3>"
+    return heading + figure(residual_picture(recording.residuals), caption)
+
+
+def _ellipses(report: IdentificationReport) -> str:
+    caption = "Solid: one standard deviation; dashed: two. A slanted, thin ellipse is a trade."
+    return "".join(figure(ellipse_picture(e), caption) for e in report.ellipses)
 
 
 def _err(report: IdentificationReport) -> str:

@@ -1,0 +1,236 @@
+"""What `identify` writes and says: estimate.json, the terminal's lines, the report."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from dlo_ros.identification.forecast import Forecast, Manipulation
+from dlo_ros.identification.offline import Identification
+from dlo_ros.identification.posterior import Sample
+from dlo_ros.identification.statement import correlations, knowledge, sentences
+from dlo_ros.parameters import Settings
+from dlo_ros.report import (
+    Estimate as ReportedEstimate,
+)
+from dlo_ros.report import (
+    IdentificationReport,
+    RecordingResult,
+    ShapeFrame,
+)
+from dlo_ros.report.uncertainty import Ellipse, ResidualMap
+from dlo_ros.rod.tangents import MATERIAL
+from dlo_ros.spline import FloatArray, SplineBasis
+
+QUANTITIES = (
+    ("young_modulus", "Young's modulus E", "Pa"),
+    ("density", "density mu", "kg/m^3"),
+    ("specific_modulus", "E/mu", "m^2/s^2"),
+)
+MOST_FRAMES = 60  # of a recording in the report
+PLACES = 24  # along the DLO, in the map of residuals
+WIDEST = 0.5  # relative standard deviation up to which an ellipse is drawn
+
+
+def information(found: Identification) -> FloatArray:
+    """Of the data on the logarithms of `MATERIAL`, shape (4, 4)."""
+    return np.zeros((4, 4)) if found.fitted is None else found.fitted.told
+
+
+def tree(
+    found: Identification, sampled: Sample | None = None, redrawn: FloatArray | None = None
+) -> dict[str, Any]:
+    """What estimate.json holds (interface.md), and more.
+
+    Args:
+        found: the result.
+        sampled: of the posterior, where it was asked for.
+        redrawn: logarithms of a bootstrap over recordings, shape (B, 4), where asked for.
+    """
+    estimate = found.estimate
+    result: dict[str, Any] = {
+        name: {"value": getattr(estimate, name), "std": getattr(estimate, f"{name}_std")}
+        for name, _, _ in QUANTITIES
+    }
+    result["identifiable"] = dict(estimate.identifiable)
+    result["noise_floor"] = found.noise_floor
+    result["recordings"] = [
+        {"bag": r.name, "role": r.role, "err": r.err, "err_initial": r.err_initial}
+        for r in found.recordings
+    ]
+    told = information(found)
+    result["statement"] = sentences(estimate, told)
+    result["knowledge"] = {
+        k.name: {"source": k.source, "data_std": k.data_std, "std": k.std}
+        for k in knowledge(estimate, told)
+    }
+    result["traded"] = [list(pair) for pair in estimate.traded]
+    result["correlation"] = {f"{a},{b}": v for (a, b), v in correlations(estimate).items()}
+    # Of the logarithms: `design --estimate` takes it as known.
+    result["information"] = {"parameters": list(MATERIAL), "matrix": told.tolist()}
+    result["damping"] = {
+        "air_drag": estimate.settings.damping.air_drag,
+        "relaxation_time": estimate.settings.damping.relaxation_time,
+    }
+    if sampled is not None:
+        result["posterior"] = {
+            "effective_samples": sampled.effective,
+            **{
+                name: dict(zip(("low", "median", "high"), sampled.quantiles(name), strict=True))
+                for name, _, _ in QUANTITIES
+            },
+        }
+    if redrawn is not None:
+        ratio = redrawn[:, 0] - redrawn[:, 1]
+        result["bootstrap"] = {
+            "draws": len(redrawn),
+            "specific_modulus": {
+                "std": float(np.std(ratio, ddof=1) * estimate.specific_modulus),
+                "low": float(np.exp(np.quantile(ratio, 0.025))),
+                "high": float(np.exp(np.quantile(ratio, 0.975))),
+            },
+        }
+    return result
+
+
+def summary(found: Identification) -> list[str]:
+    """The result for the terminal."""
+    lines = []
+    for name, words, unit in QUANTITIES:
+        value, std = getattr(found.estimate, name), getattr(found.estimate, f"{name}_std")
+        spread = "+- unknown" if std is None else f"+- {std:.2g}"
+        known = ""
+        if not found.estimate.identifiable[name]:
+            prior = found.estimate.settings.rod.density_std > 0.0
+            known = " (with density_std)" if prior else " (not determined by the recordings)"
+        lines.append(f"{words}: {value:.4g} {spread} {unit}{known}")
+    for r in found.recordings:
+        before = "unknown" if r.err_initial is None else f"{1e3 * r.err_initial:.2f} mm"
+        after = "unknown" if r.err is None else f"{1e3 * r.err:.2f} mm"
+        lines.append(f"ERR of {r.name} ({r.role}): {before} -> {after}")
+    return lines
+
+
+def remarks(found: Identification) -> list[str]:
+    """Sentences on what the recordings can and cannot tell."""
+    estimate = found.estimate
+    result = sentences(estimate, information(found))
+    if not found.converged:
+        result.append("The fit has not converged; the numbers are where it stopped.")
+    if found.fitted is not None:
+        left_out = sum(int(mask.sum()) for mask in found.fitted.ignored)
+        if left_out:
+            result.append(f"{left_out} pictures were seen wrongly and do not count in the fit.")
+    errors = [
+        r.forecast.resolution_error * estimate.settings.rod.length
+        for r in found.recordings
+        if r.forecast is not None and r.forecast.resolution_error > 0.0
+    ]
+    if errors:
+        result.append(f"The simulation's own error is {1e3 * max(errors):.2g} mm at most.")
+    return result
+
+
+def report(
+    settings: Settings,
+    found: Identification,
+    recordings: Sequence[Manipulation],
+    before: Sequence[Forecast | None] = (),
+) -> IdentificationReport:
+    """The report for a person.
+
+    Args:
+        settings: the initial guess.
+        found: the result, recordings in the order given here.
+        recordings: what was measured.
+        before: forecasts with the initial guess, where they are known.
+    """
+    estimate = found.estimate
+    length = settings.rod.length
+    initial = before or [None] * len(recordings)
+    return IdentificationReport(
+        title="Identification from recordings",
+        headline=summary(found)[2],
+        estimates=tuple(
+            ReportedEstimate(
+                words,
+                unit,
+                getattr(estimate, name),
+                getattr(estimate, f"{name}_std"),
+                identifiable=estimate.identifiable[name],
+            )
+            for name, words, unit in QUANTITIES
+        ),
+        recordings=tuple(
+            RecordingResult(
+                r.name, r.role, length, r.err_initial, r.err, _frames(r.forecast, measured, first),
+                _residuals(r.forecast, measured, length),
+            )
+            for r, measured, first in zip(found.recordings, recordings, initial, strict=True)
+        ),
+        noise_floor=found.noise_floor,
+        remarks=tuple(remarks(found)),
+        ellipses=tuple(_ellipses(found)),
+    )  # fmt: skip
+
+
+def _frames(
+    forecast: Forecast | None, measured: Manipulation, before: Forecast | None
+) -> tuple[ShapeFrame, ...]:
+    if forecast is None:
+        return ()
+    observed = {o.stamp: o.control_points for o in measured.observations}
+    first = {} if before is None else dict(zip(before.stamps, before.predicted, strict=True))
+    stamps = forecast.stamps
+    every = max(1, len(stamps) // MOST_FRAMES)
+    return tuple(
+        ShapeFrame(
+            (int(stamps[k]) - int(stamps[0])) * 1e-9,
+            observed[int(stamps[k])],
+            forecast.predicted[k],
+            initial=first.get(stamps[k]),
+            err=float(forecast.err[k]),
+        )
+        for k in range(0, len(stamps), every)
+    )
+
+
+def _residuals(
+    forecast: Forecast | None, measured: Manipulation, length: float
+) -> ResidualMap | None:
+    if forecast is None or len(forecast.stamps) < 2:
+        return None
+    observed = {o.stamp: o.control_points for o in measured.observations}
+    shapes = np.array([observed[int(s)][:, :3] for s in forecast.stamps])
+    basis = SplineBasis(shapes.shape[1], length)
+    u = np.linspace(0.0, length, PLACES)
+    gap = basis.matrix(u) @ (shapes - forecast.predicted[:, :, :3])
+    slope = basis.matrix(u, 1) @ forecast.predicted[:, :, :3]
+    # To the left of growing u as the camera sees it, in the board's plane.
+    left = np.stack([-slope[:, :, 2], np.zeros(slope.shape[:2]), slope[:, :, 0]], axis=2)
+    left /= np.maximum(np.linalg.norm(left, axis=2, keepdims=True), 1e-12)
+    times = (forecast.stamps - forecast.stamps[0]) * 1e-9
+    return ResidualMap(times, np.sum(gap * left, axis=2))
+
+
+def _ellipses(found: Identification) -> list[Ellipse]:
+    """E/mu beside each damping, and E beside mu, where they are known to some extent."""
+    estimate = found.estimate
+    damping = estimate.settings.damping
+    combinations = {
+        "E/mu": (np.array([1.0, -1.0, 0.0, 0.0]), estimate.specific_modulus),
+        "c/mu": (np.array([0.0, -1.0, 1.0, 0.0]), damping.air_drag / estimate.density),
+        "t_r": (np.array([0.0, 0.0, 0.0, 1.0]), damping.relaxation_time),
+        "E": (np.array([1.0, 0.0, 0.0, 0.0]), estimate.young_modulus),
+        "mu": (np.array([0.0, 1.0, 0.0, 0.0]), estimate.density),
+    }
+    result = []
+    for a, b in (("E", "mu"), ("E/mu", "c/mu"), ("E/mu", "t_r")):
+        rows = np.stack([combinations[a][0], combinations[b][0]])
+        covariance = rows @ estimate.covariance @ rows.T
+        if np.all(np.sqrt(np.diag(covariance)) < WIDEST) and np.all(np.diag(covariance) > 1e-14):
+            values = (combinations[a][1], combinations[b][1])
+            result.append(Ellipse((a, b), values, covariance))
+    return result

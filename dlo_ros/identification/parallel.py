@@ -1,0 +1,188 @@
+"""Where simulations run: in threads, in processes of this machine, or on a Dask cluster.
+
+Work is a function of a module and items that can be sent (pickled), so all three do the same. A
+worker that dies costs time only: what it was doing is done again.
+"""
+
+from __future__ import annotations
+
+import importlib
+import logging
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from multiprocessing import get_context
+from typing import Any, Protocol, TypeVar
+
+from dlo_ros.errors import InputError, SimulationError
+
+LOG = logging.getLogger(__name__)
+
+ATTEMPTS = 4  # of work whose worker died
+CONNECT = 10.0  # [s] until a scheduler must answer
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+
+class Pool(Protocol):
+    """Something that does the same work on many items."""
+
+    def map(
+        self,
+        work: Callable[[Item], Result],
+        items: Sequence[Item],
+        done: Callable[[int, Result], None] = ...,
+    ) -> list[Result]:
+        """Results in the order of the items; `done` is told each as it comes."""
+        ...
+
+
+def ignore(index: int, result: object) -> None:
+    """Nothing to be told."""
+
+
+class Threads:
+    """Threads of this process: compiled code runs side by side in them."""
+
+    def map(
+        self,
+        work: Callable[[Item], Result],
+        items: Sequence[Item],
+        done: Callable[[int, Result], None] = ignore,
+    ) -> list[Result]:
+        """See `Pool`."""
+        threads = min(len(items), os.cpu_count() or 1)
+        results: list[Result] = []
+        if threads < 2:
+            for k, item in enumerate(items):
+                results.append(work(item))
+                done(k, results[-1])
+            return results
+        with ThreadPoolExecutor(threads) as pool:
+            for k, result in enumerate(pool.map(work, items)):
+                results.append(result)
+                done(k, result)
+        return results
+
+
+class Processes:
+    """Worker processes of this machine.
+
+    Args:
+        count: how many.
+    """
+
+    def __init__(self, count: int) -> None:
+        self._count = count
+        self._pool = self._new()
+
+    def _new(self) -> ProcessPoolExecutor:
+        return ProcessPoolExecutor(self._count, mp_context=get_context("spawn"))
+
+    def map(
+        self,
+        work: Callable[[Item], Result],
+        items: Sequence[Item],
+        done: Callable[[int, Result], None] = ignore,
+    ) -> list[Result]:
+        """See `Pool`.
+
+        Raises:
+            SimulationError: workers keep dying.
+        """
+        results: dict[int, Result] = {}
+        for _ in range(ATTEMPTS):
+            missing = [k for k in range(len(items)) if k not in results]
+            if not missing:
+                break
+            died = False
+            futures: dict[int, Future[Result]] = {}
+            try:
+                for k in missing:
+                    futures[k] = self._pool.submit(work, items[k])
+            except BrokenProcessPool:
+                died = True
+            for k, future in futures.items():
+                try:
+                    results[k] = future.result()
+                except BrokenProcessPool:
+                    died = True
+                    continue
+                done(k, results[k])
+            if died:
+                LOG.warning("a worker process has died; its work is done again")
+                self._pool.shutdown(wait=False, cancel_futures=True)
+                self._pool = self._new()
+        if len(results) < len(items):
+            raise SimulationError("worker processes keep dying; is there enough memory?")
+        return [results[k] for k in range(len(items))]
+
+    def close(self) -> None:
+        """End the workers."""
+        self._pool.shutdown(cancel_futures=True)
+
+
+class Cluster:
+    """Workers of a Dask cluster.
+
+    Args:
+        address: of its scheduler, such as tcp://host:8786.
+
+    Raises:
+        InputError: Dask is not installed, or no scheduler answers.
+    """
+
+    def __init__(self, address: str) -> None:
+        try:
+            distributed: Any = importlib.import_module("distributed")
+        except ModuleNotFoundError as err:
+            raise InputError(
+                "--scheduler needs Dask; pip install 'dlo_ros[cluster]', on the workers as well"
+            ) from err
+        try:
+            self._client = distributed.Client(address, timeout=CONNECT, set_as_default=False)
+        except (OSError, ValueError, TypeError) as err:
+            raise InputError(f"{address}: no Dask scheduler answers there ({err})") from err
+        self._completed = distributed.as_completed
+
+    def map(
+        self,
+        work: Callable[[Item], Result],
+        items: Sequence[Item],
+        done: Callable[[int, Result], None] = ignore,
+    ) -> list[Result]:
+        """See `Pool`; the scheduler gives the work of a lost worker to another one."""
+        futures = [self._client.submit(work, item, pure=False, retries=ATTEMPTS) for item in items]
+        place = {future.key: k for k, future in enumerate(futures)}
+        for future in self._completed(futures):
+            if future.status == "finished":
+                done(place[future.key], future.result())
+        return [future.result() for future in futures]
+
+    def close(self) -> None:
+        """Leave the cluster, which goes on."""
+        self._client.close()
+
+
+@contextmanager
+def open_pool(workers: int | None = None, scheduler: str | None = None) -> Iterator[Pool]:
+    """Where the work shall run: on a cluster, in processes, or (neither given) in threads.
+
+    Raises:
+        InputError: both are given, the number is none, or the scheduler does not answer.
+    """
+    if workers is not None and scheduler is not None:
+        raise InputError("--workers and --scheduler exclude each other; give one of them")
+    if workers is not None and workers < 1:
+        raise InputError(f"--workers is {workers}; it must be at least 1")
+    if workers is None and scheduler is None:
+        yield Threads()
+        return
+    pool = Cluster(scheduler) if scheduler is not None else Processes(workers or 1)
+    try:
+        yield pool
+    finally:
+        pool.close()
