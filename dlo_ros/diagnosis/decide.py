@@ -1,0 +1,108 @@
+"""From fitted candidates to a verdict. Nothing is named that has a rival nobody mentions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from dlo_ros.diagnosis import judging
+from dlo_ros.diagnosis.search import Candidate
+
+Verdict = Literal["adequate", "explained", "unexplained"]
+
+LEFT_OVER = 0.9
+"""Structure, in units of the noise of one frame, that counts as none: it raises ERR by a third."""
+SHARE_LEFT = 0.025
+"""Of the structure before, that the right cause may leave: laws of real DLOs are not quite ours."""
+MOST_LEFT = 2.0
+"""Structure above which nothing counts as explained, whatever it was before."""
+AS_GOOD = 0.6
+"""Structure that one explanation may have beyond another and still rank beside it."""
+SURE = 3.0
+"""Standard errors by which one explanation must be better than another to exclude it."""
+ALIKE = 2.0
+"""Ratio of leftover structure up to which explanations rank as alike."""
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """A set of effects that brings the residual down to the noise.
+
+    Args:
+        effects: their names, the first found first.
+        candidate: the fit.
+    """
+
+    effects: tuple[str, ...]
+    candidate: Candidate
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What the data allow to say.
+
+    Args:
+        verdict: see interface.md.
+        chosen: the explanation; None where there is none or none is needed.
+        rivals: names for each effect of the chosen explanation.
+    """
+
+    verdict: Verdict
+    chosen: Explanation | None
+    rivals: tuple[tuple[str, ...], ...] = ()
+
+
+def limit(before: float, chance: float) -> float:
+    """Structure up to which a model counts as adequate.
+
+    Args:
+        before: structure that the plain model leaves.
+        chance: see `judging.chance`, of the plain model.
+    """
+    del chance
+    return max(LEFT_OVER, min(SHARE_LEFT * before, MOST_LEFT))
+
+
+def adequate(structure: float, chance: float) -> bool:
+    """Whether the plain model explains the data."""
+    return structure < LEFT_OVER or structure < chance
+
+
+def explanations(candidates: Sequence[Candidate], most: float) -> list[Explanation]:
+    """Those candidates that leave no structure, the best form of each set of effects, best first."""
+    found: dict[tuple[str, ...], Explanation] = {}
+    for c in sorted(candidates, key=lambda c: c.score):
+        key = tuple(sorted(c.at.model.effects))
+        if c.structure <= most and key not in found:
+            found[key] = Explanation(c.at.model.effects, c)
+    return list(found.values())
+
+
+def as_good(best: Candidate, other: Candidate) -> bool:
+    """Whether another explanation cannot be excluded: within the noise, or nearly so."""
+    gap = judging.compare(best.at.residuals, other.at.residuals)
+    if gap.difference < SURE * gap.std and other.structure < ALIKE * max(best.structure, AS_GOOD):
+        return True
+    return other.structure**2 < max(best.structure, 0.0) ** 2 + AS_GOOD**2
+
+
+def choose(found: Sequence[Explanation]) -> Decision:
+    """The best explanation and its rivals.
+
+    Args:
+        found: explanations with equally many effects, best first.
+    """
+    best = found[0]
+    alike = [e for e in found[1:] if as_good(best.candidate, e.candidate)]
+    rivals = []
+    for effect in best.effects:
+        others = set(best.effects) - {effect}
+        # Whoever takes its place beside the others, or makes them unnecessary.
+        names = [n for e in alike for n in e.effects if n not in best.effects]
+        fitting = [
+            n for e in alike for n in e.effects
+            if n not in best.effects and others <= set(e.effects)
+        ]  # fmt: skip
+        rivals.append(tuple(dict.fromkeys(fitting if len(best.effects) > 1 else names)))
+    return Decision("explained", best, tuple(rivals))

@@ -1,0 +1,229 @@
+"""From recordings to what the model gets wrong, its cause, and what naming it gains."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dlo_ros.diagnosis import aside, decide, judging
+from dlo_ros.diagnosis.advice import advise
+from dlo_ros.diagnosis.candidates import scene, starts
+from dlo_ros.diagnosis.estimates import fitted, numbers
+from dlo_ros.diagnosis.fitting import Evaluation
+from dlo_ros.diagnosis.outcome import Diagnosis, NamedEffect, Tried, View
+from dlo_ros.diagnosis.search import (
+    Candidate, Problem, Progress, Workers, candidate, search, workers,
+)  # fmt: skip
+from dlo_ros.diagnosis.start import Beginning, begin
+from dlo_ros.diagnosis.views import views
+from dlo_ros.errors import InputError
+from dlo_ros.identification.estimate import searchable
+from dlo_ros.identification.forecast import Manipulation
+from dlo_ros.identification.noise import noise_floor
+from dlo_ros.parameters import Settings
+from dlo_ros.spline import SplineBasis
+
+LOG = logging.getLogger(__name__)
+
+BASES = 3
+"""Best single effects to which a second one is added."""
+FIRST_SHARE = 0.9
+"""Of the structure before, that a single effect must go below to be one of a pair."""
+
+
+@dataclass(frozen=True)
+class _Findings:
+    """What the search has come to."""
+
+    decision: decide.Decision
+    singles: tuple[Candidate, ...]
+    pairs: tuple[Candidate, ...]
+
+    @property
+    def best(self) -> Candidate | None:
+        """The best of all, whether it explains the data or not."""
+        everything = [*self.singles, *self.pairs]
+        return min(everything, key=lambda c: c.score) if everything else None
+
+
+def diagnose(
+    recordings: Sequence[Manipulation],
+    settings: Settings,
+    holdout: Sequence[Manipulation] = (),
+    *,
+    processes: int = 1,
+    progress: Progress = lambda text, share: None,
+) -> Diagnosis:
+    """Find what the model gets wrong.
+
+    Args:
+        recordings: to learn from; without `holdout` one of them, or the end of the only one, is
+            kept aside for the measured gain.
+        settings: initial guess, what is known beforehand, and effects that are known already.
+        holdout: recordings that are only predicted.
+        processes: that simulate at the same time.
+        progress: called with what is being done and the share of it that is done.
+
+    Raises:
+        InputError: no usable recording.
+        SimulationError: the plain model cannot be simulated with any starting value.
+    """
+    if not recordings:
+        raise InputError("no recording to diagnose; give at least one bag")
+    given = searchable(settings)
+    progress("fitting the plain model", 0.0)
+    beginning = begin([*recordings, *holdout], given)
+    learned = beginning.recordings[: len(recordings)]
+    at = beginning.at
+    if holdout:
+        at = _only(at, len(recordings))
+    plain = candidate("", "", at, given)
+    chance = judging.chance(at.residuals)
+    problem = Problem(learned, given)
+    if decide.adequate(plain.structure, chance):
+        found = _Findings(decide.Decision("adequate", None), (), ())
+    else:
+        with workers(problem, processes) as team:
+            found = _explain(team, plain, recordings, chance, progress)
+    progress("measuring the gain", 1.0)
+    return _outcome(beginning, plain, found, chance, given, len(holdout))
+
+
+def _only(at: Evaluation, count: int) -> Evaluation:
+    """The part of an evaluation that belongs to the first recordings."""
+    assert at.jacobians is not None
+    return replace(
+        at, residuals=at.residuals[:count], jacobians=at.jacobians[:count],
+        predicted=at.predicted[:count], err=at.err[:count],
+    )  # fmt: skip
+
+
+def _explain(
+    team: Workers, plain: Candidate, recordings: Sequence[Manipulation], chance: float,
+    progress: Progress,
+) -> _Findings:  # fmt: skip
+    """Single effects first; pairs where none of them is enough."""
+    names = [n for m in recordings for c in m.commands for n in c.names]
+    observed = [r.observed for r in team.problem.recordings]
+
+    def beginnings(at: Evaluation, present: Sequence[str]) -> list[decide.Candidate]:
+        here = scene(at.model.settings, names, observed, at.predicted)
+        return search(team, at, starts(here, present), progress)
+
+    known = plain.at.model.effects
+    singles = beginnings(plain.at, known)
+    most = decide.limit(plain.structure, chance)
+    enough = decide.explanations(singles, most)
+    if enough:
+        return _Findings(decide.choose(enough), tuple(singles), ())
+    pairs: list[Candidate] = []
+    for first in _bases(singles, plain.structure):
+        pairs += beginnings(first.at, [*known, first.effect])
+        enough = decide.explanations(pairs, most)
+        if enough:
+            break
+    pairs.sort(key=lambda c: c.score)
+    if not enough:
+        return _Findings(decide.Decision("unexplained", None), tuple(singles), tuple(pairs))
+    return _Findings(decide.choose(enough), tuple(singles), tuple(pairs))
+
+
+def _bases(singles: Sequence[Candidate], before: float) -> list[Candidate]:
+    """The best form of the best effects, one each."""
+    result: dict[str, Candidate] = {}
+    for c in singles:
+        if c.structure < FIRST_SHARE * before:
+            result.setdefault(c.effect, c)
+    return list(result.values())[:BASES]
+
+
+def _outcome(
+    beginning: Beginning, plain: Candidate, found: _Findings, chance: float, given: Settings,
+    apart: int,
+) -> Diagnosis:  # fmt: skip
+    """Measure on what is kept aside, and put everything together."""
+    recordings = beginning.recordings
+    decision = found.decision
+    best = decision.chosen.candidate if decision.chosen else plain
+    count = len(recordings) - apart
+    assert plain.at.jacobians is not None
+    information = [float(np.sum(j[:, 0] ** 2)) for j in plain.at.jacobians]
+    parted = aside.split(recordings, apart, information)
+    learned = recordings[:count]
+    models = [
+        aside.refitted(c.at, learned, parted.train[:count], given) for c in (plain, best)
+    ]  # fmt: skip
+    train = [aside.errors(m, recordings, parted.train, given) for m in models]
+    kept = [aside.errors(m, recordings, parted.holdout, given) for m in models]
+    effects: tuple[NamedEffect, ...] = ()
+    if decision.chosen is not None:
+        effects = tuple(
+            NamedEffect(name, numbers(best.at, name, given), rivals)
+            for name, rivals in zip(decision.chosen.effects, decision.rivals, strict=True)
+            if name in best.at.model.effects and name not in plain.at.model.effects
+        )
+    tried = []
+    for c in _best_forms([plain, *found.singles, *found.pairs]):
+        model = aside.trained(c.at, parted.train[:count], given)
+        err = aside.mean(aside.errors(model, recordings, parted.holdout, given))
+        label = "+".join(n for n in c.at.model.effects if n not in plain.at.model.effects)
+        tried.append(Tried(label or "none", err, c.score, c.structure))
+    basis = SplineBasis(given.rod.control_points, given.rod.length)
+    floors = [noise_floor(r.manipulation.observations, basis) for r in recordings]
+    known = [f for f in floors if f is not None]
+    shown = found.best if decision.verdict == "unexplained" and found.best else best
+    return Diagnosis(
+        decision.verdict,
+        effects,
+        float(np.mean(known)) if known else None,
+        fitted(plain.at, given, aside.mean(train[0]), aside.mean(kept[0])),
+        fitted(best.at, given, aside.mean(train[1]), aside.mean(kept[1])),
+        aside.gain(kept[0], kept[1]),
+        tuple(tried),
+        advise(decision, found.singles, found.pairs, recordings, given),
+        plain.structure,
+        best.structure,
+        chance,
+        None if np.isnan(beginning.error) else beginning.error,
+        _remarks(plain, best, shown, decision, given),
+        views(recordings, plain.at, best.at, parted.holdout, given),
+    )
+
+
+def _best_forms(candidates: Sequence[Candidate]) -> list[Candidate]:
+    """One candidate for each set of effects, best first."""
+    found: dict[tuple[str, ...], Candidate] = {}
+    for c in sorted(candidates, key=lambda c: c.score):
+        found.setdefault(tuple(sorted(c.at.model.effects)), c)
+    return list(found.values())
+
+
+def _remarks(
+    plain: Candidate, best: Candidate, shown: Candidate, decision: decide.Decision, given: Settings
+) -> tuple[str, ...]:
+    """What else a reader should know."""
+    del given
+    remarks = []
+    if decision.chosen is not None:
+        rods = best.at.model.settings.rod, plain.at.model.settings.rod
+        change = rods[1].specific_modulus / rods[0].specific_modulus - 1.0
+        remarks.append(
+            f"Without naming it, E/mu would be {abs(100.0 * change):.2g} % too "
+            f"{'large' if change > 0.0 else 'small'}: that much of it the stiffness had absorbed."
+        )
+        border = best.at.model.at_border()
+        if border:
+            remarks.append(f"At the border of what is looked for: {', '.join(border)}.")
+    if decision.verdict == "unexplained":
+        share = max(0.0, 1.0 - (shown.structure / plain.structure) ** 2)
+        names = " and ".join(n for n in shown.at.model.effects)
+        remarks.append(
+            f"Nothing in the library brings the residual down to the noise. Nearest comes "
+            f"{names or 'nothing'}, which removes {100.0 * share:.0f} % of its power and leaves "
+            f"{shown.structure:.2g} times the noise; it is a suspect, no finding."
+        )
+        remarks.append(judging.description(shown.at))
+    return tuple(remarks)

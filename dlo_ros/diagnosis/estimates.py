@@ -1,0 +1,71 @@
+"""Fitted numbers with their standard deviations."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dlo_ros.diagnosis.fitting import Evaluation, solve, total
+from dlo_ros.diagnosis.model import logarithmic, names, unit
+from dlo_ros.diagnosis.outcome import Fitted, Number
+from dlo_ros.effects import quantities
+from dlo_ros.identification.estimate import UNBOUNDED
+from dlo_ros.identification.noise import correlation_length
+from dlo_ros.parameters import Settings
+from dlo_ros.spline import FloatArray
+
+
+def covariance(at: Evaluation, given: Settings) -> FloatArray:
+    """Of the open parameters as the fit sees them, shape (P, P).
+
+    What is left over counts as noise, model errors included, and what repeats in time counts once.
+    """
+    power = sum(float(np.sum(r**2)) for r in at.residuals)
+    count = sum(r.size for r in at.residuals)
+    repeats = correlation_length([r[:, :, None] for r in at.residuals], 0)
+    factor = max(power / count, 1.0) * repeats
+    hessian = total(at, given).hessian
+    return solve(hessian / factor, np.eye(len(hessian)))
+
+
+def fitted(
+    at: Evaluation, given: Settings, err_train: float | None, err_holdout: float | None
+) -> Fitted:
+    """A model's material, with standard deviations, and its errors [m]."""
+    spread = covariance(at, given)
+    rod = at.model.settings.rod
+    pick = {name: np.zeros(len(at.model.free)) for name in ("e", "mu", "ratio")}
+    pick["e"][0] = pick["mu"][1] = pick["ratio"][0] = 1.0
+    pick["ratio"][1] = -1.0
+    result: list[tuple[float, float | None]] = []
+    for value, c in zip(
+        (rod.young_modulus, rod.density, rod.specific_modulus), pick.values(), strict=True
+    ):
+        std = float(np.sqrt(max(c @ spread @ c, 0.0)))
+        result.append((value, value * std if std < UNBOUNDED else None))
+    settings = at.model.settings
+    return Fitted(settings, result[0], result[1], result[2], err_train, err_holdout)
+
+
+def numbers(at: Evaluation, effect: str, given: Settings) -> dict[str, Number]:
+    """The values of an effect's keys."""
+    spread = np.sqrt(np.maximum(np.diag(covariance(at, given)), 0.0))
+    block = at.model.settings.effects[effect]
+    known = quantities(effect)
+    result: dict[str, Number] = {}
+    for key, value in block.items():
+        found = []
+        for name, v in zip(
+            names(effect, block, (key,)), value if isinstance(value, tuple) else (value,),
+            strict=True,
+        ):  # fmt: skip
+            if name in at.model.free:
+                std = float(spread[at.model.free.index(name)])
+                found.append(std * abs(v) if logarithmic(name) else std)
+        std_: float | tuple[float, ...] | None = None
+        if found:
+            std_ = tuple(found) if isinstance(value, tuple) else found[0]
+        result[key] = Number(value, std_, known[key].unit)
+    return result
+
+
+__all__ = ["covariance", "fitted", "numbers", "unit"]

@@ -1,0 +1,164 @@
+"""Recordings as numbers: residuals across and along the DLO, and the noise that they have."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dlo_ros.errors import InputError
+from dlo_ros.identification.forecast import Manipulation, whitening
+from dlo_ros.identification.noise import point_noise
+from dlo_ros.parameters import Settings
+from dlo_ros.spline import FloatArray, SplineBasis
+
+ORDERS = (2, 4, 6)
+"""Of differences in time, which a smooth residual enters less and less."""
+LEAST_NOISE = 2e-6
+"""Of the length: below, rounding and the time step of the simulation would count as noise."""
+LEAST_SHARE = 0.5
+"""Of the typical noise that a single coefficient may have."""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One recording with what turns a difference of shapes into white numbers.
+
+    Args:
+        manipulation: what was imposed and seen.
+        observed: control points [m], shape (F, n, 3).
+        times: since the first frame [s], shape (F,).
+        across: from differences of control points to coefficients, shape (F, K, n, 3); their
+            squares sum to the mean squared distance along u. The first n are normal to the
+            observed curve in the board's plane, then those along it, then those out of the plane
+            where the recording leaves it.
+        noise: standard deviation of each coefficient [m], shape (K,).
+        spans: knot spans of the simulation; None: as simulation.tolerance asks.
+    """
+
+    manipulation: Manipulation
+    observed: FloatArray
+    times: FloatArray
+    across: FloatArray
+    noise: FloatArray
+    spans: int | None = None
+
+    @property
+    def name(self) -> str:
+        """Of the bag."""
+        return self.manipulation.name
+
+    def white(self, points: FloatArray) -> FloatArray:
+        """Differences of control points in units of the noise.
+
+        Args:
+            points: shape (F, ..., n, 3).
+
+        Returns:
+            Shape (F, ..., K).
+        """
+        coefficients = np.einsum("fknc,f...nc->f...k", self.across[-len(points) :], points)
+        return np.asarray(coefficients / self.noise)
+
+    def residual(self, predicted: FloatArray) -> FloatArray:
+        """Observed minus predicted in units of the noise, shape (F, K).
+
+        Args:
+            predicted: control points, shape (F, n, 3 or more), of the last F frames.
+        """
+        return self.white(self.observed[-len(predicted) :] - predicted[..., :3])
+
+    def with_noise(self, predicted: FloatArray, settings: Settings) -> Recording:
+        """The recording with its noise estimated from how residuals scatter in time."""
+        unit = replace(self, noise=np.ones(len(self.noise)))
+        field = unit.residual(predicted)
+        return replace(self, noise=noise_of(field, self, settings))
+
+
+def measured(manipulation: Manipulation, settings: Settings) -> Recording:
+    """A recording whose noise is not known yet.
+
+    Raises:
+        InputError: no command or no observed shape.
+    """
+    if not manipulation.commands:
+        raise InputError(f"{manipulation.name}: has no usable dlo/command")
+    if not manipulation.observations:
+        raise InputError(f"{manipulation.name}: has no usable dlo/observed")
+    observed = np.array([o.control_points[:, :3] for o in manipulation.observations])
+    stamps = np.array([o.stamp for o in manipulation.observations], dtype=np.int64)
+    across = _across(observed, settings)
+    return Recording(
+        manipulation,
+        observed,
+        (stamps - stamps[0]) * 1e-9,
+        across,
+        np.ones(across.shape[1]),
+    )
+
+
+def _across(observed: FloatArray, settings: Settings) -> FloatArray:
+    """See `Recording.across`."""
+    n, length = settings.rod.control_points, settings.rod.length
+    if observed.shape[1] != n:
+        raise InputError(
+            f"the observed splines have {observed.shape[1]} control points; "
+            f"rod.control_points is {n}"
+        )
+    basis = SplineBasis(n, length)
+    u, weight = basis.quadrature()
+    values, slopes = basis.matrix(u), basis.matrix(u, 1)
+    tangent = np.einsum("qn,fnc->fqc", slopes, observed)
+    tangent /= np.maximum(np.linalg.norm(tangent, axis=2, keepdims=True), 1e-12)
+    # In the board's plane, or in space by the shortest way from there.
+    normal = np.cross(np.array([0.0, 1.0, 0.0]), tangent)
+    size = np.linalg.norm(normal, axis=2, keepdims=True)
+    normal = np.where(size > 1e-3, normal / np.maximum(size, 1e-12), np.array([1.0, 0.0, 0.0]))
+    fields = [normal, tangent]
+    if np.abs(observed[:, :, 1]).max() > 1e-6 * length:
+        fields.append(np.cross(tangent, normal))
+    project = np.linalg.inv(whitening(n, length)) @ (values * weight[:, None]).T / length  # (n, q)
+    parts = [np.einsum("kq,fqc,qn->fknc", project, d, values, optimize=True) for d in fields]
+    return np.concatenate(parts, axis=1)
+
+
+def noise_of(field: FloatArray, recording: Recording, settings: Settings) -> FloatArray:
+    """Standard deviation of each coefficient from frame to frame [m], shape (K,).
+
+    Differences in time of growing order; the smallest counts, and the median over time, so that a
+    moment of violent motion does not. Along the DLO the camera sees little, and what it sees there
+    is not better than across.
+
+    Args:
+        field: residual coefficients [m], shape (F, K).
+    """
+    n = settings.rod.control_points
+    least = LEAST_NOISE * settings.rod.length
+    found = []
+    for order in ORDERS:
+        if len(field) <= 2 * order:
+            continue
+        weights = np.array([1.0])
+        for _ in range(order):
+            weights = np.convolve(weights, [1.0, -1.0])
+        weights /= np.linalg.norm(weights)
+        gap = np.array([weights @ field[i : i + order + 1] for i in range(len(field) - order)])
+        # Of a normal variable squared the median is 0.455 of the mean.
+        found.append(np.sqrt(np.median(gap**2, axis=0) / 0.4549))
+    if not found:
+        stated = point_noise(
+            recording.manipulation.observations, SplineBasis(n, settings.rod.length)
+        )
+        typical = max(stated or float(np.sqrt(np.mean(field**2))), least)
+        return np.full(field.shape[1], typical)
+    each = np.min(found, axis=0)
+    typical = max(float(np.sqrt(np.mean(each[:n] ** 2))), least)
+    across = np.maximum(each[:n], LEAST_SHARE * typical)
+    others = [np.maximum(part, across) for part in np.split(each[n:], (len(each) - n) // n)]
+    return np.concatenate([across, *others])
+
+
+def planar(recordings: Sequence[Recording]) -> bool:
+    """Whether all recordings stay in the board's plane."""
+    return all(r.across.shape[1] == 2 * r.observed.shape[1] for r in recordings)

@@ -1,0 +1,230 @@
+"""A model with open parameters: settings, which of their numbers are fitted, what is known."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from dlo_ros.effects import Quantity, quantities
+from dlo_ros.identification.estimate import GUESS
+from dlo_ros.parameters import EFFECTS_PREFIX, Settings
+from dlo_ros.rod.tangents import MATERIAL
+from dlo_ros.spline import FloatArray
+
+Value = float | tuple[float, ...]
+Block = Mapping[str, Value]
+
+LARGEST_LOG_STEP = 1.5
+LOOSE = 3.0
+"""Standard deviations of what is not known, in natural units of a parameter."""
+
+
+@dataclass(frozen=True)
+class Model:
+    """Settings, and the names of those parameters that are fitted, as in `dlo_ros.rod.tangents`."""
+
+    settings: Settings
+    free: tuple[str, ...]
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Names of the effects that the model contains."""
+        return tuple(self.settings.effects)
+
+    def theta(self) -> FloatArray:
+        """The open parameters as the fit sees them, shape (P,)."""
+        return np.array([_inner(name, _get(self.settings, name)) for name in self.free])
+
+    def at(self, theta: FloatArray) -> Model:
+        """The model with other values; what leaves its range stays at the border."""
+        settings = self.settings
+        for name, value in zip(self.free, theta, strict=True):
+            settings = _put(settings, name, _outer(name, float(value), settings))
+        return replace(self, settings=settings)
+
+    def chain(self) -> FloatArray:
+        """Derivative of a parameter as `Simulation` takes it by that which the fit sees, (P,)."""
+        return np.array(
+            [
+                1.0 if name in MATERIAL or not logarithmic(name) else _get(self.settings, name)
+                for name in self.free
+            ]
+        )
+
+    def natural(self) -> FloatArray:
+        """What a plausible size of each parameter is, as the fit sees it, shape (P,)."""
+        return np.array([_natural(name, self.settings) for name in self.free])
+
+    def at_border(self) -> tuple[str, ...]:
+        """Effect parameters that the data would push out of their range."""
+        found = []
+        for name in self.free:
+            if name in MATERIAL:
+                continue
+            value = _get(self.settings, name)
+            low, high = _range(name, self.settings)
+            if value in (low, high):
+                found.append(name)
+        return tuple(found)
+
+    def extended(self, effect: str, block: Block, keys: tuple[str, ...]) -> Model:
+        """The model with one more effect, of which some keys are fitted."""
+        effects = {**self.settings.effects, effect: dict(block)}
+        return Model(self.settings.with_effects(effects), (*self.free, *names(effect, block, keys)))
+
+    def without(self, effect: str) -> Model:
+        """The model without one of its effects."""
+        effects = {k: v for k, v in self.settings.effects.items() if k != effect}
+        prefix = f"{EFFECTS_PREFIX}{effect}."
+        free = tuple(n for n in self.free if not n.startswith(prefix))
+        return Model(self.settings.with_effects(effects), free)
+
+
+def baseline(settings: Settings) -> Model:
+    """The plain model: E, and mu and damping as far as they are known; given effects stay."""
+    damping = settings.damping
+    free = ["young_modulus", "density"]
+    free += [n for n in ("air_drag", "relaxation_time") if getattr(damping, n) > 0.0]
+    return Model(settings, tuple(free))
+
+
+def names(effect: str, block: Block, keys: tuple[str, ...]) -> tuple[str, ...]:
+    """Full names of an effect's parameters, one for each number."""
+    result: list[str] = []
+    for key in keys:
+        value = block[key]
+        name = f"{EFFECTS_PREFIX}{effect}.{key}"
+        if isinstance(value, tuple):
+            result += [f"{name}[{i}]" for i in range(len(value))]
+        else:
+            result.append(name)
+    return tuple(result)
+
+
+def prior(model: Model, given: Settings) -> tuple[FloatArray, FloatArray]:
+    """What is known beforehand of the open parameters.
+
+    Args:
+        model: whose parameters.
+        given: the parameter file, around which the material lies.
+
+    Returns:
+        Centre and information (inverse variance), each of shape (P,).
+    """
+    centre, information = [], []
+    for name in model.free:
+        if name in MATERIAL:
+            block: Any = given.rod if name in ("young_modulus", "density") else given.damping
+            value = getattr(block, name)
+            std = getattr(block, f"{name}_std", 0.0) / value
+            centre.append(math.log(value))
+            information.append((std or GUESS[name]) ** -2)
+        else:
+            quantity, natural = _quantity(name), _natural(name, model.settings)
+            log = logarithmic(name)
+            place = quantity.name in ("position", "centre", "extent", "x", "z", "radius")
+            here = _get(model.settings, name)
+            centre.append(_inner(name, here) if log or place else quantity.neutral)
+            # What is only a place needs no centre; a little keeps the equations regular.
+            information.append(1e-4 if log or place else (LOOSE * natural) ** -2)
+    return np.array(centre), np.array(information)
+
+
+def logarithmic(name: str) -> bool:
+    """Whether a parameter is fitted by its logarithm."""
+    return name in MATERIAL or _quantity(name).lower > 0.0
+
+
+def unit(name: str) -> str:
+    """SI unit of an effect's parameter."""
+    return _quantity(name).unit
+
+
+def _split(name: str) -> tuple[str, str, int | None]:
+    effect, _, key = name.removeprefix(EFFECTS_PREFIX).partition(".")
+    key, _, index = key.partition("[")
+    return effect, key, int(index[:-1]) if index else None
+
+
+def _quantity(name: str) -> Quantity:
+    effect, key, _ = _split(name)
+    return quantities(effect)[key]
+
+
+def _get(settings: Settings, name: str) -> float:
+    if name in MATERIAL:
+        block: Any = settings.rod if name in ("young_modulus", "density") else settings.damping
+        return float(getattr(block, name))
+    effect, key, index = _split(name)
+    value: Any = settings.effects[effect][key]
+    return float(value if index is None else value[index])
+
+
+def _put(settings: Settings, name: str, value: float) -> Settings:
+    if name in ("young_modulus", "density"):
+        return replace(settings, rod=replace(settings.rod, **{name: value}))
+    if name in MATERIAL:
+        changed: dict[str, Any] = {name: value}
+        return replace(settings, damping=replace(settings.damping, **changed))
+    effect, key, index = _split(name)
+    effects: dict[str, dict[str, Any]] = {k: dict(v) for k, v in settings.effects.items()}
+    old = effects[effect][key]
+    if index is None:
+        effects[effect][key] = value
+    else:
+        effects[effect][key] = (*old[:index], value, *old[index + 1 :])
+    return settings.with_effects(effects)
+
+
+def _inner(name: str, value: float) -> float:
+    return math.log(value) if logarithmic(name) else value
+
+
+def _outer(name: str, value: float, settings: Settings) -> float:
+    low, high = _range(name, settings)
+    if logarithmic(name):
+        value = math.exp(min(max(value, -100.0), 100.0))
+    return min(max(value, low), high)
+
+
+def _range(name: str, settings: Settings) -> tuple[float, float]:
+    """Within which a parameter is looked for, in its own unit."""
+    if name in MATERIAL:
+        return {
+            "young_modulus": (1e3, 1e12), "density": (1.0, 1e5), "air_drag": (1e-9, 1e3),
+            "relaxation_time": (1e-8, 10.0),
+        }[name]  # fmt: skip
+    effect, key, _ = _split(name)
+    quantity, length = _quantity(name), settings.rod.length
+    if key in ("position", "centre"):
+        return 0.0, length
+    if key == "extent":
+        return 0.02 * length, 0.6 * length
+    if effect == "obstacle" and key == "radius":
+        return 0.002 * length, 0.3 * length
+    if effect == "air_drag":
+        return -0.99 * settings.damping.air_drag, quantity.upper
+    if effect == "internal_damping":
+        return -0.99 * settings.damping.relaxation_time, quantity.upper
+    if effect == "length_error":
+        return max(quantity.lower, -0.5 * length), min(quantity.upper, 0.5 * length)
+    return quantity.lower, quantity.upper
+
+
+def _natural(name: str, settings: Settings) -> float:
+    if logarithmic(name):
+        return 1.0
+    rod = settings.rod
+    weight = rod.linear_density * 9.81
+    sizes = {
+        "m": 0.1 * rod.length, "1/m": 3.0 / rod.length, "rad": 0.3, "kg": rod.linear_density * rod.length,
+        "N/m": weight, "N s/m^2": 10.0 * max(settings.damping.air_drag, 1e-3 * weight),
+        "s": 0.1,
+    }  # fmt: skip
+    if _quantity(name).name == "relaxation_time":
+        return 20.0 * max(settings.damping.relaxation_time, 1e-4)
+    return sizes.get(_quantity(name).unit, 1.0)

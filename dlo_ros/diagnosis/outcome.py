@@ -1,0 +1,124 @@
+"""What a diagnosis found, as numbers (interface.md, report.json)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from dlo_ros.diagnosis.decide import Verdict
+from dlo_ros.parameters import Settings
+from dlo_ros.spline import FloatArray
+
+
+@dataclass(frozen=True)
+class Number:
+    """A parameter of an effect with its standard deviation (None: unknown) and SI unit."""
+
+    value: float | tuple[float, ...]
+    std: float | tuple[float, ...] | None
+    unit: str
+
+
+@dataclass(frozen=True)
+class NamedEffect:
+    """An effect that the data show, and what explains them as well."""
+
+    name: str
+    parameters: dict[str, Number]
+    rivals: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A model and what it reaches.
+
+    Args:
+        settings: with the estimated values.
+        young_modulus, density, specific_modulus: value and std (None: unbounded).
+        err_train, err_holdout: time mean of eq. (10) [m]; None where it cannot be simulated.
+    """
+
+    settings: Settings
+    young_modulus: tuple[float, float | None]
+    density: tuple[float, float | None]
+    specific_modulus: tuple[float, float | None]
+    err_train: float | None
+    err_holdout: float | None
+
+
+@dataclass(frozen=True)
+class Gain:
+    """1 - ERR after / ERR before on what was kept aside, with a 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Tried:
+    """A candidate; a lower score is better."""
+
+    name: str
+    err_holdout: float | None
+    score: float
+    structure: float
+
+
+@dataclass(frozen=True)
+class View:
+    """One recording as the plain and the extended model see it.
+
+    Args:
+        name, role: of the recording, `train` or `holdout`.
+        times: [s], shape (F,).
+        observed, before, after: control points [m], shape (F, n, 3 or 4).
+        err_before, err_after: eq. (10), shape (F,) [m].
+        u: material coordinates of the maps [m], shape (U,).
+        field_before, field_after: distance across the DLO in units of the noise, shape (F, U).
+        force, force_std: missing force per length across and along the DLO [N/m], shape
+            (F, U, 2); None where it could not be had.
+    """
+
+    name: str
+    role: str
+    times: FloatArray
+    observed: FloatArray
+    before: FloatArray
+    after: FloatArray
+    err_before: FloatArray
+    err_after: FloatArray
+    u: FloatArray
+    field_before: FloatArray
+    field_after: FloatArray
+    force: FloatArray | None = None
+    force_std: FloatArray | None = None
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """All that `diagnose` found.
+
+    Args:
+        verdict, effects, noise_floor, gain, candidates, advice: see interface.md.
+        baseline, extended: the plain and the extended model.
+        structure_before, structure_after: what repeats from frame to frame, in units of the noise.
+        chance: structure that the noise alone has in 1 of 100 cases.
+        simulation_error: mean distance that the discretisation causes [m]; None where unknown.
+        remarks: sentences for the reader.
+        views: for the report.
+    """
+
+    verdict: Verdict
+    effects: tuple[NamedEffect, ...]
+    noise_floor: float | None
+    baseline: Fitted
+    extended: Fitted
+    gain: Gain | None
+    candidates: tuple[Tried, ...]
+    advice: str
+    structure_before: float
+    structure_after: float
+    chance: float
+    simulation_error: float | None
+    remarks: tuple[str, ...]
+    views: tuple[View, ...]

@@ -1,0 +1,98 @@
+"""The plain model's fit, its noise, and a simulation that is finer than the noise."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dlo_ros.diagnosis.fitting import Evaluation, evaluate, fit
+from dlo_ros.diagnosis.measured import Recording, measured
+from dlo_ros.diagnosis.model import Model, baseline
+from dlo_ros.errors import SimulationError
+from dlo_ros.identification.estimate import FINEST
+from dlo_ros.identification.forecast import Manipulation, forecast
+from dlo_ros.parameters import Settings
+
+LOG = logging.getLogger(__name__)
+
+FACTORS = (1.0, 0.3, 3.0, 0.1, 10.0, 0.03, 30.0)
+"""Of E, from which the fit may start: far away a shape may lie on another branch."""
+FINENESS = 0.1
+"""Of the noise of one frame, that the simulation's own error may be."""
+ROUNDS = 2
+
+
+@dataclass(frozen=True)
+class Beginning:
+    """The plain model, fitted.
+
+    Args:
+        recordings: with their noise and a resolution that is fine enough.
+        at: the fit to all of them.
+        error: the simulation's own error, mean distance [m]; NaN where it was not judged.
+    """
+
+    recordings: tuple[Recording, ...]
+    at: Evaluation
+    error: float
+
+
+def begin(manipulations: Sequence[Manipulation], settings: Settings) -> Beginning:
+    """Fit (E, mu, damping) and estimate the noise of what was measured.
+
+    Raises:
+        InputError: a recording holds nothing that can be compared.
+        SimulationError: no starting value can be simulated.
+    """
+    recordings = tuple(measured(m, settings) for m in manipulations)
+    model = baseline(settings)
+    at = _best_start(recordings, model)
+    error = np.nan
+    for _ in range(ROUNDS):
+        recordings = tuple(
+            r.with_noise(p, settings) for r, p in zip(recordings, at.predicted, strict=True)
+        )
+        recordings, error = _finer(recordings, at.model)
+        at = fit(evaluate(at.model, recordings, settings), recordings, settings, 6)
+    return Beginning(recordings, at, error)
+
+
+def _best_start(recordings: tuple[Recording, ...], model: Model) -> Evaluation:
+    best: Evaluation | None = None
+    failure: SimulationError | None = None
+    theta = model.theta()
+    coarse = tuple(replace(r, spans=2 * (r.observed.shape[1] - 3)) for r in recordings)
+    for factor in FACTORS:
+        shifted = theta.copy()
+        shifted[0] += np.log(factor)
+        try:
+            at = evaluate(model.at(shifted), coarse, model.settings, derivatives=False)
+        except SimulationError as err:
+            failure = err
+            continue
+        # The noise is not known yet, and the prior would count for more than the data.
+        power = sum(float(np.mean(r**2)) for r in at.residuals)
+        if best is None or power < sum(float(np.mean(r**2)) for r in best.residuals):
+            best = at
+    if best is None:
+        raise failure or SimulationError("no starting value can be simulated")
+    return best
+
+
+def _finer(recordings: tuple[Recording, ...], model: Model) -> tuple[tuple[Recording, ...], float]:
+    """Recordings with as many knot spans as bring the simulation's own error below the noise."""
+    result, errors = [], []
+    for recording in recordings:
+        n = recording.observed.shape[1]
+        noise = float(np.sqrt(np.sum(recording.noise[:n] ** 2)))
+        settings = model.settings
+        wanted = max(FINENESS * noise / settings.rod.length, FINEST)
+        tolerance = min(settings.simulation.tolerance, wanted)
+        fine = replace(settings, simulation=replace(settings.simulation, tolerance=tolerance))
+        found = forecast(recording.manipulation, fine)
+        result.append(replace(recording, spans=found.spans))
+        errors.append(found.resolution_error * settings.rod.length)
+    return tuple(result), float(np.nanmax(errors)) if np.isfinite(errors).any() else np.nan
