@@ -18,6 +18,7 @@ LAYERS = (
     ("rod", "recordings", "report"),
     ("vision",),
     ("identification", "synthesis"),
+    ("diagnosis",),
     ("nodes",),
     ("demo", "compile"),
     ("cli",),

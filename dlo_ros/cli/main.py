@@ -98,6 +98,11 @@ EXECUTABLES: tuple[Executable, ...] = (
         "--params params.yaml --output build/design",
     ),
     Executable(
+        "diagnose",
+        "offline: bags in, what the model gets wrong, its cause and the extended model out",
+        "--params params.yaml --output build/diagnosis recording_1 recording_2",
+    ),
+    Executable(
         "play",
         "plays a bag onto live topics, with /clock",
         "--rate 0.5 recording",

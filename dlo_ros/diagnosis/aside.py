@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dlo_ros.diagnosis.fitting import Evaluation, evaluate, known, normal
+from dlo_ros.diagnosis.fitting import Evaluation, evaluate, fit, known, normal
 from dlo_ros.diagnosis.measured import Recording
 from dlo_ros.diagnosis.model import Model
 from dlo_ros.diagnosis.outcome import Gain
@@ -66,7 +66,7 @@ def trained(at: Evaluation, masks: Sequence[np.ndarray], given: Settings) -> Mod
     for residual, jacobian, mask in zip(at.residuals, at.jacobians, masks, strict=True):
         keep = mask[-len(residual) :]
         if keep.any():
-            equations = equations + normal(residual[keep], jacobian[keep])
+            equations = equations + normal(residual[keep], jacobian[keep]).scaled(1.0 / at.excess)
     step, _ = equations.minimum()
     step = np.clip(step, -at.model.natural(), at.model.natural())
     return at.model.at(at.model.theta() + step)
@@ -82,8 +82,6 @@ def refitted(
         here = evaluate(trained(at, masks, given), chosen, given)
     except SimulationError:
         here = evaluate(at.model, chosen, given)
-    from dlo_ros.diagnosis.fitting import fit
-
     return fit(here, chosen, given, STEPS).model
 
 

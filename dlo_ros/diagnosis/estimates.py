@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from dlo_ros.diagnosis.fitting import Evaluation, solve, total
-from dlo_ros.diagnosis.model import logarithmic, names, unit
+from dlo_ros.diagnosis.fitting import Evaluation, known, solve, total
+from dlo_ros.diagnosis.model import logarithmic, names
 from dlo_ros.diagnosis.outcome import Fitted, Number
 from dlo_ros.effects import quantities
 from dlo_ros.identification.estimate import UNBOUNDED
@@ -19,12 +19,10 @@ def covariance(at: Evaluation, given: Settings) -> FloatArray:
 
     What is left over counts as noise, model errors included, and what repeats in time counts once.
     """
-    power = sum(float(np.sum(r**2)) for r in at.residuals)
-    count = sum(r.size for r in at.residuals)
     repeats = correlation_length([r[:, :, None] for r in at.residuals], 0)
-    factor = max(power / count, 1.0) * repeats
-    hessian = total(at, given).hessian
-    return solve(hessian / factor, np.eye(len(hessian)))
+    beforehand = known(at.model, given).hessian
+    information = (total(at, given).hessian - beforehand) / repeats + beforehand
+    return solve(information, np.eye(len(information)))
 
 
 def fitted(
@@ -50,7 +48,7 @@ def numbers(at: Evaluation, effect: str, given: Settings) -> dict[str, Number]:
     """The values of an effect's keys."""
     spread = np.sqrt(np.maximum(np.diag(covariance(at, given)), 0.0))
     block = at.model.settings.effects[effect]
-    known = quantities(effect)
+    described = quantities(effect)
     result: dict[str, Number] = {}
     for key, value in block.items():
         found = []
@@ -61,11 +59,8 @@ def numbers(at: Evaluation, effect: str, given: Settings) -> dict[str, Number]:
             if name in at.model.free:
                 std = float(spread[at.model.free.index(name)])
                 found.append(std * abs(v) if logarithmic(name) else std)
-        std_: float | tuple[float, ...] | None = None
+        spreads: float | tuple[float, ...] | None = None
         if found:
-            std_ = tuple(found) if isinstance(value, tuple) else found[0]
-        result[key] = Number(value, std_, known[key].unit)
+            spreads = tuple(found) if isinstance(value, tuple) else found[0]
+        result[key] = Number(value, spreads, described[key].unit)
     return result
-
-
-__all__ = ["covariance", "fitted", "numbers", "unit"]

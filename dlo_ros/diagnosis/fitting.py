@@ -29,7 +29,10 @@ class Evaluation:
         residuals: per recording in units of the noise, shape (F, K).
         jacobians: derivatives of the prediction by the open parameters as the fit sees them, per
             recording, shape (F, P, K); None where not asked for.
-        cost: sum of squares, and what the prior adds.
+        power: sum of squared residuals.
+        cost: minus twice the log likelihood, the noise as large as what is left over but no smaller
+            than measured, and what the prior adds: a model that misses much must not pay for it
+            with what is known.
         predicted: control points per recording, shape (F, n, 4).
         err: eq. (10) per recording and frame [m].
     """
@@ -37,9 +40,15 @@ class Evaluation:
     model: Model
     residuals: tuple[FloatArray, ...]
     jacobians: tuple[FloatArray, ...] | None
+    power: float
     cost: float
     predicted: tuple[FloatArray, ...]
     err: tuple[FloatArray, ...]
+
+    @property
+    def excess(self) -> float:
+        """Mean square of the residuals where it is larger than the noise, else 1."""
+        return max(1.0, self.power / sum(r.size for r in self.residuals))
 
 
 def evaluate(
@@ -67,7 +76,8 @@ def evaluate(
             change = recording.white(back @ found.derivative)
             jacobians.append(change * model.chain()[:, None])
     centre, information = prior(model, given)
-    cost = sum(float(np.sum(r**2)) for r in residuals)
+    power, count = sum(float(np.sum(r**2)) for r in residuals), sum(r.size for r in residuals)
+    cost = count * (1.0 + np.log(power / count)) if power > count else power
     cost += float(information @ (model.theta() - centre) ** 2)
     if not np.isfinite(cost):
         raise SimulationError("the simulation gives no finite shapes")
@@ -75,6 +85,7 @@ def evaluate(
         model,
         tuple(residuals),
         tuple(jacobians) if derivatives else None,
+        power,
         cost,
         tuple(predicted),
         tuple(err),
@@ -99,6 +110,10 @@ class Normal:
         return Normal(
             self.hessian + other.hessian, self.gradient + other.gradient, self.power + other.power
         )
+
+    def scaled(self, factor: float) -> Normal:
+        """With another weight."""
+        return Normal(factor * self.hessian, factor * self.gradient, factor * self.power)
 
     def minimum(self) -> tuple[FloatArray, float]:
         """Where the linearised cost is smallest, from here, and its value there."""
@@ -130,11 +145,11 @@ def known(model: Model, given: Settings) -> Normal:
 
 
 def total(at: Evaluation, given: Settings) -> Normal:
-    """Normal equations of everything."""
+    """Normal equations of everything, the noise as large as what is left over."""
     assert at.jacobians is not None
     result = known(at.model, given)
     for residual, jacobian in zip(at.residuals, at.jacobians, strict=True):
-        result = result + normal(residual, jacobian)
+        result = result + normal(residual, jacobian).scaled(1.0 / at.excess)
     return result
 
 
@@ -170,6 +185,6 @@ def fit(
         if gain <= 0.0:
             return best
         best, damping = after, 0.1 * damping
-        if gain < CONVERGED * np.sqrt(count) or gain < 1e-3 * best.cost:
+        if gain < CONVERGED * np.sqrt(count):
             return best
     return best

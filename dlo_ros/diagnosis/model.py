@@ -139,11 +139,6 @@ def logarithmic(name: str) -> bool:
     return name in MATERIAL or _quantity(name).lower > 0.0
 
 
-def unit(name: str) -> str:
-    """SI unit of an effect's parameter."""
-    return _quantity(name).unit
-
-
 def _split(name: str) -> tuple[str, str, int | None]:
     effect, _, key = name.removeprefix(EFFECTS_PREFIX).partition(".")
     key, _, index = key.partition("[")

@@ -75,8 +75,8 @@ class View:
         err_before, err_after: eq. (10), shape (F,) [m].
         u: material coordinates of the maps [m], shape (U,).
         field_before, field_after: distance across the DLO in units of the noise, shape (F, U).
-        force, force_std: missing force per length across and along the DLO [N/m], shape
-            (F, U, 2); None where it could not be had.
+        force, force_std: missing force per length, x and z [N/m], shape (F, U, 2); None where it
+            could not be had.
     """
 
     name: str

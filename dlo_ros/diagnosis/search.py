@@ -93,7 +93,9 @@ class Workers:
         self.problem = problem
         self._pool = pool
 
-    def each(self, task: Callable[[Problem, Item], Result], items: Sequence[Item]) -> Iterator[Result]:
+    def each(
+        self, task: Callable[[Problem, Item], Result], items: Sequence[Item]
+    ) -> Iterator[Result]:
         """The results in the order of the items."""
         if self._pool is None:
             for item in items:
@@ -124,10 +126,10 @@ def workers(problem: Problem, count: int) -> Iterator[Workers]:
 
 @dataclass(frozen=True)
 class Prospect:
-    """A start and the cost that the linearised model promises from there."""
+    """A start and the squared residuals that the linearised model promises from there."""
 
     start: Start
-    cost: float
+    power: float
 
 
 def _screen_sheet(problem: Problem, task: tuple[Model, tuple[Start, ...]]) -> list[Prospect]:
@@ -137,7 +139,8 @@ def _screen_sheet(problem: Problem, task: tuple[Model, tuple[Start, ...]]) -> li
     for start in starts:
         sheet = sheet.extended(start.effect, start.block, start.screened)
     try:
-        equations = total(evaluate(sheet, problem.recordings, problem.given), problem.given)
+        at = evaluate(sheet, problem.recordings, problem.given)
+        equations = total(at, problem.given)
     except SimulationError as err:
         LOG.info("%s: %s", ", ".join(s.effect for s in starts), err)
         return []
@@ -154,7 +157,7 @@ def _screen_sheet(problem: Problem, task: tuple[Model, tuple[Start, ...]]) -> li
         )
         step, cost = part.minimum()
         amounts = np.clip(step[len(own) :], -LOOSE * natural[added], LOOSE * natural[added])
-        found.append(Prospect(_shifted(start, amounts), cost))
+        found.append(Prospect(_shifted(start, amounts), cost * at.excess))
     return found
 
 
@@ -178,7 +181,7 @@ def _screen_alone(problem: Problem, task: tuple[Model, tuple[Start, ...]]) -> li
         return []
     _, promised = total(at, problem.given).minimum()
     # Far from its start a linearisation promises what it cannot keep.
-    return [Prospect(start, max(promised, 0.05 * at.cost))]
+    return [Prospect(start, max(promised * at.excess, 0.05 * at.power))]
 
 
 def _screen(problem: Problem, task: tuple[Model, tuple[Start, ...]]) -> list[Prospect]:
@@ -246,14 +249,14 @@ def _carry_on(problem: Problem, at: Evaluation) -> Evaluation:
 def _chosen(prospects: Sequence[Prospect], before: float) -> list[Prospect]:
     """The best start of every form of every effect, and another place where it is nearly as good."""
     groups: dict[tuple[str, str], list[Prospect]] = {}
-    for p in sorted(prospects, key=lambda p: p.cost):
+    for p in sorted(prospects, key=lambda p: p.power):
         groups.setdefault((p.start.effect, p.start.form), []).append(p)
     result = []
     for group in groups.values():
         result.append(group[0])
-        best = before - group[0].cost
-        result += [p for p in group[1:2] if before - p.cost > OTHER_PLACE * best]
-    return sorted(result, key=lambda p: p.cost)
+        best = before - group[0].power
+        result += [p for p in group[1:2] if before - p.power > OTHER_PLACE * best]
+    return sorted(result, key=lambda p: p.power)
 
 
 def search(
@@ -267,7 +270,7 @@ def search(
         progress: called with what is being done and the share of it that is done.
     """
     problem = team.problem
-    prospects = _chosen(screen(team, before.model, starts, progress), before.cost)
+    prospects = _chosen(screen(team, before.model, starts, progress), before.power)
     tasks = [(before.model, p.start) for p in prospects]
     first: dict[tuple[str, str], Evaluation] = {}
     for k, (p, at) in enumerate(zip(prospects, team.each(_fit_start, tasks), strict=True)):
@@ -279,8 +282,8 @@ def search(
     if not order:
         return []
     noise = problem.count
-    limit = noise + PROMISING * max(first[order[0]].cost - noise, 0.1 * noise)
-    carried = [key for k, key in enumerate(order) if first[key].cost < limit or k < AT_LEAST]
+    limit = noise + PROMISING * max(first[order[0]].power - noise, 0.1 * noise)
+    carried = [key for k, key in enumerate(order) if first[key].power < limit or k < AT_LEAST]
     fits = dict(first)
     for k, (key, at) in enumerate(
         zip(carried, team.each(_carry_on, [first[key] for key in carried]), strict=True)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dlo_ros.diagnosis.fitting import Evaluation, evaluate
+from dlo_ros.diagnosis.forces import missing_force
 from dlo_ros.diagnosis.measured import Recording
 from dlo_ros.diagnosis.outcome import View
 from dlo_ros.errors import SimulationError
@@ -46,6 +47,7 @@ def views(
             continue
         (old, err_old), (new, err_new) = shown
         frames = len(old)
+        force = missing_force(recording, old, before.model.settings, u)
         result.append(
             View(
                 recording.name,
@@ -59,6 +61,8 @@ def views(
                 u,
                 _across(recording, old, values, length),
                 _across(recording, new, values, length),
+                None if force is None else force.force,
+                None if force is None else force.std,
             )
         )
     return tuple(result)

@@ -1,0 +1,81 @@
+"""`diagnose --params FILE --output DIR [--holdout BAG] BAG ...`: what the model gets wrong, and why."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import Progress
+
+from dlo_ros.cli.diagnosis_output import summary, write_results
+from dlo_ros.cli.loading import add_model_arguments, load_manipulation, load_settings, prepare
+from dlo_ros.diagnosis import diagnose
+from dlo_ros.errors import InputError
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The arguments of the tool."""
+    parser.add_argument("bags", type=Path, nargs="+", metavar="BAG", help="recordings to explain")
+    add_model_arguments(parser)
+    parser.add_argument(
+        "--output", type=Path, required=True, metavar="DIR", help="folder for the results"
+    )
+    parser.add_argument(
+        "--holdout",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="BAG",
+        help="recording on which the gain is measured; may be repeated; default: one of the "
+        "others, or the end of the only one",
+    )
+    parser.add_argument(
+        "--workers", type=int, default=0, metavar="N", help="processes; default: one per core"
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Diagnose; returns the exit status.
+
+    Raises:
+        DloError: an input or the output is unusable.
+    """
+    settings = load_settings(arguments)
+    output: Path = arguments.output
+    if output.exists() and not output.is_dir():
+        raise InputError(f"{output}: is a file; give a folder for the results")
+    if arguments.workers < 0:
+        raise InputError(f"--workers is {arguments.workers}; give a number of processes, 1 or more")
+    recordings = [load_manipulation(bag, settings) for bag in arguments.bags]
+    holdout = [load_manipulation(bag, settings) for bag in arguments.holdout]
+    prepare()
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("Diagnosing", total=1.0)
+
+        def progress(text: str, share: float) -> None:
+            bar.update(task, description=text.capitalize(), completed=share)
+
+        found = diagnose(
+            recordings,
+            settings,
+            holdout,
+            processes=arguments.workers or _cores(),
+            progress=progress,
+        )
+    try:
+        write_results(output, settings, found)
+    except OSError as err:
+        raise InputError(f"{output}: cannot be written ({err.strerror})") from err
+    for line in summary(found):
+        print(line)
+    print(f"written to {output}: report.json, extended.yaml, report.html")
+    return 0
+
+
+def _cores() -> int:
+    """Cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1

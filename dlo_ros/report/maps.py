@@ -1,0 +1,52 @@
+"""Maps over the position along the DLO and time, as pictures that stand in the page."""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.figure import Figure
+
+from dlo_ros.report.elements import typeset
+from dlo_ros.report.plots import STYLE
+from dlo_ros.spline import FloatArray
+
+
+def field_maps(
+    titles: Sequence[str], times: FloatArray, u: FloatArray, fields: Sequence[FloatArray],
+    label: str, largest: float | None = None,
+) -> str:  # fmt: skip
+    """Maps beside one another with one colour scale, as an HTML image.
+
+    Args:
+        titles: of the maps.
+        times: [s], shape (F,).
+        u: material coordinates [m], shape (U,).
+        fields: signed values, each of shape (F, U).
+        label: of the colours, with the unit.
+        largest: end of the colour scale; default: what 99 of 100 values stay below.
+    """
+    values = np.abs(np.concatenate([f.ravel() for f in fields]))
+    values = values[np.isfinite(values)]
+    found = float(np.percentile(values, 99.0)) if len(values) else 1.0
+    bound = largest or max(found, 1e-12)
+    with rc_context({**STYLE, "axes.grid": False}):
+        figure = Figure(figsize=(4.4 * len(fields) + 0.6, 2.9), layout="constrained", dpi=110)
+        figure.set_facecolor("white")
+        all_axes = figure.subplots(1, len(fields), sharey=True, squeeze=False)[0]
+        for axes, title, field in zip(all_axes, titles, fields, strict=True):
+            picture = axes.pcolormesh(
+                times, 1e3 * u, field.T, cmap="RdBu_r", vmin=-bound, vmax=bound, shading="nearest"
+            )
+            axes.set_title(typeset(title), fontsize=10)
+            axes.set_xlabel("time [s]")
+        all_axes[0].set_ylabel("u along the DLO [mm]")
+        figure.colorbar(picture, ax=list(all_axes), label=typeset(label))
+        buffer = io.BytesIO()
+        figure.savefig(buffer, format="png")
+    encoded = base64.b64encode(buffer.getvalue()).decode("ascii")
+    text = ", ".join(titles)
+    return f'<img alt="{text}" style="width:100%" src="data:image/png;base64,{encoded}">'
