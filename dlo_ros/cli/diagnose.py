@@ -1,4 +1,4 @@
-"""`diagnose --params FILE --output DIR [--holdout BAG] BAG ...`: what the model gets wrong, and why."""
+"""`diagnose --params FILE --output DIR [--holdout BAG] BAG ...`: what is wrong, and why."""
 
 from __future__ import annotations
 

@@ -13,7 +13,12 @@ from dlo_ros.diagnosis import Diagnosis, Fitted, NamedEffect
 from dlo_ros.effects import effects
 from dlo_ros.parameters import Settings
 from dlo_ros.report.diagnosis import (
-    DiagnosedRecording, DiagnosisReport, FoundEffect, FoundParameter, MaterialRow, Ranked,
+    DiagnosedRecording,
+    DiagnosisReport,
+    FoundEffect,
+    FoundParameter,
+    MaterialRow,
+    Ranked,
     write_diagnosis_report,
 )  # fmt: skip
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dlo_ros.diagnosis.model import Block
-from dlo_ros.diagnosis.pegs import pegs
+from dlo_ros.diagnosis.pegs import RADII, pegs
 from dlo_ros.effects import effects
 from dlo_ros.effects import quantities as quantities_of
 from dlo_ros.parameters import Settings
@@ -186,11 +186,14 @@ def _forces(name: str, scene: Scene) -> list[Start]:
 
 def _pegs(name: str, scene: Scene) -> list[Start]:
     keys = ("x", "z", "radius")
-    found = pegs(scene.settings.rod, scene.observed, scene.predicted)
+    rod, observed, predicted = scene.settings.rod, scene.observed, scene.predicted
+    # A peg of another size that touches at the same point is hard to reach by small steps.
     return [
-        Start(name, {"x": p.x, "z": p.z, "radius": p.radius}, keys, keys, neutral=False)
-        for p in found
-    ]
+        Start(name, {"x": p.x, "z": p.z, "radius": p.radius}, keys, keys, neutral=False,
+              form=f"radius {radius:g}")
+        for radius in RADII
+        for p in pegs(rod, observed, predicted, radius)
+    ]  # fmt: skip
 
 
 SPECIAL: dict[str, Callable[[str, Scene], list[Start]]] = {

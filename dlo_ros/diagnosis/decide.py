@@ -70,7 +70,7 @@ def adequate(structure: float, chance: float) -> bool:
 
 
 def explanations(candidates: Sequence[Candidate], most: float) -> list[Explanation]:
-    """Those candidates that leave no structure, the best form of each set of effects, best first."""
+    """The candidates that leave no structure, one form of each set of effects, best first."""
     found: dict[tuple[str, ...], Explanation] = {}
     for c in sorted(candidates, key=lambda c: c.score):
         key = tuple(sorted(c.at.model.effects))

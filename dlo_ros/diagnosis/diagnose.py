@@ -13,18 +13,23 @@ from dlo_ros.diagnosis.advice import advise
 from dlo_ros.diagnosis.candidates import scene, starts
 from dlo_ros.diagnosis.estimates import fitted, numbers
 from dlo_ros.diagnosis.fitting import Evaluation
-from dlo_ros.diagnosis.outcome import Diagnosis, NamedEffect, Tried, View
+from dlo_ros.diagnosis.measured import noise_floor
+from dlo_ros.diagnosis.outcome import Diagnosis, NamedEffect, Tried
 from dlo_ros.diagnosis.search import (
-    Candidate, Problem, Progress, Workers, candidate, search, workers,
+    Candidate,
+    Problem,
+    Progress,
+    Workers,
+    candidate,
+    search,
+    workers,
 )  # fmt: skip
 from dlo_ros.diagnosis.start import Beginning, begin
 from dlo_ros.diagnosis.views import views
 from dlo_ros.errors import InputError
 from dlo_ros.identification.estimate import searchable
 from dlo_ros.identification.forecast import Manipulation
-from dlo_ros.identification.noise import noise_floor
 from dlo_ros.parameters import Settings
-from dlo_ros.spline import SplineBasis
 
 LOG = logging.getLogger(__name__)
 
@@ -109,7 +114,7 @@ def _explain(
     names = [n for m in recordings for c in m.commands for n in c.names]
     observed = [r.observed for r in team.problem.recordings]
 
-    def beginnings(at: Evaluation, present: Sequence[str]) -> list[decide.Candidate]:
+    def beginnings(at: Evaluation, present: Sequence[str]) -> list[Candidate]:
         here = scene(at.model.settings, names, observed, at.predicted)
         return search(team, at, starts(here, present), progress)
 
@@ -171,19 +176,17 @@ def _outcome(
         err = aside.mean(aside.errors(model, recordings, parted.holdout, given))
         label = "+".join(n for n in c.at.model.effects if n not in plain.at.model.effects)
         tried.append(Tried(label or "none", err, c.score, c.structure))
-    basis = SplineBasis(given.rod.control_points, given.rod.length)
-    floors = [noise_floor(r.manipulation.observations, basis) for r in recordings]
-    known = [f for f in floors if f is not None]
+    floors = [noise_floor(r, p, given) for r, p in zip(learned, best.at.predicted, strict=True)]
     shown = found.best if decision.verdict == "unexplained" and found.best else best
     return Diagnosis(
         decision.verdict,
         effects,
-        float(np.mean(known)) if known else None,
+        float(np.mean(floors)),
         fitted(plain.at, given, aside.mean(train[0]), aside.mean(kept[0])),
         fitted(best.at, given, aside.mean(train[1]), aside.mean(kept[1])),
         aside.gain(kept[0], kept[1]),
         tuple(tried),
-        advise(decision, found.singles, found.pairs, recordings, given),
+        advise(decision, [*found.singles, *found.pairs], learned, given),
         plain.structure,
         best.structure,
         chance,

@@ -38,7 +38,7 @@ def fitted(
     for value, c in zip(
         (rod.young_modulus, rod.density, rod.specific_modulus), pick.values(), strict=True
     ):
-        std = float(np.sqrt(max(c @ spread @ c, 0.0)))
+        std = float(np.sqrt(max(float(c @ spread @ c), 0.0)))
         result.append((value, value * std if std < UNBOUNDED else None))
     settings = at.model.settings
     return Fitted(settings, result[0], result[1], result[2], err_train, err_holdout)

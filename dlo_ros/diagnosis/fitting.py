@@ -16,6 +16,10 @@ from dlo_ros.spline import FloatArray
 
 CONVERGED = 0.05
 """Gain of the cost in one iteration, per root of the number of measurements."""
+CLEARLY_WRONG = 4.0
+"""Excess over the noise from which a fit need not be driven to the last digit."""
+COARSE = 0.01
+"""Share of the squared residuals that an iteration must still gain there."""
 LARGEST_STEP = 2.0
 """Of a parameter in one iteration, in natural units."""
 
@@ -165,6 +169,9 @@ def fit(
     count = sum(r.size for r in start.residuals)
     for _ in range(iterations):
         equations = total(best, given)
+        enough = CONVERGED * np.sqrt(count)
+        if best.excess > CLEARLY_WRONG:
+            enough += COARSE * count
         gain = 0.0
         for _ in range(5):
             lhs = equations.hessian + damping * np.diag(np.diag(equations.hessian))
@@ -179,12 +186,12 @@ def fit(
             gain = best.cost - after.cost
             if gain > 0.0:
                 break
-            if -gain < CONVERGED * np.sqrt(count):
+            if -gain < enough:
                 return best
             damping = max(30.0 * damping, 1e-2)
         if gain <= 0.0:
             return best
         best, damping = after, 0.1 * damping
-        if gain < CONVERGED * np.sqrt(count):
+        if gain < enough:
             return best
     return best

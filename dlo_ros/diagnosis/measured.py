@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,6 +16,7 @@ ORDERS = (2, 4, 6)
 """Of differences in time, which a smooth residual enters less and less."""
 LEAST_NOISE = 2e-6
 """Of the length: below, rounding and the time step of the simulation would count as noise."""
+DRAWS = 20_000
 LEAST_SHARE = 0.5
 """Of the typical noise that a single coefficient may have."""
 
@@ -123,18 +123,16 @@ def _across(observed: FloatArray, settings: Settings) -> FloatArray:
     return np.concatenate(parts, axis=1)
 
 
-def noise_of(field: FloatArray, recording: Recording, settings: Settings) -> FloatArray:
+def scatter(field: FloatArray, recording: Recording, settings: Settings) -> FloatArray:
     """Standard deviation of each coefficient from frame to frame [m], shape (K,).
 
     Differences in time of growing order; the smallest counts, and the median over time, so that a
-    moment of violent motion does not. Along the DLO the camera sees little, and what it sees there
-    is not better than across.
+    moment of violent motion does not. Where there are too few frames the stated standard deviation
+    of the measured points tells, or else what is left over.
 
     Args:
         field: residual coefficients [m], shape (F, K).
     """
-    n = settings.rod.control_points
-    least = LEAST_NOISE * settings.rod.length
     found = []
     for order in ORDERS:
         if len(field) <= 2 * order:
@@ -146,19 +144,42 @@ def noise_of(field: FloatArray, recording: Recording, settings: Settings) -> Flo
         gap = np.array([weights @ field[i : i + order + 1] for i in range(len(field) - order)])
         # Of a normal variable squared the median is 0.455 of the mean.
         found.append(np.sqrt(np.median(gap**2, axis=0) / 0.4549))
-    if not found:
-        stated = point_noise(
-            recording.manipulation.observations, SplineBasis(n, settings.rod.length)
-        )
-        typical = max(stated or float(np.sqrt(np.mean(field**2))), least)
-        return np.full(field.shape[1], typical)
-    each = np.min(found, axis=0)
+    if found:
+        return np.asarray(np.min(found, axis=0))
+    n = settings.rod.control_points
+    stated = point_noise(recording.manipulation.observations, SplineBasis(n, settings.rod.length))
+    # `point_noise` is that of the whole shape, of which n coefficients have a share each.
+    typical = stated / np.sqrt(n) if stated else float(np.sqrt(np.mean(field**2)))
+    return np.full(field.shape[1], typical)
+
+
+def noise_of(field: FloatArray, recording: Recording, settings: Settings) -> FloatArray:
+    """Noise that each coefficient is taken to have [m], shape (K,).
+
+    No coefficient is much better than the others, and what the camera sees along the DLO is not
+    better than what it sees across.
+
+    Args:
+        field: residual coefficients [m], shape (F, K).
+    """
+    n = settings.rod.control_points
+    each = scatter(field, recording, settings)
+    least = LEAST_NOISE * settings.rod.length
     typical = max(float(np.sqrt(np.mean(each[:n] ** 2))), least)
     across = np.maximum(each[:n], LEAST_SHARE * typical)
     others = [np.maximum(part, across) for part in np.split(each[n:], (len(each) - n) // n)]
     return np.concatenate([across, *others])
 
 
-def planar(recordings: Sequence[Recording]) -> bool:
-    """Whether all recordings stay in the board's plane."""
-    return all(r.across.shape[1] == 2 * r.observed.shape[1] for r in recordings)
+def noise_floor(recording: Recording, predicted: FloatArray, settings: Settings) -> float:
+    """The err that a perfect model would have [m]: mean length of the noise.
+
+    Args:
+        predicted: control points of the best model, shape (F, n, 3 or more).
+    """
+    n = settings.rod.control_points
+    field = recording.residual(predicted) * recording.noise
+    each = scatter(field, recording, settings)
+    sizes = np.sqrt(np.sum(each.reshape(-1, n) ** 2, axis=1))  # across, along, out of the plane
+    drawn = np.random.default_rng(0).normal(size=(DRAWS, len(sizes)))
+    return float(np.mean(np.linalg.norm(drawn * sizes, axis=1)))

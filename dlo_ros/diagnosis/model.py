@@ -160,10 +160,10 @@ def _get(settings: Settings, name: str) -> float:
 
 
 def _put(settings: Settings, name: str, value: float) -> Settings:
+    changed: dict[str, Any] = {name: value}
     if name in ("young_modulus", "density"):
-        return replace(settings, rod=replace(settings.rod, **{name: value}))
+        return replace(settings, rod=replace(settings.rod, **changed))
     if name in MATERIAL:
-        changed: dict[str, Any] = {name: value}
         return replace(settings, damping=replace(settings.damping, **changed))
     effect, key, index = _split(name)
     effects: dict[str, dict[str, Any]] = {k: dict(v) for k, v in settings.effects.items()}
@@ -216,7 +216,8 @@ def _natural(name: str, settings: Settings) -> float:
     rod = settings.rod
     weight = rod.linear_density * 9.81
     sizes = {
-        "m": 0.1 * rod.length, "1/m": 3.0 / rod.length, "rad": 0.3, "kg": rod.linear_density * rod.length,
+        "m": 0.1 * rod.length, "1/m": 3.0 / rod.length, "rad": 0.3,
+        "kg": rod.linear_density * rod.length,
         "N/m": weight, "N s/m^2": 10.0 * max(settings.damping.air_drag, 1e-3 * weight),
         "s": 0.1,
     }  # fmt: skip

@@ -10,16 +10,21 @@ from dlo_ros.effects import Peg
 from dlo_ros.parameters import RodParameters
 from dlo_ros.spline import FloatArray, SplineBasis
 
-RADII = (0.008, 0.016)
-"""Of pegs that are tried, the size of a finger [m]; the fit finds the true one."""
+RADII = (0.006, 0.012, 0.024)
+"""Of pegs that are tried, from a nail to a pipe [m]; the fit finds the true one."""
+TRIED = 500
+"""Places in a recording."""
 STATIONS = 40
-MOST = 5
+MOST = 2
 SLACK = 1.5e-3
 """How far an observed shape may seem to reach into a peg [m]: noise, and the spline's own error."""
 
 
 def pegs(
-    rod: RodParameters, observed: Sequence[FloatArray], predicted: Sequence[FloatArray]
+    rod: RodParameters,
+    observed: Sequence[FloatArray],
+    predicted: Sequence[FloatArray],
+    radius: float,
 ) -> list[Peg]:
     """The most likely pegs, best first.
 
@@ -28,6 +33,7 @@ def pegs(
 
     Args:
         observed, predicted: control points of each recording [m], shape (F, n, 3).
+        radius: of the pegs [m].
     """
     basis = SplineBasis(rod.control_points, rod.length)
     u = np.linspace(0.08, 1.0, STATIONS) * rod.length
@@ -37,33 +43,29 @@ def pegs(
     seen = [s[-len(e) :] for s, e in zip(seen, expected, strict=True)]
     everywhere = np.concatenate([s.reshape(-1, 2) for s in seen])
     entering = np.concatenate([e.reshape(-1, 2) for e in expected])
-    centres, gains, radii = [], [], []
-    for radius in RADII:
-        away = radius + 0.5 * rod.diameter
-        for s, e in zip(seen, expected, strict=True):
-            along = np.gradient(s, axis=1)
-            along /= np.maximum(np.linalg.norm(along, axis=2, keepdims=True), 1e-12)
-            across = np.stack([-along[..., 1], along[..., 0]], axis=-1)
-            miss = np.sum((e - s) * across, axis=2)
-            typical = np.sqrt(np.mean(miss**2))
-            frames, places = np.nonzero(np.abs(miss) > 0.7 * typical)
-            every = max(1, len(frames) // 600)
-            frames, places = frames[::every], places[::every]
-            side = np.sign(miss[frames, places])[:, None]
-            tried = s[frames, places] + side * away * across[frames, places]
-            for centre in tried:
-                depth = away - np.sqrt(np.min(np.sum((everywhere - centre) ** 2, axis=1)))
-                if depth > SLACK:
-                    continue
-                reach = away - np.sqrt(np.sum((entering - centre) ** 2, axis=1))
-                centres.append(centre)
-                gains.append(float(np.sum(np.maximum(reach, 0.0))))
-                radii.append(radius)
+    centres, gains = [], []
+    away = radius + 0.5 * rod.diameter
+    for s, e in zip(seen, expected, strict=True):
+        along = np.gradient(s, axis=1)
+        along /= np.maximum(np.linalg.norm(along, axis=2, keepdims=True), 1e-12)
+        across = np.stack([-along[..., 1], along[..., 0]], axis=-1)
+        miss = np.sum((e - s) * across, axis=2)
+        frames, places = np.nonzero(np.abs(miss) > 0.7 * np.sqrt(np.mean(miss**2)))
+        every = max(1, len(frames) // TRIED)
+        frames, places = frames[::every], places[::every]
+        side = np.sign(miss[frames, places])[:, None]
+        for centre in s[frames, places] + side * away * across[frames, places]:
+            depth = away - np.sqrt(np.min(np.sum((everywhere - centre) ** 2, axis=1)))
+            if depth > SLACK:
+                continue
+            reach = away - np.sqrt(np.sum((entering - centre) ** 2, axis=1))
+            centres.append(centre)
+            gains.append(float(np.sum(np.maximum(reach, 0.0))))
     found: list[Peg] = []
     for k in np.argsort(gains)[::-1]:
         apart = [np.hypot(p.x - centres[k][0], p.z - centres[k][1]) for p in found]
         if gains[k] > 0.0 and (not apart or min(apart) > 0.04 * rod.length):
-            found.append(Peg(float(centres[k][0]), float(centres[k][1]), radii[k]))
+            found.append(Peg(float(centres[k][0]), float(centres[k][1]), radius))
         if len(found) == MOST:
             break
     return found

@@ -31,7 +31,7 @@ FIRST_ITERATIONS = 2
 MORE_ITERATIONS = 8
 PROMISING = 4.0
 """Excess over the noise, against the best candidate's, up to which a fit is carried on."""
-AT_LEAST = 4
+AT_LEAST = 3
 OTHER_PLACE = 0.7
 """Share of the best gain from which another beginning of the same effect is fitted, too."""
 
@@ -247,7 +247,7 @@ def _carry_on(problem: Problem, at: Evaluation) -> Evaluation:
 
 
 def _chosen(prospects: Sequence[Prospect], before: float) -> list[Prospect]:
-    """The best start of every form of every effect, and another place where it is nearly as good."""
+    """The best start of every form of every effect, and another place nearly as good."""
     groups: dict[tuple[str, str], list[Prospect]] = {}
     for p in sorted(prospects, key=lambda p: p.power):
         groups.setdefault((p.start.effect, p.start.form), []).append(p)

@@ -8,7 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from dlo_ros.report.elements import (
-    figure, markup, measured, millimetres, number, paragraph, table,
+    figure,
+    markup,
+    measured,
+    millimetres,
+    number,
+    paragraph,
+    table,
 )  # fmt: skip
 from dlo_ros.report.maps import field_maps
 from dlo_ros.report.page import Section, page, write_page

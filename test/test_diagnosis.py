@@ -1,0 +1,209 @@
+"""Diagnosis: its linear algebra against dense answers, its decisions, and whole cases."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from measured import swing
+from rods import PAPER
+
+from dlo_ros.diagnosis import decide, diagnose, judging
+from dlo_ros.diagnosis.candidates import Scene, scene, starts
+from dlo_ros.diagnosis.fitting import Evaluation, Normal, fit, known, normal, total
+from dlo_ros.diagnosis.forces import missing_force
+from dlo_ros.diagnosis.measured import measured
+from dlo_ros.diagnosis.model import baseline, prior
+from dlo_ros.diagnosis.search import Candidate
+from dlo_ros.diagnosis.start import begin
+from dlo_ros.effects import effects
+from dlo_ros.errors import InputError
+from dlo_ros.identification import Manipulation, forecast
+
+KNOWN = replace(
+    PAPER,
+    rod=replace(PAPER.rod, density_std=20.0),
+    damping=replace(PAPER.damping, air_drag_std=1e-4, relaxation_time_std=1e-4),
+)
+
+
+def evaluation(residuals, jacobians=None):
+    """Residuals as if a simulation had left them."""
+    power = sum(float(np.sum(r**2)) for r in residuals)
+    model = baseline(KNOWN)
+    parameters = len(model.free)
+    if jacobians is None:
+        jacobians = [np.zeros((len(r), parameters, r.shape[1])) for r in residuals]
+    empty = tuple(np.zeros((len(r), 4, 4)) for r in residuals)
+    err = tuple(np.zeros(len(r)) for r in residuals)
+    return Evaluation(model, tuple(residuals), tuple(jacobians), power, power, empty, err)
+
+
+def candidate(names, structure, score, residuals):
+    at = evaluation(residuals)
+    settings = KNOWN.with_effects({n: {} for n in names})
+    at = replace(at, model=replace(at.model, settings=settings))
+    return Candidate(names[-1], "", at, score, structure)
+
+
+def test_structure_is_what_repeats_and_not_the_noise():
+    rng = np.random.default_rng(1)
+    noise = [rng.normal(size=(300, 20)) for _ in range(3)]
+    assert abs(judging.structure(noise)) < 0.15
+    slow = 0.8 * np.sin(np.linspace(0.0, 6.0, 300))[:, None]
+    assert judging.structure([r + slow for r in noise]) == pytest.approx(0.8 / 2**0.5, rel=0.1)
+    assert judging.chance(noise) < 0.25
+    short = [r[:4, :2] for r in noise]
+    assert judging.chance(short) > judging.chance(noise)  # few numbers may look like anything
+
+
+def test_score_is_the_predictive_likelihood_of_a_linear_model():
+    rng = np.random.default_rng(2)
+    model = baseline(KNOWN)
+    parameters = len(model.free)
+    jacobians = [rng.normal(size=(7, parameters, 3)) * 3.0 for _ in range(3)]
+    residuals = [rng.normal(size=(7, 3)) for _ in range(3)]
+    at = evaluation(residuals, jacobians)
+    centre, information = prior(model, KNOWN)
+    expected = 0.0
+    for k in range(3):
+        hessian, right = np.diag(information), information * (centre - model.theta())
+        for other in range(3):
+            if other != k:
+                j = jacobians[other].transpose(0, 2, 1).reshape(-1, parameters)
+                hessian, right = hessian + j.T @ j, right + j.T @ residuals[other].ravel()
+        j = jacobians[k].transpose(0, 2, 1).reshape(-1, parameters)
+        left = residuals[k].ravel() - j @ np.linalg.solve(hessian, right)
+        spread = np.eye(len(left)) + j @ np.linalg.solve(hessian, j.T)
+        expected += left @ np.linalg.solve(spread, left) + np.linalg.slogdet(spread)[1]
+    assert judging.predictive_score(at, KNOWN) == pytest.approx(expected, rel=1e-6)
+
+
+def test_normal_equations_find_the_least_squares_answer():
+    rng = np.random.default_rng(3)
+    j, r = rng.normal(size=(5, 2, 4)), rng.normal(size=(5, 4))
+    step, left = normal(r, j).minimum()
+    dense = j.transpose(0, 2, 1).reshape(-1, 2)
+    answer, power, *_ = np.linalg.lstsq(dense, r.ravel(), rcond=None)
+    assert step == pytest.approx(answer)
+    assert left == pytest.approx(float(power[0]))
+    both = normal(r, j) + Normal(np.eye(2), np.zeros(2), 0.0).scaled(1e9)
+    assert np.abs(both.minimum()[0]).max() < 1e-6
+
+
+def test_parameters_are_packed_within_their_ranges():
+    model = baseline(KNOWN).extended(
+        "stiff_segment", {"centre": 0.1, "extent": 0.05, "ratio": 2.0}, ("centre", "ratio")
+    )
+    assert model.free[-2:] == ("effects.stiff_segment.centre", "effects.stiff_segment.ratio")
+    theta = model.theta()
+    assert theta[-1] == pytest.approx(np.log(2.0))
+    theta[-2:] = 99.0, np.log(3.0)
+    moved = model.at(theta)
+    assert moved.settings.effects["stiff_segment"]["ratio"] == pytest.approx(3.0)
+    assert moved.settings.effects["stiff_segment"]["centre"] == KNOWN.rod.length
+    assert moved.at_border() == ("effects.stiff_segment.centre",)
+    assert moved.without("stiff_segment").settings.effects == {}
+    assert moved.without("stiff_segment").free == baseline(KNOWN).free
+    patterned = baseline(KNOWN).extended(
+        "intrinsic_curvature", {"curvature": (0.0, 1.0)}, ("curvature",)
+    )
+    assert patterned.theta()[-2:] == pytest.approx([0.0, 1.0])
+    assert patterned.chain()[:2] == pytest.approx([1.0, 1.0])
+
+
+def test_every_effect_is_looked_for():
+    one = swing(PAPER, seconds=0.5)
+    shapes = np.array([o.control_points[:, :3] for o in one.observations])
+    aside = shapes + np.array([0.01, 0.0, 0.0])
+    found = scene(KNOWN, one.commands[0].names, [shapes], [aside])
+    names = {s.effect for s in starts(found)}
+    assert names == set(effects())
+    assert found.clamps == ("start",)
+    # Damping that is a guess is fitted anyway, and cannot be exceeded.
+    guessed = starts(Scene(PAPER, (), found.curvature, found.observed, found.predicted))
+    assert {s.effect for s in guessed} == set(effects()) - {
+        "air_drag", "internal_damping", "clamp_angle"
+    }  # fmt: skip
+    assert not [s for s in starts(found, present=("point_mass",)) if s.effect == "point_mass"]
+
+
+def test_names_stand_beside_their_rivals():
+    rng = np.random.default_rng(4)
+    noise = [rng.normal(size=(60, 10))]
+    slow = np.sin(np.linspace(0.0, 6.0, 60))[:, None]
+    best = candidate(["gravity_tilt"], 0.1, 10.0, noise)
+    alike = candidate(["constant_force"], 0.12, 11.0, [noise[0] + 0.01 * slow])
+    worse = candidate(["clamp_angle"], 0.8, 900.0, [noise[0] + 1.2 * slow])
+    wrong = candidate(["obstacle"], 4.0, 5000.0, [noise[0] + 6.0 * slow])
+    found = decide.explanations([wrong, worse, alike, best], decide.limit(20.0, 0.2))
+    assert [e.effects for e in found] == [("gravity_tilt",), ("constant_force",), ("clamp_angle",)]
+    decision = decide.choose(found)
+    assert decision.verdict == "explained"
+    assert decision.rivals == (("constant_force",),)
+
+
+def test_rivals_of_a_pair_take_the_place_of_one():
+    noise = [np.random.default_rng(5).normal(size=(60, 10))]
+    best = candidate(["point_mass", "command_delay"], 0.1, 10.0, noise)
+    other = candidate(["point_mass", "internal_damping"], 0.1, 11.0, noise)
+    far = candidate(["obstacle", "plasticity"], 0.1, 12.0, noise)
+    found = decide.explanations([best, other, far], 0.9)
+    assert decide.choose(found).rivals == ((), ("internal_damping",))
+
+
+def test_a_plain_swing_is_adequate():
+    found = diagnose([swing(PAPER, seconds=1.0), swing(PAPER, seconds=1.0, seed=1)], KNOWN)
+    assert found.verdict == "adequate"
+    assert found.effects == ()
+    assert found.extended.settings.effects == {}
+    assert found.baseline.err_holdout == pytest.approx(found.noise_floor, rel=0.3)
+    assert found.baseline.specific_modulus[0] == pytest.approx(PAPER.rod.specific_modulus, rel=0.02)
+
+
+def test_noise_is_told_from_what_repeats():
+    manipulation = swing(PAPER, seconds=1.0, noise=3e-4)
+    beginning = begin([manipulation], KNOWN)
+    (recording,) = beginning.recordings
+    n = PAPER.rod.control_points
+    # 120 points of 0.3 mm each, of which a coefficient is a mean.
+    assert np.median(recording.noise[:n]) == pytest.approx(3e-4 / 120**0.5, rel=0.3)
+    assert beginning.error < 0.2 * 3e-4
+    assert total(beginning.at, KNOWN).hessian.shape == (4, 4)
+    assert known(beginning.at.model, KNOWN).power >= 0.0
+    again = fit(beginning.at, beginning.recordings, KNOWN, 2)
+    assert again.cost <= beginning.at.cost
+
+
+def test_missing_force_is_the_force_that_acts():
+    weight = 9.81 * PAPER.rod.linear_density
+    pushed = KNOWN.with_effects({"constant_force": {"x": 0.0, "z": 0.1 * weight}})
+    plain = swing(PAPER, seconds=1.0, noise=0.0)
+    rng = np.random.default_rng(0)
+    acting = forecast(plain, pushed)
+    points = acting.predicted.copy()
+    points[:, :, [0, 2]] += 3e-5 * rng.normal(size=points[:, :, [0, 2]].shape)
+    seen = tuple(
+        replace(o, control_points=p) for o, p in zip(plain.observations, points, strict=True)
+    )
+    settings = replace(KNOWN, simulation=replace(KNOWN.simulation, tolerance=5e-5))
+    recording = measured(Manipulation("pushed", plain.commands, seen), settings)
+    predicted = forecast(recording.manipulation, settings).predicted
+    recording = recording.with_noise(predicted, settings)
+    u = np.linspace(0.2, 0.8, 7) * PAPER.rod.length
+    found = missing_force(recording, predicted, settings, u)
+    middle = found.force[5:-5, :, 1]
+    assert np.mean(middle) == pytest.approx(0.1 * weight, rel=0.5)  # a linear beam
+    assert missing_force(recording, predicted[:4], settings, u) is None
+
+
+def test_what_cannot_be_diagnosed_is_refused():
+    one = swing(PAPER, seconds=0.2)
+    with pytest.raises(InputError, match="no recording"):
+        diagnose([], KNOWN)
+    with pytest.raises(InputError, match="dlo/command"):
+        diagnose([Manipulation("bare", (), one.observations)], KNOWN)
+    with pytest.raises(InputError, match="dlo/observed"):
+        diagnose([Manipulation("blind", one.commands, ())], KNOWN)
+    other = replace(KNOWN, rod=replace(KNOWN.rod, control_points=12))
+    with pytest.raises(InputError, match="control_points"):
+        diagnose([one], other)
