@@ -12,11 +12,11 @@ COMPILED := $(VENV)/.compiled
 
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: setup demo picture examples bench test test-slow lint clean lock help
+.PHONY: setup demo picture examples bench challenge test test-slow lint clean lock help
 
 help:
 	@sed -n 's/^# //p' Makefile | head -3
-	@echo "also: setup, examples, bench, test-slow, lint, picture, lock, clean"
+	@echo "also: setup, examples, bench, challenge, test-slow, lint, picture, lock, clean"
 
 setup: $(COMPILED)
 
@@ -48,6 +48,11 @@ examples: $(COMPILED)
 bench: $(COMPILED)
 	$(BIN)/pip install --quiet -r bench/requirements.txt
 	$(BIN)/python -m bench
+
+# Hidden effects that `diagnose` must find, COUNT of each kind from seed FIRST; takes a minute each.
+challenge: $(COMPILED)
+	cd test && PYTHONPATH=. ../$(BIN)/python -m challenge.evaluate \
+		--first $(or $(FIRST),1000) --count $(or $(COUNT),20)
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .

@@ -1,0 +1,146 @@
+"""Let `diagnose` solve challenges and print what it named: `python -m challenge.evaluate`."""
+
+import argparse
+import json
+import tempfile
+import time
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+
+from challenge.generate import KINDS, draw
+from dlo_ros.cli.main import main as dlo_ros
+
+OUTCOMES = ("named", "among rivals", "part", "unexplained", "adequate", "wrong", "failed")
+
+
+@dataclass(frozen=True)
+class Case:
+    """One challenge and what came of it.
+
+    Args:
+        kind, hidden: what was asked.
+        outcome: of `OUTCOMES`.
+        named: what the tool named.
+        seconds: that it took.
+        gain: err on what was kept aside over the noise floor, where something was named.
+        missed: effect parameters that are neither within 10 % nor within 2 std of the truth.
+        parameters: effect parameters that could be compared.
+    """
+
+    kind: str
+    hidden: tuple[str, ...]
+    outcome: str
+    named: tuple[str, ...]
+    seconds: float
+    gain: float | None
+    missed: int
+    parameters: int
+
+
+def judge(hidden: set[str], report: dict) -> str:
+    """What a report is worth where `hidden` (names of the interface) is to be found."""
+    if report["verdict"] == "adequate":
+        return "adequate"
+    effects = report["effects"]
+    if not effects:
+        return "unexplained"
+    # Each named effect stands for itself or for one of its rivals.
+    named = {e["name"] for e in effects}
+    right = [e for e in effects if ({e["name"]} | set(e["rivals"])) & hidden]
+    if len(right) < len(effects):
+        return "wrong"
+    if named == hidden:
+        return "named"
+    covered = hidden & named.union(*(set(e["rivals"]) for e in effects))
+    return "among rivals" if covered == hidden else "part"
+
+
+def good(kind: str, outcome: str) -> bool:
+    """Whether an outcome is what one hopes for."""
+    return {
+        "none": outcome == "adequate",
+        "foreign": outcome == "unexplained",
+        "weak": outcome in ("named", "among rivals", "unexplained"),
+    }.get(kind, outcome in ("named", "among rivals"))
+
+
+def compare(hidden: dict[str, dict], report: dict) -> tuple[int, int]:
+    """Effect parameters that were missed, and how many could be compared."""
+    missed = count = 0
+    for e in report["effects"]:
+        for key, true in hidden.get(e["name"], {}).items():
+            found = e["parameters"].get(key)
+            if found is None or isinstance(true, list) or isinstance(found["value"], list):
+                continue
+            count += 1
+            off = abs(found["value"] - true)
+            missed += off > max(0.1 * abs(true), 2.0 * (found["std"] or 0.0))
+    return missed, count
+
+
+def solve(seed: int, kind: str, folder: Path) -> Case:
+    """Draw a challenge, write it and let the tool work on it."""
+    challenge = draw(seed, kind)
+    bags = challenge.write(folder)
+    hidden = challenge.effects | challenge.foreign
+    output = folder / "diagnosis"
+    words = ["diagnose", "--params", folder / "params.yaml", "--output", output, *bags]
+    began = time.monotonic()
+    status = dlo_ros([str(w) for w in words])
+    seconds = time.monotonic() - began
+    if status:
+        return Case(kind, tuple(hidden), "failed", (), seconds, None, 0, 0)
+    report = json.loads((output / "report.json").read_text())
+    named = tuple(e["name"] for e in report["effects"])
+    after, floor = report["extended"]["err_holdout"], report["noise_floor"]
+    gain = after / floor if named and after and floor else None
+    outcome = judge(set(challenge.effects), report)
+    return Case(kind, tuple(hidden), outcome, named, seconds, gain, *compare(hidden, report))
+
+
+def summary(cases: list[Case]) -> list[str]:
+    """The confusion matrix and the other numbers, as lines."""
+    width = max(len(o) for o in OUTCOMES) + 2
+    lines = [" " * 10 + "".join(f"{o:>{width}}" for o in OUTCOMES) + f"{'good':>8}"]
+    for kind in dict.fromkeys(c.kind for c in cases):
+        mine = [c for c in cases if c.kind == kind]
+        counts = Counter(c.outcome for c in mine)
+        share = sum(good(kind, c.outcome) for c in mine) / len(mine)
+        row = "".join(f"{counts[o]:>{width}}" for o in OUTCOMES)
+        lines.append(f"{kind:<10}{row}{share:>8.0%}")
+    lines += [
+        f"{c.kind}: {' + '.join(c.hidden) or 'nothing'} -> {c.outcome}: {' + '.join(c.named)}"
+        for c in cases
+        if not good(c.kind, c.outcome)
+    ]
+    gains = [c.gain for c in cases if c.gain is not None]
+    if gains:
+        near = sum(g < 1.3 for g in gains)
+        lines.append(f"ERR within 1.3 times the noise floor: {near} of {len(gains)}")
+    missed, count = sum(c.missed for c in cases), sum(c.parameters for c in cases)
+    if count:
+        lines.append(f"parameters within 10 % or 2 std: {count - missed} of {count}")
+    lines.append(f"longest: {max(c.seconds for c in cases):.0f} s")
+    return lines
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="challenge.evaluate", description=__doc__)
+    parser.add_argument("--first", type=int, default=1000, help="seed of the first of each kind")
+    parser.add_argument("--count", type=int, default=20, help="of each kind")
+    parser.add_argument("--kind", action="append", choices=KINDS, default=[])
+    arguments = parser.parse_args()
+    cases: list[Case] = []
+    for seed in range(arguments.first, arguments.first + arguments.count):
+        for kind in arguments.kind or KINDS:
+            with tempfile.TemporaryDirectory() as folder:
+                cases.append(solve(seed, kind, Path(folder)))
+            c = cases[-1]
+            told = f"{c.hidden} -> {c.outcome} {c.named} {c.seconds:.0f} s"
+            print(f"{seed} {kind}: {told}", flush=True)
+    print("\n".join(summary(cases)))
+
+
+if __name__ == "__main__":
+    main()

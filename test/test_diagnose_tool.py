@@ -1,0 +1,146 @@
+"""`diagnose` as a user types it, and how its answers are judged."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from challenge.evaluate import Case, compare, judge, summary
+from measured import swing
+from rods import PAPER
+from test_identify_tool import run, write_bag
+
+from dlo_ros.cli.diagnosis_output import headline, tree, write_results
+from dlo_ros.cli.diagnosis_output import summary as told
+from dlo_ros.diagnosis import Diagnosis, Fitted, Gain, NamedEffect, Number, Tried, View
+from dlo_ros.parameters import Settings
+
+KNOWN = replace(PAPER, rod=replace(PAPER.rod, density_std=20.0))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A short recording of a swinging rope and its parameter file."""
+    path = tmp_path_factory.mktemp("recordings")
+    write_bag(path / "one", swing(PAPER, seconds=1.0))
+    KNOWN.dump(path / "params.yaml")
+    return path
+
+
+def found(frames=12, n=10):
+    """A diagnosis as it may come out, with everything that may be unknown."""
+    times = np.linspace(0.0, 1.0, frames)
+    shape = np.zeros((frames, n, 4))
+    shape[:, :, 0] = np.linspace(0.0, KNOWN.rod.length, n)
+    u = np.linspace(0.0, KNOWN.rod.length, 20)
+    field = np.sin(times)[:, None] * np.cos(8.0 * u)
+    force = np.stack([field, -field], axis=-1)
+    err = np.full(frames, 1e-3)
+    view = View("one", "holdout", times, shape, shape, shape, err, 0.1 * err, u, field, field,
+                force, np.abs(force) / 4.0)  # fmt: skip
+    block = {"curvature": (0.5, 1.0), "position": 0.1}
+    effect = NamedEffect(
+        "intrinsic_curvature",
+        {"curvature": Number((0.5, 1.0), (0.01, float("inf")), "1/m"),
+         "position": Number(0.1, None, "m")},
+        ("clamp_angle",),
+    )  # fmt: skip
+    extended = KNOWN.with_effects({"intrinsic_curvature": block})
+    numbers = (1e7, None), (2000.0, 20.0), (5e3, 1.0)
+    return Diagnosis(
+        "explained", (effect,), 1e-4, Fitted(KNOWN, *numbers, 1e-3, None),
+        Fitted(extended, *numbers, 1e-4, 1.1e-4), Gain(0.9, 0.8, 0.95),
+        (Tried("intrinsic_curvature", 1.1e-4, 10.0, 0.1), Tried("none", None, 1e4, 9.0)),
+        "Turn the clamp.", 9.0, 0.1, 0.2, 1e-5, ("A remark.",), (view,),
+    )  # fmt: skip
+
+
+def test_results_are_what_the_interface_says(tmp_path):
+    write_results(tmp_path / "out", KNOWN, found())
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert set(report) == {
+        "verdict", "effects", "noise_floor", "baseline", "extended", "gain", "candidates", "advice"
+    }  # fmt: skip
+    (effect,) = report["effects"]
+    assert effect["parameters"]["curvature"] == {
+        "value": [0.5, 1.0], "std": [0.01, None], "unit": "1/m"
+    }  # fmt: skip
+    assert effect["parameters"]["position"]["std"] is None
+    assert report["baseline"]["err_holdout"] is None
+    assert report["baseline"]["young_modulus"] == {"value": 1e7, "std": None}
+    assert report["candidates"][1] == {"name": "none", "err_holdout": None, "score": 1e4}
+    assert tree(found()) == report
+    loaded = Settings.load(tmp_path / "out" / "extended.yaml")
+    assert loaded.effects["intrinsic_curvature"]["curvature"] == (0.5, 1.0)
+    page = (tmp_path / "out" / "report.html").read_text()
+    for words in ("intrinsic curvature", "clamp angle", "load per length", "Turn the clamp.",
+                  "A remark.", "80.0 to 95.0 %"):  # fmt: skip
+        assert words in page
+    assert "http" not in page.replace("http://www.w3.org", "")
+
+
+def test_the_terminal_tells_the_cause_and_its_rivals():
+    assert headline(found()) == "The model lacks intrinsic curvature (or clamp angle)."
+    text = "\n".join(told(found()))
+    assert "curvature 2 of 2" in text
+    assert "unknown -> 0.110 mm" in text
+
+
+def test_diagnose_says_that_a_plain_rope_is_adequate(folder, tmp_path, capsys):
+    output = tmp_path / "result"
+    words = ("--params", folder / "params.yaml", "--output", output, "--workers", 1)
+    assert run("diagnose", *words, folder / "one") == 0
+    report = json.loads((output / "report.json").read_text())
+    assert report["verdict"] == "adequate"
+    assert report["effects"] == []
+    assert report["noise_floor"] == pytest.approx(report["extended"]["err_holdout"], rel=0.4)
+    assert report["gain"]["value"] == 0.0
+    assert "adequate" in capsys.readouterr().out
+    assert Settings.load(output / "extended.yaml").effects == {}
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--params", "{params}", "--output", "{out}", "absent"], "absent"),
+        (["--params", "absent.yaml", "--output", "{out}", "{bag}"], "absent.yaml"),
+        (["--params", "{params}", "--output", "{params}", "{bag}"], "is a file"),
+        (["--params", "{params}", "--output", "{out}", "--holdout", "none", "{bag}"], "none"),
+        (["--params", "{params}", "--output", "{out}", "--workers", "-1", "{bag}"], "--workers"),
+    ],
+)
+def test_unusable_input_is_one_line(folder, tmp_path, capsys, words, message):
+    names = {"params": folder / "params.yaml", "bag": folder / "one", "out": tmp_path / "out"}
+    assert run("diagnose", *(w.format(**names) for w in words)) == 2
+    err = capsys.readouterr().err.strip()
+    assert message in err
+    assert len(err.splitlines()) == 1
+
+
+def test_a_wrong_name_is_told_from_a_right_one():
+    def report(*effects, verdict="explained"):
+        named = [{"name": n, "rivals": r, "parameters": {}} for n, r in effects]
+        return {"verdict": verdict, "effects": named}
+
+    assert judge({"point_mass"}, report(("point_mass", []))) == "named"
+    assert judge({"point_mass"}, report(("obstacle", ["point_mass"]))) == "among rivals"
+    assert judge({"point_mass"}, report(("obstacle", []))) == "wrong"
+    assert judge({"point_mass"}, report(("point_mass", []), ("obstacle", []))) == "wrong"
+    assert judge({"point_mass", "obstacle"}, report(("obstacle", []))) == "part"
+    assert judge({"point_mass"}, report(verdict="unexplained")) == "unexplained"
+    assert judge(set(), report(verdict="adequate")) == "adequate"
+    assert judge(set(), report(("obstacle", []))) == "wrong"
+
+
+def test_the_confusion_matrix_counts():
+    parameters = {"mass": {"value": 1.3, "std": 0.1}, "position": {"value": 0.2, "std": None}}
+    report = {"effects": [{"name": "point_mass", "parameters": parameters}]}
+    assert compare({"point_mass": {"mass": 1.0, "position": 0.21}}, report) == (1, 2)
+    cases = [
+        Case("single", ("point_mass",), "named", ("point_mass",), 3.0, 1.1, 1, 2),
+        Case("none", (), "wrong", ("obstacle",), 5.0, 1.5, 0, 0),
+    ]
+    text = "\n".join(summary(cases))
+    assert "none: nothing -> wrong: obstacle" in text
+    assert "1 of 2" in text
+    assert "100%" in text
