@@ -13,6 +13,8 @@ from dlo_ros.command import Command
 from dlo_ros.errors import ParameterError
 from dlo_ros.spline import FloatArray, SplineBasis
 
+SHORTEST = 0.1  # of the configured length that effects may leave
+
 
 class Peg(NamedTuple):
     """A round peg that stands on the board, frictionless."""
@@ -40,6 +42,7 @@ class Body:
         gravity: [m/s^2], shape (3,).
         force: dead force per length [N/m], shape (3,).
         masses: masses fixed to the DLO, each as mass [kg] and place u [m].
+        kinks: in the board's plane, each as angle [rad] and place u [m].
         half_curvature: curvature at which the tangent bending stiffness has halved [1/m].
         yield_curvature: elastic curvature past which bending yields [1/m].
         hardening: tangent bending stiffness past the yield over that before it, 0 to 1.
@@ -61,6 +64,7 @@ class Body:
     gravity: FloatArray
     force: FloatArray = field(default_factory=lambda: np.zeros(3))
     masses: list[tuple[float, float]] = field(default_factory=list)
+    kinks: list[tuple[float, float]] = field(default_factory=list)
     half_curvature: float = math.inf
     yield_curvature: float = math.inf
     hardening: float = 0.0
@@ -68,6 +72,35 @@ class Body:
     pegs: list[Peg] = field(default_factory=list)
     lengthening: float = 1.0
     slip: float = 0.0
+
+    def check(self) -> None:
+        """Refuse a rod that effects have made impossible.
+
+        Raises:
+            ParameterError: which quantity is negative or vanishes, its value, what is allowed.
+        """
+        for name, value, unit in (
+            ("damping.air_drag + effects.air_drag.coefficient", self.air_drag, "N s/m^2"),
+            (
+                "damping.relaxation_time + effects.internal_damping.relaxation_time",
+                self.relaxation_time,
+                "s",
+            ),
+            ("the mass per length", self.line_density, "kg/m"),
+        ):
+            if not value >= 0.0:
+                raise ParameterError(f"{name} is {value:g} {unit} in all; it must not be negative")
+        if not np.all(self.bend > 0.0):
+            raise ParameterError(
+                f"effects leave a bending stiffness of {self.bend.min():g} N m^2; it must be "
+                "positive"
+            )
+        least = self.length * self.lengthening + min(self.slip, 0.0)
+        if not least >= SHORTEST * self.length:
+            raise ParameterError(
+                f"effects.length_error and effects.clamp_slip leave {least:g} m of a DLO of "
+                f"{self.length:g} m; at least {SHORTEST * self.length:g} m must be left"
+            )
 
     @property
     def length(self) -> float:
@@ -85,17 +118,27 @@ class Body:
                 f"effects.{key} is {place:g} m; it must lie on the DLO, 0 to {self.length:g} m"
             )
 
+    def hat(self, place: float) -> FloatArray:
+        """1 at a place, 0 a knot span away from it, at the quadrature points, shape (nb,)."""
+        away = np.abs(self.points - place) / self.basis.span_length
+        return np.maximum(1.0 - away, 0.0)
+
     def coverage(self, start: float, stop: float) -> FloatArray:
         """Share in [start, stop] at the quadrature points, shape (nb,).
 
         It rises and falls over a knot span to either side, since the spline's curvature cannot
-        jump; its integral is that of the interval.
+        jump; what of that would lie beyond an end of the DLO is folded back. So its integral is
+        that of the interval, and an interval up to an end is whole there.
         """
-        return self._step(start) - self._step(stop)
+        start, stop = (min(max(u, 0.0), self.length) for u in (start, stop))
+        total = np.zeros_like(self.points)
+        for at in (self.points, -self.points, 2.0 * self.length - self.points):
+            total += self._step(at - start) - self._step(at - stop)
+        return total
 
-    def _step(self, place: float) -> FloatArray:
-        """The integral of a hat as wide as two knot spans, 0 before and 1 behind a place."""
-        s = np.clip((self.points - place) / self.basis.span_length, -1.0, 1.0)
+    def _step(self, beyond: FloatArray) -> FloatArray:
+        """The integral of a hat as wide as two knot spans: 0 far before and 1 far behind 0."""
+        s = np.clip(beyond / self.basis.span_length, -1.0, 1.0)
         result: FloatArray = 0.5 + s - 0.5 * s * np.abs(s)
         return result
 

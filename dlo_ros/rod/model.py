@@ -17,8 +17,8 @@ from dlo_ros.rod.tables import DOF, Law, Quadrature, Stiffness, Surroundings
 from dlo_ros.spline import FloatArray, SplineBasis
 
 CONTACTS = 8  # points of a knot span at which contact is looked for
-SINK = 1e-5  # of L: how deep a contact gives way under all of the DLO's weight
-CREEP = 1e-4  # of L: displacement at which friction acts fully
+SINK = 2e-6  # of L: how deep a contact gives way under all of the DLO's weight
+CREEP = 3e-5  # of L: displacement at which friction acts fully
 INACTIVE = 9e5  # [1/m] curvatures that no DLO reaches
 # What depends on basis and ends alone.
 DISCRETISATION = ("rule", "points", "gram", "basis_slope", "basis_curvature", "twist_fit")
@@ -127,17 +127,11 @@ class RodModel:
         Raises:
             ParameterError: an effect acts on a place that is not on the DLO.
         """
-        rod, damping = self.settings.rod, self.settings.damping
-        nb = self.rule.weight.size
-        rest = np.zeros((nb, 3)) if self.rest is None else self.rest(self.points)
-        body = Body(
-            self.basis, self.points, self.rule.weight,
-            rod.bending_stiffness * np.tile(self.section[:2], (nb, 1)), rest[:, :2].copy(),
-            rest[:, 2].copy(), rod.linear_density, damping.air_drag, damping.relaxation_time,
-            np.array(self.settings.gravity),
-        )  # fmt: skip
-        for effect in self.effects:
-            effect.shape_body(body)
+        body = self.settings.body(self.basis, self.section)
+        if self.rest is not None:
+            rest = self.rest(self.points)
+            body.bend_rest += rest[:, :2]
+            body.twist_rest += rest[:, 2]
         return body
 
     @cached_property
@@ -192,8 +186,8 @@ class RodModel:
         weight = rod.linear_density * STANDARD_GRAVITY * length
         push = weight + 10.0 * rod.bending_stiffness / length**2
         return Surroundings(
-            body.friction or 0.0, CREEP * length, pegs, push / (width * SINK * length), span, b,
-            np.full(len(u), width),
+            (body.friction or 0.0) * body.lengthening, CREEP * length, pegs,
+            push / (width * SINK * length), span, b, np.full(len(u), width),
         )  # fmt: skip
 
     @cached_property

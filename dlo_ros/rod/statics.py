@@ -114,7 +114,10 @@ def _unstable_directions(
     """Negative eigenvalues of the stiffness in space."""
     matter = matter_of(model, NO_HISTORY)._replace(law=LINEAR, around=FREE)
     return int(
-        solver.negative_modes(q, boundary.fixed, boundary.pins, model.rule, matter, reference)
+        solver.negative_modes(
+            q, boundary.fixed, boundary.pins, model.rule, matter, reference, model.mass,
+            model.spin, model.rate2,
+        )
     )
 
 
@@ -135,8 +138,10 @@ def reachable(model: RodModel, held: Held, boundary: Boundary) -> None:
     points = [(model.basis.greville[k], held.target[k, :3]) for k in (0, -1) if fixed[k, 0]]
     points += list(zip(boundary.pin_abscissae, held.pins, strict=True))
     points.sort(key=lambda p: float(p[0]))
+    # What may slip in through a grip meanwhile counts from the start.
+    longer = model.body.lengthening + max(model.body.slip, 0.0) / model.basis.length
     for (u0, r0), (u1, r1) in pairwise(points):
-        apart, length = float(np.linalg.norm(r1 - r0)), float(u1 - u0)
+        apart, length = float(np.linalg.norm(r1 - r0)), longer * float(u1 - u0)
         if apart > 1.02 * length:
             raise SimulationError(
                 f"the command holds two points {apart:.4g} m apart, but the DLO between them is "
@@ -165,7 +170,7 @@ def relax_stretch(model: RodModel, boundary: Boundary, held: Held, q: FloatArray
         iterations, _ = solver.implicit_step(
             q, held.target, boundary.fixed, boundary.pins, boundary.pin_values(held),
             model.rule, matter, state.reference, pull * unit, pull * unit, pull * given,
-            model.basis.length, 1e-8,
+            model.basis.length, 1e-12,
         )  # fmt: skip
         if iterations < 0:
             break
