@@ -106,6 +106,19 @@ def _derive_twist(out, at, weights, x, rule, e):
     _derive(out, at, times(weights, x.twist_p), times(weights, x.a), zero, weights, rule, e)
 
 
+@njit(**INLINE)
+def _resist(out, f, x, kappa1, kappa2, rule, e):
+    """Write the forces of the stresses at the points of a span."""
+    bent = mix3(f.bend1, x.kappa1_p, f.bend2, x.kappa2_p, f.torque, x.twist_p)
+    _derive(
+        out, 0,
+        mix(1.0, bent, f.tension, x.t),
+        mix3(f.bend1, x.kappa1_s, f.bend2, x.kappa2_s, f.torque, x.a),
+        f.bend1 * kappa2 - f.bend2 * kappa1,
+        f.torque, rule, e,
+    )  # fmt: skip
+
+
 @njit(**FLAGS)
 def assemble(q, rule, ref, other, response, gradient, band, grad_stretch, grad_other):
     """Gradient of the strain energy and its exact Hessian.
@@ -133,14 +146,7 @@ def assemble(q, rule, ref, other, response, gradient, band, grad_stretch, grad_o
         slope_products(rule, e, products)
         turn_products(rule, e, products)
         _fill(block, second(x, kappa1, kappa2, f), products)
-        bent = mix3(f.bend1, x.kappa1_p, f.bend2, x.kappa2_p, f.torque, x.twist_p)
-        _derive(
-            forces, 0,
-            mix(1.0, bent, f.tension, x.t),
-            mix3(f.bend1, x.kappa1_s, f.bend2, x.kappa2_s, f.torque, x.a),
-            f.bend1 * kappa2 - f.bend2 * kappa1,
-            f.torque, rule, e,
-        )  # fmt: skip
+        _resist(forces, f, x, kappa1, kappa2, rule, e)
         _derive_stretch(pull, 0, times(means(not stretch_line), x.t), rule, e)
         if stretch_line:
             _derive_stretch(pull, FIRST, times(tilts(), x.t), rule, e)
@@ -163,14 +169,7 @@ def force(q, rule, ref, other, response, gradient):
         e = 3 * k
         kappa1, kappa2 = column(other, e, 0), column(other, e, 1)
         f, x = _stress(response, rule, e), first(q, rule, ref, e, kappa1, kappa2)
-        bent = mix3(f.bend1, x.kappa1_p, f.bend2, x.kappa2_p, f.torque, x.twist_p)
-        _derive(
-            forces, 0,
-            mix(1.0, bent, f.tension, x.t),
-            mix3(f.bend1, x.kappa1_s, f.bend2, x.kappa2_s, f.torque, x.a),
-            f.bend1 * kappa2 - f.bend2 * kappa1,
-            f.torque, rule, e,
-        )  # fmt: skip
+        _resist(forces, f, x, kappa1, kappa2, rule, e)
         add_forces(forces, DOF, rule.span[e], gradient)
 
 

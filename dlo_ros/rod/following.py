@@ -87,9 +87,7 @@ def _remember(system, q, other, old, varying, d_q, d_other):
             matter = matter_of(system, 1 + 2 * a + side, 1.0, History(plastic, anchor))
             shift(shifted, q, d, d_q[a])
             shift(strained, other, d, d_other[a])
-            remembered(
-                shifted, strained, system.rule, matter, above if side == 0 else below
-            )
+            remembered(shifted, strained, system.rule, matter, above if side == 0 else below)
         d = varying.step[a]
         rise(above.plastic, below.plastic, d, before.plastic[a])
         rise(above.anchor, below.anchor, d, before.anchor[a])

@@ -132,9 +132,7 @@ def _beyond(other, weight, material, out):
         b2 = material.stiffness.bend[e, 1] / material.damping
         x1 = other[e, 0] - material.bend_rest[e, 0]
         x2 = other[e, 1] - material.bend_rest[e, 1]
-        m1, m2, t11, t12, t22, w = bend(
-            b1, b2, x1, x2, plastic[e, 0], plastic[e, 1], material.law
-        )
+        m1, m2, t11, t12, t22, w = bend(b1, b2, x1, x2, plastic[e, 0], plastic[e, 1], material.law)
         out.bend[e, 0] += m1 - b1 * x1
         out.bend[e, 1] += m2 - b2 * x2
         out.bend_tangent[e, 0] += t11 - b1

@@ -133,9 +133,7 @@ def _escape(q, system, matter, ref, load, mass, spin, rate2, longest, tolerance)
         Iterations, negative eigenvalues and reference frame as `solver.equilibrium`; q is changed
         where an equilibrium was found.
     """
-    mode = solver.softest(
-        q, system.fixed, system.pins, system.rule, matter, ref, mass, spin, rate2
-    )
+    mode = solver.softest(q, system.fixed, system.pins, system.rule, matter, ref, mass, spin, rate2)
     response = room(system.rule.weight.size)
     reach = PUSH * system.length
     energies = np.empty(2)

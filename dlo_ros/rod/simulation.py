@@ -226,9 +226,7 @@ class Simulation:
             for leg in at_once:
                 for stop in leg:
                     reachable(model, hold(model, boundary, state, command, stop), boundary)
-                track = dynamics.follow(
-                    model, boundary, state, command, leg, self.parameters
-                )
+                track = dynamics.follow(model, boundary, state, command, leg, self.parameters)
                 state = track.state
                 wanted = [k for k, stop in enumerate(leg) if stop in stamps]
                 if len(leg) == 1:
@@ -237,7 +235,10 @@ class Simulation:
                     down = self.published.projection(model.basis)
                     predictions += [
                         self._seen(
-                            leg[k], down @ track.shapes[k], down, track.speeds[k],
+                            leg[k],
+                            down @ track.shapes[k],
+                            down,
+                            track.speeds[k],
                             track.derivatives[k],
                         )
                         for k in wanted
@@ -374,4 +375,3 @@ class Simulation:
     def control_points(self) -> int:
         """Control points of the simulation's own basis."""
         return (self._spans or self.published.spans) + DEGREE
-

@@ -50,14 +50,10 @@ class Equilibrium:
     buckled: bool = False
 
 
-def hold(
-    model: RodModel, boundary: Boundary, state: State, command: Command, stamp: int
-) -> Held:
+def hold(model: RodModel, boundary: Boundary, state: State, command: Command, stamp: int) -> Held:
     """What the command holds at a stamp, for a rod in a given state."""
     true = true_command(model, command)
-    return boundary.held(
-        true, stamp, state.q[[0, -1], 3], state.frames, model.body.lengthening
-    )
+    return boundary.held(true, stamp, state.q[[0, -1], 3], state.frames, model.body.lengthening)
 
 
 def settle(
@@ -115,8 +111,15 @@ def _unstable_directions(
     matter = matter_of(model, NO_HISTORY)._replace(law=LINEAR, around=FREE)
     return int(
         solver.negative_modes(
-            q, boundary.fixed, boundary.pins, model.rule, matter, reference, model.mass,
-            model.spin, model.rate2,
+            q,
+            boundary.fixed,
+            boundary.pins,
+            model.rule,
+            matter,
+            reference,
+            model.mass,
+            model.spin,
+            model.rate2,
         )
     )
 

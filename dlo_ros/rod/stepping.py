@@ -57,9 +57,7 @@ def damped(system, k, imposed, state, h):
         past = c1 * state.other[e, 2] + c2 * state.other_before[e, 2]
         s.twist[e] *= damping
         s.twist_rest[e] = (s.twist_rest[e] - t_r * past) / damping
-    return Material(
-        s, damping, matter.bend_rest, matter.law, matter.around, matter.history
-    )
+    return Material(s, damping, matter.bend_rest, matter.law, matter.around, matter.history)
 
 
 @njit(cache=True, nogil=True)

@@ -107,9 +107,10 @@ def energy_of(q, rule, around, anchor):
     if around.friction > 0.0:
         for e in range(rule.weight.size):
             x0, x1 = _position(q, rule.span[e], rule.b[e], z)
-            energy += rule.weight[e] * friction(
-                x0, x1, anchor[e, 0], anchor[e, 1], around.friction, around.creep
-            )[5]
+            energy += (
+                rule.weight[e]
+                * friction(x0, x1, anchor[e, 0], anchor[e, 1], around.friction, around.creep)[5]
+            )
     for peg in around.pegs:
         for e in range(around.weight.size):
             x0, x1 = _position(q, around.span[e], around.b[e], z)

@@ -93,9 +93,9 @@ def _stresses(system, old, new, varying, h, a, stress_s, stress_o):
             else:
                 modulus, d_modulus = base.twist[0, e], more.twist[a, e]
                 rest, d_rest = base.twist_rest[0, e], more.twist_rest[a, e]
-            stress_o[e, c] = d_modulus * (
-                new.other[e, c] - rest + t_r * rate
-            ) + modulus * (d_t * rate + t_r * past - d_rest)
+            stress_o[e, c] = d_modulus * (new.other[e, c] - rest + t_r * rate) + modulus * (
+                d_t * rate + t_r * past - d_rest
+            )
 
 
 @njit(cache=True, nogil=True)
@@ -248,9 +248,7 @@ def vary_rest(system, imposed, before, rest, history, fresh, varying):
             for i in range(q.size):
                 rhs[a, i] -= share * (pull[i] + elastic[i])
             if varying.moves[a] != 0.0:
-                _, target, gap = targets(
-                    system, k, imposed, time, before, varying.frames[a, side]
-                )
+                _, target, gap = targets(system, k, imposed, time, before, varying.frames[a, side])
                 add(increments[a], share, target.ravel())
                 add(gaps[a], share, gap)
     _solve(system, band, rhs, increments, gaps)
