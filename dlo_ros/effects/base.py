@@ -40,6 +40,7 @@ class Body:
         gravity: [m/s^2], shape (3,).
         force: dead force per length [N/m], shape (3,).
         masses: masses fixed to the DLO, each as mass [kg] and place u [m].
+        kinks: in the board's plane, each as angle [rad] and place u [m].
         half_curvature: curvature at which the tangent bending stiffness has halved [1/m].
         yield_curvature: elastic curvature past which bending yields [1/m].
         hardening: tangent bending stiffness past the yield over that before it, 0 to 1.
@@ -61,6 +62,7 @@ class Body:
     gravity: FloatArray
     force: FloatArray = field(default_factory=lambda: np.zeros(3))
     masses: list[tuple[float, float]] = field(default_factory=list)
+    kinks: list[tuple[float, float]] = field(default_factory=list)
     half_curvature: float = math.inf
     yield_curvature: float = math.inf
     hardening: float = 0.0
@@ -89,13 +91,18 @@ class Body:
         """Share in [start, stop] at the quadrature points, shape (nb,).
 
         It rises and falls over a knot span to either side, since the spline's curvature cannot
-        jump; its integral is that of the interval.
+        jump; what of that would lie beyond an end of the DLO is folded back. So its integral is
+        that of the interval, and an interval up to an end is whole there.
         """
-        return self._step(start) - self._step(stop)
+        start, stop = (min(max(u, 0.0), self.length) for u in (start, stop))
+        total = np.zeros_like(self.points)
+        for at in (self.points, -self.points, 2.0 * self.length - self.points):
+            total += self._step(at - start) - self._step(at - stop)
+        return total
 
-    def _step(self, place: float) -> FloatArray:
-        """The integral of a hat as wide as two knot spans, 0 before and 1 behind a place."""
-        s = np.clip((self.points - place) / self.basis.span_length, -1.0, 1.0)
+    def _step(self, beyond: FloatArray) -> FloatArray:
+        """The integral of a hat as wide as two knot spans: 0 far before and 1 far behind 0."""
+        s = np.clip(beyond / self.basis.span_length, -1.0, 1.0)
         result: FloatArray = 0.5 + s - 0.5 * s * np.abs(s)
         return result
 

@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 from dlo_ros.effects import Body, Effect, build
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.kernels import span_twist
+from dlo_ros.rod.kink import profile
 from dlo_ros.rod.tables import DOF, Law, Quadrature, Stiffness, Surroundings
 from dlo_ros.spline import FloatArray, SplineBasis
 
 CONTACTS = 8  # points of a knot span at which contact is looked for
-SINK = 1e-5  # of L: how deep a contact gives way under all of the DLO's weight
-CREEP = 1e-4  # of L: displacement at which friction acts fully
+SINK = 2e-6  # of L: how deep a contact gives way under all of the DLO's weight
+CREEP = 3e-5  # of L: displacement at which friction acts fully
 INACTIVE = 9e5  # [1/m] curvatures that no DLO reaches
 # What depends on basis and ends alone.
 DISCRETISATION = ("rule", "points", "gram", "basis_slope", "basis_curvature", "twist_fit")
@@ -138,6 +139,9 @@ class RodModel:
         )  # fmt: skip
         for effect in self.effects:
             effect.shape_body(body)
+        for angle, place in body.kinks:  # an angle, however long the DLO is
+            kink = profile(self.basis, self.points, place)
+            body.bend_rest[:, 0] += angle / body.lengthening * kink
         return body
 
     @cached_property
@@ -192,7 +196,7 @@ class RodModel:
         weight = rod.linear_density * STANDARD_GRAVITY * length
         push = weight + 10.0 * rod.bending_stiffness / length**2
         return Surroundings(
-            body.friction or 0.0, CREEP * length, pegs, push / (width * SINK * length), span, b,
+            (body.friction or 0.0) * body.lengthening, CREEP * length, pegs, push / (width * SINK * length), span, b,
             np.full(len(u), width),
         )  # fmt: skip
 

@@ -16,7 +16,7 @@ class IntrinsicCurvature(Effect):
 
     Positive where the tangent turns from x towards -z with growing u. One number is constant along
     the DLO, several are equally spaced along u with straight lines between. A kink turns the
-    tangent by its angle, spread over the knot spans beside its position.
+    tangent by its angle, spread over the knot spans around its position.
     """
 
     name: ClassVar[str] = "intrinsic_curvature"
@@ -34,9 +34,4 @@ class IntrinsicCurvature(Effect):
         body.bend_rest[:, 0] += np.interp(body.points, at, values)
         if self.kink:
             body.within("intrinsic_curvature.position", self.position)
-            hat = np.maximum(
-                1.0 - np.abs(body.points - self.position) / body.basis.span_length, 0.0
-            )
-            total = float(hat @ body.weight)
-            if total > 0.0:
-                body.bend_rest[:, 0] += self.kink * hat / total
+            body.kinks.append((self.kink, self.position))
