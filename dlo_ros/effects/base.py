@@ -87,6 +87,11 @@ class Body:
                 f"effects.{key} is {place:g} m; it must lie on the DLO, 0 to {self.length:g} m"
             )
 
+    def hat(self, place: float) -> FloatArray:
+        """1 at a place, 0 a knot span away from it, at the quadrature points, shape (nb,)."""
+        away = np.abs(self.points - place) / self.basis.span_length
+        return np.maximum(1.0 - away, 0.0)
+
     def coverage(self, start: float, stop: float) -> FloatArray:
         """Share in [start, stop] at the quadrature points, shape (nb,).
 

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from dlo_ros.effects import Body, Effect, build
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.kernels import span_twist
-from dlo_ros.rod.kink import profile
 from dlo_ros.rod.tables import DOF, Law, Quadrature, Stiffness, Surroundings
 from dlo_ros.spline import FloatArray, SplineBasis
 
@@ -140,8 +139,8 @@ class RodModel:
         for effect in self.effects:
             effect.shape_body(body)
         for angle, place in body.kinks:  # an angle, however long the DLO is
-            kink = profile(self.basis, self.points, place)
-            body.bend_rest[:, 0] += angle / body.lengthening * kink
+            hat = body.hat(place)
+            body.bend_rest[:, 0] += angle / (body.lengthening * (hat @ body.weight)) * hat
         return body
 
     @cached_property

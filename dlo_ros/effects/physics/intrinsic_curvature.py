@@ -16,7 +16,7 @@ class IntrinsicCurvature(Effect):
 
     Positive where the tangent turns from x towards -z with growing u. One number is constant along
     the DLO, several are equally spaced along u with straight lines between. A kink turns the
-    tangent by its angle, spread over the knot spans around its position.
+    tangent by its angle, spread over the knot spans beside its position.
     """
 
     name: ClassVar[str] = "intrinsic_curvature"
