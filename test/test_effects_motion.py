@@ -1,0 +1,81 @@
+"""Every effect in motion: the spline rod and the discrete rod, two independent programs."""
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from twins import CLOSED, PINNED, WAVED, compare
+
+MANIPULATIONS = {"waved": WAVED, "closed": CLOSED, "pinned": PINNED}
+
+# What both rods differ by without any effect: one has curvature per deformed, the other per
+# reference length, and each its own mesh. The soft rod of "waved" bends by 16 / m at its clamp.
+CASES = {
+    "no effect": ("waved", {}),
+    "no effect, held at both ends": ("closed", {}),
+    "no effect, control points held": ("pinned", {}),
+    "intrinsic_curvature": ("waved", {"intrinsic_curvature": {"curvature": -3.0}}),
+    "intrinsic_curvature, several": (
+        "waved", {"intrinsic_curvature": {"curvature": [-4.0, 3.0, 2.0]}}),
+    "intrinsic_curvature, kink": (
+        "waved", {"intrinsic_curvature": {"kink": 0.25, "position": 0.15}}),
+    "clamp_angle": ("waved", {"clamp_angle": {"start": 0.2}}),
+    "clamp_angle, both": ("closed", {"clamp_angle": {"start": 0.2, "end": -0.1}}),
+    "clamp_angle of control points": ("pinned", {"clamp_angle": {"start": 0.2}}),
+    "gravity_tilt": ("waved", {"gravity_tilt": {"angle": 0.15}}),
+    "point_mass": ("waved", {"point_mass": {"mass": 0.004, "position": 0.25}}),
+    "stiff_segment": ("waved", {"stiff_segment": {"centre": 0.12, "extent": 0.1, "ratio": 4.0}}),
+    "stiff_segment at a clamp": (
+        "closed", {"stiff_segment": {"centre": 0.03, "extent": 0.06, "ratio": 4.0}}),
+    "stiff_segment that is soft": (
+        "waved", {"stiff_segment": {"centre": 0.2, "extent": 0.08, "ratio": 0.3}}),
+    "stiffness_gradient": ("waved", {"stiffness_gradient": {"change": 1.2}}),
+    "nonlinear_stiffness": ("closed", {"nonlinear_stiffness": {"half_curvature": 6.0}}),
+    "plasticity": ("waved", {"plasticity": {"yield_curvature": 4.0, "hardening": 0.4}}),
+    "plasticity, both held": ("closed", {"plasticity": {"yield_curvature": 4.0, "hardening": 0.2}}),
+    "surface_friction": ("waved", {"surface_friction": {"force": 0.08}}),
+    "surface_friction, both held": ("closed", {"surface_friction": {"force": 0.08}}),
+    "air_drag": ("waved", {"air_drag": {"coefficient": 0.2}}),
+    "internal_damping": ("waved", {"internal_damping": {"relaxation_time": 0.02}}),
+    "command_delay": ("waved", {"command_delay": {"delay": 0.07}}),
+    "command_delay, early": ("closed", {"command_delay": {"delay": -0.07}}),
+    "clamp_slip": ("waved", {"clamp_slip": {"length": 0.02}}),
+    "clamp_slip, both held": ("closed", {"clamp_slip": {"length": -0.02}}),
+    "length_error": ("waved", {"length_error": {"difference": 0.015}}),
+    "length_error, control points held": ("pinned", {"length_error": {"difference": -0.01}}),
+    "camera_scale": ("waved", {"camera_scale": {"ratio": 1.03}}),
+    "camera_rotation": ("closed", {"camera_rotation": {"angle": 0.08}}),
+    "obstacle": ("waved", {"obstacle": {"x": 0.15, "z": -0.06, "radius": 0.01}}),
+    "constant_force": ("waved", {"constant_force": {"x": 0.05, "z": 0.03}}),
+    "many": (
+        "waved",
+        {"length_error": {"difference": 0.015}, "surface_friction": {"force": 0.04},
+         "intrinsic_curvature": {"curvature": 2.0, "kink": 0.2, "position": 0.2},
+         "point_mass": {"mass": 0.003, "position": 0.3}, "gravity_tilt": {"angle": -0.1},
+         "camera_rotation": {"angle": 0.03}, "camera_scale": {"ratio": 0.98},
+         "command_delay": {"delay": 0.03}, "stiffness_gradient": {"change": -0.5}},
+    ),
+    "many, both held": (
+        "closed",
+        {"clamp_slip": {"length": 0.015}, "plasticity": {"yield_curvature": 6.0, "hardening": 0.5},
+         "point_mass": {"mass": 0.01, "position": 0.1}, "clamp_angle": {"start": 0.1, "end": 0.2},
+         "internal_damping": {"relaxation_time": 0.01}, "air_drag": {"coefficient": 0.1}},
+    ),
+}  # fmt: skip
+
+
+@lru_cache(maxsize=None)
+def without(manipulation: str) -> np.ndarray:
+    """The motion without any effect, points (T, m, 3)."""
+    return compare(MANIPULATIONS[manipulation], {})[1]
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_it_moves_as_the_discrete_rod_does(case):
+    manipulation, effects = CASES[case]
+    found, _ = compare(MANIPULATIONS[manipulation], effects, plain=without(manipulation))
+    print(f"{case}: {found}")
+    assert found.mean < 2e-4
+    assert found.worst < 4e-4
+    # It tells something: the effect moves the rope by many times that.
+    assert not effects or found.moved > 20.0 * found.mean
