@@ -34,6 +34,8 @@ class Command:
         velocities: [m/s], shape (T, K, 3), NaN where a point carries none.
         control_points: n of the published basis, which the names count in.
         frame_id: frame of the positions.
+        path_before: how far imposed points have travelled under the commands before [m].
+        whole_path: how far they travel in the whole motion [m]; None: by this command alone.
 
     Raises:
         CommandError: the command is malformed; the message says what and where.
@@ -47,6 +49,8 @@ class Command:
     velocities: FloatArray
     control_points: int
     frame_id: str = "board"
+    path_before: float = 0.0
+    whole_path: float | None = None
 
     def __post_init__(self) -> None:
         check_names(self.names, self.control_points)
@@ -73,6 +77,8 @@ class Command:
             )
         if not np.all(np.isfinite(self.positions)):
             raise CommandError("dlo/command has a position that is not finite (NaN or infinite)")
+        if np.any(np.isinf(self.velocities)):
+            raise CommandError("dlo/command has a velocity that is infinite")
         for k, name in enumerate(self.names):
             if name in (START, END):
                 norms = np.linalg.norm(self.rotations[:, k], axis=-1)
@@ -106,11 +112,17 @@ class Command:
         return bool(np.abs(self.rotations[:, turned][:, :, [0, 2]]).max(initial=0.0) < 1e-9)
 
     @cached_property
-    def progress(self) -> FloatArray:
-        """Share of the path that all imposed points together have travelled, shape (T,), 0 to 1."""
+    def path(self) -> FloatArray:
+        """How far all imposed points together have travelled [m], shape (T,)."""
         moved = np.linalg.norm(np.diff(self.positions, axis=0), axis=2).sum(axis=1)
-        path = np.concatenate([[0.0], np.cumsum(moved)])
-        return path / path[-1] if path[-1] > 0.0 else path
+        return np.concatenate([[0.0], np.cumsum(moved)])
+
+    @property
+    def progress(self) -> FloatArray:
+        """Share of `whole_path`, and of the commands' before, that is travelled, shape (T,)."""
+        whole = float(self.path[-1]) if self.whole_path is None else self.whole_path
+        path: FloatArray = self.path_before + self.path
+        return path / whole if whole > 0.0 else 0.0 * path
 
     @property
     def end_stamp(self) -> int:
@@ -134,6 +146,17 @@ class Motion:
             return None
         valid = [c for c in self.commands if c.stamp <= stamp]
         return valid[-1] if valid else self.commands[0]
+
+    def paths(self) -> list[float]:
+        """How far imposed points have travelled before each command, and in all [m]."""
+        result = [0.0]
+        for k, command in enumerate(self.commands):
+            path = float(command.path[-1])
+            if k + 1 < len(self.commands):  # until it is replaced
+                after = (self.commands[k + 1].stamp - command.stamp) / NANOSECONDS
+                path = float(np.interp(after, command.times, command.path))
+            result.append(result[-1] + path)
+        return result
 
 
 def check_names(names: Sequence[str], control_points: int) -> None:

@@ -86,6 +86,11 @@ class Boundary:
                     inner[name] = number - 1
         return inner
 
+    @property
+    def pinned(self) -> tuple[str, ...]:
+        """Names of the pinned points, in the order of `pin_abscissae`."""
+        return tuple(self._pins)
+
     @cached_property
     def pins(self) -> FloatArray:
         """Constraint rows of the pins in the free degrees of freedom, shape (3 k, 4 n)."""

@@ -5,9 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from dlo_ros.errors import InputError
 from dlo_ros.rod.grips import BODY, DIRECTOR, FRAME, TANGENT
 from dlo_ros.rod.tables import Reference
 from dlo_ros.spline import FloatArray, SplineBasis
+
+LEAST_SPEED = 1e-3  # of the tangent dr/du, which is 1 in a DLO that is not stretched
 
 
 def twist_free(
@@ -23,12 +26,20 @@ def twist_free(
 
     Returns:
         The reference at the points, and the frames at both ends (2, FRAME), see `grips`.
+
+    Raises:
+        InputError: control points coincide, so that the shape has no direction.
     """
     between = np.linspace(0.0, basis.length, 16 * basis.spans + 1)
     u = np.unique(np.concatenate([between, points]))
     p = basis.evaluate(q[:, :3], u, 1)
     s = basis.evaluate(q[:, :3], u, 2)
     speed = np.linalg.norm(p, axis=1, keepdims=True)
+    if not speed.min() > LEAST_SPEED:
+        raise InputError(
+            f"the shape has control points that coincide at u = {u[speed.argmin()]:.3g} m; it has "
+            "no direction there"
+        )
     tangent = p / speed
     rate = (s - tangent * np.sum(tangent * s, axis=1, keepdims=True)) / speed
     r = basis.evaluate(q[:, :3], u)

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dlo_ros.command import NANOSECONDS, Command, Motion
-from dlo_ros.errors import InputError, SimulationError
+from dlo_ros.errors import CommandError, InputError, SimulationError
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.simulation import Prediction, Simulation
@@ -52,7 +52,7 @@ class LiveSimulation:
         """Take an imposed motion; it replaces the old one from its start on.
 
         Raises:
-            CommandError: the command cannot be followed at its first instant.
+            InputError: it counts other control points than the parameter file.
         """
         if command.control_points != self.settings.rod.control_points:
             raise InputError(
@@ -88,7 +88,7 @@ class LiveSimulation:
         try:
             lead = simulation.resettle if self._held else simulation.advance
             prediction = lead(stamp)
-        except SimulationError:
+        except (SimulationError, CommandError):
             simulation.hold(max(stamp, simulation.stamp))
             self._held = True
             raise

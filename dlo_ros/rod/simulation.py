@@ -16,9 +16,11 @@ from dlo_ros.parameters import Settings
 from dlo_ros.rod import dynamics, resolution
 from dlo_ros.rod.boundary import Boundary
 from dlo_ros.rod.camera import Camera
+from dlo_ros.rod.checks import steady, usable
+from dlo_ros.rod.course import Course
 from dlo_ros.rod.grips import HELD
 from dlo_ros.rod.model import RodModel
-from dlo_ros.rod.packing import nothing_varies
+from dlo_ros.rod.packing import nothing_varies, true_command
 from dlo_ros.rod.planar import in_plane
 from dlo_ros.rod.state import State, refined, rest_state, strains_of, twist_angle
 from dlo_ros.rod.statics import hold, reachable, relax_stretch, settle
@@ -74,6 +76,7 @@ class Simulation:
         self.published = SplineBasis(settings.rod.control_points, settings.rod.length)
         self.parameters = tuple(parameters)
         self._spans = spans
+        self._course = Course(motion)
         self._camera = Camera(settings, self.parameters)
         self.resolution: resolution.Resolution | None = None
         self.state: State | None = None
@@ -109,6 +112,7 @@ class Simulation:
         stop = command.end_stamp if last_stamp is None else last_stamp - self._camera.later
         stamps = np.linspace(first.stamp, max(stop, first.stamp), 200).astype(np.int64)
         shape = self._camera.true(first.control_points)
+        usable(RodModel(self.settings, self.published).body)
         if self._spans is None:
             self.resolution = resolution.choose(
                 self.settings, command, shape, [int(s) for s in stamps]
@@ -144,6 +148,7 @@ class Simulation:
                 model, boundary, state, command, self.parameters
             )
         self._judged = self.settings.rod.specific_modulus
+        self._course.following = command
         self.state, self.model, self.boundary = state, model, boundary
 
     @property
@@ -154,6 +159,7 @@ class Simulation:
     def fork(self, settings: Settings) -> Simulation:
         """An independent simulation that goes on from the present state with other parameters."""
         twin = copy(self)
+        twin._course = self._course.another()
         twin.update(settings)
         return twin
 
@@ -163,10 +169,11 @@ class Simulation:
         return replace(state, sensitivity=nothing_varies(state, count) if count else None)
 
     def _command(self, stamp: int) -> Command:
-        command = self.motion.at(stamp)
-        if command is None:
-            raise InputError("there is no dlo/command; the simulation needs to know what is held")
-        return command
+        return self._course.at(stamp, slips=self._slips)
+
+    @property
+    def _slips(self) -> bool:
+        return "clamp_slip" in self.settings.effects
 
     def advance(self, stamp: int) -> Prediction:
         """Simulate to a stamp [ns]; see `advance_through`."""
@@ -189,10 +196,15 @@ class Simulation:
             )
         stamps = [stamp - self._camera.later for stamp in stamps]
         predictions: list[Prediction] = []
+        course = self._course.another()
         for stops in self._legs(state.stamp, stamps):
-            command = self._command(max(stops[0] - 1, state.stamp))
-            if command.names != boundary.names:
+            command = course.at(max(stops[0] - 1, state.stamp), slips=self._slips)
+            held = boundary.names
+            if command.names != held:
                 state, model, boundary = self._regrip(state, command)
+            steady(boundary, state, true_command(model, command), stops[-1], held)
+            command = course.begin(state.stamp, command, state.q, model.basis)
+            course.following = command
             # In space the twist angle of a shape needs its whole state, so stops come one by one.
             at_once = [stops] if in_plane(model, state, command) else [[s] for s in stops]
             for leg in at_once:
@@ -214,7 +226,7 @@ class Simulation:
                         )
                         for k in wanted
                     ]
-        self.state, self.model, self.boundary = state, model, boundary
+        self.state, self.model, self.boundary, self._course = state, model, boundary, course
         return predictions
 
     def _legs(self, now: int, stamps: Sequence[int]) -> list[list[int]]:
@@ -265,6 +277,7 @@ class Simulation:
             state, model, boundary = self._regrip(state, command)
         state = settle(model, boundary, state, command, stamp).state
         state = self._insensitive(state)
+        self._course.following = command
         self.state, self.model, self.boundary = state, model, boundary
         return self.prediction()
 

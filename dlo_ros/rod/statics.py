@@ -135,8 +135,10 @@ def reachable(model: RodModel, held: Held, boundary: Boundary) -> None:
     points = [(model.basis.greville[k], held.target[k, :3]) for k in (0, -1) if fixed[k, 0]]
     points += list(zip(boundary.pin_abscissae, held.pins, strict=True))
     points.sort(key=lambda p: float(p[0]))
+    # What may slip in through a grip meanwhile counts from the start.
+    longer = model.body.lengthening + max(model.body.slip, 0.0) / model.basis.length
     for (u0, r0), (u1, r1) in pairwise(points):
-        apart, length = float(np.linalg.norm(r1 - r0)), float(u1 - u0)
+        apart, length = float(np.linalg.norm(r1 - r0)), longer * float(u1 - u0)
         if apart > 1.02 * length:
             raise SimulationError(
                 f"the command holds two points {apart:.4g} m apart, but the DLO between them is "

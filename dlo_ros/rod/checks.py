@@ -1,0 +1,136 @@
+"""What is refused before the rod is simulated: properties and motions that no DLO has."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dlo_ros.command import END, NANOSECONDS, START, Command
+from dlo_ros.effects import Body
+from dlo_ros.errors import ParameterError, SimulationError
+from dlo_ros.rod.boundary import Boundary
+from dlo_ros.rod.state import State
+from dlo_ros.spline import FloatArray
+
+JUMP = 0.25  # of L: what may be imposed at once, as by poses that are sent one by one
+TURN = 1.0  # [rad] likewise
+AT_ONCE = 1e-3  # [s]
+SHORTEST = 0.1  # of the configured length that effects may leave
+
+
+def usable(body: Body) -> None:
+    """Refuse a rod that effects have made impossible.
+
+    Raises:
+        ParameterError: which quantity is negative or vanishes, its value, what is allowed.
+    """
+    for name, value, unit in (
+        ("damping.air_drag + effects.air_drag.coefficient", body.air_drag, "N s/m^2"),
+        (
+            "damping.relaxation_time + effects.internal_damping.relaxation_time",
+            body.relaxation_time,
+            "s",
+        ),
+        ("rod.density", body.line_density, "kg/m"),
+    ):
+        if not value >= 0.0:
+            raise ParameterError(f"{name} is {value:g} {unit} in all; it must not be negative")
+    if not np.all(body.bend > 0.0):
+        raise ParameterError(
+            f"effects leave a bending stiffness of {body.bend.min():g} N m^2; it must be positive"
+        )
+    least = body.length * body.lengthening + min(body.slip, 0.0)
+    if not least >= SHORTEST * body.length:
+        raise ParameterError(
+            f"effects.length_error and effects.clamp_slip leave {least:g} m of a DLO of "
+            f"{body.length:g} m; at least {SHORTEST * body.length:g} m must be left"
+        )
+
+
+@dataclass(frozen=True)
+class _Step:
+    """What something imposed does at once: how far it moves [m] and turns [rad], from when [s]."""
+
+    name: str
+    moved: float
+    turned: float
+    time: float
+
+
+def steady(
+    boundary: Boundary, state: State, command: Command, until: int, held: Sequence[str]
+) -> None:
+    """Refuse imposed motion that jumps between the state's instant and another.
+
+    Args:
+        held: what was held before; a new grip may find the DLO elsewhere than simulated.
+        command: what is truly imposed.
+        until: stamp [ns].
+
+    Raises:
+        SimulationError: what jumps, when, how far and how far it may.
+    """
+    length = boundary.basis.length
+    now = (state.stamp - command.stamp) / NANOSECONDS
+    steps = [s for s in _from_here(boundary, state, command, now) if s.name in held]
+    steps += _between_points(command, now, (until - command.stamp) / NANOSECONDS)
+    for step in steps:
+        if step.moved > 1.001 * JUMP * length:
+            raise SimulationError(
+                f"dlo/command jumps: '{step.name}' moves {step.moved:.3g} m at once at "
+                f"{step.time:.3f} s; at most {JUMP * length:.3g} m ({JUMP:g} of the length) within "
+                f"{AT_ONCE:g} s can be followed"
+            )
+        if step.turned > TURN:
+            raise SimulationError(
+                f"dlo/command jumps: '{step.name}' turns by {step.turned:.3g} rad at once at "
+                f"{step.time:.3f} s; at most {TURN:g} rad within {AT_ONCE:g} s can be followed"
+            )
+
+
+def _from_here(boundary: Boundary, state: State, command: Command, now: float) -> list[_Step]:
+    """From where the DLO is to what is imposed on it now."""
+    basis, last = boundary.basis, boundary.published.control_points
+    places = {START: 0.0, "control_point_1": 0.0, END: basis.length,
+              f"control_point_{last}": basis.length}  # fmt: skip
+    places |= dict(zip(boundary.pinned, boundary.pin_abscissae.tolist(), strict=True))
+    position, rotation = command.sample(state.stamp)
+    steps = []
+    for k, name in enumerate(command.names):
+        if name not in places:
+            continue  # a second control point: it gives a direction
+        u = np.array([places[name]])
+        moved = float(np.linalg.norm(basis.evaluate(state.q[:, :3], u)[0] - position[k]))
+        turned = 0.0
+        if name in (START, END):
+            tangent = basis.evaluate(state.q[:, :3], u, 1)[0]
+            cosine = tangent @ _direction(rotation[k]) / np.linalg.norm(tangent)
+            turned = float(np.arccos(np.clip(cosine, -1.0, 1.0)))
+        steps.append(_Step(name, moved, turned, now))
+    return steps
+
+
+def _between_points(command: Command, now: float, until: float) -> list[_Step]:
+    """The fastest that is imposed between points of the command, in `AT_ONCE`."""
+    times = command.times
+    first = max(int(np.searchsorted(times, now, side="right")) - 1, 0)
+    stop = min(int(np.searchsorted(times, until, side="left")), len(times) - 1)
+    steps = []
+    for a in range(first, stop):
+        share = min(AT_ONCE / float(times[a + 1] - times[a]), 1.0)
+        moved = np.linalg.norm(command.positions[a + 1] - command.positions[a], axis=1)
+        dot = np.abs(np.sum(command.rotations[a + 1] * command.rotations[a], axis=1))
+        turned = 2.0 * np.arccos(np.clip(dot, 0.0, 1.0))
+        steps += [
+            _Step(name, share * float(moved[k]), share * float(turned[k]), float(times[a]))
+            for k, name in enumerate(command.names)
+        ]
+    return steps
+
+
+def _direction(quaternion: FloatArray) -> FloatArray:
+    """The x axis of a clamp."""
+    x, y, z, w = quaternion
+    return np.array([1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)])
