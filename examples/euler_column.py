@@ -40,7 +40,7 @@ def critical_force() -> float:
 
     stretch = rod.young_modulus * rod.area
     euler = np.pi**2 * rod.bending_stiffness / rod.length**2 / stretch
-    strains = pushed(onset(lambda s: pushed(s).stable, 0.5 * euler, 1.5 * euler)).state.strains
+    strains = pushed(onset(lambda s: not pushed(s).buckled, 0.5 * euler, 1.5 * euler)).state.strains
     return -stretch * float(strains.stretch[len(strains.stretch) // 2])  # felt half-way
 
 

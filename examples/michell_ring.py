@@ -79,7 +79,7 @@ def critical_twist(expected: float) -> float:
         except SimulationError:
             return False  # it left the plane and found no rest on the way
         kept = abs(twist_angle(found.state, model)[-1] - twist) < 1.0
-        return found.stable and kept
+        return not found.buckled and kept
 
     return onset(stable, 0.9 * expected, 1.1 * expected)
 

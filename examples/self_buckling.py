@@ -47,7 +47,7 @@ def critical_length() -> float:
     def stable(length: float) -> bool:
         settings = replace(ROPE, rod=replace(ROPE.rod, length=length))
         model, boundary = build(settings, UPRIGHT, SPANS)
-        return lead(model, boundary, straight(model, (0.0, 0.0, 1.0)), UPRIGHT)[-1].stable
+        return not lead(model, boundary, straight(model, (0.0, 0.0, 1.0)), UPRIGHT)[-1].buckled
 
     return onset(stable, 0.2, 0.3)
 

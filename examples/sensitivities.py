@@ -1,6 +1,7 @@
-"""Derivatives with respect to stiffness, density and damping, against differences of runs.
+"""Derivatives of a motion with respect to whatever shapes it, against differences of runs.
 
-A gripped end is moved for half a second. All runs take the same steps (a loose
+Material, damping, gravity, length, the pose of a clamp, and a number of an effect: a mass that hangs
+on the rope. A gripped end is moved for half a second. All runs take the same steps (a loose
 tolerance never shortens them), so that differences are those of the solution alone.
 """
 
@@ -17,7 +18,7 @@ from dlo_ros.command import NANOSECONDS, Command, Motion
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.simulation import Simulation
-from dlo_ros.rod.tangents import MATERIAL
+from dlo_ros.rod.tangents import MATERIAL, tangent
 from dlo_ros.spline import FloatArray, SplineBasis
 
 SPANS = 14
@@ -33,13 +34,17 @@ MOTIONS = {
 }
 TIMES = np.arange(0.0, 0.8, 4e-3)  # [s]
 POINT = 6  # control point that is drawn, of ten
-STEP = 1e-4  # of the logarithm
-NAMES = [name.replace("_", "\n") for name in MATERIAL]
+STEP = 1e-4  # of the logarithm, or of the parameter's own size
+HUNG = {"point_mass": {"mass": 0.004, "position": 0.3}}
+SIZES = {"start.z": 0.4, "start.angle": 1.0, "effects.point_mass.mass": 0.004}
+PARAMETERS = (*MATERIAL, "gravity", "length", *SIZES)
 
 
 @dataclass(frozen=True)
 class Sensitivities(Result):
-    """Height of a point per unit of ln(parameter) (motions, parameters, times) [m], twice.
+    """Height of a point per unit of a parameter (motions, parameters, times) [m], twice.
+
+    The unit is that of the logarithm, the rope's length, a radian or the mass itself.
 
     Args:
         errors: of the whole shape, over the parameter's largest derivative (motions, parameters).
@@ -69,23 +74,20 @@ def shapes(
 def differences(settings: Settings, command: Command) -> FloatArray:
     """The same derivatives by central differences of whole runs."""
     found = []
-    for name in MATERIAL:
-        group = "rod" if hasattr(settings.rod, name) else "damping"
-        old = getattr(settings, group)
-        pair = []
-        for sign in (1.0, -1.0):
-            changed = replace(old, **{name: getattr(old, name) * np.exp(sign * STEP)})
-            pair.append(shapes(replace(settings, **{group: changed}), command)[0])
-        found.append((pair[0] - pair[1]) / (2.0 * STEP))
+    for name in PARAMETERS:
+        vary, step = tangent(settings, name).vary, STEP * SIZES.get(name, 1.0)
+        above, below = (shapes(*vary(settings, command, side * step))[0] for side in (1.0, -1.0))
+        found.append((above - below) / (2.0 * STEP))
     return np.array(found)
 
 
 def run() -> Sensitivities:
     """For each motion one run with derivatives, and two more for each parameter."""
-    settings = replace(ROPE, simulation=replace(ROPE.simulation, tolerance=0.1))
+    settings = replace(ROPE, simulation=replace(ROPE.simulation, tolerance=0.1), effects=HUNG)
+    sizes = np.array([SIZES.get(name, 1.0) for name in PARAMETERS])[:, None, None, None]
     exact, rough = [], []
     for command in MOTIONS.values():
-        exact.append(shapes(settings, command, MATERIAL)[1])
+        exact.append(sizes * shapes(settings, command, PARAMETERS)[1])
         rough.append(differences(settings, command))
     ours, theirs = np.array(exact), np.array(rough)
     apart = np.abs(ours - theirs).max(axis=(2, 3, 4))
@@ -110,11 +112,13 @@ def plot(result: Sensitivities, path: Path) -> None:
             axes.plot(TIMES, ours[k] / scale + rest, color=OURS, label=None if k else "derivative")
             axes.plot(TIMES[::5], theirs[k, ::5] / scale + rest, ".", color=EXACT,
                       label=None if k else "differences of runs")  # fmt: skip
-        axes.set(xlabel="time [s]", title=f"moved {where}", ylim=(-8.8, 1.1))
-        names = [f"{name}\n{1e3 * s:.2g} mm" for name, s in zip(NAMES, scales, strict=True)]
-        axes.set_yticks(-2.2 * np.arange(len(names)), names)
-    panels[0].set(ylabel="d height / d ln(parameter)")
-    panels[0].legend(loc="lower left", ncols=2)
+        count = len(PARAMETERS)
+        axes.set(xlabel="time [s]", title=f"moved {where}", ylim=(-2.2 * count - 0.6, 1.1))
+        names = [name.removeprefix("effects.").replace("_", " ") for name in PARAMETERS]
+        sizes = [f"{name}\n{1e3 * s:.2g} mm" for name, s in zip(names, scales, strict=True)]
+        axes.set_yticks(-2.2 * np.arange(count), sizes, fontsize=7)
+    panels[0].set(ylabel="change of height per unit of the parameter")
+    panels[0].legend(loc="lower left", ncols=2, fontsize=7)
     save(panels[0], path, "Sensitivities of a moving rod")
 
 

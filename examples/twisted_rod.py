@@ -53,7 +53,7 @@ def critical_twist(spans: int, expected: float) -> float:
 
     def stable(twist: float) -> bool:
         state = base[-1].state
-        return lead(model, boundary, state, twisting(np.array([twist])))[-1].stable
+        return not lead(model, boundary, state, twisting(np.array([twist])))[-1].buckled
 
     return onset(stable, 0.9 * expected, 1.1 * expected)
 

@@ -17,15 +17,13 @@ from dlo_ros.errors import SimulationError
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.boundary import Boundary
 from dlo_ros.rod.model import RodModel
-from dlo_ros.rod.state import rest_state
+from dlo_ros.rod.state import State, refined, rest_state
 from dlo_ros.rod.statics import settle
 from dlo_ros.spline import DEGREE, FloatArray, SplineBasis
 
 LOG = logging.getLogger(__name__)
 
 LARGEST = 300  # knot spans
-OTHER_BRANCH = 0.01  # of L: solutions further apart are different ones
-FINE_ENOUGH = 8  # times the published knot spans, from where that can be said
 PROBES = 8  # instants of a motion at which the error is estimated
 
 
@@ -56,8 +54,9 @@ def choose(
 ) -> Resolution:
     """The coarsest nested refinement of the published basis that keeps simulation.tolerance.
 
-    The rod is led quasi-statically through the command, and each resolution is compared with the
-    next finer one.
+    The rod is led quasi-statically through the command. At each instant the equilibrium of the next
+    finer resolution is looked for from that of the coarser one, so that both stand on the same
+    branch where there are several: another branch is no discretisation error.
 
     Args:
         shape: first control points, published basis, shape (n, 4).
@@ -73,18 +72,18 @@ def choose(
     spans = published.spans
     u, weight = SplineBasis(4 * spans + DEGREE, rod.length).quadrature()
     failure: SimulationError | None = None
-    coarse: FloatArray | None = None
+    coarse: _Path | None = None
     error = np.inf
     while spans <= LARGEST:
         try:
-            fine = _path(settings, command, shape, probes, spans, u)
+            fine = _Path.led(settings, command, shape, probes, spans, coarse)
         except SimulationError as err:
             failure, coarse = err, None
             spans *= 2
             continue
         if coarse is not None:
-            apart = np.linalg.norm(fine - coarse, axis=2) @ weight / rod.length**2
-            error = float(_comparable(apart, spans // published.spans).max())
+            apart = np.linalg.norm(fine.shapes(u) - coarse.shapes(u), axis=2) @ weight
+            error = float(apart.max()) / rod.length**2
             if error <= settings.simulation.tolerance:
                 return Resolution(spans // 2, error)
         coarse = fine
@@ -99,29 +98,32 @@ def choose(
     return Resolution(spans, error)
 
 
-def _comparable(apart: FloatArray, refinement: int) -> FloatArray:
-    """Without the instants at which two resolutions stand on different branches.
+@dataclass(frozen=True)
+class _Path:
+    """Equilibria of one resolution at some instants."""
 
-    Where two equilibria exist, no refinement brings them together; that is no discretisation error.
+    model: RodModel
+    states: tuple[State, ...]
 
-    Args:
-        apart: mean distance between two resolutions over L, one per instant.
-        refinement: how many times finer than the published basis the finer of them is.
-    """
-    same = apart < OTHER_BRANCH
-    return apart[same] if refinement >= FINE_ENOUGH and same.any() else apart
+    @classmethod
+    def led(
+        cls, settings: Settings, command: Command, shape: FloatArray, stamps: Sequence[int],
+        spans: int, near: _Path | None,
+    ) -> _Path:  # fmt: skip
+        """Each from the one before, or from that of a coarser path `near` at the same instant."""
+        model, boundary = build(settings, command, spans)
+        published = SplineBasis(settings.rod.control_points, settings.rod.length)
+        state = rest_state(stamps[0], model.basis.projection(published) @ shape, model)
+        # What bending and friction remember has no counterpart in another basis.
+        lift = near is not None and model.remembers == (0, 0)
+        states = []
+        for k, stamp in enumerate(stamps):
+            if lift and near is not None:
+                state = refined(near.states[k], near.model, model)
+            state = settle(model, boundary, state, command, stamp, fresh=k == 0).state
+            states.append(state)
+        return cls(model, tuple(states))
 
-
-def _path(
-    settings: Settings, command: Command, shape: FloatArray, stamps: Sequence[int], spans: int,
-    u: FloatArray,
-) -> FloatArray:  # fmt: skip
-    """Equilibrium shapes along a command, shape (instants, points, 3)."""
-    model, boundary = build(settings, command, spans)
-    published = SplineBasis(settings.rod.control_points, settings.rod.length)
-    state = rest_state(stamps[0], model.basis.projection(published) @ shape, model)
-    shapes = []
-    for k, stamp in enumerate(stamps):
-        state = settle(model, boundary, state, command, stamp, fresh=k == 0).state
-        shapes.append(model.basis.evaluate(state.q[:, :3], u))
-    return np.array(shapes)
+    def shapes(self, u: FloatArray) -> FloatArray:
+        """Points at material coordinates u [m], shape (instants, points, 3)."""
+        return np.array([self.model.basis.evaluate(s.q[:, :3], u) for s in self.states])

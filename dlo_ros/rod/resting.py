@@ -90,17 +90,17 @@ def settle(system, imposed, state, time, rate2, tolerance, fresh, rest):
         total += abs(iterations)
         if iterations < 0 or not np.all(np.isfinite(q)):
             return NO_CONVERGENCE, total, negative, False
+        for _ in range(ESCAPES):
+            if negative <= 0:
+                break
+            buckled = True
+            iterations, negative, ref = _escape(
+                q, system, matter, ref, load, mass, spin, rate2, longest, tolerance
+            )
+            total += abs(iterations)
         if not fresh:
             _, other = forces.strains(q, rule, ref)
             remembered(q, other, rule, matter, history)
-    for _ in range(ESCAPES):
-        if negative <= 0:
-            break
-        buckled = True
-        iterations, negative, ref = _escape(
-            q, system, matter, ref, load, mass, spin, rate2, longest, tolerance
-        )
-        total += abs(iterations)
     stretch, other = forces.strains(q, rule, ref)
     if fresh:
         remembered(q, other, rule, matter, history)

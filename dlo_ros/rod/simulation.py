@@ -122,13 +122,22 @@ class Simulation:
         lift = model.basis.projection(self.published)
         at_rest = rest_state(first.stamp, lift @ shape, model)
         if mode == "equilibrium":
+            flat = in_plane(model, at_rest, true_command(model, command))
             found = settle(
                 model, boundary, at_rest, command, first.stamp, fresh=True,
                 parameters=self.parameters,
             )  # fmt: skip
             state, self.stable = found.state, found.stable
+            if found.buckled:
+                LOG.info(
+                    "the DLO buckles on its way to its first equilibrium; where nothing decides "
+                    "between two sides, its weight or the camera's first shape should"
+                )
             if not found.stable:
-                LOG.warning("the initial equilibrium is unstable")
+                LOG.warning(
+                    "the initial equilibrium is unstable%s",
+                    " out of the plane y = 0, in which it is simulated" if flat else "",
+                )
         else:
             held = hold(model, boundary, at_rest, command, first.stamp)
             reachable(model, held, boundary)

@@ -24,6 +24,10 @@ from dlo_ros.rod.material import room
 MAX_STATIC_ITERATIONS = 300
 MAX_NEWTON = 50
 PATIENCE = 15  # iterations after which corrections must shrink
+# Directions softer than this, in squared frequencies over `rate2`, count as neutral: a bow that may
+# turn about its ends' axis is not unstable by rounding.
+NEUTRAL = 1e-5
+LEAST_SHIFT = 1e-2  # likewise, where the stiffness is not positive
 FREE_ITERATIONS = 60  # of those, without a check of the energy
 
 
@@ -90,7 +94,7 @@ def equilibrium(q, increment, fixed, pins, gap, rule, matter, ref, load, mass, s
             y, schur = compliance(work, diagonal, pins)
             negative = held_back(negative, schur)
             if negative != 0:
-                shift = max(4.0 * shift, 1e-2 * rate2)
+                shift = max(4.0 * shift, LEAST_SHIFT * rate2)
                 continue
             step = steps[0]
             banded.solve(work, diagonal, step)
@@ -98,7 +102,7 @@ def equilibrium(q, increment, fixed, pins, gap, rule, matter, ref, load, mass, s
                 return -iteration, negative, ref
             move, turn = _largest(step, q.shape[1])
             if not np.isfinite(move + turn):
-                shift = max(4.0 * shift, 1e-2 * rate2)
+                shift = max(4.0 * shift, LEAST_SHIFT * rate2)
                 continue
             trial = q + step.reshape(q.shape)
             # A long step bends before it stretches back: its energy says nothing at first, so
@@ -114,20 +118,21 @@ def equilibrium(q, increment, fixed, pins, gap, rule, matter, ref, load, mass, s
             if accepted:
                 q[:, :] = trial
                 break
-            shift = max(4.0 * shift, 1e-2 * rate2)
+            shift = max(4.0 * shift, LEAST_SHIFT * rate2)
         if not accepted:
             return -iteration, negative, ref
         ref = transport(q, rule, ref)
         small = move < tolerance * length and turn < 10.0 * tolerance
         if small and not first:
-            # Converged; the inertia without shift tells whether the equilibrium is stable.
+            # Converged; the inertia with hardly a shift tells whether the equilibrium is stable.
             if shift == 0.0:
                 return iteration, negative, ref
             work[:, :] = band
+            add_scalar_band(work, mass, spin, NEUTRAL * rate2)
             eliminate(work, fixed, steps, still)
             negative = banded.factorise(work, diagonal)
             negative = held_back(negative, compliance(work, diagonal, pins)[1])
-            if negative > 0:
+            if negative > 0 or shift <= LEAST_SHIFT * rate2:
                 return iteration, negative, ref
         first = False
         shift = 0.1 * shift if shift > 1e-3 * rate2 else 0.0
@@ -222,10 +227,11 @@ def linearise(q, rule, matter, ref, inertia, spin):
 
 
 @njit(cache=True, nogil=True)
-def negative_modes(q, fixed, pins, rule, matter, ref):
+def negative_modes(q, fixed, pins, rule, matter, ref, mass, spin, rate2):
     """Number of negative eigenvalues of the stiffness at q, with what is held."""
     none = np.zeros((q.shape[0], 4))
     band, _, _, _, _ = linearise(q, rule, matter, ref, none, none)
+    add_scalar_band(band, mass, spin, NEUTRAL * rate2)
     eliminate(band, fixed, np.zeros((0, q.size)), np.zeros((0, q.size)))
     diagonal = np.empty(q.size)
     negative = banded.factorise(band, diagonal)

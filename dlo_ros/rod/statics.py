@@ -114,7 +114,10 @@ def _unstable_directions(
     """Negative eigenvalues of the stiffness in space."""
     matter = matter_of(model, NO_HISTORY)._replace(law=LINEAR, around=FREE)
     return int(
-        solver.negative_modes(q, boundary.fixed, boundary.pins, model.rule, matter, reference)
+        solver.negative_modes(
+            q, boundary.fixed, boundary.pins, model.rule, matter, reference, model.mass,
+            model.spin, model.rate2,
+        )
     )
 
 
