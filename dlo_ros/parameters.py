@@ -9,12 +9,14 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
 
-from dlo_ros.effects import Values
+from dlo_ros.effects import Body, Values, build
 from dlo_ros.effects.registry import check as check_effect
 from dlo_ros.errors import ParameterError
 from dlo_ros.parameter_table import PARAMETERS, TABLE, Value
+from dlo_ros.spline import SplineBasis
 
 LOG = logging.getLogger(__name__)
 
@@ -152,7 +154,7 @@ class Settings:
         for name, value in checked.items():
             group, _, key = name.rpartition(".")
             (groups.setdefault(group, {}) if group else top)[key] = value
-        return cls(
+        result = cls(
             rod=RodParameters(**groups["rod"]),
             damping=DampingParameters(**groups["damping"]),
             camera=CameraPose(**groups["camera"]),
@@ -161,6 +163,40 @@ class Settings:
             vision=VisionParameters(**groups["vision"]),
             **top,
         )
+        result.check_effects()
+        return result
+
+    def check_effects(self) -> None:
+        """Refuse effects that leave no DLO.
+
+        Raises:
+            ParameterError: which quantity, its value, what is allowed.
+        """
+        if self.effects:
+            self.body(SplineBasis(self.rod.control_points, self.rod.length)).check()
+
+    def body(self, basis: SplineBasis, section: Vector = (1.0, 1.0, 1.0)) -> Body:
+        """Material, mass and loads of the DLO, effects included, in a spline basis.
+
+        Args:
+            section: see `dlo_ros.rod.model.RodModel`.
+
+        Raises:
+            ParameterError: an effect acts on a place that is not on the DLO.
+        """
+        points, weight = basis.quadrature(3)
+        nb = weight.size
+        body = Body(
+            basis, points, weight, self.rod.bending_stiffness * np.tile(section[:2], (nb, 1)),
+            np.zeros((nb, 2)), np.zeros(nb), self.rod.linear_density, self.damping.air_drag,
+            self.damping.relaxation_time, np.array(self.gravity),
+        )  # fmt: skip
+        for effect in build(self.effects):
+            effect.shape_body(body)
+        for angle, place in body.kinks:  # an angle, however long the DLO is
+            hat = body.hat(place)
+            body.bend_rest[:, 0] += angle / (body.lengthening * (hat @ body.weight)) * hat
+        return body
 
     @classmethod
     def load(cls, path: Path | str) -> Settings:

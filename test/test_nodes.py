@@ -294,6 +294,54 @@ def test_parameters_are_described_and_checked_as_a_set(waiting):
     assert client.set("/simulator", rod__young_modulus=4.0e6).successful
 
 
+def test_effects_are_parameters_of_the_simulator(tmp_path):
+    """Declared as the file gives them, described, changed while it runs, refused when wrong."""
+    settings = GUESS.with_effects(
+        {"point_mass": {"mass": 0.001, "position": 0.4},
+         "intrinsic_curvature": {"curvature": (1.0, -2.0, 0.5)}}
+    )  # fmt: skip
+    settings.dump(tmp_path / "params.yaml")
+    domain = free_domain()
+    words = ("simulator", "--ros-args", "--params-file", str(tmp_path / "params.yaml"))
+    process, client = Process(tmp_path, *words, domain=domain), Client(domain)
+    try:
+        client.until(
+            lambda: client.node.count_publishers(topics.PREDICTED), 120.0, "the simulator"
+        )
+        descriptor = client.describe("/simulator", "effects.point_mass.mass")
+        assert descriptor.description == "the mass [kg]"
+        assert "from 0 to" in descriptor.additional_constraints
+        names = ("effects.point_mass.mass", "effects.intrinsic_curvature.curvature")
+        mass, curvature = client.get("/simulator", *names)
+        assert mass == 0.001 and list(curvature) == [1.0, -2.0, 0.5]
+        predicted = client.hear(topics.PREDICTED, 50)
+        commands = client.publisher(topics.COMMAND)
+        splines = client.publisher(topics.OBSERVED)
+        still = replace(swing(0), rotations=np.tile([0.0, 0.0, 0.0, 1.0], (41, 1, 1)))
+        commands.publish(to_ros(command_message(BAG_MESSAGES, still)))
+        now = client.node.get_clock().now().nanoseconds
+        splines.publish(to_ros(spline_message(BAG_MESSAGES, now, "board", straight())))
+        client.until(lambda: len(predicted) > 5, 30.0, "prediction")
+        before = predicted[-1].poses[-1].position.z
+        assert client.set("/simulator", effects__point_mass__mass=0.01).successful
+        client.until(
+            lambda: predicted[-1].poses[-1].position.z < before - 0.01, 30.0, "a heavier tip"
+        )
+        for values, reason in (
+            ({"effects__point_mass__mass": -1.0}, "it must be a number from 0 to"),
+            ({"effects__point_mass__mass": "heavy"}, "effects.point_mass.mass is heavy"),
+            ({"effects__point_mass__position": 0.5}, "it must lie on the DLO, 0 to 0.4 m"),
+        ):
+            refused = client.set("/simulator", **values)
+            assert not refused.successful and reason in refused.reason, refused
+        assert client.get("/simulator", "effects.point_mass.mass") == [0.01]
+        assert process.alive and "Traceback" not in process.said, process.said
+    finally:
+        client.close()
+        process.interrupt(times=2)
+        process.process.kill()
+
+
 def hostile_splines() -> list:
     shape = straight()
     good = spline_message(BAG_MESSAGES, START, "board", shape)

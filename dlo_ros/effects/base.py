@@ -13,6 +13,8 @@ from dlo_ros.command import Command
 from dlo_ros.errors import ParameterError
 from dlo_ros.spline import FloatArray, SplineBasis
 
+SHORTEST = 0.1  # of the configured length that effects may leave
+
 
 class Peg(NamedTuple):
     """A round peg that stands on the board, frictionless."""
@@ -70,6 +72,35 @@ class Body:
     pegs: list[Peg] = field(default_factory=list)
     lengthening: float = 1.0
     slip: float = 0.0
+
+    def check(self) -> None:
+        """Refuse a rod that effects have made impossible.
+
+        Raises:
+            ParameterError: which quantity is negative or vanishes, its value, what is allowed.
+        """
+        for name, value, unit in (
+            ("damping.air_drag + effects.air_drag.coefficient", self.air_drag, "N s/m^2"),
+            (
+                "damping.relaxation_time + effects.internal_damping.relaxation_time",
+                self.relaxation_time,
+                "s",
+            ),
+            ("the mass per length", self.line_density, "kg/m"),
+        ):
+            if not value >= 0.0:
+                raise ParameterError(f"{name} is {value:g} {unit} in all; it must not be negative")
+        if not np.all(self.bend > 0.0):
+            raise ParameterError(
+                f"effects leave a bending stiffness of {self.bend.min():g} N m^2; it must be "
+                "positive"
+            )
+        least = self.length * self.lengthening + min(self.slip, 0.0)
+        if not least >= SHORTEST * self.length:
+            raise ParameterError(
+                f"effects.length_error and effects.clamp_slip leave {least:g} m of a DLO of "
+                f"{self.length:g} m; at least {SHORTEST * self.length:g} m must be left"
+            )
 
     @property
     def length(self) -> float:

@@ -1,4 +1,4 @@
-"""What is refused before the rod is simulated: properties and motions that no DLO has."""
+"""Imposed motion that no hand makes is refused before the rod is simulated."""
 
 from __future__ import annotations
 
@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dlo_ros.command import END, NANOSECONDS, START, Command
-from dlo_ros.effects import Body
-from dlo_ros.errors import ParameterError, SimulationError
+from dlo_ros.errors import SimulationError
 from dlo_ros.rod.boundary import Boundary
 from dlo_ros.rod.state import State
 from dlo_ros.spline import FloatArray
@@ -17,36 +16,6 @@ from dlo_ros.spline import FloatArray
 JUMP = 0.25  # of L: what may be imposed at once, as by poses that are sent one by one
 TURN = 1.0  # [rad] likewise
 AT_ONCE = 1e-3  # [s]
-SHORTEST = 0.1  # of the configured length that effects may leave
-
-
-def usable(body: Body) -> None:
-    """Refuse a rod that effects have made impossible.
-
-    Raises:
-        ParameterError: which quantity is negative or vanishes, its value, what is allowed.
-    """
-    for name, value, unit in (
-        ("damping.air_drag + effects.air_drag.coefficient", body.air_drag, "N s/m^2"),
-        (
-            "damping.relaxation_time + effects.internal_damping.relaxation_time",
-            body.relaxation_time,
-            "s",
-        ),
-        ("rod.density", body.line_density, "kg/m"),
-    ):
-        if not value >= 0.0:
-            raise ParameterError(f"{name} is {value:g} {unit} in all; it must not be negative")
-    if not np.all(body.bend > 0.0):
-        raise ParameterError(
-            f"effects leave a bending stiffness of {body.bend.min():g} N m^2; it must be positive"
-        )
-    least = body.length * body.lengthening + min(body.slip, 0.0)
-    if not least >= SHORTEST * body.length:
-        raise ParameterError(
-            f"effects.length_error and effects.clamp_slip leave {least:g} m of a DLO of "
-            f"{body.length:g} m; at least {SHORTEST * body.length:g} m must be left"
-        )
 
 
 @dataclass(frozen=True)

@@ -101,7 +101,11 @@ class LiveSimulation:
         Soon after the start a change of E/mu corrects the guess that the simulation started with:
         it is run again from its start, so that the wrong guess leaves no oscillation behind. Later
         the motion goes on from the present state.
+
+        Raises:
+            ParameterError: effects leave no DLO; nothing is changed then.
         """
+        settings.check_effects()
         before, self.settings = self.settings, settings
         simulation = self._simulation
         if simulation is None:

@@ -127,20 +127,11 @@ class RodModel:
         Raises:
             ParameterError: an effect acts on a place that is not on the DLO.
         """
-        rod, damping = self.settings.rod, self.settings.damping
-        nb = self.rule.weight.size
-        rest = np.zeros((nb, 3)) if self.rest is None else self.rest(self.points)
-        body = Body(
-            self.basis, self.points, self.rule.weight,
-            rod.bending_stiffness * np.tile(self.section[:2], (nb, 1)), rest[:, :2].copy(),
-            rest[:, 2].copy(), rod.linear_density, damping.air_drag, damping.relaxation_time,
-            np.array(self.settings.gravity),
-        )  # fmt: skip
-        for effect in self.effects:
-            effect.shape_body(body)
-        for angle, place in body.kinks:  # an angle, however long the DLO is
-            hat = body.hat(place)
-            body.bend_rest[:, 0] += angle / (body.lengthening * (hat @ body.weight)) * hat
+        body = self.settings.body(self.basis, self.section)
+        if self.rest is not None:
+            rest = self.rest(self.points)
+            body.bend_rest += rest[:, :2]
+            body.twist_rest += rest[:, 2]
         return body
 
     @cached_property

@@ -16,13 +16,20 @@ from dlo_ros.parameters import Settings
 from dlo_ros.rod import dynamics, resolution
 from dlo_ros.rod.boundary import Boundary
 from dlo_ros.rod.camera import Camera
-from dlo_ros.rod.checks import steady, usable
+from dlo_ros.rod.checks import steady
 from dlo_ros.rod.course import Course
 from dlo_ros.rod.grips import HELD
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.packing import nothing_varies, true_command
 from dlo_ros.rod.planar import in_plane
-from dlo_ros.rod.state import State, refined, rest_state, strains_of, twist_angle
+from dlo_ros.rod.state import (
+    State,
+    refined,
+    rest_state,
+    strains_of,
+    twist_angle,
+    with_history,
+)
 from dlo_ros.rod.statics import hold, reachable, relax_stretch, settle
 from dlo_ros.rod.tangents import tangent
 from dlo_ros.spline import DEGREE, FloatArray, SplineBasis
@@ -112,7 +119,7 @@ class Simulation:
         stop = command.end_stamp if last_stamp is None else last_stamp - self._camera.later
         stamps = np.linspace(first.stamp, max(stop, first.stamp), 200).astype(np.int64)
         shape = self._camera.true(first.control_points)
-        usable(RodModel(self.settings, self.published).body)
+        self.settings.check_effects()
         if self._spans is None:
             self.resolution = resolution.choose(
                 self.settings, command, shape, [int(s) for s in stamps]
@@ -319,15 +326,27 @@ class Simulation:
         return Prediction(stamp, seen, self._camera.sensitivity(shape, speed, change))
 
     def update(self, settings: Settings) -> None:
-        """Change material, damping, gravity or tolerance while the simulation runs.
+        """Change material, damping, gravity, effects or tolerance while the simulation runs.
 
-        The basis is refined where the new parameters need it (never coarsened).
+        The basis is refined where the new parameters need it (never coarsened). A DLO of another
+        length comes to rest first.
+
+        Raises:
+            ParameterError: effects leave no DLO; nothing is changed then.
         """
+        settings.check_effects()
         self.settings = settings
         self._camera = Camera(settings, self.parameters)
         if self.state is None:
             return
-        self.model = self.model.with_settings(settings)
+        before, self.model = self.model, self.model.with_settings(settings)
+        if self.model.remembers != before.remembers:
+            self.state = self._insensitive(with_history(self.state, self.model))
+        if self.model.body.lengthening != before.body.lengthening:
+            try:
+                self.resettle(self.stamp)
+            except SimulationError as err:
+                LOG.warning("the DLO goes on with its other length from where it was: %s", err)
         ratio = settings.rod.specific_modulus / self._judged
         if max(ratio, 1.0 / ratio) < RECHECK_RATIO or self.resolution is None:
             return

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -78,6 +78,13 @@ def fresh_history(q: FloatArray, model: RodModel) -> History:
     yielding, touching = model.remembers
     anchor = rest_anchor(q, model.rule) if touching else np.zeros((0, 2))
     return History(np.zeros((yielding, 2)), anchor)
+
+
+def with_history(state: State, model: RodModel) -> State:
+    """The state, with what bending and friction of this model remember: fresh where it has none."""
+    fresh, old = fresh_history(state.q, model), state.history
+    history = History(*(a if a.shape == b.shape else b for a, b in zip(old, fresh, strict=True)))
+    return replace(state, history=history)
 
 
 def twist_angle(state: State, model: RodModel) -> FloatArray:
