@@ -1,8 +1,8 @@
 """Derivatives of a motion with respect to whatever shapes it, against differences of runs.
 
-Material, damping, gravity, length, the pose of a clamp, and a number of an effect: a mass that hangs
-on the rope. A gripped end is moved for half a second. All runs take the same steps (a loose
-tolerance never shortens them), so that differences are those of the solution alone.
+Material, damping, gravity, length, the pose of a clamp, and a number of an effect: a mass
+that hangs on the rope. A gripped end is moved for half a second. All runs take the same steps (a
+loose tolerance never shortens them), so that differences are those of the solution alone.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
-"""Unusable input, where a user meets it: an error that names the quantity, its value, what is right."""
+"""Unusable input, where a user meets it: errors that name quantity, value and what is right."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -64,7 +65,7 @@ def _yaml(value):
         ({"length_error": {"difference": -0.5}}, r"leave -0\.1 m of a DLO of 0\.4 m; at least"),
         ({"clamp_slip": {"length": -0.39}}, r"leave 0\.01 m of a DLO of 0\.4 m; at least 0\.04 m"),
         ({"point_mass": {"mass": 0.1, "position": 0.5}}, r"is 0\.5 m; it must lie on the DLO, 0"),
-        ({"stiffness_gradient": {"change": -3.0}}, "bending stiffness of -.* must be positive"),
+        ({"stiffness_gradient": {"change": -3.0}}, r"bending stiffness of -.* must be positive"),
     ],
 )
 def test_effects_that_leave_no_rope_are_refused(effects, message):
@@ -86,7 +87,7 @@ def test_bases_and_shapes_are_checked():
         for start in ("equilibrium", "observed"):
             settings = replace(PAPER, simulation=replace(PAPER.simulation, start=start))
             simulation = Simulation(settings, Motion([held_start()]), spans=7)
-            with pytest.raises(InputError, match="coincide at u = .* no direction there"):
+            with pytest.raises(InputError, match=r"coincide at u = .* no direction there"):
                 simulation.start([Observation(0, shape)])
 
 
@@ -130,7 +131,7 @@ JUMPS = {
     ),
     "of a pin": (
         command(["start", "control_point_6"], [0.0], [[0, 0, 0], [0.15, 0, -0.05]]),
-        command(["start", "control_point_6"], [0.0], [[0, 0, 0], [0.0, 0, 0.15]], stamp=SECOND // 9),
+        command(["start", "control_point_6"], [0.0], [[0, 0, 0], [0, 0, 0.15]], stamp=SECOND // 9),
         r"'control_point_6' moves 0\.25 m at once",
     ),
 }  # fmt: skip
@@ -166,7 +167,8 @@ def test_small_steps_and_new_grips_are_no_jumps():
 
 
 def test_the_true_length_decides_what_can_be_reached():
-    apart = command(["start", "end"], [0.0, 0.4], [[[0, 0, 0], [0.3, 0, 0]], [[0, 0, 0], [0.44, 0, 0]]])
+    ends = [[[0, 0, 0], [0.3, 0, 0]], [[0, 0, 0], [0.44, 0, 0]]]
+    apart = command(["start", "end"], [0.0, 0.4], ends)
     with pytest.raises(SimulationError, match=r"points 0\.44 m apart, .* only 0\.4 m long"):
         started(apart).advance(SECOND)
     longer = PAPER.with_effects({"length_error": {"difference": 0.06}})
@@ -204,7 +206,7 @@ def test_slip_goes_on_over_several_commands():
     heights = [0.0, 0.02, 0.06, 0.1]
     parts = [
         command(["start"], [0.0, 0.2], [[0.0, 0.0, a], [0.0, 0.0, b]], stamp=k * SECOND // 5)
-        for k, (a, b) in enumerate(zip(heights[:-1], heights[1:], strict=True))
+        for k, (a, b) in enumerate(pairwise(heights))
     ]
     one = command(["start"], [0.0, 0.2, 0.4, 0.6], [[0.0, 0.0, z] for z in heights])
     stamps = [k * SECOND // 10 for k in range(1, 10)]

@@ -1,6 +1,6 @@
 """Every effect in motion: the spline rod and the discrete rod, two independent programs."""
 
-from functools import lru_cache
+from functools import cache
 
 import numpy as np
 import pytest
@@ -64,7 +64,7 @@ CASES = {
 }  # fmt: skip
 
 
-@lru_cache(maxsize=None)
+@cache
 def without(manipulation: str) -> np.ndarray:
     """The motion without any effect, points (T, m, 3)."""
     return compare(MANIPULATIONS[manipulation], {})[1]

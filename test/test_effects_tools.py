@@ -1,5 +1,7 @@
 """Effects where a user meets them: in the parameter file of `predict` and of the simulator."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from twins import WAVED, tree
@@ -47,7 +49,8 @@ def recording(tmp_path_factory):
         for k, stamp in enumerate(made.stamps):
             seen = made.hidden.measured(truth.control_points(k, basis))
             shape = np.column_stack([seen, np.zeros(len(seen))])
-            writer.write(topics.OBSERVED, spline_message(BAG_MESSAGES, stamp, "board", shape), stamp)
+            message = spline_message(BAG_MESSAGES, stamp, "board", shape)
+            writer.write(topics.OBSERVED, message, stamp)
     values = {k: {a: tuple(b) if isinstance(b, list) else b for a, b in v.items()}
               for k, v in HIDDEN.items()}  # fmt: skip
     made.truth.dump(folder / "plain.yaml")
@@ -105,8 +108,6 @@ CHANGES = {
 @pytest.mark.parametrize("name", CHANGES)
 def test_a_running_simulation_takes_effects_over(name):
     """It comes to the shape in which a simulation begins that has known of the effect."""
-    from dataclasses import replace
-
     settings = replace(
         PLAIN.truth, damping=replace(PLAIN.truth.damping, air_drag=1.0, relaxation_time=0.05)
     )
@@ -135,7 +136,7 @@ def test_a_change_that_leaves_no_rope_changes_nothing():
     live = LiveSimulation(PLAIN.truth)
     live.set_command(PLAIN.command)
     live.start([Observation(PLAIN.command.stamp, shape_of(PLAIN.truth))])
-    with pytest.raises(ParameterError, match="leave -0.1 m of a DLO"):
+    with pytest.raises(ParameterError, match=r"leave -0\.1 m of a DLO"):
         live.update(PLAIN.truth.with_effects({"length_error": {"difference": -0.5}}))
     assert live.settings is PLAIN.truth
     live.advance(PLAIN.command.stamp + SECOND // 10)

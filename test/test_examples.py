@@ -35,6 +35,8 @@ RESULTS = {}
 def example(monkeypatch):
     """A function that gives the module and the result of an example; each is run once."""
     monkeypatch.syspath_prepend(str(EXAMPLES))
+    plain = (*BOUNDS, *SHARED)  # names that other modules of the tests may have, too
+    others = {name: sys.modules.pop(name) for name in plain if name in sys.modules}
 
     def load(name):
         module = importlib.import_module(name)
@@ -44,8 +46,9 @@ def example(monkeypatch):
         return module, RESULTS[name]
 
     yield load
-    for name in (*BOUNDS, *SHARED):  # names as plain as these are left to others
+    for name in plain:
         sys.modules.pop(name, None)
+    sys.modules.update(others)
 
 
 def test_every_example_is_tested():

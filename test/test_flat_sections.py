@@ -68,9 +68,8 @@ def test_twist_is_that_of_the_torsional_stiffness():
         ["start", "end"], [0.0], [[[0.0, 0.0, 0.0], [LENGTH, 0.0, 0.0]]],
         [[[0.0, 0.0, 0.0, 1.0], [0.0, 0.0, 0.0, 1.0]]],
     )  # fmt: skip
-    turned = replace(
-        imposed, stamp=1, rotations=np.array([[[0, 0, 0, 1.0], [np.sin(angle / 2), 0, 0, np.cos(angle / 2)]]])
-    )  # fmt: skip
+    end = [np.sin(angle / 2), 0.0, 0.0, np.cos(angle / 2)]
+    turned = replace(imposed, stamp=1, rotations=np.array([[[0.0, 0.0, 0.0, 1.0], end]]))
     model, boundary, found = settled(WEIGHTLESS, imposed, FLAT)
     found = settle(model, boundary, found.state, turned, 1)
     np.testing.assert_allclose(found.state.strains.other[:, 2], angle / LENGTH, rtol=1e-6)

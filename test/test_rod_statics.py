@@ -275,7 +275,8 @@ def random_motion(rng, kind):
     names = ["control_point_1", "control_point_10"] if "pinned" in kind else ["start", "end"]
     ends = [[np.zeros(3), share * LENGTH * axis] for share in shares]
     turns = [base * Rotation.from_rotvec(t * np.asarray(turn)) for t in times]
-    return settings, command(names, times, ends, [[base.as_quat(), r.as_quat()] for r in turns]), axis
+    frames = [[base.as_quat(), r.as_quat()] for r in turns]
+    return settings, command(names, times, ends, frames), axis
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import numpy as np
 
 from dlo_ros.command import Motion
 from dlo_ros.observation import Observation
-from dlo_ros.parameters import Settings, SimulationParameters
+from dlo_ros.parameters import SimulationParameters
 from dlo_ros.rod.simulation import Simulation
 from dlo_ros.spline import SplineBasis
 from dlo_ros.synthesis.experiment import NANOSECONDS, START_STAMP, read_experiment
@@ -72,7 +72,6 @@ def tree(manipulation: dict, effects: dict, duration: float, **rod) -> dict:
         "parameters": {
             "rod": {**properties, **rod},
             "damping": {"air_drag": 0.05, "relaxation_time": 0.004},
-            "camera": {"translation": [0.0, 0.0, 1.2], "rotation": [0.70710678, 0.0, 0.0, 0.70710678]},
             "effects": effects,
         },
         "duration": duration,
@@ -116,8 +115,10 @@ def compare(manipulation, effects, *, duration=1.0, edges=300, step=5e-4, spans=
     fit = basis.matrix(u)
     first = np.zeros((basis.control_points, 4))
     first[:, :3] = np.linalg.lstsq(fit, points[0], rcond=None)[0]
-    values = {k: {a: tuple(b) if isinstance(b, list) else b for a, b in v.items()}
-              for k, v in effects.items()}
+    values = {
+        k: {a: tuple(b) if isinstance(b, list) else b for a, b in v.items()}
+        for k, v in effects.items()
+    }
     clock = time.process_time()
     mine = ours(made, values, first, u, spans, tolerance)
     own = time.process_time() - clock

@@ -186,8 +186,8 @@ class RodModel:
         weight = rod.linear_density * STANDARD_GRAVITY * length
         push = weight + 10.0 * rod.bending_stiffness / length**2
         return Surroundings(
-            (body.friction or 0.0) * body.lengthening, CREEP * length, pegs, push / (width * SINK * length), span, b,
-            np.full(len(u), width),
+            (body.friction or 0.0) * body.lengthening, CREEP * length, pegs,
+            push / (width * SINK * length), span, b, np.full(len(u), width),
         )  # fmt: skip
 
     @cached_property

@@ -26,7 +26,7 @@ MAX_NEWTON = 50
 PATIENCE = 15  # iterations after which corrections must shrink
 # Directions softer than this, in squared frequencies over `rate2`, count as neutral: a bow that may
 # turn about its ends' axis is not unstable by rounding.
-NEUTRAL = 1e-5
+NEUTRAL, NEUTRAL_STEPS = 1e-5, 3
 LEAST_SHIFT = 1e-2  # likewise, where the stiffness is not positive
 FREE_ITERATIONS = 60  # of those, without a check of the energy
 
@@ -74,7 +74,7 @@ def equilibrium(q, increment, fixed, pins, gap, rule, matter, ref, load, mass, s
     changes, still = increment.reshape(1, size), np.zeros((1, size))
     closed = np.zeros(gap.size)
     first = np.any(increment != 0.0) or np.any(gap != 0.0)
-    shift = 0.0
+    shift, neutral = 0.0, 0
     for iteration in range(1, MAX_STATIC_ITERATIONS + 1):
         # The exact Hessian: with promised tensions long steps would lose the branch.
         energy = assemble(q, rule, ref, matter, response, exact, gradient, band, grad_s, grad_o)
@@ -123,17 +123,27 @@ def equilibrium(q, increment, fixed, pins, gap, rule, matter, ref, load, mass, s
             return -iteration, negative, ref
         ref = transport(q, rule, ref)
         small = move < tolerance * length and turn < 10.0 * tolerance
-        if small and not first:
-            # Converged; the inertia with hardly a shift tells whether the equilibrium is stable.
+        if neutral > 0 or (small and not first):
             if shift == 0.0:
                 return iteration, negative, ref
-            work[:, :] = band
-            add_scalar_band(work, mass, spin, NEUTRAL * rate2)
-            eliminate(work, fixed, steps, still)
-            negative = banded.factorise(work, diagonal)
-            negative = held_back(negative, compliance(work, diagonal, pins)[1])
-            if negative > 0 or shift <= LEAST_SHIFT * rate2:
+            # Converged; the inertia without shift tells whether the equilibrium is stable.
+            for least in (0.0, NEUTRAL * rate2):
+                work[:, :] = band
+                add_scalar_band(work, mass, spin, least)
+                eliminate(work, fixed, steps, still)
+                negative = banded.factorise(work, diagonal)
+                negative = held_back(negative, compliance(work, diagonal, pins)[1])
+                if negative == 0:
+                    break
+            if negative > 0:
                 return iteration, negative, ref
+            if least > 0.0:
+                # A few more steps, ever less held back, which along what is neutral go nowhere.
+                neutral += 1
+                if neutral > NEUTRAL_STEPS:
+                    return iteration, 0, ref
+                shift *= 0.1
+                continue
         first = False
         shift = 0.1 * shift if shift > 1e-3 * rate2 else 0.0
     return -MAX_STATIC_ITERATIONS, 0, ref
