@@ -216,3 +216,17 @@ def test_slip_goes_on_over_several_commands():
         simulation.start([Observation(0, straight_shape())])
         shapes.append([p.control_points for p in simulation.advance_through(stamps)])
     np.testing.assert_allclose(shapes[0], shapes[1], atol=1e-4)
+
+
+def test_what_comes_later_leaves_the_slip_so_far_as_it_is():
+    settings = PAPER.with_effects({"clamp_slip": {"length": 0.03}})
+    first = command(["start"], [0.0, 0.2], [[0.0, 0.0, 0.0], [0.0, 0.0, 0.05]])
+    simulation = started(first, settings)
+    simulation.advance(SECOND // 5)
+    before = simulation.prediction().control_points
+    simulation.motion.add(
+        command(["start"], [0.0, 0.2], [[0, 0, 0.05], [0, 0, 0.1]], stamp=SECOND // 5)
+    )
+    after = simulation.advance(SECOND // 5 + SECOND // 1000).control_points
+    assert np.abs(after - before)[:, :3].max() < 5e-3
+    assert simulation._course.at(SECOND // 4, slips=True).progress.tolist() == pytest.approx([1, 2])

@@ -49,7 +49,7 @@ class Course:
         command = self.motion.at(stamp)
         if command is None:
             raise InputError("there is no dlo/command; the simulation needs to know what is held")
-        if slips and len(self.motion.commands) > 1:
+        if slips:
             self._count_paths()
         return self._stand_in(command)
 

@@ -170,7 +170,7 @@ def relax_stretch(model: RodModel, boundary: Boundary, held: Held, q: FloatArray
         iterations, _ = solver.implicit_step(
             q, held.target, boundary.fixed, boundary.pins, boundary.pin_values(held),
             model.rule, matter, state.reference, pull * unit, pull * unit, pull * given,
-            model.basis.length, 1e-8,
+            model.basis.length, 1e-12,
         )  # fmt: skip
         if iterations < 0:
             break
