@@ -322,10 +322,13 @@ def test_effects_are_parameters_of_the_simulator(tmp_path):
         now = client.node.get_clock().now().nanoseconds
         splines.publish(to_ros(spline_message(BAG_MESSAGES, now, "board", straight())))
         client.until(lambda: len(predicted) > 5, 30.0, "prediction")
-        before = predicted[-1].poses[-1].position.z
         assert client.set("/simulator", effects__point_mass__mass=0.01).successful
+        client.spin(0.2)
+        before = predicted[-1].poses[-1].position
+        curled = {"effects__intrinsic_curvature__curvature": [-15.0, -15.0, -15.0]}
+        assert client.set("/simulator", **curled).successful
         client.until(
-            lambda: predicted[-1].poses[-1].position.z < before - 0.01, 30.0, "a heavier tip"
+            lambda: abs(predicted[-1].poses[-1].position.z - before.z) > 0.03, 20.0, "curls up"
         )
         for values, reason in (
             ({"effects__point_mass__mass": -1.0}, "it must be a number from 0 to"),
