@@ -296,7 +296,7 @@ def test_parameters_are_described_and_checked_as_a_set(waiting):
 
 def test_effects_are_parameters_of_the_simulator(tmp_path):
     """Declared as the file gives them, described, changed while it runs, refused when wrong."""
-    settings = GUESS.with_effects(
+    settings = GUESS.with_material(5.0e7, 2000.0).with_effects(
         {"point_mass": {"mass": 0.001, "position": 0.4},
          "intrinsic_curvature": {"curvature": (1.0, -2.0, 0.5)}}
     )  # fmt: skip
@@ -322,7 +322,7 @@ def test_effects_are_parameters_of_the_simulator(tmp_path):
         now = client.node.get_clock().now().nanoseconds
         splines.publish(to_ros(spline_message(BAG_MESSAGES, now, "board", straight())))
         client.until(lambda: len(predicted) > 5, 30.0, "prediction")
-        assert client.set("/simulator", effects__point_mass__mass=0.01).successful
+        assert client.set("/simulator", effects__point_mass__mass=0.002).successful
         client.spin(0.2)
         before = predicted[-1].poses[-1].position
         curled = {"effects__intrinsic_curvature__curvature": [-15.0, -15.0, -15.0]}
@@ -337,7 +337,7 @@ def test_effects_are_parameters_of_the_simulator(tmp_path):
         ):
             refused = client.set("/simulator", **values)
             assert not refused.successful and reason in refused.reason, refused
-        assert client.get("/simulator", "effects.point_mass.mass") == [0.01]
+        assert client.get("/simulator", "effects.point_mass.mass") == [0.002]
         assert process.alive and "Traceback" not in process.said, process.said
     finally:
         client.close()

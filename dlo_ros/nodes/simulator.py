@@ -91,8 +91,10 @@ class SimulatorNode(DloNode):
         """Take changed parameters over, without interrupting the motion."""
         self._simulation.update(settings)
         self._untried = True
+        effects = f", with {', '.join(settings.effects)}" if settings.effects else ""
         self.get_logger().info(
             f"E {settings.rod.young_modulus:.4g} Pa, density {settings.rod.density:.4g} kg/m^3"
+            f"{effects}"
         )
 
     def _on_command(self, command: Command) -> None:
