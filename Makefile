@@ -12,11 +12,11 @@ COMPILED := $(VENV)/.compiled
 
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: setup demo picture examples bench challenge test test-slow lint clean lock help
+.PHONY: setup demo picture examples paper bench challenge test test-slow lint clean lock help
 
 help:
 	@sed -n 's/^# //p' Makefile | head -3
-	@echo "also: setup, examples, bench, challenge, test-slow, lint, picture, lock, clean"
+	@echo "also: setup, examples, paper, bench, challenge, test-slow, lint, picture, lock, clean"
 
 setup: $(COMPILED)
 
@@ -43,6 +43,10 @@ picture: demo
 # The model against closed forms and boundary value problems; pictures in build/examples.
 examples: $(COMPILED)
 	@for example in examples/*.py; do $(BIN)/python $$example || exit 1; done
+
+# The paper's tables and figures on simulated recordings, beside what identify finds; build/paper.
+paper: $(COMPILED)
+	$(BIN)/python -m paper
 
 # Speed against other simulators, which are installed beside ours; build/bench.json.
 bench: $(COMPILED)

@@ -31,6 +31,7 @@ QUANTITIES = (
 )
 MOST_FRAMES = 60  # of a recording in the report
 PLACES = 24  # along the DLO, in the map of residuals
+MISSED = 2.0  # ERR over the noise floor beyond which the model misses something
 WIDEST = 0.5  # relative standard deviation up to which an ellipse is drawn
 
 
@@ -123,6 +124,13 @@ def remarks(found: Identification) -> list[str]:
         left_out = sum(int(mask.sum()) for mask in found.fitted.ignored)
         if left_out:
             result.append(f"{left_out} pictures were seen wrongly and do not count in the fit.")
+    for r in found.recordings:
+        if r.err is not None and r.noise_floor is not None and r.err > MISSED * r.noise_floor:
+            result.append(
+                f"{r.name}: ERR is {r.err / r.noise_floor:.1f} times what noise alone would give. "
+                "Something else is at work, and what it does is partly laid to the parameters; "
+                "`diagnose` looks for it."
+            )
     errors = [
         r.forecast.resolution_error * estimate.settings.rod.length
         for r in found.recordings

@@ -17,6 +17,7 @@ from dlo_ros.errors import SimulationError
 from dlo_ros.identification.bundle import forecast_each, forecast_varied
 from dlo_ros.identification.estimate import search_information, with_logarithms
 from dlo_ros.identification.forecast import Forecast, Manipulation
+from dlo_ros.identification.noise import correlation_length
 from dlo_ros.identification.parallel import Pool, Threads
 from dlo_ros.identification.uncertainty import NOISE_LIMIT, outliers
 from dlo_ros.parameters import Settings
@@ -250,13 +251,14 @@ def descend(
         scale = fit.count / max(fit.power, fit.count * NOISE_LIMIT**2)
         off = np.where(np.isfinite(guess), fit.theta - guess, 0.0)
         normal = scale * fit.normal + prior
+        judged = normal / _repeats(fit.forecasts)
         slope = scale * fit.gradient - prior @ off
         accepted = False
         for _ in range(12):
             lhs = normal + damping * np.diag(np.diag(normal))
             step = np.asarray(np.linalg.solve(lhs, slope), dtype=np.float64)
             step *= min(1.0, LONGEST_STEP / max(float(np.abs(step).max()), 1e-300))
-            if _negligible(step, normal, converged):
+            if _negligible(step, judged, converged):
                 return fit, iteration, True
             try:
                 trial = evaluate(train, settings, guess, fit.theta + step, simulations, ignored)
@@ -272,10 +274,16 @@ def descend(
         gained = fit.cost - trial.cost
         fit = trial
         damping *= 0.1
-        if gained < 1e-6 * abs(fit.cost) and _negligible(step, normal, 10.0 * converged):
+        if gained < 1e-6 * abs(fit.cost) and _negligible(step, judged, 10.0 * converged):
             return fit, iteration, True
     LOG.warning("the fit has not converged after %d iterations", MAX_ITERATIONS)
     return fit, MAX_ITERATIONS, False
+
+
+def _repeats(forecasts: Sequence[Forecast]) -> float:
+    """How often residuals tell the same: what the model misses is no reason to go on."""
+    residuals = [f.residual for f in forecasts]
+    return correlation_length(residuals, 0) * correlation_length(residuals, 1)
 
 
 def _negligible(step: FloatArray, normal: FloatArray, converged: float) -> bool:

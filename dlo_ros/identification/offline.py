@@ -194,6 +194,13 @@ def fitted(
     fit, iterations, converged = descend(
         train, settings, guess, theta, progress, simulations, converged=ROUGHLY
     )
+    ignored = seen_wrongly(fit.forecasts)
+    if any(mask.any() for mask in ignored):
+        # They have bent the search so far.
+        fit, more, _ = descend(
+            train, settings, guess, fit.theta, progress, simulations, ignored, converged=ROUGHLY
+        )
+        iterations += more
     typical = [float(np.median(np.sum(f.residual**2, axis=(1, 2)))) for f in fit.forecasts]
     fine = within_noise(settings, float(np.sqrt(min(typical))))
     ignored = seen_wrongly(fit.forecasts)

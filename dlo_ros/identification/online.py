@@ -27,8 +27,8 @@ from dlo_ros.identification.estimate import (
     with_logarithms,
     within_noise,
 )
-from dlo_ros.identification.forecast import whitening
-from dlo_ros.identification.noise import correlation_length
+from dlo_ros.identification.forecast import Forecast, whitening
+from dlo_ros.identification.uncertainty import data_information
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.orientation import along
@@ -62,6 +62,9 @@ class _Pass:
     normal: FloatArray = field(default_factory=lambda: np.zeros((4, 4)))
     gradient: FloatArray = field(default_factory=lambda: np.zeros(4))
     residuals: list[FloatArray] = field(default_factory=list)
+    derivatives: list[FloatArray] = field(default_factory=list)
+    predicted: list[FloatArray] = field(default_factory=list)
+    stamps: list[int] = field(default_factory=list)
     used: int = 0
 
     def add(self, observation: Observation, white: FloatArray) -> None:
@@ -70,11 +73,28 @@ class _Pass:
         gap = observation.control_points[:, :3] - prediction.control_points[:, :3]
         residual = white @ gap
         if prediction.sensitivity is not None:
-            j = (white @ prediction.sensitivity).reshape(4, -1).T
+            self.derivatives.append(white @ prediction.sensitivity)
+            j = self.derivatives[-1].reshape(4, -1).T
             self.normal += j.T @ j
             self.gradient += j.T @ residual.ravel()
         self.residuals.append(residual)
+        self.predicted.append(prediction.control_points)
+        self.stamps.append(observation.stamp)
         self.used += 1
+
+    def information(self) -> FloatArray:
+        """What the residuals tell, for what they really are (4, 4); see `uncertainty`."""
+        judged = self.simulation.resolution
+        found = Forecast(
+            np.array(self.stamps),
+            np.array(self.predicted),
+            np.array(self.residuals),
+            np.array(self.derivatives),
+            np.zeros(self.used),
+            self.simulation.model.basis.spans,
+            judged.error if judged else np.nan,
+        )
+        return data_information([found], self.simulation.settings)
 
     @property
     def power(self) -> float:
@@ -109,6 +129,8 @@ class OnlineEstimator:
         self._centre = self._guess.copy()  # and where that information is centred
         self._pending = list(TRIALS)
         self._repeats = 1.0
+        self._told = np.zeros((4, 4))  # by the present pass, when it was last judged
+        self._judged: _Pass | None = None
         self._estimate = summarise(self._initial, self._guess, np.zeros((4, 4)))
 
     @property
@@ -262,10 +284,14 @@ class OnlineEstimator:
     def _publish(self, theta: FloatArray) -> None:
         run = self._pass
         assert run is not None
-        if run.used % REPEATS_EVERY == 0 or self._repeats == 1.0:
-            seen = [np.array(run.residuals)]
-            self._repeats = correlation_length(seen, 0) * correlation_length(seen, 1)
-        information = run.normal * self._scale(run) / self._repeats + self._summary
+        white = run.normal * self._scale(run)
+        every = REPEATS_EVERY * max(1, run.used // 100)
+        if run.used % every == 0 or run is not self._judged or run.used < REPEATS_EVERY:
+            told = run.information()
+            if told[0, 0] > 0.0:
+                self._repeats = max(1.0, float(white[0, 0] / told[0, 0]))
+            self._told, self._judged = told, run
+        information = self._told + self._summary
         low, high = self._guess - np.log(1e4), self._guess + np.log(1e4)
         theta = np.where(np.isfinite(self._guess), np.clip(theta, low, high), self._guess)
         estimate = summarise(self._initial, theta, information)
@@ -300,8 +326,8 @@ class OnlineEstimator:
         run = self._pass
         assert run is not None
         theta = self._current()
-        information = run.normal * self._scale(run) / self._repeats
-        self._summary = FORGETTING * self._summary + information
+        self._summary = FORGETTING * self._summary + self._told
+        self._told = np.zeros((4, 4))
         self._centre = theta
         self._past = []
         self._anchor = run.simulation.fork(with_logarithms(self._initial, theta))

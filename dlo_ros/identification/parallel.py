@@ -157,7 +157,7 @@ class Cluster:
         """See `Pool`; the scheduler gives the work of a lost worker to another one."""
         futures = [self._client.submit(work, item, pure=False, retries=ATTEMPTS) for item in items]
         place = {future.key: k for k, future in enumerate(futures)}
-        for future in self._completed(futures):
+        for future in self._completed(futures, loop=self._client.loop):
             if future.status == "finished":
                 done(place[future.key], future.result())
         return [future.result() for future in futures]

@@ -126,7 +126,7 @@ def sentences(estimate: Estimate, information: FloatArray) -> list[str]:
         if (a, b) in estimate.traded:
             result.append(
                 f"{WORDS[a]} and {WORDS[b]} are traded against each other (correlation "
-                f"{value:+.3f}): the data fix a combination of them, not each."
+                f"{value:+.3f}): the data fix a combination of them far better than each."
             )
     return result
 

@@ -230,8 +230,15 @@ def outliers(residual: FloatArray, limit: float = 6.0) -> np.ndarray:
     if frames < 7:
         return np.zeros(frames, dtype=bool)
     flat = residual.reshape(frames, -1)
-    padded = np.concatenate([flat[2:0:-1], flat, flat[-2:-4:-1]])
-    window = np.stack([padded[k : k + frames] for k in range(5)])
-    jump = np.linalg.norm(flat - np.median(window, axis=0), axis=1)
+    # Turned about the ends, so that a slope goes on there.
+    before, after = 2.0 * flat[0] - flat[2:0:-1], 2.0 * flat[-1] - flat[-2:-4:-1]
+    padded = np.concatenate([before, flat, after])
+    a, b, c, d, e = (padded[k : k + frames] for k in range(5))
+    expected = (
+        np.median(np.stack([a, b, c, d, e]), axis=0),
+        0.5 * (b + d),
+        (4.0 * (b + d) - a - e) / 6.0,
+    )
+    jump = np.min([np.linalg.norm(flat - x, axis=1) for x in expected], axis=0)
     typical = 1.4826 * float(np.median(np.abs(jump - np.median(jump))))
     return np.asarray(jump > np.median(jump) + limit * max(typical, 0.1 * float(np.median(jump))))

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dlo_ros.command import NANOSECONDS, Command, Motion
-from dlo_ros.errors import InputError, SimulationError
+from dlo_ros.errors import InputError, ParameterError, SimulationError
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.rod import dynamics, resolution
@@ -119,7 +119,11 @@ class Simulation:
         stop = command.end_stamp if last_stamp is None else last_stamp - self._camera.later
         stamps = np.linspace(first.stamp, max(stop, first.stamp), 200).astype(np.int64)
         shape = self._camera.true(first.control_points)
+<<<<<<< HEAD
         self.settings.check_effects()
+=======
+        _possible(self.settings)
+>>>>>>> main
         if self._spans is None:
             self.resolution = resolution.choose(
                 self.settings, command, shape, [int(s) for s in stamps]
@@ -333,9 +337,15 @@ class Simulation:
         length comes to rest first.
 
         Raises:
+<<<<<<< HEAD
             ParameterError: effects leave no DLO; nothing is changed then.
         """
         settings.check_effects()
+=======
+            SimulationError: effects leave no DLO; nothing is changed then.
+        """
+        _possible(settings)
+>>>>>>> main
         self.settings = settings
         self._camera = Camera(settings, self.parameters)
         if self.state is None:
@@ -375,3 +385,14 @@ class Simulation:
     def control_points(self) -> int:
         """Control points of the simulation's own basis."""
         return (self._spans or self.published.spans) + DEGREE
+<<<<<<< HEAD
+=======
+
+
+def _possible(settings: Settings) -> None:
+    """Refuse effects that leave no DLO; a search over parameters tries on, so it is no input."""
+    try:
+        settings.check_effects()
+    except ParameterError as err:
+        raise SimulationError(str(err)) from err
+>>>>>>> main

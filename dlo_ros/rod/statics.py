@@ -111,6 +111,7 @@ def _unstable_directions(
     matter = matter_of(model, NO_HISTORY)._replace(law=LINEAR, around=FREE)
     return int(
         solver.negative_modes(
+<<<<<<< HEAD
             q,
             boundary.fixed,
             boundary.pins,
@@ -120,6 +121,10 @@ def _unstable_directions(
             model.mass,
             model.spin,
             model.rate2,
+=======
+            q, boundary.fixed, boundary.pins, model.rule, matter, reference, model.mass,
+            model.spin, model.rate2,
+>>>>>>> main
         )
     )
 
