@@ -70,11 +70,7 @@ def _yaml(value):
 )
 def test_effects_that_leave_no_rope_are_refused(effects, message):
     simulation = Simulation(PAPER.with_effects(effects), Motion([held_start()]), spans=7)
-<<<<<<< HEAD
-    with pytest.raises(ParameterError, match=message):
-=======
     with pytest.raises(SimulationError, match=message):
->>>>>>> main
         simulation.start([Observation(0, straight_shape())])
 
 

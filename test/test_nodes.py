@@ -305,13 +305,7 @@ def test_effects_are_parameters_of_the_simulator(tmp_path):
     words = ("simulator", "--ros-args", "--params-file", str(tmp_path / "params.yaml"))
     process, client = Process(tmp_path, *words, domain=domain), Client(domain)
     try:
-<<<<<<< HEAD
         client.until(lambda: client.node.count_publishers(topics.PREDICTED), 120.0, "the simulator")
-=======
-        client.until(
-            lambda: client.node.count_publishers(topics.PREDICTED), 120.0, "the simulator"
-        )
->>>>>>> main
         descriptor = client.describe("/simulator", "effects.point_mass.mass")
         assert descriptor.description == "the mass [kg]"
         assert "from 0 to" in descriptor.additional_constraints

@@ -119,11 +119,7 @@ class Simulation:
         stop = command.end_stamp if last_stamp is None else last_stamp - self._camera.later
         stamps = np.linspace(first.stamp, max(stop, first.stamp), 200).astype(np.int64)
         shape = self._camera.true(first.control_points)
-<<<<<<< HEAD
-        self.settings.check_effects()
-=======
         _possible(self.settings)
->>>>>>> main
         if self._spans is None:
             self.resolution = resolution.choose(
                 self.settings, command, shape, [int(s) for s in stamps]
@@ -337,15 +333,9 @@ class Simulation:
         length comes to rest first.
 
         Raises:
-<<<<<<< HEAD
-            ParameterError: effects leave no DLO; nothing is changed then.
-        """
-        settings.check_effects()
-=======
             SimulationError: effects leave no DLO; nothing is changed then.
         """
         _possible(settings)
->>>>>>> main
         self.settings = settings
         self._camera = Camera(settings, self.parameters)
         if self.state is None:
@@ -385,8 +375,6 @@ class Simulation:
     def control_points(self) -> int:
         """Control points of the simulation's own basis."""
         return (self._spans or self.published.spans) + DEGREE
-<<<<<<< HEAD
-=======
 
 
 def _possible(settings: Settings) -> None:
@@ -395,4 +383,3 @@ def _possible(settings: Settings) -> None:
         settings.check_effects()
     except ParameterError as err:
         raise SimulationError(str(err)) from err
->>>>>>> main

@@ -111,7 +111,6 @@ def _unstable_directions(
     matter = matter_of(model, NO_HISTORY)._replace(law=LINEAR, around=FREE)
     return int(
         solver.negative_modes(
-<<<<<<< HEAD
             q,
             boundary.fixed,
             boundary.pins,
@@ -121,10 +120,6 @@ def _unstable_directions(
             model.mass,
             model.spin,
             model.rate2,
-=======
-            q, boundary.fixed, boundary.pins, model.rule, matter, reference, model.mass,
-            model.spin, model.rate2,
->>>>>>> main
         )
     )
 
