@@ -204,7 +204,17 @@ def fitted(
     typical = [float(np.median(np.sum(f.residual**2, axis=(1, 2)))) for f in fit.forecasts]
     fine = within_noise(settings, float(np.sqrt(min(typical))))
     ignored = seen_wrongly(fit.forecasts)
-    fit, more, converged = descend(train, fine, guess, fit.theta, progress, simulations, ignored)
+    try:
+        fit, more, converged = descend(
+            train, fine, guess, fit.theta, progress, simulations, ignored
+        )
+    except SimulationError as err:
+        LOG.warning("a finer simulation fails (%s); its error is larger than wanted", err)
+        fine = settings
+        fit, more, converged = descend(
+            train, settings, guess, fit.theta, progress, simulations, ignored
+        )
+    iterations += more
     used = [without(f, mask) for f, mask in zip(fit.forecasts, ignored, strict=True)]
     shifts = numerical_shifts(train, fine, fit, ignored, simulations)
     told = data_information(used, with_logarithms(fine, fit.theta), shifts)
@@ -215,7 +225,7 @@ def fitted(
         except SimulationError as err:
             LOG.warning("the estimate stays where the search ended: %s", err)
             theta = fit.theta
-    return Fitted(fit, theta, told, ignored, fine, iterations + more, converged)
+    return Fitted(fit, theta, told, ignored, fine, iterations, converged)
 
 
 def _attempt(recording: Manipulation, settings: Settings) -> Forecast | None:

@@ -18,6 +18,7 @@ import numpy as np
 
 from dlo_ros.command import NANOSECONDS, Command, Motion
 from dlo_ros.errors import InputError, SimulationError
+from dlo_ros.identification.bundle import forecast_each
 from dlo_ros.identification.estimate import (
     Estimate,
     logarithms,
@@ -27,7 +28,7 @@ from dlo_ros.identification.estimate import (
     with_logarithms,
     within_noise,
 )
-from dlo_ros.identification.forecast import Forecast, whitening
+from dlo_ros.identification.forecast import Forecast, Manipulation, whitening
 from dlo_ros.identification.uncertainty import data_information
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
@@ -309,15 +310,17 @@ class OnlineEstimator:
         assert run is not None
         best, least = None, run.power
         spans = 2 * (self._initial.rod.control_points - 3)
+        thetas = []
         for factor in RIVALS:
             theta = run.theta.copy()
             theta[0] = self._guess[0] - self._guess[1] + theta[1] + np.log(factor)
-            try:
-                rival = self._run(theta, (), spans)
-            except SimulationError:
-                continue
-            if rival.power < 0.5 * least:
-                best, least = theta, rival.power
+            thetas.append(theta)
+        sets = [with_logarithms(self._initial, theta) for theta in thetas]
+        past = Manipulation("past", tuple(self._motion.commands), tuple(self._past))
+        for theta, rival in zip(thetas, forecast_each(past, sets, spans=spans), strict=True):
+            power = np.inf if rival is None else float(np.sum(rival.residual**2))
+            if power < 0.5 * least:
+                best, least = theta, power
         if best is not None:
             self._run_again(best)
 
