@@ -29,6 +29,7 @@ START_FACTORS = (1.0, 1 / 100, 1 / 30, 1 / 10, 1 / 3, 3.0, 10.0, 30.0, 100.0)  #
 SCAN_SECONDS = 4.0  # of each recording, for the comparison of starts
 MAX_ITERATIONS = 30
 CONVERGED = 1e-4  # change of a logarithm
+WORTHLESS = 5e-3  # gain of the log likelihood, repeated residuals counted once
 LONGEST_STEP = 1.5  # change of a logarithm in one iteration
 STEP_COARSER = 2.0  # of the time steps, to see what they do
 RECHECK_RATIO = 1.5  # change of E/mu after which the resolution is judged anew
@@ -251,7 +252,8 @@ def descend(
         scale = fit.count / max(fit.power, fit.count * NOISE_LIMIT**2)
         off = np.where(np.isfinite(guess), fit.theta - guess, 0.0)
         normal = scale * fit.normal + prior
-        judged = normal / _repeats(fit.forecasts)
+        repeats = _repeats(fit.forecasts)
+        judged = normal / repeats
         slope = scale * fit.gradient - prior @ off
         accepted = False
         for _ in range(12):
@@ -274,7 +276,7 @@ def descend(
         gained = fit.cost - trial.cost
         fit = trial
         damping *= 0.1
-        if gained < 1e-6 * abs(fit.cost) and _negligible(step, judged, 10.0 * converged):
+        if gained < WORTHLESS * repeats and damping < 1e-2:
             return fit, iteration, True
     LOG.warning("the fit has not converged after %d iterations", MAX_ITERATIONS)
     return fit, MAX_ITERATIONS, False
