@@ -9,7 +9,7 @@ from rods import PAPER, SECOND, command, held_start, settled, straight
 
 from dlo_ros.command import Motion
 from dlo_ros.effects import build, effects, quantities
-from dlo_ros.errors import ParameterError
+from dlo_ros.errors import DloError, ParameterError
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.resolution import build as build_rod
@@ -401,7 +401,7 @@ def test_bad_values_name_the_parameter(values, message):
 
 def test_a_place_off_the_rod_is_refused():
     settings = PAPER.with_effects({"point_mass": {"mass": 0.1, "position": 0.5}})
-    with pytest.raises(ParameterError, match=r"point_mass.position is 0.5 m.*0 to 0.4 m"):
+    with pytest.raises(DloError, match=r"point_mass.position is 0.5 m.*0 to 0.4 m"):
         simulate(settings, lifted(), STAMPS[:1])
 
 

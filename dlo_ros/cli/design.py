@@ -309,8 +309,10 @@ def _report(
 
 def _told(o: Outlook) -> tuple[float | None, float | None, float | None]:
     # E and mu that only a guess holds are not told by the manipulation.
-    free = np.linalg.inv(o.information + 1e-6 * np.eye(4))
-    alone = (math.sqrt(free[0, 0]), math.sqrt(free[1, 1]), 0.0)
+    # By eigenvalues: what is known very well and not at all stands side by side in it.
+    known, modes = np.linalg.eigh(0.5 * (o.information + o.information.T))
+    free = (modes**2 / (np.maximum(known, 0.0) + 1e-6)).sum(axis=1)
+    alone = (math.sqrt(free[0]), math.sqrt(free[1]), 0.0)
     values = (o.std[name] for name in QUANTITIES)
     young, density, ratio = (
         v if v < TOLD and a < 10.0 else None for v, a in zip(values, alone, strict=True)

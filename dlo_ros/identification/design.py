@@ -209,7 +209,7 @@ def outlook(
     if nominal is None:
         raise SimulationError(f"{plan.name}: the manipulation cannot be simulated")
     covariance = np.linalg.inv(before + told)
-    std = {k: math.sqrt(float(c @ covariance @ c)) for k, c in COMBINATIONS.items()}
+    std = {k: math.sqrt(max(float(c @ covariance @ c), 0.0)) for k, c in COMBINATIONS.items()}
     # Rod theories differ by that much (see `uncertainty`).
     theory = STRETCH_STIFFNESS * strain(settings)
     for name in ("young_modulus", "specific_modulus"):
