@@ -11,6 +11,7 @@ from dlo_ros.diagnosis import decide, diagnose, judging
 from dlo_ros.diagnosis.candidates import Scene, scene, starts
 from dlo_ros.diagnosis.fitting import Evaluation, Normal, fit, known, normal, total
 from dlo_ros.diagnosis.forces import missing_force
+from dlo_ros.diagnosis.manipulations import simulated, standard
 from dlo_ros.diagnosis.measured import measured
 from dlo_ros.diagnosis.model import baseline, prior
 from dlo_ros.diagnosis.search import Candidate
@@ -142,6 +143,21 @@ def test_names_stand_beside_their_rivals():
     assert decision.rivals == (("constant_force",),)
 
 
+def test_an_explanation_must_hold_on_what_was_kept_aside():
+    noise = [np.random.default_rng(6).normal(size=(60, 10))]
+    first = decide.Explanation(("obstacle",), candidate(["obstacle"], 0.1, 1.0, noise))
+    second = decide.Explanation(("point_mass",), candidate(["point_mass"], 0.2, 2.0, noise))
+    errors = {"obstacle": 5e-3, "point_mass": 1e-3}
+
+    def kept_aside(c):
+        return errors[c.effect]
+
+    assert decide.confirmed([first, second], 5e-3, kept_aside) == [second]
+    assert decide.confirmed([first], 1e-3, kept_aside) == []  # worse than without it
+    assert decide.confirmed([first], 5e-3, kept_aside) == [first]  # it does not show there
+    assert decide.confirmed([first], None, lambda c: None) == []
+
+
 def test_rivals_of_a_pair_take_the_place_of_one():
     noise = [np.random.default_rng(5).normal(size=(60, 10))]
     best = candidate(["point_mass", "command_delay"], 0.1, 10.0, noise)
@@ -194,6 +210,24 @@ def test_missing_force_is_the_force_that_acts():
     middle = found.force[5:-5, :, 1]
     assert np.mean(middle) == pytest.approx(0.1 * weight, rel=0.5)  # a linear beam
     assert missing_force(recording, predicted[:4], settings, u) is None
+
+
+def test_standard_manipulations_can_be_simulated():
+    recording = measured(swing(PAPER, seconds=0.5), KNOWN)
+    made = standard(KNOWN, [recording])
+    assert len(made) == 6
+    for one in made:
+        shapes = [o.control_points for o in simulated(one, KNOWN).observations]
+        assert len(shapes) >= 5, one.words
+        length = np.sum(np.linalg.norm(np.diff(shapes[-1][:, :3], axis=0), axis=1))
+        assert length == pytest.approx(KNOWN.rod.length, rel=0.05), one.words
+
+
+def test_a_repeated_picture_counts_once():
+    one = swing(PAPER, seconds=0.2)
+    twice = tuple(o for o in one.observations for _ in range(3))
+    recording = measured(replace(one, observations=twice), KNOWN)
+    assert len(recording.times) == len(one.observations)
 
 
 def test_what_cannot_be_diagnosed_is_refused():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -21,6 +21,8 @@ AS_GOOD = 0.6
 """Structure that one explanation may have beyond another and still rank beside it."""
 SURE = 3.0
 """Standard errors by which one explanation must be better than another to exclude it."""
+CONFIRMED = 1.5
+"""ERR on what is kept aside, over the best one's, with which an explanation still holds."""
 ALIKE = 2.0
 """Ratio of leftover structure up to which explanations rank as alike."""
 
@@ -77,6 +79,26 @@ def explanations(candidates: Sequence[Candidate], most: float) -> list[Explanati
         if c.structure <= most and key not in found:
             found[key] = Explanation(c.at.model.effects, c)
     return list(found.values())
+
+
+def confirmed(
+    found: Sequence[Explanation],
+    before: float | None,
+    kept_aside: Callable[[Candidate], float | None],
+) -> list[Explanation]:
+    """Those explanations that also hold on what was kept aside.
+
+    Args:
+        found: explanations, best first.
+        before: ERR of the plain model there [m].
+        kept_aside: ERR of a candidate there [m]; None where it cannot be simulated.
+    """
+    errors = [kept_aside(e.candidate) for e in found]
+    known = [e for e in (*errors, before) if e is not None]
+    if not known:
+        return []
+    most = CONFIRMED * min(known)
+    return [e for e, err in zip(found, errors, strict=True) if err is not None and err <= most]
 
 
 def as_good(best: Candidate, other: Candidate) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -35,8 +35,14 @@ LOG = logging.getLogger(__name__)
 
 BASES = 3
 """Best single effects to which a second one is added."""
+SECONDS = 7
+"""Beginnings of the second effect that are fitted for each, after the linear test of all."""
 FIRST_SHARE = 0.9
 """Of the structure before, that a single effect must go below to be one of a pair."""
+
+
+KeptAside = Callable[[Candidate], "float | None"]
+"""ERR [m] of a candidate on what is kept aside, its parameters from the rest."""
 
 
 @dataclass(frozen=True)
@@ -88,13 +94,25 @@ def diagnose(
     plain = candidate("", "", at, given)
     chance = judging.chance(at.residuals)
     problem = Problem(learned, given)
+    parted = aside.split(beginning.recordings, len(holdout), _information(at))
+
+    def kept_aside(c: Candidate) -> float | None:
+        model = aside.trained(c.at, parted.train[: len(recordings)], given)
+        return aside.mean(aside.errors(model, beginning.recordings, parted.holdout, given))
+
     if decide.adequate(plain.structure, chance):
         found = _Findings(decide.Decision("adequate", None), (), ())
     else:
         with workers(problem, processes) as team:
-            found = _explain(team, plain, recordings, chance, progress)
+            found = _explain(team, plain, recordings, chance, kept_aside, progress)
     progress("measuring the gain", 1.0)
-    return _outcome(beginning, plain, found, chance, given, len(holdout))
+    return _outcome(beginning, plain, found, chance, given, parted, kept_aside)
+
+
+def _information(at: Evaluation) -> list[float]:
+    """What each recording tells of the stiffness."""
+    assert at.jacobians is not None
+    return [float(np.sum(j[:, 0] ** 2)) for j in at.jacobians]
 
 
 def _only(at: Evaluation, count: int) -> Evaluation:
@@ -108,26 +126,27 @@ def _only(at: Evaluation, count: int) -> Evaluation:
 
 def _explain(
     team: Workers, plain: Candidate, recordings: Sequence[Manipulation], chance: float,
-    progress: Progress,
+    kept_aside: KeptAside, progress: Progress,
 ) -> _Findings:  # fmt: skip
     """Single effects first; pairs where none of them is enough."""
     names = [n for m in recordings for c in m.commands for n in c.names]
     observed = [r.observed for r in team.problem.recordings]
 
-    def beginnings(at: Evaluation, present: Sequence[str]) -> list[Candidate]:
+    def added(at: Evaluation, present: Sequence[str], most: int | None) -> list[Candidate]:
         here = scene(at.model.settings, names, observed, at.predicted)
-        return search(team, at, starts(here, present), progress)
+        return search(team, at, starts(here, present), progress, most)
 
     known = plain.at.model.effects
-    singles = beginnings(plain.at, known)
+    singles = added(plain.at, known, None)
     most = decide.limit(plain.structure, chance)
-    enough = decide.explanations(singles, most)
+    before = kept_aside(plain)
+    enough = decide.confirmed(decide.explanations(singles, most), before, kept_aside)
     if enough:
         return _Findings(decide.choose(enough), tuple(singles), ())
     pairs: list[Candidate] = []
     for first in _bases(singles, plain.structure):
-        pairs += beginnings(first.at, [*known, first.effect])
-        enough = decide.explanations(pairs, most)
+        pairs += added(first.at, [*known, first.effect], SECONDS)
+        enough = decide.confirmed(decide.explanations(pairs, most), before, kept_aside)
         if enough:
             break
     pairs.sort(key=lambda c: c.score)
@@ -147,16 +166,13 @@ def _bases(singles: Sequence[Candidate], before: float) -> list[Candidate]:
 
 def _outcome(
     beginning: Beginning, plain: Candidate, found: _Findings, chance: float, given: Settings,
-    apart: int,
+    parted: aside.Split, kept_aside: KeptAside,
 ) -> Diagnosis:  # fmt: skip
     """Measure on what is kept aside, and put everything together."""
     recordings = beginning.recordings
     decision = found.decision
     best = decision.chosen.candidate if decision.chosen else plain
-    count = len(recordings) - apart
-    assert plain.at.jacobians is not None
-    information = [float(np.sum(j[:, 0] ** 2)) for j in plain.at.jacobians]
-    parted = aside.split(recordings, apart, information)
+    count = len(plain.at.residuals)
     learned = recordings[:count]
     models = [
         aside.refitted(c.at, learned, parted.train[:count], given) for c in (plain, best)
@@ -172,8 +188,7 @@ def _outcome(
         )
     tried = []
     for c in _best_forms([plain, *found.singles, *found.pairs]):
-        model = aside.trained(c.at, parted.train[:count], given)
-        err = aside.mean(aside.errors(model, recordings, parted.holdout, given))
+        err = kept_aside(c)
         label = "+".join(n for n in c.at.model.effects if n not in plain.at.model.effects)
         tried.append(Tried(label or "none", err, c.score, c.structure))
     floors = [noise_floor(r, p, given) for r, p in zip(learned, best.at.predicted, strict=True)]

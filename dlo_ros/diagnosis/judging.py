@@ -42,14 +42,18 @@ def structure(residuals: Sequence[FloatArray]) -> float:
 def chance(residuals: Sequence[FloatArray], seed: int = 0) -> float:
     """Structure that residuals of the same size have by chance in 1 of 100 cases.
 
-    The frames are given random signs: what repeats along the DLO within a frame stays.
+    The frames are given random signs: what repeats along the DLO within a frame stays. A recording
+    of one frame has no neighbours; for it noise is drawn.
     """
     rng = np.random.default_rng(seed)
-    drawn = [
-        structure([r * rng.choice([-1.0, 1.0], (len(r), 1)) for r in residuals])
-        for _ in range(DRAWS)
-    ]
-    return float(np.percentile(drawn, 99.0))
+
+    def drawn(r: FloatArray) -> FloatArray:
+        if len(r) == 1:
+            return rng.normal(size=r.shape)
+        return np.asarray(r * rng.choice([-1.0, 1.0], (len(r), 1)))
+
+    found = [structure([drawn(r) for r in residuals]) for _ in range(DRAWS)]
+    return float(np.percentile(found, 99.0))
 
 
 def parts(at: Evaluation) -> list[tuple[int, slice]]:

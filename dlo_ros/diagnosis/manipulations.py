@@ -17,6 +17,7 @@ from dlo_ros.rod.simulation import Simulation
 from dlo_ros.spline import FloatArray, SplineBasis
 
 RATE = 20.0  # frames a second
+SHORTEST = 0.3  # [s] of a recording that is worth making faster or slower
 FIRST = NANOSECONDS  # stamp of the first frame [ns]
 PI = float(np.pi)
 
@@ -79,7 +80,7 @@ def _made(settings: Settings, words: str, curve: FloatArray, ways: dict[str, Way
         rows = np.array(way)
         share = [np.interp(times, rows[:, 0], rows[:, c]) for c in (1, 2, 3)]
         positions[:, k, 0], positions[:, k, 2] = length * share[0], length * share[1]
-        rotations[:, k] = Rotation.from_euler("y", share[2]).as_quat()
+        rotations[:, k] = Rotation.from_euler("y", share[2][:, None]).as_quat()
     velocities = np.full(positions.shape, np.nan)
     command = Command(FIRST, tuple(ways), times, positions, rotations, velocities, n)
     way = np.linalg.norm(np.diff(curve, axis=0), axis=1)
@@ -95,7 +96,7 @@ def _made(settings: Settings, words: str, curve: FloatArray, ways: dict[str, Way
 def _again(recording: Recording, words: str, factor: float) -> list[Standard]:
     """A recording's motion at another speed, where one command rules it."""
     commands, observations = recording.manipulation.commands, recording.manipulation.observations
-    if len(commands) != 1:
+    if len(commands) != 1 or recording.times[-1] < SHORTEST:
         return []
     (command,) = commands
     begin = (observations[0].stamp - command.stamp) / NANOSECONDS

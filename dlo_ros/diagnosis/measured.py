@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import comb
 
 from dlo_ros.errors import InputError
 from dlo_ros.identification.forecast import Manipulation, whitening
 from dlo_ros.identification.noise import point_noise
+from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray, SplineBasis
 
@@ -86,6 +89,7 @@ def measured(manipulation: Manipulation, settings: Settings) -> Recording:
         raise InputError(f"{manipulation.name}: has no usable dlo/command")
     if not manipulation.observations:
         raise InputError(f"{manipulation.name}: has no usable dlo/observed")
+    manipulation = replace(manipulation, observations=_without_copies(manipulation.observations))
     observed = np.array([o.control_points[:, :3] for o in manipulation.observations])
     stamps = np.array([o.stamp for o in manipulation.observations], dtype=np.int64)
     across = _across(observed, settings)
@@ -96,6 +100,15 @@ def measured(manipulation: Manipulation, settings: Settings) -> Recording:
         across,
         np.ones(across.shape[1]),
     )
+
+
+def _without_copies(observations: Sequence[Observation]) -> tuple[Observation, ...]:
+    """The observations without those that repeat the one before: they measure nothing anew."""
+    kept = [observations[0]]
+    for o in observations[1:]:
+        if not np.array_equal(o.control_points, kept[-1].control_points):
+            kept.append(o)
+    return tuple(kept)
 
 
 def _across(observed: FloatArray, settings: Settings) -> FloatArray:
@@ -128,7 +141,7 @@ def scatter(field: FloatArray, recording: Recording, settings: Settings) -> Floa
 
     Differences in time of growing order; the smallest counts, and the median over time, so that a
     moment of violent motion does not. Where there are too few frames the stated standard deviation
-    of the measured points tells, or else what is left over.
+    of the measured points tells, or else the differences along u.
 
     Args:
         field: residual coefficients [m], shape (F, K).
@@ -148,9 +161,21 @@ def scatter(field: FloatArray, recording: Recording, settings: Settings) -> Floa
         return np.asarray(np.min(found, axis=0))
     n = settings.rod.control_points
     stated = point_noise(recording.manipulation.observations, SplineBasis(n, settings.rod.length))
-    # `point_noise` is that of the whole shape, of which n coefficients have a share each.
-    typical = stated / np.sqrt(n) if stated else float(np.sqrt(np.mean(field**2)))
-    return np.full(field.shape[1], typical)
+    if stated:
+        # `point_noise` is that of the whole shape, of which n coefficients have a share each.
+        return np.full(field.shape[1], stated / np.sqrt(n))
+    parts = [_along(part) for part in np.split(field, field.shape[1] // n, axis=1)]
+    return np.repeat(parts, n)
+
+
+def _along(field: FloatArray) -> float:
+    """Noise of coefficients (F, n) from how they scatter along u, where models err smoothly [m]."""
+    found = [float(np.sqrt(np.mean(field**2)))]
+    for order in ORDERS:
+        if field.shape[1] > 2 * order:
+            gap = np.diff(field, order, axis=1) / np.sqrt(float(comb(2 * order, order)))
+            found.append(float(np.sqrt(np.median(gap**2) / 0.4549)))
+    return min(found)
 
 
 def noise_of(field: FloatArray, recording: Recording, settings: Settings) -> FloatArray:

@@ -260,7 +260,11 @@ def _chosen(prospects: Sequence[Prospect], before: float) -> list[Prospect]:
 
 
 def search(
-    team: Workers, before: Evaluation, starts: Sequence[Start], progress: Progress
+    team: Workers,
+    before: Evaluation,
+    starts: Sequence[Start],
+    progress: Progress,
+    most: int | None = None,
 ) -> list[Candidate]:
     """Fit effects in addition to a model; the best fit of each form of each effect, best first.
 
@@ -268,9 +272,10 @@ def search(
         before: the fitted model without them.
         starts: from where.
         progress: called with what is being done and the share of it that is done.
+        most: starts that are fitted, the most promising ones; default: all.
     """
     problem = team.problem
-    prospects = _chosen(screen(team, before.model, starts, progress), before.power)
+    prospects = _chosen(screen(team, before.model, starts, progress), before.power)[:most]
     tasks = [(before.model, p.start) for p in prospects]
     first: dict[tuple[str, str], Evaluation] = {}
     for k, (p, at) in enumerate(zip(prospects, team.each(_fit_start, tasks), strict=True)):
