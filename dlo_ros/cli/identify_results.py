@@ -81,6 +81,8 @@ def tree(
             **{
                 name: dict(zip(("low", "median", "high"), sampled.quantiles(name), strict=True))
                 for name, _, _ in QUANTITIES
+                # Where nothing is known the spread would be that of the guess.
+                if getattr(estimate, f"{name}_std") is not None
             },
         }
     if redrawn is not None:
