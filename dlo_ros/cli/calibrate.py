@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from dlo_ros.cli.calibration_output import summary, write_results
+from dlo_ros.cli.results import check_results_folder
 from dlo_ros.errors import DloError, InputError
 from dlo_ros.parameters import Vector
 from dlo_ros.recordings.pictures import count_pictures, pictures, read_picture
@@ -146,8 +147,7 @@ def _check(arguments: argparse.Namespace) -> None:
 
 def _make_folder(output: Path) -> None:
     """Make the output folder, and see that files can be written, before any work is done."""
-    if output.exists() and not output.is_dir():
-        raise InputError(f"{output}: is a file; give a folder for the results")
+    check_results_folder(output)
     try:
         output.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=output):

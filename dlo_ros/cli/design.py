@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from dlo_ros.cli.loading import prepare
+from dlo_ros.cli.results import add_results_folder, check_results_folder
 from dlo_ros.command import CONTROL_POINT, END, START, Command
 from dlo_ros.errors import CommandError, InputError, SimulationError
 from dlo_ros.identification.bundle import forecast_each
@@ -58,9 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--params", type=Path, required=True, metavar="FILE", help="parameter file of the DLO"
     )
-    parser.add_argument(
-        "--output", type=Path, required=True, metavar="DIR", help="folder for the results"
-    )
+    add_results_folder(parser)
     parser.add_argument(
         "--estimate",
         type=Path,
@@ -98,8 +97,7 @@ def run(arguments: argparse.Namespace) -> int:
     """
     settings = at_equilibrium(Settings.load(arguments.params))
     output: Path = arguments.output
-    if output.exists() and not output.is_dir():
-        raise InputError(f"{output}: is a file; give a folder for the results")
+    check_results_folder(output)
     _check(arguments)
     workspace = _workspace(arguments, settings)
     noise = Noise(std=arguments.noise)

@@ -11,6 +11,7 @@ from rich.progress import Progress
 
 from dlo_ros.cli.diagnosis_output import summary, write_results
 from dlo_ros.cli.loading import add_model_arguments, load_manipulation, load_settings, prepare
+from dlo_ros.cli.results import add_results_folder, check_results_folder
 from dlo_ros.diagnosis import diagnose
 from dlo_ros.errors import InputError
 
@@ -19,9 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The arguments of the tool."""
     parser.add_argument("bags", type=Path, nargs="+", metavar="BAG", help="recordings to explain")
     add_model_arguments(parser)
-    parser.add_argument(
-        "--output", type=Path, required=True, metavar="DIR", help="folder for the results"
-    )
+    add_results_folder(parser)
     parser.add_argument(
         "--holdout",
         type=Path,
@@ -44,8 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
     """
     settings = load_settings(arguments)
     output: Path = arguments.output
-    if output.exists() and not output.is_dir():
-        raise InputError(f"{output}: is a file; give a folder for the results")
+    check_results_folder(output)
     if arguments.workers < 0:
         raise InputError(f"--workers is {arguments.workers}; give a number of processes, 1 or more")
     recordings = [load_manipulation(bag, settings) for bag in arguments.bags]

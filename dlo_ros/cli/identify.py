@@ -16,6 +16,7 @@ from rich.progress import Progress
 
 from dlo_ros.cli.identify_results import report, summary, tree
 from dlo_ros.cli.loading import add_model_arguments, load_manipulation, load_settings, prepare
+from dlo_ros.cli.results import add_results_folder, check_results_folder
 from dlo_ros.errors import InputError
 from dlo_ros.identification.estimate import searchable
 from dlo_ros.identification.forecast import Manipulation
@@ -33,9 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The arguments of the tool."""
     parser.add_argument("bags", type=Path, nargs="+", metavar="BAG", help="recordings to fit")
     add_model_arguments(parser)
-    parser.add_argument(
-        "--output", type=Path, required=True, metavar="DIR", help="folder for the results"
-    )
+    add_results_folder(parser)
     parser.add_argument(
         "--validate",
         type=Path,
@@ -70,8 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
     """
     settings = load_settings(arguments)
     output: Path = arguments.output
-    if output.exists() and not output.is_dir():
-        raise InputError(f"{output}: is a file; give a folder for the results")
+    check_results_folder(output)
     for name in ("sample", "bootstrap"):
         if getattr(arguments, name) < 0:
             raise InputError(f"--{name} is {getattr(arguments, name)}; it must not be negative")

@@ -14,6 +14,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import Progress
 
+from dlo_ros.cli.results import check_results_folder
 from dlo_ros.command import Motion
 from dlo_ros.errors import DloError, InputError, RecordingError, VisionError
 from dlo_ros.parameters import Settings
@@ -238,8 +239,7 @@ def _observe_files(inputs: list[Path], output: Path, params: Path | None) -> int
         target = output / f"{path.stem}.png"
         if target.exists() and path.exists() and target.samefile(path):
             raise InputError(f"{path}: would be overwritten; give another --output")
-    if output.exists() and not output.is_dir():
-        raise InputError(f"{output}: is a file; give a folder for the results")
+    check_results_folder(output)
     hints = None if params is None else Hints(Settings.load(params).vision)
     images = {path: _read_image(path) for path in inputs[:1]}
     output.mkdir(parents=True, exist_ok=True)

@@ -12,7 +12,7 @@ import numpy as np
 from dlo_ros.effects import Quantity, quantities
 from dlo_ros.identification.estimate import GUESS
 from dlo_ros.parameters import EFFECTS_PREFIX, Settings
-from dlo_ros.rod.tangents import MATERIAL
+from dlo_ros.rod.tangents import MATERIAL, effect_names
 from dlo_ros.spline import FloatArray
 
 Value = float | tuple[float, ...]
@@ -94,15 +94,7 @@ def baseline(settings: Settings) -> Model:
 
 def names(effect: str, block: Block, keys: tuple[str, ...]) -> tuple[str, ...]:
     """Full names of an effect's parameters, one for each number."""
-    result: list[str] = []
-    for key in keys:
-        value = block[key]
-        name = f"{EFFECTS_PREFIX}{effect}.{key}"
-        if isinstance(value, tuple):
-            result += [f"{name}[{i}]" for i in range(len(value))]
-        else:
-            result.append(name)
-    return tuple(result)
+    return tuple(name for key in keys for name in effect_names(effect, key, block[key]))
 
 
 def prior(model: Model, given: Settings) -> tuple[FloatArray, FloatArray]:

@@ -13,6 +13,8 @@ from dlo_ros.rod import grips
 from dlo_ros.rod.tables import DOF
 from dlo_ros.spline import FloatArray, SplineBasis
 
+NO_DIRECTION_TEXT = "dlo/command: two control points that give the direction of an end coincide"
+
 
 @dataclass(frozen=True)
 class Held:
@@ -161,7 +163,5 @@ class Boundary:
         time = (stamp - command.stamp) / NANOSECONDS
         reach = self.reach * lengthening
         if not grips.impose(self.imposed(command), time, theta, reach, frames, target, pins):
-            raise CommandError(
-                "dlo/command: two control points that give the direction of an end coincide"
-            )
+            raise CommandError(NO_DIRECTION_TEXT)
         return Held(np.where(self.fixed.reshape(-1, DOF), target, 0.0), pins, frames)

@@ -74,9 +74,7 @@ def follow(
 
 def in_lanes(model: RodModel, boundary: Boundary) -> bool:
     """Whether the vectorised engine knows this rod; for one alone it is the fastest, too."""
-    body = model.body
-    plain = model.law.active == 0.0 and body.friction is None and not body.pegs
-    return plain and not body.slip and not len(boundary.pins)
+    return model.plain and not len(boundary.pins)
 
 
 def sets_of(model: RodModel, boundary: Boundary) -> ParameterSets:

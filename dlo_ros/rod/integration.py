@@ -10,13 +10,12 @@ import numpy as np
 from dlo_ros.command import NANOSECONDS, Command
 from dlo_ros.errors import CommandError, SimulationError
 from dlo_ros.rod import engine
-from dlo_ros.rod.boundary import Boundary
+from dlo_ros.rod.boundary import NO_DIRECTION_TEXT, Boundary
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.moving import TIME
 from dlo_ros.rod.packing import moving_of, nothing_varies, state_of, true_command, varying_of
 from dlo_ros.rod.planar import expand
 from dlo_ros.rod.state import State
-from dlo_ros.rod.statics import NO_DIRECTION_TEXT
 from dlo_ros.rod.stepping import DONE, NO_DIRECTION, SMALLEST_STEP
 from dlo_ros.rod.tangents import compiled
 from dlo_ros.spline import FloatArray
@@ -34,7 +33,7 @@ class Track:
     Args:
         state: at the last stamp.
         shapes: control points of the simulation's basis at every stamp, shape (S, n, 4).
-        speeds: their velocities; only where sensitivities were asked for (else empty).
+        speeds: their velocities; zero where no sensitivities were asked for.
         derivatives: with respect to the logarithms of the P parameters, shape (S, P, n, 4).
         steps: taken, rejected ones included.
     """

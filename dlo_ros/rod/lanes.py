@@ -15,7 +15,7 @@ import numpy as np
 from dlo_ros.command import NANOSECONDS, Command
 from dlo_ros.errors import CommandError, InputError, SimulationError
 from dlo_ros.rod import grips, integration
-from dlo_ros.rod.boundary import Boundary
+from dlo_ros.rod.boundary import NO_DIRECTION_TEXT, Boundary
 from dlo_ros.rod.lanes_engine import DONE, NO_DIRECTION, march
 from dlo_ros.rod.lanes_kernels import COLUMN, Law, Scratch, tables_of
 from dlo_ros.rod.lanes_step import Motion, Room, Sets
@@ -112,11 +112,7 @@ class ParameterSets:
                     f"parameter sets: set {k} has another basis or other free ends than the first "
                     "set; all need the same"
                 )
-            body, longer = model.body, first.body.lengthening
-            if (
-                model.law.active != 0.0 or body.friction is not None or body.pegs or body.slip
-                or body.lengthening != longer
-            ):  # fmt: skip
+            if not model.plain or model.body.lengthening != first.body.lengthening:
                 raise InputError(
                     f"parameter sets: set {k} softens, yields, touches something, slips through a "
                     "grip or is longer than the first; simulate such sets one by one"
@@ -169,9 +165,7 @@ class ParameterSets:
             max(NEWTON_SHARE * self._tolerance, ROUNDING * length), shapes, status,
         )  # fmt: skip
         if np.any(status[:, 0] == NO_DIRECTION):
-            raise CommandError(
-                "dlo/command: two control points that give the direction of an end coincide"
-            )
+            raise CommandError(NO_DIRECTION_TEXT)
         count = len(states)
         flat = shapes.transpose(0, 3, 1, 2).reshape(-1, len(times), n, 2)[:count]
         stamp = int(stamps[-1]) if len(stamps) else states[0].stamp

@@ -163,6 +163,16 @@ class RodModel:
         share = min(max(body.hardening, 0.0), 0.999)
         return Law(active, body.half_curvature, body.yield_curvature, share / (1.0 - share))
 
+    @property
+    def plain(self) -> bool:
+        """Whether the rod is all that its stiffness, mass, drag and loads say.
+
+        It does not soften or yield, touches nothing, and slips through no grip.
+        """
+        body = self.body
+        touching = body.friction is not None or bool(body.pegs)
+        return self.law.active == 0.0 and not touching and not body.slip
+
     @cached_property
     def planar(self) -> bool:
         """Whether rest strains and loads lie in the plane y = 0."""

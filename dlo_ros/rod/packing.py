@@ -84,13 +84,11 @@ def true_command(model: RodModel, command: Command) -> Command:
 
 def imposed_of(model: RodModel, boundary: Boundary, command: Command) -> grips.Imposed:
     """A command for compiled code, with the length that slips through a grip meanwhile."""
-    gain = np.zeros(len(command.times))
-    if model.body.slip:
-        gain = model.body.slip / (model.basis.length * model.body.lengthening) * command.progress
-    return grips.Imposed(
-        command.times, command.positions, command.rotations, command.velocities, boundary.kinds,
-        gain,
-    )  # fmt: skip
+    imposed = boundary.imposed(command)
+    if not model.body.slip:
+        return imposed
+    length = model.basis.length * model.body.lengthening
+    return imposed._replace(gain=model.body.slip / length * command.progress)
 
 
 def moving_of(state: State, command: Command, *, flat: bool) -> Moving:

@@ -11,7 +11,7 @@ import numpy as np
 from dlo_ros.command import NANOSECONDS, Command
 from dlo_ros.errors import CommandError, SimulationError
 from dlo_ros.rod import forces, resting, solver
-from dlo_ros.rod.boundary import Boundary, Held
+from dlo_ros.rod.boundary import NO_DIRECTION_TEXT, Boundary, Held
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.packing import moving_of, nothing_varies, state_of, true_command
 from dlo_ros.rod.planar import in_plane
@@ -23,7 +23,6 @@ from dlo_ros.rod.variation import vary_rest
 from dlo_ros.spline import FloatArray
 
 TOLERANCE = 1e-9
-NO_DIRECTION_TEXT = "dlo/command: two control points that give the direction of an end coincide"
 # A rod that is elastic and touches nothing.
 LINEAR = Law(0.0, np.inf, np.inf, 0.0)
 FREE = Surroundings(

@@ -56,12 +56,14 @@ def known(settings: Settings) -> tuple[str, ...]:
     names = [*LOGARITHMIC, *POSES]
     for effect, keys in settings.effects.items():
         for key, value in keys.items():
-            name = f"{EFFECTS_PREFIX}{effect}.{key}"
-            if isinstance(value, tuple):
-                names += [f"{name}[{i}]" for i in range(len(value))]
-            else:
-                names.append(name)
+            names += effect_names(effect, key, value)
     return tuple(names)
+
+
+def effect_names(effect: str, key: str, value: float | tuple[float, ...]) -> list[str]:
+    """Names of an effect's parameter, one for each number of its value."""
+    name = f"{EFFECTS_PREFIX}{effect}.{key}"
+    return [f"{name}[{i}]" for i in range(len(value))] if isinstance(value, tuple) else [name]
 
 
 def tangent(settings: Settings, name: str) -> Tangent:
@@ -207,10 +209,12 @@ def _compiled(
             pair.append(any(map(_differ, commands[-1], commands[0])))
         moves.append(any(pair) or systems[-1].reach != systems[-2].reach)
         steps.append(chosen.step)
+    # A slip of zero may be a parameter, too.
+    special = not model.plain or "clamp_slip" in model.settings.effects
     system, step = stacked(systems), np.array(steps, dtype=np.float64)
     return Compiled(
         system, stacked_imposed(commands), step, np.array(moves, dtype=np.float64),
-        _rates(system, step), float(_does_more(model)),
+        _rates(system, step), float(special),
     )  # fmt: skip
 
 
@@ -224,15 +228,6 @@ def _rates(system: System, step: FloatArray) -> Rates:
     return Rates(
         Stiffness(*(rate(x) for x in system.stiffness)), rate(system.mass), rate(system.spin),
         rate(system.drag), rate(system.load), rate(system.relaxation_time),
-    )  # fmt: skip
-
-
-def _does_more(model: RodModel) -> bool:
-    """Whether the rod does more than its stiffness, mass, drag and loads say."""
-    body = model.body
-    touching = body.friction is not None or bool(body.pegs)
-    return model.law.active != 0.0 or touching or bool(body.slip) or "clamp_slip" in (
-        model.settings.effects
     )  # fmt: skip
 
 
