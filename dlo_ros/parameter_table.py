@@ -14,6 +14,10 @@ from dlo_ros.errors import ParameterError
 
 Value = float | int | str | bool | tuple[float, ...]
 
+NODES = ("observer", "simulator", "identifier")
+MODEL = ("simulator", "identifier")
+"""The nodes that simulate; the observer knows no physics."""
+
 
 @dataclass(frozen=True)
 class Parameter:
@@ -27,7 +31,7 @@ class Parameter:
         kind: double, integer, string, bool or double[N].
         lower, upper: range, both ends allowed (numbers only; for arrays each element).
         choices: the allowed strings.
-        nodes: the nodes that declare it.
+        nodes: the nodes that use it, and therefore declare it.
         read_only: whether a change while running has no meaning.
     """
 
@@ -39,7 +43,7 @@ class Parameter:
     lower: float = -math.inf
     upper: float = math.inf
     choices: tuple[str, ...] = ()
-    nodes: tuple[str, ...] = ("observer", "simulator", "identifier")
+    nodes: tuple[str, ...] = NODES
     read_only: bool = False
 
     @property
@@ -111,13 +115,34 @@ PARAMETERS: tuple[Parameter, ...] = (
         read_only=True,
     ),
     Parameter(
-        "rod.poisson_ratio", "double", 0.33, "Poisson's ratio; G = E / (2 (1 + nu))", "", -0.99, 0.5
+        "rod.poisson_ratio",
+        "double",
+        0.33,
+        "Poisson's ratio; G = E / (2 (1 + nu))",
+        "",
+        -0.99,
+        0.5,
+        nodes=MODEL,
     ),
     Parameter(
-        "rod.young_modulus", "double", None, "Young's modulus E, initial guess", "Pa", 1e3, 1e12
+        "rod.young_modulus",
+        "double",
+        None,
+        "Young's modulus E, initial guess",
+        "Pa",
+        1e3,
+        1e12,
+        nodes=MODEL,
     ),
     Parameter(
-        "rod.density", "double", None, "volumetric density mu, initial guess", "kg/m^3", 1.0, 1e5
+        "rod.density",
+        "double",
+        None,
+        "volumetric density mu, initial guess",
+        "kg/m^3",
+        1.0,
+        1e5,
+        nodes=MODEL,
     ),
     Parameter(
         "rod.density_std",
@@ -127,6 +152,7 @@ PARAMETERS: tuple[Parameter, ...] = (
         "kg/m^3",
         0.0,
         1e5,
+        nodes=("identifier",),
     ),
     Parameter(
         "rod.control_points",
@@ -139,7 +165,14 @@ PARAMETERS: tuple[Parameter, ...] = (
         read_only=True,
     ),
     Parameter(
-        "gravity", "double[3]", (0.0, 0.0, -9.81), "gravity in frame_id", "m/s^2", -100.0, 100.0
+        "gravity",
+        "double[3]",
+        (0.0, 0.0, -9.81),
+        "gravity in frame_id",
+        "m/s^2",
+        -100.0,
+        100.0,
+        nodes=MODEL,
     ),
     Parameter(
         "damping.air_drag",
@@ -149,6 +182,7 @@ PARAMETERS: tuple[Parameter, ...] = (
         "N s/m^2",
         0.0,
         1e3,
+        nodes=MODEL,
     ),
     Parameter(
         "damping.air_drag_std",
@@ -158,6 +192,7 @@ PARAMETERS: tuple[Parameter, ...] = (
         "N s/m^2",
         0.0,
         1e3,
+        nodes=("identifier",),
     ),
     Parameter(
         "damping.relaxation_time",
@@ -167,6 +202,7 @@ PARAMETERS: tuple[Parameter, ...] = (
         "s",
         0.0,
         10.0,
+        nodes=MODEL,
     ),
     Parameter(
         "damping.relaxation_time_std",
@@ -176,6 +212,7 @@ PARAMETERS: tuple[Parameter, ...] = (
         "s",
         0.0,
         10.0,
+        nodes=("identifier",),
     ),
     Parameter(
         "camera.translation",
@@ -185,6 +222,7 @@ PARAMETERS: tuple[Parameter, ...] = (
         "m",
         -1e3,
         1e3,
+        nodes=("observer",),
     ),
     Parameter(
         "camera.rotation",
@@ -194,6 +232,7 @@ PARAMETERS: tuple[Parameter, ...] = (
         "",
         -1.0001,
         1.0001,
+        nodes=("observer",),
     ),
     Parameter(
         "simulation.tolerance",
@@ -203,6 +242,7 @@ PARAMETERS: tuple[Parameter, ...] = (
         "",
         1e-6,
         0.1,
+        nodes=MODEL,
     ),
     Parameter(
         "simulation.start",
@@ -210,6 +250,7 @@ PARAMETERS: tuple[Parameter, ...] = (
         "equilibrium",
         "how a simulation starts from the observed shapes",
         choices=("equilibrium", "observed", "moving"),
+        nodes=MODEL,
     ),
     Parameter(
         "simulation.rate",
@@ -220,6 +261,7 @@ PARAMETERS: tuple[Parameter, ...] = (
         0.1,
         1000.0,
         read_only=True,
+        nodes=("simulator",),
     ),
     Parameter(
         "vision.region",

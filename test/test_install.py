@@ -111,7 +111,13 @@ def test_the_ros_index_knows_the_package(prefix):
     code = "from ament_index_python import get_package_share_directory as d; print(d('dlo_ros'))"
     share = Path(shell(prefix, f'python3 -c "{code}"').strip())
     assert share == prefix / "share" / "dlo_ros"
-    for kind in ("config/experiments/*.yaml", "launch/*.launch.py", "package.xml"):
+    for kind in (
+        "config/*.*",
+        "config/experiments/*.yaml",
+        "config/sros2/*.xml",
+        "launch/*.launch.py",
+        "package.xml",
+    ):
         installed = {p.name for p in share.glob(kind)}
         assert installed == {p.name for p in ROOT.glob(kind)} and installed
 

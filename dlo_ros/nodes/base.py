@@ -35,15 +35,16 @@ class DloNode(Node):
     Args:
         name: observer, simulator or identifier.
         task: what it does, for the diagnostics.
+        steady: what it counts again and again while it works, for the diagnostics.
 
     Raises:
         ParameterError: a parameter is missing or unusable.
     """
 
-    def __init__(self, name: str, task: str, **options: Any) -> None:
+    def __init__(self, name: str, task: str, steady: str, **options: Any) -> None:
         super().__init__(name, automatically_declare_parameters_from_overrides=True, **options)
         settings = declare(self, name)
-        self.health = Health(self, task)
+        self.health = Health(self, task, self.get_namespace().strip("/") or "dlo", steady)
         self._live = LiveSettings(self, settings, self._settings_changed)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_service(Trigger, "~/reset", self._on_reset)

@@ -1,4 +1,9 @@
-"""What a node says about itself on /diagnostics, and its warnings, which never flood the log."""
+"""What a node says about itself on /diagnostics, and its warnings, which never flood the log.
+
+The levels are those that rqt_robot_monitor and diagnostic_aggregator expect: OK, the node does its
+work; WARN, it waits for something or works with restrictions; ERROR, something failed that should
+not; STALE, it worked, but what it works on has stopped coming.
+"""
 
 from __future__ import annotations
 
@@ -24,8 +29,15 @@ REPEATED = 5.0
 DIFFERENT = 4
 """Warnings of a kind that differ in their words and are logged within that time."""
 
+SILENCE = 3.0
+"""Seconds without an event that should go on, after which the status is STALE."""
+
+MISSED = 3.0
+"""Times the usual interval between two such events that must have passed, too."""
+
 NUMBER = re.compile(r"\d[\d.]*")
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+STALE = DiagnosticStatus.STALE
 
 
 class Health:
@@ -34,15 +46,21 @@ class Health:
     Args:
         node: whose they are.
         task: what the node does, the second part of the status' name.
-        hardware_id: which DLO, or which camera.
+        hardware_id: which camera, or which DLO: the namespace where there is one.
+        steady: the event, as `count` names it, that goes on while the node works.
     """
 
-    def __init__(self, node: Node, task: str, hardware_id: str = "") -> None:
+    def __init__(
+        self, node: Node, task: str, hardware_id: str = "dlo", steady: str | None = None
+    ) -> None:
         self.values: dict[str, Any] = {}
         self.state: tuple[bytes, str] = (WARN, "starting")
         self._node = node
         self._task = task
-        self._hardware_id = hardware_id
+        self.hardware_id = hardware_id
+        self._steady = steady
+        self._last_event = 0.0
+        self._interval = 0.0
         self._problems: dict[str, tuple[float, bytes, str]] = {}
         self._logged: dict[str, dict[str, float]] = {}
         self._counts: Counter[str] = Counter()
@@ -76,6 +94,10 @@ class Health:
     def count(self, what: str) -> None:
         """Count an event; its total and its rate are shown."""
         self._counts[what] += 1
+        if what == self._steady:
+            now = time.monotonic()
+            self._interval = now - self._last_event if self._last_event else 0.0
+            self._last_event = now
 
     def refresh(self, interval: float) -> None:
         """Publish the status where the last one is older than `interval` [s]."""
@@ -87,8 +109,11 @@ class Health:
         now = time.monotonic()
         problems = [p for p in self._problems.values() if now - p[0] < REMEMBERED]
         level, message = self.state
+        silent = now - self._last_event if self._last_event else 0.0
+        if level == OK and silent > max(SILENCE, MISSED * self._interval):
+            level, message = STALE, f"no {self._steady} for {silent:.0f} s"
         if problems:
-            level = ERROR if any(p[1] == ERROR for p in problems) else max(level, WARN)
+            level = ERROR if any(p[1] == ERROR for p in problems) else WARN
             message = max(problems)[2]
         elapsed = max(now - self._since, 1e-3)
         values = {key: show(value) for key, value in self.values.items()}
@@ -100,7 +125,7 @@ class Health:
             level=level,
             name=f"{self._node.get_fully_qualified_name().lstrip('/')}: {self._task}",
             message=message,
-            hardware_id=self._hardware_id,
+            hardware_id=self.hardware_id,
             values=[KeyValue(key=k, value=v) for k, v in values.items()],
         )
         array = DiagnosticArray(status=[status])

@@ -44,7 +44,7 @@ class IdentifierNode(DloNode):
     """Compares prediction and observation, estimates E and mu, keeps the simulator in step."""
 
     def __init__(self, **options: Any) -> None:
-        super().__init__("identifier", "identification", **options)
+        super().__init__("identifier", "identification", "observed splines", **options)
         rod = self.settings.rod
         self._basis = SplineBasis(rod.control_points, rod.length)
         self._pairing = Pairing()
@@ -167,6 +167,7 @@ class IdentifierNode(DloNode):
             if outcome.problem:
                 self.health.warn("estimator", f"estimate not updated: {outcome.problem}")
             elif outcome.estimate is not None:
+                self.health.values["latency [ms]"] = (self.now() - outcome.stamp) / 1e6
                 self._publish(outcome.estimate)
 
     def _publish(self, estimate: Estimate) -> None:

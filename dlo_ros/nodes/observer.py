@@ -50,7 +50,7 @@ class ObserverNode(DloNode):
     """Fits a spline to the DLO in every image that shows one credibly."""
 
     def __init__(self, **options: Any) -> None:
-        super().__init__("observer", "observation", **options)
+        super().__init__("observer", "observation", "images", **options)
         with announced(self.get_logger().info):
             compile_kernels()  # or load them: the first image must not wait for it
         self._motion = Motion()
@@ -131,6 +131,7 @@ class ObserverNode(DloNode):
     def _on_camera_info(self, message: Any) -> None:
         info = read_camera_info(message)
         self.health.solved(topics.CAMERA_INFO)
+        self.health.hardware_id = str(message.header.frame_id) or "camera"
         if info != self._info or self._observer is None:
             self._info = info
             self._build()

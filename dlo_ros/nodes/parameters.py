@@ -10,6 +10,7 @@ from rcl_interfaces.msg import (
     FloatingPointRange,
     IntegerRange,
     ParameterDescriptor,
+    ParameterType,
     SetParametersResult,
 )
 from rclpy.node import Node
@@ -76,6 +77,7 @@ def descriptor(parameter: Parameter) -> ParameterDescriptor:
     """What `ros2 param describe` shows."""
     unit = f" [{parameter.unit}]" if parameter.unit else ""
     result = ParameterDescriptor(
+        type=parameter_type(parameter),
         description=parameter.description + unit,
         read_only=parameter.read_only,
         # Types are checked by the table, which takes a whole number for a floating-point one.
@@ -99,6 +101,13 @@ def descriptor(parameter: Parameter) -> ParameterDescriptor:
             f"{parameter.size} numbers from {parameter.lower:g} to {parameter.upper:g}"
         )
     return result
+
+
+def parameter_type(parameter: Parameter) -> int:
+    """The type of the value as rcl_interfaces/ParameterType numbers it."""
+    if parameter.size:
+        return int(ParameterType.PARAMETER_DOUBLE_ARRAY)
+    return int(getattr(ParameterType, f"PARAMETER_{parameter.kind.upper()}"))
 
 
 class LiveSettings:

@@ -57,7 +57,7 @@ class SimulatorNode(DloNode):
     """Predicts the DLO's shape from `dlo/command`, at `simulation.rate` on the ROS clock."""
 
     def __init__(self, **options: Any) -> None:
-        super().__init__("simulator", "prediction", **options)
+        super().__init__("simulator", "prediction", "predictions", **options)
         with announced(self.get_logger().info):
             compile_kernels()  # or load them: the first shape must not wait for it
         self._simulation = LiveSimulation(self.settings)
@@ -184,6 +184,7 @@ class SimulatorNode(DloNode):
             )
 
     def _predict(self, stamp: int) -> None:
+        began = time.perf_counter()
         try:
             prediction = self._simulation.advance(stamp)
             message = spline_message(
@@ -195,6 +196,7 @@ class SimulatorNode(DloNode):
         self.health.solved("simulation")
         self._publisher.publish(message)
         self.health.count("predictions")
+        self.health.values["computing time [ms]"] = 1000.0 * (time.perf_counter() - began)
         self._markers.spline(prediction.stamp, prediction.control_points)
 
     def _stop(self) -> None:
