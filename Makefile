@@ -12,11 +12,11 @@ COMPILED := $(VENV)/.compiled
 
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: setup demo picture examples paper bench challenge test test-slow lint clean lock help
+.PHONY: setup docs reference demo picture examples paper bench challenge test test-slow lint clean lock help
 
 help:
 	@sed -n 's/^# //p' Makefile | head -3
-	@echo "also: setup, examples, paper, bench, challenge, test-slow, lint, picture, lock, clean"
+	@echo "also: setup, docs, reference, examples, paper, bench, challenge, test-slow, lint, picture, lock, clean"
 
 setup: $(COMPILED)
 
@@ -58,6 +58,15 @@ challenge: $(COMPILED)
 	cd test && PYTHONPATH=. ../$(BIN)/python -m challenge.evaluate \
 		--first $(or $(FIRST),1000) --count $(or $(COUNT),20)
 
+# The documentation as pages, build/docs/index.html; a warning is an error.
+docs: $(INSTALLED)
+	$(BIN)/python -m sphinx -W --keep-going -q -b html docs build/docs
+	@echo "build/docs/index.html"
+
+# The tables of parameters in docs/, from the package's own.
+reference: $(INSTALLED)
+	$(BIN)/python docs/reference.py
+
 lint: $(INSTALLED)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -71,7 +80,7 @@ test-slow: $(COMPILED)
 
 # Needs uv. The lock names no registry, so that it serves a mirror as well.
 lock:
-	uv pip compile setup.py --extra ros --extra test --universal --python-version 3.10 \
+	uv pip compile setup.py --extra ros --extra test --extra docs --universal --python-version 3.10 \
 		--generate-hashes --no-header --no-annotate --no-emit-index-url --upgrade \
 		--output-file requirements.lock
 	sed -i '1i # Made by `make lock` from setup.cfg, for Python 3.10 to 3.13.' requirements.lock

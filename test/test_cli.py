@@ -225,3 +225,39 @@ def test_wrappers_are_those_of_the_table():
         assert path.read_text().startswith("#!/usr/bin/env python3\n")
         assert os.access(path, os.X_OK)
     assert len({p.read_text() for p in wrappers.values()}) == 1
+
+
+@pytest.mark.parametrize(
+    ("line", "wanted", "unwanted"),
+    [
+        ("dlo_ros ident", {"identifier", "identify"}, {"demo"}),
+        ("dlo_ros play --", {"--rate", "--loop", "--no-clock"}, {"--pattern"}),
+        ("dlo_ros predict --start ", {"equilibrium", "observed", "moving"}, {"--params"}),
+        ("dlo_ros simulator --", {"--ros-args"}, {"--rate"}),
+        ("dlo_ros play recording_", {"recording_1"}, {"other"}),
+    ],
+)
+def test_a_shell_completes(line, wanted, unwanted, tmp_path):
+    """As bash asks, with what register-python-argcomplete gives it."""
+    argcomplete = pytest.importorskip("argcomplete")
+    for name in ("recording_1", "other"):
+        (tmp_path / name).touch()
+    wrapper = tmp_path / "bin" / "dlo_ros"
+    wrapper.parent.mkdir()
+    wrapper.write_text(
+        f'#!/bin/sh\nPYTHONPATH={ROOT} exec {sys.executable} -m dlo_ros.cli.main "$@"\n'
+    )
+    wrapper.chmod(0o755)
+    words = line.split(" ")
+    script = argcomplete.shellcode(["dlo_ros"], shell="bash") + (
+        f"\nCOMP_LINE={line!r}; COMP_POINT={len(line)}; COMP_TYPE=9"
+        f"\nCOMP_WORDS=({' '.join(repr(word) for word in words)}); COMP_CWORD={len(words) - 1}"
+        f"\n_python_argcomplete dlo_ros {words[-1]!r} {words[-2]!r}"
+        '\nprintf "%s\\n" "${COMPREPLY[@]}"\n'
+    )
+    environment = os.environ | {"PATH": f"{wrapper.parent}:{os.environ['PATH']}"}
+    done = subprocess.run(
+        ["bash", "-c", script], capture_output=True, text=True, cwd=tmp_path, env=environment
+    )
+    found = {word.strip() for word in done.stdout.split("\n")}
+    assert wanted <= found and not unwanted & found, (found, done.stderr)

@@ -1,3 +1,4 @@
+# PYTHON_ARGCOMPLETE_OK
 """`dlo_ros NAME ...`: runs the nodes and tools by name, also where there is no ros2 command.
 
 A tool is a module `dlo_ros.cli.NAME` with `add_arguments(parser)` and `run(arguments) -> int`; a
@@ -31,6 +32,11 @@ DEBUG_VARIABLE = "DLO_ROS_DEBUG"
 
 # Numba's function that looks up the class of a named tuple.
 UNPICKLE = "_numba_unpickle"
+
+ROS_ARGUMENTS = (
+    "arguments of ROS: --params-file FILE, -p NAME:=VALUE, -r FROM:=TO, --log-level LEVEL, "
+    "--enclave PATH"
+)
 
 # Besides all that end in _msgs.
 ROS_MODULES = ("ament_index_python", "builtin_interfaces", "rcl_interfaces", "rclpy", "std_srvs")
@@ -68,7 +74,7 @@ EXECUTABLES: tuple[Executable, ...] = (
     ),
     Executable(
         "identifier",
-        "node: observed splines in, ERR and estimates of E and mu out",
+        "node: observed splines in, estimates of Young's modulus E and density mu out",
         "--ros-args --params-file params.yaml",
         node=True,
     ),
@@ -84,17 +90,17 @@ EXECUTABLES: tuple[Executable, ...] = (
     ),
     Executable(
         "predict",
-        "offline: a bag's commands in, predicted splines and their ERR out",
+        "offline: a bag's commands in, predicted splines out, and how far from the observed ones",
         "--params params.yaml --output predicted.mcap recording",
     ),
     Executable(
         "identify",
-        "offline: bags in, the estimate of E and mu out",
+        "offline: bags in, the estimate of Young's modulus E and density mu out",
         "--params params.yaml --output build/estimate recording",
     ),
     Executable(
         "design",
-        "ranks manipulations by what they tell about E and mu, and searches a better one",
+        "which manipulation would tell most about Young's modulus E and density mu",
         "--params params.yaml --output build/design",
     ),
     Executable(
@@ -132,6 +138,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         Exit status: 0 done, 2 an input is unusable, 130 interrupted, 1 a defect of this program.
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
+    if "_ARGCOMPLETE" in os.environ:  # a shell asks how a line may go on
+        from dlo_ros.cli.completion import complete
+
+        complete()
     try:
         status = _choose(words)
         sys.stdout.flush()
@@ -215,17 +225,30 @@ def _complain(name: str, message: str, status: int) -> int:
     return status
 
 
-def _run_tool(executable: Executable, words: list[str]) -> int:
-    module = importlib.import_module(f"dlo_ros.cli.{executable.name}")
+def parser_of(executable: Executable) -> argparse.ArgumentParser:
+    """The parser of an executable's own arguments, whose `format_help` explains it."""
     parser = argparse.ArgumentParser(
         prog=f"dlo_ros {executable.name}",
         description=executable.summary,
-        epilog=_example(executable),
+        epilog=f"example: dlo_ros {executable.name} {executable.example}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    module.add_arguments(parser)
+    add_arguments(executable, parser)
+    return parser
+
+
+def add_arguments(executable: Executable, parser: argparse.ArgumentParser) -> None:
+    """Declare an executable's own arguments."""
+    if executable.node:
+        parser.add_argument("--ros-args", nargs=argparse.REMAINDER, default=[], help=ROS_ARGUMENTS)
+    else:
+        importlib.import_module(f"dlo_ros.cli.{executable.name}").add_arguments(parser)
+
+
+def _run_tool(executable: Executable, words: list[str]) -> int:
+    module = importlib.import_module(f"dlo_ros.cli.{executable.name}")
     try:
-        parsed = parser.parse_args(words)
+        parsed = parser_of(executable).parse_args(words)
     except SystemExit as leaving:  # argparse has said why
         return int(leaving.code or 0)
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s: %(message)s")
@@ -268,10 +291,7 @@ class Brief(logging.Filter):
 def _run_node(executable: Executable, words: list[str]) -> int:
     own = words[: words.index("--ros-args")] if "--ros-args" in words else words
     if "-h" in own or "--help" in own:
-        print(f"usage: dlo_ros {executable.name} [--ros-args ROS arguments]\n")
-        print(executable.summary)
-        print("\nROS arguments: --params-file FILE, -p NAME:=VALUE, -r FROM:=TO, --log-level LEVEL")
-        print(_example(executable))
+        parser_of(executable).print_help()
         return DONE
     # While the libraries load there is nothing to end in order; the node takes over from here.
     before = {n: signal.signal(n, _leave) for n in (signal.SIGINT, signal.SIGTERM)}
@@ -307,10 +327,6 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
 def _leave(number: int, frame: FrameType | None) -> None:
     """End at once, as somebody asked for."""
     os._exit(DONE)
-
-
-def _example(executable: Executable) -> str:
-    return f"\nexample: dlo_ros {executable.name} {executable.example}"
 
 
 if __name__ == "__main__":
