@@ -15,6 +15,7 @@ import yaml
 from dlo_ros.effects import Body, Values, build
 from dlo_ros.effects.registry import check as check_effect
 from dlo_ros.errors import ParameterError
+from dlo_ros.files import read_yaml, write_text
 from dlo_ros.parameter_table import PARAMETERS, TABLE, Value
 from dlo_ros.spline import SplineBasis
 
@@ -226,7 +227,7 @@ class Settings:
 
     def dump(self, path: Path | str, comment: str = "") -> None:
         """Write a parameter file that nodes and tools load as it is."""
-        Path(path).write_text(self.text(comment))
+        write_text(path, self.text(comment))
 
     def text(self, comment: str = "") -> str:
         """Content of a parameter file that nodes and tools load as it is."""
@@ -252,16 +253,7 @@ def parameter_blocks(path: Path) -> list[dict[Any, Any]]:
     Raises:
         ParameterError: the file is missing, is no YAML or has no `ros__parameters`.
     """
-    try:
-        tree = yaml.safe_load(path.read_text())
-    except OSError as err:
-        raise ParameterError(f"{path}: cannot be read ({err.strerror})") from err
-    except yaml.MarkedYAMLError as err:
-        at = f"line {err.problem_mark.line + 1}: " if err.problem_mark else ""
-        raise ParameterError(f"{path}: is no valid YAML ({at}{err.problem})") from err
-    except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as err:
-        first = str(err).splitlines()[0] if str(err) else type(err).__name__
-        raise ParameterError(f"{path}: is no valid YAML ({first})") from err
+    tree = read_yaml(path, ParameterError)
     sections = tree.values() if isinstance(tree, dict) else []
     blocks = [
         s["ros__parameters"] for s in sections if isinstance(s, dict) and "ros__parameters" in s

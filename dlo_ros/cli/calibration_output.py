@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import logging
 import math
-import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -15,6 +14,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from dlo_ros.files import write_text
 from dlo_ros.recordings.images import Image
 from dlo_ros.report.calibration import (
     BoardPicture,
@@ -68,13 +68,13 @@ def write_results(
         comment += "\nStandard deviations of fx, fy, cx, cy [px]: "
         comment += ", ".join(f"{s:.2g}" for s in found.std)
     text = camera_file(found.intrinsics, camera_name, comment)
-    _replace(output / "camera_info.yaml", text)
+    write_text(output / "camera_info.yaml", text)
     shown = None
     if board is not None and picture is not None:
         names.insert(1, "board.yaml")
         where = "Pose of the frame board in the camera's optical frame, found by dlo_ros calibrate."
         use = "Copy the block into the parameter file, or give a node both files."
-        _replace(output / "board.yaml", board_file(board, f"{where}\n{use}"))
+        write_text(output / "board.yaml", board_file(board, f"{where}\n{use}"))
         shown = _board_picture(board, picture, pattern, found.intrinsics)
     elif (output / "board.yaml").exists():
         LOG.warning("%s: is left as it was; no --board was given", output / "board.yaml")
@@ -227,9 +227,3 @@ def _table(views: Sequence[ViewResult]) -> str:
     console.print(table)
     assert isinstance(console.file, io.StringIO)
     return "\n".join(line.rstrip() for line in console.file.getvalue().splitlines())
-
-
-def _replace(path: Path, text: str) -> None:
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
-    temporary.write_text(text)
-    temporary.replace(path)

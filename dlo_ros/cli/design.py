@@ -18,6 +18,7 @@ from dlo_ros.cli.loading import prepare
 from dlo_ros.cli.results import add_results_folder, check_results_folder
 from dlo_ros.command import CONTROL_POINT, END, START, Command
 from dlo_ros.errors import CommandError, InputError, SimulationError
+from dlo_ros.files import write_text
 from dlo_ros.identification.bundle import forecast_each
 from dlo_ros.identification.design import Noise, Outlook, Plan, at_equilibrium, outlook
 from dlo_ros.identification.design_reason import length_over_scale, reason
@@ -122,10 +123,10 @@ def run(arguments: argparse.Namespace) -> int:
     ranking = sorted([*found, best.outlook], key=lambda o: -o.gain)
     output.mkdir(parents=True, exist_ok=True)
     new = output / NEW
-    new.write_text(experiment_text(best.candidate, workspace, settings, noise))
+    write_text(new, experiment_text(best.candidate, workspace, settings, noise))
     weakest = min(ranking, key=lambda o: o.gain)
     tree = _tree(ranking, best.outlook, weakest, settings, workspace, noise)
-    (output / "design.json").write_text(json.dumps(tree, indent=2, allow_nan=False) + "\n")
+    write_text(output / "design.json", json.dumps(tree, indent=2, allow_nan=False) + "\n")
     report = _report(ranking, best.outlook, weakest, settings, remarks)
     write_design_report(output / "report.html", report)
     for entry in tree["experiments"]:

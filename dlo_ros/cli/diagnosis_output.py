@@ -11,6 +11,7 @@ from typing import Any
 
 from dlo_ros.diagnosis import Diagnosis, Fitted, NamedEffect
 from dlo_ros.effects import effects
+from dlo_ros.files import write_text
 from dlo_ros.parameters import Settings
 from dlo_ros.report.diagnosis import (
     DiagnosedRecording,
@@ -43,9 +44,9 @@ def write_results(output: Path, settings: Settings, found: Diagnosis) -> None:
         found: the result.
     """
     output.mkdir(parents=True, exist_ok=True)
-    _replace(output / "report.json", json.dumps(tree(found), indent=2, allow_nan=False) + "\n")
+    write_text(output / "report.json", json.dumps(tree(found), indent=2, allow_nan=False) + "\n")
     comment = "Extended by dlo_ros diagnose; nodes and tools load this file as it is."
-    _replace(output / "extended.yaml", found.extended.settings.text(comment))
+    write_text(output / "extended.yaml", found.extended.settings.text(comment))
     write_diagnosis_report(output / "report.html", report(found, settings.rod.length))
 
 
@@ -186,9 +187,3 @@ def _meaning(name: str) -> str:
     """The effect's own description."""
     known = effects().get(name)
     return " ".join((inspect.getdoc(known) or "").split()) if known else ""
-
-
-def _replace(path: Path, text: str) -> None:
-    temporary = path.with_name(f".{path.name}.part")
-    temporary.write_text(text)
-    temporary.replace(path)

@@ -18,6 +18,7 @@ from dlo_ros.cli.identify_results import report, summary, tree
 from dlo_ros.cli.loading import add_model_arguments, load_manipulation, load_settings, prepare
 from dlo_ros.cli.results import add_results_folder, check_results_folder
 from dlo_ros.errors import InputError
+from dlo_ros.files import write_text
 from dlo_ros.identification.estimate import searchable
 from dlo_ros.identification.forecast import Manipulation
 from dlo_ros.identification.offline import Identification, identify
@@ -159,7 +160,7 @@ class _Kept:
         self.results[number] = theta
         self._path.parent.mkdir(parents=True, exist_ok=True)
         results = {str(k): [float(x) for x in v] for k, v in self.results.items()}
-        _replace(self._path, json.dumps({"key": self._key, "results": results}))
+        write_text(self._path, json.dumps({"key": self._key, "results": results}))
 
     def remove(self) -> None:
         """The run is complete."""
@@ -185,15 +186,9 @@ def write_results(
     """
     output.mkdir(parents=True, exist_ok=True)
     text = json.dumps(tree(found, sampled, redrawn), indent=2, allow_nan=False)
-    _replace(output / "estimate.json", text + "\n")
+    write_text(output / "estimate.json", text + "\n")
     comment = "Estimated by dlo_ros identify; nodes and tools load this file as it is."
-    _replace(output / "estimate.yaml", found.estimate.settings.text(comment))
+    write_text(output / "estimate.yaml", found.estimate.settings.text(comment))
     before = [r.before for r in found.recordings]
     shown = report(settings, found, recordings, before)
     write_identification_report(output / "report.html", shown)
-
-
-def _replace(path: Path, text: str) -> None:
-    temporary = path.with_name(f".{path.name}.part")
-    temporary.write_text(text)
-    temporary.replace(path)

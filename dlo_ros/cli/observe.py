@@ -17,6 +17,7 @@ from rich.progress import Progress
 from dlo_ros.cli.results import check_results_folder
 from dlo_ros.command import Motion
 from dlo_ros.errors import DloError, InputError, RecordingError, VisionError
+from dlo_ros.files import write_bytes, write_text
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.bag import open_bag
@@ -288,15 +289,11 @@ def _write_table(path: Path, dlos: list[FoundDlo]) -> None:
         lines += [
             f"{number},{u:.6f},{x:.3f},{y:.3f}" for u, (x, y) in zip(dlo.u, dlo.pixels, strict=True)
         ]
-    temporary = path.with_name(f".{path.name}.part")
-    temporary.write_text("\n".join(lines) + "\n")
-    temporary.replace(path)
+    write_text(path, "\n".join(lines) + "\n")
 
 
 def _write_image(path: Path, image: Image) -> None:
     good, data = cv2.imencode(".png", image)
     if not good:
         raise InputError(f"{path}: the overlay cannot be encoded")
-    temporary = path.with_name(f".{path.name}.part")
-    temporary.write_bytes(data.tobytes())
-    temporary.replace(path)
+    write_bytes(path, data.tobytes())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 
 import cv2
@@ -10,6 +11,7 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from dlo_ros.files import write_bytes
 from dlo_ros.report import IdentificationReport, ParameterTrack, ShapeFrame
 from dlo_ros.report.elements import typeset
 from dlo_ros.report.player import CURVES
@@ -36,7 +38,9 @@ def write_overview(path: Path, report: IdentificationReport) -> None:
         end = max(f.time for f in frames)
         for axes in (upper, lower):
             axes.set_xlim(0.0, end)
-        figure.savefig(path, format="png")
+        buffer = io.BytesIO()
+        figure.savefig(buffer, format="png")
+    write_bytes(path, buffer.getvalue())
 
 
 def _draw_photograph(axes: Axes, frame: ShapeFrame) -> None:

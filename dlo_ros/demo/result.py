@@ -13,6 +13,7 @@ import yaml
 
 from dlo_ros.demo.outcome import Outcome
 from dlo_ros.errors import InputError
+from dlo_ros.files import write_text
 from dlo_ros.nodes.heard import (
     DENSITY,
     QUANTITIES,
@@ -54,7 +55,7 @@ def read_truth(bag: Path) -> dict[str, float]:
     if not path.is_file():
         return {}
     try:
-        tree = yaml.safe_load(path.read_text())
+        tree = yaml.safe_load(path.read_text())  # long, and written by `synthesize`
         rod = tree.get("/**", {}).get("ros__parameters", tree)["rod"]
         truth = {name: float(rod[name]) for name in (YOUNG_MODULUS, DENSITY)}
     except (yaml.YAMLError, KeyError, TypeError, ValueError, AttributeError) as err:
@@ -83,9 +84,7 @@ def estimate_tree(heard: Heard, outcome: Outcome, bag: str, truth: Mapping[str, 
 
 def write_json(path: Path, tree: Any) -> None:
     """Write JSON so that a reader sees the old file or the whole new one."""
-    temporary = path.with_name(f".{path.name}.part")
-    temporary.write_text(json.dumps(tree, indent=2, allow_nan=False) + "\n")
-    temporary.replace(path)
+    write_text(path, json.dumps(tree, indent=2, allow_nan=False) + "\n")
 
 
 def last_line(outcome: Outcome, truth: Mapping[str, float]) -> str:

@@ -17,6 +17,13 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
+from dlo_ros.command import NANOSECONDS
+from dlo_ros.nodes.messages import ROS_MESSAGES
+from dlo_ros.recordings.building import LAST_SECOND, header
+
+LATEST = LAST_SECOND * NANOSECONDS
+"""The latest time that a message can carry [ns]; a /clock that makes no sense may say more."""
+
 PERIOD = 1.0
 """Seconds between two messages on /diagnostics."""
 
@@ -129,7 +136,8 @@ class Health:
             values=[KeyValue(key=k, value=v) for k, v in values.items()],
         )
         array = DiagnosticArray(status=[status])
-        array.header.stamp = self._node.get_clock().now().to_msg()
+        now_ros = int(self._node.get_clock().now().nanoseconds)
+        array.header.stamp = header(ROS_MESSAGES, min(now_ros, LATEST), "").stamp
         self._publisher.publish(array)
 
     def _report(self, kind: str, message: str, level: bytes) -> None:

@@ -20,6 +20,7 @@ from dlo_ros.recordings.images import CameraInfo, Image
 from dlo_ros.spline import FloatArray
 
 FLOAT32 = 7
+LAST_SECOND = 2**31 - 1
 POINT_FIELDS = ("x", "y", "z", "u", "std")
 
 
@@ -56,8 +57,14 @@ BAG_MESSAGES = BagMessages()
 
 
 def header(factory: MessageFactory, stamp: int, frame_id: str) -> Any:
-    """A std_msgs/Header at a stamp [ns]."""
+    """A std_msgs/Header at a stamp [ns].
+
+    Raises:
+        InputError: ROS cannot say this time; its seconds have 32 bits.
+    """
     seconds, nanoseconds = divmod(int(stamp), NANOSECONDS)
+    if not 0 <= seconds <= LAST_SECOND:
+        raise InputError(f"{seconds} s is no time that a ROS message can carry")
     time = factory.make("builtin_interfaces/msg/Time", sec=seconds, nanosec=nanoseconds)
     return factory.make("std_msgs/msg/Header", stamp=time, frame_id=frame_id)
 

@@ -35,10 +35,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from dlo_ros.command import END, NANOSECONDS, START, Command
 from dlo_ros.errors import CommandError, InputError, ParameterError
+from dlo_ros.files import read_yaml
 from dlo_ros.parameter_table import TABLE
 from dlo_ros.parameters import EFFECTS_PREFIX, CameraPose, Settings
 from dlo_ros.share import shared_file
@@ -105,14 +105,7 @@ def load_experiment(path: Path | str) -> Experiment:
         InputError: the file is missing, is no YAML, or holds something unusable.
     """
     path = Path(path)
-    try:
-        tree = yaml.safe_load(path.read_text())
-    except OSError as err:
-        raise InputError(f"{path}: cannot be read ({err.strerror})") from err
-    except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as err:
-        first = str(err).splitlines()[0] if str(err) else type(err).__name__
-        raise InputError(f"{path}: is no valid YAML ({first})") from err
-    return read_experiment(tree, path.stem, str(path))
+    return read_experiment(read_yaml(path), path.stem, str(path))
 
 
 def read_experiment(tree: Any, name: str, where: str) -> Experiment:

@@ -14,6 +14,7 @@ import numpy as np
 import yaml
 
 from dlo_ros.errors import InputError
+from dlo_ros.files import read_yaml
 from dlo_ros.parameters import CameraPose
 from dlo_ros.recordings.images import read_camera_info
 from dlo_ros.spline import FloatArray
@@ -27,12 +28,7 @@ def read_camera_file(path: Path) -> Intrinsics:
     Raises:
         InputError: it cannot be read, is no calibration file, or of an unknown distortion model.
     """
-    try:
-        tree = yaml.safe_load(path.read_text())
-    except OSError as err:
-        raise InputError(f"{path}: cannot be read ({err.strerror})") from err
-    except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as err:
-        raise InputError(f"{path}: is no valid YAML; give a camera_info.yaml of ROS") from err
+    tree = read_yaml(path)
     needed = ("image_width", "image_height", "camera_matrix", "distortion_coefficients")
     missing = [n for n in needed if not isinstance(tree, dict) or n not in tree]
     if missing:

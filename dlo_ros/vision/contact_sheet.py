@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 
 from dlo_ros.errors import DloError, InputError
+from dlo_ros.files import write_bytes
 from dlo_ros.vision.overlay import PALETTE, draw_curve, write_message
 from dlo_ros.vision.photo import find_dlos
 from dlo_ros.vision.segmentation import Image
@@ -64,12 +65,10 @@ def main() -> int:
     parser.add_argument("--output", type=Path, required=True, metavar="PNG")
     arguments = parser.parse_args()
     try:
-        picture = sheet(arguments.photos)
+        good, data = cv2.imencode(arguments.output.suffix or ".png", sheet(arguments.photos))
+        write_bytes(arguments.output, data.tobytes() if good else b"")
     except DloError as err:
         print(err, file=sys.stderr)
-        return 2
-    if not cv2.imwrite(str(arguments.output), picture):
-        print(f"{arguments.output}: cannot be written", file=sys.stderr)
         return 2
     return 0
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from dlo_ros.errors import InputError
+from dlo_ros.files import write_bytes
 from dlo_ros.vision.patterns import Charuco, Pattern
 
 SUFFIXES = (".pdf", ".png", ".svg")
@@ -88,7 +90,11 @@ def print_pattern(pattern: Pattern, path: Path) -> str:
         path.parent.mkdir(parents=True, exist_ok=True)
         # No date, so that the same pattern gives the same file.
         with rc_context({"svg.hashsalt": "dlo_ros"}):
-            figure.savefig(path, dpi=resolution, metadata=_metadata(path))
+            buffer = io.BytesIO()
+            figure.savefig(
+                buffer, format=path.suffix[1:].lower(), dpi=resolution, metadata=_metadata(path)
+            )
+        write_bytes(path, buffer.getvalue())
     except OSError as err:
         raise InputError(f"{path}: cannot be written ({err.strerror})") from err
     return name or f"{1e3 * paper_width:.0f} x {1e3 * paper_height:.0f} mm"

@@ -1,0 +1,85 @@
+"""Files that appear whole or not at all, and YAML that cannot harm its reader."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from dlo_ros.errors import InputError
+
+LARGEST_YAML = 10_000_000
+"""Bytes; a parameter file has some thousand."""
+
+
+def write_bytes(path: Path | str, data: bytes) -> None:
+    """Write a file, so that whoever reads it sees the old one or the whole new one.
+
+    It is written under a temporary name beside it, brought to the disk, and renamed. What is left
+    of a process that was killed meanwhile is a hidden file named `.NAME.PID.part`.
+
+    Raises:
+        InputError: it cannot be written; nothing is changed then.
+    """
+    path = Path(path)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        with temporary.open("wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    except OSError as err:
+        raise InputError(f"{path}: cannot be written ({err.strerror or err})") from err
+    finally:
+        # Renamed it is gone already; otherwise a full disk gets its room back.
+        if temporary.exists():
+            temporary.unlink()
+
+
+def write_text(path: Path | str, text: str) -> None:
+    """Write a text file in the same way, UTF-8.
+
+    Raises:
+        InputError: see `write_bytes`.
+    """
+    write_bytes(path, text.encode())
+
+
+def read_yaml(path: Path, kind: type[InputError] = InputError) -> Any:
+    """The content of a YAML file: mappings, lists, numbers, text, and nothing else.
+
+    Aliases are refused, as ROS's own reader of parameter files does: a few lines of them unfold to
+    more than any memory holds.
+
+    Args:
+        kind: of the error that is raised.
+
+    Raises:
+        InputError: it cannot be read, or is no valid YAML; the message says where.
+    """
+    try:
+        with path.open("rb") as file:
+            data = file.read(LARGEST_YAML + 1)
+    except OSError as err:
+        raise kind(f"{path}: cannot be read ({err.strerror or err})") from err
+    if len(data) > LARGEST_YAML:
+        raise kind(f"{path}: is larger than {LARGEST_YAML // 10**6} MB; it is no parameter file")
+    try:
+        text = data.decode()
+        for event in yaml.parse(text, Loader=yaml.SafeLoader):
+            if isinstance(event, yaml.AliasEvent):
+                at = f"line {event.start_mark.line + 1}"
+                raise kind(f"{path}: {at}: aliases (*{event.anchor}) are not allowed")
+        return yaml.safe_load(text)
+    except yaml.MarkedYAMLError as err:
+        at = f"line {err.problem_mark.line + 1}: " if err.problem_mark else ""
+        raise kind(f"{path}: is no valid YAML ({at}{err.problem})") from err
+    except RecursionError as err:
+        raise kind(f"{path}: is no valid YAML (nested too deeply)") from err
+    # Dates that do not exist and numbers with too many digits raise ValueError and its kin.
+    except (yaml.YAMLError, ValueError, TypeError, ArithmeticError, LookupError) as err:
+        first = str(err).splitlines()[0] if str(err) else type(err).__name__
+        raise kind(f"{path}: is no valid YAML ({first})") from err
