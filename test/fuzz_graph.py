@@ -291,13 +291,15 @@ class Graph:
         start = BEGIN + 1000 * NANOSECONDS
         self.tick(start)
         for service in [s for n in self.nodes.values() for s in n.services]:
-            if service.srv_name.endswith("/reset"):
+            if service.srv_name.endswith(("/reset", "/pause")):
                 self.request(service, service.srv_type.Request())
         self.published.clear()
         deadline, stamp = time.monotonic() + seconds, start
         wanted = {topics.OBSERVED, topics.PREDICTED, topics.ERR, topics.YOUNG_MODULUS}
         while not wanted <= {t.lstrip("/") for t, n in self.published.items() if n > 3}:
-            assert time.monotonic() < deadline, f"only {dict(self.published)} after good input"
+            states = {name: node.health.state for name, node in self.nodes.items()}
+            done = f"only {dict(self.published)} after good input; {states}"
+            assert time.monotonic() < deadline, done
             self.tick(stamp)
             self.send(topics.CAMERA_INFO, self.good.camera_info(stamp))
             if stamp == start:

@@ -149,8 +149,11 @@ class Health:
         words = NUMBER.sub("#", message)
         if words not in logged and len(logged) < DIFFERENT:
             logged[words] = now
-            log = self._node.get_logger()
-            (log.error if level == ERROR else log.warning)(message)
+            # rclpy refuses one place in the code that logs with two severities.
+            if level == ERROR:
+                self._node.get_logger().error(message)
+            else:
+                self._node.get_logger().warning(message)
 
 
 def show(value: Any) -> str:

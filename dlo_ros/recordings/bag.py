@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -164,10 +165,37 @@ def open_bag(path: Path | str) -> Iterator[Bag]:
     except Exception as err:
         raise damaged(path, err) from err
     try:
+        _check_index(path, reader)
         yield Bag(path, reader)
     finally:
         with suppress(Exception):
             reader.close()
+
+
+def _check_index(path: Path, reader: Reader) -> None:
+    """Compare what metadata.yaml lists with what the files hold.
+
+    A damaged name there would otherwise make a topic vanish without a word.
+
+    Raises:
+        RecordingError: they differ.
+    """
+    storages = getattr(reader.storage, "storages", None)
+    if not storages:  # a single file, which is its own index
+        return
+    listed: Counter[str] = Counter()
+    held: Counter[str] = Counter()
+    for connection in reader.connections:
+        listed[f"{connection.topic} ({connection.msgtype})"] += connection.msgcount
+    for storage in storages:
+        for connection in storage.connections:
+            held[f"{connection.topic} ({connection.msgtype})"] += connection.msgcount
+    wrong = next((name for name in listed | held if listed[name] != held[name]), None)
+    if wrong is not None:
+        raise RecordingError(
+            f"{path}: holds {held[wrong]} of the {listed[wrong]} messages that its metadata counts "
+            f"of {wrong[:120]}; rebuild it with 'ros2 bag reindex' or record again"
+        )
 
 
 def damaged(path: Path, err: Exception) -> RecordingError:

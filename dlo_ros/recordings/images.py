@@ -6,6 +6,7 @@ Messages are read by attribute, so those of a bag and those of rclpy do alike.
 from __future__ import annotations
 
 import struct
+import zlib
 from dataclasses import dataclass
 from typing import Any
 
@@ -160,12 +161,7 @@ def decode(data: bytes) -> Image:
     if data.startswith(b"\xff\xd8"):
         width, height = _jpeg_size(data)
     elif data.startswith(b"\x89PNG\r\n\x1a\n"):
-        if len(data) < 33:
-            raise InputError("PNG image is cut short")
-        width, height = struct.unpack(">II", data[16:24])
-        # Decoders show what they got of a cut file; what is missing would be taken for ground.
-        if b"IEND" not in data[-64:]:
-            raise InputError("PNG image is cut short")
+        width, height = _png_size(data)
     else:
         raise InputError("compressed image is neither JPEG nor PNG")
     _check_size(width, height)
@@ -187,6 +183,27 @@ def _check_size(width: int, height: int) -> None:
         raise InputError(
             f"image says {width} x {height} pixels; more than {MAX_PIXELS // 10**6} Mpx is refused"
         )
+
+
+def _png_size(data: bytes) -> tuple[int, int]:
+    """Width and height from the header; checks that all is there, by each chunk's checksum.
+
+    Decoders show what they got of a damaged file; what is missing would be taken for ground.
+    """
+    at, size = 8, None
+    while at + 12 <= len(data):
+        (length,) = struct.unpack(">I", data[at : at + 4])
+        kind, end = data[at + 4 : at + 8], at + 8 + length
+        if end + 4 > len(data):
+            break
+        if zlib.crc32(data[at + 4 : end]) != struct.unpack(">I", data[end : end + 4])[0]:
+            raise InputError("PNG image is damaged (a checksum is wrong)")
+        if kind == b"IHDR" and length == 13:
+            size = struct.unpack(">II", data[at + 8 : at + 16])
+        if kind == b"IEND" and size is not None:
+            return int(size[0]), int(size[1])
+        at = end + 4
+    raise InputError("PNG image is cut short or damaged")
 
 
 def _jpeg_size(data: bytes) -> tuple[int, int]:

@@ -24,6 +24,9 @@ MAX_TRANSFORMS = 2_000_000
 MAX_POINTS = 1_000_000
 """Larger clouds are refused; a centreline has some thousand points."""
 
+MAX_POINT_STEP = 4096
+"""Bytes of a point; the five numbers that are read need forty at most."""
+
 MAX_DISTANCE = 1e4
 """Positions further than this [m] from the origin are garbage, not a DLO on a board."""
 
@@ -178,6 +181,8 @@ def read_points(message: Any, settings: Settings) -> CentrelinePoints:
     step, row_step = int(message.point_step), int(message.row_step)
     if width * height > MAX_POINTS:
         raise InputError(f"{what} has {width * height} points; at most {MAX_POINTS} are taken")
+    if not 0 < step <= MAX_POINT_STEP:
+        raise InputError(f"{what} has point_step {step}; at most {MAX_POINT_STEP} bytes are taken")
     order = ">" if message.is_bigendian else "<"
     offsets: dict[str, tuple[int, str]] = {}
     for field in message.fields[:64]:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import logging
 import shutil
+import sys
 import tempfile
 from collections.abc import Collection
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -27,6 +29,11 @@ from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_
 from dlo_ros.errors import RecordingError
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.bag import TYPESTORE, brief, open_bag
+
+if sys.version_info >= (3, 14):  # as rosbags does, which brings it
+    from compression import zstd
+else:
+    from backports import zstd
 
 LOG = logging.getLogger(__name__)
 
@@ -67,6 +74,7 @@ class BagWriter:
             )
             self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
             self._writer.open()
+            _add_checksums(self._writer)
         except OSError as err:
             self._discard()
             raise RecordingError(f"{self.path}: cannot be written ({err.strerror})") from err
@@ -214,6 +222,17 @@ def copy_topics(
         for raw in bag.messages(kept):
             writer._write(copies[raw.connection.id], raw.stamp, raw.data)
     return tuple(lost)
+
+
+def _add_checksums(writer: Writer) -> None:
+    """Have each compressed chunk carry a checksum, so that a flipped bit is noticed.
+
+    rosbags writes neither MCAP's own nor zstd's; every reader of zstd checks the latter.
+    """
+    storage = writer.storage
+    flag = {int(zstd.CompressionParameter.checksum_flag): 1}
+    assert storage is not None and hasattr(storage, "compressor")
+    storage.compressor = partial(zstd.compress, options=flag)
 
 
 def is_bag_folder(path: Path) -> bool:
