@@ -12,11 +12,11 @@ COMPILED := $(VENV)/.compiled
 
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: setup docs reference demo picture examples paper bench challenge test test-slow lint clean lock help
+.PHONY: setup docs reference demo picture examples paper bench challenge fuzz test test-slow lint clean lock help
 
 help:
 	@sed -n 's/^# //p' Makefile | head -3
-	@echo "also: setup, docs, reference, examples, paper, bench, challenge, test-slow, lint, picture, lock, clean"
+	@echo "also: setup, docs, reference, examples, paper, bench, challenge, fuzz, test-slow, lint, picture, lock, clean"
 
 setup: $(COMPILED)
 
@@ -66,6 +66,11 @@ docs: $(INSTALLED)
 # The tables of parameters in docs/, from the package's own.
 reference: $(INSTALLED)
 	$(BIN)/python docs/reference.py
+
+# Hostile messages to the nodes' callbacks, and damaged files; docs/reliability.md has the figures.
+fuzz: $(COMPILED)
+	DLO_FUZZ_MESSAGES=$(or $(MESSAGES),100000) DLO_FUZZ_FILES=$(or $(FILES),400) \
+		$(BIN)/python -m pytest -s test/test_fuzz_nodes.py
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .

@@ -126,6 +126,8 @@ def sequence(draw: Any, kind: Any, old: Any, depth: int) -> Any:
     elif change == "many":
         # A million numbers, a thousand messages: what a frame of DDS can hold.
         most = HUGE if basic and inner.typename in ("float", "double") else 2000
+        if isinstance(inner, AbstractGenericString):
+            most = 2_000_000 // (1 + max(map(len, values)))
         times = draw(st.sampled_from((2, 40, most // max(len(values), 1) + 1)))
         values = (values * times)[:most]
     elif change == "fresh":

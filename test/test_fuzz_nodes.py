@@ -159,7 +159,8 @@ def value(draw: Any) -> ParameterValue:
     elif kind == ParameterType.PARAMETER_DOUBLE_ARRAY:
         result.double_array_value = [draw(number)] * draw(size)
     elif kind == ParameterType.PARAMETER_STRING_ARRAY:
-        result.string_array_value = [draw(st.sampled_from(STRINGS))] * draw(size)
+        text = draw(st.sampled_from(STRINGS))
+        result.string_array_value = [text] * min(draw(size), 2_000_000 // (len(text) + 1))
     return result
 
 
