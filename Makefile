@@ -12,7 +12,7 @@ COMPILED := $(VENV)/.compiled
 
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: setup docs reference demo picture examples paper bench challenge fuzz test test-slow lint clean lock help
+.PHONY: setup docs reference audit demo picture examples paper bench challenge fuzz test test-slow lint clean lock help
 
 help:
 	@sed -n 's/^# //p' Makefile | head -3
@@ -89,6 +89,11 @@ lock:
 		--generate-hashes --no-header --no-annotate --no-emit-index-url --upgrade \
 		--output-file requirements.lock
 	sed -i '1i # Made by `make lock` from setup.cfg, for Python 3.10 to 3.13.' requirements.lock
+
+# Known vulnerabilities of what the lock names; asks PyPI.
+audit: $(INSTALLED)
+	$(PYTHON) -m venv build/audit && build/audit/bin/pip install --quiet pip-audit
+	build/audit/bin/pip-audit --require-hashes --disable-pip -r requirements.lock
 
 clean:
 	rm -rf build install log $(VENV)

@@ -8,9 +8,11 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 
 # Before any test imports rclpy: messages with wrong field types fail, and nothing leaves this
-# machine. Each run of the tests has a domain of its own, so that two may run side by side.
+# machine, whatever the user's shell says. Each run of the tests has a domain of its own, so that
+# two may run side by side.
 os.environ.setdefault("ROS_PYTHON_CHECK_FIELDS", "1")
-os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+os.environ.pop("ROS_STATIC_PEERS", None)
 os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
 
 
