@@ -22,6 +22,12 @@ DEGREE = 3
 ORDER = DEGREE + 1
 
 
+@lru_cache(maxsize=8)
+def _gauss(points: int) -> tuple[FloatArray, FloatArray]:
+    """Abscissae and weights of the Gauss-Legendre rule on [-1, 1]."""
+    return np.polynomial.legendre.leggauss(points)
+
+
 @dataclass(frozen=True)
 class SplineBasis:
     """Clamped uniform cubic B-spline basis over the material coordinate u in [0, L].
@@ -99,7 +105,7 @@ class SplineBasis:
         Returns:
             Abscissae u [m] and weights [m], each of shape (spans * points,).
         """
-        x, w = np.polynomial.legendre.leggauss(points)
+        x, w = _gauss(points)
         h = self.span_length
         left = np.arange(self.spans)[:, None] * h
         u = (left + 0.5 * h * (x + 1.0)).ravel()

@@ -7,9 +7,9 @@ steps, so that the error of these cancels. Elsewhere the forecasts are made one 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from copy import copy
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,15 +23,17 @@ from dlo_ros.identification.forecast import (
     motion_of,
     seen_until,
 )
+from dlo_ros.identification.pieces import exhausted
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.dynamics import in_lanes, with_consistent_acceleration
 from dlo_ros.rod.lanes import ParameterSets
-from dlo_ros.rod.packing import true_command
+from dlo_ros.rod.packing import nothing_varies, true_command
 from dlo_ros.rod.planar import in_plane
 from dlo_ros.rod.simulation import Simulation
 from dlo_ros.rod.state import State
 from dlo_ros.rod.statics import settle
 from dlo_ros.rod.tangents import MATERIAL
+from dlo_ros.rod.varying import Varying
 from dlo_ros.spline import FloatArray
 
 DIFFERENCE = (0.02, 0.02, 0.1, 0.1)  # of the logarithms of MATERIAL, to either side
@@ -50,8 +52,28 @@ def forecast_varied(
     Raises:
         InputError, SimulationError: as `forecast`.
     """
+    together = exhausted(varied_in_pieces(manipulation, settings, spans, last_stamp))
+    if together is not None:
+        return together.forecast
+    return forecast(manipulation, settings, parameters=MATERIAL, spans=spans, last_stamp=last_stamp)
+
+
+def varied_in_pieces(
+    manipulation: Manipulation,
+    settings: Settings,
+    spans: int | None = None,
+    last_stamp: int | None = None,
+    frames: int | None = None,
+) -> Generator[None, None, Varied | None]:
+    """As `forecast_varied`, piece by piece; None where several sets cannot be simulated at once.
+
+    Args:
+        frames: observations of a piece; None: all.
+    """
     theta = logarithms(settings)
     usable = np.isfinite(theta)
+    if not usable[:2].all():
+        return None
     # Without forces of their own (weights, draughts) every force is proportional to E, mu or c, so
     # that scaling all three changes nothing: what mu does follows from the others.
     follows = not settings.effects
@@ -62,19 +84,51 @@ def forecast_varied(
             moved = theta.copy()
             moved[k] += side * DIFFERENCE[k]
             sets.append(with_logarithms(settings, moved))
-    together = _together(manipulation, sets, spans, last_stamp) if usable[:2].all() else None
-    if together is None or any(f is None for f in together):
-        return forecast(
-            manipulation, settings, parameters=MATERIAL, spans=spans, last_stamp=last_stamp
-        )
-    here, *sides = (f for f in together if f is not None)
+    together = yield from _together(manipulation, sets, spans, last_stamp, frames)
+    if together is None or any(f is None for f in together.forecasts):
+        return None
+    here, *sides = (f for f in together.forecasts if f is not None)
+    state, *states = together.states
     derivative = np.zeros((len(here.stamps), len(MATERIAL), *here.residual.shape[1:]))
     for i, k in enumerate(vary):
         above, below = sides[2 * i], sides[2 * i + 1]
         derivative[:, k] = (below.residual - above.residual) / (2.0 * DIFFERENCE[k])
     if follows:
         derivative[:, DENSITY] = -derivative[:, 0] - derivative[:, 2]
-    return replace(here, derivative=derivative)
+    pairs = {k: (states[2 * i], states[2 * i + 1]) for i, k in enumerate(vary)}
+    varying = _varying(state, pairs, follows=follows)
+    end = together.first.carrying(replace(state, sensitivity=varying), MATERIAL)
+    return Varied(replace(here, derivative=derivative), end)
+
+
+@dataclass(frozen=True)
+class Varied:
+    """A forecast with derivatives by `MATERIAL`, and the simulation at its end, which has them."""
+
+    forecast: Forecast
+    simulation: Simulation
+
+
+def _varying(state: State, pairs: Mapping[int, tuple[State, State]], *, follows: bool) -> Varying:
+    """Derivatives of a planar state by `MATERIAL`, from the states above and below."""
+    result = nothing_varies(state, len(MATERIAL))
+    parts: dict[str, Callable[[State], FloatArray]] = {
+        "q": lambda s: s.q,
+        "velocity": lambda s: s.velocity,
+        "acceleration": lambda s: s.acceleration,
+        "auxiliary": lambda s: s.auxiliary,
+        "stretch": lambda s: s.strains.stretch,
+        "stretch_before": lambda s: s.previous.stretch,
+        "other": lambda s: s.strains.other,
+        "other_before": lambda s: s.previous.other,
+    }
+    for name, part in parts.items():
+        rate = getattr(result, name)
+        for k, (above, below) in pairs.items():
+            rate[k] = (part(above) - part(below)) / (2.0 * DIFFERENCE[k])
+        if follows:
+            rate[DENSITY] = -rate[0] - rate[2]
+    return result
 
 
 def forecast_each(
@@ -89,11 +143,27 @@ def forecast_each(
     Raises:
         InputError: as `forecast`.
     """
-    together = _together(manipulation, settings, spans, last_stamp)
+    return exhausted(forecast_in_pieces(manipulation, settings, spans, last_stamp))
+
+
+def forecast_in_pieces(
+    manipulation: Manipulation,
+    settings: Sequence[Settings],
+    spans: int | None = None,
+    last_stamp: int | None = None,
+    frames: int | None = None,
+) -> Generator[None, None, list[Forecast | None]]:
+    """As `forecast_each`, piece by piece for who must not wait.
+
+    Args:
+        frames: observations of a piece; None: all.
+    """
+    together = yield from _together(manipulation, settings, spans, last_stamp, frames)
     if together is not None:
-        return together
+        return together.forecasts
     result: list[Forecast | None] = []
     for one in settings:
+        yield
         try:
             result.append(forecast(manipulation, one, spans=spans, last_stamp=last_stamp))
         except SimulationError:
@@ -106,13 +176,14 @@ def _together(
     sets: Sequence[Settings],
     spans: int | None,
     last_stamp: int | None,
-) -> list[Forecast | None] | None:
+    frames: int | None = None,
+) -> Generator[None, None, _Together | None]:
     """Forecasts from one run of all sets; None where that cannot be done."""
     observations = seen_until(manipulation, last_stamp)
     motion = motion_of(manipulation)
     first = Simulation(sets[0], motion, spans=spans)
     try:
-        first.start(observations[:2], observations[-1].stamp)
+        yield from first.starting(observations[:2], observations[-1].stamp)
     except SimulationError:
         return None
     assert first.state is not None
@@ -131,6 +202,7 @@ def _together(
         observations = observations[1:]
     simulations, failed = [first], {}
     for k, settings in enumerate(sets[1:], start=1):
+        yield
         try:
             simulations.append(_started(first, settings))
         except SimulationError as err:
@@ -138,21 +210,31 @@ def _together(
     stamps = [o.stamp for o in observations]
     later = [s for s in stamps if s > begin]
     states = [s.state for s in simulations if s.state is not None]
-    moved: Sequence[FloatArray] = [s.q[None, :0] for s in states]
+    begun, moved = states, [s.q[None, :0] for s in states]
     lost: dict[int, str] = {}
     if later:
+        yield
         try:
             parameter_sets = ParameterSets([s.model for s in simulations], boundary)
-            tracks = parameter_sets.follow(states, command, later)
+            pieces: list[FloatArray] = []
+            for leg in _legs(later, frames):
+                tracks = parameter_sets.follow(states, command, leg)
+                pieces.append(tracks.shapes)
+                lost |= tracks.failures
+                # What has failed stands still from here on.
+                states = [s if k in lost else tracks.state(k) for k, s in enumerate(states)]
+                states = [replace(s, stamp=leg[-1]) for s in states]
+                yield
         except InputError:
             return None
-        moved, lost = list(tracks.shapes), tracks.failures
+        moved = list(np.concatenate(pieces, axis=1))
     published = first.published
     down = published.projection(model.basis)
     error = first.resolution.error if first.resolution else np.nan
     result: list[Forecast | None] = []
     row = iter(range(len(simulations)))
     for k in range(len(sets)):
+        yield
         if k in failed:
             result.append(None)
             continue
@@ -162,7 +244,7 @@ def _together(
             continue
         shapes = moved[i]
         if len(later) < len(stamps):
-            first_shape = states[i].q[None]
+            first_shape = begun[i].q[None]
             shapes = np.concatenate([first_shape, shapes]) if later else first_shape
         result.append(
             compared(
@@ -175,7 +257,25 @@ def _together(
                 stable=simulations[i].stable,
             )
         )
-    return result
+    return _Together(result, states, first)
+
+
+@dataclass(frozen=True)
+class _Together:
+    """Forecasts of all sets, None where one has failed, and the states of the others at the end.
+
+    `first` is the simulation of the first set at its start.
+    """
+
+    forecasts: list[Forecast | None]
+    states: list[State]
+    first: Simulation
+
+
+def _legs(stamps: list[int], frames: int | None) -> list[list[int]]:
+    """Stamps in pieces."""
+    size = frames or len(stamps)
+    return [stamps[k : k + size] for k in range(0, len(stamps), size)]
 
 
 _MEASUREMENT = ("camera_scale", "camera_rotation", "command_delay", "length_error", "clamp_slip")

@@ -6,19 +6,25 @@ filter on ln E, ln mu, ln c, ln t_r). When the estimate has moved away from wher
 linearised, the recent past is simulated again with the new parameters, so that early steps taken
 far from the truth leave no trace. At a few moments after the start, rival values of E/mu are tried
 on that past, since far from the truth a shape may lie on another branch.
+
+Nothing of that keeps a caller waiting: what takes long is done piece by piece, some with every
+observation, and until it is ready the estimate goes on from the old linearisation.
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+import math
+import time
+from bisect import bisect_right
+from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
 from dlo_ros.command import NANOSECONDS, Command, Motion
 from dlo_ros.errors import InputError, SimulationError
-from dlo_ros.identification.bundle import forecast_each
+from dlo_ros.identification.bundle import forecast_in_pieces, varied_in_pieces
 from dlo_ros.identification.estimate import (
     Estimate,
     logarithms,
@@ -28,79 +34,35 @@ from dlo_ros.identification.estimate import (
     with_logarithms,
     within_noise,
 )
-from dlo_ros.identification.forecast import Forecast, Manipulation, whitening
-from dlo_ros.identification.uncertainty import data_information
+from dlo_ros.identification.forecast import Manipulation, whitening
+from dlo_ros.identification.pieces import LONG, SHORT, Pieces, Worker, short
+from dlo_ros.identification.running import Judgement, Known, Linearised, Run
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.orientation import along
 from dlo_ros.rod.simulation import Simulation
 from dlo_ros.rod.tangents import MATERIAL
-from dlo_ros.spline import FloatArray
+from dlo_ros.spline import DEGREE, FloatArray
 
 LOG = logging.getLogger(__name__)
 
+BUDGET = 0.0028  # [s] of processor time that an update takes where work is due
+PIECE_SHARE = 0.4  # of the budget that a piece of work should take
+# Observations that are simulated again in a piece; one a time would never catch up.
+FEWEST_AT_ONCE, MOST_AT_ONCE = 2, 20
+AT_ONCE = 6  # likewise, with several sets of parameters
+ITERATIONS = 4  # before the work begins that else would wait
 WINDOW = 20.0  # [s] of past that is simulated again; older information is kept as a summary
 FEWEST = 3  # observations before anything is concluded
-SHORTEST_STEP = 0.01  # change of a logarithm that never needs a new linearisation
-NUISANCE_WEIGHT = 0.1
-NEGLECTED = 1.0  # second-order part of a change of the shapes that may be neglected, in sigma
-SMALLEST_STD = 1e-6  # [m] of a residual number; below is rounding
-LONGEST_STEP = 1.5  # change of a logarithm at one relinearisation
+STUCK = 1.2  # growth of the past after which a relinearisation is tried again that did not help
 RIVALS = (1 / 30, 1 / 8, 1 / 3, 3.0, 8.0, 30.0)  # of E/mu
 TRIALS = (0.3, 0.8, 1.6, 3.2)  # [s] of past after which rivals are tried
+SETTLED = 0.8  # [s] of past before which a finer simulation is not worth while
 SIGNIFICANT = 0.01  # change of a logarithm that is worth passing on
 UNKNOWN_WEIGHT = 0.1  # of a change that leaves E/mu alone where only E/mu is determined
 FORGETTING = 0.7  # weight of older windows: a DLO warms up and wears
 REPEATS_EVERY = 10  # observations between looks at the correlation of the residuals
-
-
-@dataclass
-class _Pass:
-    """One run of the model along the observations, linearised at theta."""
-
-    theta: FloatArray
-    simulation: Simulation
-    normal: FloatArray = field(default_factory=lambda: np.zeros((4, 4)))
-    gradient: FloatArray = field(default_factory=lambda: np.zeros(4))
-    residuals: list[FloatArray] = field(default_factory=list)
-    derivatives: list[FloatArray] = field(default_factory=list)
-    predicted: list[FloatArray] = field(default_factory=list)
-    stamps: list[int] = field(default_factory=list)
-    used: int = 0
-
-    def add(self, observation: Observation, white: FloatArray) -> None:
-        """Advance to an observation and take in its residual."""
-        prediction = self.simulation.advance(observation.stamp)
-        gap = observation.control_points[:, :3] - prediction.control_points[:, :3]
-        residual = white @ gap
-        if prediction.sensitivity is not None:
-            self.derivatives.append(white @ prediction.sensitivity)
-            j = self.derivatives[-1].reshape(4, -1).T
-            self.normal += j.T @ j
-            self.gradient += j.T @ residual.ravel()
-        self.residuals.append(residual)
-        self.predicted.append(prediction.control_points)
-        self.stamps.append(observation.stamp)
-        self.used += 1
-
-    def information(self) -> FloatArray:
-        """What the residuals tell, for what they really are (4, 4); see `uncertainty`."""
-        judged = self.simulation.resolution
-        found = Forecast(
-            np.array(self.stamps),
-            np.array(self.predicted),
-            np.array(self.residuals),
-            np.array(self.derivatives),
-            np.zeros(self.used),
-            self.simulation.model.basis.spans,
-            judged.error if judged else np.nan,
-        )
-        return data_information([found], self.simulation.settings)
-
-    @property
-    def power(self) -> float:
-        """Sum of squared residuals [m^2]."""
-        return float(sum(np.sum(r**2) for r in self.residuals))
+UNJUDGED = 1e-3  # of L: the simulation's own error that is reckoned with before it is judged
 
 
 class OnlineEstimator:
@@ -110,12 +72,22 @@ class OnlineEstimator:
 
     Args:
         settings: initial guess, prior knowledge, how the simulation starts.
+        budget: see `BUDGET`; infinite: everything that is due is done at once [s].
+        clock: in which the budget counts.
     """
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(
+        self,
+        settings: Settings,
+        *,
+        budget: float = BUDGET,
+        clock: Callable[[], float] = time.thread_time,
+    ) -> None:
         self._initial = searchable(settings)
         self._white = whitening(settings.rod.control_points, settings.rod.length)
+        self._numbers = 2 * settings.rod.control_points
         self._motion = Motion()
+        self._worker = Worker(budget, clock)
         self.reset()
 
     def reset(self) -> None:
@@ -124,14 +96,15 @@ class OnlineEstimator:
         self._passed = self._guess[:2]  # what the running simulation is known to have
         self._past: list[Observation] = []
         self._anchor: Simulation | None = None  # where the window starts, once it has moved
-        self._spans: tuple[tuple[float, float], int] | None = None
-        self._pass: _Pass | None = None
-        self._summary = np.zeros((4, 4))  # information from before the window
-        self._centre = self._guess.copy()  # and where that information is centred
+        self._judgement: Judgement | None = None
+        self._run: Run | None = None
+        self._worker.drop()
+        self._stale = False  # whether the past is simulated with a motion that was not the true one
+        self._retry = 0  # observations before which a relinearisation need not be tried again
+        self._known = Known(search_information(self._initial), self._guess)
         self._pending = list(TRIALS)
-        self._repeats = 1.0
-        self._told = np.zeros((4, 4))  # by the present pass, when it was last judged
-        self._judged: _Pass | None = None
+        self._told = np.zeros((4, 4))  # by the present run, when it was last judged
+        self._judged: tuple[Run | None, int] = (None, 0)
         self._estimate = summarise(self._initial, self._guess, np.zeros((4, 4)))
 
     @property
@@ -139,18 +112,42 @@ class OnlineEstimator:
         """The present estimate."""
         return self._estimate
 
+    @property
+    def run(self) -> Run | None:
+        """The model that runs along; None before the first observations."""
+        return self._run
+
+    @property
+    def busy(self) -> bool:
+        """Whether the past is being simulated anew."""
+        return self._worker.busy
+
+    @property
+    def motion(self) -> Motion:
+        """The imposed motion."""
+        return self._motion
+
+    @property
+    def past(self) -> tuple[Observation, ...]:
+        """The observations that are kept, by growing stamp."""
+        return tuple(self._past)
+
     def set_command(self, command: Command) -> None:
         """Take an imposed motion; past observations it bears on are judged anew with it."""
         self._motion.add(command)
         if self._past and command.stamp < self._past[-1].stamp:
-            self._run_again(self._current())
+            self._stale = True
 
     def observe(self, observation: Observation) -> None:
         """Take an observed spline and update the estimate.
 
         A spline that is older than the last one is put in its place; one that the model cannot
         follow is left out with a warning.
+
+        Raises:
+            InputError: it has another number of control points.
         """
+        begin = self._worker.clock()
         if len(observation.control_points) != self._initial.rod.control_points:
             raise InputError(
                 f"the observed spline has {len(observation.control_points)} control points; "
@@ -162,177 +159,244 @@ class OnlineEstimator:
         if any(o.stamp == observation.stamp for o in self._past[-50:]):
             return
         late = bool(self._past) and observation.stamp < self._past[-1].stamp
+        if late and observation.stamp < self._past[0].stamp:
+            return  # from before the window: its place is gone
         self._past.append(observation)
         if late:
-            if observation.stamp < self._past[0].stamp:
-                self._past.pop()  # from before the window: its place is gone
-                return
             self._past.sort(key=lambda o: o.stamp)
             return  # it counts from the next relinearisation on
-        try:
-            self._follow()
-        except SimulationError as err:
-            LOG.warning("the model cannot follow the observed motion: %s", err)
-            self._pass = None
-            self._past = [observation]
-            return
-        self._conclude()
+        if self._run is not None:
+            try:
+                self._run.add([observation])
+            except SimulationError as err:
+                self._start_over(err)
+        self._worker.turn(begin, self._due)
+        self._publish()
+        self._fold()
 
-    def _follow(self) -> None:
-        """Bring the running pass up to the last observation, starting one where there is none."""
-        if self._pass is None:
-            needed = 2 if self._initial.simulation.start == "moving" else 1
-            if len(self._past) >= needed:
-                self._pass = self._run(self._current(), MATERIAL)
+    def _start_over(self, err: SimulationError) -> None:
+        """Forget a past that the model cannot follow."""
+        LOG.warning("the model cannot follow the observed motion: %s", err)
+        self._run, self._past = None, self._past[-1:]
+        self._worker.drop()
+
+    def _due(self) -> Pieces[None]:
+        """All that is due, piece by piece."""
+        if self._run is None:
+            if len(self._past) > (self._initial.simulation.start == "moving"):
+                self._adopt((yield from self._again(self._current())))
+                if self._run is None:
+                    self._past = self._past[-1:]
             return
-        self._pass.add(self._past[-1], self._white)
+        if self._stale:
+            self._stale = False
+            self._adopt((yield from self._again(self._current())))
+        if self._run.used < FEWEST:
+            return
+        elapsed = (self._past[-1].stamp - self._past[0].stamp) / NANOSECONDS
+        rival = None
+        if self._pending and elapsed >= self._pending[0]:
+            self._pending = [t for t in self._pending if t > elapsed]
+            rival = yield from self._best_rival()
+        yield from self._judging()
+        yield from self._relinearise(rival)
+        if elapsed >= SETTLED:
+            yield from self._resolve()
 
     def _current(self) -> FloatArray:
         theta = logarithms(self._estimate.settings)
         return np.where(np.isfinite(self._guess), theta, self._guess)
 
-    def _run(self, theta: FloatArray, parameters: Sequence[str], spans: int | None = None) -> _Pass:
-        """Simulate the past with given parameters."""
-        settings = self._finer(with_logarithms(self._initial, theta))
-        new_start = self._anchor is None
-        if self._anchor is not None:
-            simulation = self._anchor.fork(settings)
-        else:
-            ratio = settings.rod.specific_modulus
-            key = (ratio, settings.simulation.tolerance)
-            if spans is None and self._spans and self._comparable(key):
-                spans = self._spans[1]
-            simulation = Simulation(settings, self._motion, parameters=parameters, spans=spans)
-            simulation.start(self._past[:2], self._past[-1].stamp)
-            if spans is None:
-                self._spans = (key, simulation.model.basis.spans)
-        new = _Pass(theta, simulation)
-        first = 1 if new_start and settings.simulation.start == "moving" else 0
-        for observation in self._past[first:]:
-            new.add(observation, self._white)
-        return new
+    def _adopt(self, run: Run | None) -> None:
+        """Take over a run that has caught up, where there is one."""
+        if run is not None:
+            self._run = run
 
-    def _comparable(self, key: tuple[float, float]) -> bool:
-        """Whether E/mu and tolerance are near those for which the knot spans were judged."""
-        assert self._spans is not None
-        ratios = [a / b for a, b in zip(key, self._spans[0], strict=True)]
-        return all(1 / 1.5 < r < 1.5 for r in ratios)
+    def _again(self, theta: FloatArray) -> Pieces[Run | None]:
+        """Simulate the past with given parameters; None where that fails."""
+        settings = with_logarithms(self._initial, theta)
+        spans, error = self._resolution(settings)
+        if error < UNJUDGED:
+            settings = self._finer(settings)
+        yield LONG
+        try:
+            run = None
+            if self._anchor is None:
+                past = Manipulation("past", tuple(self._motion.commands), tuple(self._past))
+                found = yield from short(varied_in_pieces(past, settings, spans, None, AT_ONCE))
+                if found is not None:
+                    run = Run.after(theta, found, self._white, error)
+            if run is None:
+                simulation = yield from self._started(settings, spans)
+                problem = Linearised(theta, self._numbers)
+                run = Run(problem, simulation, self._white, error)
+            yield from self._catch_up(run)
+            return run
+        except SimulationError as err:
+            LOG.warning("the past cannot be simulated with the new estimate: %s", err)
+            return None
+
+    def _started(self, settings: Settings, spans: int) -> Pieces[Simulation]:
+        """A simulation with sensitivities where the past begins."""
+        if self._anchor is not None:
+            return self._anchor.fork(settings)
+        simulation = Simulation(settings, self._motion, parameters=MATERIAL, spans=spans)
+        for _ in simulation.starting(self._past[:2], self._past[-1].stamp):
+            yield SHORT
+        return simulation
+
+    def _catch_up(self, run: Run) -> Pieces[None]:
+        """Lead a run through the observations that it has not seen yet."""
+        size = FEWEST_AT_ONCE
+        while self._unseen(run):
+            yield SHORT
+            piece = self._unseen(run)[:size]
+            begin = self._worker.clock()
+            run.add(piece)
+            share = (self._worker.clock() - begin) / (PIECE_SHARE * self._worker.budget)
+            size = int(min(max(len(piece) / max(share, 0.01), FEWEST_AT_ONCE), MOST_AT_ONCE))
+
+    def _unseen(self, run: Run) -> list[Observation]:
+        """The observations that a run has not come to yet."""
+        seen = run.stamps[-1] if run.stamps else run.simulation.stamp - (self._anchor is None)
+        return self._past[bisect_right(self._past, seen, key=lambda o: o.stamp) :]
+
+    def _resolution(self, settings: Settings) -> tuple[int, float]:
+        """Knot spans to simulate with, and the error that they have over L."""
+        if self._judgement is not None and self._judgement.holds(self._finer(settings)):
+            return self._judgement.spans, self._judgement.error
+        # Twice the published ones, until the parameters are worth a closer look.
+        return 2 * (settings.rod.control_points - DEGREE), UNJUDGED
+
+    def _resolve(self) -> Pieces[None]:
+        """Judge the simulation's own error at the estimate; refine where it is too large."""
+        run = self._run
+        assert run is not None
+        settings = self._finer(with_logarithms(self._initial, run.at.theta))
+        before = self._judgement
+        if self._anchor is not None or (before is not None and before.holds(settings)):
+            return
+        judge = Simulation(settings, self._motion)
+        spans, error = run.simulation.model.basis.spans, UNJUDGED
+        try:
+            for _ in judge.judging(self._past[:2], self._past[-1].stamp):
+                yield SHORT
+            assert judge.resolution is not None
+            spans, error = judge.resolution.spans, judge.resolution.error
+        except SimulationError as err:
+            LOG.warning("the resolution cannot be judged: %s", err)
+        self._judgement = Judgement.of(settings, spans, error)
+        if spans == run.simulation.model.basis.spans:
+            run.error = error
+        else:
+            self._adopt((yield from self._again(run.at.theta)))
 
     def _finer(self, settings: Settings) -> Settings:
         """Ask for a simulation whose own error lies below the noise, once that is known."""
-        run = self._pass
+        run = self._run
         if run is None or run.used < REPEATS_EVERY:
             return settings
-        return within_noise(settings, (run.power / run.used) ** 0.5)
+        return within_noise(settings, math.sqrt(run.at.left(self._known.step(run.at)) / run.used))
 
-    def _run_again(self, theta: FloatArray) -> None:
-        try:
-            self._pass = self._run(theta, MATERIAL)
-        except SimulationError as err:
-            LOG.warning("the past cannot be simulated with the new estimate: %s", err)
+    def _relinearise(self, rival: FloatArray | None) -> Pieces[None]:
+        """Simulate the past anew while the estimate lies beyond what a linear model is good for.
 
-    def _conclude(self) -> None:
-        """Solve for the estimate, try rivals where due, and relinearise where needed."""
-        if self._pass is None or self._pass.used < FEWEST:
-            return
-        elapsed = (self._past[-1].stamp - self._past[0].stamp) / NANOSECONDS
-        if self._pending and elapsed >= self._pending[0]:
-            self._pending = [t for t in self._pending if t > elapsed]
-            self._try_rivals()
-        for _ in range(3):
-            theta = self._solve(self._pass)
-            step = theta - self._pass.theta
-            step = np.where(np.isfinite(step), step, 0.0)
-            if self._linear(self._pass, step):
-                break
-            step *= min(1.0, LONGEST_STEP / float(np.abs(step).max()))
-            previous = self._pass
-            self._run_again(previous.theta + step)
-            if self._pass.power > previous.power and self._pass.used == previous.used:
-                # The step was too long for a linear model: halve it, keep the better one.
-                self._run_again(previous.theta + 0.3 * step)
-                if self._pass.power > previous.power:
-                    self._pass = previous
-                    theta = previous.theta
+        Args:
+            rival: logarithms that explain the past better than those of the present run.
+        """
+        if rival is not None:
+            self._adopt((yield from self._again(rival)))
+            yield from self._judging()
+        for _ in range(ITERATIONS):
+            run = self._run
+            assert run is not None
+            step = self._known.step(run.at)
+            if self._known.linear(run.at, step) or run.used < self._retry:
+                return
+            for share in (1.0, 0.3):
+                # A step that makes things worse was too long for a linear model.
+                new = yield from self._again(run.at.theta + share * step)
+                if new is not None and new.at.power / new.used <= run.at.power / run.used:
+                    self._adopt(new)
+                    yield from self._judging()
                     break
-        self._publish(theta)
-        if elapsed > WINDOW:
-            self._fold()
+            else:
+                self._retry = int(STUCK * run.used) + 1
+                return
 
-    def _linear(self, run: _Pass, step: FloatArray) -> bool:
-        """Whether a step is so short that what the linear model neglects lies below the noise."""
-        # Damping is a nuisance here: it may be further off before it matters to E/mu.
-        largest = max(abs(float(step[0] - step[1])), NUISANCE_WEIGHT * float(np.abs(step).max()))
-        effect = np.sqrt(max(float(step @ run.normal @ step) * self._scale(run), 0.0))
-        return largest < SHORTEST_STEP or largest * effect < NEGLECTED
-
-    def _scale(self, run: _Pass) -> float:
-        """Information per squared metre of residual, correlation left aside."""
-        count = 2 * run.used * self._initial.rod.control_points
-        variance = max(run.power / max(count - 2, 1), SMALLEST_STD**2)
-        return 1.0 / variance
-
-    def _solve(self, run: _Pass) -> FloatArray:
-        prior = search_information(self._initial)
-        scale = self._scale(run) / self._repeats
-        usable = np.isfinite(self._guess)
-        off = np.where(usable, run.theta - self._guess, 0.0)
-        old = np.where(usable, run.theta - self._centre, 0.0)
-        lhs = scale * run.normal + prior + self._summary
-        rhs = scale * run.gradient - prior @ off - self._summary @ old
-        return run.theta + np.linalg.solve(lhs, rhs)
-
-    def _publish(self, theta: FloatArray) -> None:
-        run = self._pass
+    def _judging(self) -> Pieces[None]:
+        """How much the present run tells, where that is not known or long ago."""
+        run = self._run
         assert run is not None
-        white = run.normal * self._scale(run)
-        every = REPEATS_EVERY * max(1, run.used // 100)
-        if run.used % every == 0 or run is not self._judged or run.used < REPEATS_EVERY:
-            told = run.information()
-            if told[0, 0] > 0.0:
-                self._repeats = max(1.0, float(white[0, 0] / told[0, 0]))
-            self._told, self._judged = told, run
-        information = self._told + self._summary
+        judged, used = self._judged
+        recent = run.used < used + max(REPEATS_EVERY, run.used // 10)
+        if judged is run and recent and run.used >= REPEATS_EVERY:
+            return
+        yield LONG
+        told = run.information()
+        white = run.at.normal[0, 0] * run.at.scale(self._known.step(run.at))
+        if told[0, 0] > 0.0:
+            self._known.repeats = max(1.0, float(white / told[0, 0]))
+        self._told, self._judged = told, (run, run.used)
+
+    def _publish(self) -> None:
+        """Solve for the estimate."""
+        run = self._run
+        if run is None or run.used < FEWEST:
+            return
+        at = run.at
+        step = self._known.step(at)
+        linear = self._known.linear(at, step)
+        stuck = not linear and run.used < self._retry
+        theta = at.theta if stuck else at.theta + step
+        information = self._told + self._known.summary
         low, high = self._guess - np.log(1e4), self._guess + np.log(1e4)
         theta = np.where(np.isfinite(self._guess), np.clip(theta, low, high), self._guess)
         estimate = summarise(self._initial, theta, information)
         change = logarithms(estimate.settings)[:2] - self._passed
         known = estimate.identifiable["density"]
         scale = float(np.abs(change).max()) * (1.0 if known else UNKNOWN_WEIGHT)
-        if max(scale, abs(float(change[0] - change[1]))) > SIGNIFICANT:
+        large = max(scale, abs(float(change[0] - change[1]))) > SIGNIFICANT
+        if large and (linear or stuck):
             self._passed = self._passed + change
             estimate = replace(estimate, significant=True)
         self._estimate = estimate
 
-    def _try_rivals(self) -> None:
-        """Replace the pass by one from another E/mu where that explains the past better."""
-        run = self._pass
+    def _best_rival(self) -> Pieces[FloatArray | None]:
+        """Logarithms with another E/mu, where one explains the past better."""
+        run = self._run
         assert run is not None
-        best, least = None, run.power
-        spans = 2 * (self._initial.rod.control_points - 3)
+        spans = 2 * (self._initial.rod.control_points - DEGREE)
         thetas = []
         for factor in RIVALS:
-            theta = run.theta.copy()
+            theta = run.at.theta.copy()
             theta[0] = self._guess[0] - self._guess[1] + theta[1] + np.log(factor)
             thetas.append(theta)
         sets = [with_logarithms(self._initial, theta) for theta in thetas]
         past = Manipulation("past", tuple(self._motion.commands), tuple(self._past))
-        for theta, rival in zip(thetas, forecast_each(past, sets, spans=spans), strict=True):
+        pieces = forecast_in_pieces(past, sets, spans, frames=AT_ONCE)
+        forecasts = yield from short(pieces)
+        best, least = None, run.power_until(past.observations[-1].stamp)
+        for theta, rival in zip(thetas, forecasts, strict=True):
             power = np.inf if rival is None else float(np.sum(rival.residual**2))
             if power < 0.5 * least:
                 best, least = theta, power
-        if best is not None:
-            self._run_again(best)
+        return best
 
     def _fold(self) -> None:
         """Keep what the window has told as a summary, and start a new one at the present state."""
-        run = self._pass
-        assert run is not None
+        run = self._run
+        elapsed = (self._past[-1].stamp - self._past[0].stamp) / NANOSECONDS
+        # Work that is under way may end first, but not for ever.
+        if run is None or elapsed <= WINDOW or (self._worker.busy and elapsed <= 1.5 * WINDOW):
+            return
         theta = self._current()
-        self._summary = FORGETTING * self._summary + self._told
+        self._known.summary = FORGETTING * self._known.summary + self._told
         self._told = np.zeros((4, 4))
-        self._centre = theta
+        self._known.centre = theta
         self._past = []
         self._anchor = run.simulation.fork(with_logarithms(self._initial, theta))
-        self._pass = _Pass(theta, self._anchor.fork(self._anchor.settings))
-        self._pending = []
+        simulation = self._anchor.fork(self._anchor.settings)
+        self._adopt(Run(Linearised(theta, self._numbers), simulation, self._white, run.error))
+        self._worker.drop()
+        self._pending, self._retry = [], 0

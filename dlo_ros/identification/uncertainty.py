@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import toeplitz
+from scipy.signal import lfilter
 
 from dlo_ros.identification.forecast import Forecast
 from dlo_ros.identification.noise import correlation_length
@@ -147,7 +147,7 @@ def gradient_covariance(
         errors: of the residuals.
         own: error of the model [m], the same in all pictures and smooth along the DLO.
     """
-    frames, _, n, _ = derivative.shape
+    n = derivative.shape[2]
     lengthwise = np.sum(derivative * direction[:, None], axis=3)  # (F, P, n)
     total = np.einsum("fpic,fqic->pq", derivative, derivative)
     slide = np.einsum("fpi,fqi->pq", lengthwise, lengthwise)
@@ -155,8 +155,10 @@ def gradient_covariance(
     apart = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
     near = np.exp(-2.0 * apart / errors.reach) if errors.reach > 1.0 else np.eye(n)
     if errors.lasting > 0.0:
-        decay = toeplitz(errors.persistence ** np.arange(frames))
-        carried = np.tensordot(decay, derivative, axes=1)
+        # The correlation dies out geometrically to either side: a filter forwards and backwards.
+        decay = ([1.0], [1.0, -errors.persistence])
+        carried = lfilter(*decay, derivative, axis=0) - derivative
+        carried += lfilter(*decay, derivative[::-1], axis=0)[::-1]
         carried = np.einsum("ij,fpjc->fpic", near, carried)
         result = result + errors.lasting * np.einsum("fpic,fqic->pq", derivative, carried)
     summed = derivative.sum(axis=0)  # (P, n, 3)

@@ -2,6 +2,7 @@
 
 from dlo_ros.rod.live import LiveSimulation
 from dlo_ros.rod.model import RodModel
-from dlo_ros.rod.simulation import Prediction, Simulation
+from dlo_ros.rod.prediction import Prediction
+from dlo_ros.rod.simulation import Simulation
 
 __all__ = ["LiveSimulation", "Prediction", "RodModel", "Simulation"]

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from dlo_ros.command import END, NANOSECONDS, START, Command
-from dlo_ros.errors import SimulationError
+from dlo_ros.errors import ParameterError, SimulationError
+from dlo_ros.parameters import Settings
 from dlo_ros.rod.boundary import Boundary
 from dlo_ros.rod.state import State
 from dlo_ros.spline import FloatArray
@@ -62,19 +63,23 @@ def steady(
 def _from_here(boundary: Boundary, state: State, command: Command, now: float) -> list[_Step]:
     """From where the DLO is to what is imposed on it now."""
     basis, last = boundary.basis, boundary.published.control_points
-    places = {START: 0.0, "control_point_1": 0.0, END: basis.length,
-              f"control_point_{last}": basis.length}  # fmt: skip
-    places |= dict(zip(boundary.pinned, boundary.pin_abscissae.tolist(), strict=True))
+    places = dict(zip(boundary.pinned, boundary.pin_abscissae.tolist(), strict=True))
     position, rotation = command.sample(state.stamp)
     steps = []
+    q = state.q[:, :3]
     for k, name in enumerate(command.names):
-        if name not in places:
+        # A clamped spline starts in its first control point towards the second.
+        if name in (START, "control_point_1"):
+            here, tangent = q[0], q[1] - q[0]
+        elif name in (END, f"control_point_{last}"):
+            here, tangent = q[-1], q[-1] - q[-2]
+        elif name in places:
+            here, tangent = basis.evaluate(q, np.array([places[name]]))[0], np.zeros(3)
+        else:
             continue  # a second control point: it gives a direction
-        u = np.array([places[name]])
-        moved = float(np.linalg.norm(basis.evaluate(state.q[:, :3], u)[0] - position[k]))
+        moved = float(np.linalg.norm(here - position[k]))
         turned = 0.0
         if name in (START, END):
-            tangent = basis.evaluate(state.q[:, :3], u, 1)[0]
             cosine = tangent @ _direction(rotation[k]) / np.linalg.norm(tangent)
             turned = float(np.arccos(np.clip(cosine, -1.0, 1.0)))
         steps.append(_Step(name, moved, turned, now))
@@ -103,3 +108,11 @@ def _direction(quaternion: FloatArray) -> FloatArray:
     """The x axis of a clamp."""
     x, y, z, w = quaternion
     return np.array([1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)])
+
+
+def possible(settings: Settings) -> None:
+    """Refuse effects that leave no DLO; a search over parameters tries on, so it is no input."""
+    try:
+        settings.check_effects()
+    except ParameterError as err:
+        raise SimulationError(str(err)) from err

@@ -11,7 +11,8 @@ from dlo_ros.command import NANOSECONDS, Command, Motion
 from dlo_ros.errors import CommandError, InputError, SimulationError
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
-from dlo_ros.rod.simulation import Prediction, Simulation
+from dlo_ros.rod.prediction import Prediction
+from dlo_ros.rod.simulation import Simulation
 
 LOG = logging.getLogger(__name__)
 

@@ -7,7 +7,7 @@ simulation has a basis of its own, whose knots contain the published ones.
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -65,6 +65,19 @@ def choose(
     Raises:
         SimulationError: the rod has no equilibrium at any resolution.
     """
+    pieces = choosing(settings, command, shape, stamps)
+    while True:
+        try:
+            next(pieces)
+        except StopIteration as done:
+            found: Resolution = done.value
+            return found
+
+
+def choosing(
+    settings: Settings, command: Command, shape: FloatArray, stamps: Sequence[int]
+) -> Generator[None, None, Resolution]:
+    """As `choose`, piece by piece for who must not wait: it yields between equilibria."""
     rod = settings.rod
     published = SplineBasis(rod.control_points, rod.length)
     pick = np.unique(np.linspace(0, len(stamps) - 1, PROBES).round().astype(int))
@@ -76,7 +89,7 @@ def choose(
     error = np.inf
     while spans <= LARGEST:
         try:
-            fine = _Path.led(settings, command, shape, probes, spans, coarse)
+            fine = yield from _Path.led(settings, command, shape, probes, spans, coarse)
         except SimulationError as err:
             failure, coarse = err, None
             spans *= 2
@@ -109,19 +122,21 @@ class _Path:
     def led(
         cls, settings: Settings, command: Command, shape: FloatArray, stamps: Sequence[int],
         spans: int, near: _Path | None,
-    ) -> _Path:  # fmt: skip
+    ) -> Generator[None, None, _Path]:  # fmt: skip
         """Each from the one before, or from that of a coarser path `near` at the same instant."""
         model, boundary = build(settings, command, spans)
         published = SplineBasis(settings.rod.control_points, settings.rod.length)
         state = rest_state(stamps[0], model.basis.projection(published) @ shape, model)
         # What bending and friction remember has no counterpart in another basis.
         lift = near is not None and model.remembers == (0, 0)
+        yield
         states = []
         for k, stamp in enumerate(stamps):
             if lift and near is not None:
                 state = refined(near.states[k], near.model, model)
             state = settle(model, boundary, state, command, stamp, fresh=k == 0).state
             states.append(state)
+            yield
         return cls(model, tuple(states))
 
     def shapes(self, u: FloatArray) -> FloatArray:

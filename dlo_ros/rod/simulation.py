@@ -3,25 +3,26 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from dlo_ros.command import NANOSECONDS, Command, Motion
-from dlo_ros.errors import InputError, ParameterError, SimulationError
+from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.rod import dynamics, resolution
 from dlo_ros.rod.boundary import Boundary
 from dlo_ros.rod.camera import Camera
-from dlo_ros.rod.checks import steady
+from dlo_ros.rod.checks import possible, steady
 from dlo_ros.rod.course import Course
 from dlo_ros.rod.grips import HELD
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.packing import nothing_varies, true_command
 from dlo_ros.rod.planar import in_plane
+from dlo_ros.rod.prediction import Prediction
 from dlo_ros.rod.state import (
     State,
     refined,
@@ -31,28 +32,12 @@ from dlo_ros.rod.state import (
     with_history,
 )
 from dlo_ros.rod.statics import hold, reachable, relax_stretch, settle
-from dlo_ros.rod.tangents import tangent
+from dlo_ros.rod.tangents import compiled, tangent
 from dlo_ros.spline import DEGREE, FloatArray, SplineBasis
 
 LOG = logging.getLogger(__name__)
 
 RECHECK_RATIO = 1.5  # change of E/mu after which the resolution is judged anew
-
-
-@dataclass(frozen=True)
-class Prediction:
-    """A simulated shape.
-
-    Args:
-        stamp: simulated instant [ns].
-        control_points: x, y, z [m], theta [rad] in the published basis, shape (n, 4).
-        sensitivity: derivatives of x, y, z with respect to the logarithms of the P parameters
-            asked for, shape (P, n, 3); None where none were.
-    """
-
-    stamp: int
-    control_points: FloatArray
-    sensitivity: FloatArray | None = None
 
 
 class Simulation:
@@ -102,34 +87,27 @@ class Simulation:
             InputError: too few observations, a wrong number of control points, no command.
             SimulationError: no equilibrium, or imposed ends out of reach.
         """
-        mode = self.settings.simulation.start
-        needed = 2 if mode == "moving" else 1
-        if len(observations) < needed:
-            raise InputError(f"simulation.start '{mode}' needs {needed} observed shapes")
-        n = self.published.control_points
-        for observation in observations[:needed]:
-            if len(observation.control_points) != n:
-                raise InputError(
-                    f"the observed spline has {len(observation.control_points)} control points; "
-                    f"rod.control_points is {n}"
-                )
-        observations = [replace(o, stamp=o.stamp - self._camera.later) for o in observations]
-        first = observations[needed - 1]
-        command = self._command(first.stamp)
-        stop = command.end_stamp if last_stamp is None else last_stamp - self._camera.later
-        stamps = np.linspace(first.stamp, max(stop, first.stamp), 200).astype(np.int64)
-        shape = self._camera.true(first.control_points)
-        _possible(self.settings)
+        for _ in self.starting(observations, last_stamp):
+            pass
+
+    def starting(
+        self, observations: Sequence[Observation], last_stamp: int | None = None
+    ) -> Generator[None, None, None]:
+        """As `start`, piece by piece for who must not wait."""
         if self._spans is None:
-            self.resolution = resolution.choose(
-                self.settings, command, shape, [int(s) for s in stamps]
-            )
-            self._spans = self.resolution.spans
+            yield from self.judging(observations, last_stamp)
+        assert self._spans is not None
+        mode = self.settings.simulation.start
+        seen, command, shape = self._beginning(observations)
+        first = seen[-1]
         model, boundary = resolution.build(self.settings, command, self._spans)
         lift = model.basis.projection(self.published)
         at_rest = rest_state(first.stamp, lift @ shape, model)
+        yield
         if mode == "equilibrium":
             flat = in_plane(model, at_rest, true_command(model, command))
+            compiled(model, boundary, command, self.parameters, flat=flat)  # is kept
+            yield
             found = settle(
                 model, boundary, at_rest, command, first.stamp, fresh=True,
                 parameters=self.parameters,
@@ -152,7 +130,7 @@ class Simulation:
                 first.stamp, relax_stretch(model, boundary, held, lift @ shape), model
             )
             if mode == "moving":
-                before = observations[0]
+                before = seen[0]
                 elapsed = (first.stamp - before.stamp) / NANOSECONDS
                 if elapsed <= 0.0:
                     raise InputError("the first two observed shapes have the same stamp")
@@ -167,6 +145,44 @@ class Simulation:
         self._course.following = command
         self.state, self.model, self.boundary = state, model, boundary
 
+    def judging(
+        self, observations: Sequence[Observation], last_stamp: int | None = None
+    ) -> Generator[None, None, None]:
+        """Find the resolution that `start` needs, piece by piece; arguments as there.
+
+        Raises:
+            InputError, SimulationError: as `start`.
+        """
+        observations, command, shape = self._beginning(observations)
+        first = observations[-1].stamp
+        stop = command.end_stamp if last_stamp is None else last_stamp - self._camera.later
+        stamps = np.linspace(first, max(stop, first), 200).astype(np.int64)
+        self.resolution = yield from resolution.choosing(
+            self.settings, command, shape, [int(s) for s in stamps]
+        )
+        self._spans = self.resolution.spans
+
+    def _beginning(
+        self, observations: Sequence[Observation]
+    ) -> tuple[list[Observation], Command, FloatArray]:
+        """The observations that are needed, at true instants; the command; the true first shape."""
+        mode = self.settings.simulation.start
+        needed = 2 if mode == "moving" else 1
+        if len(observations) < needed:
+            raise InputError(f"simulation.start '{mode}' needs {needed} observed shapes")
+        n = self.published.control_points
+        for observation in observations[:needed]:
+            if len(observation.control_points) != n:
+                raise InputError(
+                    f"the observed spline has {len(observation.control_points)} control points; "
+                    f"rod.control_points is {n}"
+                )
+        seen = [replace(o, stamp=o.stamp - self._camera.later) for o in observations[:needed]]
+        command = self._command(seen[-1].stamp)
+        shape = self._camera.true(seen[-1].control_points)
+        possible(self.settings)
+        return seen, command, shape
+
     @property
     def stamp(self) -> int:
         """The simulated instant, as it is seen [ns]."""
@@ -177,6 +193,13 @@ class Simulation:
         twin = copy(self)
         twin._course = self._course.another()
         twin.update(settings)
+        return twin
+
+    def carrying(self, state: State, parameters: Sequence[str]) -> Simulation:
+        """One that goes on from a state whose sensitivities to parameters were found elsewhere."""
+        twin = copy(self)
+        twin.state, twin.parameters = state, tuple(parameters)
+        twin._course, twin._camera = self._course.another(), Camera(self.settings, parameters)
         return twin
 
     def _insensitive(self, state: State) -> State:
@@ -335,7 +358,7 @@ class Simulation:
         Raises:
             SimulationError: effects leave no DLO; nothing is changed then.
         """
-        _possible(settings)
+        possible(settings)
         self.settings = settings
         self._camera = Camera(settings, self.parameters)
         if self.state is None:
@@ -375,11 +398,3 @@ class Simulation:
     def control_points(self) -> int:
         """Control points of the simulation's own basis."""
         return (self._spans or self.published.spans) + DEGREE
-
-
-def _possible(settings: Settings) -> None:
-    """Refuse effects that leave no DLO; a search over parameters tries on, so it is no input."""
-    try:
-        settings.check_effects()
-    except ParameterError as err:
-        raise SimulationError(str(err)) from err

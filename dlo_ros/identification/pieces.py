@@ -1,0 +1,73 @@
+"""Long work done piece by piece, so that nobody has to wait for all of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Generator
+from typing import TypeVar
+
+Result = TypeVar("Result")
+Pieces = Generator[bool, None, Result]
+"""Work that can be left and taken up again; it yields whether the next piece is a long one."""
+SHORT, LONG = False, True
+
+
+def short(pieces: Generator[None, None, Result]) -> Pieces[Result]:
+    """Work all of whose pieces are short."""
+    while True:
+        try:
+            next(pieces)
+        except StopIteration as done:
+            result: Result = done.value
+            return result
+        yield SHORT
+
+
+def exhausted(pieces: Generator[object, None, Result]) -> Result:
+    """All pieces at once."""
+    while True:
+        try:
+            next(pieces)
+        except StopIteration as done:
+            result: Result = done.value
+            return result
+
+
+class Worker:
+    """Does as much of some work as fits into a time, again and again.
+
+    Args:
+        budget: that a turn takes [s], what its caller has done before included; infinite: all work
+            is done at once. At least one piece is done in every turn.
+        clock: in which the budget counts [s].
+    """
+
+    def __init__(self, budget: float, clock: Callable[[], float]) -> None:
+        self.budget, self.clock = budget, clock
+        self._work: Pieces[None] | None = None
+
+    @property
+    def busy(self) -> bool:
+        """Whether some work is not done yet."""
+        return self._work is not None
+
+    def drop(self) -> None:
+        """Forget the work."""
+        self._work = None
+
+    def turn(self, begin: float, due: Callable[[], Pieces[None]]) -> None:
+        """Go on with the work, or with what is due where there is none.
+
+        Args:
+            begin: of the turn, by the clock [s].
+        """
+        if self._work is None:
+            self._work = due()
+        now = self.clock()
+        for long in self._work:
+            before, now = now, self.clock()
+            # The next piece may take as long as this one; a long one has a turn for itself.
+            full = 2.0 * now - before - begin > self.budget
+            if full or (long and math.isfinite(self.budget)):
+                return
+        self._work = None

@@ -1,0 +1,23 @@
+"""What a simulation gives out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from dlo_ros.spline import FloatArray
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """A simulated shape.
+
+    Args:
+        stamp: simulated instant [ns].
+        control_points: x, y, z [m], theta [rad] in the published basis, shape (n, 4).
+        sensitivity: derivatives of x, y, z with respect to the logarithms of the P parameters
+            asked for, shape (P, n, 3); None where none were.
+    """
+
+    stamp: int
+    control_points: FloatArray
+    sensitivity: FloatArray | None = None
