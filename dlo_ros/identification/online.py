@@ -119,18 +119,8 @@ class OnlineEstimator:
 
     @property
     def busy(self) -> bool:
-        """Whether the past is being simulated anew."""
+        """Whether work is left over that `observe` or `proceed` will go on with."""
         return self._worker.busy
-
-    @property
-    def motion(self) -> Motion:
-        """The imposed motion."""
-        return self._motion
-
-    @property
-    def past(self) -> tuple[Observation, ...]:
-        """The observations that are kept, by growing stamp."""
-        return tuple(self._past)
 
     def set_command(self, command: Command) -> None:
         """Take an imposed motion; past observations it bears on are judged anew with it."""
@@ -173,6 +163,12 @@ class OnlineEstimator:
         self._worker.turn(begin, self._due)
         self._publish()
         self._fold()
+
+    def proceed(self) -> None:
+        """Go on with the work that the last observation left over; see `busy`."""
+        if self.busy:
+            self._worker.turn(self._worker.clock(), self._due)
+            self._publish()
 
     def _start_over(self, err: SimulationError) -> None:
         """Forget a past that the model cannot follow."""

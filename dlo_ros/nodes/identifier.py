@@ -169,6 +169,8 @@ class IdentifierNode(DloNode):
             elif outcome.estimate is not None:
                 self.health.values["latency [ms]"] = (self.now() - outcome.stamp) / 1e6
                 self._publish(outcome.estimate)
+                if not outcome.later:
+                    self.health.count("estimates")
 
     def _publish(self, estimate: Estimate) -> None:
         try:
@@ -180,7 +182,6 @@ class IdentifierNode(DloNode):
         self._young_publisher.publish(young)
         self._density_publisher.publish(density)
         self.health.solved("estimator")
-        self.health.count("estimates")
         if estimate.significant:
             self._link.pass_on(estimate.young_modulus, estimate.density)
         self._describe(estimate)

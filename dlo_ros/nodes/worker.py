@@ -29,11 +29,15 @@ WAITING = 600
 
 
 class Outcome(NamedTuple):
-    """What an observed spline led to: an estimate, or the reason why there is none."""
+    """What an observed spline led to: an estimate, or the reason why there is none.
+
+    `later` marks an estimate that further work has led to, without a new spline.
+    """
 
     stamp: int
     estimate: Estimate | None
     problem: str
+    later: bool = False
 
 
 class EstimatorThread:
@@ -109,15 +113,21 @@ class EstimatorThread:
         compile_kernels()
         while True:
             with self._changed:
-                while not self._tasks and not self._stopping:
+                idle = estimator is not None and estimator.busy
+                while not self._tasks and not self._stopping and not idle:
                     self._changed.wait()
                 if self._stopping:
                     return
-                task = self._tasks.popleft()
+                # Between splines the estimator goes on with the work that they have left over.
+                task = self._tasks.popleft() if self._tasks else None
                 generation = self._generation
             estimate, problem = None, ""
             try:
-                if isinstance(task, Settings):
+                if task is None and estimator is not None:
+                    estimator.proceed()
+                    if estimator.estimate.significant or not estimator.busy:
+                        estimate = estimator.estimate
+                elif isinstance(task, Settings):
                     estimator = OnlineEstimator(task)
                 elif estimator is not None and isinstance(task, Command):
                     estimator.set_command(task)
@@ -133,5 +143,5 @@ class EstimatorThread:
             stamp = task.stamp if isinstance(task, (Command, Observation)) else 0
             with self._changed:
                 if generation == self._generation:
-                    self._outcomes.append(Outcome(stamp, estimate, problem))
+                    self._outcomes.append(Outcome(stamp, estimate, problem, later=task is None))
             self._ready()
