@@ -70,7 +70,7 @@ reference: $(INSTALLED)
 # Hostile messages to the nodes' callbacks, and damaged files; docs/reliability.md has the figures.
 fuzz: $(COMPILED)
 	DLO_FUZZ_MESSAGES=$(or $(MESSAGES),100000) DLO_FUZZ_FILES=$(or $(FILES),400) \
-		$(BIN)/python -m pytest -s test/test_fuzz_nodes.py
+		$(BIN)/python -m pytest -s test/test_fuzz_nodes.py test/test_fuzz_files.py
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .

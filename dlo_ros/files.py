@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,15 @@ from typing import Any
 import yaml
 
 from dlo_ros.errors import InputError
+
+LOG = logging.getLogger(__name__)
+
+HEADER = "# Parameters of dlo_ros; the last line is '...'."
+END = "..."
+"""YAML's mark of the end: a file of ours that has lost it was cut short."""
+
+DEEPEST = 50
+"""Levels of a YAML file."""
 
 LARGEST_YAML = 10_000_000
 """Bytes; a parameter file has some thousand."""
@@ -52,7 +62,7 @@ def read_yaml(path: Path, kind: type[InputError] = InputError) -> Any:
     """The content of a YAML file: mappings, lists, numbers, text, and nothing else.
 
     Aliases are refused, as ROS's own reader of parameter files does: a few lines of them unfold to
-    more than any memory holds.
+    more than any memory holds. A file that seems to have been cut short is told of.
 
     Args:
         kind: of the error that is raised.
@@ -69,17 +79,29 @@ def read_yaml(path: Path, kind: type[InputError] = InputError) -> Any:
         raise kind(f"{path}: is larger than {LARGEST_YAML // 10**6} MB; it is no parameter file")
     try:
         text = data.decode()
-        for event in yaml.parse(text, Loader=yaml.SafeLoader):
-            if isinstance(event, yaml.AliasEvent):
-                at = f"line {event.start_mark.line + 1}"
-                raise kind(f"{path}: {at}: aliases (*{event.anchor}) are not allowed")
-        return yaml.safe_load(text)
+        _check_events(text, path, kind)
+        tree = yaml.safe_load(text)
     except yaml.MarkedYAMLError as err:
         at = f"line {err.problem_mark.line + 1}: " if err.problem_mark else ""
         raise kind(f"{path}: is no valid YAML ({at}{err.problem})") from err
-    except RecursionError as err:
-        raise kind(f"{path}: is no valid YAML (nested too deeply)") from err
     # Dates that do not exist and numbers with too many digits raise ValueError and its kin.
     except (yaml.YAMLError, ValueError, TypeError, ArithmeticError, LookupError) as err:
         first = str(err).splitlines()[0] if str(err) else type(err).__name__
-        raise kind(f"{path}: is no valid YAML ({first})") from err
+        raise kind(f"{path}: is no valid YAML ({first[:200]})") from err
+    marked = text.startswith(HEADER) and not text.rstrip().endswith(f"\n{END}")
+    if text and (marked or not text.endswith("\n")):
+        LOG.warning("%s: its last line has no end; the file may have been cut short", path)
+    return tree
+
+
+def _check_events(text: str, path: Path, kind: type[InputError]) -> None:
+    """Refuse what unfolds or nests without bound, before anything is built from it."""
+    depth = 0
+    for event in yaml.parse(text, Loader=yaml.SafeLoader):
+        at = f"{path}: is no valid YAML (line {event.start_mark.line + 1}: "
+        if isinstance(event, yaml.AliasEvent):
+            raise kind(f"{at}aliases such as *{event.anchor[:40]} are not allowed)")
+        depth += isinstance(event, yaml.CollectionStartEvent)
+        depth -= isinstance(event, yaml.CollectionEndEvent)
+        if depth > DEEPEST:
+            raise kind(f"{at}more than {DEEPEST} levels)")

@@ -6,6 +6,7 @@ import logging
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ import yaml
 from dlo_ros.effects import Body, Values, build
 from dlo_ros.effects.registry import check as check_effect
 from dlo_ros.errors import ParameterError
-from dlo_ros.files import read_yaml, write_text
+from dlo_ros.files import END, HEADER, read_yaml, write_text
 from dlo_ros.parameter_table import PARAMETERS, TABLE, Value
 from dlo_ros.spline import SplineBasis
 
@@ -206,7 +207,11 @@ class Settings:
         Raises:
             ParameterError: the file is missing, is no YAML, or holds an unusable value.
         """
-        return cls.from_mapping(read_parameter_file(Path(path)))
+        values = read_parameter_file(Path(path))
+        try:
+            return cls.from_mapping(values)
+        except ParameterError as err:
+            raise ParameterError(f"{path}: {err}") from err
 
     def flat(self) -> dict[str, Value]:
         """All values by dotted name, those of effects after the others."""
@@ -240,7 +245,7 @@ class Settings:
             node[key] = list(value) if isinstance(value, tuple) else value
         text: str = yaml.safe_dump({"/**": {"ros__parameters": tree}}, sort_keys=False)
         lines = "".join(f"# {line}\n" for line in comment.splitlines())
-        return lines + text
+        return f"{HEADER}\n{lines}{text}{END}\n"
 
     def with_material(self, young_modulus: float, density: float) -> Settings:
         """The same settings with another E [Pa] and mu [kg/m^3]."""
@@ -274,8 +279,13 @@ def read_parameter_file(path: Path) -> dict[str, Any]:
         _flatten("", block, values)
     groups = {name.split(".")[0] for name in TABLE if "." in name}
     for name in values:
-        if name not in TABLE and name.split(".")[0] in groups:
-            LOG.warning("%s: unknown parameter %s is ignored", path, name)
+        if name in TABLE or name.startswith(EFFECTS_PREFIX):
+            continue
+        # Other nodes' parameters may stand beside ours; what looks like one of ours is told of.
+        near = get_close_matches(name, TABLE, n=1, cutoff=0.85)
+        if near or name.split(".")[0] in groups:
+            meant = f"; is {near[0]} meant?" if near else ""
+            LOG.warning("%s: unknown parameter %s is ignored%s", path, name[:80], meant)
     return values
 
 

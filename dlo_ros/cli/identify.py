@@ -150,8 +150,9 @@ class _Kept:
         self.results: dict[int, FloatArray] = {}
         with suppress(OSError, ValueError, KeyError, TypeError, AttributeError):
             before = json.loads(path.read_text())
-            if before["key"] == key:
-                self.results = {int(k): np.array(v) for k, v in before["results"].items()}
+            results = before["results"]
+            if before["key"] == key and before["digest"] == _digest(results):
+                self.results = {int(k): np.array(v) for k, v in results.items()}
 
     def add(self, number: int, theta: FloatArray | None) -> None:
         """Keep a result."""
@@ -160,11 +161,17 @@ class _Kept:
         self.results[number] = theta
         self._path.parent.mkdir(parents=True, exist_ok=True)
         results = {str(k): [float(x) for x in v] for k, v in self.results.items()}
-        write_text(self._path, json.dumps({"key": self._key, "results": results}))
+        tree = {"key": self._key, "digest": _digest(results), "results": results}
+        write_text(self._path, json.dumps(tree))
 
     def remove(self) -> None:
         """The run is complete."""
         self._path.unlink(missing_ok=True)
+
+
+def _digest(results: Any) -> str:
+    """Tells whether kept results are those that were written."""
+    return hashlib.sha256(json.dumps(results, sort_keys=True).encode()).hexdigest()
 
 
 def write_results(

@@ -1,0 +1,217 @@
+"""A full disk, a read-only folder, a kill -9 in between: no half result that looks whole.
+
+The tools run as processes of their own. A limit on the size of files stands for the full disk: the
+same calls fail in the same places, with another number.
+"""
+
+from __future__ import annotations
+
+import ast
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from conftest import ROOT
+from test_fuzz_files import SETTINGS, write_own
+from vision_scenes import Scene, bow, render
+
+from dlo_ros.cli.identify import _Kept
+from dlo_ros.errors import InputError
+from dlo_ros.files import write_bytes, write_text
+from dlo_ros.recordings import read_recording
+
+LIMIT = 400
+"""Bytes that a file may have on the full disk; every result is larger."""
+
+
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A bag, its parameter file, and a photograph."""
+    folder = tmp_path_factory.mktemp("inputs")
+    write_own(folder / "bag")
+    SETTINGS.with_effects({}).dump(folder / "params.yaml")
+    picture = render(bow(), Scene(width_px=5.0, size=(480, 270)))
+    cv2.imwrite(str(folder / "photo.png"), picture)
+    return folder
+
+
+TOOLS = {
+    "predict": ("--params", "params.yaml", "bag"),
+    "identify": ("--params", "params.yaml", "bag"),
+    "synthesize": ("c_shape", "--no-images"),
+    "observe": ("photo.png",),
+}
+RESULTS = {
+    "predict": ("metadata.yaml", "result.mcap"),
+    "identify": ("estimate.json", "estimate.yaml", "report.html"),
+    "synthesize": ("metadata.yaml", "params.yaml", "result.mcap", "truth.yaml"),
+    "observe": ("photo.csv", "photo.png"),
+}
+
+
+def start(tool: str, inputs: Path, output: Path, before: str = "") -> subprocess.CompletedProcess:
+    """Run a tool after some lines of Python."""
+    words = [tool, *TOOLS[tool], "--output", str(output)]
+    code = f"import sys\n{before}\nfrom dlo_ros.cli.main import main\nsys.exit(main({words!r}))"
+    environment = dict(os.environ, PYTHONPATH=str(ROOT), OMP_NUM_THREADS="1")
+    return subprocess.run(
+        [sys.executable, "-c", code], cwd=inputs, env=environment, capture_output=True, text=True,
+        timeout=300,
+    )  # fmt: skip
+
+
+def said(done: subprocess.CompletedProcess) -> str:
+    """The last line on stderr, warnings of libraries aside."""
+    assert "Traceback" not in done.stderr, done.stderr
+    return done.stderr.strip().splitlines()[-1] if done.stderr.strip() else ""
+
+
+def visible(folder: Path) -> list[str]:
+    """What a person sees there."""
+    if not folder.exists():
+        return []
+    return sorted(p.name for p in folder.rglob("*") if not p.name.startswith("."))
+
+
+@pytest.mark.parametrize("tool", TOOLS)
+def test_full_disk(tool: str, inputs: Path, tmp_path: Path) -> None:
+    limit = f"import resource; resource.setrlimit(resource.RLIMIT_FSIZE, ({LIMIT}, {LIMIT}))"
+    done = start(tool, inputs, tmp_path / "result", limit)
+    assert done.returncode == 2, (done.returncode, done.stderr)
+    assert "cannot be written (File too large)" in said(done), done.stderr
+    assert str(tmp_path / "result") in said(done)
+    assert visible(tmp_path / "result") == []
+    # Nothing hidden is left behind either: the disk is full.
+    assert [p for p in tmp_path.rglob(".*") if p.is_file() and p.stat().st_size] == []
+
+
+@pytest.mark.parametrize("tool", TOOLS)
+def test_folder_that_cannot_be_written(tool: str, inputs: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "locked"
+    folder.mkdir(mode=0o555)
+    if os.geteuid() == 0:  # whom no permission holds back
+        folder = Path("/proc/self/fdinfo")
+    done = start(tool, inputs, folder / "result")
+    assert done.returncode == 2, (done.returncode, done.stderr)
+    assert str(folder / "result") in said(done) and said(done).startswith(f"dlo_ros {tool}: ")
+
+
+@pytest.mark.parametrize(("tool", "rename"), [
+    ("predict", 1), ("synthesize", 1), ("identify", 1), ("identify", 2), ("observe", 2),
+])  # fmt: skip
+def test_killed_in_between(tool: str, rename: int, inputs: Path, tmp_path: Path) -> None:
+    """Killed where it would show a result: what is there is whole, and a second run succeeds."""
+    kill = f"""
+import os, pathlib
+left = [{rename}]
+def patched(original):
+    def rename(*words):
+        left[0] -= 1
+        if not left[0]:
+            os.kill(os.getpid(), {int(signal.SIGKILL)})
+        return original(*words)
+    return rename
+pathlib.Path.replace = patched(pathlib.Path.replace)
+pathlib.Path.rename = patched(pathlib.Path.rename)
+"""
+    output = tmp_path / "result"
+    done = start(tool, inputs, output, kill)
+    assert done.returncode == -signal.SIGKILL, (done.returncode, done.stderr)
+    there = visible(output)
+    assert len(there) == rename - 1
+    for name in there:
+        if name.endswith(".json"):
+            json.loads((output / name).read_text())
+    assert start(tool, inputs, output).returncode == 0
+    assert visible(output) == sorted(RESULTS[tool])
+    if tool == "predict":
+        found, given = (read_recording(path, SETTINGS) for path in (output, inputs / "bag"))
+        assert len(found.observations) == len(given.observations)
+
+
+def test_an_old_file_stays_where_the_new_one_cannot_be_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "estimate.yaml"
+    write_text(path, "old\n")
+
+    def full(_: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(InputError, match=r"estimate.yaml: cannot be written \(No space left"):
+        write_bytes(path, b"new\n")
+    assert path.read_text() == "old\n" and [p.name for p in tmp_path.iterdir()] == [path.name]
+    monkeypatch.undo()
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    assert soft == resource.RLIM_INFINITY or soft > LIMIT, hard
+    with pytest.raises(InputError, match="cannot be written"):
+        write_text(tmp_path / "no" / "folder", "new\n")
+
+
+def test_results_kept_for_a_later_run_are_those_that_were_kept(tmp_path: Path) -> None:
+    """A file that was cut short or changed meanwhile does not count."""
+    path = tmp_path / ".identify.part.json"
+    kept = _Kept(path, "key")
+    kept.add(3, np.array([1.0, 2.5, -3.0, 0.125]))
+    kept.add(4, np.array([2.0, 2.5, -3.0, 0.5]))
+    again = _Kept(path, "key")
+    assert sorted(again.results) == [3, 4]
+    np.testing.assert_array_equal(again.results[3], [1.0, 2.5, -3.0, 0.125])
+    assert _Kept(path, "another").results == {}
+    whole = path.read_bytes()
+    for at in range(len(whole)):
+        broken = bytearray(whole)
+        broken[at] ^= 1 << (at % 8)
+        for data in (bytes(broken), whole[:at]):
+            path.write_bytes(data)
+            found = _Kept(path, "key").results
+            assert found == {} or all(np.array_equal(found[k], kept.results[k]) for k in found)
+
+
+# What runs text as code, starts a shell, or reads what may hold code.
+CALLS = {
+    "eval", "exec", "compile", "__import__", "os.system", "os.popen", "os.spawnl", "os.spawnv",
+    "subprocess.getoutput", "subprocess.getstatusoutput", "yaml.load", "yaml.unsafe_load",
+    "yaml.full_load", "marshal.loads", "marshal.load", "shelve.open", "pandas.read_pickle",
+}  # fmt: skip
+MODULES = {"pickle", "cPickle", "dill", "cloudpickle", "joblib", "shelve", "marshal"}
+
+
+def dotted(node: ast.AST) -> str:
+    """`os.system` of the expression that says so."""
+    if isinstance(node, ast.Name):
+        return node.id
+    if isinstance(node, ast.Attribute):
+        return f"{dotted(node.value)}.{node.attr}"
+    return ""
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        *sorted((ROOT / "dlo_ros").rglob("*.py")),
+        *sorted((ROOT / "launch").glob("*.py")),
+        *sorted((ROOT / "scripts").glob("*")),
+    ],
+    ids=lambda p: str(p.relative_to(ROOT)),
+)
+def test_no_eval_no_shell_nothing_unpickled(path: Path) -> None:
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, (ast.Import, ast.ImportFrom)):
+            names = [a.name for a in node.names] + [getattr(node, "module", "") or ""]
+            assert not {n.partition(".")[0] for n in names} & MODULES, f"{path}:{node.lineno}"
+        if isinstance(node, ast.Call):
+            assert dotted(node.func) not in CALLS, f"{path}:{node.lineno}: {dotted(node.func)}"
+            for keyword in node.keywords:
+                if keyword.arg in ("shell", "allow_pickle"):
+                    value = keyword.value
+                    harmless = isinstance(value, ast.Constant) and value.value is False
+                    assert harmless, f"{path}:{node.lineno}: {keyword.arg}"
