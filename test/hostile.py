@@ -13,6 +13,7 @@ import math
 from typing import Any
 
 from hypothesis import strategies as st
+from rclpy.serialization import serialize_message
 from rosidl_parser.definition import (
     AbstractGenericString,
     Array,
@@ -40,6 +41,9 @@ BITS = {
 }  # fmt: skip
 HUGE = 1_000_000
 """Elements of the longest lists."""
+
+LONGEST = 8_000_000
+"""Bytes of a list of messages, which may hold long lists in turn."""
 
 DEEPEST = 12
 
@@ -128,6 +132,8 @@ def sequence(draw: Any, kind: Any, old: Any, depth: int) -> Any:
         most = HUGE if basic and inner.typename in ("float", "double") else 2000
         if isinstance(inner, AbstractGenericString):
             most = 2_000_000 // (1 + max(map(len, values)))
+        if isinstance(inner, NamespacedType):
+            most = min(most, LONGEST // max(len(serialize_message(v)) for v in values[:100]) + 1)
         times = draw(st.sampled_from((2, 40, most // max(len(values), 1) + 1)))
         values = (values * times)[:most]
     elif change == "fresh":
