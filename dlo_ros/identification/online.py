@@ -24,7 +24,7 @@ import numpy as np
 
 from dlo_ros.command import NANOSECONDS, Command, Motion
 from dlo_ros.errors import InputError, SimulationError
-from dlo_ros.identification.bundle import forecast_in_pieces, varied_in_pieces
+from dlo_ros.identification.bundle import varied_in_pieces
 from dlo_ros.identification.estimate import (
     Estimate,
     logarithms,
@@ -36,6 +36,7 @@ from dlo_ros.identification.estimate import (
 )
 from dlo_ros.identification.forecast import Manipulation, whitening
 from dlo_ros.identification.pieces import LONG, SHORT, Pieces, Worker, short
+from dlo_ros.identification.rivals import best_rival
 from dlo_ros.identification.running import Judgement, Known, Linearised, Run
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
@@ -55,7 +56,6 @@ ITERATIONS = 4  # before the work begins that else would wait
 WINDOW = 20.0  # [s] of past that is simulated again; older information is kept as a summary
 FEWEST = 3  # observations before anything is concluded
 STUCK = 1.2  # growth of the past after which a relinearisation is tried again that did not help
-RIVALS = (1 / 30, 1 / 8, 1 / 3, 3.0, 8.0, 30.0)  # of E/mu
 TRIALS = (0.3, 0.8, 1.6, 3.2)  # [s] of past after which rivals are tried
 SETTLED = 0.8  # [s] of past before which a finer simulation is not worth while
 SIGNIFICANT = 0.01  # change of a logarithm that is worth passing on
@@ -121,6 +121,12 @@ class OnlineEstimator:
     def busy(self) -> bool:
         """Whether work is left over that `observe` or `proceed` will go on with."""
         return self._worker.busy
+
+    def window(self) -> Manipulation | None:
+        """What was imposed and seen since the start; None once its beginning has been let go."""
+        if self._anchor is not None:
+            return None
+        return Manipulation("the present motion", tuple(self._motion.commands), tuple(self._past))
 
     def set_command(self, command: Command) -> None:
         """Take an imposed motion; past observations it bears on are judged anew with it."""
@@ -193,7 +199,9 @@ class OnlineEstimator:
         rival = None
         if self._pending and elapsed >= self._pending[0]:
             self._pending = [t for t in self._pending if t > elapsed]
-            rival = yield from self._best_rival()
+            past = self.window()
+            if past is not None:
+                rival = yield from best_rival(past, self._run, self._initial)
         yield from self._judging()
         yield from self._relinearise(rival)
         if elapsed >= SETTLED:
@@ -217,8 +225,8 @@ class OnlineEstimator:
         yield LONG
         try:
             run = None
-            if self._anchor is None:
-                past = Manipulation("past", tuple(self._motion.commands), tuple(self._past))
+            past = self.window()
+            if past is not None:
                 found = yield from short(varied_in_pieces(past, settings, spans, None, AT_ONCE))
                 if found is not None:
                     run = Run.after(theta, found, self._white, error)
@@ -357,27 +365,6 @@ class OnlineEstimator:
             self._passed = self._passed + change
             estimate = replace(estimate, significant=True)
         self._estimate = estimate
-
-    def _best_rival(self) -> Pieces[FloatArray | None]:
-        """Logarithms with another E/mu, where one explains the past better."""
-        run = self._run
-        assert run is not None
-        spans = 2 * (self._initial.rod.control_points - DEGREE)
-        thetas = []
-        for factor in RIVALS:
-            theta = run.at.theta.copy()
-            theta[0] = self._guess[0] - self._guess[1] + theta[1] + np.log(factor)
-            thetas.append(theta)
-        sets = [with_logarithms(self._initial, theta) for theta in thetas]
-        past = Manipulation("past", tuple(self._motion.commands), tuple(self._past))
-        pieces = forecast_in_pieces(past, sets, spans, frames=AT_ONCE)
-        forecasts = yield from short(pieces)
-        best, least = None, run.power_until(past.observations[-1].stamp)
-        for theta, rival in zip(thetas, forecasts, strict=True):
-            power = np.inf if rival is None else float(np.sum(rival.residual**2))
-            if power < 0.5 * least:
-                best, least = theta, power
-        return best
 
     def _fold(self) -> None:
         """Keep what the window has told as a summary, and start a new one at the present state."""

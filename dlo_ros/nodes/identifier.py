@@ -10,6 +10,7 @@ from typing import Any
 from std_srvs.srv import SetBool
 
 from dlo_ros.command import NANOSECONDS, Command, Motion
+from dlo_ros.diagnosis.watch import Suspicion
 from dlo_ros.errors import InputError
 from dlo_ros.identification.err import shape_error
 from dlo_ros.identification.estimate import Estimate
@@ -167,10 +168,12 @@ class IdentifierNode(DloNode):
             if outcome.problem:
                 self.health.warn("estimator", f"estimate not updated: {outcome.problem}")
             elif outcome.estimate is not None:
-                self.health.values["latency [ms]"] = (self.now() - outcome.stamp) / 1e6
+                if not outcome.later:
+                    self.health.values["latency [ms]"] = (self.now() - outcome.stamp) / 1e6
                 self._publish(outcome.estimate)
                 if not outcome.later:
                     self.health.count("estimates")
+                self._suspect(outcome.suspicion)
 
     def _publish(self, estimate: Estimate) -> None:
         try:
@@ -206,6 +209,16 @@ class IdentifierNode(DloNode):
             if known
             else f"{state}; the data do not determine the material yet"
         )
+
+    def _suspect(self, suspicion: Suspicion | None) -> None:
+        """Tell what the model seems to miss, as long as it does."""
+        if suspicion is None:
+            self.health.solved("model")
+            self.health.values["suspected model errors"] = "none"
+            return
+        told = [f"{name} ({100.0 * share:.0f} %)" for name, share in suspicion.suspects]
+        self.health.values["suspected model errors"] = ", ".join(told) or "not ranked yet"
+        self.health.warn("model", str(suspicion))
 
     def _on_pause(self, request: Any, response: Any) -> Any:
         self._paused = bool(request.data)

@@ -11,6 +11,7 @@ from contextlib import suppress
 from typing import NamedTuple
 
 from dlo_ros.command import Command
+from dlo_ros.diagnosis.watch import Suspicion, Watch
 from dlo_ros.errors import DloError
 from dlo_ros.identification.estimate import Estimate
 from dlo_ros.identification.online import OnlineEstimator
@@ -31,13 +32,15 @@ WAITING = 600
 class Outcome(NamedTuple):
     """What an observed spline led to: an estimate, or the reason why there is none.
 
-    `later` marks an estimate that further work has led to, without a new spline.
+    `later` marks an estimate that further work has led to, without a new spline; `suspicion` says
+    what the model seems to miss, if anything.
     """
 
     stamp: int
     estimate: Estimate | None
     problem: str
     later: bool = False
+    suspicion: Suspicion | None = None
 
 
 class EstimatorThread:
@@ -107,28 +110,28 @@ class EstimatorThread:
 
     def _run(self) -> None:
         estimator: OnlineEstimator | None = None
+        watch = Watch()
         # Where processors are scarce, observing and predicting come first: they cannot wait.
         with suppress(OSError, AttributeError):
             os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICENESS)
         compile_kernels()
         while True:
             with self._changed:
-                idle = estimator is not None and estimator.busy
-                while not self._tasks and not self._stopping and not idle:
+                idle = estimator is None or not _left_over(estimator, watch)
+                while not self._tasks and not self._stopping and idle:
                     self._changed.wait()
                 if self._stopping:
                     return
-                # Between splines the estimator goes on with the work that they have left over.
+                # Between splines there is work to go on with that they have left over.
                 task = self._tasks.popleft() if self._tasks else None
                 generation = self._generation
             estimate, problem = None, ""
             try:
                 if task is None and estimator is not None:
-                    estimator.proceed()
-                    if estimator.estimate.significant or not estimator.busy:
+                    if _went_on(estimator, watch):
                         estimate = estimator.estimate
                 elif isinstance(task, Settings):
-                    estimator = OnlineEstimator(task)
+                    estimator, watch = OnlineEstimator(task), Watch()
                 elif estimator is not None and isinstance(task, Command):
                     estimator.set_command(task)
                 elif estimator is not None and isinstance(task, Observation):
@@ -143,5 +146,26 @@ class EstimatorThread:
             stamp = task.stamp if isinstance(task, (Command, Observation)) else 0
             with self._changed:
                 if generation == self._generation:
-                    self._outcomes.append(Outcome(stamp, estimate, problem, later=task is None))
+                    self._outcomes.append(
+                        Outcome(stamp, estimate, problem, task is None, watch.suspicion)
+                    )
             self._ready()
+
+
+def _left_over(estimator: OnlineEstimator, watch: Watch) -> bool:
+    """Whether there is work to do between splines."""
+    used = estimator.run.used if estimator.run else 0
+    return estimator.busy or watch.busy or watch.due(used)
+
+
+def _went_on(estimator: OnlineEstimator, watch: Watch) -> bool:
+    """Do a piece of what is left over; whether there is something new to tell."""
+    if estimator.busy:
+        estimator.proceed()
+        return estimator.estimate.significant or not estimator.busy
+    run = estimator.run
+    if run is not None and watch.due(run.used):
+        watch.look(run.forecast(), run.simulation.settings, estimator.window())
+        return False
+    watch.proceed()
+    return not watch.busy
