@@ -48,8 +48,9 @@ def run(arguments: argparse.Namespace) -> int:
     own = 1e3 * found.resolution_error * settings.rod.length
     accuracy = "" if np.isnan(own) else f" (the simulation's own error is {own:.2g} mm)"
     print(
-        f"{output}: {len(found.stamps)} predicted splines, ERR {1e3 * found.err.mean():.2f} mm in "
-        f"the mean, {1e3 * found.err.max():.2f} mm at most{accuracy}"
+        f"{output}: {len(found.stamps)} predicted splines; mean distance from the observed "
+        f"ones: ERR {1e3 * found.err.mean():.2f} mm in the mean over time, "
+        f"{1e3 * found.err.max():.2f} mm at most{accuracy}"
     )
     return 0
 
