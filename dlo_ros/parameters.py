@@ -11,13 +11,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from dlo_ros.effects import Body, Values, build
 from dlo_ros.effects.registry import check as check_effect
 from dlo_ros.errors import ParameterError
 from dlo_ros.files import END, HEADER, read_yaml, write_text
 from dlo_ros.parameter_table import PARAMETERS, TABLE, Value
+from dlo_ros.parameter_text import parameter_lines
 from dlo_ros.spline import SplineBasis
 
 LOG = logging.getLogger(__name__)
@@ -236,16 +236,8 @@ class Settings:
 
     def text(self, comment: str = "") -> str:
         """Content of a parameter file that nodes and tools load as it is."""
-        tree: dict[str, Any] = {}
-        for name, value in self.flat().items():
-            *groups, key = name.split(".")
-            node = tree
-            for group in groups:
-                node = node.setdefault(group, {})
-            node[key] = list(value) if isinstance(value, tuple) else value
-        text: str = yaml.safe_dump({"/**": {"ros__parameters": tree}}, sort_keys=False)
         lines = "".join(f"# {line}\n" for line in comment.splitlines())
-        return f"{HEADER}\n{lines}{text}{END}\n"
+        return f"{HEADER}\n{lines}{parameter_lines(self.flat())}{END}\n"
 
     def with_material(self, young_modulus: float, density: float) -> Settings:
         """The same settings with another E [Pa] and mu [kg/m^3]."""

@@ -149,8 +149,33 @@ def test_a_parameter_file_is_refused_where_effects_leave_no_rope(recording, tmp_
         ("air_drag: {coefficient: -1.0}", "coefficient is -0.95 N s/m.2 in all"),
     ):
         file = tmp_path / "params.yaml"
-        file.write_text(
-            (recording / "plain.yaml").read_text().rstrip() + f"\n    effects:\n      {text}\n"
-        )
+        plain = (recording / "plain.yaml").read_text().rstrip().removesuffix("...")
+        file.write_text(f"{plain}    effects:\n      {text}\n")
         with pytest.raises(ParameterError, match=message):
             Settings.load(file)
+
+
+def test_a_parameter_file_says_the_unit_of_each_number(tmp_path):
+    text = (
+        Settings.from_mapping(
+            {
+                "rod.length": 0.4,
+                "rod.diameter": 0.004,
+                "rod.young_modulus": 1e6,
+                "rod.density": 2000.0,
+                "effects.point_mass.mass": 0.01,
+                "effects.intrinsic_curvature.curvature": [1.0, -2.0],
+            }
+        )
+    ).text()
+    for line in (
+        "      length: 0.4  # m",
+        "      young_modulus: 1000000.0  # Pa",
+        "    gravity: [0.0, 0.0, -9.81]  # m/s^2",
+        "        mass: 0.01  # kg",
+        "        curvature: [1.0, -2.0]  # 1/m",
+        "      poisson_ratio: 0.33",
+    ):
+        assert line in text.splitlines(), line
+    (tmp_path / "params.yaml").write_text(text)
+    assert Settings.load(tmp_path / "params.yaml").text() == text

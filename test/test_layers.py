@@ -14,6 +14,7 @@ LAYERS = (
     ("__init__", "spline", "parameter_table", "interpolation", "share", "files"),
     ("command", "observation"),
     ("effects",),
+    ("parameter_text",),
     ("parameters",),
     ("rod", "recordings", "report"),
     ("vision",),
