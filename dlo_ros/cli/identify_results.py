@@ -125,7 +125,11 @@ def remarks(found: Identification) -> list[str]:
     if found.fitted is not None:
         left_out = sum(int(mask.sum()) for mask in found.fitted.ignored)
         if left_out:
-            result.append(f"{left_out} pictures were seen wrongly and do not count in the fit.")
+            result.append(
+                "1 picture was seen wrongly and does not count in the fit."
+                if left_out == 1
+                else f"{left_out} pictures were seen wrongly and do not count in the fit."
+            )
     for r in found.recordings:
         if r.err is not None and r.noise_floor is not None and r.err > MISSED * r.noise_floor:
             result.append(

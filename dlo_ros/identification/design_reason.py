@@ -34,7 +34,7 @@ def reason(found: Outlook, weakest: Outlook, settings: Settings) -> str:
     ]
     if weakest is not found and weakest.response > 0.0:
         words.append(
-            f"{found.response / weakest.response:.2g} times what '{weakest.plan.name}' does"
+            f"{_rounded(found.response / weakest.response)} times what '{weakest.plan.name}' does"
         )
     moving = float(shift.mean(axis=1).max()) > 1.5 * float(np.median(shift.mean(axis=1)))
     place = f"most at u = {at:.2f} m" + (f" around {when:.1f} s" if moving else "")
@@ -45,3 +45,8 @@ def reason(found: Outlook, weakest: Outlook, settings: Settings) -> str:
     if found.information[1, 1] > 0.0 and density < IDENTIFIED and settings.damping.air_drag_std:
         told += f" and, by the known drag, mu to {100.0 * density:.2g} %"
     return f"{sentence}; {told}."
+
+
+def _rounded(number: float) -> str:
+    """Two digits, without an exponent where a person can do without."""
+    return f"{float(f'{number:.2g}'):g}"
