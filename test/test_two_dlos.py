@@ -246,3 +246,29 @@ def test_a_node_takes_another_name_and_other_topics(two, tmp_path):
     finally:
         time.sleep(0.1)
         assert own.interrupt() == 0, own.said
+
+
+def test_a_recording_plays_into_a_namespace_and_beside_what_is_made_anew(tmp_path):
+    with BagWriter(tmp_path / "bag") as writer:
+        for k in range(3):
+            stamp = START + k * EVERY
+            shape = spline_message(BAG_MESSAGES, stamp, "board", np.zeros((10, 4)))
+            writer.write(topics.OBSERVED, shape, stamp)
+            writer.write(topics.PREDICTED, shape, stamp)
+            writer.write(topics.COMMAND, command_message(BAG_MESSAGES, samples.command()), stamp)
+    launched = evaluate(
+        ROOT / "launch" / "dlo.launch.py", bag=str(tmp_path / "bag"), namespace="third"
+    )
+    (player,) = (p for p in launched.processes if p.executable == "play")
+    domain = free_domain()
+    client = Client(domain)
+    commands = client.hear(f"/third/{topics.COMMAND}", 10, topics.TYPES[topics.COMMAND])
+    process = Process(tmp_path, "play", *player.words, domain=domain)
+    try:
+        client.until(lambda: commands, 30.0, "a command in the namespace")
+        names = {n for n, _ in client.node.get_topic_names_and_types() if "dlo/" in n}
+        aside = {f"/third/recorded/{t}" for t in (topics.OBSERVED, topics.PREDICTED)}
+        assert names == {f"/third/{topics.COMMAND}", *aside}
+    finally:
+        client.close()
+        process.interrupt()
