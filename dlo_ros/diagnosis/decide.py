@@ -13,6 +13,8 @@ Verdict = Literal["adequate", "explained", "unexplained"]
 
 LEFT_OVER = 0.9
 """Structure, in units of the noise of one frame, that counts as none: it raises ERR by a third."""
+EXPLAINED = 0.75
+"""The same for what an effect that was added may leave; it has been fitted to what it explains."""
 SHARE_LEFT = 0.025
 """Of the structure before, that the right cause may leave: laws of real DLOs are not quite ours."""
 MOST_LEFT = 2.0
@@ -23,6 +25,12 @@ SURE = 3.0
 """Standard errors by which one explanation must be better than another to exclude it."""
 CONFIRMED = 1.5
 """ERR on what is kept aside, over the best one's, with which an explanation still holds."""
+FEW = 60
+"""Pictures below which neighbouring ones may resemble each other by chance."""
+SURE_LEFT = 0.35
+"""Of the structure before, that a model may leave of which parts are certain."""
+SURE_SHARE = 0.4
+"""Structure, and ERR on what is kept aside, over those of everything that lacks an effect."""
 ALIKE = 2.0
 """Ratio of leftover structure up to which explanations rank as alike."""
 
@@ -63,7 +71,7 @@ def limit(before: float, chance: float) -> float:
         chance: see `judging.chance`, of the plain model.
     """
     del chance
-    return max(LEFT_OVER, min(SHARE_LEFT * before, MOST_LEFT))
+    return max(EXPLAINED, min(SHARE_LEFT * before, MOST_LEFT))
 
 
 def adequate(structure: float, chance: float) -> bool:
@@ -71,14 +79,63 @@ def adequate(structure: float, chance: float) -> bool:
     return structure < LEFT_OVER or structure < chance
 
 
+def explains(candidate: Candidate, most: float) -> bool:
+    """Whether a candidate leaves little, or no more than a few pictures have by chance.
+
+    Args:
+        most: see `limit`.
+    """
+    if candidate.structure <= most:
+        return True
+    pictures = sum(len(r) for r in candidate.at.residuals)
+    few = candidate.structure <= MOST_LEFT and pictures < FEW
+    return few and candidate.structure < judging.chance(candidate.at.residuals)
+
+
 def explanations(candidates: Sequence[Candidate], most: float) -> list[Explanation]:
     """The candidates that leave no structure, one form of each set of effects, best first."""
     found: dict[tuple[str, ...], Explanation] = {}
     for c in sorted(candidates, key=lambda c: c.score):
         key = tuple(sorted(c.at.model.effects))
-        if c.structure <= most and key not in found:
+        if key not in found and explains(c, most):
             found[key] = Explanation(c.at.model.effects, c)
     return list(found.values())
+
+
+def sure(
+    plain: Candidate,
+    candidates: Sequence[Candidate],
+    kept_aside: Callable[[Candidate], float | None],
+) -> Explanation | None:
+    """What is certain although structure remains: without it, everything is much worse.
+
+    Args:
+        plain: the model without any of the effects.
+        candidates: all that were fitted.
+        kept_aside: see `confirmed`.
+    """
+    known = set(plain.at.model.effects)
+    best = min(candidates, key=lambda c: c.score, default=None)
+    if best is None or best.structure > SURE_LEFT * plain.structure:
+        return None
+    err = kept_aside(best)
+    names = []
+    for effect in best.at.model.effects:
+        if effect in known:
+            continue
+        without = [c for c in (plain, *candidates) if effect not in c.at.model.effects]
+        if min(c.structure for c in without) < best.structure / SURE_SHARE:
+            continue
+        nearest = min(without, key=lambda c: c.score)
+        other = kept_aside(nearest)
+        if err is not None and other is not None and err < SURE_SHARE * other:
+            names.append(effect)
+    if not names:
+        return None
+    for c in sorted(candidates, key=lambda c: c.score):
+        if set(c.at.model.effects) == known | set(names):
+            return Explanation(tuple(names), c)
+    return Explanation(tuple(names), best)
 
 
 def confirmed(

@@ -15,17 +15,11 @@ from dlo_ros.diagnosis.estimates import fitted, numbers
 from dlo_ros.diagnosis.fitting import Evaluation
 from dlo_ros.diagnosis.measured import noise_floor
 from dlo_ros.diagnosis.outcome import Diagnosis, NamedEffect, Tried
-from dlo_ros.diagnosis.search import (
-    Candidate,
-    Problem,
-    Progress,
-    Workers,
-    candidate,
-    search,
-    workers,
-)  # fmt: skip
-from dlo_ros.diagnosis.start import Beginning, begin
+from dlo_ros.diagnosis.screening import Prospect, alarm, screen
+from dlo_ros.diagnosis.search import Candidate, candidate, search
+from dlo_ros.diagnosis.start import Beginning, begin, drafts
 from dlo_ros.diagnosis.views import views
+from dlo_ros.diagnosis.workers import Problem, Progress, Workers, workers
 from dlo_ros.errors import InputError
 from dlo_ros.identification.estimate import searchable
 from dlo_ros.identification.forecast import Manipulation
@@ -35,7 +29,7 @@ LOG = logging.getLogger(__name__)
 
 BASES = 3
 """Best single effects to which a second one is added."""
-SECONDS = 7
+SECONDS = 10
 """Beginnings of the second effect that are fitted for each, after the linear test of all."""
 FIRST_SHARE = 0.9
 """Of the structure before, that a single effect must go below to be one of a pair."""
@@ -93,7 +87,7 @@ def diagnose(
         at = _only(at, len(recordings))
     plain = candidate("", "", at, given)
     chance = judging.chance(at.residuals)
-    problem = Problem(learned, given)
+    problem = Problem(learned, given, drafts(learned, at))
     parted = aside.split(beginning.recordings, len(holdout), _information(at))
 
     def kept_aside(c: Candidate) -> float | None:
@@ -132,26 +126,35 @@ def _explain(
     names = [n for m in recordings for c in m.commands for n in c.names]
     observed = [r.observed for r in team.problem.recordings]
 
-    def added(at: Evaluation, present: Sequence[str], most: int | None) -> list[Candidate]:
+    most = decide.limit(plain.structure, chance)
+
+    def screened(at: Evaluation, present: Sequence[str]) -> list[Prospect]:
         here = scene(at.model.settings, names, observed, at.predicted)
-        return search(team, at, starts(here, present), progress, most)
+        return screen(team, at, starts(here, present), progress)
 
     known = plain.at.model.effects
-    singles = added(plain.at, known, None)
-    most = decide.limit(plain.structure, chance)
+    prospects = screened(plain.at, known)
+    promise, by_chance = alarm(prospects)
+    if promise < by_chance:
+        return _Findings(decide.Decision("adequate", None), (), ())
+    singles = search(team, plain.at, prospects, progress, most)
     before = kept_aside(plain)
     enough = decide.confirmed(decide.explanations(singles, most), before, kept_aside)
     if enough:
         return _Findings(decide.choose(enough), tuple(singles), ())
     pairs: list[Candidate] = []
     for first in _bases(singles, plain.structure):
-        pairs += added(first.at, [*known, first.effect], SECONDS)
+        prospects = screened(first.at, [*known, first.effect])
+        pairs += search(team, first.at, prospects, progress, most, SECONDS)
         enough = decide.confirmed(decide.explanations(pairs, most), before, kept_aside)
         if enough:
             break
     pairs.sort(key=lambda c: c.score)
     if not enough:
-        return _Findings(decide.Decision("unexplained", None), tuple(singles), tuple(pairs))
+        certain = decide.sure(plain, [*singles, *pairs], kept_aside)
+        rivals = tuple(() for _ in certain.effects) if certain else ()
+        decision = decide.Decision("unexplained", certain, rivals)
+        return _Findings(decision, tuple(singles), tuple(pairs))
     return _Findings(decide.choose(enough), tuple(singles), tuple(pairs))
 
 
@@ -181,8 +184,12 @@ def _outcome(
     kept = [aside.errors(m, recordings, parted.holdout, given) for m in models]
     effects: tuple[NamedEffect, ...] = ()
     if decision.chosen is not None:
+        alike = [
+            c.at for c in (*found.singles, *found.pairs)
+            if set(c.at.model.effects) == set(best.at.model.effects) and decide.as_good(best, c)
+        ]  # fmt: skip
         effects = tuple(
-            NamedEffect(name, numbers(best.at, name, given), rivals)
+            NamedEffect(name, numbers(best.at, name, given, alike), rivals)
             for name, rivals in zip(decision.chosen.effects, decision.rivals, strict=True)
             if name in best.at.model.effects and name not in plain.at.model.effects
         )

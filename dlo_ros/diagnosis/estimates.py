@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from dlo_ros.diagnosis.fitting import Evaluation, known, solve, total
@@ -17,9 +19,12 @@ from dlo_ros.spline import FloatArray
 def covariance(at: Evaluation, given: Settings) -> FloatArray:
     """Of the open parameters as the fit sees them, shape (P, P).
 
-    What is left over counts as noise, model errors included, and what repeats in time counts once.
+    What is left over counts as noise, model errors included, and what repeats in time counts once;
+    what all pictures of a recording have in common counts fully, however small it is.
     """
     repeats = correlation_length([r[:, :, None] for r in at.residuals], 0)
+    common = [len(r) * float(np.mean(r.mean(axis=0) ** 2)) for r in at.residuals]
+    repeats = max(repeats, float(np.mean(common)) / at.excess)
     beforehand = known(at.model, given).hessian
     information = (total(at, given).hessian - beforehand) / repeats + beforehand
     return solve(information, np.eye(len(information)))
@@ -31,22 +36,36 @@ def fitted(
     """A model's material, with standard deviations, and its errors [m]."""
     spread = covariance(at, given)
     rod = at.model.settings.rod
-    pick = {name: np.zeros(len(at.model.free)) for name in ("e", "mu", "ratio")}
-    pick["e"][0] = pick["mu"][1] = pick["ratio"][0] = 1.0
-    pick["ratio"][1] = -1.0
+    free = at.model.free
+    modulus = np.array([name == "young_modulus" for name in free], dtype=np.float64)
+    density = np.array([name == "density" for name in free], dtype=np.float64)
+    # Whoever takes the weighed density for good does not know it better than it was weighed.
+    weighed = 0.0 if density.any() else given.rod.density_std / given.rod.density
     result: list[tuple[float, float | None]] = []
-    for value, c in zip(
-        (rod.young_modulus, rod.density, rod.specific_modulus), pick.values(), strict=True
+    for value, c, known_only in (
+        (rod.young_modulus, modulus, weighed),
+        (rod.density, density, weighed),
+        (rod.specific_modulus, modulus - density, 0.0),
     ):
-        std = float(np.sqrt(max(float(c @ spread @ c), 0.0)))
+        std = float(np.hypot(np.sqrt(max(float(c @ spread @ c), 0.0)), known_only))
         result.append((value, value * std if std < UNBOUNDED else None))
     settings = at.model.settings
     return Fitted(settings, result[0], result[1], result[2], err_train, err_holdout)
 
 
-def numbers(at: Evaluation, effect: str, given: Settings) -> dict[str, Number]:
-    """The values of an effect's keys."""
+def numbers(
+    at: Evaluation, effect: str, given: Settings, alike: Sequence[Evaluation] = ()
+) -> dict[str, Number]:
+    """The values of an effect's keys.
+
+    Args:
+        alike: other fits of the same parameters that explain the data as well: the standard
+            deviations reach them.
+    """
     spread = np.sqrt(np.maximum(np.diag(covariance(at, given)), 0.0))
+    for other in alike:
+        if other.model.free == at.model.free:
+            spread = np.maximum(spread, np.abs(other.model.theta() - at.model.theta()))
     block = at.model.settings.effects[effect]
     described = quantities(effect)
     result: dict[str, Number] = {}
@@ -58,9 +77,18 @@ def numbers(at: Evaluation, effect: str, given: Settings) -> dict[str, Number]:
         ):  # fmt: skip
             if name in at.model.free:
                 std = float(spread[at.model.free.index(name)])
-                found.append(std * abs(v) if logarithmic(name) else std)
+                std = std * abs(v) if logarithmic(name) else std
+                found.append(float(np.hypot(std, _taken(at, effect, given))))
         spreads: float | tuple[float, ...] | None = None
         if found:
             spreads = tuple(found) if isinstance(value, tuple) else found[0]
         result[key] = Number(value, spreads, described[key].unit)
     return result
+
+
+def _taken(at: Evaluation, effect: str, given: Settings) -> float:
+    """Standard deviation of what an effect adds to and the fit took for good."""
+    name = {"air_drag": "air_drag", "internal_damping": "relaxation_time"}.get(effect)
+    if name is None or name in at.model.free:
+        return 0.0
+    return float(getattr(given.damping, f"{name}_std"))

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dlo_ros.diagnosis.measured import Recording
 from dlo_ros.diagnosis.model import Model, prior
 from dlo_ros.errors import SimulationError
-from dlo_ros.identification.forecast import forecast, whitening
+from dlo_ros.identification.bundle import forecast_together
+from dlo_ros.identification.forecast import Forecast, forecast, whitening
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 
@@ -20,6 +21,19 @@ CLEARLY_WRONG = 4.0
 """Excess over the noise from which a fit need not be driven to the last digit."""
 COARSE = 0.01
 """Share of the squared residuals that an iteration must still gain there."""
+TINY = 1e-200
+ROUGH = ("obstacle",)
+"""Effects with which a motion has no derivatives worth the name: a rope that hits something and
+leaves it again answers to small changes in jumps. What counts is how it answers to changes as large
+as a fit makes."""
+IN_LANES = (
+    "air_drag", "constant_force", "gravity_tilt", "internal_damping", "intrinsic_curvature",
+    "point_mass", "stiff_segment", "stiffness_gradient",
+)  # fmt: skip
+"""Effects of which many values are simulated at once in the plane: their differences are cheaper
+than exact derivatives."""
+DIFFERENCE = 0.01
+"""Of a parameter's natural size, for differences."""
 LARGEST_STEP = 2.0
 """Of a parameter in one iteration, in natural units."""
 
@@ -65,20 +79,12 @@ def evaluate(
     """
     residuals, jacobians, predicted, err = [], [], [], []
     for recording in recordings:
-        found = forecast(
-            recording.manipulation,
-            model.settings,
-            parameters=model.free if derivatives else (),
-            spans=recording.spans,
-        )
+        found, jacobian = _held_against(model, recording, derivatives)
         residuals.append(recording.residual(found.predicted))
         predicted.append(found.predicted)
         err.append(found.err)
-        if found.derivative is not None:
-            rod = model.settings.rod
-            back = np.linalg.inv(whitening(rod.control_points, rod.length))
-            change = recording.white(back @ found.derivative)
-            jacobians.append(change * model.chain()[:, None])
+        if jacobian is not None:
+            jacobians.append(jacobian)
     centre, information = prior(model, given)
     power, count = sum(float(np.sum(r**2)) for r in residuals), sum(r.size for r in residuals)
     cost = count * (1.0 + np.log(power / count)) if power > count else power
@@ -94,6 +100,64 @@ def evaluate(
         tuple(predicted),
         tuple(err),
     )
+
+
+def _held_against(
+    model: Model, recording: Recording, derivatives: bool
+) -> tuple[Forecast, FloatArray | None]:
+    """A forecast and its derivatives by the open parameters, shape (F, P, K)."""
+    settings, spans = _as_fine(model.settings, recording), recording.spans
+    manipulation = recording.manipulation
+    if not derivatives:
+        return forecast(manipulation, settings, spans=spans), None
+    rough = any(name in ROUGH for name in model.effects)
+    if not rough and not all(name in IN_LANES for name in model.effects):
+        return _exact(model, recording, settings)
+    moved, steps = _moved(model)
+    sets = [settings, *(_as_fine(m.settings, recording) for m in moved)]
+    found = None if rough else forecast_together(manipulation, sets, spans)
+    if found is None and not rough:
+        return _exact(model, recording, settings)
+    if found is None:
+        found = [forecast(manipulation, one, spans=spans) for one in sets]
+    here, *others = found
+    if here is None or any(other is None for other in others):
+        return _exact(model, recording, settings)
+    change = np.stack([o.predicted - here.predicted for o in others if o is not None], axis=1)
+    return here, recording.white(change[..., :3]) / steps[:, None]
+
+
+def _exact(model: Model, recording: Recording, settings: Settings) -> tuple[Forecast, FloatArray]:
+    """A forecast with the simulation's own sensitivities."""
+    found = forecast(recording.manipulation, settings, parameters=model.free, spans=recording.spans)
+    assert found.derivative is not None
+    rod = settings.rod
+    back = np.linalg.inv(whitening(rod.control_points, rod.length))
+    return found, recording.white(back @ found.derivative) * model.chain()[:, None]
+
+
+def _moved(model: Model) -> tuple[list[Model], FloatArray]:
+    """The model with each open parameter changed, and the steps, shape (P,), within its range."""
+    theta, models = model.theta(), []
+    steps = DIFFERENCE * np.minimum(model.natural(), 1.0)
+    for k in range(len(theta)):
+        for sign in (1.0, -1.0):
+            other = theta.copy()
+            other[k] += sign * steps[k]
+            moved = model.at(other)
+            if moved.theta()[k] != theta[k]:
+                break
+        models.append(moved)
+        steps[k] *= sign
+    return models, steps
+
+
+def _as_fine(settings: Settings, recording: Recording) -> Settings:
+    """The settings with the time steps that a recording asks for."""
+    if recording.tolerance is None:
+        return settings
+    simulation = replace(settings.simulation, tolerance=recording.tolerance)
+    return replace(settings, simulation=simulation)
 
 
 @dataclass(frozen=True)
@@ -127,7 +191,9 @@ class Normal:
 
 def solve(hessian: FloatArray, right: FloatArray) -> FloatArray:
     """Solve positive definite equations whose unknowns differ widely in size."""
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(hessian), 1e-300))
+    diagonal = np.diag(hessian)
+    # An unknown of which nothing is known stays where it is.
+    scale = np.where(diagonal > 0.0, 1.0 / np.sqrt(np.maximum(diagonal, TINY)), 0.0)
     scaled = hessian * scale[:, None] * scale
     scaled += 1e-12 * np.eye(len(scaled))
     shape = (-1,) + (1,) * (right.ndim - 1)

@@ -38,6 +38,7 @@ class Recording:
             where the recording leaves it.
         noise: standard deviation of each coefficient [m], shape (K,).
         spans: knot spans of the simulation; None: as simulation.tolerance asks.
+        tolerance: of the simulation's time steps; None: simulation.tolerance.
     """
 
     manipulation: Manipulation
@@ -46,6 +47,7 @@ class Recording:
     across: FloatArray
     noise: FloatArray
     spans: int | None = None
+    tolerance: float | None = None
 
     @property
     def name(self) -> str:

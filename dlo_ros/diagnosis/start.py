@@ -10,11 +10,12 @@ import numpy as np
 
 from dlo_ros.diagnosis.fitting import Evaluation, evaluate, fit
 from dlo_ros.diagnosis.measured import Recording, measured
-from dlo_ros.diagnosis.model import Model, baseline
+from dlo_ros.diagnosis.model import Model, baseline, prior
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.estimate import FINEST
 from dlo_ros.identification.forecast import Manipulation, forecast
 from dlo_ros.parameters import Settings
+from dlo_ros.spline import DEGREE
 
 LOG = logging.getLogger(__name__)
 
@@ -22,7 +23,19 @@ FACTORS = (1.0, 0.3, 3.0, 0.1, 10.0, 0.03, 30.0)
 """Of E, from which the fit may start: far away a shape may lie on another branch."""
 FINENESS = 0.1
 """Of the noise of one frame, that the simulation's own error may be."""
+CONTRADICTION = 5.0
+"""Standard deviations of what is known beforehand, beyond which a fit contradicts it."""
 ROUNDS = 2
+TIME_ROUNDS = 3
+TIME_GAIN = 9.0
+"""By which the error falls with a tenth of the tolerance."""
+DRAFT_SPANS = 2
+"""Times the knot spans of what was observed, of a draft's simulation."""
+DRAFT_TOLERANCE = 1e-3
+DRAFT_ERROR = 0.5
+"""Of a draft against the fine simulation, in units of the noise."""
+DRAFT_SHARE = 0.05
+"""Of what the plain model leaves over, up to which the error of a draft does not matter."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +70,33 @@ def begin(manipulations: Sequence[Manipulation], settings: Settings) -> Beginnin
         )
         recordings, error = _finer(recordings, at.model)
         at = fit(evaluate(at.model, recordings, settings), recordings, settings, 6)
+    believed = _believed(at.model, settings)
+    if believed.free != at.model.free:
+        at = fit(evaluate(believed, recordings, settings), recordings, settings, 6)
     return Beginning(recordings, at, error)
+
+
+def _believed(model: Model, given: Settings) -> Model:
+    """The model in which nothing contradicts what is known of it beforehand.
+
+    What a fit pushes further from a measured value than that allows takes the measured value, for
+    good: otherwise it would do the work of a cause that nobody names.
+    """
+    centre, information = prior(model, given)
+    theta = model.theta()
+    away = np.abs(theta - centre) * np.sqrt(information)
+    wrong = [
+        k for k, name in enumerate(model.free)
+        if _is_known(name, given) and away[k] > CONTRADICTION
+    ]  # fmt: skip
+    theta[wrong] = centre[wrong]
+    free = tuple(name for k, name in enumerate(model.free) if k not in wrong)
+    return replace(model.at(theta), free=free)
+
+
+def _is_known(name: str, given: Settings) -> bool:
+    block = given.damping if name in ("air_drag", "relaxation_time") else given.rod
+    return name != "young_modulus" and getattr(block, f"{name}_std", 0.0) > 0.0
 
 
 def _best_start(recordings: tuple[Recording, ...], model: Model) -> Evaluation:
@@ -83,7 +122,7 @@ def _best_start(recordings: tuple[Recording, ...], model: Model) -> Evaluation:
 
 
 def _finer(recordings: tuple[Recording, ...], model: Model) -> tuple[tuple[Recording, ...], float]:
-    """Recordings with as many knot spans as bring the simulation's own error below the noise."""
+    """Recordings with as many knot spans and time steps as keep the simulation's error small."""
     result, errors = [], []
     for recording in recordings:
         n = recording.observed.shape[1]
@@ -93,6 +132,52 @@ def _finer(recordings: tuple[Recording, ...], model: Model) -> tuple[tuple[Recor
         tolerance = min(settings.simulation.tolerance, wanted)
         fine = replace(settings, simulation=replace(settings.simulation, tolerance=tolerance))
         found = forecast(recording.manipulation, fine)
-        result.append(replace(recording, spans=found.spans))
-        errors.append(found.resolution_error * settings.rod.length)
+        recording, error = _in_time(replace(recording, spans=found.spans), model)
+        result.append(recording)
+        errors.append(np.hypot(found.resolution_error * settings.rod.length, error))
     return tuple(result), float(np.nanmax(errors)) if np.isfinite(errors).any() else np.nan
+
+
+def _in_time(recording: Recording, model: Model) -> tuple[Recording, float]:
+    """The recording with time steps fine enough, and the error that they leave [m]."""
+    tolerance = model.settings.simulation.tolerance
+    here = replace(recording, tolerance=tolerance)
+    error, before = 0.0, None
+    for _ in range(TIME_ROUNDS):
+        at = evaluate(model, [here], model.settings, derivatives=False)
+        if before is not None:
+            apart = recording.white(at.predicted[0][..., :3] - before[..., :3])
+            # Steps of a third of the length have a ninth of the error.
+            error = float(np.sqrt(np.mean(apart**2))) / TIME_GAIN
+            if error < FINENESS:
+                break
+        before = at.predicted[0]
+        here = replace(here, tolerance=tolerance / 10.0)
+        tolerance = here.tolerance or tolerance
+    n = recording.observed.shape[1]
+    return here, error * float(np.sqrt(np.sum(recording.noise[:n] ** 2)))
+
+
+def drafts(recordings: Sequence[Recording], at: Evaluation) -> tuple[Recording, ...]:
+    """The recordings with coarser simulations, as far as these do not deceive.
+
+    Args:
+        at: the plain model, simulated finely.
+    """
+    result = []
+    for recording, r, fine in zip(recordings, at.residuals, at.predicted, strict=True):
+        coarse = DRAFT_SPANS * (recording.observed.shape[1] - DEGREE)
+        most = max(DRAFT_ERROR, DRAFT_SHARE * float(np.sqrt(np.mean(r**2))))
+        for spans in (coarse, recording.spans):
+            draft = replace(recording, spans=spans, tolerance=DRAFT_TOLERANCE)
+            try:
+                rough = evaluate(at.model, [draft], at.model.settings, derivatives=False)
+            except SimulationError:
+                continue
+            apart = recording.white(rough.predicted[0][..., :3] - fine[..., :3])
+            if np.sqrt(np.mean(apart**2)) < most:
+                result.append(draft)
+                break
+        else:
+            result.append(recording)
+    return tuple(result)

@@ -146,6 +146,14 @@ def forecast_each(
     return exhausted(forecast_in_pieces(manipulation, settings, spans, last_stamp))
 
 
+def forecast_together(
+    manipulation: Manipulation, settings: Sequence[Settings], spans: int | None = None
+) -> list[Forecast | None] | None:
+    """As `forecast_each`, but None altogether where the sets cannot share their simulation."""
+    together = exhausted(_together(manipulation, settings, spans, None, None))
+    return together.forecasts if together is not None else None
+
+
 def forecast_in_pieces(
     manipulation: Manipulation,
     settings: Sequence[Settings],

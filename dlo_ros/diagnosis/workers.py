@@ -1,0 +1,85 @@
+"""Tasks on one set of recordings, carried out by a few processes."""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, TypeVar
+
+from dlo_ros.diagnosis.measured import Recording
+from dlo_ros.parameters import Settings
+
+Progress = Callable[[str, float], None]
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is to be explained.
+
+    Args:
+        recordings: with their noise.
+        given: the parameter file, for what is known beforehand.
+        drafts: the recordings with a coarser simulation, to try effects with.
+    """
+
+    recordings: tuple[Recording, ...]
+    given: Settings
+    drafts: tuple[Recording, ...]
+
+    @property
+    def count(self) -> int:
+        """Numbers that were measured."""
+        return sum(len(r.times) * len(r.noise) for r in self.recordings)
+
+
+_problem: Problem | None = None
+"""Set in every worker process, so that recordings are not sent with every task."""
+
+
+def _adopt(problem: Problem) -> None:
+    global _problem
+    _problem = problem
+
+
+class Workers:
+    """Carries out tasks on one problem, in processes where there are several."""
+
+    def __init__(self, problem: Problem, pool: ProcessPoolExecutor | None) -> None:
+        self.problem = problem
+        self._pool = pool
+
+    def each(
+        self, task: Callable[[Problem, Item], Result], items: Sequence[Item]
+    ) -> Iterator[Result]:
+        """The results in the order of the items."""
+        if self._pool is None:
+            for item in items:
+                yield task(self.problem, item)
+        else:
+            yield from self._pool.map(partial(_run, task), items)
+
+
+def _run(task: Callable[[Problem, Any], Any], item: Any) -> Any:
+    assert _problem is not None
+    return task(_problem, item)
+
+
+@contextmanager
+def workers(problem: Problem, count: int) -> Iterator[Workers]:
+    """Processes for a problem; forked, so that compiled code is there already."""
+    methods = multiprocessing.get_all_start_methods()
+    if count <= 1 or "fork" not in methods:
+        yield Workers(problem, None)
+        return
+    context = multiprocessing.get_context("fork")
+    pool = ProcessPoolExecutor(count, context, initializer=_adopt, initargs=(problem,))
+    try:
+        yield Workers(problem, pool)
+    finally:
+        pool.shutdown(cancel_futures=True)
