@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dlo_ros.diagnosis.fitting import Evaluation, evaluate, fit, known, normal
+from dlo_ros.diagnosis.fitting import Evaluation, evaluate, fit, known, normal, solve
 from dlo_ros.diagnosis.measured import Recording
 from dlo_ros.diagnosis.model import Model
 from dlo_ros.diagnosis.outcome import Gain
@@ -16,7 +16,9 @@ from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 
 TRAINED = 0.6
-"""Of a single recording, that comes before the span kept aside; a tenth between them is neither."""
+"""Of a recording, that comes before a span kept aside; a tenth between them is neither."""
+FORESEEN = 0.3
+"""Units of the noise to which a recording must be foreseen to be kept aside whole."""
 BLOCK = 10
 DRAWS = 500
 STEPS = 3
@@ -34,29 +36,51 @@ class Split:
     holdout: tuple[np.ndarray, ...]
 
 
-def split(recordings: Sequence[Recording], given: int, information: Sequence[float]) -> Split:
-    """Set aside the given recordings, or one of several, or the end of the only one.
+def split(
+    recordings: Sequence[Recording], holdout: int, plain: Evaluation, best: Evaluation,
+    given: Settings,
+) -> Split:  # fmt: skip
+    """Set aside the given recordings, or one that the others predict, or the end of each.
+
+    Of those that the others predict, the one that shows most of what the plain model lacks.
 
     Args:
-        recordings: those to train on, then the given ones.
-        given: how many were given to be kept aside.
-        information: of each recording on the stiffness; with few recordings the one that
-            tells least of it is kept aside, so that the others determine the model.
+        recordings: those to train on, then those given to be kept aside.
+        holdout: how many of these.
+        plain, best: fits to the former without and with what was found.
     """
     count = len(recordings)
     frames = [len(r.times) for r in recordings]
+    aside: set[int] = set()
+    if holdout:
+        aside = set(range(count - holdout, count))
+    elif count > 1:
+        shown = [float(np.mean(r**2)) for r in plain.residuals]
+        foreseen = [k for k in range(count) if _open(best, k, given) < FORESEEN]
+        if foreseen:
+            aside = {max(foreseen, key=lambda k: shown[k])}
+    if not aside:
+        shares = [np.arange(f) / max(f - 1, 1) for f in frames]
+        return Split(tuple(s <= TRAINED for s in shares), tuple(s >= TRAINED + 0.1 for s in shares))
     whole = [np.ones(f, dtype=np.bool_) for f in frames]
     none = [np.zeros(f, dtype=np.bool_) for f in frames]
-    if given:
-        aside = set(range(count - given, count))
-    elif count > 1:
-        aside = {int(np.argmin(information))}
-    else:
-        share = np.arange(frames[0]) / max(frames[0] - 1, 1)
-        return Split((share <= TRAINED,), (share >= TRAINED + 0.1,))
-    train = tuple(none[k] if k in aside else whole[k] for k in range(count))
-    holdout = tuple(whole[k] if k in aside else none[k] for k in range(count))
-    return Split(train, holdout)
+    return Split(
+        tuple(none[k] if k in aside else whole[k] for k in range(count)),
+        tuple(whole[k] if k in aside else none[k] for k in range(count)),
+    )
+
+
+def _open(at: Evaluation, k: int, given: Settings) -> float:
+    """Standard deviation of a recording's prediction from the others, in units of the noise."""
+    assert at.jacobians is not None
+    equations = known(at.model, given)
+    for j, (residual, jacobian) in enumerate(zip(at.residuals, at.jacobians, strict=True)):
+        if j != k:
+            equations = equations + normal(residual, jacobian).scaled(1.0 / at.excess)
+    spread = solve(equations.hessian, np.eye(len(equations.gradient)))
+    jacobian = at.jacobians[k]
+    variance = np.einsum("fpk,pq,fqk->fk", jacobian, spread, jacobian)
+    return float(np.sqrt(np.mean(np.maximum(variance, 0.0))))
 
 
 def trained(at: Evaluation, masks: Sequence[np.ndarray], given: Settings) -> Model:

@@ -13,7 +13,7 @@ from dlo_ros.diagnosis.advice import advise
 from dlo_ros.diagnosis.candidates import scene, starts
 from dlo_ros.diagnosis.estimates import fitted, numbers
 from dlo_ros.diagnosis.fitting import Evaluation
-from dlo_ros.diagnosis.measured import noise_floor
+from dlo_ros.diagnosis.measured import Recording, noise_floor
 from dlo_ros.diagnosis.outcome import Diagnosis, NamedEffect, Tried
 from dlo_ros.diagnosis.screening import Prospect, alarm, screen
 from dlo_ros.diagnosis.search import Candidate, candidate, search
@@ -35,8 +35,22 @@ FIRST_SHARE = 0.9
 """Of the structure before, that a single effect must go below to be one of a pair."""
 
 
-KeptAside = Callable[[Candidate], "float | None"]
-"""ERR [m] of a candidate on what is kept aside, its parameters from the rest."""
+@dataclass(frozen=True)
+class _KeptAside:
+    """What is kept aside; called with a candidate, ERR there [m], its parameters from the rest.
+
+    Args:
+        recordings: all; the first `learned` are those that candidates were fitted to.
+    """
+
+    recordings: Sequence[Recording]
+    learned: int
+    parted: aside.Split
+    given: Settings
+
+    def __call__(self, c: Candidate) -> float | None:
+        model = aside.trained(c.at, self.parted.train[: self.learned], self.given)
+        return aside.mean(aside.errors(model, self.recordings, self.parted.holdout, self.given))
 
 
 @dataclass(frozen=True)
@@ -44,8 +58,9 @@ class _Findings:
     """What the search has come to."""
 
     decision: decide.Decision
-    singles: tuple[Candidate, ...]
-    pairs: tuple[Candidate, ...]
+    kept_aside: _KeptAside
+    singles: tuple[Candidate, ...] = ()
+    pairs: tuple[Candidate, ...] = ()
 
     @property
     def best(self) -> Candidate | None:
@@ -88,25 +103,18 @@ def diagnose(
     plain = candidate("", "", at, given)
     chance = judging.chance(at.residuals)
     problem = Problem(learned, given, drafts(learned, at))
-    parted = aside.split(beginning.recordings, len(holdout), _information(at))
 
-    def kept_aside(c: Candidate) -> float | None:
-        model = aside.trained(c.at, parted.train[: len(recordings)], given)
-        return aside.mean(aside.errors(model, beginning.recordings, parted.holdout, given))
+    def kept_aside(best: Candidate) -> _KeptAside:
+        parted = aside.split(beginning.recordings, len(holdout), at, best.at, given)
+        return _KeptAside(beginning.recordings, len(recordings), parted, given)
 
     if decide.adequate(plain.structure, chance):
-        found = _Findings(decide.Decision("adequate", None), (), ())
+        found = _Findings(decide.Decision("adequate", None), kept_aside(plain))
     else:
         with workers(problem, processes) as team:
             found = _explain(team, plain, recordings, chance, kept_aside, progress)
     progress("measuring the gain", 1.0)
-    return _outcome(beginning, plain, found, chance, given, parted, kept_aside)
-
-
-def _information(at: Evaluation) -> list[float]:
-    """What each recording tells of the stiffness."""
-    assert at.jacobians is not None
-    return [float(np.sum(j[:, 0] ** 2)) for j in at.jacobians]
+    return _outcome(beginning, plain, found, chance, given)
 
 
 def _only(at: Evaluation, count: int) -> Evaluation:
@@ -120,7 +128,7 @@ def _only(at: Evaluation, count: int) -> Evaluation:
 
 def _explain(
     team: Workers, plain: Candidate, recordings: Sequence[Manipulation], chance: float,
-    kept_aside: KeptAside, progress: Progress,
+    kept_aside: Callable[[Candidate], _KeptAside], progress: Progress,
 ) -> _Findings:  # fmt: skip
     """Single effects first; pairs where none of them is enough."""
     names = [n for m in recordings for c in m.commands for n in c.names]
@@ -136,26 +144,31 @@ def _explain(
     prospects = screened(plain.at, known)
     promise, by_chance = alarm(prospects)
     if promise < by_chance:
-        return _Findings(decide.Decision("adequate", None), (), ())
+        return _Findings(decide.Decision("adequate", None), kept_aside(plain))
     singles = search(team, plain.at, prospects, progress, most)
-    before = kept_aside(plain)
-    enough = decide.confirmed(decide.explanations(singles, most), before, kept_aside)
+    enough = decide.explanations(singles, most)
     if enough:
-        return _Findings(decide.choose(enough), tuple(singles), ())
+        judge = kept_aside(enough[0].candidate)
+        enough = decide.confirmed(enough, judge(plain), judge)
+        if enough:
+            return _Findings(decide.choose(enough), judge, tuple(singles))
     pairs: list[Candidate] = []
     for first in _bases(singles, plain.structure):
         prospects = screened(first.at, [*known, first.effect])
         pairs += search(team, first.at, prospects, progress, most, SECONDS)
-        enough = decide.confirmed(decide.explanations(pairs, most), before, kept_aside)
+        enough = decide.explanations(pairs, most)
         if enough:
-            break
-    pairs.sort(key=lambda c: c.score)
-    if not enough:
-        certain = decide.sure(plain, [*singles, *pairs], kept_aside)
-        rivals = tuple(() for _ in certain.effects) if certain else ()
-        decision = decide.Decision("unexplained", certain, rivals)
-        return _Findings(decision, tuple(singles), tuple(pairs))
-    return _Findings(decide.choose(enough), tuple(singles), tuple(pairs))
+            judge = kept_aside(enough[0].candidate)
+            enough = decide.confirmed(enough, judge(plain), judge)
+        if enough:
+            pairs.sort(key=lambda c: c.score)
+            return _Findings(decide.choose(enough), judge, tuple(singles), tuple(pairs))
+    everything = sorted([*singles, *pairs], key=lambda c: c.score)
+    judge = kept_aside(everything[0] if everything else plain)
+    certain = decide.sure(plain, everything, judge)
+    rivals = tuple(() for _ in certain.effects) if certain else ()
+    decision = decide.Decision("unexplained", certain, rivals)
+    return _Findings(decision, judge, tuple(singles), tuple(pairs))
 
 
 def _bases(singles: Sequence[Candidate], before: float) -> list[Candidate]:
@@ -168,12 +181,12 @@ def _bases(singles: Sequence[Candidate], before: float) -> list[Candidate]:
 
 
 def _outcome(
-    beginning: Beginning, plain: Candidate, found: _Findings, chance: float, given: Settings,
-    parted: aside.Split, kept_aside: KeptAside,
+    beginning: Beginning, plain: Candidate, found: _Findings, chance: float, given: Settings
 ) -> Diagnosis:  # fmt: skip
     """Measure on what is kept aside, and put everything together."""
     recordings = beginning.recordings
-    decision = found.decision
+    decision, kept_aside = found.decision, found.kept_aside
+    parted = kept_aside.parted
     best = decision.chosen.candidate if decision.chosen else plain
     count = len(plain.at.residuals)
     learned = recordings[:count]
