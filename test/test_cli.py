@@ -261,3 +261,14 @@ def test_a_shell_completes(line, wanted, unwanted, tmp_path):
     )
     found = {word.strip() for word in done.stdout.split("\n")}
     assert wanted <= found and not unwanted & found, (found, done.stderr)
+
+
+def test_a_progress_bar_leaves_no_trace_where_there_is_no_terminal(capfd):
+    from dlo_ros.cli.progress import progress_bar
+
+    with progress_bar() as bar:
+        task = bar.add_task("Working", total=3)
+        for _ in range(3):
+            bar.advance(task)
+        bar.update(task, description="Done")
+    assert capfd.readouterr() == ("", "")

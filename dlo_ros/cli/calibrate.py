@@ -9,10 +9,10 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
 
 from dlo_ros.cli.calibration_output import summary, write_results
+from dlo_ros.cli.progress import progress_bar
 from dlo_ros.cli.results import check_results_folder
 from dlo_ros.errors import DloError, InputError
 from dlo_ros.parameters import Vector
@@ -170,9 +170,7 @@ def _calibration(
         MofNCompleteColumn(),
         TextColumn("{task.fields[hint]}"),
     )
-    console = Console(stderr=True)
-    hidden = not console.is_terminal  # else it would print an empty line
-    with Progress(*columns, console=console, transient=True, disable=hidden) as bar:
+    with progress_bar(*columns) as bar:
         task = bar.add_task("Finding the pattern", total=total, hint="")
         for path in inputs:
             for picture in pictures(path, LOG.warning, lambda: bar.advance(task)):

@@ -11,10 +11,9 @@ from typing import Any
 
 import numpy as np
 import yaml
-from rich.console import Console
-from rich.progress import Progress
 
 from dlo_ros.cli.loading import prepare
+from dlo_ros.cli.progress import progress_bar
 from dlo_ros.cli.results import add_results_folder, check_results_folder
 from dlo_ros.command import CONTROL_POINT, END, START, Command
 from dlo_ros.errors import CommandError, InputError, SimulationError
@@ -107,7 +106,7 @@ def run(arguments: argparse.Namespace) -> int:
     plans = [experiment_plan(load_experiment(find_experiment(n)), settings) for n in names]
     prepare()
     remarks, found = [], []
-    with Progress(console=Console(stderr=True), transient=True) as bar:
+    with progress_bar() as bar:
         task = bar.add_task("Ranking", total=len(plans) + arguments.tries)
         for plan in plans:
             try:

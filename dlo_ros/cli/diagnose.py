@@ -6,11 +6,9 @@ import argparse
 import os
 from pathlib import Path
 
-from rich.console import Console
-from rich.progress import Progress
-
 from dlo_ros.cli.diagnosis_output import summary, write_results
 from dlo_ros.cli.loading import add_model_arguments, load_manipulation, load_settings, prepare
+from dlo_ros.cli.progress import progress_bar
 from dlo_ros.cli.results import add_results_folder, check_results_folder
 from dlo_ros.diagnosis import diagnose
 from dlo_ros.errors import InputError
@@ -49,7 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
     recordings = [load_manipulation(bag, settings) for bag in arguments.bags]
     holdout = [load_manipulation(bag, settings) for bag in arguments.holdout]
     prepare()
-    with Progress(console=Console(stderr=True), transient=True) as bar:
+    with progress_bar() as bar:
         task = bar.add_task("Diagnosing", total=1.0)
 
         def progress(text: str, share: float) -> None:

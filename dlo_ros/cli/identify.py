@@ -11,11 +11,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
-from rich.progress import Progress
 
 from dlo_ros.cli.identify_results import report, summary, tree
 from dlo_ros.cli.loading import add_model_arguments, load_manipulation, load_settings, prepare
+from dlo_ros.cli.progress import progress_bar
 from dlo_ros.cli.results import add_results_folder, check_results_folder
 from dlo_ros.errors import InputError
 from dlo_ros.files import write_text
@@ -80,7 +79,7 @@ def run(arguments: argparse.Namespace) -> int:
         train = [load_manipulation(bag, settings) for bag in arguments.bags]
         validate = [load_manipulation(bag, settings) for bag in arguments.validate]
         prepare()
-        with Progress(console=Console(stderr=True), transient=True) as bar:
+        with progress_bar() as bar:
             task = bar.add_task("Identifying", total=1.0)
 
             def progress(text: str, share: float) -> None:

@@ -11,9 +11,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from rich.console import Console
-from rich.progress import Progress
 
+from dlo_ros.cli.progress import progress_bar
 from dlo_ros.cli.results import check_results_folder
 from dlo_ros.command import Motion
 from dlo_ros.errors import DloError, InputError, RecordingError, VisionError
@@ -187,7 +186,7 @@ def _observe_bag(
     found: list[VisionResult] = []
     with (
         BagWriter(output, force=force) as writer,
-        Progress(console=Console(stderr=True), transient=True) as progress,
+        progress_bar() as progress,
     ):
         task = progress.add_task("Observing", total=total)
         for frame in observe_recording(path, settings):

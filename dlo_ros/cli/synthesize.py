@@ -50,6 +50,8 @@ def run(arguments: argparse.Namespace) -> int:
     images = not arguments.no_images
 
     def progress(frames: Iterable[int], count: int) -> Iterable[int]:
+        if not console.is_terminal:
+            return frames  # else it would print an empty line
         what = "Rendering" if images else "Measuring"
         return track(frames, what, total=count, console=console, transient=True)
 
