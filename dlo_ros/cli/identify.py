@@ -20,6 +20,7 @@ from dlo_ros.errors import InputError
 from dlo_ros.files import write_text
 from dlo_ros.identification.estimate import searchable
 from dlo_ros.identification.forecast import Manipulation
+from dlo_ros.identification.loose import Loose
 from dlo_ros.identification.offline import Identification, identify
 from dlo_ros.identification.parallel import Pool, open_pool
 from dlo_ros.identification.posterior import Sample, bootstrap, sample
@@ -27,6 +28,11 @@ from dlo_ros.parameters import Settings
 from dlo_ros.report import write_identification_report
 from dlo_ros.spline import FloatArray
 
+LOOSE = (
+    ("clamp_angle", "RAD", "the clamps' directions are known"),
+    ("tilt", "RAD", "the board's or the camera's level is known"),
+    ("length", "M", "the DLO's length is known"),
+)
 DONE_SO_FAR = ".identify.part.json"
 
 
@@ -43,6 +49,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="BAG",
         help="recording that is only predicted; may be repeated",
     )
+    for name, unit, words in LOOSE:
+        parser.add_argument(
+            f"--{name.replace('_', '-')}-std", type=float, default=0.0, metavar=unit,
+            help=f"standard deviation to which {words}; it is fitted, too; default: exactly",
+        )  # fmt: skip
     parser.add_argument(
         "--workers", type=int, metavar="N", help="processes to simulate in; default: threads"
     )
@@ -73,6 +84,7 @@ def run(arguments: argparse.Namespace) -> int:
     for name in ("sample", "bootstrap"):
         if getattr(arguments, name) < 0:
             raise InputError(f"--{name} is {getattr(arguments, name)}; it must not be negative")
+    loose = Loose(*(getattr(arguments, f"{name}_std") for name, _, _ in LOOSE))
     if arguments.bootstrap and len(arguments.bags) < 2:
         raise InputError("--bootstrap draws recordings and needs at least two of them")
     with open_pool(arguments.workers, arguments.scheduler) as pool:
@@ -85,7 +97,7 @@ def run(arguments: argparse.Namespace) -> int:
             def progress(text: str, share: float) -> None:
                 bar.update(task, description=text.capitalize(), completed=share)
 
-            found = identify(train, settings, validate, progress=progress, pool=pool)
+            found = identify(train, settings, validate, progress=progress, pool=pool, loose=loose)
             sampled, redrawn = _more(arguments, train, settings, found, pool, progress)
     try:
         write_results(output, settings, found, [*train, *validate], sampled, redrawn)
@@ -104,7 +116,7 @@ def _more(
     """Samples of the posterior and fits to drawn recordings, where they are asked for."""
     sampled, redrawn = None, None
     assert found.fitted is not None
-    start = searchable(settings)
+    start = searchable(settings).with_effects(found.estimate.settings.effects)
     if arguments.sample:
         sampled = sample(
             train, start, found.fitted, count=arguments.sample, pool=pool,

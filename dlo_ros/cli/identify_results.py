@@ -29,6 +29,12 @@ QUANTITIES = (
     ("density", "density mu", "kg/m^3"),
     ("specific_modulus", "E/mu", "m^2/s^2"),
 )
+LOOSE = {
+    "effects.clamp_angle.start": "direction of the start's clamp [rad]",
+    "effects.clamp_angle.end": "direction of the end's clamp [rad]",
+    "effects.gravity_tilt.angle": "tilt of gravity [rad]",
+    "effects.length_error.difference": "true minus given length [m]",
+}
 MOST_FRAMES = 60  # of a recording in the report
 PLACES = 24  # along the DLO, in the map of residuals
 MISSED = 2.0  # ERR over the noise floor beyond which the model misses something
@@ -75,6 +81,8 @@ def tree(
         "air_drag": estimate.settings.damping.air_drag,
         "relaxation_time": estimate.settings.damping.relaxation_time,
     }
+    if found.loose:
+        result["loose"] = {k: {"value": v, "std": std} for k, (v, std) in found.loose.items()}
     if sampled is not None:
         result["posterior"] = {
             "effective_samples": sampled.effective,
@@ -120,6 +128,11 @@ def remarks(found: Identification) -> list[str]:
     """Sentences on what the recordings can and cannot tell."""
     estimate = found.estimate
     result = sentences(estimate, information(found))
+    if found.loose:
+        words = ", ".join(
+            f"{LOOSE[k]} {v:+.3f} +- {std:.3f}" for k, (v, std) in found.loose.items()
+        )
+        result.append(f"Fitted along, as far as they were said to be loose: {words}.")
     if not found.converged:
         result.append("The fit has not converged; the numbers are where it stopped.")
     if found.fitted is not None:

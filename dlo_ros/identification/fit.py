@@ -252,8 +252,8 @@ def descend(
         scale = fit.count / max(fit.power, fit.count * NOISE_LIMIT**2)
         off = np.where(np.isfinite(guess), fit.theta - guess, 0.0)
         normal = scale * fit.normal + prior
-        repeats = _repeats(fit.forecasts)
-        judged = normal / repeats
+        told_again = repeats(fit.forecasts)
+        judged = normal / told_again
         slope = scale * fit.gradient - prior @ off
         accepted = False
         for _ in range(12):
@@ -276,13 +276,13 @@ def descend(
         gained = fit.cost - trial.cost
         fit = trial
         damping *= 0.1
-        if gained < WORTHLESS * repeats and damping < 1e-2:
+        if gained < WORTHLESS * told_again and damping < 1e-2:
             return fit, iteration, True
     LOG.warning("the fit has not converged after %d iterations", MAX_ITERATIONS)
     return fit, MAX_ITERATIONS, False
 
 
-def _repeats(forecasts: Sequence[Forecast]) -> float:
+def repeats(forecasts: Sequence[Forecast]) -> float:
     """How often residuals tell the same: what the model misses is no reason to go on."""
     residuals = [f.residual for f in forecasts]
     return correlation_length(residuals, 0) * correlation_length(residuals, 1)

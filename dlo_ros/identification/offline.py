@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -32,6 +32,7 @@ from dlo_ros.identification.fit import (
     without,
 )
 from dlo_ros.identification.forecast import Forecast, Manipulation, forecast
+from dlo_ros.identification.loose import Loose, loosened, marginal
 from dlo_ros.identification.noise import noise_floor
 from dlo_ros.identification.parallel import Pool, Threads
 from dlo_ros.identification.uncertainty import data_information
@@ -77,6 +78,7 @@ class Identification:
         iterations: of the fit.
         converged: whether it has.
         fitted: the fit itself; None where a result was put together otherwise.
+        loose: what was found for numbers that are known only so well, with standard deviations.
     """
 
     estimate: Estimate
@@ -85,6 +87,7 @@ class Identification:
     iterations: int
     converged: bool
     fitted: Fitted | None = None
+    loose: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
 def identify(
@@ -94,6 +97,7 @@ def identify(
     *,
     progress: Progress = lambda text, share: None,
     pool: Pool | None = None,
+    loose: Loose | None = None,
 ) -> Identification:
     """Fit ln (E, mu, c, t_r) to recordings; c and t_r are nuisances unless they are known.
 
@@ -103,6 +107,7 @@ def identify(
         validate: recordings that are only predicted.
         progress: called with what is being done and the share of it that is done.
         pool: where simulations run; default: in threads.
+        loose: clamps, level and length that are known only so well; default: exactly.
 
     Raises:
         InputError: no usable recording.
@@ -117,6 +122,15 @@ def identify(
             raise InputError(f"{recording.name}: has no usable dlo/observed")
     given, settings = settings, searchable(settings)
     found = fitted(train, settings, progress, pool)
+    known: Mapping[str, tuple[float, float]] = {}
+    if loose is not None and loose.names(train, settings):
+        progress("fitting what is loose", 0.5)
+        more = loosened(train, settings, loose, found.theta, found.ignored)
+        settings, known = more.settings, more.values
+        found = fitted(train, settings, progress, pool, more.theta)
+        there = with_logarithms(found.settings, found.theta)
+        told = marginal(train, there, loose, known, found.ignored, found.shifts)
+        found = replace(found, told=told)
     fit, theta, told = found.fit, found.theta, found.told
     estimate = summarise(settings, theta, told)
     basis = SplineBasis(settings.rod.control_points, settings.rod.length)
@@ -147,6 +161,7 @@ def identify(
         found.iterations,
         found.converged,
         found,
+        known,
     )
 
 
@@ -160,6 +175,7 @@ class Fitted:
         told: information of the data on them (4, 4).
         ignored: pictures of each recording that were seen wrongly.
         settings: with the tolerance that was needed.
+        shifts: by which the simulation's own error may have moved theta, each (4,).
     """
 
     fit: Fit
@@ -169,6 +185,7 @@ class Fitted:
     settings: Settings
     iterations: int
     converged: bool
+    shifts: Sequence[FloatArray] = ()
 
 
 def fitted(
@@ -225,7 +242,7 @@ def fitted(
         except SimulationError as err:
             LOG.warning("the estimate stays where the search ended: %s", err)
             theta = fit.theta
-    return Fitted(fit, theta, told, ignored, fine, iterations, converged)
+    return Fitted(fit, theta, told, ignored, fine, iterations, converged, shifts)
 
 
 def _attempt(recording: Manipulation, settings: Settings) -> Forecast | None:

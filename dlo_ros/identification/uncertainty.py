@@ -71,12 +71,13 @@ def tangents(predicted: FloatArray) -> FloatArray:
     return np.asarray(slope / np.maximum(np.linalg.norm(slope, axis=2, keepdims=True), 1e-12))
 
 
-def residual_errors(residual: FloatArray, direction: FloatArray) -> Errors:
+def residual_errors(residual: FloatArray, direction: FloatArray, fitted: float = FITTED) -> Errors:
     """Take residuals apart.
 
     Args:
         residual: as in `Forecast`, shape (F, n, 3) [m].
         direction: of the DLO, shape (F, n, 3).
+        fitted: numbers that the fit has taken out of them.
     """
     frames, n, _ = residual.shape
     power = np.sum(residual**2, axis=(0, 1))
@@ -107,7 +108,7 @@ def residual_errors(residual: FloatArray, direction: FloatArray) -> Errors:
     reach = correlation_length([mean], 1) if constant + lasting > 0.0 else 1.0
     # What the fit took out is put back.
     seen = _independent(frames, n, across_numbers, white, persistence, reach)
-    back = seen / max(seen - FITTED, 0.5)
+    back = seen / max(seen - fitted, 0.5)
     return Errors(
         max(back * white * max(total - along, 0.0) / across_numbers, NOISE_LIMIT**2),
         back * white * along,
@@ -171,6 +172,7 @@ def data_information(
     forecasts: Sequence[Forecast],
     settings: Settings | None = None,
     shifts: Sequence[FloatArray] = (),
+    fitted: float = FITTED,
 ) -> FloatArray:
     """Information of residuals on the logarithms of the P parameters, shape (P, P).
 
@@ -181,13 +183,14 @@ def data_information(
         forecasts: with derivatives.
         settings: of the model, for its own error; None leaves that out.
         shifts: by which the logarithms are known to be wrong without being corrected, each (P,).
+        fitted: numbers that the fit has taken out of the residuals.
     """
     hessians, covariances, pulls = [], [], []
     for f in forecasts:
         assert f.derivative is not None
         direction = tangents(f.predicted)
         own = 0.0 if settings is None else discrepancy(f, settings)
-        errors = residual_errors(f.residual, direction)
+        errors = residual_errors(f.residual, direction, fitted)
         covariance = gradient_covariance(f.derivative, direction, errors, own)
         gradient = np.einsum("fpic,fic->p", f.derivative, f.residual)
         hessians.append(np.einsum("fpic,fqic->pq", f.derivative, f.derivative))
