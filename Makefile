@@ -12,11 +12,11 @@ COMPILED := $(VENV)/.compiled
 
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: setup docs reference audit demo picture examples paper bench challenge fuzz test test-slow lint clean lock help
+.PHONY: setup docs reference audit demo picture examples paper bench challenge fuzz test test-slow test-report lint clean lock help
 
 help:
 	@sed -n 's/^# //p' Makefile | head -3
-	@echo "also: setup, docs, reference, examples, paper, bench, challenge, fuzz, test-slow, lint, picture, lock, clean"
+	@echo "also: setup, docs, reference, examples, paper, bench, challenge, fuzz, test-slow, test-report, lint, picture, lock, clean"
 
 setup: $(COMPILED)
 
@@ -78,7 +78,11 @@ lint: $(INSTALLED)
 	$(BIN)/mypy
 
 test: $(COMPILED) lint
-	$(BIN)/python -m pytest -m "not slow"
+	$(BIN)/python -m pytest -m "not slow and not browser"
+
+# Needs chromium or google-chrome on PATH.
+test-report: $(COMPILED)
+	$(BIN)/python -m pytest -m browser test/test_browser.py test/test_report.py
 
 test-slow: $(COMPILED)
 	$(BIN)/python -m pytest -m slow
