@@ -28,6 +28,11 @@ LINEAR = Law(0.0, np.inf, np.inf, 0.0)
 FREE = Surroundings(
     0.0, 1.0, np.zeros((0, 3)), 0.0, np.zeros(0, np.int64), np.zeros((0, 4)), np.zeros(0)
 )
+# Pull to the first shape and bending stiffness while what is held is approached, and at the end.
+STRONGEST, WEAKEST = 10.0, 1e-4
+APPROACH = 10  # steps to what is held
+SLOWEST = 0.9  # of the pull: smaller reductions are not tried
+STRAIGHT = 0.05  # of the length: radius of gyration that the bending stiffness stands for
 NO_HISTORY = History(np.zeros((0, 2)), np.zeros((0, 2)))
 
 
@@ -155,31 +160,45 @@ def relax_stretch(model: RodModel, boundary: Boundary, held: Held, q: FloatArray
     """The nearest shape that is held as commanded and not stretched.
 
     An observed spline has noise along its axis, which stiff stretch would turn into violent
-    vibration. Minimises the stretch energy plus a weak pull to the given shape q (n, 4).
+    vibration. Minimises the stretch energy, a pull to the given shape q (n, 4), and a bending
+    energy that is zero in the given shape: without it, what is too short between two points that
+    are held would buckle in waves as short as the basis allows. Pull and bending go from strong to
+    weak together: a compression by a share e of the length is held straight while e^2 is less than
+    4 `pull` `bend` (beam on an elastic foundation).
     """
-    stiff = model.stiffness
-    soft = stiff._replace(bend=0.0 * stiff.bend, twist=0.0 * stiff.twist + 1.0)
-    matter = Material(soft, 1.0, soft.bend_rest, LINEAR, FREE, NO_HISTORY)
-    state = rest_state(0, q, model)
-    unit = model.gram
-    stiffest = float(stiff.stretch.mean()) / model.basis.length**2
-    given = np.empty_like(state.q)
-    forces.multiply_scalar(unit, unit, state.q, given)
-    best = None
-    q = state.q.copy()
-    # From a strong pull to a weak one: without bending stiffness a compressed shape buckles.
-    for pull in stiffest * np.logspace(0, -4, 5):
+    given = rest_state(0, q, model)
+    curvature = np.ascontiguousarray(given.strains.other[:, :2])
+    soft = model.stiffness._replace(bend_rest=curvature, twist=0.0 * model.stiffness.twist + 1.0)
+    stiffest, length = float(soft.stretch.mean()), model.basis.length
+    pulled = np.empty_like(given.q)
+    forces.multiply_scalar(model.gram, model.gram, given.q, pulled)
+
+    def relaxed(q: FloatArray, weak: float, share: float) -> FloatArray | None:
+        """From q; None where Newton's method does not converge."""
+        pull = weak * stiffest / length**2
+        bend = np.full_like(soft.bend, weak * stiffest * (STRAIGHT * length) ** 2)
+        matter = Material(soft._replace(bend=bend), 1.0, curvature, LINEAR, FREE, NO_HISTORY)
+        target, found = given.q + share * (held.target - given.q), q.copy()
         iterations, _ = solver.implicit_step(
-            q, held.target, boundary.fixed, boundary.pins, boundary.pin_values(held),
-            model.rule, matter, state.reference, pull * unit, pull * unit, pull * given,
-            model.basis.length, 1e-12,
+            found, target, boundary.fixed, boundary.pins, boundary.pin_values(held),
+            model.rule, matter, given.reference, pull * model.gram, pull * model.gram,
+            pull * pulled, length, 1e-12,
         )  # fmt: skip
-        if iterations < 0:
-            break
-        best = q.copy()
+        return found if iterations > 0 else None
+
+    best: FloatArray | None = given.q
+    for share in np.linspace(0.0, 1.0, APPROACH + 1)[1:]:
+        best = None if best is None else relaxed(best, STRONGEST, float(share))
     if best is None:
         raise SimulationError(
             "the first observed shape cannot be held as commanded; check rod.length, the command "
             "and the observed spline"
         )
+    weak, ratio = STRONGEST, 0.5
+    while weak > WEAKEST and ratio < SLOWEST:
+        found = relaxed(best, ratio * weak, 1.0)
+        if found is None:
+            ratio = ratio**0.5
+        else:
+            best, weak = found, ratio * weak
     return best
