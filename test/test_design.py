@@ -49,11 +49,11 @@ def free_end():
     return Plan("free end", command(["start"], [0.0], [[0.0, 0.0, 0.0]]), shape, 0.0)
 
 
-def u_shape():
+def u_shape(*, clamped=False):
+    """Both ends at one height, half the length apart, free to turn or clamped along x."""
     ends = np.array([[0.0, 0.0], [0.2, 0.0]])
-    imposed = command(
-        ["control_point_1", "control_point_10"], [0.0], [[[0.0, 0.0, 0.0], [0.2, 0.0, 0.0]]]
-    )
+    names = ["start", "end"] if clamped else ["control_point_1", "control_point_10"]
+    imposed = command(names, [0.0], [[[0.0, 0.0, 0.0], [0.2, 0.0, 0.0]]])
     return Plan("u", imposed, laid(hanging(*ends, 0.4), BASIS), 0.0)
 
 
@@ -64,6 +64,17 @@ def u_shape():
 )
 def test_a_free_end_answers_to_stiffness_as_the_elastica_does(ratio, moved):
     assert outlook(free_end(), rope(ratio)).response == pytest.approx(moved, rel=0.03, abs=0.0015)
+
+
+# From a boundary value problem of the inextensible elastica.
+@pytest.mark.parametrize(
+    ("clamped", "ratio", "moved"),
+    [(True, 3.15, 0.00240), (True, 5.0, 0.00683), (True, 7.5, 0.01072),
+     (False, 3.15, 0.00150), (False, 5.0, 0.00348), (False, 7.5, 0.00396)],
+)  # fmt: skip
+def test_a_u_answers_as_the_elastica_does_by_how_it_is_held(clamped, ratio, moved):
+    found = outlook(u_shape(clamped=clamped), rope(ratio)).response
+    assert found == pytest.approx(moved, rel=0.05, abs=2e-4)
 
 
 def test_a_free_end_near_two_beats_every_u():

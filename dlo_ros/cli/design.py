@@ -30,6 +30,7 @@ from dlo_ros.identification.design_search import (
     search,
 )
 from dlo_ros.identification.estimate import search_information
+from dlo_ros.identification.statement import rounded
 from dlo_ros.parameters import Settings
 from dlo_ros.report.design import (
     DesignedExperiment,
@@ -130,7 +131,7 @@ def run(arguments: argparse.Namespace) -> int:
     write_design_report(output / "report.html", report)
     for entry in tree["experiments"]:
         told = entry["std"]["specific_modulus"]
-        words = "no number for E/mu" if told is None else f"E/mu to {100 * told:.2g} %"
+        words = "no number for E/mu" if told is None else f"E/mu to {rounded(100 * told)} %"
         print(f"{entry['name']}: {entry['information']:.1f} bit, {words}")
     print(report.headline)
     print(f"written to {output}: design.json, report.html, {NEW}")
@@ -297,7 +298,7 @@ def _report(
         for o in ranking
     )
     general = (
-        f"The DLO is {length_over_scale(settings):.2g} times as long as l = (B/w)^(1/3), over "
+        f"The DLO is {rounded(length_over_scale(settings))} times as long as l = (B/w)^(1/3), over "
         "which its weight bends it. Standard deviations hold for E as given; information is "
         "averaged over half, the given and twice the given E/mu, and leaves aside what a board "
         "tilted a little or a DLO bent a little at rest would do as well."

@@ -10,7 +10,7 @@ import numpy as np
 from dlo_ros.identification.forecast import Forecast, Manipulation
 from dlo_ros.identification.offline import Identification
 from dlo_ros.identification.posterior import Sample
-from dlo_ros.identification.statement import correlations, knowledge, sentences
+from dlo_ros.identification.statement import correlations, knowledge, rounded, sentences
 from dlo_ros.parameters import Settings
 from dlo_ros.report import (
     Estimate as ReportedEstimate,
@@ -156,7 +156,7 @@ def remarks(found: Identification) -> list[str]:
         if r.forecast is not None and r.forecast.resolution_error > 0.0
     ]
     if errors:
-        result.append(f"The simulation's own error is {1e3 * max(errors):.2g} mm at most.")
+        result.append(f"The simulation's own error is {rounded(1e3 * max(errors))} mm at most.")
     return result
 
 

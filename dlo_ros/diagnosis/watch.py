@@ -20,6 +20,7 @@ from dlo_ros.diagnosis.model import names
 from dlo_ros.errors import DloError
 from dlo_ros.identification.forecast import Forecast, Manipulation, motion_of, whitening
 from dlo_ros.identification.pieces import SHORT, Pieces, Worker
+from dlo_ros.identification.statement import rounded
 from dlo_ros.identification.uncertainty import discrepancy
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.simulation import Simulation
@@ -74,9 +75,11 @@ class Suspicion:
     suspects: tuple[tuple[str, float], ...]
 
     def __str__(self) -> str:
+        apart = rounded(1e3 * self.leftover.common)
+        times = self.leftover.common / self.leftover.noise
         seen = (
-            f"the shapes differ from the model by {1e3 * self.leftover.common:.2g} mm that E and "
-            f"mu cannot remove ({self.leftover.common / self.leftover.noise:.1f} times the noise)"
+            f"the shapes differ from the model by {apart} mm that E and mu cannot remove "
+            f"({rounded(times)} times the noise)"
         )
         if not self.suspects:
             return f"{seen}; record them and run `dlo_ros diagnose`"

@@ -6,6 +6,7 @@ import numpy as np
 
 from dlo_ros.identification.design import Outlook, displacement
 from dlo_ros.identification.estimate import IDENTIFIED
+from dlo_ros.identification.statement import rounded
 from dlo_ros.parameters import Settings
 
 
@@ -29,24 +30,18 @@ def reason(found: Outlook, weakest: Outlook, settings: Settings) -> str:
     times = (found.forecast.stamps - found.forecast.stamps[0]) * 1e-9
     at = float(np.argmax(shift.mean(axis=0))) / (shift.shape[1] - 1) * length
     when = float(times[int(np.argmax(shift.mean(axis=1)))])
-    words = [
-        f"1 % more E/mu moves the DLO by {1e3 * 0.01 * found.response * length:.2g} mm on average"
-    ]
+    mean = rounded(1e3 * 0.01 * found.response * length)
+    words = [f"1 % more E/mu moves the DLO by {mean} mm on average"]
     if weakest is not found and weakest.response > 0.0:
         words.append(
-            f"{_rounded(found.response / weakest.response)} times what '{weakest.plan.name}' does"
+            f"{rounded(found.response / weakest.response)} times what '{weakest.plan.name}' does"
         )
     moving = float(shift.mean(axis=1).max()) > 1.5 * float(np.median(shift.mean(axis=1)))
     place = f"most at u = {at:.2f} m" + (f" around {when:.1f} s" if moving else "")
     words.append(place)
     sentence = ", ".join(words)
-    told = f"so it tells E/mu to {100.0 * found.std['specific_modulus']:.2g} %"
+    told = f"so it tells E/mu to {rounded(100.0 * found.std['specific_modulus'])} %"
     density = found.std["density"]
     if found.information[1, 1] > 0.0 and density < IDENTIFIED and settings.damping.air_drag_std:
-        told += f" and, by the known drag, mu to {100.0 * density:.2g} %"
+        told += f" and, by the known drag, mu to {rounded(100.0 * density)} %"
     return f"{sentence}; {told}."
-
-
-def _rounded(number: float) -> str:
-    """Two digits, without an exponent where a person can do without."""
-    return f"{float(f'{number:.2g}'):g}"

@@ -132,7 +132,12 @@ def sentences(estimate: Estimate, information: FloatArray) -> list[str]:
 
 
 def _percent(std: float | None) -> str:
-    return "unknown" if std is None else f"{100.0 * std:.2g} %"
+    return "unknown" if std is None else f"{rounded(100.0 * std)} %"
+
+
+def rounded(number: float) -> str:
+    """Two digits, as people write them: without an exponent."""
+    return str(np.format_float_positional(float(f"{number:.2g}"), trim="-"))
 
 
 def _list(words: list[str]) -> str:

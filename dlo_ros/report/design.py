@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dlo_ros.report.elements import figure, markup, paragraph, table
+from dlo_ros.report.elements import figure, markup, number, paragraph, table
 from dlo_ros.report.page import Section, page, write_page
 from dlo_ros.spline import FloatArray
 
@@ -96,7 +96,7 @@ def design_page(report: DesignReport) -> str:
 
 
 def _percent(std: float | None) -> str:
-    return "not told" if std is None else f"{100.0 * std:.2g} %"
+    return "not told" if std is None else number(100.0 * std, "%", 2)
 
 
 def shapes_picture(panels: Sequence[Panel]) -> str:
