@@ -41,7 +41,7 @@ class Process:
         )
         with self.log.open("wb") as output:
             self.process = subprocess.Popen(
-                [sys.executable, "-m", "dlo_ros.cli.main", *words],
+                [sys.executable, "-m", "dlo_ros", *words],
                 stdin=subprocess.DEVNULL,
                 stdout=output,
                 stderr=subprocess.STDOUT,

@@ -13,6 +13,7 @@ import types
 import pytest
 from conftest import ROOT
 
+from dlo_ros import __main__ as start
 from dlo_ros import __version__
 from dlo_ros.cli import main as cli
 from dlo_ros.errors import RecordingError
@@ -211,7 +212,7 @@ def test_a_defect_shows_its_place_on_request(monkeypatch, capsys):
 def test_a_closed_pipe_is_no_error(words):
     read, write = os.pipe()
     os.close(read)
-    command = [sys.executable, "-m", "dlo_ros.cli.main", *words]
+    command = [sys.executable, "-m", "dlo_ros", *words]
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     done = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, text=True, env=environment)
     os.close(write)
@@ -244,9 +245,7 @@ def test_a_shell_completes(line, wanted, unwanted, tmp_path):
         (tmp_path / name).touch()
     wrapper = tmp_path / "bin" / "dlo_ros"
     wrapper.parent.mkdir()
-    wrapper.write_text(
-        f'#!/bin/sh\nPYTHONPATH={ROOT} exec {sys.executable} -m dlo_ros.cli.main "$@"\n'
-    )
+    wrapper.write_text(f'#!/bin/sh\nPYTHONPATH={ROOT} exec {sys.executable} -m dlo_ros "$@"\n')
     wrapper.chmod(0o755)
     words = line.split(" ")
     script = argcomplete.shellcode(["dlo_ros"], shell="bash") + (
@@ -272,3 +271,22 @@ def test_a_progress_bar_leaves_no_trace_where_there_is_no_terminal(capfd):
             bar.advance(task)
         bar.update(task, description="Done")
     assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(("name", "status"), [("simulator", 0), ("identify", 130), ("play", 130)])
+def test_ctrl_c_while_the_libraries_load(name, status, tmp_path):
+    """On a busy machine that takes seconds, and an interrupt in an import is no ImportError."""
+    (tmp_path / "yaml.py").write_text("import time\nprint('loading', flush=True)\ntime.sleep(60)\n")
+    environment = dict(os.environ, PYTHONPATH=f"{tmp_path}{os.pathsep}{ROOT}")
+    with subprocess.Popen(
+        [sys.executable, "-m", "dlo_ros", name],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment,
+    ) as process:  # fmt: skip
+        assert process.stdout.readline() == "loading\n"
+        process.send_signal(signal.SIGINT)
+        assert process.wait(20) == status
+        assert process.stderr.read() == ""
+
+
+def test_the_nodes_are_those_of_the_table():
+    assert set(start.NODES) == {e.name for e in cli.EXECUTABLES if e.node}

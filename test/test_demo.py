@@ -408,7 +408,7 @@ def demo(tmp_path):
     def start(*words):
         arguments = ["--bag", str(bag), "--output", str(tmp_path / "out"), *words]
         process = subprocess.Popen(
-            [sys.executable, "-m", "dlo_ros.cli.main", "demo", *arguments],
+            [sys.executable, "-m", "dlo_ros", "demo", *arguments],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
@@ -436,8 +436,8 @@ def children_of(pid, count, seconds=30.0):
             with contextlib.suppress(OSError):
                 parent = (folder / "stat").read_text().rpartition(")")[2].split()[1]
                 words = (folder / "cmdline").read_bytes().decode().split("\0")
-                if int(parent) == pid and "dlo_ros.cli.main" in words:
-                    found[words[words.index("dlo_ros.cli.main") + 1]] = int(folder.name)
+                if int(parent) == pid and "dlo_ros" in words:
+                    found[words[words.index("dlo_ros") + 1]] = int(folder.name)
         if len(found) >= count:
             return found
         time.sleep(0.05)
@@ -475,7 +475,7 @@ def test_a_node_that_dies_is_reported_and_the_others_stop(demo):
 def test_the_demo_finds_the_truth(tmp_path):
     """The whole of it, as `make demo` runs it: images, three live nodes, the report."""
     done = subprocess.run(
-        [sys.executable, "-m", "dlo_ros.cli.main", "demo", "--output", str(tmp_path)],
+        [sys.executable, "-m", "dlo_ros", "demo", "--output", str(tmp_path)],
         capture_output=True,
         text=True,
         timeout=120,

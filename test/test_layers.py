@@ -23,6 +23,7 @@ LAYERS = (
     ("nodes",),
     ("demo", "compile"),
     ("cli",),
+    ("__main__",),
 )
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
 MODULES = sorted(PACKAGE.rglob("*.py"))

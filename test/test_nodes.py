@@ -161,7 +161,8 @@ def playing(tmp_path_factory: pytest.TempPathFactory, bag: Path):
         system.ready()
         client = system.client
         for topic in (topics.PREDICTED, topics.ERR, topics.YOUNG_MODULUS, topics.DENSITY):
-            client.hear(topic, LATCHED if topic in topics.LATCHED else 50)
+            # Deep: on a busy machine this process may not be running for a second.
+            client.hear(topic, LATCHED if topic in topics.LATCHED else 1000)
         player = system.start("play", str(bag))
         client.until(lambda: not player.alive, 30.0, "end of playback")
         assert player.wait() == 0, player.said
@@ -236,12 +237,13 @@ def test_a_second_run_of_the_recording_starts_afresh(playing, bag):
     predicted.clear()
     err.clear()
     player = playing.start("play", str(bag), "--rate", "2")
-    client.until(lambda: not player.alive, 30.0, "end of playback")
-    client.spin(0.5)
+    client.until(lambda: not player.alive, 60.0, "end of playback")
+    last = START + (SHAPES - 1) * EVERY
+    client.until(lambda: predicted and stamp_of(predicted[-1]) >= last, 20.0, "the last prediction")
+    client.until(lambda: len(err) > 60, 20.0, "ERR")
     playing.all_alive()
-    stamps = [stamp_of(m) for m in predicted if stamp_of(m) >= START]
-    assert START in stamps and stamps[-1] >= START + (SHAPES - 1) * EVERY
-    assert len(err) > 60
+    stamps = [stamp_of(m) for m in predicted]
+    assert START in stamps, (stamps[:5], playing.nodes["simulator"].said)
     # The simulator kept what was found, so it is right from the start.
     assert np.mean([m.data for m in err[:10]]) < 0.004
 

@@ -154,7 +154,7 @@ def test_rope_out_of_sight_is_said(tmp_path, caplog):
 
 def run_tool(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-m", "dlo_ros.cli.main", "synthesize", *arguments],
+        [sys.executable, "-m", "dlo_ros", "synthesize", *arguments],
         capture_output=True,
         text=True,
         cwd=ROOT,

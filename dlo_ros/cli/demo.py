@@ -79,7 +79,7 @@ def _synthesize(output: Path, console: Console) -> Path:
     """Make the recording of the third experiment."""
     bag = output / EXPERIMENT
     console.print(f"Making the recording of {EXPERIMENT} (simulated rope, rendered images)")
-    command = [sys.executable, "-m", "dlo_ros.cli.main", "synthesize", EXPERIMENT]
+    command = [sys.executable, "-m", "dlo_ros", "synthesize", EXPERIMENT]
     done = subprocess.run([*command, "--output", str(bag), "--force"])
     if done.returncode != 0:
         raise InputError(f"the recording of {EXPERIMENT} could not be made")

@@ -246,11 +246,14 @@ def add_arguments(executable: Executable, parser: argparse.ArgumentParser) -> No
 
 
 def _run_tool(executable: Executable, words: list[str]) -> int:
-    module = importlib.import_module(f"dlo_ros.cli.{executable.name}")
+    loading = signal.signal(signal.SIGINT, _stop)
     try:
+        module = importlib.import_module(f"dlo_ros.cli.{executable.name}")
         parsed = parser_of(executable).parse_args(words)
     except SystemExit as leaving:  # argparse has said why
         return int(leaving.code or 0)
+    finally:
+        signal.signal(signal.SIGINT, loading)
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s: %(message)s")
     brief = Brief()
     for handler in logging.getLogger().handlers:
@@ -327,6 +330,11 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
 def _leave(number: int, frame: FrameType | None) -> None:
     """End at once, as somebody asked for."""
     os._exit(DONE)
+
+
+def _stop(number: int, frame: FrameType | None) -> None:
+    """End at once; raised within an import, an interrupt surfaces as whatever it met there."""
+    os._exit(INTERRUPTED)
 
 
 if __name__ == "__main__":

@@ -70,7 +70,7 @@ class Children:
         log = self._logs / f"{name}.log"
         with log.open("wb") as output:
             process = subprocess.Popen(
-                [sys.executable, "-m", "dlo_ros.cli.main", name, *arguments],
+                [sys.executable, "-m", "dlo_ros", name, *arguments],
                 stdin=subprocess.DEVNULL,
                 stdout=output,
                 stderr=subprocess.STDOUT,

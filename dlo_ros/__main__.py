@@ -1,0 +1,42 @@
+"""`python -m dlo_ros NAME ...`, and the command `dlo_ros`: quiet on Ctrl-C from the first moment.
+
+Loading the libraries takes a second, many on a busy machine, and an interrupt in the midst of it
+would end in a traceback. Only what Python itself does before this line is beyond reach.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections.abc import Sequence
+from types import FrameType
+
+NODES = ("observer", "simulator", "identifier")
+"""Executables that Ctrl-C ends as intended: exit status 0, as `ros2 launch` expects it."""
+
+INTERRUPTED = 130
+
+
+def run(arguments: Sequence[str] | None = None) -> int:
+    """Run one executable.
+
+    Args:
+        arguments: its name and its own arguments; those of the process where None.
+
+    Returns:
+        The exit status, see `dlo_ros.cli.main.main`.
+    """
+    words = list(sys.argv[1:] if arguments is None else arguments)
+
+    def leave(number: int, frame: FrameType | None) -> None:
+        os._exit(0 if words[:1] and words[0] in NODES else INTERRUPTED)
+
+    signal.signal(signal.SIGINT, leave)
+    from dlo_ros.cli.main import main
+
+    return main(words)
+
+
+if __name__ == "__main__":
+    sys.exit(run())
