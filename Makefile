@@ -12,11 +12,11 @@ COMPILED := $(VENV)/.compiled
 
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: setup docs reference audit demo picture examples paper bench challenge fuzz test test-slow test-report lint clean lock help
+.PHONY: setup docs reference audit demo picture examples paper bench challenge fuzz faults test test-slow test-report lint clean lock help
 
 help:
 	@sed -n 's/^# //p' Makefile | head -3
-	@echo "also: setup, docs, reference, examples, paper, bench, challenge, fuzz, test-slow, test-report, lint, picture, lock, clean"
+	@echo "also: setup, docs, reference, examples, paper, bench, challenge, fuzz, faults, test-slow, test-report, lint, picture, lock, clean"
 
 setup: $(COMPILED)
 
@@ -71,6 +71,10 @@ reference: $(INSTALLED)
 fuzz: $(COMPILED)
 	DLO_FUZZ_MESSAGES=$(or $(MESSAGES),100000) DLO_FUZZ_FILES=$(or $(FILES),400) \
 		$(BIN)/python -m pytest -s test/test_fuzz_nodes.py test/test_fuzz_files.py
+
+# Live nodes, with messages lost, late, doubled, nodes killed, clocks that jump.
+faults: $(COMPILED)
+	$(BIN)/python -m pytest -s --durations=0 test/test_faults.py
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .

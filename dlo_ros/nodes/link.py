@@ -9,6 +9,7 @@ from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParametersAtomically
 
 from dlo_ros.nodes.base import DloNode
+from dlo_ros.recordings import topics
 
 TIMEOUT = 2.0
 """Seconds after which a call counts as lost and is repeated."""
@@ -36,6 +37,7 @@ class SimulatorLink:
         self._wanted: tuple[float, float] | None = None
         self._sent: tuple[float, float] | None = None
         self._pending: tuple[float, Any] | None = None
+        self._simulators: set[bytes] = set()
         node.every(POLL, self._poll)
 
     def pass_on(self, young_modulus: float, density: float) -> None:
@@ -50,7 +52,15 @@ class SimulatorLink:
     def _poll(self) -> None:
         if self._pending is not None and time.monotonic() - self._pending[0] > TIMEOUT:
             self._client.remove_pending_request(self._pending[1])
-            self._pending = None
+            self._pending = self._sent = None
+        simulators = {
+            bytes(e.endpoint_gid) for e in self._node.get_publishers_info_by_topic(topics.PREDICTED)
+        }
+        if simulators - self._simulators:
+            # One that was started again; of one that was killed DDS hears nothing for 20 seconds,
+            # so that its service seems to have been there all the time.
+            self._sent = None
+        self._simulators = simulators
         if not self._client.service_is_ready():
             self._sent = None
             if self._wanted is not None:
