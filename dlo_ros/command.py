@@ -19,6 +19,8 @@ START = "start"
 END = "end"
 CONTROL_POINT = "control_point_"
 NANOSECONDS = 1_000_000_000
+CLOSEST = NANOSECONDS // 1000
+"""Commands that lie closer [ns] to the one before the last replace the last."""
 
 
 @dataclass(frozen=True)
@@ -137,15 +139,23 @@ class Motion:
     commands: list[Command] = field(default_factory=list)
 
     def add(self, command: Command) -> None:
-        """Take a command; those that would start at or after it are dropped."""
-        self.commands = [c for c in self.commands if c.stamp < command.stamp] + [command]
+        """Take a command; those that would start at or after it are dropped.
+
+        Of a storm of commands, one in a millisecond is kept: the others held for no time.
+        """
+        kept = self.commands
+        if kept and kept[-1].stamp >= command.stamp:
+            kept = [c for c in kept if c.stamp < command.stamp]
+        if len(kept) > 1 and command.stamp - kept[-2].stamp < CLOSEST:
+            kept = kept[:-1]
+        self.commands = [*kept, command]
 
     def at(self, stamp: int) -> Command | None:
         """The command that holds at a stamp [ns]; before the first, the first."""
         if not self.commands:
             return None
-        valid = [c for c in self.commands if c.stamp <= stamp]
-        return valid[-1] if valid else self.commands[0]
+        # From the end, where the present is: a robot may have sent thousands.
+        return next((c for c in reversed(self.commands) if c.stamp <= stamp), self.commands[0])
 
     def paths(self) -> list[float]:
         """How far imposed points have travelled before each command, and in all [m]."""

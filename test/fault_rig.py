@@ -135,6 +135,7 @@ class Rig:
         self.client = Client(self.domain)
         self.statuses = self.client.hear("/diagnostics", kind="diagnostic_msgs/msg/DiagnosticArray")
         self.predicted = self.client.hear(topics.PREDICTED, 1000)
+        self.ready()
         node = self.client.node
         best_effort = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
         self.clock = node.create_publisher(Clock, "/clock", best_effort)
@@ -142,7 +143,6 @@ class Rig:
         self.splines = self.client.publisher(topics.OBSERVED, 50, matched=2)
         self.client.until(lambda: self.clock.get_subscription_count() >= 2, 60.0, "clock")
         self.tick(self.base)
-        self.ready()
 
     def start(self, name: str) -> None:
         self.nodes[name] = Process(
@@ -240,7 +240,7 @@ class Rig:
             float(values["specific_modulus std [m^2/s^2]"]),
         )
 
-    def recovered(self, seconds: float = 30.0) -> float:
+    def recovered(self, seconds: float = 90.0) -> float:
         """Wait until the estimate is right to within its std; returns by how many it is off."""
         wanted = TRUTH / GUESS.rod.density
 

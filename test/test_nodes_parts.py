@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -187,3 +188,22 @@ def test_warnings_from_below_reach_the_log_of_the_node(monkeypatch, capsys):
     below.warning("afterwards")
     assert len(heard.logged) == 2
     assert "unstable" not in capsys.readouterr().err
+
+
+def test_a_storm_of_commands_is_thinned_out_and_what_held_is_kept():
+    from dlo_ros.command import Motion
+
+    motion, millisecond = Motion(), 1_000_000
+    for k in range(5000):  # ten in a millisecond, then one in ten
+        motion.add(replace(samples.command(), stamp=k * millisecond // 10))
+    assert 500 <= len(motion.commands) <= 1002
+    for k in range(0, 5000, 7):
+        stamp = k * millisecond // 10
+        assert 0 <= stamp - motion.at(stamp).stamp <= millisecond
+    assert motion.at(-1) is motion.commands[0]
+    motion = Motion()
+    for k in range(100):
+        motion.add(replace(samples.command(), stamp=10 * k * millisecond))
+    assert len(motion.commands) == 100
+    motion.add(replace(samples.command(), stamp=55 * millisecond))
+    assert [c.stamp // millisecond for c in motion.commands] == [0, 10, 20, 30, 40, 50, 55]

@@ -6,7 +6,6 @@ same calls fail in the same places, with another number.
 
 from __future__ import annotations
 
-import ast
 import json
 import os
 import resource
@@ -174,44 +173,3 @@ def test_results_kept_for_a_later_run_are_those_that_were_kept(tmp_path: Path) -
             path.write_bytes(data)
             found = _Kept(path, "key").results
             assert found == {} or all(np.array_equal(found[k], kept.results[k]) for k in found)
-
-
-# What runs text as code, starts a shell, or reads what may hold code.
-CALLS = {
-    "eval", "exec", "compile", "__import__", "os.system", "os.popen", "os.spawnl", "os.spawnv",
-    "subprocess.getoutput", "subprocess.getstatusoutput", "yaml.load", "yaml.unsafe_load",
-    "yaml.full_load", "marshal.loads", "marshal.load", "shelve.open", "pandas.read_pickle",
-}  # fmt: skip
-MODULES = {"pickle", "cPickle", "dill", "cloudpickle", "joblib", "shelve", "marshal"}
-
-
-def dotted(node: ast.AST) -> str:
-    """`os.system` of the expression that says so."""
-    if isinstance(node, ast.Name):
-        return node.id
-    if isinstance(node, ast.Attribute):
-        return f"{dotted(node.value)}.{node.attr}"
-    return ""
-
-
-@pytest.mark.parametrize(
-    "path",
-    [
-        *sorted((ROOT / "dlo_ros").rglob("*.py")),
-        *sorted((ROOT / "launch").glob("*.py")),
-        *sorted((ROOT / "scripts").glob("*")),
-    ],
-    ids=lambda p: str(p.relative_to(ROOT)),
-)
-def test_no_eval_no_shell_nothing_unpickled(path: Path) -> None:
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, (ast.Import, ast.ImportFrom)):
-            names = [a.name for a in node.names] + [getattr(node, "module", "") or ""]
-            assert not {n.partition(".")[0] for n in names} & MODULES, f"{path}:{node.lineno}"
-        if isinstance(node, ast.Call):
-            assert dotted(node.func) not in CALLS, f"{path}:{node.lineno}: {dotted(node.func)}"
-            for keyword in node.keywords:
-                if keyword.arg in ("shell", "allow_pickle"):
-                    value = keyword.value
-                    harmless = isinstance(value, ast.Constant) and value.value is False
-                    assert harmless, f"{path}:{node.lineno}: {keyword.arg}"

@@ -53,6 +53,7 @@ PIECE_SHARE = 0.4  # of the budget that a piece of work should take
 FEWEST_AT_ONCE, MOST_AT_ONCE = 2, 20
 AT_ONCE = 6  # likewise, with several sets of parameters
 ITERATIONS = 4  # before the work begins that else would wait
+MOST_COMMANDS = 10_000  # that are remembered; 20 s of poses that are sent one by one at 500 Hz
 WINDOW = 20.0  # [s] of past that is simulated again; older information is kept as a summary
 FEWEST = 3  # observations before anything is concluded
 STUCK = 1.2  # growth of the past after which a relinearisation is tried again that did not help
@@ -131,6 +132,8 @@ class OnlineEstimator:
     def set_command(self, command: Command) -> None:
         """Take an imposed motion; past observations it bears on are judged anew with it."""
         self._motion.add(command)
+        # A robot that sends pose after pose does so for hours.
+        del self._motion.commands[:-MOST_COMMANDS]
         if self._past and command.stamp < self._past[-1].stamp:
             self._stale = True
 
