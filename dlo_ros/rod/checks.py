@@ -17,6 +17,7 @@ from dlo_ros.spline import FloatArray
 JUMP = 0.25  # of L: what may be imposed at once, as by poses that are sent one by one
 TURN = 1.0  # [rad] likewise
 AT_ONCE = 1e-3  # [s]
+MOST_STRAIN = 0.5  # under the own weight: beyond, Hooke's law says nothing of a real material
 
 
 @dataclass(frozen=True)
@@ -111,8 +112,21 @@ def _direction(quaternion: FloatArray) -> FloatArray:
 
 
 def possible(settings: Settings) -> None:
-    """Refuse effects that leave no DLO; a search over parameters tries on, so it is no input."""
+    """Refuse parameters that no DLO has; a search over them tries on, so it is no input.
+
+    Raises:
+        SimulationError: effects leave no DLO, or it would be torn long by its own weight.
+    """
     try:
         settings.check_effects()
     except ParameterError as err:
         raise SimulationError(str(err)) from err
+    rod, gravity = settings.rod, float(np.linalg.norm(settings.gravity))
+    # Of a bar that hangs from one end: mu g L / (2 E).
+    strain = rod.density * gravity * rod.length / (2.0 * rod.young_modulus)
+    if strain > MOST_STRAIN:
+        raise SimulationError(
+            f"a DLO of {rod.length:.3g} m with young_modulus {rod.young_modulus:.3g} Pa and "
+            f"density {rod.density:.3g} kg/m^3 would hang {1.0 + strain:.3g} times as long as it "
+            f"is; the model holds up to {1.0 + MOST_STRAIN:g} times"
+        )
