@@ -133,6 +133,15 @@ class Rig:
         for name in ("simulator", "identifier"):
             self.start(name)
         self.client = Client(self.domain)
+        try:
+            self.connect()
+        except BaseException:
+            for process in self.nodes.values():
+                process.process.kill()
+            raise
+
+    def connect(self) -> None:
+        """Wait for the nodes, and offer what they subscribe to."""
         self.statuses = self.client.hear("/diagnostics", kind="diagnostic_msgs/msg/DiagnosticArray")
         self.predicted = self.client.hear(topics.PREDICTED, 1000)
         self.ready()

@@ -194,49 +194,35 @@ def test_other_processes_take_the_processors(rig, measured):
 
 @pytest.mark.parametrize("name", ["simulator", pytest.param("identifier", marks=pytest.mark.slow)])
 def test_a_node_is_killed_and_started_again(rig, measured, name):
-    """With kill -9 in the midst of the motion; what it needs to go on comes by itself."""
+    """With kill -9 after a motion; what it needs to go on comes by itself."""
+
+    def right() -> bool:
+        found = rig.client.get("/simulator", "rod.young_modulus", "rod.density")
+        return bool(abs(found[0] / found[1] / (fault_rig.TRUTH / GUESS.rod.density) - 1.0) < 0.1)
+
     rig.fresh()
     if name == "simulator":
         rig.drive(SECONDS, measured=measured)
-        rig.recovered()
-        known = rig.client.get("/simulator", "rod.young_modulus", "rod.density")
+        rig.client.until(right, 60.0, "the estimate in the simulator")
     rig.nodes[name].process.kill()
     rig.nodes[name].process.wait()
     rig.start(name)
     rig.ready()
     rig.client.until(
-        lambda: rig.commands.get_subscription_count() >= 2
-        and rig.splines.get_subscription_count() >= 2
-        and rig.clock.get_subscription_count() >= 2,
-        60.0, "the node that was started again",
-    )  # fmt: skip
+        lambda: (
+            rig.commands.get_subscription_count() >= 2
+            and rig.splines.get_subscription_count() >= 2
+            and rig.clock.get_subscription_count() >= 2
+        ),
+        60.0,
+        "the node that was started again",
+    )
+    if name == "simulator":  # the identifier tells it what it knows, without new splines
+        rig.client.until(right, 30.0, "the estimate in the new simulator")
     rig.base += 100 * NANOSECONDS
     rig.predicted.clear()
     rig.drive(SECONDS, measured=measured)
     check(rig)
-    if name == "simulator":  # the identifier has told it what it knows
-
-        def ratio() -> float:
-            found = rig.client.get("/simulator", "rod.young_modulus", "rod.density")
-            return found[0] / found[1]
-
-        wanted = pytest.approx(known[0] / known[1], rel=0.05)
-        print(ratio(), known, rig.values("identifier"), rig.values("simulator"))
-        rig.client.until(lambda: ratio() == wanted, 15.0, "the estimate in the simulator")
-
-
-@pytest.mark.slow
-def test_a_camera_that_is_silent_for_ten_seconds(rig):
-    rig.fresh()
-    seen = []
-
-    def watch(now: float) -> None:
-        if 10.0 < now < 11.0 and not seen:
-            seen.append(rig.values("identifier"))
-
-    rig.drive(15.0, fault_rig.silent, during=watch)
-    assert "no observed splines for" in seen[0]["message"] and seen[0]["level"] == "3"
-    check(rig, 15.0)
 
 
 @pytest.mark.slow
