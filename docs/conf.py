@@ -29,6 +29,7 @@ html_title = f"dlo_ros {version}"
 html_static_path = ["_static"]
 html_css_files = ["wide_tables.css"]
 html_show_sourcelink = False
+suppress_warnings = ["toc.empty_glob"]  # a page that is there once it has been measured
 html_math_renderer = "mathml"
 
 
@@ -80,7 +81,8 @@ def renewed_tables(app):
 def setup(app):
     """Register what stands above."""
     app.add_directive("tool-help", ToolHelp)
-    app.add_html_math_renderer(
+    app.add_suppress_warnings = ["toc.empty_glob"]  # a page that is there once it has been measured
+html_math_renderer(
         "mathml",
         (lambda self, node: mathml(self, node, False), None),
         (lambda self, node: mathml(self, node, True), None),
