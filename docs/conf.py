@@ -81,8 +81,7 @@ def renewed_tables(app):
 def setup(app):
     """Register what stands above."""
     app.add_directive("tool-help", ToolHelp)
-    app.add_suppress_warnings = ["toc.empty_glob"]  # a page that is there once it has been measured
-html_math_renderer(
+    app.add_html_math_renderer(
         "mathml",
         (lambda self, node: mathml(self, node, False), None),
         (lambda self, node: mathml(self, node, True), None),
