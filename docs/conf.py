@@ -29,7 +29,6 @@ html_title = f"dlo_ros {version}"
 html_static_path = ["_static"]
 html_css_files = ["wide_tables.css"]
 html_show_sourcelink = False
-suppress_warnings = ["toc.empty_glob"]  # a page that is there once it has been measured
 html_math_renderer = "mathml"
 
 
