@@ -20,6 +20,7 @@ from dlo_ros.report import (
     RecordingResult,
     ShapeFrame,
 )
+from dlo_ros.report.elements import measured, number
 from dlo_ros.report.uncertainty import Ellipse, ResidualMap
 from dlo_ros.rod.tangents import MATERIAL
 from dlo_ros.spline import FloatArray, SplineBasis
@@ -111,12 +112,12 @@ def summary(found: Identification) -> list[str]:
     lines = []
     for name, words, unit in QUANTITIES:
         value, std = getattr(found.estimate, name), getattr(found.estimate, f"{name}_std")
-        spread = "+- unknown" if std is None else f"+- {std:.2g}"
+        shown = f"{number(value)} +- unknown {unit}" if std is None else measured(value, std, unit)
         known = ""
         if not found.estimate.identifiable[name]:
             prior = found.estimate.settings.rod.density_std > 0.0
             known = " (with density_std)" if prior else " (not determined by the recordings)"
-        lines.append(f"{words}: {value:.4g} {spread} {unit}{known}")
+        lines.append(f"{words}: {shown}{known}")
     for r in found.recordings:
         before = "unknown" if r.err_initial is None else f"{1e3 * r.err_initial:.2f} mm"
         after = "unknown" if r.err is None else f"{1e3 * r.err:.2f} mm"
@@ -129,9 +130,7 @@ def remarks(found: Identification) -> list[str]:
     estimate = found.estimate
     result = sentences(estimate, information(found))
     if found.loose:
-        words = ", ".join(
-            f"{LOOSE[k]} {v:+.3f} +- {std:.3f}" for k, (v, std) in found.loose.items()
-        )
+        words = ", ".join(f"{LOOSE[k]} {measured(v, std)}" for k, (v, std) in found.loose.items())
         result.append(f"Fitted along, as far as they were said to be loose: {words}.")
     if not found.converged:
         result.append("The fit has not converged; the numbers are where it stopped.")
