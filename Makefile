@@ -12,11 +12,11 @@ COMPILED := $(VENV)/.compiled
 
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: setup docs reference audit demo picture examples paper bench challenge fuzz faults test test-slow test-report lint clean lock help
+.PHONY: setup docs reference audit demo picture examples paper bench challenge fuzz faults soak coverage test test-slow test-report lint clean lock help
 
 help:
 	@sed -n 's/^# //p' Makefile | head -3
-	@echo "also: setup, docs, reference, examples, paper, bench, challenge, fuzz, faults, test-slow, test-report, lint, picture, lock, clean"
+	@echo "also: setup, docs, reference, examples, paper, bench, challenge, fuzz, faults, soak, coverage, test-slow, test-report, lint, picture, lock, clean"
 
 setup: $(COMPILED)
 
@@ -75,6 +75,16 @@ fuzz: $(COMPILED)
 # Live nodes, with messages lost, late, doubled, nodes killed, clocks that jump.
 faults: $(COMPILED)
 	$(BIN)/python -m pytest -s --durations=0 test/test_faults.py
+
+# HOURS of simulated time, at most MINUTES of wall time: memory, lag and queues must not grow.
+soak: $(COMPILED)
+	$(BIN)/python test/soak.py --hours $(or $(HOURS),2) --minutes $(or $(MINUTES),120) \
+		--output build/soak.csv
+
+# Lines and branches of the package that the ordinary tests run; build/coverage/index.html.
+coverage: $(COMPILED)
+	$(BIN)/python -m pytest -m "not slow" --cov --cov-branch --cov-report=term \
+		--cov-report=html:build/coverage/html --cov-fail-under=90
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .

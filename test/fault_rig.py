@@ -10,7 +10,7 @@ import math
 import random
 import time
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -60,10 +60,10 @@ def swing(stamp: int, seconds: float) -> Command:
     )  # fmt: skip
 
 
-def shapes(seconds: float) -> list[tuple[float, np.ndarray]]:
+def shapes(seconds: float, imposed: Command | None = None) -> list[tuple[float, np.ndarray]]:
     """What a camera sees of the true motion: seconds from its start, control points with noise."""
     truth = GUESS.with_material(TRUTH, GUESS.rod.density)
-    simulation = Simulation(truth, Motion([swing(0, seconds)]))
+    simulation = Simulation(truth, Motion([imposed or swing(0, seconds)]))
     straight = np.column_stack([SplineBasis(N, 0.4).greville, np.zeros((N, 3))])
     simulation.start([Observation(0, straight)])
     rng, result = np.random.default_rng(5), []
@@ -208,6 +208,7 @@ class Rig:
         fault: Fault = untouched,
         during: Callable[[float], float | None] = lambda now: None,
         measured: list[tuple[float, np.ndarray]] | None = None,
+        imposed: Command | None = None,
     ) -> None:
         """Play the motion from its start.
 
@@ -217,12 +218,14 @@ class Rig:
             during: is called with the present time of the motion [s]; what it returns is what the
                 clock is off by [s].
             measured: the true shapes; default those of `shapes`.
+            imposed: the motion, its start at 0; default `swing`.
         """
         truth = shapes(seconds) if measured is None else measured
         waiting = sorted(
             fault([Sent(t, t, shape) for t, shape in truth if t < seconds]), key=lambda m: m.due
         )
-        message = command_message(BAG_MESSAGES, swing(self.base, seconds))
+        motion = imposed or swing(0, seconds)
+        message = command_message(BAG_MESSAGES, replace(motion, stamp=self.base))
         self.tick(self.base)
         self.commands.publish(to_ros(message))
         began, ticked = time.monotonic(), -1.0
