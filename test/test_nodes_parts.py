@@ -207,3 +207,23 @@ def test_a_storm_of_commands_is_thinned_out_and_what_held_is_kept():
     assert len(motion.commands) == 100
     motion.add(replace(samples.command(), stamp=55 * millisecond))
     assert [c.stamp // millisecond for c in motion.commands] == [0, 10, 20, 30, 40, 50, 55]
+
+
+def test_an_estimator_that_is_too_slow_keeps_a_sample_of_all_that_was_seen(monkeypatch):
+    from dlo_ros.nodes import worker
+    from dlo_ros.observation import Observation
+
+    monkeypatch.setattr(worker.EstimatorThread, "_run", lambda self: None)  # infinitely slow
+    thread = worker.EstimatorThread(samples.SETTINGS, lambda: None)
+    thread.command(samples.command())
+    count = 3 * worker.WAITING
+    for k in range(count):
+        thread.observe(Observation(k, samples.control_points()))
+    kept = [t.stamp for t in thread._tasks if isinstance(t, Observation)]
+    assert len(kept) <= worker.WAITING and thread.dropped == count - len(kept)
+    assert kept[0] == 0 and kept[-1] == count - 1 and kept == sorted(kept)
+    assert max(np.diff(kept)) <= 16
+    for k in range(worker.COMMANDS + 5):
+        thread.command(replace(samples.command(), stamp=k))
+    commands = [t for t in thread._tasks if not isinstance(t, Observation)][1:]
+    assert len(commands) == worker.COMMANDS and commands[-1].stamp == worker.COMMANDS + 4

@@ -25,8 +25,11 @@ SWITCH = 2e-4
 
 NICENESS = 10
 
-WAITING = 600
-"""Observed splines that may wait for the estimator; twenty seconds of a camera at 30 Hz."""
+WAITING = 200
+"""Observed splines that may wait for the estimator; seven seconds of a camera at 30 Hz."""
+
+COMMANDS = 2000
+"""Commands that may wait; poses that are sent one by one may be a thousand a second."""
 
 
 class Outcome(NamedTuple):
@@ -69,16 +72,24 @@ class EstimatorThread:
         return len(self._tasks)
 
     def command(self, command: Command) -> None:
-        """Take an imposed motion."""
+        """Take an imposed motion; where too many wait the oldest is dropped."""
+        with self._changed:
+            commands = [task for task in self._tasks if isinstance(task, Command)]
+            if len(commands) >= COMMANDS:
+                self._tasks.remove(commands[0])
         self._put(command)
 
     def observe(self, observation: Observation) -> None:
-        """Take an observed spline; where too many wait the oldest is dropped."""
+        """Take an observed spline; where too many wait every second one is dropped.
+
+        What is left still tells of the whole time, and the estimate falls no further behind.
+        """
         with self._changed:
             splines = [task for task in self._tasks if isinstance(task, Observation)]
             if len(splines) >= WAITING:
-                self._tasks.remove(splines[0])
-                self.dropped += 1
+                left_out = {id(spline) for spline in splines[1::2]}
+                self._tasks = deque(task for task in self._tasks if id(task) not in left_out)
+                self.dropped += len(left_out)
         self._put(observation)
 
     def restart(self, settings: Settings) -> None:
