@@ -263,12 +263,17 @@ def test_a_recording_plays_into_a_namespace_and_beside_what_is_made_anew(tmp_pat
     domain = free_domain()
     client = Client(domain)
     commands = client.hear(f"/third/{topics.COMMAND}", 10, topics.TYPES[topics.COMMAND])
-    process = Process(tmp_path, "play", *player.words, domain=domain)
+    process = Process(tmp_path, "play", "--loop", *player.words, domain=domain)
     try:
-        client.until(lambda: commands, 30.0, "a command in the namespace")
-        names = {n for n, _ in client.node.get_topic_names_and_types() if "dlo/" in n}
         aside = {f"/third/recorded/{t}" for t in (topics.OBSERVED, topics.PREDICTED)}
-        assert names == {f"/third/{topics.COMMAND}", *aside}
+        expected = {f"/third/{topics.COMMAND}", *aside}
+
+        def there() -> set[str]:
+            return {n for n, _ in client.node.get_topic_names_and_types() if "dlo/" in n}
+
+        client.until(lambda: there() == expected or not process.alive, 90.0, "the topics")
+        assert there() == expected, (there(), process.said)
+        client.until(lambda: commands, 60.0, "a command in the namespace")
     finally:
         client.close()
         process.interrupt()
