@@ -7,15 +7,17 @@ import pytest
 from measured import swing
 from rods import PAPER
 
-from dlo_ros.diagnosis import decide, diagnose, judging
+from dlo_ros.diagnosis import aside, decide, diagnose, judging
 from dlo_ros.diagnosis.candidates import Scene, scene, starts
-from dlo_ros.diagnosis.fitting import Evaluation, Normal, fit, known, normal, total
+from dlo_ros.diagnosis.fitting import Evaluation, Normal, evaluate, fit, known, normal, total
 from dlo_ros.diagnosis.forces import missing_force
 from dlo_ros.diagnosis.manipulations import simulated, standard
 from dlo_ros.diagnosis.measured import measured
 from dlo_ros.diagnosis.model import baseline, prior
+from dlo_ros.diagnosis.screening import alarm, screen
 from dlo_ros.diagnosis.search import Candidate
 from dlo_ros.diagnosis.start import begin
+from dlo_ros.diagnosis.workers import Problem, workers
 from dlo_ros.effects import effects
 from dlo_ros.errors import InputError
 from dlo_ros.identification import Manipulation, forecast
@@ -43,7 +45,7 @@ def candidate(names, structure, score, residuals):
     at = evaluation(residuals)
     settings = KNOWN.with_effects({n: {} for n in names})
     at = replace(at, model=replace(at.model, settings=settings))
-    return Candidate(names[-1], "", at, score, structure)
+    return Candidate("+".join(names), "", at, score, structure)
 
 
 def test_structure_is_what_repeats_and_not_the_noise():
@@ -241,3 +243,135 @@ def test_what_cannot_be_diagnosed_is_refused():
     other = replace(KNOWN, rod=replace(KNOWN.rod, control_points=12))
     with pytest.raises(InputError, match="control_points"):
         diagnose([one], other)
+
+
+def test_differences_of_sets_are_the_derivatives():
+    """In the plane derivatives come from sets simulated at once; held against the exact ones."""
+    settings = KNOWN
+    recording = replace(measured(swing(settings, seconds=0.6), settings), spans=14)
+    model = baseline(settings).extended("gravity_tilt", {"angle": 0.02}, ("angle",))
+    model = model.extended("intrinsic_curvature", {"curvature": 0.1}, ("curvature",))
+    cheap = evaluate(model, [recording], settings).jacobians
+    slipping = model.extended("camera_rotation", {"angle": 0.0}, ("angle",))  # not among the sets
+    exact = evaluate(slipping, [recording], settings).jacobians
+    assert cheap is not None and exact is not None
+    for k, name in enumerate(model.free):
+        apart = np.linalg.norm(cheap[0][:, k] - exact[0][:, k])
+        assert apart < 0.02 * np.linalg.norm(exact[0][:, k]), name
+
+
+def test_a_peg_that_is_hit_has_derivatives_of_a_sensible_size():
+    """Exact sensitivities through impacts grow beyond all bounds; differences answer to steps."""
+    one = swing(KNOWN, seconds=0.8)
+    recording = replace(measured(one, KNOWN), spans=14)
+    length = KNOWN.rod.length
+    peg = {"x": 0.45 * length, "z": -0.45 * length, "radius": 0.01}
+    model = baseline(KNOWN).extended("obstacle", peg, ("x", "z", "radius"))
+    at = evaluate(model, [recording], KNOWN)
+    assert at.jacobians is not None and np.isfinite(at.jacobians[0]).all()
+    moves = np.abs(at.jacobians[0]).max(axis=(0, 2)) * recording.noise.max()
+    assert (moves[4:6] < 3.0).all()  # metres per metre
+
+
+def test_a_step_stops_at_what_was_measured_and_the_rest_goes_on():
+    """With one unknown at its border the others take the least squares answer without it."""
+    hidden = replace(KNOWN, damping=replace(KNOWN.damping, air_drag=5.0 * KNOWN.damping.air_drag))
+    one = swing(hidden, seconds=1.0)
+    at = begin([one], KNOWN).at
+    found = at.model.settings
+    factor = np.exp(4.0 * KNOWN.damping.air_drag_std / KNOWN.damping.air_drag)
+    assert found.damping.air_drag < 1.0001 * factor * KNOWN.damping.air_drag
+    assert judging.structure(at.residuals) > 2.0  # it is not explained away
+    # The rest is at its least squares answer with what has met its border left there.
+    equations = total(at, KNOWN)
+    inside = [
+        k for k, name in enumerate(at.model.free)
+        if name not in at.model.bounds or abs(equations.gradient[k]) < 1.0
+    ]  # fmt: skip
+    assert 0 in inside
+    rest = Normal(
+        equations.hessian[np.ix_(inside, inside)], equations.gradient[inside], equations.power
+    )
+    assert np.abs(rest.minimum()[0][0]) < 0.02
+
+
+def test_alarm_is_what_chance_promises():
+    recordings = [swing(KNOWN, seconds=1.2, seed=3)]
+    beginning = begin(recordings, KNOWN)
+    at = beginning.at
+    problem = Problem(beginning.recordings, KNOWN, beginning.recordings)
+    here = scene(at.model.settings, ["start"], [r.observed for r in problem.recordings],
+                 at.predicted)  # fmt: skip
+    some = [s for s in starts(here) if s.neutral]
+    with workers(problem, 1) as team:
+        promise, chance = alarm(screen(team, at, some, lambda text, share: None))
+        shifted = replace(at, residuals=tuple(r + 1.5 for r in at.residuals))
+        more, _ = alarm(screen(team, shifted, some, lambda text, share: None))
+    assert 3.0 < chance < 200.0
+    assert promise < 2.0 * chance < more
+
+
+def test_sure_is_what_nothing_can_do_without():
+    noise = [np.random.default_rng(7).normal(size=(60, 10))]
+    plain = candidate([], 20.0, 2e5, noise)
+    best = candidate(["point_mass", "air_drag"], 2.0, 1e3, noise)
+    alone = candidate(["point_mass"], 3.0, 3e3, noise)
+    other = candidate(["air_drag"], 15.0, 1e5, noise)
+    errors = {20.0: 9e-3, 2.0: 1e-3, 3.0: 1.5e-3, 15.0: 8e-3}
+
+    def kept_aside(c):
+        return errors[c.structure]
+
+    found = decide.sure(plain, [best, alone, other], kept_aside)
+    assert found is not None and found.effects == ("point_mass",) and found.candidate is alone
+    near = candidate(["obstacle"], 4.0, 5e3, noise)
+    errors[4.0] = 2e-3
+    assert decide.sure(plain, [best, alone, other, near], kept_aside) is None
+    far = candidate(["point_mass"], 15.0, 3e3, noise)
+    assert decide.sure(plain, [far], kept_aside) is None
+
+
+def test_few_pictures_exclude_no_explanation_that_foretells_as_well():
+    rng = np.random.default_rng(8)
+    few, many = [rng.normal(size=(2, 20))], [rng.normal(size=(200, 20))]
+    errors = {0.6: 4e-3, 1.2: 4.2e-3, 1.6: 9e-3}
+
+    def kept_aside(c):
+        return errors[c.structure]
+
+    for pictures, expected in ((few, [("gravity_tilt",)]), (many, [])):
+        best = candidate(["intrinsic_curvature"], 0.6, 100.0, pictures)
+        alike = candidate(["gravity_tilt"], 1.2, 150.0, pictures)
+        worse = candidate(["stiff_segment"], 1.6, 120.0, pictures)
+        found = decide.foretold(best, [best, alike, worse], kept_aside)
+        rivals = [e.effects for e in found if e.candidate is not best]
+        assert rivals == expected
+    one = decide.Explanation(("intrinsic_curvature",), best)
+    two = decide.Explanation(("gravity_tilt",), alike)
+    assert decide.choose([one], [two]).rivals == (("gravity_tilt",),)
+
+
+def test_what_is_kept_aside_is_foreseen_by_the_rest():
+    """The recording that alone tells of a parameter cannot be kept aside; then the ends are."""
+    rng = np.random.default_rng(9)
+    recordings = [
+        replace(measured(swing(KNOWN, seconds=0.4, seed=k), KNOWN), spans=14) for k in range(2)
+    ]
+    frames, count = len(recordings[0].times), len(recordings[0].noise)
+    quiet, loud = (s * rng.normal(size=(frames, count)) for s in (1.0, 2.0))
+    parameters = len(baseline(KNOWN).free)
+    known_by_both = [rng.normal(size=(frames, parameters, count)) * 30.0 for _ in range(2)]
+    at = evaluation([quiet, loud], known_by_both)
+    found = aside.split(recordings, 0, at, at, KNOWN)
+    assert not found.train[1].any() and found.holdout[1].all() and found.train[0].all()
+    by_one = [known_by_both[0].copy(), known_by_both[1]]
+    by_one[0][:, 0] = 0.0
+    only = aside.split(recordings, 0, at, evaluation([quiet, loud], by_one), KNOWN)
+    assert only.holdout[0].all() and not only.train[0].any()
+    by_one[0] = 30.0 * rng.normal(size=by_one[0].shape)
+    by_one[0][:, 0] = by_one[1][:, 1] = 0.0  # now each alone tells of something
+    ends = aside.split(recordings, 0, at, evaluation([quiet, loud], by_one), KNOWN)
+    assert all(t.any() and h.any() for t, h in zip(ends.train, ends.holdout, strict=True))
+    assert not any((t & h).any() for t, h in zip(ends.train, ends.holdout, strict=True))
+    given = aside.split(recordings, 1, at, at, KNOWN)
+    assert given.holdout[1].all() and given.train[0].all() and not given.holdout[0].any()

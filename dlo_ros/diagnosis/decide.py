@@ -31,6 +31,8 @@ SURE_LEFT = 0.35
 """Of the structure before, that a model may leave of which parts are certain."""
 SURE_SHARE = 0.4
 """Structure, and ERR on what is kept aside, over those of everything that lacks an effect."""
+FORETOLD = 1.25
+"""ERR on what is kept aside, over the best one's, with which few pictures exclude nothing."""
 ALIKE = 2.0
 """Ratio of leftover structure up to which explanations rank as alike."""
 
@@ -166,22 +168,48 @@ def as_good(best: Candidate, other: Candidate) -> bool:
     return other.structure**2 < max(best.structure, 0.0) ** 2 + AS_GOOD**2
 
 
-def choose(found: Sequence[Explanation]) -> Decision:
+def foretold(
+    best: Candidate,
+    candidates: Sequence[Candidate],
+    kept_aside: Callable[[Candidate], float | None],
+) -> list[Explanation]:
+    """What predicts as well as the best although it leaves more over, where pictures are few.
+
+    A few pictures tell little of what is noise and what is not; what was kept aside tells more.
+    """
+    pictures = sum(len(r) for r in best.at.residuals)
+    err = kept_aside(best)
+    if pictures >= FEW or err is None:
+        return []
+    found: dict[tuple[str, ...], Explanation] = {}
+    for c in sorted(candidates, key=lambda c: c.score):
+        key = tuple(sorted(c.at.model.effects))
+        if key in found or len(key) != len(best.at.model.effects):
+            continue
+        other = kept_aside(c) if c.structure < MOST_LEFT else None
+        if other is not None and other < FORETOLD * err:
+            found[key] = Explanation(c.at.model.effects, c)
+    return list(found.values())
+
+
+def choose(found: Sequence[Explanation], others: Sequence[Explanation] = ()) -> Decision:
     """The best explanation and its rivals.
 
     Args:
         found: explanations with equally many effects, best first.
+        others: further rivals, see `foretold`.
     """
     best = found[0]
     alike = [e for e in found[1:] if as_good(best.candidate, e.candidate)]
+    alike += [e for e in others if e.candidate is not best.candidate]
     rivals = []
     for effect in best.effects:
-        others = set(best.effects) - {effect}
+        rest = set(best.effects) - {effect}
         # Whoever takes its place beside the others, or makes them unnecessary.
         names = [n for e in alike for n in e.effects if n not in best.effects]
         fitting = [
             n for e in alike for n in e.effects
-            if n not in best.effects and others <= set(e.effects)
+            if n not in best.effects and rest <= set(e.effects)
         ]  # fmt: skip
         rivals.append(tuple(dict.fromkeys(fitting if len(best.effects) > 1 else names)))
     return Decision("explained", best, tuple(rivals))

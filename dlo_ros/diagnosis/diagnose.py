@@ -151,7 +151,8 @@ def _explain(
         judge = kept_aside(enough[0].candidate)
         enough = decide.confirmed(enough, judge(plain), judge)
         if enough:
-            return _Findings(decide.choose(enough), judge, tuple(singles))
+            others = decide.foretold(enough[0].candidate, singles, judge)
+            return _Findings(decide.choose(enough, others), judge, tuple(singles))
     pairs: list[Candidate] = []
     for first in _bases(singles, plain.structure):
         prospects = screened(first.at, [*known, first.effect])
@@ -162,7 +163,8 @@ def _explain(
             enough = decide.confirmed(enough, judge(plain), judge)
         if enough:
             pairs.sort(key=lambda c: c.score)
-            return _Findings(decide.choose(enough), judge, tuple(singles), tuple(pairs))
+            others = decide.foretold(enough[0].candidate, pairs, judge)
+            return _Findings(decide.choose(enough, others), judge, tuple(singles), tuple(pairs))
     everything = sorted([*singles, *pairs], key=lambda c: c.score)
     judge = kept_aside(everything[0] if everything else plain)
     certain = decide.sure(plain, everything, judge)

@@ -39,15 +39,13 @@ def fitted(
     free = at.model.free
     modulus = np.array([name == "young_modulus" for name in free], dtype=np.float64)
     density = np.array([name == "density" for name in free], dtype=np.float64)
-    # Whoever takes the weighed density for good does not know it better than it was weighed.
-    weighed = 0.0 if density.any() else given.rod.density_std / given.rod.density
     result: list[tuple[float, float | None]] = []
-    for value, c, known_only in (
-        (rod.young_modulus, modulus, weighed),
-        (rod.density, density, weighed),
-        (rod.specific_modulus, modulus - density, 0.0),
+    for value, c in (
+        (rod.young_modulus, modulus),
+        (rod.density, density),
+        (rod.specific_modulus, modulus - density),
     ):
-        std = float(np.hypot(np.sqrt(max(float(c @ spread @ c), 0.0)), known_only))
+        std = float(np.sqrt(max(float(c @ spread @ c), 0.0)))
         result.append((value, value * std if std < UNBOUNDED else None))
     settings = at.model.settings
     return Fitted(settings, result[0], result[1], result[2], err_train, err_holdout)
@@ -77,18 +75,9 @@ def numbers(
         ):  # fmt: skip
             if name in at.model.free:
                 std = float(spread[at.model.free.index(name)])
-                std = std * abs(v) if logarithmic(name) else std
-                found.append(float(np.hypot(std, _taken(at, effect, given))))
+                found.append(std * abs(v) if logarithmic(name) else std)
         spreads: float | tuple[float, ...] | None = None
         if found:
             spreads = tuple(found) if isinstance(value, tuple) else found[0]
         result[key] = Number(value, spreads, described[key].unit)
     return result
-
-
-def _taken(at: Evaluation, effect: str, given: Settings) -> float:
-    """Standard deviation of what an effect adds to and the fit took for good."""
-    name = {"air_drag": "air_drag", "internal_damping": "relaxation_time"}.get(effect)
-    if name is None or name in at.model.free:
-        return 0.0
-    return float(getattr(given.damping, f"{name}_std"))

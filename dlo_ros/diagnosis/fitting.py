@@ -223,6 +223,25 @@ def total(at: Evaluation, given: Settings) -> Normal:
     return result
 
 
+def _bounded(model: Model, hessian: FloatArray, gradient: FloatArray) -> FloatArray:
+    """A step that stays within the ranges; what meets its border no longer moves the others."""
+    theta = model.theta()
+    step = np.zeros(len(theta))
+    held = np.zeros(len(theta), dtype=np.bool_)
+    for _ in range(len(theta)):
+        free = ~held
+        right = gradient[free] - hessian[np.ix_(free, held)] @ step[held]
+        step[free] = solve(hessian[np.ix_(free, free)], right)
+        step *= min(1.0, LARGEST_STEP / float(np.abs(step / model.natural()).max() or 1.0))
+        within = model.at(theta + step).theta() - theta
+        met = free & (np.abs(within - step) > 1e-9 * (1.0 + np.abs(step)))
+        if not met.any():
+            break
+        step[met] = within[met]
+        held |= met
+    return step
+
+
 def fit(
     start: Evaluation, recordings: Sequence[Recording], given: Settings, iterations: int
 ) -> Evaluation:
@@ -241,8 +260,7 @@ def fit(
         gain = 0.0
         for _ in range(5):
             lhs = equations.hessian + damping * np.diag(np.diag(equations.hessian))
-            step = solve(lhs, equations.gradient)
-            step *= min(1.0, LARGEST_STEP / float(np.abs(step / best.model.natural()).max()))
+            step = _bounded(best.model, lhs, equations.gradient)
             trial = best.model.at(best.model.theta() + step)
             try:
                 after = evaluate(trial, recordings, given)

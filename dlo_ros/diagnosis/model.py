@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -19,16 +19,25 @@ Value = float | tuple[float, ...]
 Block = Mapping[str, Value]
 
 LARGEST_LOG_STEP = 1.5
+BELIEVED = 4.0
+"""Standard deviations of a measured value, up to which it may be wrong."""
 LOOSE = 3.0
 """Standard deviations of what is not known, in natural units of a parameter."""
 
 
 @dataclass(frozen=True)
 class Model:
-    """Settings, and the names of those parameters that are fitted, as in `dlo_ros.rod.tangents`."""
+    """Settings, and which of their numbers are fitted.
+
+    Args:
+        settings: with the values.
+        free: names as in `dlo_ros.rod.tangents`.
+        bounds: of what was measured beforehand: lowest and highest value, each in its own unit.
+    """
 
     settings: Settings
     free: tuple[str, ...]
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     @property
     def effects(self) -> tuple[str, ...]:
@@ -43,7 +52,8 @@ class Model:
         """The model with other values; what leaves its range stays at the border."""
         settings = self.settings
         for name, value in zip(self.free, theta, strict=True):
-            settings = _put(settings, name, _outer(name, float(value), settings))
+            low, high = self.bounds.get(name) or _range(name, settings)
+            settings = _put(settings, name, _outer(name, float(value), low, high))
         return replace(self, settings=settings)
 
     def chain(self) -> FloatArray:
@@ -74,22 +84,34 @@ class Model:
     def extended(self, effect: str, block: Block, keys: tuple[str, ...]) -> Model:
         """The model with one more effect, of which some keys are fitted."""
         effects = {**self.settings.effects, effect: dict(block)}
-        return Model(self.settings.with_effects(effects), (*self.free, *names(effect, block, keys)))
+        free = (*self.free, *names(effect, block, keys))
+        return replace(self, settings=self.settings.with_effects(effects), free=free)
 
     def without(self, effect: str) -> Model:
         """The model without one of its effects."""
         effects = {k: v for k, v in self.settings.effects.items() if k != effect}
         prefix = f"{EFFECTS_PREFIX}{effect}."
         free = tuple(n for n in self.free if not n.startswith(prefix))
-        return Model(self.settings.with_effects(effects), free)
+        return replace(self, settings=self.settings.with_effects(effects), free=free)
 
 
 def baseline(settings: Settings) -> Model:
-    """The plain model: E, and mu and damping as far as they are known; given effects stay."""
+    """The plain model: E, mu and damping; given effects stay.
+
+    What was measured beforehand stays near its value: a fit that pushes it further does the work of
+    a cause that nobody names.
+    """
     damping = settings.damping
     free = ["young_modulus", "density"]
     free += [n for n in ("air_drag", "relaxation_time") if getattr(damping, n) > 0.0]
-    return Model(settings, tuple(free))
+    bounds = {}
+    for name in free[1:]:
+        block: Any = settings.rod if name == "density" else damping
+        value, std = getattr(block, name), getattr(block, f"{name}_std")
+        if std > 0.0:
+            factor = math.exp(BELIEVED * std / value)
+            bounds[name] = value / factor, value * factor
+    return Model(settings, tuple(free), bounds)
 
 
 def names(effect: str, block: Block, keys: tuple[str, ...]) -> tuple[str, ...]:
@@ -171,8 +193,7 @@ def _inner(name: str, value: float) -> float:
     return math.log(value) if logarithmic(name) else value
 
 
-def _outer(name: str, value: float, settings: Settings) -> float:
-    low, high = _range(name, settings)
+def _outer(name: str, value: float, low: float, high: float) -> float:
     if logarithmic(name):
         value = math.exp(min(max(value, -100.0), 100.0))
     return min(max(value, low), high)

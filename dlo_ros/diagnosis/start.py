@@ -10,7 +10,7 @@ import numpy as np
 
 from dlo_ros.diagnosis.fitting import Evaluation, evaluate, fit
 from dlo_ros.diagnosis.measured import Recording, measured
-from dlo_ros.diagnosis.model import Model, baseline, prior
+from dlo_ros.diagnosis.model import Model, baseline
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.estimate import FINEST
 from dlo_ros.identification.forecast import Manipulation, forecast
@@ -23,8 +23,6 @@ FACTORS = (1.0, 0.3, 3.0, 0.1, 10.0, 0.03, 30.0)
 """Of E, from which the fit may start: far away a shape may lie on another branch."""
 FINENESS = 0.1
 """Of the noise of one frame, that the simulation's own error may be."""
-CONTRADICTION = 5.0
-"""Standard deviations of what is known beforehand, beyond which a fit contradicts it."""
 ROUNDS = 2
 TIME_ROUNDS = 3
 TIME_GAIN = 9.0
@@ -70,33 +68,7 @@ def begin(manipulations: Sequence[Manipulation], settings: Settings) -> Beginnin
         )
         recordings, error = _finer(recordings, at.model)
         at = fit(evaluate(at.model, recordings, settings), recordings, settings, 6)
-    believed = _believed(at.model, settings)
-    if believed.free != at.model.free:
-        at = fit(evaluate(believed, recordings, settings), recordings, settings, 6)
     return Beginning(recordings, at, error)
-
-
-def _believed(model: Model, given: Settings) -> Model:
-    """The model in which nothing contradicts what is known of it beforehand.
-
-    What a fit pushes further from a measured value than that allows takes the measured value, for
-    good: otherwise it would do the work of a cause that nobody names.
-    """
-    centre, information = prior(model, given)
-    theta = model.theta()
-    away = np.abs(theta - centre) * np.sqrt(information)
-    wrong = [
-        k for k, name in enumerate(model.free)
-        if _is_known(name, given) and away[k] > CONTRADICTION
-    ]  # fmt: skip
-    theta[wrong] = centre[wrong]
-    free = tuple(name for k, name in enumerate(model.free) if k not in wrong)
-    return replace(model.at(theta), free=free)
-
-
-def _is_known(name: str, given: Settings) -> bool:
-    block = given.damping if name in ("air_drag", "relaxation_time") else given.rod
-    return name != "young_modulus" and getattr(block, f"{name}_std", 0.0) > 0.0
 
 
 def _best_start(recordings: tuple[Recording, ...], model: Model) -> Evaluation:
