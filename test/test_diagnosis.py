@@ -369,7 +369,7 @@ def test_what_is_kept_aside_is_foreseen_by_the_rest():
     only = aside.split(recordings, 0, at, evaluation([quiet, loud], by_one), KNOWN)
     assert only.holdout[0].all() and not only.train[0].any()
     by_one[0] = 30.0 * rng.normal(size=by_one[0].shape)
-    by_one[0][:, 0] = by_one[1][:, 1] = 0.0  # now each alone tells of something
+    by_one[0][:, 0] = by_one[1][:, 3] = 0.0  # now each alone tells of something
     ends = aside.split(recordings, 0, at, evaluation([quiet, loud], by_one), KNOWN)
     assert all(t.any() and h.any() for t, h in zip(ends.train, ends.holdout, strict=True))
     assert not any((t & h).any() for t, h in zip(ends.train, ends.holdout, strict=True))

@@ -128,11 +128,12 @@ def _clamps(name: str, scene: Scene) -> list[Start]:
 
 
 def _mass(name: str, scene: Scene) -> list[Start]:
-    length = scene.settings.rod.length
-    return [
-        Start(name, {"mass": 0.0, "position": place * length}, ("mass",), ("mass", "position"))
-        for place in PLACES
-    ]
+    rod = scene.settings.rod
+    keys = ("mass", "position")
+    found = [Start(name, {"mass": 0.0, "position": p * rod.length}, keys[:1], keys) for p in PLACES]
+    # One that outweighs the rope goes with an E that no linear test finds from here.
+    heavy = {"mass": rod.linear_density * rod.length, "position": rod.length}
+    return [*found, Start(name, heavy, (), keys, neutral=False, form="heavy")]
 
 
 def _segment(name: str, scene: Scene) -> list[Start]:

@@ -29,7 +29,7 @@ LOG = logging.getLogger(__name__)
 
 BASES = 3
 """Best single effects to which a second one is added."""
-SECONDS = 10
+SECONDS = 12
 """Beginnings of the second effect that are fitted for each, after the linear test of all."""
 FIRST_SHARE = 0.9
 """Of the structure before, that a single effect must go below to be one of a pair."""

@@ -50,7 +50,7 @@ class Prospect:
 
     def beginning(self, before: Model, share: float = 1.0) -> Model:
         """The model with the effect, and a share of the promised step."""
-        start = nearer(self.start, share)
+        start = _part(self.start, share)
         model = before.at(before.theta() + share * self.own)
         return model.extended(start.effect, start.block, start.fitted)
 
@@ -144,11 +144,14 @@ def _screen_alone(problem: Problem, task: Task) -> list[Prospect]:
     except SimulationError as err:
         LOG.info("%s: %s", start.effect, err)
         return []
-    promised = AT_LEAST * at.power
+    promised, count = AT_LEAST * at.power, len(before.model.free)
+    own = np.zeros(count)
     if at.jacobians is not None:
         # Far from its start a linearisation promises what it cannot keep.
-        promised = max(promised, total(at, problem.given).minimum()[1] * at.excess)
-    return [Prospect(start, promised, np.zeros(len(before.model.free)))]
+        step, left = total(at, problem.given).minimum()
+        promised = max(promised, left * at.excess)
+        own = np.clip(step[:count], -LARGEST_LOG_STEP, LARGEST_LOG_STEP)
+    return [Prospect(start, promised, own)]
 
 
 def _screen(problem: Problem, task: Task) -> list[Prospect]:
@@ -199,14 +202,14 @@ def chosen(prospects: Sequence[Prospect], before: float) -> list[Prospect]:
 def _try(problem: Problem, task: tuple[Evaluation, Prospect]) -> Prospect | None:
     before, prospect = task
     best: Prospect | None = None
-    for share in SHARES if prospect.start.neutral else SHARES[:1]:
+    for share in SHARES if prospect.start.neutral else (1.0, 0.0):
         extended = prospect.beginning(before.model, share)
         try:
             at = evaluate(extended, problem.drafts, problem.given, derivatives=False)
         except SimulationError:
             continue
         if best is None or at.power < best.power:
-            best = Prospect(nearer(prospect.start, share), at.power, share * prospect.own)
+            best = Prospect(_part(prospect.start, share), at.power, share * prospect.own)
         if before.power - at.power > GOOD_STEP * (before.power - prospect.power):
             break
     return best
@@ -226,9 +229,9 @@ def tried(
     return sorted(found, key=lambda p: p.power)
 
 
-def nearer(start: Start, share: float) -> Start:
-    """The start with only a share of what makes it differ from the model without the effect."""
-    if share == 1.0:
+def _part(start: Start, share: float) -> Start:
+    """The start with a share of what the linear test has added to it; others stay as they are."""
+    if share == 1.0 or not start.neutral:
         return start
     block = dict(start.block)
     for key in start.screened:
