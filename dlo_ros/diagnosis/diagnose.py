@@ -29,8 +29,6 @@ LOG = logging.getLogger(__name__)
 
 BASES = 3
 """Best single effects to which a second one is added."""
-SECONDS = 12
-"""Beginnings of the second effect that are fitted for each, after the linear test of all."""
 FIRST_SHARE = 0.9
 """Of the structure before, that a single effect must go below to be one of a pair."""
 
@@ -156,7 +154,7 @@ def _explain(
     pairs: list[Candidate] = []
     for first in _bases(singles, plain.structure):
         prospects = screened(first.at, [*known, first.effect])
-        pairs += search(team, first.at, prospects, progress, most, SECONDS)
+        pairs += search(team, first.at, prospects, progress, most, thorough=False)
         enough = decide.explanations(pairs, most)
         if enough:
             judge = kept_aside(enough[0].candidate)
@@ -174,11 +172,13 @@ def _explain(
 
 
 def _bases(singles: Sequence[Candidate], before: float) -> list[Candidate]:
-    """The best form of the best effects, one each."""
+    """The best effects in the form that leaves least: the clearer shows what is missing beside."""
     result: dict[str, Candidate] = {}
     for c in singles:
         if c.structure < FIRST_SHARE * before:
-            result.setdefault(c.effect, c)
+            known = result.setdefault(c.effect, c)
+            if c.structure < known.structure:
+                result[c.effect] = c
     return list(result.values())[:BASES]
 
 

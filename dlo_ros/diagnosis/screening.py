@@ -85,8 +85,11 @@ def _screen_sheet(problem: Problem, task: Task) -> list[Prospect]:
         part = Normal(
             equations.hessian[np.ix_(pick, pick)], equations.gradient[pick], equations.power
         )
-        step, cost = part.minimum()
+        step, _ = part.minimum()
         amounts = np.clip(step[len(own) :], -LOOSE * natural[added], LOOSE * natural[added])
+        if start.effect == "point_mass":
+            amounts = np.maximum(amounts, 0.0)
+        step, cost = _with(part, amounts)
         change = np.clip(step[: len(own)], -LARGEST_LOG_STEP, LARGEST_LOG_STEP)
         by_chance = _gain(part.hessian, drawn[:, pick]) - _gain(alone.hessian, drawn[:, own])
         found.append(
@@ -124,12 +127,18 @@ def alarm(prospects: Sequence[Prospect]) -> tuple[float, float]:
     return max(p.gain for p in linear), float(np.percentile(most, 99.0))
 
 
+def _with(equations: Normal, amounts: FloatArray) -> tuple[FloatArray, float]:
+    """The minimum and its cost where the last unknowns are given."""
+    count = len(equations.gradient) - len(amounts)
+    inner, cross = equations.hessian[:count, :count], equations.hessian[:count, count:]
+    step = np.append(solve(inner, equations.gradient[:count] - cross @ amounts), amounts)
+    return step, equations.power + float(step @ (equations.hessian @ step - 2 * equations.gradient))
+
+
 def _shifted(start: Start, amounts: FloatArray) -> Start:
     """The start at the promised minimum; a log ratio is neutral at 1."""
     if start.effect == "stiff_segment" or start.effect == "camera_scale":
         return replace(start, block={**start.block, "ratio": float(np.exp(amounts[0]))})
-    if start.effect == "point_mass":
-        amounts = np.maximum(amounts, 0.0)
     return moved(start, [float(a) for a in amounts])
 
 

@@ -90,7 +90,8 @@ def search(
     prospects: Sequence[Prospect],
     progress: Progress,
     enough: float,
-    most: int | None = None,
+    *,
+    thorough: bool = True,
 ) -> list[Candidate]:
     """Fit effects in addition to a model; the best fit of each form of each effect, best first.
 
@@ -98,13 +99,12 @@ def search(
         before: the fitted model without them.
         prospects: see `screening.screen`.
         progress: called with what is being done and the share of it that is done.
-        enough: structure with which an effect explains the data; where none does, less promising
-            beginnings are fitted, too.
-        most: starts that are fitted, the most promising ones; default: all.
+        enough: structure with which an effect explains the data.
+        thorough: whether, where none does, less promising beginnings are fitted, too.
     """
     first, rest = _worth(tried(team, before, chosen(prospects, before.power), progress))
     found: dict[tuple[str, str], Candidate] = {}
-    for some in (first, rest) if most is None else ((first + rest)[:most],):
+    for some in (first, rest) if thorough else (first,):
         for c in _fitted(team, before, some, progress):
             key = (c.effect, c.form)
             if key not in found or c.at.cost < found[key].at.cost:
