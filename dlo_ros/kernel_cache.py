@@ -18,7 +18,7 @@ CACHES = ("*.nbi", "*.nbc")
 COMPILED = (b"@njit", b"@intrinsic")
 MARK = "sources.sha256"
 LONG = 2.0  # [s]; loading from the cache takes a fifth of it
-NOTICE = "compiling numerical kernels, once; this takes a minute or two"
+NOTICE = "compiling numerical kernels, once; this takes some minutes"
 
 
 def discard_stale(package: Path = PACKAGE) -> bool:

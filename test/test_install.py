@@ -200,3 +200,9 @@ def test_a_node_without_ros_says_what_is_missing(name):
     assert done.returncode == 2
     assert "is not installed" in done.stderr and "dlo_ros[ros]" in done.stderr
     assert done.stderr.count("\n") == 1
+
+
+def test_nothing_needs_more_than_numpy_1_26_at_import():
+    """Ubuntu 24.04's. Its ufuncs have no module, which numba's decorator asks for."""
+    for path in (ROOT / "dlo_ros").rglob("*.py"):
+        assert "@infer_global(np." not in path.read_text(), path

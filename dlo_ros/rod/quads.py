@@ -89,10 +89,13 @@ def _negate(context, builder, sig, args):
     return builder.fneg(args[0])
 
 
-@infer_global(np.sqrt)
 class _Root(ConcreteTemplate):
     key = np.sqrt
     cases = (signature(Quad, Quad),)
+
+
+# Not as a decorator, which asks for the function's module: ufuncs of NumPy 1.26 have none.
+infer_global(np.sqrt, types.Function(_Root))
 
 
 @lower_builtin(np.sqrt, Quad)
