@@ -351,6 +351,17 @@ def test_few_pictures_exclude_no_explanation_that_foretells_as_well():
     assert decide.choose([one], [two]).rivals == (("gravity_tilt",),)
 
 
+def test_an_effect_that_does_nothing_is_left_out_of_a_pair():
+    noise = [np.random.default_rng(10).normal(size=(60, 10))]
+    pair = candidate(["intrinsic_curvature", "obstacle"], 0.70, 50.0, noise)
+    alone = candidate(["intrinsic_curvature"], 0.79, 120.0, noise)
+    other = candidate(["obstacle"], 6.0, 5e3, [5.0 * noise[0]])
+    (left,) = decide.without_idle(pair, [other, alone])
+    assert left.candidate is alone
+    needed = candidate(["intrinsic_curvature"], 3.0, 900.0, [3.0 * noise[0]])
+    assert decide.without_idle(pair, [other, needed]) == []
+
+
 def test_what_is_kept_aside_is_foreseen_by_the_rest():
     """The recording that alone tells of a parameter cannot be kept aside; then the ends are."""
     rng = np.random.default_rng(9)

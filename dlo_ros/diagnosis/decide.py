@@ -192,6 +192,16 @@ def foretold(
     return list(found.values())
 
 
+def without_idle(best: Candidate, singles: Sequence[Candidate]) -> list[Explanation]:
+    """Single effects of a pair that do as well as both, best first: the other did nothing."""
+    names = set(best.at.model.effects)
+    return [
+        Explanation(c.at.model.effects, c)
+        for c in sorted(singles, key=lambda c: c.score)
+        if set(c.at.model.effects) < names and as_good(best, c)
+    ][:1]
+
+
 def choose(found: Sequence[Explanation], others: Sequence[Explanation] = ()) -> Decision:
     """The best explanation and its rivals.
 

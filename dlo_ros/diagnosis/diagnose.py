@@ -161,7 +161,8 @@ def _explain(
             enough = decide.confirmed(enough, judge(plain), judge)
         if enough:
             pairs.sort(key=lambda c: c.score)
-            others = decide.foretold(enough[0].candidate, pairs, judge)
+            enough = decide.without_idle(enough[0].candidate, singles) or enough
+            others = decide.foretold(enough[0].candidate, [*singles, *pairs], judge)
             return _Findings(decide.choose(enough, others), judge, tuple(singles), tuple(pairs))
     everything = sorted([*singles, *pairs], key=lambda c: c.score)
     judge = kept_aside(everything[0] if everything else plain)
