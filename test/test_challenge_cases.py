@@ -53,9 +53,10 @@ def test_every_effect_is_found(tmp_path, name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["intrinsic_curvature", "clamp_angle", "point_mass"])
+@pytest.mark.parametrize("name", ["intrinsic_curvature", "clamp_angle", "point_mass", "nothing"])
 def test_pictures_do_as_well(tmp_path, name):
     """Rendered frames, from which the observer makes the shapes."""
-    challenge, report = solved(tmp_path, 5, "single", (name,), images=True)
+    kind, names = ("none", ()) if name == "nothing" else ("single", (name,))
+    challenge, report = solved(tmp_path, 5, kind, names, images=True)
     outcome = judge(set(challenge.effects), report)
-    assert good("single", outcome), (outcome, report["effects"], report["candidates"][:4])
+    assert good(kind, outcome), (outcome, report["effects"], report["candidates"][:4])

@@ -12,7 +12,7 @@ from dlo_ros.diagnosis.candidates import Scene, scene, starts
 from dlo_ros.diagnosis.fitting import Evaluation, Normal, evaluate, fit, known, normal, total
 from dlo_ros.diagnosis.forces import missing_force
 from dlo_ros.diagnosis.manipulations import simulated, standard
-from dlo_ros.diagnosis.measured import measured
+from dlo_ros.diagnosis.measured import measured, with_bias
 from dlo_ros.diagnosis.model import baseline, prior
 from dlo_ros.diagnosis.screening import alarm, screen
 from dlo_ros.diagnosis.search import Candidate
@@ -21,6 +21,7 @@ from dlo_ros.diagnosis.workers import Problem, workers
 from dlo_ros.effects import effects
 from dlo_ros.errors import InputError
 from dlo_ros.identification import Manipulation, forecast
+from dlo_ros.observation import CentrelinePoints
 
 KNOWN = replace(
     PAPER,
@@ -386,3 +387,22 @@ def test_what_is_kept_aside_is_foreseen_by_the_rest():
     assert not any((t & h).any() for t, h in zip(ends.train, ends.holdout, strict=True))
     given = aside.split(recordings, 1, at, at, KNOWN)
     assert given.holdout[1].all() and given.train[0].all() and not given.holdout[0].any()
+
+
+def test_what_a_camera_sees_wrongly_in_every_picture_counts_as_noise():
+    """Points that scatter less than their std says err in the same way all the time."""
+    one, count, noise = swing(KNOWN, seconds=0.6, noise=3e-4), 120, 3e-4
+    true = measured(swing(KNOWN, seconds=0.6, noise=0.0), KNOWN).observed
+    u = np.linspace(0.0, KNOWN.rod.length, count)
+
+    def stated(std):
+        points = CentrelinePoints(u, np.zeros((count, 3)), np.full(count, std))
+        return replace(one, observations=tuple(replace(o, points=points) for o in one.observations))
+
+    for std, lasting in ((noise, 0.0), (4.0 * noise, 2.0 * noise)):
+        recording = measured(stated(std), KNOWN)
+        (found,) = with_bias([recording], [true], KNOWN)
+        n = recording.observed.shape[1]
+        assert np.max(np.broadcast_to(found.bias, 2 * n)[:n]) == pytest.approx(lasting)
+        noisy = found.with_noise(true, KNOWN)
+        assert noisy.noise[:n].min() >= lasting

@@ -20,6 +20,12 @@ ORDERS = (2, 4, 6)
 LEAST_NOISE = 2e-6
 """Of the length: below, rounding and the time step of the simulation would count as noise."""
 DRAWS = 20_000
+SCATTERING = 0.6
+"""Share of the stated variance of points that must be new in every picture, to be all of it."""
+ALIKE_PARTS = 4
+"""Of the DLO, in each of which lasting errors of a camera are alike."""
+TIP = 0.05
+"""Of the diameter, to which a camera sees where along the DLO it is."""
 LEAST_SHARE = 0.5
 """Of the typical noise that a single coefficient may have."""
 
@@ -39,6 +45,8 @@ class Recording:
         noise: standard deviation of each coefficient [m], shape (K,).
         spans: knot spans of the simulation; None: as simulation.tolerance asks.
         tolerance: of the simulation's time steps; None: simulation.tolerance.
+        bias: standard deviation of what stays wrong in all pictures, in each coefficient [m],
+            shape (K,); 0: nothing.
     """
 
     manipulation: Manipulation
@@ -48,6 +56,7 @@ class Recording:
     noise: FloatArray
     spans: int | None = None
     tolerance: float | None = None
+    bias: FloatArray | float = 0.0
 
     @property
     def name(self) -> str:
@@ -180,6 +189,41 @@ def _along(field: FloatArray) -> float:
     return min(found)
 
 
+def with_bias(
+    recordings: Sequence[Recording], predicted: Sequence[FloatArray], settings: Settings
+) -> tuple[Recording, ...]:
+    """Recordings that know what a camera sees wrongly in every picture.
+
+    Where measured points scatter less from picture to picture than their stated std says, the rest
+    of it stays: edges of a strand lie on pixels, and light falls from one side. Such errors are
+    alike over a part of the DLO.
+
+    Args:
+        predicted: control points per recording, shape (F, n, 3 or more).
+    """
+    shares, stated = [], []
+    for recording, shapes in zip(recordings, predicted, strict=True):
+        points = [o.points for o in recording.manipulation.observations if o.points is not None]
+        if not points:
+            return tuple(recordings)
+        std = float(np.median([np.sqrt(np.mean(p.std**2)) for p in points]))
+        count = float(np.median([len(p.std) for p in points]))
+        unit = replace(recording, noise=np.ones(len(recording.noise)))
+        n = recording.observed.shape[1]
+        each = scatter(unit.residual(shapes), recording, settings)[:n]
+        shares.append(count * float(np.median(each**2)) / max(std, 1e-12) ** 2)
+        stated.append(std)
+    if np.mean(shares) > SCATTERING:
+        return tuple(recordings)
+    biased = []
+    for recording, std in zip(recordings, stated, strict=True):
+        bias = np.full(len(recording.noise), std / np.sqrt(ALIKE_PARTS))
+        n = recording.observed.shape[1]
+        bias[n : 2 * n] = np.maximum(bias[n : 2 * n], TIP * settings.rod.diameter)
+        biased.append(replace(recording, bias=bias))
+    return tuple(biased)
+
+
 def noise_of(field: FloatArray, recording: Recording, settings: Settings) -> FloatArray:
     """Noise that each coefficient is taken to have [m], shape (K,).
 
@@ -190,7 +234,7 @@ def noise_of(field: FloatArray, recording: Recording, settings: Settings) -> Flo
         field: residual coefficients [m], shape (F, K).
     """
     n = settings.rod.control_points
-    each = scatter(field, recording, settings)
+    each = np.maximum(scatter(field, recording, settings), recording.bias)
     least = LEAST_NOISE * settings.rod.length
     typical = max(float(np.sqrt(np.mean(each[:n] ** 2))), least)
     across = np.maximum(each[:n], LEAST_SHARE * typical)
@@ -206,7 +250,7 @@ def noise_floor(recording: Recording, predicted: FloatArray, settings: Settings)
     """
     n = settings.rod.control_points
     field = recording.residual(predicted) * recording.noise
-    each = scatter(field, recording, settings)
+    each = np.maximum(scatter(field, recording, settings), recording.bias)
     sizes = np.sqrt(np.sum(each.reshape(-1, n) ** 2, axis=1))  # across, along, out of the plane
     drawn = np.random.default_rng(0).normal(size=(DRAWS, len(sizes)))
     return float(np.mean(np.linalg.norm(drawn * sizes, axis=1)))

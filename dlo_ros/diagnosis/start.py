@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dlo_ros.diagnosis.fitting import Evaluation, evaluate, fit
-from dlo_ros.diagnosis.measured import Recording, measured
+from dlo_ros.diagnosis.measured import Recording, measured, with_bias
 from dlo_ros.diagnosis.model import Model, baseline
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.estimate import FINEST
@@ -63,6 +63,7 @@ def begin(manipulations: Sequence[Manipulation], settings: Settings) -> Beginnin
     at = _best_start(recordings, model)
     error = np.nan
     for _ in range(ROUNDS):
+        recordings = with_bias(recordings, at.predicted, settings)
         recordings = tuple(
             r.with_noise(p, settings) for r, p in zip(recordings, at.predicted, strict=True)
         )
