@@ -137,6 +137,12 @@ class LiveSettings:
         return Settings.from_mapping({**known, **changes})
 
     def _check(self, parameters: Sequence[Any]) -> SetParametersResult:
+        names = [p.name for p in parameters]
+        twice = [name for name in names if names.count(name) > 1]
+        if twice:
+            # rclpy would pass on each value in turn; only the last one has been looked at.
+            reason = f"{twice[0]} is given more than once; give one value"
+            return SetParametersResult(successful=False, reason=reason)
         try:
             self._merged(parameters)
         except ParameterError as err:
