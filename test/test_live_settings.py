@@ -40,3 +40,10 @@ def test_a_parameter_given_twice_is_refused():
     assert node.check(once).successful
     node.apply(once)
     assert changes[0].rod.density == 1300.0
+
+
+def test_a_parameter_without_a_name_is_refused():
+    node = Listener()
+    LiveSettings(node, SETTINGS, lambda settings: None)
+    answer = node.check([Parameter("", Parameter.Type.DOUBLE, float("nan"))])
+    assert not answer.successful and "without a name" in answer.reason

@@ -138,6 +138,8 @@ class LiveSettings:
 
     def _check(self, parameters: Sequence[Any]) -> SetParametersResult:
         names = [p.name for p in parameters]
+        if "" in names:  # which rclpy takes, and publishes
+            return SetParametersResult(successful=False, reason="a parameter without a name")
         twice = [name for name in names if names.count(name) > 1]
         if twice:
             # rclpy would pass on each value in turn; only the last one has been looked at.
