@@ -139,7 +139,7 @@ def test_names_stand_beside_their_rivals():
     alike = candidate(["constant_force"], 0.12, 11.0, [noise[0] + 0.01 * slow])
     worse = candidate(["clamp_angle"], 0.7, 900.0, [noise[0] + 1.0 * slow])
     wrong = candidate(["obstacle"], 4.0, 5000.0, [noise[0] + 6.0 * slow])
-    found = decide.explanations([wrong, worse, alike, best], decide.limit(20.0, 0.2))
+    found = decide.explanations([wrong, worse, alike, best], decide.limit(20.0))
     assert [e.effects for e in found] == [("gravity_tilt",), ("constant_force",), ("clamp_angle",)]
     decision = decide.choose(found)
     assert decision.verdict == "explained"

@@ -13,7 +13,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
 
 from dlo_ros.cli.calibration_output import summary, write_results
 from dlo_ros.cli.progress import progress_bar
-from dlo_ros.cli.results import check_results_folder
+from dlo_ros.cli.results import check_results_folder, written
 from dlo_ros.errors import DloError, InputError
 from dlo_ros.parameters import Vector
 from dlo_ros.recordings.pictures import count_pictures, pictures, read_picture
@@ -116,12 +116,10 @@ def run(arguments: argparse.Namespace) -> int:
             raise InputError(f"{arguments.board}: {err}") from err
         at: Vector = tuple(arguments.pattern_at)
         board = board_pose(view, pattern, found.intrinsics, at, arguments.up)
-    try:
+    with written(output):
         names = write_results(
             output, arguments.camera_name, pattern, found, skipped, board, picture
         )
-    except OSError as err:
-        raise InputError(f"{output}: cannot be written ({err.strerror})") from err
     print(summary(found, skipped, board))
     print(f"written to {output}: {', '.join(names)}")
     return 0
@@ -148,12 +146,10 @@ def _check(arguments: argparse.Namespace) -> None:
 def _make_folder(output: Path) -> None:
     """Make the output folder, and see that files can be written, before any work is done."""
     check_results_folder(output)
-    try:
+    with written(output):
         output.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=output):
             pass
-    except OSError as err:
-        raise InputError(f"{output}: cannot be written ({err.strerror})") from err
 
 
 def _calibration(

@@ -9,7 +9,7 @@ from pathlib import Path
 from dlo_ros.cli.diagnosis_output import summary, write_results
 from dlo_ros.cli.loading import add_model_arguments, load_manipulation, load_settings, prepare
 from dlo_ros.cli.progress import progress_bar
-from dlo_ros.cli.results import add_results_folder, check_results_folder
+from dlo_ros.cli.results import add_results_folder, check_results_folder, written
 from dlo_ros.diagnosis import diagnose
 from dlo_ros.errors import InputError
 
@@ -60,10 +60,8 @@ def run(arguments: argparse.Namespace) -> int:
             processes=arguments.workers or _cores(),
             progress=progress,
         )
-    try:
+    with written(output):
         write_results(output, settings, found)
-    except OSError as err:
-        raise InputError(f"{output}: cannot be written ({err.strerror})") from err
     for line in summary(found):
         print(line)
     print(f"written to {output}: report.json, extended.yaml, report.html")

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from dlo_ros.cli.results import QUANTITIES
 from dlo_ros.diagnosis import Diagnosis, Fitted, NamedEffect
 from dlo_ros.effects import effects
 from dlo_ros.files import write_text
@@ -23,11 +24,6 @@ from dlo_ros.report.diagnosis import (
     write_diagnosis_report,
 )  # fmt: skip
 
-QUANTITIES = (
-    ("young_modulus", "Young's modulus E", "Pa"),
-    ("density", "density mu", "kg/m^3"),
-    ("specific_modulus", "E/mu", "m^2/s^2"),
-)
 HEADLINES = {
     "adequate": "The model is adequate: what is left over is measurement noise.",
     "explained": "The model lacks {names}.",

@@ -15,7 +15,7 @@ import numpy as np
 from dlo_ros.cli.identify_results import report, summary, tree
 from dlo_ros.cli.loading import add_model_arguments, load_manipulation, load_settings, prepare
 from dlo_ros.cli.progress import progress_bar
-from dlo_ros.cli.results import add_results_folder, check_results_folder
+from dlo_ros.cli.results import add_results_folder, check_results_folder, written
 from dlo_ros.errors import InputError
 from dlo_ros.files import write_text
 from dlo_ros.identification.estimate import searchable
@@ -99,10 +99,8 @@ def run(arguments: argparse.Namespace) -> int:
 
             found = identify(train, settings, validate, progress=progress, pool=pool, loose=loose)
             sampled, redrawn = _more(arguments, train, settings, found, pool, progress)
-    try:
+    with written(output):
         write_results(output, settings, found, [*train, *validate], sampled, redrawn)
-    except OSError as err:
-        raise InputError(f"{output}: cannot be written ({err.strerror})") from err
     for line in summary(found):
         print(line)
     print(f"written to {output}: estimate.json, estimate.yaml, report.html")

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from dlo_ros.cli.results import QUANTITIES
 from dlo_ros.identification.forecast import Forecast, Manipulation
 from dlo_ros.identification.offline import Identification
 from dlo_ros.identification.posterior import Sample
@@ -25,11 +26,6 @@ from dlo_ros.report.uncertainty import Ellipse, ResidualMap
 from dlo_ros.rod.tangents import MATERIAL
 from dlo_ros.spline import FloatArray, SplineBasis
 
-QUANTITIES = (
-    ("young_modulus", "Young's modulus E", "Pa"),
-    ("density", "density mu", "kg/m^3"),
-    ("specific_modulus", "E/mu", "m^2/s^2"),
-)
 LOOSE = {
     "effects.clamp_angle.start": "direction of the start's clamp [rad]",
     "effects.clamp_angle.end": "direction of the end's clamp [rad]",

@@ -3,9 +3,18 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from dlo_ros.errors import InputError
+
+QUANTITIES = (
+    ("young_modulus", "Young's modulus E", "Pa"),
+    ("density", "density mu", "kg/m^3"),
+    ("specific_modulus", "E/mu", "m^2/s^2"),
+)
+"""Of the material: key in JSON, words, unit."""
 
 
 def add_results_folder(parser: argparse.ArgumentParser) -> None:
@@ -23,3 +32,16 @@ def check_results_folder(output: Path) -> None:
     """
     if output.exists() and not output.is_dir():
         raise InputError(f"{output}: is a file; give a folder for the results")
+
+
+@contextmanager
+def written(output: Path) -> Iterator[None]:
+    """Says which results cannot be written.
+
+    Raises:
+        InputError: in place of an OSError.
+    """
+    try:
+        yield
+    except OSError as err:
+        raise InputError(f"{output}: cannot be written ({err.strerror})") from err

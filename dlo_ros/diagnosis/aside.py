@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dlo_ros.diagnosis.fitting import Evaluation, evaluate, fit, known, normal, solve
+from dlo_ros.diagnosis.fitting import Evaluation, evaluate, fit, solve, total
 from dlo_ros.diagnosis.measured import Recording
 from dlo_ros.diagnosis.model import Model
 from dlo_ros.diagnosis.outcome import Gain
@@ -73,10 +73,8 @@ def split(
 def _open(at: Evaluation, k: int, given: Settings) -> float:
     """Standard deviation of a recording's prediction from the others, in units of the noise."""
     assert at.jacobians is not None
-    equations = known(at.model, given)
-    for j, (residual, jacobian) in enumerate(zip(at.residuals, at.jacobians, strict=True)):
-        if j != k:
-            equations = equations + normal(residual, jacobian).scaled(1.0 / at.excess)
+    others = [np.full(len(r), j != k) for j, r in enumerate(at.residuals)]
+    equations = total(at, given, others)
     spread = solve(equations.hessian, np.eye(len(equations.gradient)))
     jacobian = at.jacobians[k]
     variance = np.einsum("fpk,pq,fqk->fk", jacobian, spread, jacobian)
@@ -85,12 +83,7 @@ def _open(at: Evaluation, k: int, given: Settings) -> float:
 
 def trained(at: Evaluation, masks: Sequence[np.ndarray], given: Settings) -> Model:
     """The model with parameters from the masked frames alone, by one linearised step."""
-    assert at.jacobians is not None
-    equations = known(at.model, given)
-    for residual, jacobian, mask in zip(at.residuals, at.jacobians, masks, strict=True):
-        keep = mask[-len(residual) :]
-        if keep.any():
-            equations = equations + normal(residual[keep], jacobian[keep]).scaled(1.0 / at.excess)
+    equations = total(at, given, masks)
     step, _ = equations.minimum()
     step = np.clip(step, -at.model.natural(), at.model.natural())
     return at.model.at(at.model.theta() + step)

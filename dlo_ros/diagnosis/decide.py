@@ -65,14 +65,12 @@ class Decision:
     rivals: tuple[tuple[str, ...], ...] = ()
 
 
-def limit(before: float, chance: float) -> float:
-    """Structure up to which a model counts as adequate.
+def limit(before: float) -> float:
+    """Structure up to which an extended model explains the data.
 
     Args:
         before: structure that the plain model leaves.
-        chance: see `judging.chance`, of the plain model.
     """
-    del chance
     return max(EXPLAINED, min(SHARE_LEFT * before, MOST_LEFT))
 
 
@@ -94,14 +92,24 @@ def explains(candidate: Candidate, most: float) -> bool:
     return few and candidate.structure < judging.chance(candidate.at.residuals)
 
 
-def explanations(candidates: Sequence[Candidate], most: float) -> list[Explanation]:
-    """The candidates that leave no structure, one form of each set of effects, best first."""
-    found: dict[tuple[str, ...], Explanation] = {}
+def best_forms(
+    candidates: Sequence[Candidate], wanted: Callable[[Candidate], bool] = lambda c: True
+) -> list[Candidate]:
+    """The best wanted candidate of each set of effects, best first."""
+    found: dict[tuple[str, ...], Candidate] = {}
     for c in sorted(candidates, key=lambda c: c.score):
         key = tuple(sorted(c.at.model.effects))
-        if key not in found and explains(c, most):
-            found[key] = Explanation(c.at.model.effects, c)
+        if key not in found and wanted(c):
+            found[key] = c
     return list(found.values())
+
+
+def explanations(candidates: Sequence[Candidate], most: float) -> list[Explanation]:
+    """The candidates that leave no structure, one form of each set of effects, best first."""
+    return [
+        Explanation(c.at.model.effects, c)
+        for c in best_forms(candidates, lambda c: explains(c, most))
+    ]
 
 
 def sure(
@@ -181,15 +189,14 @@ def foretold(
     err = kept_aside(best)
     if pictures >= FEW or err is None:
         return []
-    found: dict[tuple[str, ...], Explanation] = {}
-    for c in sorted(candidates, key=lambda c: c.score):
-        key = tuple(sorted(c.at.model.effects))
-        if key in found or len(key) != len(best.at.model.effects):
-            continue
-        other = kept_aside(c) if c.structure < MOST_LEFT else None
-        if other is not None and other < FORETOLD * err:
-            found[key] = Explanation(c.at.model.effects, c)
-    return list(found.values())
+
+    def as_well(c: Candidate) -> bool:
+        if len(c.at.model.effects) != len(best.at.model.effects) or c.structure >= MOST_LEFT:
+            return False
+        other = kept_aside(c)
+        return other is not None and other < FORETOLD * err
+
+    return [Explanation(c.at.model.effects, c) for c in best_forms(candidates, as_well)]
 
 
 def without_idle(best: Candidate, singles: Sequence[Candidate]) -> list[Explanation]:

@@ -110,7 +110,7 @@ def diagnose(
         found = _Findings(decide.Decision("adequate", None), kept_aside(plain))
     else:
         with workers(problem, processes) as team:
-            found = _explain(team, plain, recordings, chance, kept_aside, progress)
+            found = _explain(team, plain, recordings, kept_aside, progress)
     progress("measuring the gain", 1.0)
     return _outcome(beginning, plain, found, chance, given)
 
@@ -125,18 +125,24 @@ def _only(at: Evaluation, count: int) -> Evaluation:
 
 
 def _explain(
-    team: Workers, plain: Candidate, recordings: Sequence[Manipulation], chance: float,
+    team: Workers, plain: Candidate, recordings: Sequence[Manipulation],
     kept_aside: Callable[[Candidate], _KeptAside], progress: Progress,
 ) -> _Findings:  # fmt: skip
     """Single effects first; pairs where none of them is enough."""
     names = [n for m in recordings for c in m.commands for n in c.names]
     observed = [r.observed for r in team.problem.recordings]
 
-    most = decide.limit(plain.structure, chance)
+    most = decide.limit(plain.structure)
 
     def screened(at: Evaluation, present: Sequence[str]) -> list[Prospect]:
         here = scene(at.model.settings, names, observed, at.predicted)
         return screen(team, at, starts(here, present), progress)
+
+    def held(candidates: Sequence[Candidate]) -> tuple[list[decide.Explanation], _KeptAside]:
+        """What explains the data and holds on what is kept aside, which goes with the best."""
+        found = decide.explanations(candidates, most)
+        judge = kept_aside(found[0].candidate if found else plain)
+        return decide.confirmed(found, judge(plain), judge) if found else [], judge
 
     known = plain.at.model.effects
     prospects = screened(plain.at, known)
@@ -144,21 +150,15 @@ def _explain(
     if promise < by_chance:
         return _Findings(decide.Decision("adequate", None), kept_aside(plain))
     singles = search(team, plain.at, prospects, progress, most)
-    enough = decide.explanations(singles, most)
+    enough, judge = held(singles)
     if enough:
-        judge = kept_aside(enough[0].candidate)
-        enough = decide.confirmed(enough, judge(plain), judge)
-        if enough:
-            others = decide.foretold(enough[0].candidate, singles, judge)
-            return _Findings(decide.choose(enough, others), judge, tuple(singles))
+        others = decide.foretold(enough[0].candidate, singles, judge)
+        return _Findings(decide.choose(enough, others), judge, tuple(singles))
     pairs: list[Candidate] = []
     for first in _bases(singles, plain.structure):
         prospects = screened(first.at, [*known, first.effect])
         pairs += search(team, first.at, prospects, progress, most, thorough=False)
-        enough = decide.explanations(pairs, most)
-        if enough:
-            judge = kept_aside(enough[0].candidate)
-            enough = decide.confirmed(enough, judge(plain), judge)
+        enough, judge = held(pairs)
         if enough:
             pairs.sort(key=lambda c: c.score)
             enough = decide.without_idle(enough[0].candidate, singles) or enough
@@ -210,7 +210,7 @@ def _outcome(
             if name in best.at.model.effects and name not in plain.at.model.effects
         )
     tried = []
-    for c in _best_forms([plain, *found.singles, *found.pairs]):
+    for c in decide.best_forms([plain, *found.singles, *found.pairs]):
         err = kept_aside(c)
         label = "+".join(n for n in c.at.model.effects if n not in plain.at.model.effects)
         tried.append(Tried(label or "none", err, c.score, c.structure))
@@ -229,24 +229,15 @@ def _outcome(
         best.structure,
         chance,
         None if np.isnan(beginning.error) else beginning.error,
-        _remarks(plain, best, shown, decision, given),
+        _remarks(plain, best, shown, decision),
         views(recordings, plain.at, best.at, parted.holdout, given),
     )
 
 
-def _best_forms(candidates: Sequence[Candidate]) -> list[Candidate]:
-    """One candidate for each set of effects, best first."""
-    found: dict[tuple[str, ...], Candidate] = {}
-    for c in sorted(candidates, key=lambda c: c.score):
-        found.setdefault(tuple(sorted(c.at.model.effects)), c)
-    return list(found.values())
-
-
 def _remarks(
-    plain: Candidate, best: Candidate, shown: Candidate, decision: decide.Decision, given: Settings
+    plain: Candidate, best: Candidate, shown: Candidate, decision: decide.Decision
 ) -> tuple[str, ...]:
     """What else a reader should know."""
-    del given
     remarks = []
     if decision.chosen is not None:
         rods = best.at.model.settings.rod, plain.at.model.settings.rod

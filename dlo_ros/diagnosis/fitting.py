@@ -214,12 +214,17 @@ def known(model: Model, given: Settings) -> Normal:
     return Normal(np.diag(information), information * off, float(information @ off**2))
 
 
-def total(at: Evaluation, given: Settings) -> Normal:
-    """Normal equations of everything, the noise as large as what is left over."""
+def total(at: Evaluation, given: Settings, masks: Sequence[np.ndarray] | None = None) -> Normal:
+    """Normal equations of everything, the noise as large as what is left over.
+
+    Args:
+        masks: frames of each recording that count, shape (F,); default: all.
+    """
     assert at.jacobians is not None
     result = known(at.model, given)
-    for residual, jacobian in zip(at.residuals, at.jacobians, strict=True):
-        result = result + normal(residual, jacobian).scaled(1.0 / at.excess)
+    for k, (residual, jacobian) in enumerate(zip(at.residuals, at.jacobians, strict=True)):
+        keep = slice(None) if masks is None else masks[k][-len(residual) :]
+        result = result + normal(residual[keep], jacobian[keep]).scaled(1.0 / at.excess)
     return result
 
 

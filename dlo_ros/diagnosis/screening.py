@@ -76,6 +76,7 @@ def _screen_sheet(problem: Problem, task: Task) -> list[Prospect]:
     alone = Normal(equations.hessian[np.ix_(own, own)], equations.gradient[own], equations.power)
     _, without = alone.minimum()
     drawn = _drawn(at)
+    own_by_chance = _gain(alone.hessian, drawn[:, own])
     found, first = [], len(own)
     for start in starts:
         count = len(names(start.effect, start.block, start.screened))
@@ -91,7 +92,7 @@ def _screen_sheet(problem: Problem, task: Task) -> list[Prospect]:
             amounts = np.maximum(amounts, 0.0)
         step, cost = _with(part, amounts)
         change = np.clip(step[: len(own)], -LARGEST_LOG_STEP, LARGEST_LOG_STEP)
-        by_chance = _gain(part.hessian, drawn[:, pick]) - _gain(alone.hessian, drawn[:, own])
+        by_chance = _gain(part.hessian, drawn[:, pick]) - own_by_chance
         found.append(
             Prospect(_shifted(start, amounts), cost * at.excess, change, without - cost, by_chance)
         )
