@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dlo_ros.diagnosis import aside, decide, judging
+from dlo_ros.diagnosis import aside, damping, decide, judging
 from dlo_ros.diagnosis.advice import advise
 from dlo_ros.diagnosis.candidates import scene, starts
 from dlo_ros.diagnosis.estimates import fitted, numbers
-from dlo_ros.diagnosis.fitting import Evaluation
+from dlo_ros.diagnosis.fitting import Evaluation, polished
 from dlo_ros.diagnosis.measured import Recording, noise_floor
 from dlo_ros.diagnosis.outcome import Diagnosis, NamedEffect, Tried
 from dlo_ros.diagnosis.screening import Prospect, alarm, screen
@@ -106,11 +106,17 @@ def diagnose(
         parted = aside.split(beginning.recordings, len(holdout), at, best.at, given)
         return _KeptAside(beginning.recordings, len(recordings), parted, given)
 
-    if decide.adequate(plain.structure, chance):
-        found = _Findings(decide.Decision("adequate", None), kept_aside(plain))
-    else:
-        with workers(problem, processes) as team:
+    with workers(problem, processes) as team:
+        if decide.adequate(plain.structure, chance):
+            found = _Findings(decide.Decision("adequate", None), kept_aside(plain))
+        else:
             found = _explain(team, plain, recordings, kept_aside, progress)
+        progress("judging the damping", 0.0)
+        told = damping.named(team, plain, found.best or plain, found.decision, found.kept_aside)
+    if told is not None:
+        plain, found = told.plain, replace(
+            found, decision=told.decision, singles=(*found.singles, *told.candidates)
+        )  # fmt: skip
     progress("measuring the gain", 1.0)
     return _outcome(beginning, plain, found, chance, given)
 
@@ -190,9 +196,9 @@ def _outcome(
     recordings = beginning.recordings
     decision, kept_aside = found.decision, found.kept_aside
     parted = kept_aside.parted
-    best = decision.chosen.candidate if decision.chosen else plain
     count = len(plain.at.residuals)
     learned = recordings[:count]
+    best = _polished(decision.chosen.candidate, learned, given) if decision.chosen else plain
     models = [
         aside.refitted(c.at, learned, parted.train[:count], given) for c in (plain, best)
     ]  # fmt: skip
@@ -200,10 +206,12 @@ def _outcome(
     kept = [aside.errors(m, recordings, parted.holdout, given) for m in models]
     effects: tuple[NamedEffect, ...] = ()
     if decision.chosen is not None:
-        alike = [
-            c.at for c in (*found.singles, *found.pairs)
-            if set(c.at.model.effects) == set(best.at.model.effects) and decide.as_good(best, c)
+        others = [
+            c for c in (*found.singles, *found.pairs)
+            if c is not decision.chosen.candidate
+            and set(c.at.model.effects) == set(best.at.model.effects) and decide.as_good(best, c)
         ]  # fmt: skip
+        alike = [_polished(c, learned, given).at for c in others]
         effects = tuple(
             NamedEffect(name, numbers(best.at, name, given, alike), rivals)
             for name, rivals in zip(decision.chosen.effects, decision.rivals, strict=True)
@@ -232,6 +240,11 @@ def _outcome(
         _remarks(plain, best, shown, decision),
         views(recordings, plain.at, best.at, parted.holdout, given),
     )
+
+
+def _polished(c: Candidate, recordings: Sequence[Recording], given: Settings) -> Candidate:
+    """A candidate whose numbers are to be told."""
+    return candidate(c.effect, c.form, polished(c.at, recordings, given), given)
 
 
 def _remarks(

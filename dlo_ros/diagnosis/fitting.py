@@ -34,6 +34,10 @@ IN_LANES = (
 than exact derivatives."""
 DIFFERENCE = 0.01
 """Of a parameter's natural size, for differences."""
+POLISH = 3
+DAMPING = 1e-4
+UNDAMPED = 1e-9
+"""Marquardt's, at first: it holds what the data leave open, where a rough fit is no authority."""
 LARGEST_STEP = 2.0
 """Of a parameter in one iteration, in natural units."""
 
@@ -70,16 +74,22 @@ class Evaluation:
 
 
 def evaluate(
-    model: Model, recordings: Sequence[Recording], given: Settings, *, derivatives: bool = True
-) -> Evaluation:
+    model: Model, recordings: Sequence[Recording], given: Settings, *, derivatives: bool = True,
+    exact: bool = False,
+) -> Evaluation:  # fmt: skip
     """Simulate recordings.
+
+    Args:
+        derivatives: whether they are wanted.
+        exact: whether they are the simulation's own where differences are cheaper. Of what the
+            data leave open, differences pretend to know something.
 
     Raises:
         SimulationError: one of them cannot be simulated with this model.
     """
     residuals, jacobians, predicted, err = [], [], [], []
     for recording in recordings:
-        found, jacobian = _held_against(model, recording, derivatives)
+        found, jacobian = _held_against(model, recording, derivatives, exact)
         residuals.append(recording.residual(found.predicted))
         predicted.append(found.predicted)
         err.append(found.err)
@@ -103,7 +113,7 @@ def evaluate(
 
 
 def _held_against(
-    model: Model, recording: Recording, derivatives: bool
+    model: Model, recording: Recording, derivatives: bool, exact: bool
 ) -> tuple[Forecast, FloatArray | None]:
     """A forecast and its derivatives by the open parameters, shape (F, P, K)."""
     settings, spans = _as_fine(model.settings, recording), recording.spans
@@ -111,7 +121,7 @@ def _held_against(
     if not derivatives:
         return forecast(manipulation, settings, spans=spans), None
     rough = any(name in ROUGH for name in model.effects)
-    if not rough and not all(name in IN_LANES for name in model.effects):
+    if not rough and (exact or not all(name in IN_LANES for name in model.effects)):
         return _exact(model, recording, settings)
     moved, steps = _moved(model)
     sets = [settings, *(_as_fine(m.settings, recording) for m in moved)]
@@ -248,14 +258,18 @@ def _bounded(model: Model, hessian: FloatArray, gradient: FloatArray) -> FloatAr
 
 
 def fit(
-    start: Evaluation, recordings: Sequence[Recording], given: Settings, iterations: int
-) -> Evaluation:
+    start: Evaluation, recordings: Sequence[Recording], given: Settings, iterations: int, *,
+    exact: bool = False,
+) -> Evaluation:  # fmt: skip
     """Levenberg-Marquardt from an evaluation with derivatives.
 
     A step that cannot be simulated or makes things worse is shortened; what leaves its range stays
     at the border.
+
+    Args:
+        exact: see `evaluate`; what the data leave open then goes where it was known to be.
     """
-    best, damping = start, 1e-4
+    best, damping = start, UNDAMPED if exact else DAMPING
     count = sum(r.size for r in start.residuals)
     for _ in range(iterations):
         equations = total(best, given)
@@ -268,7 +282,7 @@ def fit(
             step = _bounded(best.model, lhs, equations.gradient)
             trial = best.model.at(best.model.theta() + step)
             try:
-                after = evaluate(trial, recordings, given)
+                after = evaluate(trial, recordings, given, exact=exact)
             except SimulationError:
                 damping = max(30.0 * damping, 1e-2)
                 continue
@@ -284,3 +298,11 @@ def fit(
         if gain < enough:
             return best
     return best
+
+
+def polished(at: Evaluation, recordings: Sequence[Recording], given: Settings) -> Evaluation:
+    """The fit finished with exact derivatives: what the data leave open is as known beforehand."""
+    if any(name in ROUGH for name in at.model.effects):
+        return at
+    here = evaluate(at.model, recordings, given, exact=True)
+    return fit(here, recordings, given, POLISH, exact=True)

@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dlo_ros.diagnosis.fitting import Evaluation, evaluate, fit
+from dlo_ros.diagnosis.fitting import Evaluation, evaluate, fit, polished
 from dlo_ros.diagnosis.measured import Recording, measured, with_bias
 from dlo_ros.diagnosis.model import Model, baseline
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.estimate import FINEST
 from dlo_ros.identification.forecast import Manipulation, forecast
 from dlo_ros.parameters import Settings
-from dlo_ros.spline import DEGREE
+from dlo_ros.spline import DEGREE, FloatArray
 
 LOG = logging.getLogger(__name__)
 
@@ -23,7 +23,12 @@ FACTORS = (1.0, 0.3, 3.0, 0.1, 10.0, 0.03, 30.0)
 """Of E, from which the fit may start: far away a shape may lie on another branch."""
 FINENESS = 0.1
 """Of the noise of one frame, that the simulation's own error may be."""
+OWN_SHARE = 0.005
+"""The same of what the model leaves over, where that is more: nothing finer than this is judged."""
 ROUNDS = 2
+SPACE_ROUNDS = 5
+WORTH = 0.7
+"""Of the error with fewer knot spans, below which more of them are worth their time."""
 TIME_ROUNDS = 2
 TIME_GAIN = 9.0
 """By which the error falls with a tenth of the tolerance."""
@@ -67,8 +72,9 @@ def begin(manipulations: Sequence[Manipulation], settings: Settings) -> Beginnin
         recordings = tuple(
             r.with_noise(p, settings) for r, p in zip(recordings, at.predicted, strict=True)
         )
-        recordings, error = _finer(recordings, at.model)
+        recordings, error = _finer(recordings, at)
         at = fit(evaluate(at.model, recordings, settings), recordings, settings, 6)
+    at = polished(at, recordings, settings)
     return Beginning(recordings, at, error)
 
 
@@ -94,24 +100,60 @@ def _best_start(recordings: tuple[Recording, ...], model: Model) -> Evaluation:
     return best
 
 
-def _finer(recordings: tuple[Recording, ...], model: Model) -> tuple[tuple[Recording, ...], float]:
+def _finer(
+    recordings: tuple[Recording, ...], at: Evaluation
+) -> tuple[tuple[Recording, ...], float]:
     """Recordings with as many knot spans and time steps as keep the simulation's error small."""
     result, errors = [], []
+    settings = at.model.settings
+    left = [r.residual(p) for r, p in zip(recordings, at.predicted, strict=True)]
+    power = sum(float(np.sum(r**2)) for r in left) / sum(r.size for r in left)
+    fineness = max(FINENESS, OWN_SHARE * float(np.sqrt(power)))
     for recording in recordings:
         n = recording.observed.shape[1]
         noise = float(np.sqrt(np.sum(recording.noise[:n] ** 2)))
-        settings = model.settings
-        wanted = max(FINENESS * noise / settings.rod.length, FINEST)
+        wanted = max(fineness * noise / settings.rod.length, FINEST)
         tolerance = min(settings.simulation.tolerance, wanted)
         fine = replace(settings, simulation=replace(settings.simulation, tolerance=tolerance))
         found = forecast(recording.manipulation, fine)
-        recording, error = _in_time(replace(recording, spans=found.spans), model)
+        recording, own = replace(recording, spans=found.spans), found.resolution_error
+        if own > tolerance:
+            recording, own = _in_space(recording, at.model, tolerance)
+        recording, error = _in_time(recording, at.model, fineness)
         result.append(recording)
-        errors.append(np.hypot(found.resolution_error * settings.rod.length, error))
+        errors.append(np.hypot(own * settings.rod.length, error))
     return tuple(result), float(np.nanmax(errors)) if np.isfinite(errors).any() else np.nan
 
 
-def _in_time(recording: Recording, model: Model) -> tuple[Recording, float]:
+def _in_space(recording: Recording, model: Model, tolerance: float) -> tuple[Recording, float]:
+    """The recording with knot spans fine enough, and the error that they leave, over L.
+
+    Judged by the motion itself, where no equilibrium on its way tells: those of two resolutions may
+    lie on different branches, which a motion goes by.
+    """
+    unit = replace(recording, noise=np.ones(len(recording.noise)))
+    first = recording.observed.shape[1] - DEGREE
+    coarse: tuple[Recording, FloatArray] | None = None
+    best, least = recording, np.inf
+    for spans in (first * 2**k for k in range(SPACE_ROUNDS)):
+        finer = replace(recording, spans=spans)
+        try:
+            shapes = evaluate(model, [finer], model.settings, derivatives=False).predicted[0]
+        except SimulationError:
+            coarse = None
+            continue
+        if coarse is not None:
+            apart = unit.white(shapes[..., :3] - coarse[1][..., :3])
+            error = float(np.sqrt(np.mean(np.sum(apart**2, axis=1)))) / model.settings.rod.length
+            if error < WORTH * least:
+                best, least = coarse[0], error
+            if least < tolerance:
+                break
+        coarse = finer, shapes
+    return best, least
+
+
+def _in_time(recording: Recording, model: Model, fineness: float) -> tuple[Recording, float]:
     """The recording with time steps fine enough, and the error that they leave [m]."""
     n = recording.observed.shape[1]
     noise = float(np.sqrt(np.sum(recording.noise[:n] ** 2)))
@@ -124,10 +166,10 @@ def _in_time(recording: Recording, model: Model) -> tuple[Recording, float]:
         finer = replace(here, tolerance=tolerance)
         after = evaluate(model, [finer], model.settings, derivatives=False).predicted[0]
         error = float(np.sqrt(np.mean(recording.white(after[..., :3] - before[..., :3]) ** 2)))
-        if error < FINENESS:
+        if error < fineness:
             break
         here, before, error = finer, after, error / TIME_GAIN
-        if error < FINENESS:
+        if error < fineness:
             break
     return here, error * noise
 

@@ -1,0 +1,200 @@
+"""Damping that the parameter file only guesses: whether the data ask for another, and which.
+
+It is fitted together with everything else, so that a wrong guess hides no cause and makes none.
+What it turned out to be is named as `air_drag` or `internal_damping` where it is all that was
+missing, or where everything is much worse with the guess.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dlo_ros.diagnosis import decide, judging
+from dlo_ros.diagnosis.estimates import covariance
+from dlo_ros.diagnosis.fitting import Evaluation, evaluate, fit, solve, total
+from dlo_ros.diagnosis.model import Model
+from dlo_ros.diagnosis.search import Candidate, candidate
+from dlo_ros.diagnosis.workers import Problem, Workers
+from dlo_ros.errors import SimulationError
+from dlo_ros.parameters import Settings
+
+EFFECTS = {"air_drag": ("air_drag", "coefficient"),
+           "internal_damping": ("relaxation_time", "relaxation_time")}  # fmt: skip
+"""Parameter of the file and key of the effect that is added to it."""
+ITERATIONS = 10
+
+
+@dataclass(frozen=True)
+class Guess:
+    """A guess that the data do not bear out.
+
+    Args:
+        effect: that would make good for it.
+        given, fitted: value in the file and in the fit, in the file's unit.
+        std: of the logarithm.
+    """
+
+    effect: str
+    given: float
+    fitted: float
+    std: float
+
+
+def guessed(model: Model, given: Settings) -> tuple[str, ...]:
+    """Effects that would take the place of the damping that is fitted."""
+    return tuple(
+        effect for effect, (name, _) in EFFECTS.items()
+        if name in model.free and effect not in model.effects
+        and getattr(given.damping, f"{name}_std") == 0.0
+    )  # fmt: skip
+
+
+def wrong_guesses(at: Evaluation, given: Settings) -> tuple[Guess, ...]:
+    """Of the damping that the fit was free to choose, what lies clearly off the file's value."""
+    spread = np.sqrt(np.maximum(np.diag(covariance(at, given)), 0.0))
+    found = []
+    for effect, (name, _) in EFFECTS.items():
+        if effect not in guessed(at.model, given):
+            continue
+        value, fitted = (getattr(s.damping, name) for s in (given, at.model.settings))
+        std = float(spread[at.model.free.index(name)])
+        if abs(np.log(fitted / value)) > decide.SURE * std:
+            found.append(Guess(effect, value, fitted, std))
+    return tuple(found)
+
+
+def with_guess(at: Evaluation, given: Settings, effects: Sequence[str] = ()) -> list[Model]:
+    """The model with the file's damping, and effects that make good for it: beginnings of a fit.
+
+    In one of them all else has followed: of weight, stiffness and damping only ratios may count.
+    """
+    model = at.model
+    names = [EFFECTS[e][0] for e in guessed(model, given)]
+    back = {n: getattr(given.damping, n) for n in names if _effect(n) not in effects}
+    move = [model.free.index(n) for n in back]
+    follow = [k for k in range(len(model.free)) if k not in move]
+    theta = model.theta()
+    change = np.log([back[n] for n in back]) - theta[move]
+    equations = total(at, given)
+    inner, cross = equations.hessian[np.ix_(follow, follow)], equations.hessian[follow][:, move]
+    followed = theta.copy()
+    followed[follow] -= solve(inner, cross @ change)
+    return [_with_guess(model.at(t), given, names, effects) for t in (theta, followed)]
+
+
+def _effect(name: str) -> str:
+    return next(e for e, (n, _) in EFFECTS.items() if n == name)
+
+
+def _with_guess(
+    model: Model, given: Settings, names: Sequence[str], effects: Sequence[str]
+) -> Model:
+    fitted = model.settings.damping
+    kept = {n: getattr(given.damping, n) for n in names}
+    settings = replace(model.settings, damping=replace(fitted, **kept))
+    result = replace(model, settings=settings, free=tuple(n for n in model.free if n not in names))
+    for effect in effects:
+        name, key = EFFECTS[effect]
+        block = {key: getattr(fitted, name) - kept[name]}
+        result = result.extended(effect, block, (key,))
+    return result
+
+
+def _fitted(problem: Problem, beginnings: Sequence[Model]) -> Evaluation | None:
+    """The fit from the best of some beginnings."""
+    best: Evaluation | None = None
+    for model in beginnings:
+        try:
+            at = evaluate(model, problem.recordings, problem.given)
+        except SimulationError:
+            continue
+        if best is None or at.cost < best.cost:
+            best = at
+    return fit(best, problem.recordings, problem.given, ITERATIONS) if best else None
+
+
+def _candidates(team: Workers, models: Sequence[Sequence[Model]]) -> list[Candidate]:
+    given = team.problem.given
+    return [
+        candidate(at.model.effects[-1] if at.model.effects else "", "", at, given)
+        for at in team.each(_fitted, models) if at is not None
+    ]  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Damping:
+    """What was made of a wrong guess.
+
+    Args:
+        plain: the plain model with the file's damping.
+        decision: what is named, damping included.
+        candidates: all that were fitted.
+    """
+
+    plain: Candidate
+    decision: decide.Decision
+    candidates: tuple[Candidate, ...]
+
+
+def named(
+    team: Workers, plain: Candidate, best: Candidate, decision: decide.Decision,
+    kept_aside: Callable[[Candidate], float | None],
+) -> Damping | None:  # fmt: skip
+    """Name the damping where it is all that was missing, or where it is certain.
+
+    Args:
+        plain: without effects.
+        best: what comes nearest to the data.
+        decision: so far; of an explanation by other causes the damping is no part.
+        kept_aside: ERR of a candidate there [m].
+    """
+    given = team.problem.given
+    if decision.verdict == "explained" or not wrong_guesses(best.at, given):
+        return None
+    guess = _candidates(team, [with_guess(best.at, given)])
+    if not guess or not _matters(guess[0], best, decision.verdict, kept_aside):
+        return None
+    chosen = decision.chosen.candidate if decision.chosen else plain
+    names = guessed(plain.at.model, given)
+    sets = [names] if len(names) == 1 else [*((n,) for n in names), names]
+    models = [with_guess(chosen.at, given, s) for s in sets]
+    first, *found = _candidates(team, [with_guess(plain.at, given), *models])
+    if first.at.model.effects != plain.at.model.effects or not found:
+        return None
+    return Damping(first, _decided(found, chosen, decision), tuple(found))
+
+
+def _matters(
+    guess: Candidate, best: Candidate, verdict: decide.Verdict,
+    kept_aside: Callable[[Candidate], float | None],
+) -> bool:  # fmt: skip
+    """Whether the guess leaves what noise does not, or, beside other structure, far more of it."""
+    if verdict == "adequate":
+        return not decide.adequate(guess.structure, judging.chance(guess.at.residuals))
+    if best.structure > decide.SURE_SHARE * guess.structure:
+        return False
+    err, other = kept_aside(best), kept_aside(guess)
+    return err is not None and other is not None and err < decide.SURE_SHARE * other
+
+
+def _decided(
+    found: Sequence[Candidate], chosen: Candidate, before: decide.Decision
+) -> decide.Decision:
+    """One of the two, with the other as its rival where both do; both only where neither does."""
+    known = chosen.at.model.effects
+    found = sorted(found, key=lambda c: c.score)
+    least = min(len(c.at.model.effects) for c in found)
+    both = [c for c in found if len(c.at.model.effects) > least]
+    alone = [c for c in found if c not in both and (not both or decide.as_good(both[0], c))]
+    best, *others = alone or both
+    explanation = decide.Explanation(best.at.model.effects, best)
+    rivals = [n for c in others for n in c.at.model.effects if n not in best.at.model.effects]
+    earlier = dict(zip(before.chosen.effects, before.rivals, strict=True)) if before.chosen else {}
+    return decide.Decision(
+        "explained" if before.verdict == "adequate" else before.verdict,
+        explanation,
+        tuple(earlier.get(n, () if n in known else tuple(rivals)) for n in explanation.effects),
+    )
