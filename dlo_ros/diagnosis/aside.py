@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -94,28 +94,12 @@ def refitted(
 ) -> Model:
     """The model fitted to the masked frames alone."""
     used = [k for k, mask in enumerate(masks) if mask.any()]
-    chosen = [_shortened(recordings[k], masks[k]) for k in used]
+    chosen = [recordings[k].until(int(np.flatnonzero(masks[k])[-1]) + 1) for k in used]
     try:
         here = evaluate(trained(at, masks, given), chosen, given)
     except SimulationError:
         here = evaluate(at.model, chosen, given)
     return fit(here, chosen, given, STEPS).model
-
-
-def _shortened(recording: Recording, mask: np.ndarray) -> Recording:
-    """The recording up to its last wanted frame."""
-    stop = int(np.flatnonzero(mask)[-1]) + 1
-    if stop == len(mask):
-        return recording
-    manipulation = recording.manipulation
-    shorter = replace(manipulation, observations=manipulation.observations[:stop])
-    return replace(
-        recording,
-        manipulation=shorter,
-        observed=recording.observed[:stop],
-        times=recording.times[:stop],
-        across=recording.across[:stop],
-    )
 
 
 def errors(

@@ -25,8 +25,6 @@ SURE = 3.0
 """Standard errors by which one explanation must be better than another to exclude it."""
 CONFIRMED = 1.5
 """ERR on what is kept aside, over the best one's, with which an explanation still holds."""
-FEW = 60
-"""Pictures below which neighbouring ones may resemble each other by chance."""
 SURE_LEFT = 0.35
 """Of the structure before, that a model may leave of which parts are certain."""
 SURE_SHARE = 0.4
@@ -88,7 +86,7 @@ def explains(candidate: Candidate, most: float) -> bool:
     if candidate.structure <= most:
         return True
     pictures = sum(len(r) for r in candidate.at.residuals)
-    few = candidate.structure <= MOST_LEFT and pictures < FEW
+    few = candidate.structure <= MOST_LEFT and pictures < judging.FEW
     return few and candidate.structure < judging.chance(candidate.at.residuals)
 
 
@@ -168,6 +166,24 @@ def confirmed(
     return [e for e, err in zip(found, errors, strict=True) if err is not None and err <= most]
 
 
+def suspects(
+    candidates: Sequence[Candidate], kept_aside: Callable[[Candidate], float | None]
+) -> list[Candidate]:
+    """What comes nearest where nothing explains the data, best first: none of it is a finding.
+
+    Args:
+        candidates: all that were fitted.
+        kept_aside: see `confirmed`.
+    """
+    forms = best_forms(candidates)
+    if not forms:
+        return []
+    least = min(c.structure for c in forms)
+    near = [c for c in forms if c.structure < ALIKE * least]
+    held = confirmed([Explanation(c.at.model.effects, c) for c in near], None, kept_aside)
+    return [e.candidate for e in held]
+
+
 def as_good(best: Candidate, other: Candidate) -> bool:
     """Whether another explanation cannot be excluded: within the noise, or nearly so."""
     gap = judging.compare(best.at.residuals, other.at.residuals)
@@ -187,7 +203,7 @@ def foretold(
     """
     pictures = sum(len(r) for r in best.at.residuals)
     err = kept_aside(best)
-    if pictures >= FEW or err is None:
+    if pictures >= judging.FEW or err is None:
         return []
 
     def as_well(c: Candidate) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -27,6 +27,8 @@ from dlo_ros.parameters import Settings
 
 LOG = logging.getLogger(__name__)
 
+TOLD = 5
+"""Suspects that a remark tells."""
 BASES = 3
 """Best single effects to which a second one is added."""
 FIRST_SHARE = 0.9
@@ -39,16 +41,21 @@ class _KeptAside:
 
     Args:
         recordings: all; the first `learned` are those that candidates were fitted to.
+        known: what was asked before, by the candidate's identity.
     """
 
     recordings: Sequence[Recording]
     learned: int
     parted: aside.Split
     given: Settings
+    known: dict[int, tuple[Candidate, float | None]] = field(default_factory=dict)
 
     def __call__(self, c: Candidate) -> float | None:
-        model = aside.trained(c.at, self.parted.train[: self.learned], self.given)
-        return aside.mean(aside.errors(model, self.recordings, self.parted.holdout, self.given))
+        if id(c) not in self.known:
+            model = aside.trained(c.at, self.parted.train[: self.learned], self.given)
+            err = aside.errors(model, self.recordings, self.parted.holdout, self.given)
+            self.known[id(c)] = c, aside.mean(err)
+        return self.known[id(c)][1]
 
 
 @dataclass(frozen=True)
@@ -61,10 +68,9 @@ class _Findings:
     pairs: tuple[Candidate, ...] = ()
 
     @property
-    def best(self) -> Candidate | None:
-        """The best of all, whether it explains the data or not."""
-        everything = [*self.singles, *self.pairs]
-        return min(everything, key=lambda c: c.score) if everything else None
+    def suspects(self) -> list[Candidate]:
+        """What comes nearest, whether it explains the data or not, best first."""
+        return decide.suspects([*self.singles, *self.pairs], self.kept_aside)
 
 
 def diagnose(
@@ -112,7 +118,8 @@ def diagnose(
         else:
             found = _explain(team, plain, recordings, kept_aside, progress)
         progress("judging the damping", 0.0)
-        told = damping.named(team, plain, found.best or plain, found.decision, found.kept_aside)
+        best = next(iter(found.suspects), plain)
+        told = damping.named(team, plain, best, found.decision, found.kept_aside)
     if told is not None:
         plain, found = told.plain, replace(
             found, decision=told.decision, singles=(*found.singles, *told.candidates)
@@ -223,7 +230,7 @@ def _outcome(
         label = "+".join(n for n in c.at.model.effects if n not in plain.at.model.effects)
         tried.append(Tried(label or "none", err, c.score, c.structure))
     floors = [noise_floor(r, p, given) for r, p in zip(learned, best.at.predicted, strict=True)]
-    shown = found.best if decision.verdict == "unexplained" and found.best else best
+    suspects = found.suspects if decision.verdict == "unexplained" else []
     return Diagnosis(
         decision.verdict,
         effects,
@@ -237,7 +244,7 @@ def _outcome(
         best.structure,
         chance,
         None if np.isnan(beginning.error) else beginning.error,
-        _remarks(plain, best, shown, decision),
+        _remarks(plain, best, suspects, decision),
         views(recordings, plain.at, best.at, parted.holdout, given),
     )
 
@@ -248,7 +255,7 @@ def _polished(c: Candidate, recordings: Sequence[Recording], given: Settings) ->
 
 
 def _remarks(
-    plain: Candidate, best: Candidate, shown: Candidate, decision: decide.Decision
+    plain: Candidate, best: Candidate, suspects: Sequence[Candidate], decision: decide.Decision
 ) -> tuple[str, ...]:
     """What else a reader should know."""
     remarks = []
@@ -263,12 +270,26 @@ def _remarks(
         if border:
             remarks.append(f"At the border of what is looked for: {', '.join(border)}.")
     if decision.verdict == "unexplained":
-        share = max(0.0, 1.0 - (shown.structure / plain.structure) ** 2)
-        names = " and ".join(n for n in shown.at.model.effects)
-        remarks.append(
-            f"Nothing in the library brings the residual down to the noise. Nearest comes "
-            f"{names or 'nothing'}, which removes {100.0 * share:.0f} % of its power and leaves "
-            f"{shown.structure:.2g} times the noise; it is a suspect, no finding."
-        )
+        shown = suspects[0] if suspects else best
+        remarks.append(_nearest(plain, suspects))
         remarks.append(judging.description(shown.at))
     return tuple(remarks)
+
+
+def _nearest(plain: Candidate, suspects: Sequence[Candidate]) -> str:
+    """What comes nearest to data that nothing explains."""
+    told = [
+        f"{' and '.join(c.at.model.effects)}, which leaves {c.structure:.2g} times the noise"
+        for c in suspects[:TOLD]
+    ]
+    text = "Nothing in the library brings the residual down to the noise."
+    if not told:
+        return text
+    share = max(0.0, 1.0 - (suspects[0].structure / plain.structure) ** 2)
+    text += (
+        f" Nearest comes {told[0]} and removes {100.0 * share:.0f} % of the residual's power; "
+        "it is a suspect, no finding."
+    )
+    if told[1:]:
+        text += f" Not excluded beside it: {'; '.join(told[1:])}."
+    return text

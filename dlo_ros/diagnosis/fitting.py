@@ -95,10 +95,7 @@ def evaluate(
         err.append(found.err)
         if jacobian is not None:
             jacobians.append(jacobian)
-    centre, information = prior(model, given)
-    power, count = sum(float(np.sum(r**2)) for r in residuals), sum(r.size for r in residuals)
-    cost = count * (1.0 + np.log(power / count)) if power > count else power
-    cost += float(information @ (model.theta() - centre) ** 2)
+    power, cost = _judged(model, residuals, given)
     if not np.isfinite(cost):
         raise SimulationError("the simulation gives no finite shapes")
     return Evaluation(
@@ -109,6 +106,26 @@ def evaluate(
         cost,
         tuple(predicted),
         tuple(err),
+    )
+
+
+def _judged(model: Model, residuals: Sequence[FloatArray], given: Settings) -> tuple[float, float]:
+    """See `Evaluation.power` and `Evaluation.cost`."""
+    centre, information = prior(model, given)
+    power, count = sum(float(np.sum(r**2)) for r in residuals), sum(r.size for r in residuals)
+    cost = count * (1.0 + np.log(power / count)) if power > count else power
+    return power, cost + float(information @ (model.theta() - centre) ** 2)
+
+
+def earlier(
+    at: Evaluation, recordings: Sequence[Recording], drafts: Sequence[Recording], given: Settings
+) -> Evaluation:
+    """What an evaluation says, without derivatives, of recordings that may end earlier."""
+    ends = [len(d.times) - len(r.times) or None for r, d in zip(recordings, drafts, strict=True)]
+    residuals = tuple(r[:end] for r, end in zip(at.residuals, ends, strict=True))
+    power, cost = _judged(at.model, residuals, given)
+    return replace(
+        at, residuals=residuals, jacobians=None, power=power, cost=cost, predicted=(), err=()
     )
 
 

@@ -16,6 +16,8 @@ SPANS = 3
 GAP = 0.1
 """Of a span that is left out at either side, so that spans do not know of one another [share]."""
 DRAWS = 400
+FEW = 60
+"""Pictures below which neighbouring ones may resemble each other by chance."""
 BLOCKS = 6
 """Of a recording, over which the spread of a comparison is taken."""
 

@@ -83,6 +83,16 @@ class Recording:
         """
         return self.white(self.observed[-len(predicted) :] - predicted[..., :3])
 
+    def until(self, stop: int) -> Recording:
+        """Its first frames."""
+        if stop >= len(self.times):
+            return self
+        seen = replace(self.manipulation, observations=self.manipulation.observations[:stop])
+        return replace(
+            self, manipulation=seen, observed=self.observed[:stop], times=self.times[:stop],
+            across=self.across[:stop],
+        )  # fmt: skip
+
     def with_noise(self, predicted: FloatArray, settings: Settings) -> Recording:
         """The recording with its noise estimated from how residuals scatter in time."""
         unit = replace(self, noise=np.ones(len(self.noise)))
@@ -213,7 +223,8 @@ def with_bias(
         each = scatter(unit.residual(shapes), recording, settings)[:n]
         shares.append(count * float(np.median(each**2)) / max(std, 1e-12) ** 2)
         stated.append(std)
-    if np.mean(shares) > SCATTERING:
+    # In motion a strand crosses pixels, and part of it scatters.
+    if min(shares) > SCATTERING:
         return tuple(recordings)
     biased = []
     for recording, std in zip(recordings, stated, strict=True):

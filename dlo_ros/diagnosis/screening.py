@@ -13,7 +13,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dlo_ros.diagnosis.candidates import Start, moved
-from dlo_ros.diagnosis.fitting import IN_LANES, ROUGH, Evaluation, Normal, evaluate, solve, total
+from dlo_ros.diagnosis.fitting import (
+    IN_LANES,
+    ROUGH,
+    Evaluation,
+    Normal,
+    earlier,
+    evaluate,
+    solve,
+    total,
+)
 from dlo_ros.diagnosis.model import LARGEST_LOG_STEP, LOOSE, Model, names
 from dlo_ros.diagnosis.workers import Problem, Progress, Workers
 from dlo_ros.errors import SimulationError
@@ -173,7 +182,8 @@ def screen(
     team: Workers, before: Evaluation, starts: Sequence[Start], progress: Progress
 ) -> list[Prospect]:
     """The linear test of all starts; those that cannot be simulated are left out."""
-    bare = replace(before, jacobians=None, predicted=(), err=())
+    problem = team.problem
+    bare = earlier(before, problem.recordings, problem.drafts, problem.given)
     sheets: list[list[Start]] = []
     tasks: list[Task] = []
     for start in starts:
@@ -228,9 +238,12 @@ def _try(problem: Problem, task: tuple[Evaluation, Prospect]) -> Prospect | None
 def tried(
     team: Workers, before: Evaluation, prospects: Sequence[Prospect], progress: Progress
 ) -> list[Prospect]:
-    """One simulation of each prospect, best first; E and mu stay."""
-    bare = replace(before, jacobians=None, predicted=(), err=())
-    tasks = [(bare, p) for p in prospects]
+    """One simulation of each prospect, best first; E and mu stay.
+
+    Args:
+        before: see `fitting.earlier`.
+    """
+    tasks = [(before, p) for p in prospects]
     found = []
     for k, prospect in enumerate(team.each(_try, tasks)):
         progress("trying effects", (k + 1) / len(tasks))

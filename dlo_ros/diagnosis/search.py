@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from dlo_ros.diagnosis import judging
 from dlo_ros.diagnosis.candidates import Start
-from dlo_ros.diagnosis.fitting import ROUGH, Evaluation, evaluate, fit
+from dlo_ros.diagnosis.fitting import ROUGH, Evaluation, earlier, evaluate, fit
 from dlo_ros.diagnosis.model import Model
 from dlo_ros.diagnosis.screening import Prospect, chosen, tried
 from dlo_ros.diagnosis.workers import Problem, Progress, Workers
@@ -15,11 +17,18 @@ from dlo_ros.errors import SimulationError
 from dlo_ros.parameters import Settings
 
 FIRST_ITERATIONS = 2
+ROUND_ITERATIONS = 3
+ROUNDS = 3
 MORE_ITERATIONS = 8
 PROMISING = 4.0
 """Excess over the noise, against the best candidate's, up to which a fit is carried on."""
+FALLING = 0.5
+"""Of its excess, that a fit leaves in one round to be carried on in any case."""
+SETTLED = 0.95
+"""The same of a fit that has come to its end."""
 CARRIED = 3
-"""Fits that are carried on in any case."""
+"""Fits that are carried on in any case, where none explains the data."""
+MOST_CARRIED = 8
 PLACES = 3
 """Among the effects, by what they promise, that make every form of a jumping one worth a fit."""
 AS_PROMISING = 3.0
@@ -54,12 +63,27 @@ def _fit_draft(problem: Problem, task: tuple[Model, Prospect]) -> Evaluation | N
     return fit(at, problem.drafts, problem.given, FIRST_ITERATIONS)
 
 
+def _continue(problem: Problem, at: Evaluation) -> Evaluation:
+    return fit(at, problem.drafts, problem.given, ROUND_ITERATIONS)
+
+
 def _carry_on(problem: Problem, model: Model) -> Evaluation | None:
     try:
         at = evaluate(model, problem.recordings, problem.given)
     except SimulationError:
         return None
     return fit(at, problem.recordings, problem.given, MORE_ITERATIONS)
+
+
+def _complete(problem: Problem, model: Model) -> Evaluation | None:
+    whole = [
+        replace(r, spans=d.spans, tolerance=d.tolerance)
+        for r, d in zip(problem.recordings, problem.drafts, strict=True)
+    ]
+    try:
+        return evaluate(model, whole, problem.given)
+    except SimulationError:
+        return None
 
 
 def _worth(prospects: Sequence[Prospect]) -> tuple[list[Prospect], list[Prospect]]:
@@ -102,10 +126,19 @@ def search(
         enough: structure with which an effect explains the data.
         thorough: whether, where none does, less promising beginnings are fitted, too.
     """
-    first, rest = _worth(tried(team, before, chosen(prospects, before.power), progress))
+    problem = team.problem
+    short = earlier(before, problem.recordings, problem.drafts, problem.given)
+    first, rest = _worth(tried(team, short, chosen(prospects, short.power), progress))
+    smooth = [p for p in first if p.start.effect not in ROUGH]
+    rough = [p for p in first if p.start.effect in ROUGH]
+    # In a motion nothing else does as well as a peg, and derivatives beside one take long.
+    moving = sum(len(r.times) for r in problem.recordings) >= judging.FEW
+    groups = [smooth, rough] if moving else [first]
     found: dict[tuple[str, str], Candidate] = {}
-    for some in (first, rest) if thorough else (first,):
-        for c in _fitted(team, before, some, progress):
+    least = np.inf
+    for some in (*groups, rest) if thorough else groups:
+        fitted, least = _fitted(team, before.model, some, progress, enough, least)
+        for c in fitted:
             key = (c.effect, c.form)
             if key not in found or c.at.cost < found[key].at.cost:
                 found[key] = c
@@ -114,29 +147,81 @@ def search(
     return sorted(found.values(), key=lambda c: c.score)
 
 
+@dataclass(frozen=True)
+class _Draft:
+    """A fit with the coarse simulation, and what its excess was a round before."""
+
+    start: Start
+    at: Evaluation
+    before: float
+
+    def excess(self, noise: float) -> float:
+        """Squared residuals beyond those of the noise; at least a tenth of these."""
+        return max(self.at.power - noise, 0.1 * noise)
+
+
 def _fitted(
-    team: Workers, before: Evaluation, prospects: Sequence[Prospect], progress: Progress
-) -> list[Candidate]:
-    """Fit prospects a little, and the promising ones to the end with the fine simulation."""
+    team: Workers, before: Model, prospects: Sequence[Prospect], progress: Progress,
+    enough: float, least: float,
+) -> tuple[list[Candidate], float]:  # fmt: skip
+    """Fit prospects a little, and the promising ones to the end with the fine simulation.
+
+    Args:
+        least: smallest excess of what was fitted before.
+
+    Returns:
+        The fits and the smallest excess now.
+    """
     problem = team.problem
-    tasks = [(before.model, p) for p in prospects]
-    found: list[tuple[Start, Evaluation]] = []
+    noise = problem.count
+    tasks = [(before, p) for p in prospects]
+    drafts: list[_Draft] = []
     for k, (p, at) in enumerate(zip(prospects, team.each(_fit_draft, tasks), strict=True)):
         progress("fitting effects", (k + 1) / len(tasks))
         if at is not None:
-            found.append((p.start, at))
-    if not found:
-        return []
-    found.sort(key=lambda pair: pair[1].cost)
-    noise = problem.count
-    limit = noise + PROMISING * max(found[0][1].power - noise, 0.1 * noise)
-    carried = [k for k, (_, at) in enumerate(found) if at.power < limit or k < CARRIED]
-    models = [found[k][1].model for k in carried]
+            drafts.append(_Draft(p.start, at, p.power - noise))
+    for _ in range(ROUNDS):
+        pick = [
+            k for k in _promising(drafts, noise, enough, least)
+            if drafts[k].excess(noise) < SETTLED * drafts[k].before
+        ]  # fmt: skip
+        ats = [drafts[k].at for k in pick]
+        for i, (k, at) in enumerate(zip(pick, team.each(_continue, ats), strict=True)):
+            progress("fitting the likely effects", (i + 1) / len(pick))
+            drafts[k] = replace(drafts[k], at=at, before=drafts[k].excess(noise))
+    found: list[Evaluation | None] = [d.at for d in drafts]
+    carried = _promising(drafts, noise, enough, least)[:MOST_CARRIED]
+    models = [drafts[k].at.model for k in carried]
     for i, (k, at) in enumerate(zip(carried, team.each(_carry_on, models), strict=True)):
         progress("fitting the most likely effects", (i + 1) / len(carried))
-        if at is not None:
-            found[k] = (found[k][0], at)
-    return [candidate(start.effect, start.form, at, problem.given) for start, at in found]
+        found[k] = at or found[k]
+    if problem.shortened:
+        left = [k for k in range(len(drafts)) if k not in carried]
+        models = [drafts[k].at.model for k in left]
+        for k, at in zip(left, team.each(_complete, models), strict=True):
+            found[k] = at
+    candidates = [
+        candidate(d.start.effect, d.start.form, at, problem.given)
+        for d, at in zip(drafts, found, strict=True) if at is not None
+    ]  # fmt: skip
+    return candidates, min([least, *(d.excess(noise) for d in drafts)])
+
+
+def _promising(drafts: Sequence[_Draft], noise: float, enough: float, least: float) -> list[int]:
+    """The drafts that are worth more time, best first."""
+    order = sorted(range(len(drafts)), key=lambda k: drafts[k].at.cost)
+    if not order:
+        return []
+    best = min([least, *(d.excess(noise) for d in drafts)])
+    some = 0 if judging.structure(drafts[order[0]].at.residuals) < enough else CARRIED
+    if best == least:
+        some = 0
+    return [
+        k for i, k in enumerate(order)
+        if drafts[k].excess(noise) < PROMISING * best
+        or drafts[k].excess(noise) < FALLING * drafts[k].before
+        or i < some
+    ]  # fmt: skip
 
 
 def candidate(effect: str, form: str, at: Evaluation, given: Settings) -> Candidate:

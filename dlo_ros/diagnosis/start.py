@@ -37,6 +37,11 @@ DRAFT_SPANS = 2
 DRAFT_TOLERANCE = 1e-3
 DRAFT_ERROR = 0.5
 """Of a draft against the fine simulation, in units of the noise."""
+DRAFT_FRAMES = 800
+LEAST_FRAMES = 100
+"""Of all recordings, and of one, that a draft goes through."""
+SHOWN = 0.25
+"""Of the squared residuals, that it must go through."""
 DRAFT_SHARE = 0.05
 """Of what the plain model leaves over, up to which the error of a draft does not matter."""
 
@@ -175,7 +180,7 @@ def _in_time(recording: Recording, model: Model, fineness: float) -> tuple[Recor
 
 
 def drafts(recordings: Sequence[Recording], at: Evaluation) -> tuple[Recording, ...]:
-    """The recordings with coarser simulations, as far as these do not deceive.
+    """The recordings with coarser simulations, as far as these do not deceive, long ones shortened.
 
     Args:
         at: the plain model, simulated finely.
@@ -192,8 +197,15 @@ def drafts(recordings: Sequence[Recording], at: Evaluation) -> tuple[Recording, 
                 continue
             apart = recording.white(rough.predicted[0][..., :3] - fine[..., :3])
             if np.sqrt(np.mean(apart**2)) < most:
-                result.append(draft)
                 break
         else:
-            result.append(recording)
+            draft = recording
+        result.append(draft.until(_long_enough(r, len(recordings)) + len(recording.times) - len(r)))
     return tuple(result)
+
+
+def _long_enough(residual: FloatArray, recordings: int) -> int:
+    """Frames of a recording, from its first, in which much of what is wrong has shown itself."""
+    shown = np.cumsum(np.sum(residual**2, axis=1))
+    most = max(LEAST_FRAMES, DRAFT_FRAMES // recordings)
+    return max(most, int(np.searchsorted(shown, SHOWN * shown[-1])) + 1)

@@ -25,7 +25,7 @@ class Problem:
     Args:
         recordings: with their noise.
         given: the parameter file, for what is known beforehand.
-        drafts: the recordings with a coarser simulation, to try effects with.
+        drafts: the recordings with a coarser simulation, perhaps shorter, to try effects with.
     """
 
     recordings: tuple[Recording, ...]
@@ -34,8 +34,14 @@ class Problem:
 
     @property
     def count(self) -> int:
-        """Numbers that were measured."""
-        return sum(len(r.times) * len(r.noise) for r in self.recordings)
+        """Numbers that were measured in the drafts."""
+        return sum(len(r.times) * len(r.noise) for r in self.drafts)
+
+    @property
+    def shortened(self) -> bool:
+        """Whether drafts end earlier."""
+        pairs = zip(self.recordings, self.drafts, strict=True)
+        return any(len(r.times) != len(d.times) for r, d in pairs)
 
 
 _problem: Problem | None = None
