@@ -181,9 +181,10 @@ def test_nothing_that_arrives_brings_a_node_down(graph: Graph) -> None:
 
     def fuzz(data: Any) -> None:
         for _ in range(BURST):
-            start = time.monotonic()
+            # Of this thread: the machine may have other things to do.
+            start = time.thread_time()
             what = deliver(data.draw, graph)
-            took = time.monotonic() - start
+            took = time.thread_time() - start
             if took > slowest[0]:
                 slowest[:] = [took, what]
         graph.spin()
@@ -208,8 +209,9 @@ def test_nothing_that_arrives_brings_a_node_down(graph: Graph) -> None:
     graph.works()
     early = max(memory[: max(len(memory) // 10, 1)])
     print(
-        f"\n{sent} messages in {time.monotonic() - began:.0f} s; the slowest {slowest[0]:.2f} s "
-        f"({slowest[1]}); resident {early / 2**20:.0f} MiB after a tenth, "
+        f"\n{sent} messages in {time.monotonic() - began:.0f} s; the slowest "
+        f"{slowest[0]:.2f} s of processor ({slowest[1]}); "
+        f"resident {early / 2**20:.0f} MiB after a tenth, "
         f"{max(memory) / 2**20:.0f} at most, {memory[-1] / 2**20:.0f} at the end\n"
         f"sent {dict(graph.delivered)}\npublished {dict(published)}"
     )

@@ -50,7 +50,8 @@ LONGEST_TICK = 0.02
 """Seconds of wall time between two looks at what is due."""
 
 RETRY = 0.5
-"""Seconds of wall time between two attempts to start."""
+"""Seconds of wall time between two attempts to start, at least as long as the last one took: what
+does not converge may take seconds to say so, and other callbacks shall have half of the time."""
 
 
 class SimulatorNode(DloNode):
@@ -146,10 +147,11 @@ class SimulatorNode(DloNode):
                 "with a recording set use_sim_time and play it with /clock",
             )
             return
+        began = time.monotonic()
         try:
             self._simulation.start(chosen)
         except DloError as err:
-            self._retry_at = time.monotonic() + RETRY
+            self._wait_after(began, RETRY)
             self._untried = False
             self.health.warn("start", f"the simulation does not start: {err}")
             return
@@ -170,6 +172,8 @@ class SimulatorNode(DloNode):
             self._stop()
             return
         self.health.values["lag [s]"] = max(behind, 0.0)
+        if time.monotonic() < self._retry_at:
+            return
         until = time.monotonic() + TURN
         for _ in range(BURST):
             if self._next > now or time.monotonic() > until:
@@ -184,20 +188,27 @@ class SimulatorNode(DloNode):
             )
 
     def _predict(self, stamp: int) -> None:
-        began = time.perf_counter()
+        began = time.monotonic()
         try:
             prediction = self._simulation.advance(stamp)
             message = spline_message(
                 ROS_MESSAGES, prediction.stamp, self.settings.frame_id, prediction.control_points
             )
         except DloError as err:
+            self._wait_after(began)
             self.health.warn("simulation", f"the last good shape is held: {err}")
             return
         self.health.solved("simulation")
         self._publisher.publish(message)
         self.health.count("predictions")
-        self.health.values["computing time [ms]"] = 1000.0 * (time.perf_counter() - began)
+        self.health.values["computing time [ms]"] = 1000.0 * (time.monotonic() - began)
         self._markers.spline(prediction.stamp, prediction.control_points)
+
+    def _wait_after(self, began: float, least: float = 0.0) -> None:
+        """Try again only after as long as what failed took, where that is long."""
+        took = time.monotonic() - began
+        if max(took, least) > TURN:
+            self._retry_at = time.monotonic() + max(took, least)
 
     def _stop(self) -> None:
         self._simulation.reset()
