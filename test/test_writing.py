@@ -55,10 +55,15 @@ RESULTS = {
 }
 
 
-def start(tool: str, inputs: Path, output: Path, before: str = "") -> subprocess.CompletedProcess:
-    """Run a tool after some lines of Python."""
+def start(
+    tool: str, inputs: Path, output: Path, before: str = "", after: str = ""
+) -> subprocess.CompletedProcess:
+    """Run a tool between some lines of Python."""
     words = [tool, *TOOLS[tool], "--output", str(output)]
-    code = f"import sys\n{before}\nfrom dlo_ros.cli.main import main\nsys.exit(main({words!r}))"
+    code = (
+        f"import sys\n{before}\nfrom dlo_ros.cli.main import main\n"
+        f"status = main({words!r})\n{after}\nsys.exit(status)"
+    )
     environment = dict(os.environ, PYTHONPATH=str(ROOT), OMP_NUM_THREADS="1")
     return subprocess.run(
         [sys.executable, "-c", code], cwd=inputs, env=environment, capture_output=True, text=True,
@@ -81,8 +86,13 @@ def visible(folder: Path) -> list[str]:
 
 @pytest.mark.parametrize("tool", TOOLS)
 def test_full_disk(tool: str, inputs: Path, tmp_path: Path) -> None:
-    limit = f"import resource; resource.setrlimit(resource.RLIMIT_FSIZE, ({LIMIT}, {LIMIT}))"
-    done = start(tool, inputs, tmp_path / "result", limit)
+    limit = (
+        "import resource; free = resource.getrlimit(resource.RLIMIT_FSIZE)\n"
+        f"resource.setrlimit(resource.RLIMIT_FSIZE, ({LIMIT}, free[1]))"
+    )
+    # `make coverage` writes what it has counted as the process ends.
+    lifted = "resource.setrlimit(resource.RLIMIT_FSIZE, free)"
+    done = start(tool, inputs, tmp_path / "result", limit, lifted)
     assert done.returncode == 2, (done.returncode, done.stderr)
     assert "cannot be written (File too large)" in said(done), done.stderr
     assert str(tmp_path / "result") in said(done)
