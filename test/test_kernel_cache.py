@@ -1,6 +1,10 @@
 """Compiled code never outlives a change of the sources."""
 
+import subprocess
+import sys
 import time
+
+from conftest import ROOT
 
 from dlo_ros import kernel_cache
 from dlo_ros.kernel_cache import discard_stale
@@ -46,3 +50,15 @@ def test_a_long_compilation_is_told_once_and_a_short_one_not(monkeypatch):
     with kernel_cache.announced(told.append):
         time.sleep(0.3)
     assert told == [kernel_cache.NOTICE]
+
+
+def test_everything_is_compiled_by_one_command():
+    """Or loaded, where it was compiled before, as everything was that other tests have run."""
+    done = subprocess.run(
+        [sys.executable, "-m", "dlo_ros.compile"],
+        capture_output=True, text=True, cwd=ROOT, timeout=900,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    first, *stages = done.stdout.splitlines()
+    assert first.startswith("Compiling")
+    assert [line.split(":")[0].strip() for line in stages] == ["rod", "vision", "synthesis"]
