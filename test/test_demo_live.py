@@ -1,4 +1,4 @@
-"""The demo around its live nodes, which are played here: what it waits for, hears and makes of it."""
+"""The demo around its nodes, which are played here: what it waits for, hears and makes of it."""
 
 import json
 import subprocess
