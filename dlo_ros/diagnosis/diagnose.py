@@ -17,7 +17,7 @@ from dlo_ros.diagnosis.measured import Recording, noise_floor
 from dlo_ros.diagnosis.outcome import Diagnosis, NamedEffect, Tried
 from dlo_ros.diagnosis.screening import Prospect, alarm, screen
 from dlo_ros.diagnosis.search import Candidate, candidate, search
-from dlo_ros.diagnosis.start import Beginning, begin, drafts
+from dlo_ros.diagnosis.start import Beginning, begin, drafts, finer
 from dlo_ros.diagnosis.views import views
 from dlo_ros.diagnosis.workers import Problem, Progress, Workers, workers
 from dlo_ros.errors import InputError
@@ -100,32 +100,46 @@ def diagnose(
     given = searchable(settings)
     progress("fitting the plain model", 0.0)
     beginning = begin([*recordings, *holdout], given)
-    learned = beginning.recordings[: len(recordings)]
-    at = beginning.at
-    if holdout:
-        at = _only(at, len(recordings))
+    count = len(recordings)
+    plain, found = _search(beginning, count, given, processes, progress)
+    near = min((*found.singles, *found.pairs), key=lambda c: c.structure, default=None)
+    if found.decision.verdict == "unexplained" and near is not None:
+        progress("refining the simulation", 0.0)
+        sharper = finer(beginning, near.at.model, given)
+        if sharper is not None:
+            beginning = sharper
+            plain, found = _search(beginning, count, given, processes, progress)
+    progress("measuring the gain", 1.0)
+    return _outcome(beginning, plain, found, given)
+
+
+def _search(
+    beginning: Beginning, count: int, given: Settings, processes: int, progress: Progress
+) -> tuple[Candidate, _Findings]:
+    """The plain model and what explains the first `count` recordings beyond it."""
+    learned = beginning.recordings[:count]
+    at = _only(beginning.at, count)
     plain = candidate("", "", at, given)
-    chance = judging.chance(at.residuals)
     problem = Problem(learned, given, drafts(learned, at))
 
     def kept_aside(best: Candidate) -> _KeptAside:
-        parted = aside.split(beginning.recordings, len(holdout), at, best.at, given)
-        return _KeptAside(beginning.recordings, len(recordings), parted, given)
+        recordings = beginning.recordings
+        parted = aside.split(recordings, len(recordings) - count, at, best.at, given)
+        return _KeptAside(recordings, count, parted, given)
 
     with workers(problem, processes) as team:
-        if decide.adequate(plain.structure, chance):
+        if decide.adequate(plain.structure, judging.chance(at.residuals)):
             found = _Findings(decide.Decision("adequate", None), kept_aside(plain))
         else:
-            found = _explain(team, plain, recordings, kept_aside, progress)
+            found = _explain(team, plain, kept_aside, progress)
         progress("judging the damping", 0.0)
         best = next(iter(found.suspects), plain)
         told = damping.named(team, plain, best, found.decision, found.kept_aside)
-    if told is not None:
-        plain, found = told.plain, replace(
-            found, decision=told.decision, singles=(*found.singles, *told.candidates)
-        )  # fmt: skip
-    progress("measuring the gain", 1.0)
-    return _outcome(beginning, plain, found, chance, given)
+    if told is None:
+        return plain, found
+    return told.plain, replace(
+        found, decision=told.decision, singles=(*found.singles, *told.candidates)
+    )
 
 
 def _only(at: Evaluation, count: int) -> Evaluation:
@@ -138,12 +152,13 @@ def _only(at: Evaluation, count: int) -> Evaluation:
 
 
 def _explain(
-    team: Workers, plain: Candidate, recordings: Sequence[Manipulation],
-    kept_aside: Callable[[Candidate], _KeptAside], progress: Progress,
+    team: Workers, plain: Candidate, kept_aside: Callable[[Candidate], _KeptAside],
+    progress: Progress,
 ) -> _Findings:  # fmt: skip
     """Single effects first; pairs where none of them is enough."""
-    names = [n for m in recordings for c in m.commands for n in c.names]
-    observed = [r.observed for r in team.problem.recordings]
+    recordings = team.problem.recordings
+    names = [n for r in recordings for c in r.manipulation.commands for n in c.names]
+    observed = [r.observed for r in recordings]
 
     most = decide.limit(plain.structure)
 
@@ -197,8 +212,8 @@ def _bases(singles: Sequence[Candidate], before: float) -> list[Candidate]:
 
 
 def _outcome(
-    beginning: Beginning, plain: Candidate, found: _Findings, chance: float, given: Settings
-) -> Diagnosis:  # fmt: skip
+    beginning: Beginning, plain: Candidate, found: _Findings, given: Settings
+) -> Diagnosis:
     """Measure on what is kept aside, and put everything together."""
     recordings = beginning.recordings
     decision, kept_aside = found.decision, found.kept_aside
@@ -242,7 +257,7 @@ def _outcome(
         advise(decision, [*found.singles, *found.pairs], learned, given),
         plain.structure,
         best.structure,
-        chance,
+        judging.chance(plain.at.residuals),
         None if np.isnan(beginning.error) else beginning.error,
         _remarks(plain, best, suspects, decision),
         views(recordings, plain.at, best.at, parted.holdout, given),

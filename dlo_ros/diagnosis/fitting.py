@@ -36,8 +36,12 @@ DIFFERENCE = 0.01
 """Of a parameter's natural size, for differences."""
 POLISH = 3
 DAMPING = 1e-4
+CONTINUED = 1e-7
+"""Marquardt's damping of a fit at first, and of one that is continued."""
 UNDAMPED = 1e-9
-"""Marquardt's, at first: it holds what the data leave open, where a rough fit is no authority."""
+DAMPED, LEAST_DAMPING = 100.0, 1e-4
+"""By which it grows with a step that has failed, and to which at least."""
+TRIES = 5
 LARGEST_STEP = 2.0
 """Of a parameter in one iteration, in natural units."""
 
@@ -276,7 +280,7 @@ def _bounded(model: Model, hessian: FloatArray, gradient: FloatArray) -> FloatAr
 
 def fit(
     start: Evaluation, recordings: Sequence[Recording], given: Settings, iterations: int, *,
-    exact: bool = False,
+    exact: bool = False, damping: float = DAMPING,
 ) -> Evaluation:  # fmt: skip
     """Levenberg-Marquardt from an evaluation with derivatives.
 
@@ -284,9 +288,11 @@ def fit(
     at the border.
 
     Args:
-        exact: see `evaluate`; what the data leave open then goes where it was known to be.
+        exact: see `evaluate`.
+        damping: Marquardt's, at first; it keeps a fit from going far along what the data leave
+            open, and makes it slow along narrow valleys.
     """
-    best, damping = start, UNDAMPED if exact else DAMPING
+    best = start
     count = sum(r.size for r in start.residuals)
     for _ in range(iterations):
         equations = total(best, given)
@@ -294,21 +300,23 @@ def fit(
         if best.excess > CLEARLY_WRONG:
             enough += COARSE * count
         gain = 0.0
-        for _ in range(5):
+        for k in range(TRIES):
             lhs = equations.hessian + damping * np.diag(np.diag(equations.hessian))
             step = _bounded(best.model, lhs, equations.gradient)
+            if step @ (2.0 * equations.gradient - equations.hessian @ step) < enough:
+                return best
             trial = best.model.at(best.model.theta() + step)
             try:
                 after = evaluate(trial, recordings, given, exact=exact)
             except SimulationError:
-                damping = max(30.0 * damping, 1e-2)
+                damping = max(DAMPED * damping, LEAST_DAMPING)
                 continue
             gain = best.cost - after.cost
             if gain > 0.0:
                 break
-            if -gain < enough:
+            if k and -gain < enough:
                 return best
-            damping = max(30.0 * damping, 1e-2)
+            damping = max(DAMPED * damping, LEAST_DAMPING)
         if gain <= 0.0:
             return best
         best, damping = after, 0.1 * damping
@@ -322,4 +330,4 @@ def polished(at: Evaluation, recordings: Sequence[Recording], given: Settings) -
     if any(name in ROUGH for name in at.model.effects):
         return at
     here = evaluate(at.model, recordings, given, exact=True)
-    return fit(here, recordings, given, POLISH, exact=True)
+    return fit(here, recordings, given, POLISH, exact=True, damping=UNDAMPED)

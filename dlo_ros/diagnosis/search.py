@@ -9,7 +9,7 @@ import numpy as np
 
 from dlo_ros.diagnosis import judging
 from dlo_ros.diagnosis.candidates import Start
-from dlo_ros.diagnosis.fitting import ROUGH, Evaluation, earlier, evaluate, fit
+from dlo_ros.diagnosis.fitting import CONTINUED, ROUGH, Evaluation, earlier, evaluate, fit
 from dlo_ros.diagnosis.model import Model
 from dlo_ros.diagnosis.screening import Prospect, chosen, tried
 from dlo_ros.diagnosis.workers import Problem, Progress, Workers
@@ -28,7 +28,10 @@ SETTLED = 0.95
 """The same of a fit that has come to its end."""
 CARRIED = 3
 """Fits that are carried on in any case, where none explains the data."""
-MOST_CARRIED = 8
+LIKELY = 2.0
+MOST_LIKELY = 4
+"""Excess against the best candidate's, and number of fits, up to which they are carried to the end
+where none explains the data."""
 PLACES = 3
 """Among the effects, by what they promise, that make every form of a jumping one worth a fit."""
 AS_PROMISING = 3.0
@@ -64,7 +67,7 @@ def _fit_draft(problem: Problem, task: tuple[Model, Prospect]) -> Evaluation | N
 
 
 def _continue(problem: Problem, at: Evaluation) -> Evaluation:
-    return fit(at, problem.drafts, problem.given, ROUND_ITERATIONS)
+    return fit(at, problem.drafts, problem.given, ROUND_ITERATIONS, damping=CONTINUED)
 
 
 def _carry_on(problem: Problem, model: Model) -> Evaluation | None:
@@ -72,7 +75,7 @@ def _carry_on(problem: Problem, model: Model) -> Evaluation | None:
         at = evaluate(model, problem.recordings, problem.given)
     except SimulationError:
         return None
-    return fit(at, problem.recordings, problem.given, MORE_ITERATIONS)
+    return fit(at, problem.recordings, problem.given, MORE_ITERATIONS, damping=CONTINUED)
 
 
 def _complete(problem: Problem, model: Model) -> Evaluation | None:
@@ -190,7 +193,7 @@ def _fitted(
             progress("fitting the likely effects", (i + 1) / len(pick))
             drafts[k] = replace(drafts[k], at=at, before=drafts[k].excess(noise))
     found: list[Evaluation | None] = [d.at for d in drafts]
-    carried = _promising(drafts, noise, enough, least)[:MOST_CARRIED]
+    carried = _likely(drafts, noise, enough, least)
     models = [drafts[k].at.model for k in carried]
     for i, (k, at) in enumerate(zip(carried, team.each(_carry_on, models), strict=True)):
         progress("fitting the most likely effects", (i + 1) / len(carried))
@@ -222,6 +225,20 @@ def _promising(drafts: Sequence[_Draft], noise: float, enough: float, least: flo
         or drafts[k].excess(noise) < FALLING * drafts[k].before
         or i < some
     ]  # fmt: skip
+
+
+def _likely(drafts: Sequence[_Draft], noise: float, enough: float, least: float) -> list[int]:
+    """The drafts that are worth the fine simulation, the best of each effect first."""
+    order = _promising(drafts, noise, enough, least)
+    if not order or judging.structure(drafts[order[0]].at.residuals) < enough:
+        return order
+    best = min([least, *(d.excess(noise) for d in drafts)])
+    near = [k for k in order if drafts[k].excess(noise) < LIKELY * best] or order[:1]
+    names = [drafts[k].start.effect for k in near]
+    repeated = [name in names[:i] for i, name in enumerate(names)]
+    return [k for _, k in sorted(zip(repeated, near, strict=True), key=lambda p: p[0])][
+        :MOST_LIKELY
+    ]
 
 
 def candidate(effect: str, form: str, at: Evaluation, given: Settings) -> Candidate:

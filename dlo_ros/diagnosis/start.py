@@ -23,8 +23,10 @@ FACTORS = (1.0, 0.3, 3.0, 0.1, 10.0, 0.03, 30.0)
 """Of E, from which the fit may start: far away a shape may lie on another branch."""
 FINENESS = 0.1
 """Of the noise of one frame, that the simulation's own error may be."""
-OWN_SHARE = 0.005
+OWN_SHARE = 0.0015
 """The same of what the model leaves over, where that is more: nothing finer than this is judged."""
+OWN_MATTERS = 0.3
+"""Of what a model leaves over, that the simulation's own error may be."""
 ROUNDS = 2
 SPACE_ROUNDS = 5
 WORTH = 0.7
@@ -83,6 +85,26 @@ def begin(manipulations: Sequence[Manipulation], settings: Settings) -> Beginnin
     return Beginning(recordings, at, error)
 
 
+def finer(beginning: Beginning, near: Model, settings: Settings) -> Beginning | None:
+    """The beginning with a simulation that is fine enough for a model that comes near the data.
+
+    Returns:
+        None where the simulation's own error is small beside what that model leaves over.
+    """
+    here = evaluate(near, beginning.recordings, settings, derivatives=False)
+    recordings, error = _finer(beginning.recordings, here)
+    fine = evaluate(near, recordings, settings, derivatives=False)
+    own = [a - b for a, b in zip(here.residuals, fine.residuals, strict=True)]
+    if _rms(own) < OWN_MATTERS * _rms(fine.residuals):
+        return None
+    at = fit(evaluate(beginning.at.model, recordings, settings), recordings, settings, 6)
+    return Beginning(recordings, polished(at, recordings, settings), error)
+
+
+def _rms(residuals: Sequence[FloatArray]) -> float:
+    return float(np.sqrt(np.mean(np.concatenate([r.ravel() for r in residuals]) ** 2)))
+
+
 def _best_start(recordings: tuple[Recording, ...], model: Model) -> Evaluation:
     best: Evaluation | None = None
     failure: SimulationError | None = None
@@ -112,8 +134,7 @@ def _finer(
     result, errors = [], []
     settings = at.model.settings
     left = [r.residual(p) for r, p in zip(recordings, at.predicted, strict=True)]
-    power = sum(float(np.sum(r**2)) for r in left) / sum(r.size for r in left)
-    fineness = max(FINENESS, OWN_SHARE * float(np.sqrt(power)))
+    fineness = max(FINENESS, OWN_SHARE * _rms(left))
     for recording in recordings:
         n = recording.observed.shape[1]
         noise = float(np.sqrt(np.sum(recording.noise[:n] ** 2)))

@@ -1,0 +1,83 @@
+"""Damping and weight that the parameter file only guesses, and what diagnosis makes of it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from challenge import draw
+
+from dlo_ros.cli.loading import load_manipulation
+from dlo_ros.diagnosis import damping, diagnose
+from dlo_ros.diagnosis.start import begin
+from dlo_ros.parameters import Settings
+
+
+def guessing(settings):
+    """The same file without what was measured beforehand."""
+    return replace(
+        settings,
+        rod=replace(settings.rod, density_std=0.0),
+        damping=replace(settings.damping, air_drag_std=0.0, relaxation_time_std=0.0),
+    )
+
+
+def recorded(folder, seed, kind, names=()):
+    challenge = draw(seed, kind, names, recordings=2)
+    bags = challenge.write(folder, edges=150, step=1e-3)
+    settings = guessing(Settings.load(folder / "params.yaml"))
+    return challenge, [load_manipulation(b, settings) for b in bags], settings
+
+
+def test_a_wrong_guess_is_named_where_it_is_all_that_is_missing(tmp_path):
+    challenge, recordings, settings = recorded(tmp_path, 3, "single", ("internal_damping",))
+    found = diagnose(recordings, settings)
+    (effect,) = found.effects
+    assert (found.verdict, effect.name, effect.rivals) == ("explained", "internal_damping", ())
+    true = challenge.effects["internal_damping"]["relaxation_time"]
+    assert effect.parameters["relaxation_time"].value == pytest.approx(true, rel=0.1)
+    assert found.extended.settings.damping == settings.damping  # the guess, and what is added
+    assert found.gain.low > 0.0
+
+
+def test_only_the_ratio_of_drag_and_weight_is_seen(tmp_path):
+    """A drag that is missing is a rope that is too heavy, while nobody has weighed it."""
+    _, recordings, settings = recorded(tmp_path, 3, "single", ("air_drag",))
+    found = diagnose(recordings, settings)
+    assert (found.verdict, found.effects) == ("adequate", ())
+    assert found.extended.density[1] > 0.2 * found.extended.density[0]
+
+
+def test_what_is_open_stays_where_it_was_known_to_be(tmp_path):
+    """E, mu and the drag scale together: the fit must not wander along what the data leave open."""
+    _, recordings, settings = recorded(tmp_path, 2, "none")
+    at = begin(recordings, settings).at
+    rod = at.model.settings.rod
+    assert abs(np.log(rod.density / settings.rod.density)) < 0.3
+    assert all(abs(np.log(g.fitted / g.given)) < 0.1 for g in damping.wrong_guesses(at, settings))
+
+
+def test_a_mass_is_known_no_better_than_the_rope(tmp_path):
+    challenge, recordings, settings = recorded(tmp_path, 1, "single", ("point_mass",))
+    found = diagnose(recordings, settings)
+    (effect,) = found.effects
+    true, mass = challenge.effects["point_mass"]["mass"], effect.parameters["mass"]
+    assert effect.name == "point_mass"
+    assert mass.std > 0.2 * mass.value
+    assert abs(mass.value - true) < 2.5 * mass.std
+
+
+def test_models_with_the_guess_start_where_all_else_has_followed(tmp_path):
+    _, recordings, settings = recorded(tmp_path, 3, "single", ("internal_damping",))
+    at = begin(recordings, settings).at
+    assert damping.guessed(at.model, settings) == ("air_drag", "internal_damping")
+    for model in damping.with_guess(at, settings):
+        assert model.settings.damping == settings.damping
+        assert model.free == ("young_modulus", "density")
+    fitted = at.model.settings.damping
+    for model in damping.with_guess(at, settings, ("internal_damping",)):
+        assert model.settings.damping == settings.damping
+        added = model.settings.effects["internal_damping"]["relaxation_time"]
+        total = settings.damping.relaxation_time + added
+        assert total == pytest.approx(fitted.relaxation_time, rel=0.1)
+    known = replace(settings, damping=replace(settings.damping, air_drag_std=1e-3))
+    assert damping.guessed(at.model, known) == ("internal_damping",)
