@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Compare the rod with its goals and with other simulators: `python -m bench`."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """What every simulator has to offer to be compared."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """MuJoCo: a chain of rigid links with elastic joints, tuned as far as we can.
 
 Links of length h; the joints between them have the stiffness E I / h, those at clamps twice that,

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """MuJoCo's own rod: a one-dimensional flex, as its documentation describes it.
 
 Inextensible edges (equality constraints), the `discrete` integrator. The clamp lies in the middle

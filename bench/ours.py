@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The rod of this package, as a user runs it: `dynamics.follow` with a tolerance."""
 
 from __future__ import annotations

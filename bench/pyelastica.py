@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """PyElastica: its Cosserat rod with the position Verlet scheme and its own linear damping.
 
 It clamps whole elements, so the rod is made longer by half an element at each clamp, which lies

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Rows of the comparison, as JSON and as a table on the terminal."""
 
 from __future__ import annotations

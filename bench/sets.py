@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Many parameter sets at once: 64 of ours against `mujoco.batch`, on one thread.
 
 A setting that is just good enough for one set is too coarse for its neighbours, so that both sides

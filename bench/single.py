@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Measurements of the rod alone: statics with gradient, cost over size, further parameters."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The four tasks of the comparison, as data.
 
 All DLOs start straight and at rest, under gravity. Where only the settled shape counts, every

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The observer's speed on rendered 1080p pictures: `python -m bench.vision`.
 
 A rope of 1 m, ten pixels wide, hangs between two clamps in front of a board with holes and swings

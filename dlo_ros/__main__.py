@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """`python -m dlo_ros NAME ...`, and the command `dlo_ros`: quiet on Ctrl-C from the first moment.
 
 Loading the libraries takes a second, many on a busy machine, and an interrupt in the midst of it

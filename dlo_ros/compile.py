@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Compile all numerical kernels once, so that nodes and tools start without a pause.
 
 `python -m dlo_ros.compile` runs each stage on something small; numba keeps what it compiled beside

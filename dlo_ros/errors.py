@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The exceptions of the package.
 
 Every message is one line for a person: which input, what is wrong with it, what would be right.

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Files that appear whole or not at all, and YAML that cannot harm its reader."""
 
 from __future__ import annotations

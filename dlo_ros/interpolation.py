@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Compiled interpolation of an imposed trajectory: linear or cubic Hermite, rotations by slerp."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Keep numba's cache true to the sources, and say so where compiling takes long.
 
 Numba notices a change of the file that a compiled function stands in, but not of the functions that

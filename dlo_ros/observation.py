@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """What a camera saw of the DLO at one instant (no ROS here)."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The parameters of nodes and tools: one table gives name, type, unit, range and description.
 
 The YAML reader, the nodes' parameter descriptors and the documentation all come from `PARAMETERS`.

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Parameters as lines of a YAML file that a person reads, the unit behind each number."""
 
 from __future__ import annotations

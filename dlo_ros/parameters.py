@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Settings: a whole parameter file, checked against the parameter table."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The clamped uniform cubic B-spline that describes a DLO's shape (paper, eqs. (1) and (2)).
 
 n control points and the length L fix the basis, so a shape travels as its control points alone.

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """How Sphinx makes pages of this folder: `make docs`."""
 
 import importlib.util

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Writes the tables of parameters into these pages, from the tables that the package uses.
 
     make reference

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """A rod clamped horizontally bends under its own weight as the planar elastica does."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """A rope between two pins tends to the catenary as its bending stiffness vanishes."""
 
 from __future__ import annotations

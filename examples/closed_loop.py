@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """A clamp that goes round a loop in space and comes back leaves the rod as it was.
 
 At rest the shape and the twist depend on the clamps alone, as long as the rod does not snap. The

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The planar elastica as a boundary value problem: an answer that owes nothing to the spline rod.
 
 A rod clamped at u = 0 carries a dead force per length and a dead force at its free end. With the

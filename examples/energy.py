@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """A falling cantilever keeps its energy without damping, and only loses it with damping."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """A straight rod between pins is pushed together until it buckles: Euler's column."""
 
 from __future__ import annotations

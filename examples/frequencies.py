@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """A clamped rod plucked in its first three modes at once swings at the beam's frequencies."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """A rod with rest curvature and rest twist, and no load, is the helix that they define."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """A ring that is twisted too far leaves its plane (Michell 1889): at 2 pi sqrt(3) B / C.
 
 A straight rod is bent into a circle, one end is turned by the twist and joined to the other. Both

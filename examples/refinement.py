@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """How the error falls with the number of control points, and what stops it.
 
 A spline rod is compared with the elastica for cantilevers that differ in softness alone, and with

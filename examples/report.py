@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """How an example reports: one line on the terminal and one picture."""
 
 from __future__ import annotations

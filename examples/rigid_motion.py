@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The laws do not depend on where the rod is: forces turn with it, and in free fall it stays.
 
 Forces are compared through the accelerations that they cause at the moment of release. The rod

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """What the examples share: one rod, what holds it, and how it is led to an equilibrium."""
 
 from __future__ import annotations

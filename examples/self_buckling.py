@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """An upright column that is too long buckles under its own weight."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Derivatives of a motion with respect to whatever shapes it, against differences of runs.
 
 Material, damping, gravity, length, the pose of a clamp, and a number of an effect: a mass

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """A stiff wire and a long soft rope with the same settings, and 10 to 100 control points."""
 
 from __future__ import annotations

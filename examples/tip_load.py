@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """A weightless rod clamped at one end carries a load at the other, from small to very large."""
 
 from __future__ import annotations

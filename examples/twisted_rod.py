@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """A straight rod between clamps is twisted until it buckles into a bow in space."""
 
 from __future__ import annotations

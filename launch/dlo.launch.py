@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Starts observer, simulator and identifier for one DLO: seen by a camera, or in a recording.
 
     ros2 launch dlo_ros dlo.launch.py params_file:=params.yaml

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Plays a recording with /clock to the three nodes, with RViz beside it, and ends with it.
 
     ros2 launch dlo_ros replay.launch.py bag:=recording params_file:=params.yaml

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """`python -m paper [--output DIR] [--seed N]`: tables, figures and the automatic procedure."""
 
 from __future__ import annotations

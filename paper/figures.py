@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Figures like the paper's: the simulation's shapes over the observed final one."""
 
 from __future__ import annotations

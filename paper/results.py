@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """ERR of the paper's parameter sets, and what the automatic procedure finds instead."""
 
 from __future__ import annotations

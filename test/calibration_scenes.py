@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Pictures of calibration patterns by ray casting; nothing of the package is used to make them."""
 
 from functools import lru_cache

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """What the tests share: a quiet, local ROS graph of their own, and the folder of measured data."""
 
 import os

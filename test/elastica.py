@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Planar elastica under dead loads as a boundary value problem: an answer from outside the package.
 
 A cantilever starts at the origin in a given direction; the force n(s) that all loads beyond s exert

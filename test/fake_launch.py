@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Evaluates the package's launch files where ROS's `launch` cannot be installed.
 
 A stand-in for just the part of `launch` and `launch_ros` that these files use, with the behaviour

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """A simulated robot and camera in front of the live simulator and identifier, with faults between.
 
 The rod's true motion is computed once. `Rig.drive` then publishes /clock, the command and the

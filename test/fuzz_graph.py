@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The three nodes in this process, fed with messages directly; whatever they publish is looked at.
 
 Messages go to the subscriptions' callbacks, requests to those of the services, so that a hundred

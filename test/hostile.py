@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Hostile ROS messages for the fuzzing tests: good ones, changed in places that hypothesis draws.
 
 `spoiled` walks down a message along its field types (also those of services) and replaces a leaf by

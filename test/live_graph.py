@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Real processes of this package in a ROS graph of their own, and a client to talk to them."""
 
 from __future__ import annotations

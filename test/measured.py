@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Manipulations measured with noise on a discrete rod: another discretisation than the model's."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """What the SROS2 policies in config/sros2 allow, as full names."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Small recordings and messages that the tests of bags and nodes share."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Two hours of simulated time at the highest rate that the machine holds.
 
     python test/soak.py --hours 2 --minutes 30 --output build/soak.csv

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The example of docs/adding_an_effect.md: installed, found, simulated, and right."""
 
 import subprocess

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Unusable input, where a user meets it: errors that name quantity, value and what is right."""
 
 from dataclasses import replace

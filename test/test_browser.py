@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Every report as a person's browser shows it: no error, no network, and a slider that moves."""
 
 import json

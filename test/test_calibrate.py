@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The tool `calibrate`: files and bags in; camera_info.yaml, board.yaml, report and reasons out."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Patterns, corners, and the camera from them, on pictures of known truth."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The generator of challenges: what it hides is there, as strong as it says, and nothing else."""
 
 import json

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Hidden effects that `diagnose` has to find, in recordings of another simulator.
 
 A few in the ordinary tests; one of every effect, and some through rendered pictures and the

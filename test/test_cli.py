@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """`dlo_ros NAME`: names, help, versions, and what a user sees when something goes wrong."""
 
 import importlib.util

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The demo: its processes end with it, what it hears becomes a result, errors are said."""
 
 import contextlib

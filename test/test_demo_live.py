@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The demo around its nodes, which are played here: what it waits for, hears and makes of it."""
 
 import json

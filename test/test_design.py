@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """What to measure next: known answers about shapes, limits of the workspace, the tool."""
 
 import json

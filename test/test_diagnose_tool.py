@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """`diagnose` as a user types it, and how its answers are judged."""
 
 import json

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Diagnosis: its linear algebra against dense answers, its decisions, and whole cases."""
 
 from dataclasses import replace

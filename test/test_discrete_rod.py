@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The discrete rod behind simulated experiments against independent answers."""
 
 import numpy as np

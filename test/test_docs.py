@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The documentation says what the code does, leads where it says, and builds."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Every effect by itself, against an answer that does not come from this package's rod."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Every effect in motion: the spline rod and the discrete rod, two independent programs."""
 
 from functools import cache

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Effects where a user meets them: in the parameter file of `predict` and of the simulator."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Every answer of docs/physics.md: each example reaches its error, and draws its picture."""
 
 import importlib

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Faults while the live nodes run: the estimate recovers, the simulator stays stable and in time.
 
 `make faults` runs all of them, the ordinary tests the short ones.

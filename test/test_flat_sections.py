@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """A DLO whose cross-section is no circle: two bending stiffnesses, and a torsional one."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Bags, parameter, experiment and camera files, cut short and with flipped bits in many places.
 
 `make fuzz` damages each file in 400 places, the ordinary tests in 40. A damaged file is refused by

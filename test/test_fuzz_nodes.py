@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Fuzzing of every subscription, service and parameter of the nodes (hypothesis).
 
 `make fuzz` sends 100,000 messages, the ordinary tests 2,000. The nodes live on from one example to

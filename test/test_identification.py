@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """What is identified, how sure it is, and what is said not to be known."""
 
 import time

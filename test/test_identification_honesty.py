@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Whether stated uncertainties are true, on data of another simulator; rates over many seeds."""
 
 from dataclasses import replace

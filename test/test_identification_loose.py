@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Clamps that point a little elsewhere than commanded are fitted along, as far as they may."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Identification on measured wires, whose truth nobody knows: does it agree with itself?"""
 
 import pytest

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """`predict` and `identify` as a user types them, on recordings written and read as bags."""
 
 import json

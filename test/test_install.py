@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The package installs with pip, with colcon and editable, and imports where there is no ROS."""
 
 import os

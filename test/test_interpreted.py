@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The compiled code of simulated experiments gives what Python gives, which checks every index."""
 
 import json

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Launch and configuration files, as far as they can be tested without a full ROS 2."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """One direction of dependence, as the README draws it, and ROS in one place only."""
 
 import ast

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Parameters at the ends of their ranges: each DLO works, as closed forms say, or is refused.
 
 Horizontally clamped, hanging under its own weight, then lifted: E from 1 kPa to 1 TPa, 1 cm to

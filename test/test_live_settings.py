@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Parameters that are changed live are checked as a set."""
 
 from rclpy.parameter import Parameter

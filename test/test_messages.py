@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Messages to arrays and back; everything malformed is refused with a reason."""
 
 from __future__ import annotations

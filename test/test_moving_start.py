@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Starts in a first shape as it was observed: noisy, too short or too long, its ends askew."""
 
 from dataclasses import replace

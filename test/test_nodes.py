@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The three nodes as real processes: the loop, services, parameters, hostile input, the end."""
 
 from __future__ import annotations

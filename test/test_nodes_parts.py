@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Parts of the nodes that can be tested without processes."""
 
 from __future__ import annotations

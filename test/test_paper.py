@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The paper's tables on data of the independent simulator: the same orderings."""
 
 import pytest

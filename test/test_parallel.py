@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Work in threads, processes and on a cluster: the same results, and what a dead worker costs."""
 
 import os

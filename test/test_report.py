@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Reports: whole HTML, no addresses, the numbers in it, and a slider that has its data."""
 
 import json

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Motion against closed forms, an independent discrete rod, and conservation laws."""
 
 from dataclasses import replace

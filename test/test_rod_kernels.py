@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The strain energy's gradient, Hessian and frames against differences and rigid motion."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Many parameter sets at once against the same sets one by one."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The planar form is the spatial rod with fewer coordinates; what cannot be followed is held."""
 
 import logging

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Equilibria against closed forms, boundary value problems and stability theory."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Nothing is evaluated, unpickled or handed to a shell; the demo listens to this machine only."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Derivatives by every parameter, at rest and in motion, against differences of whole runs."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """What fails, and takes long to do so, must not take all of a node's time."""
 
 import time

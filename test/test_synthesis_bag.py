@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Recordings of simulated experiments: what is in the bag agrees with the truth beside it."""
 
 import os

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Each hidden effect of the discrete rod on its own, against an independent answer."""
 
 from dataclasses import replace

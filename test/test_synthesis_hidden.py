@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Hidden effects in whole experiments: motion, pegs, camera, files and foreign effects."""
 
 import copy

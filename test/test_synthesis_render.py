@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Rendered frames: what is seen lies where the truth says."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Six live nodes: two DLOs in two namespaces, as two launches start them; and what each node is."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Vectors in registers, of which the rod's kernels are made, against NumPy."""
 
 import numpy as np

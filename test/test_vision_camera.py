@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The camera: projection, its inverse, and intrinsics that cannot be used."""
 
 import cv2

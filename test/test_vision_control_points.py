@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The number of control points: what a spline says of points that it was not fitted to."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """How images arrive: rate, latency, and what got lost on the way."""
 
 import math

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Ropes of two tones, near strands, clutter, pictures without a rope, and why nothing is found."""
 
 from collections import Counter

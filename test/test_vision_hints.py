@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """What the user knows of where the DLO is: region, colour, masks, the empty board."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Photographs without parameters, the tool `observe`, and measured photographs."""
 
 import json

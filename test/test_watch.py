@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The live identification notices what E, mu and damping cannot explain, and names suspects."""
 
 import threading

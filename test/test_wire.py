@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Payloads over real DDS that no ROS program would send: cut short, flipped, of another type.
 
 Deserialising happens in the middleware, beneath all that the package checks: its exceptions come

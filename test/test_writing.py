@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """A full disk, a read-only folder, a kill -9 in between: no half result that looks whole.
 
 The tools run as processes of their own. A limit on the size of files stands for the full disk: the

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The spline rod and the discrete rod of the synthesis, in one manipulation with one effect."""
 
 from __future__ import annotations

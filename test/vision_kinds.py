@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Pictures of other kinds than those of vision_stress.py: ropes, boards and things of every day.
 
 `make_other` draws a picture with a rope, `make_absent` one without. Kind and all else follow from

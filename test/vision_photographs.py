@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Measured photographs, each DLO in them looked for with its clamps, length and width known.
 
     python test/vision_photographs.py FOLDER [--control-points N] [--disturb SEED] [--overlays DIR]

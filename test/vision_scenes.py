@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Rendered pictures of a rope of known shape, for the tests of the vision stage."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Rendered pictures that are hard on purpose: occlusion, faint ropes, shadows, blur, clutter.
 
     python test/vision_stress.py [COUNT [FIRST_SEED]] [--set issue|other|absent]

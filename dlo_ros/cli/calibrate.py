@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """`calibrate --pattern PATTERN --output DIR [--board IMAGE] INPUT ...`: camera and board."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Completion of `dlo_ros NAME ...` in a shell, by argcomplete."""
 
 from __future__ import annotations

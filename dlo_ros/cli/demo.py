@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """`demo`: the main job end to end, with live nodes, on a recording made on the spot or a given."""
 
 from __future__ import annotations

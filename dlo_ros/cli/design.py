@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """`design --params FILE --output DIR [EXPERIMENT.yaml ...]`: what to measure next."""
 
 from __future__ import annotations

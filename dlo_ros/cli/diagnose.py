@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """`diagnose --params FILE --output DIR [--holdout BAG] BAG ...`: what is wrong, and why."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """What `diagnose` writes and prints: report.json, extended.yaml, report.html, a few lines."""
 
 from __future__ import annotations

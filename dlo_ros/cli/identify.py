@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """`identify --params FILE --output DIR [--validate BAG] BAG ...`: estimates E and mu."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """What `identify` writes and says: estimate.json, the terminal's lines, the report."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """What `predict` and `identify` read: parameter file, bags, and splines observed on the way."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 # PYTHON_ARGCOMPLETE_OK
 """`dlo_ros NAME ...`: runs the nodes and tools by name, also where there is no ros2 command.
 

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """`observe [--params FILE] --output OUT INPUT ...`: finds DLOs in a bag or in image files."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """`play`: a bag onto live topics with /clock."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """`predict --params FILE --output OUT.mcap BAG`: simulates a bag's commands."""
 
 from __future__ import annotations

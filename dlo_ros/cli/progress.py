@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """A progress bar on the terminal, and nothing at all where there is none."""
 
 from __future__ import annotations

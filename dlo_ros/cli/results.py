@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The folder into which a tool writes its results."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """`synthesize EXPERIMENT.yaml --output BAG`: records a simulated experiment of known truth."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The live run: three nodes and a player as processes of their own, and a listener."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """A ROS graph of one's own that stays on this machine."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """One picture of a run, for the README: overlay, ERR and E/mu over time."""
 
 from __future__ import annotations

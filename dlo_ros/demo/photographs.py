@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Pictures of a recording, small enough for a report, with the curves in their pixels."""
 
 from __future__ import annotations

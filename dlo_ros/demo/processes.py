@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Child processes that end with their parent, whatever happens."""
 
 from __future__ import annotations

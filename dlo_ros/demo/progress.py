@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """What the demo shows in the terminal while the recording plays."""
 
 from __future__ import annotations

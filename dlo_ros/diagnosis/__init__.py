@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Diagnosis: what the model gets wrong, which physical cause it has, and what naming it gains."""
 
 from dlo_ros.diagnosis.diagnose import diagnose

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The experiment that would settle what is still open, in a sentence."""
 
 from __future__ import annotations

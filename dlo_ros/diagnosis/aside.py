@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """What is kept aside: errors of models on frames that did not take part in their fit."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """From where every effect of the registry is looked for.
 
 An effect with a useful derivative where it does nothing starts there, at several places where it

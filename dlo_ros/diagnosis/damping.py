@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Damping that the parameter file only guesses: whether the data ask for another, and which.
 
 It is fitted together with everything else, so that a wrong guess hides no cause and makes none.

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """From fitted candidates to a verdict. Nothing is named that has a rival nobody mentions."""
 
 from __future__ import annotations

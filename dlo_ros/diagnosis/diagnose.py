@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """From recordings to what the model gets wrong, its cause, and what naming it gains."""
 
 from __future__ import annotations

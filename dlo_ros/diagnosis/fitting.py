@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Simulates recordings with a model and fits its open parameters (Levenberg-Marquardt)."""
 
 from __future__ import annotations

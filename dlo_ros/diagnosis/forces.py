@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The missing force: the load along the DLO that would bring the model onto the measurement.
 
 About a predicted shape the rod is a linear beam under tension, in the published basis: bending

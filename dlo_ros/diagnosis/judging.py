@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Whether something is left over, and how well a model predicts what it has not seen."""
 
 from __future__ import annotations

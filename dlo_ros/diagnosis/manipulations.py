@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """A few standard manipulations, to be asked which of them tells two explanations apart."""
 
 from __future__ import annotations

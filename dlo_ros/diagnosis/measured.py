@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Recordings as numbers: residuals across and along the DLO, and the noise that they have."""
 
 from __future__ import annotations

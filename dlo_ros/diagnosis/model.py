@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """A model with open parameters: settings, which of their numbers are fitted, what is known."""
 
 from __future__ import annotations

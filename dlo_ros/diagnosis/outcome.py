@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """What a diagnosis found, as numbers (interface.md, report.json)."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Where a peg may stand: beside what was seen, and in the way of what was predicted."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """What an effect promises before it is fitted: a linear test, then one simulation.
 
 The linear test takes the sensitivities of a coarser simulation with the residuals of the fine one;

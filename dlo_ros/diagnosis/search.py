@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Fits effects: every effect a little, the promising ones to the end."""
 
 from __future__ import annotations

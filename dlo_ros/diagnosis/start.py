@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The plain model's fit, its noise, and a simulation that is finer than the noise."""
 
 from __future__ import annotations

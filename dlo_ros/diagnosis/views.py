@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """What the report shows of each recording: shapes before and after, and where they are wrong."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Watches a live identification for what E, mu and damping cannot explain.
 
 What neighbouring pictures have in common after the best E, mu and damping is held against the noise

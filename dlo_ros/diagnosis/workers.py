@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Tasks on one set of recordings, carried out by a few processes."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Effects: what a real DLO, its grips, its surroundings or its camera do beyond the plain model.
 
 One file is one effect, with its parameters and what it adds. `physics` holds those that change the

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Identification: from residuals to (E, mu) with honest uncertainty, without ROS."""
 
 from dlo_ros.identification.err import shape_error

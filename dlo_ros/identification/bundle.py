@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Many forecasts of one recording at once, and derivatives from them.
 
 Where the rod stays in the plane, eight parameter sets are simulated at the price of little more

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Which manipulation would tell most, before it is made.
 
 A planned manipulation is simulated with the sensitivities of every shape; with the observer's

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Search for the manipulation that tells most, within the limits of a workspace.
 
 A candidate is where the held ends are at a few moments: they move gently (minimum jerk) from one

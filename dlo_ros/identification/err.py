@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The paper's error between two shapes, eq. (10)."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Estimates of (E, mu): values, honest standard deviations, and what the data determine."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The fit: parallel starts, then Gauss-Newton on logarithms with exact or shared-step derivatives.
 
 The cost is the concentrated likelihood, in which the noise is unknown, plus what is known

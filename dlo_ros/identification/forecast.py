@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Forecast a recording with a model, and compare: residuals and their derivatives."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """What is known only about as well as it was set up: clamps' directions, level, length.
 
 Nobody measures to a degree how a wire leaves its clamp, and a shape held at both ends shows it:

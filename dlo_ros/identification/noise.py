@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """How noisy the observed splines are, and how far their residuals are independent."""
 
 from __future__ import annotations

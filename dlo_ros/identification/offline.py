@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Identify (E, mu) from whole recordings: parallel starts, then Gauss-Newton on logarithms."""
 
 from __future__ import annotations

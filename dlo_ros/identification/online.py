@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Identify (E, mu) while the DLO moves.
 
 A model of its own runs along with the observed splines and carries exact sensitivities. Every

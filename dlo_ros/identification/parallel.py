@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Where simulations run: in threads, in processes of this machine, or on a Dask cluster.
 
 Work is a function of a module and items that can be sent (pickled), so all three do the same. A

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Long work done piece by piece, so that nobody has to wait for all of it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Beyond the curvature at the optimum: the posterior by sampling, and bootstrap over recordings."""
 
 from __future__ import annotations

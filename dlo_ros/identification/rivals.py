@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Rival values of E/mu: far from the truth a shape may lie on another branch."""
 
 from __future__ import annotations

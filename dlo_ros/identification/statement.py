@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """What recordings determine, what was known beforehand and what nobody knows: numbers and words."""
 
 from __future__ import annotations

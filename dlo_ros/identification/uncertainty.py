@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """How much residuals tell about parameters, for what the residuals really are.
 
 Residuals are neither white nor alike in all directions: a camera measures across the DLO only,

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """What the three nodes have in common: settings, health, guarded callbacks, reset, time jumps."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Receiving `dlo/command` with the durability that its publishers offer.
 
 A latched command reaches a late node only through a transient local subscription, which in turn

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """What a node says about itself on /diagnostics, and its warnings, which never flood the log.
 
 The levels are those that rqt_robot_monitor and diagnostic_aggregator expect: OK, the node does its

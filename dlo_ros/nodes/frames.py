@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """How a camera's images arrive: their rate, how late they are, and how many got lost."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The node `identifier`: observed and predicted splines in; ERR and estimates of E and mu out."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Passing estimates on to the simulator, as `ros2 param set` would do it by hand."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The message factory of rclpy: the same code builds messages for bags and for live topics."""
 
 from __future__ import annotations

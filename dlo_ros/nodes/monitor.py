@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """A listener that keeps what the three nodes publish, for the demo."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Bringing observed and predicted splines to the same instant (no ROS here)."""
 
 from __future__ import annotations

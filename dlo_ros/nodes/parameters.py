@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Parameters of the nodes, declared from the one table in `dlo_ros.parameters`."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Publishing a recording's messages as they lie in the bag, with /clock."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Quality of service of the topics, as the interface promises it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Starting, spinning and ending a node so that neither an error nor Ctrl-C shows a traceback."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The node `simulator`: imposed motion and first observed shape in, predicted splines out."""
 
 from __future__ import annotations

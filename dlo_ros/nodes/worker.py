@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The estimator in a thread of its own, so that the node's callbacks stay quick (no ROS here)."""
 
 from __future__ import annotations

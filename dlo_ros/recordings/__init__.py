@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Recordings: rosbag2 folders read, written and played, and messages from and to arrays."""
 
 from dlo_ros.recordings.bag import Bag, RawMessage, deserialise, open_bag

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Opening rosbag2 folders (sqlite3 or mcap, zstd or not) and finding topics in them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """From the package's data to messages, of a bag or of rclpy alike.
 
 A `MessageFactory` makes the message objects; `BagMessages` makes those that a bag is written from.

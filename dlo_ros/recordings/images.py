@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Camera images and camera_info as arrays (no cv_bridge, no ROS).
 
 Messages are read by attribute, so those of a bag and those of rclpy do alike.

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """From messages to the package's dataclasses.
 
 Messages are read by attribute alone, so those of a bag (rosbags) and those of rclpy do alike.

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Pictures of a camera that is not calibrated yet: image files, folders, bags."""
 
 from __future__ import annotations

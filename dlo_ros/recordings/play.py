@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """When each message of a bag is due on a live topic (no ROS here)."""
 
 from __future__ import annotations

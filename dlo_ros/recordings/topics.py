@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Names and types of the topics of the interface, in one place (relative names, remappable)."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Writing a rosbag2 folder (mcap) that appears whole or not at all."""
 
 from __future__ import annotations

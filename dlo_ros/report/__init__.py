@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Reports for people: self-contained HTML that opens without a network.
 
 `page` is the shell, `elements` the table and the text, `plots` the figures over time, `player` the

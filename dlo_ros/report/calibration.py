@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The report of a calibration: the camera, its views, what is missing, and where the board is."""
 
 from __future__ import annotations

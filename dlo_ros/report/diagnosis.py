@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The report of a diagnosis: what is wrong, why, what it gains to know, and what to do next."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Small pieces of HTML and numbers as people write them."""
 
 from __future__ import annotations

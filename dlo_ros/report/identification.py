@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The report of an identification: what was found, how sure it is, and the shapes that show it."""
 
 from __future__ import annotations

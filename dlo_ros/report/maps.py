@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Maps over the position along the DLO and time, as pictures that stand in the page."""
 
 from __future__ import annotations

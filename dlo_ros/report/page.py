@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The shell of a report: one HTML file with its style and its script inside."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Shapes over time with a slider: observed and predicted curve on a photograph or a grid."""
 
 from __future__ import annotations

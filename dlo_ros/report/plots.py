@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Figures over time as SVG that stands in the page and follows its light or dark colours."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Pictures of uncertainty: ellipses of two parameters, and residuals along the DLO and in time."""
 
 from __future__ import annotations

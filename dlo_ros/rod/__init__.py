@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The rod: dynamic spline model of a DLO (paper, section II), without ROS."""
 
 from dlo_ros.rod.live import LiveSimulation

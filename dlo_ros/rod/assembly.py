@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Compiled forces and stiffness of the spline rod in space.
 
 The derivatives at the three points of a knot span are computed at once, in the lanes of vectors

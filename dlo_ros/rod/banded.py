@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Compiled factorisation of a symmetric banded matrix, with its inertia.
 
 Storage: lower rows, band[i, w - i + j] = A[i, j] for j <= i, with w the half bandwidth, and zeros

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Imposed motion in the simulation's own basis: which degrees of freedom are held, and where."""
 
 from __future__ import annotations

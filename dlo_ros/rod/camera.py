@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """How and when the camera measures true shapes, where effects of measurement say so."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Imposed motion that no hand makes is refused before the rod is simulated."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Compile the numerical kernels once, so that nodes and tools start without a pause."""
 
 from __future__ import annotations

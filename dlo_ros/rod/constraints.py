@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Compiled linear algebra of what is held: imposed degrees of freedom and pins.
 
 Imposed degrees of freedom are eliminated exactly; pins (material points held in the middle of the

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """What is imposed on one rod over time: a series of commands as one continuous course."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Derivatives of the strains of the rod in space, by p = r', s = r'' and theta.
 
 All is written for one point; its numbers are `quads`, which hold the three points of a knot span.

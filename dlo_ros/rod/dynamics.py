@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Motion of the rod: generalised-alpha steps with Kelvin-Voigt damping and error control.
 
 The equations M q'' + C q' + elastic forces = loads (paper, eq. (9)) hold exactly at the end of

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Compiled motion of the rod through a series of instants, with control of the error.
 
 Every step is made by `stepping`, its sensitivities by `variation`.

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Compiled derivatives of what follows the shape: strains, frame, internal variables."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Compiled forces of a configuration, for the rod in space and in the plane alike.
 
 Configurations are q of shape (n, 4) in space and (n, 2) in the plane: the number of columns says

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Compiled sampling of an imposed motion: where the held degrees of freedom are at a time."""
 
 from __future__ import annotations

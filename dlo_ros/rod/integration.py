@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """One rod through a series of instants, with its sensitivities: around the compiled `engine`."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Compiled strains and reference frame of the spline rod in space.
 
 A configuration is q of shape (n, 4): x, y, z [m] and theta [rad] of the control points. At a

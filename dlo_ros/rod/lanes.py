@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Many parameter sets at once: the planar rod of `dynamics`, eight sets to a vector register.
 
 For thousands of hypotheses about one DLO under one command. The sets may differ in all that a

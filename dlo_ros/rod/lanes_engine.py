@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Compiled motion of many parameter sets, eight in step; see `engine` for the method.
 
 The sets of a group share their steps, whose lengths follow the set with the largest error, and

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The planar rod's equations for eight parameter sets at once; see `plane` for the formulas.
 
 What is common to the sets are numbers, what differs are vectors (`lanes_vector`), stored as rows.

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Linear equations of eight parameter sets: residual, factorisation, solution.
 
 For the layout of matrices see `lanes_kernels`.

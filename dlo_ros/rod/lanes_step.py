@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """One step of eight parameter sets: the generalised-alpha method of `engine` in lanes."""
 
 from __future__ import annotations

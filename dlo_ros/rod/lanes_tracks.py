@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """What comes out of many parameter sets simulated at once."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Vectors of eight numbers for compiled code: one lane for each parameter set.
 
 Numba knows numbers and arrays; a loop over eight lanes becomes vector instructions only where

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The simulation as a live node needs it: fed piece by piece, never losing its last good state."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Compiled constitutive law: from strains to stress resultants and their tangents.
 
 Stretch and twist are linear. Bending may soften and yield, both in the plane of the curvature

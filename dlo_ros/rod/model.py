@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The rod as a set of constant matrices and tables: discretisation, material, mass, loads."""
 
 from __future__ import annotations

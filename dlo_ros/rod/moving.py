@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The state of a rod in compiled code, changed in place from step to step."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Which way an observed shape runs: an observer without a command cannot know the DLO's start."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Between the package's objects and the tuples of arrays that compiled code takes."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The rod in its plane: the same model with x and z only, where nothing leaves the plane y = 0.
 
 A single camera watches the DLO in that plane, so most runs are of this kind; they cost a quarter.

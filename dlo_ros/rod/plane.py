@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The same strain energy where everything lies in the plane y = 0: x and z only, no frame.
 
 A configuration is q of shape (n, 2). The only bending strain is the curvature about +y,

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Four numbers in the lanes of one vector, for compiled code that treats points alike.
 
 `Quad` is a numba type with the arithmetic of float64. What is written for one quadrature point runs

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """How fine the simulation must be: its own discretisation error, estimated and kept below a bound.
 
 A spline rod with the message's ten control points is millimetres off (numerics.md), so the

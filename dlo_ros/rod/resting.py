@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Compiled search for static equilibrium under imposed motion, led along a path."""
 
 from __future__ import annotations

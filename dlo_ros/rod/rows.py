@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Rows of fixed width as single vector operations of compiled code.
 
 A loop over four or sixteen neighbours is unrolled by the compiler before it thinks of vectors, and

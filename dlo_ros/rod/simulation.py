@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Simulate a DLO under imposed motion: the rod, its start, its resolution, what is published."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Compiled solution of the rod's equations: static equilibrium and implicit steps.
 
 All of it serves the rod in space and in the plane, see `forces`.

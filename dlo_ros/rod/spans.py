@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Compiled assembly of the stiffness of one knot span, in space and in the plane.
 
 A span has four control points with `dof` coordinates each. Its stiffness is first gathered in a

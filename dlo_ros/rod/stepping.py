@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """One compiled step of the rod in time, after the generalised-alpha method.
 
 See `dynamics` for the equations. Everything here serves the rod in space and in the plane.

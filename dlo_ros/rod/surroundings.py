@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Compiled forces of what the DLO touches: Coulomb friction with the board, contact with pegs.
 
 Both act in the board's plane, on x and z. Friction is a spring to an anchor that slides along once

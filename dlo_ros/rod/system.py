@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The rod's numbers in compiled code, and what its equations take from them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """What compiled code knows of a rod: quadrature, stiffness, reference frame.
 
 Every knot span has three Gauss points; point k of span e is number 3 e + k.

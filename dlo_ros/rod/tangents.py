@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Parameters of which sensitivities can be had, and the variants of the rod that they need.
 
 A parameter is named as in the parameter file: `young_modulus`, `density`, `air_drag`,

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Compiled sensitivities of steps and of equilibria, by the factorisation of the tangent matrix.
 
 Every parameter is given by two variants of the rod and of its command, a little above and a little

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The derivatives of a moving rod in compiled code, changed in place from step to step."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Compiled algebra of vectors in space, as tuples: they live in registers, arrays would not."""
 
 from __future__ import annotations

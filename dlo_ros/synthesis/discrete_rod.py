@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """A planar discrete elastic rod: the independent truth behind simulated experiments.
 
 It shares nothing with the package's spline rod but the physics. N + 1 nodes in the x-z plane are

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The experiment file: a rope of known properties, what moves it, and the camera that watches.
 
     parameters:          # the truth, written as in a parameter file

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Changes in time that the interface has no name for: tests of "none of the above"."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Where points of the board frame lie in a simulated image, by OpenCV's camera model.
 
 Written apart from the package's own camera, so that one can be held against the other.

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Effects that a simulated experiment hides: their names and values, checked.
 
 They are given as in a parameter file: `effects.NAME.KEY`, by the names and units of the interface.

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The discrete rod with the effects that an experiment hides in it.
 
 Positions u of effects, pins and measured points count in the configured length, as everything does

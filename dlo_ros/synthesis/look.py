@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """What a simulated camera sees and how it sees it: intrinsics, board, rope, light, noise."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Draws what a camera would see of a rope in front of a pre-drilled polystyrene board.
 
 The rope's axis lies in the board frame's plane y = 0, the board's surface one radius behind it.

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Compiled kernel of the renderer: which point of the rope a pixel looks at."""
 
 from __future__ import annotations

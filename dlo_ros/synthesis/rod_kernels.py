@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Strains of the planar discrete rod and banded solving, compiled as with numba's @njit.
 
 Nodes x of shape (N + 1, 2) hold x and z [m]; edges have index 0..N-1; vertex i lies at node i.

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Laws beyond linear elasticity for the planar discrete rod, compiled as with numba's @njit.
 
 Each law is stated as an incremental potential: over one time step it is an energy whose gradient is

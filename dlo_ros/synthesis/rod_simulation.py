@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Equilibria and motion of the planar discrete elastic rod.
 
 Time stepping is BDF2 with Newton's method on the exact Hessian of each step's potential; strain

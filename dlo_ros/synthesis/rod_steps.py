@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Minimisation of the discrete rod's potential, compiled as with numba's @njit.
 
 One implicit time step, and each step on the way to an equilibrium, is the minimum of a `Potential`.

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Checked reading of the YAML blocks of an experiment file; unknown keys are refused."""
 
 from __future__ import annotations

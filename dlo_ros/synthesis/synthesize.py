@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Writes the recording of a simulated experiment: a bag, and beside it the truth."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The true motion of an experiment's rope, by the discrete elastic rod."""
 
 from __future__ import annotations

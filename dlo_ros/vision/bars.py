@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The compiled search for bars: see `segmentation`."""
 
 from __future__ import annotations

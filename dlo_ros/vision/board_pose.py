@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The pose of the frame `board` from a pattern that lies on the board.
 
 The board frame's axes run along the pattern's edges: z up, x to the right, y away from the camera.

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """From views of a pattern to the camera: which views fit, which lens model, how sure it is.
 
 No picture is touched here: `pattern_search` finds the corners, this module optimises.

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Which views are there and which are missing: places, tilts and distances of the pattern."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Fitting a camera to views of a pattern, with a given number of distortion coefficients."""
 
 from __future__ import annotations

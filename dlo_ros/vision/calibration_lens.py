@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Which lens model the views justify: cross-validation over views."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Taking views in: finds the pattern in one picture after the other and keeps what is new."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """A calibrated camera that watches the board: pixels to points of the plane y = 0 and back.
 
 Pixel coordinates are those of OpenCV and of ROS: the centre of the first pixel is (0, 0).

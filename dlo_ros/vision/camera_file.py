@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """camera_info.yaml: the calibration file of ROS, as camera_info_manager reads it.
 
 What ROS's camera_calibration wrote (ost.yaml) is of the same format.

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Moves a curve from a part of the DLO to its middle, where the DLO's width is known.
 
 A rope of two tones side by side, or with a shadow along it, shows three edges, and the part of most

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Chains: smooth pieces of centreline that the picture shows without a break.
 
 A chain ends where a strand crosses another one, is hidden, leaves the picture or ends. Which chain

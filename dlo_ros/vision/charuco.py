@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Corners of a ChArUco board: markers say which corner is which, so that a part of it suffices."""
 
 from __future__ import annotations

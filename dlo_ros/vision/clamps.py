@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """What the imposed motion says about the DLO's ends in the picture."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Contact sheet: what the vision stage finds in many photographs, on one picture.
 
     python -m dlo_ros.vision.contact_sheet --output sheet.png PHOTO ...

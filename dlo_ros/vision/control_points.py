@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """How many control points a DLO's shape needs, by cross-validation.
 
 Too few cannot follow the shape, too many follow the noise: what a spline through part of the

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Corners of a pattern to a few hundredths of a pixel, from the edges that meet there."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Whether what was found can be the DLO, and what is wrong with a picture in which nothing was."""
 
 from __future__ import annotations

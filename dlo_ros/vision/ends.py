@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Free ends: where a DLO that no clamp holds begins and stops."""
 
 from __future__ import annotations

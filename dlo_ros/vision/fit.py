@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """From located pixels to the observed spline of fixed length in the board's plane y = 0.
 
 The measured middle is joined by a smooth curve that is finer than the published spline. Its arc

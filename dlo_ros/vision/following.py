@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Moves a rough curve onto the DLO that runs beside it."""
 
 from __future__ import annotations

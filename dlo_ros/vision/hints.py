@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """What the user knows of where the DLO is in the picture: a region, its colour, masks, the board.
 
 All of it is optional. It narrows what is searched, and what lies outside of it counts as not seen.

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Joins chains into whole DLOs where neither their number nor their lengths are known."""
 
 from __future__ import annotations

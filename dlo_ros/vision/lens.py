@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Lens distortion and its inverse, compiled: the observer undoes it for every measured point."""
 
 from __future__ import annotations

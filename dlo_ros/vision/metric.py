@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """True lengths of curves in a bar map: the board's plane, sampled on a coarse grid."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The vision stage: image in, observed spline out.
 
 A frame is first searched where the last shape predicts the DLO. Where that fails, or at the start,

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Orders chains into one DLO from its start to its end.
 
 Best-first search over sequences of chains. Known clamps fix where a path starts and ends; the known

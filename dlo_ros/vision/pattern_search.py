@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Finding a calibration pattern in an image, its corners to a few hundredths of a pixel."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Calibration patterns: what is printed, and where its corners lie.
 
 A pattern has a frame of its own: origin at its centre, x along its columns, y along its rows (to

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Every DLO in a photograph of which nothing is known: no camera, no width, no number.
 
 The picture is searched for bars of several widths. What is followed over a long way with the same

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """A calibration pattern as a file to print at true scale: PDF, SVG or PNG."""
 
 from __future__ import annotations

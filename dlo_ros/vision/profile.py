@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Sub-pixel position of a DLO across a curve that is already close to it.
 
 The picture is sampled on lines across the curve, which straightens the DLO into a strip. In the

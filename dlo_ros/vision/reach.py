@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Where in the picture a DLO of known length can be that is held at known places."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """What one image showed, and what of it helps to find the DLO in the next."""
 
 from __future__ import annotations

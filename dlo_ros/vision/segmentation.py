@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Finds pixels that look like the middle of a DLO, without being told its colour.
 
 A DLO is locally a bar: over about its own width it looks the same *along* one direction, and

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Smoothing spline through measured points of a curve, with gaps bridged at least bending.
 
 A P-spline (Eilers and Marx, Statist. Sci. 11, 1996): uniform cubic B-splines whose second

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Water in the rope: an effect of another package, complete."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Challenges: recordings with a hidden cause, drawn with a seed, for tools that must find it.
 
 `draw` chooses rope, manipulations, effects and their strength; `Challenge.write` makes the bags and

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Write one challenge: `python -m challenge --seed 3 --kind pair --output build/challenge`."""
 
 import argparse

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Which effect, where, and how its size is scaled: one function for each name.
 
 Each takes a generator of random numbers and a `Scene` and returns a `Drawn`: the effect's values as

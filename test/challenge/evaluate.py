@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Let `diagnose` solve challenges and print what it named: `python -m challenge.evaluate`."""
 
 import argparse

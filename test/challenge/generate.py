@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Draws a whole challenge: rope, manipulations, noise, effects of wanted size; writes bags."""
 
 import json

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Manipulations of about three seconds, drawn at random: initial shapes and imposed motion.
 
 Lengths are in units of the rope's; angles are those of growing u, positive from x towards -z.

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """What an effect leaves in the residual after E and mu have been fitted again."""
 
 from dataclasses import dataclass

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The camera measures sizes wrong, for example by a wrong distance."""
 
 from __future__ import annotations

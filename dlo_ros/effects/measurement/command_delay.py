@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The DLO is moved later than the command says."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """A clamp holds the DLO in another direction than commanded."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The DLO creeps through a grip while it is moved."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """A steady force acts along the whole DLO, such as a draught."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The board does not hang plumb: gravity is turned in its plane."""
 
 from __future__ import annotations

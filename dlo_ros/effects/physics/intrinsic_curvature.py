@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The DLO is not straight at rest: a set from the coil, or a kink."""
 
 from __future__ import annotations

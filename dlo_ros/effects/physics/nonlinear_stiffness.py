@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The DLO softens in bending, as a bundle whose strands begin to slide does."""
 
 from __future__ import annotations

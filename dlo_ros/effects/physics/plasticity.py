@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Bent too far, the DLO keeps a set."""
 
 from __future__ import annotations

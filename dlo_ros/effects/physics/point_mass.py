@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """A mass fixed to the DLO: a connector, a marker, a hung weight."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """A stretch of the DLO bends otherwise: a splice, tape, a damaged spot."""
 
 from __future__ import annotations

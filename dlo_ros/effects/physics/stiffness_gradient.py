@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The bending stiffness changes steadily along the DLO."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+/* Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0 */
 "use strict";
 // Draws the shapes of each .player and moves them with its slider. The data stand in the page as
 // JSON; dlo_ros/report/player.py writes them and says what they mean.
