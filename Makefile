@@ -83,7 +83,8 @@ soak: $(COMPILED)
 
 # Lines and branches of the package that the ordinary tests run; build/coverage/index.html.
 coverage: $(COMPILED)
-	$(BIN)/python -m pytest -m "not slow" --cov --cov-branch --cov-report=term \
+	rm -rf build/coverage
+	$(BIN)/python -m pytest -m "not slow and not browser" --cov --cov-branch --cov-report=term \
 		--cov-report=html:build/coverage/html --cov-fail-under=90
 
 lint: $(INSTALLED)
