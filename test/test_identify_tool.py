@@ -78,6 +78,25 @@ def test_identify_writes_estimate_parameters_and_report(folder, tmp_path, capsys
     assert "not determined" in out
 
 
+def test_identify_samples_and_draws_recordings_where_it_is_asked(folder, tmp_path, capsys):
+    params, output = folder / "params.yaml", tmp_path / "result"
+    words = (
+        "identify", "--params", params, "--output", output, "--sample", 200, "--bootstrap", 3,
+        folder / "one", folder / "two",
+    )  # fmt: skip
+    assert run(*words) == 0
+    estimate = json.loads((output / "estimate.json").read_text())
+    posterior, drawn = estimate["posterior"]["specific_modulus"], estimate["bootstrap"]
+    assert posterior["low"] < 2e4 < posterior["high"] < 1.2 * posterior["low"]
+    assert posterior["low"] < posterior["median"] < posterior["high"]
+    assert drawn["draws"] == 3 and drawn["specific_modulus"]["low"] == pytest.approx(2e4, rel=0.1)
+    assert [p.name for p in output.iterdir() if p.name.startswith(".")] == []
+    assert run(*(("-1" if w == 3 else w) for w in words)) == 2
+    assert "--bootstrap is -1; it must not be negative" in capsys.readouterr().err
+    assert run(*words[:-1]) == 2
+    assert "needs at least two" in capsys.readouterr().err
+
+
 def test_predict_writes_splines_and_err_at_the_observed_stamps(folder, tmp_path):
     output = tmp_path / "predicted.mcap"
     PAPER.dump(tmp_path / "true.yaml")

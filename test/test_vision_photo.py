@@ -2,6 +2,7 @@
 """Photographs without parameters, the tool `observe`, and measured photographs."""
 
 import json
+import sys
 
 import cv2
 import numpy as np
@@ -20,6 +21,7 @@ from dlo_ros.recordings import (
     read_recording,
 )
 from dlo_ros.spline import SplineBasis
+from dlo_ros.vision import contact_sheet
 from dlo_ros.vision.contact_sheet import sheet
 from dlo_ros.vision.overlay import OBSERVED, draw_overlay
 from dlo_ros.vision.photo import find_dlos
@@ -201,6 +203,23 @@ def test_overlay_and_contact_sheet(tmp_path):
     cv2.imwrite(str(tmp_path / "a.png"), image)
     picture = sheet([tmp_path / "a.png", tmp_path / "a.png"])
     assert picture.shape == (480, 960, 3)
+
+
+def test_contact_sheet_as_a_command(tmp_path, monkeypatch, capsys):
+    cv2.imwrite(str(tmp_path / "a.png"), render(bow(), Scene()))
+
+    def make(output: str, *photos: str) -> int:
+        words = ["contact_sheet", "--output", str(tmp_path / output)]
+        monkeypatch.setattr(sys, "argv", [*words, *(str(tmp_path / p) for p in photos)])
+        return contact_sheet.main()
+
+    assert make("sheet.png", "a.png") == 0
+    assert cv2.imread(str(tmp_path / "sheet.png")).shape == (480, 480, 3)
+    assert make("other.png", "a.png", "none.png") == 2
+    assert "none.png: is no image that can be read" in capsys.readouterr().err
+    assert make("sheet.xyz", "a.png") == 2
+    assert "sheet.xyz: is written as PNG" in capsys.readouterr().err
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.png", "sheet.png"]
 
 
 def test_black_wire_and_not_the_bracket(shared_data, tmp_path):

@@ -66,8 +66,10 @@ def main() -> int:
     parser.add_argument("--output", type=Path, required=True, metavar="PNG")
     arguments = parser.parse_args()
     try:
-        good, data = cv2.imencode(arguments.output.suffix or ".png", sheet(arguments.photos))
-        write_bytes(arguments.output, data.tobytes() if good else b"")
+        if arguments.output.suffix.lower() != ".png":
+            raise InputError(f"{arguments.output}: is written as PNG; give a name that ends so")
+        _, data = cv2.imencode(".png", sheet(arguments.photos))
+        write_bytes(arguments.output, data.tobytes())
     except DloError as err:
         print(err, file=sys.stderr)
         return 2
