@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Damping and weight that the parameter file only guesses, and what diagnosis makes of it."""
 
 from dataclasses import replace
