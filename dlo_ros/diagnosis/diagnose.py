@@ -13,7 +13,7 @@ from dlo_ros.diagnosis import aside, damping, decide, judging
 from dlo_ros.diagnosis.advice import advise
 from dlo_ros.diagnosis.candidates import scene, starts
 from dlo_ros.diagnosis.estimates import fitted, numbers
-from dlo_ros.diagnosis.fitting import Evaluation, polished
+from dlo_ros.diagnosis.fitting import Evaluation, evaluate, fit, polished
 from dlo_ros.diagnosis.measured import Recording, noise_floor
 from dlo_ros.diagnosis.outcome import Diagnosis, NamedEffect, Tried
 from dlo_ros.diagnosis.screening import Prospect, alarm, screen
@@ -28,6 +28,8 @@ from dlo_ros.parameters import Settings
 
 LOG = logging.getLogger(__name__)
 
+REFINED = 4
+"""Iterations with a simulation that has been refined."""
 TOLD = 5
 """Suspects that a remark tells."""
 BASES = 3
@@ -104,14 +106,34 @@ def diagnose(
     count = len(recordings)
     plain, found = _search(beginning, count, given, processes, progress)
     near = min((*found.singles, *found.pairs), key=lambda c: c.structure, default=None)
-    if found.decision.verdict == "unexplained" and near is not None:
+    if near is not None:
         progress("refining the simulation", 0.0)
         sharper = finer(beginning, near.at.model, given)
         if sharper is not None:
             beginning = sharper
-            plain, found = _search(beginning, count, given, processes, progress)
+            if found.decision.verdict == "explained":
+                plain, found = _refined(beginning, plain, found, given)
+            else:
+                plain, found = _search(beginning, count, given, processes, progress)
     progress("measuring the gain", 1.0)
     return _outcome(beginning, plain, found, given)
+
+
+def _refined(
+    beginning: Beginning, plain: Candidate, found: _Findings, given: Settings
+) -> tuple[Candidate, _Findings]:
+    """The same decision with a finer simulation."""
+    recordings = beginning.recordings[: len(plain.at.residuals)]
+
+    def again(c: Candidate) -> Candidate:
+        at = fit(evaluate(c.at.model, recordings, given), recordings, given, REFINED)
+        return candidate(c.effect, c.form, at, given)
+
+    assert found.decision.chosen is not None
+    chosen = replace(found.decision.chosen, candidate=again(found.decision.chosen.candidate))
+    decision = replace(found.decision, chosen=chosen)
+    kept = replace(found.kept_aside, recordings=beginning.recordings, known={})
+    return again(plain), replace(found, decision=decision, kept_aside=kept)
 
 
 def _search(
