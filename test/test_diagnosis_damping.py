@@ -29,8 +29,14 @@ def recorded(folder, seed, kind, names=()):
     return challenge, [load_manipulation(b, settings) for b in bags], settings
 
 
-def test_a_wrong_guess_is_named_where_it_is_all_that_is_missing(tmp_path):
-    challenge, recordings, settings = recorded(tmp_path, 3, "single", ("internal_damping",))
+@pytest.fixture(scope="module")
+def damped(tmp_path_factory):
+    """A rope with more damping inside than the file guesses."""
+    return recorded(tmp_path_factory.mktemp("damped"), 3, "single", ("internal_damping",))
+
+
+def test_a_wrong_guess_is_named_where_it_is_all_that_is_missing(damped):
+    challenge, recordings, settings = damped
     found = diagnose(recordings, settings)
     (effect,) = found.effects
     assert (found.verdict, effect.name, effect.rivals) == ("explained", "internal_damping", ())
@@ -57,6 +63,7 @@ def test_what_is_open_stays_where_it_was_known_to_be(tmp_path):
     assert all(abs(np.log(g.fitted / g.given)) < 0.1 for g in damping.wrong_guesses(at, settings))
 
 
+@pytest.mark.slow
 def test_a_mass_is_known_no_better_than_the_rope(tmp_path):
     challenge, recordings, settings = recorded(tmp_path, 1, "single", ("point_mass",))
     found = diagnose(recordings, settings)
@@ -67,8 +74,8 @@ def test_a_mass_is_known_no_better_than_the_rope(tmp_path):
     assert abs(mass.value - true) < 2.5 * mass.std
 
 
-def test_models_with_the_guess_start_where_all_else_has_followed(tmp_path):
-    _, recordings, settings = recorded(tmp_path, 3, "single", ("internal_damping",))
+def test_models_with_the_guess_start_where_all_else_has_followed(damped):
+    _, recordings, settings = damped
     at = begin(recordings, settings).at
     assert damping.guessed(at.model, settings) == ("air_drag", "internal_damping")
     for model in damping.with_guess(at, settings):
