@@ -67,10 +67,12 @@ docs: $(INSTALLED)
 reference: $(INSTALLED)
 	$(BIN)/python docs/reference.py
 
-# Hostile messages to the nodes' callbacks, and damaged files; docs/reliability.md has the figures.
+# Hostile messages to the nodes' callbacks, bytes over DDS, and damaged files; docs/reliability.md has
+# the figures.
 fuzz: $(COMPILED)
 	DLO_FUZZ_MESSAGES=$(or $(MESSAGES),100000) DLO_FUZZ_FILES=$(or $(FILES),400) \
-		$(BIN)/python -m pytest -s test/test_fuzz_nodes.py test/test_fuzz_files.py
+		DLO_WIRE_PAYLOADS=$(or $(PAYLOADS),3000) \
+		$(BIN)/python -m pytest -s test/test_fuzz_nodes.py test/test_wire.py test/test_fuzz_files.py
 
 # Live nodes, with messages lost, late, doubled, nodes killed, clocks that jump.
 faults: $(COMPILED)

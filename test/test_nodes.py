@@ -147,9 +147,11 @@ class System:
 
     def __exit__(self, *error: object) -> None:
         self.client.close()
-        ends = {name: p.interrupt(times=2) for name, p in self.nodes.items()}
-        for process in self.started:
-            process.process.kill()
+        try:
+            ends = {name: p.interrupt(times=2) for name, p in self.nodes.items()}
+        finally:
+            for process in self.started:
+                process.process.kill()
         for name, process in self.nodes.items():
             assert ends[name] == 0 and "Traceback" not in process.said, f"{name}: {process.said}"
 
@@ -614,6 +616,10 @@ def test_ctrl_c_ends_quietly_while_a_node_starts(after, tmp_path, monkeypatch):
     words = ("--ros-args", "--params-file", params)
     processes = [Process(tmp_path, name, *words) for name in NODES]
     time.sleep(after)
-    for process in processes:
-        assert process.interrupt(times=2) == 0, process.said
-        assert "Traceback" not in process.said, process.said
+    try:
+        for process in processes:
+            assert process.interrupt(times=2) == 0, process.said
+            assert "Traceback" not in process.said, process.said
+    finally:
+        for process in processes:
+            process.process.kill()
