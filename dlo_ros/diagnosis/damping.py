@@ -174,7 +174,9 @@ def _matters(
 ) -> bool:  # fmt: skip
     """Whether the guess leaves what noise does not, or, beside other structure, far more of it."""
     if verdict == "adequate":
-        return not decide.adequate(guess.structure, judging.chance(guess.at.residuals))
+        if decide.adequate(guess.structure, judging.chance(guess.at.residuals)):
+            return False
+        return best.structure <= decide.limit(guess.structure)
     if best.structure > decide.SURE_SHARE * guess.structure:
         return False
     err, other = kept_aside(best), kept_aside(guess)

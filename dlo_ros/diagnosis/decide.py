@@ -12,8 +12,13 @@ from dlo_ros.diagnosis.search import Candidate
 
 Verdict = Literal["adequate", "explained", "unexplained"]
 
-LEFT_OVER = 0.9
-"""Structure, in units of the noise of one frame, that counts as none: it raises ERR by a third."""
+NOTHING = 0.5
+"""Structure, in units of the noise of one frame, that counts as none: ERR rises by an eighth."""
+FAINT = 0.9
+"""Structure up to which it counts as none, too, unless one cause takes nearly all of it away: it
+raises ERR by a third, and another simulation of the same rope may differ as much."""
+FAINT_LEFT = 0.33
+"""Of faint structure, that its cause may leave."""
 EXPLAINED = 0.75
 """The same for what an effect that was added may leave; it has been fitted to what it explains."""
 SHARE_LEFT = 0.025
@@ -70,12 +75,14 @@ def limit(before: float) -> float:
     Args:
         before: structure that the plain model leaves.
     """
+    if before < FAINT:
+        return FAINT_LEFT * before
     return max(EXPLAINED, min(SHARE_LEFT * before, MOST_LEFT))
 
 
 def adequate(structure: float, chance: float) -> bool:
     """Whether the plain model explains the data."""
-    return structure < LEFT_OVER or structure < chance
+    return structure < NOTHING or structure < chance
 
 
 def explains(candidate: Candidate, most: float) -> bool:

@@ -200,11 +200,14 @@ def _explain(
     promise, by_chance = alarm(prospects)
     if promise < by_chance:
         return _Findings(decide.Decision("adequate", None), kept_aside(plain))
-    singles = search(team, plain.at, prospects, progress, most)
+    faint = plain.structure < decide.FAINT
+    singles = search(team, plain.at, prospects, progress, most, thorough=not faint)
     enough, judge = held(singles)
     if enough:
         others = decide.foretold(enough[0].candidate, singles, judge)
         return _Findings(decide.choose(enough, others), judge, tuple(singles))
+    if faint:
+        return _Findings(decide.Decision("adequate", None), judge)
     pairs: list[Candidate] = []
     for first in _bases(singles, plain.structure):
         prospects = screened(first.at, [*known, first.effect])
