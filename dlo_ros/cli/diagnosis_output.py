@@ -12,6 +12,7 @@ from typing import Any
 
 from dlo_ros.cli.results import QUANTITIES
 from dlo_ros.diagnosis import Diagnosis, Fitted, NamedEffect
+from dlo_ros.diagnosis.relations import sentences
 from dlo_ros.effects import effects
 from dlo_ros.files import write_text
 from dlo_ros.parameters import Settings
@@ -22,6 +23,8 @@ from dlo_ros.report.diagnosis import (
     FoundParameter,
     MaterialRow,
     Ranked,
+    RelatedInput,
+    ResidualStructure,
     write_diagnosis_report,
 )  # fmt: skip
 
@@ -177,6 +180,18 @@ def report(found: Diagnosis, length: float) -> DiagnosisReport:
         (gain.value, gain.low, gain.high) if gain else None,
         found.advice,
         tuple(remarks),
+        tuple(
+            ResidualStructure(
+                model, sentences(r),
+                tuple(RelatedInput(i.name, i.share, i.chance, i.told, i.alike) for i in r.inputs),
+                r.unjudged,
+            )
+            for model, r in (
+                ("The plain model", found.relations_before),
+                ("What is left with the best extension", found.relations_after),
+            )
+            if r is not None and r.pattern is not None
+        ),
     )  # fmt: skip
 
 

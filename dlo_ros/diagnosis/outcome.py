@@ -6,6 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from dlo_ros.diagnosis.decide import Verdict
+from dlo_ros.diagnosis.relations import Relations
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 
@@ -76,7 +77,7 @@ class View:
         err_before, err_after: eq. (10), shape (F,) [m].
         u: material coordinates of the maps [m], shape (U,).
         field_before, field_after: distance across the DLO in units of the noise, shape (F, U).
-        force, force_std: missing force per length, x and z [N/m], shape (F, U, 2); None where it
+        force, force_std: missing force per length, x, y, z [N/m], shape (F, U, 3); None where it
             could not be had.
     """
 
@@ -107,6 +108,8 @@ class Diagnosis:
         simulation_error: mean distance that the discretisation causes [m]; None where unknown.
         remarks: sentences for the reader.
         views: for the report.
+        relations_before, relations_after: what goes along with the residual of the plain model, and
+            with that of the best extension, which may be no more than a suspect.
     """
 
     verdict: Verdict
@@ -123,3 +126,5 @@ class Diagnosis:
     simulation_error: float | None
     remarks: tuple[str, ...]
     views: tuple[View, ...]
+    relations_before: Relations | None = None
+    relations_after: Relations | None = None

@@ -6,17 +6,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from dlo_ros.report.elements import (
     figure,
     markup,
     measured,
     millimetres,
-    number,
     paragraph,
     table,
 )  # fmt: skip
+from dlo_ros.report.force import FORCE_CAPTION, force_arrows, force_maps
 from dlo_ros.report.maps import field_maps
 from dlo_ros.report.page import Section, page, write_page
 from dlo_ros.report.player import ShapeFrame, player
@@ -83,7 +81,7 @@ class DiagnosedRecording:
         err_before, err_after: eq. (10), shape (F,) [m].
         u: of the maps [m], shape (U,).
         field_before, field_after: distance across the DLO over the noise, shape (F, U).
-        force, force_std: the missing force, x and z [N/m], shape (F, U, 2), or None.
+        force, force_std: the missing force, x, y, z [N/m], shape (F, U, 3), or None.
     """
 
     name: str
@@ -103,6 +101,35 @@ class DiagnosedRecording:
 
 
 @dataclass(frozen=True)
+class RelatedInput:
+    """An input that may have to do with a residual.
+
+    Args:
+        name: of the input.
+        share: of what repeats in the residual, that it foretells.
+        chance: how often surrogates are explained as well.
+        told: whether that is more than chance.
+        alike: inputs that cannot be told from it.
+    """
+
+    name: str
+    share: float
+    chance: float
+    told: bool
+    alike: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class ResidualStructure:
+    """What the residual of a model goes along with, in sentences and numbers."""
+
+    model: str
+    sentences: tuple[str, ...]
+    inputs: tuple[RelatedInput, ...]
+    unjudged: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class DiagnosisReport:
     """All that the report shows; lengths in m."""
 
@@ -117,6 +144,7 @@ class DiagnosisReport:
     gain: tuple[float, float, float] | None
     advice: str
     remarks: tuple[str, ...]
+    structures: tuple[ResidualStructure, ...] = ()
 
 
 def write_diagnosis_report(path: Path | str, report: DiagnosisReport) -> None:
@@ -133,6 +161,9 @@ def diagnosis_page(report: DiagnosisReport) -> str:
     """The report as an HTML document."""
     summary = f'<p class="headline">{markup(report.headline)}</p>' + paragraph(report.advice)
     sections = [Section("Where and when the plain model is wrong", _maps(report))]
+    if report.structures:
+        body = "".join(_structure(s) for s in report.structures)
+        sections.append(Section("What the residual goes along with", body))
     if report.effects:
         sections.append(Section("The cause", "".join(_cause(e) for e in report.effects)))
     sections.append(Section("Before and after", _before_and_after(report)))
@@ -156,25 +187,38 @@ def _maps(report: DiagnosisReport) -> str:
                 "Noise alone looks grainy; an area of one colour is an error of the model.",
             )
         )
-        if r.force is not None and r.force_std is not None and report.verdict != "adequate":
-            sure = np.where(np.abs(r.force) > 2.0 * r.force_std, r.force, np.nan)
-            shown = [sure[..., 0], sure[..., 1]]
-            parts.append(
-                figure(
-                    field_maps(
-                        ["to the right", "upwards"], r.times, r.u, shown, "missing force [N/m]"
-                    ),
-                    "The load per length that would bring the plain model onto the measurement "
-                    "(a linear beam about the predicted shape). White where it is less than two "
-                    f"standard deviations; these are {_typical(r.force_std)} N/m in the middle.",
-                )
-            )
+        if report.verdict != "adequate":
+            parts.append(force_maps(r.times, r.u, r.force, r.force_std))
     return "".join(parts)
 
 
-def _typical(std: FloatArray) -> str:
-    u = std.shape[1]
-    return number(float(np.median(std[:, u // 4 : -(u // 4)])), digits=2)
+def _structure(structure: ResidualStructure) -> str:
+    rows = [
+        [i.name, f"{100.0 * max(i.share, 0.0):.0f} %", f"{100.0 * i.chance:.2g} %", _verdict(i)]
+        for i in structure.inputs
+    ]
+    parts = [f"<h3>{markup(structure.model)}</h3>", *map(paragraph, structure.sentences)]
+    if rows:
+        parts.append(table(["input", "foretells", "by chance", ""], rows))
+        parts.append(
+            paragraph(
+                "Foretells: share of what repeats in the residual that a function of the input, "
+                "learned from the other recordings or spans of time, takes away. By chance: "
+                "how often it does as well with residuals that know nothing of it but vary alike. "
+                "What drifts slowly within a recording is left out, as it goes along with "
+                "everything else that does."
+            )
+        )
+    if structure.unjudged:
+        words = f"Varied too slowly to be judged: {', '.join(structure.unjudged)}."
+        parts.append(paragraph(words))
+    return "".join(parts)
+
+
+def _verdict(related: RelatedInput) -> str:
+    if not related.told:
+        return ""
+    return f"yes, or {', '.join(related.alike)}" if related.alike else "yes"
 
 
 def _cause(effect: FoundEffect) -> str:
@@ -204,16 +248,22 @@ def _before_and_after(report: DiagnosisReport) -> str:
     parts += [paragraph(r) for r in report.remarks]
     for k, r in enumerate(report.recordings):
         parts.append(f"<h3>{markup(f'{r.name} ({r.role})')}</h3>")
+        drawn, legend = None, ""
+        if report.verdict != "adequate":
+            drawn, legend = force_arrows(r.observed, r.length, r.u, r.force, r.force_std)
         frames = [
             ShapeFrame(
                 float(r.times[f]), r.observed[f], r.after[f],
                 r.before[f] if report.effects else None, float(r.err_after[f]),
+                arrows=drawn.sure[f] if drawn else None, faint=drawn.faint[f] if drawn else None,
             )
             for f in range(len(r.times))
         ]  # fmt: skip
         caption = "Move the slider. Observed; predicted"
         caption += " with, and at first without, the named cause." if report.effects else "."
-        parts.append(figure(player(frames, r.length), caption))
+        if any(f.arrows is not None for f in frames):
+            caption += FORCE_CAPTION
+        parts.append(figure(player(frames, r.length, legend), caption))
         series = [Series("plain model", "predicted", r.times, 1e3 * r.err_before, dashed=True)]
         if report.effects:
             series.append(Series("extended model", "observed", r.times, 1e3 * r.err_after))

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from dlo_ros.errors import InputError
-from dlo_ros.report.elements import millimetres
+from dlo_ros.report.elements import millimetres, typeset
 from dlo_ros.spline import FloatArray, SplineBasis
 
 CURVE_POINTS = 80
@@ -22,6 +22,7 @@ MOST_FRAMES = 60
 INTERVAL = 120  # ms between frames while playing
 
 CURVES = {"observed": "observed", "predicted": "predicted", "initial": "predicted at first"}
+ARROWS = ("faint", "arrows")
 
 
 @dataclass(frozen=True)
@@ -54,6 +55,8 @@ class ShapeFrame:
         initial: what was predicted before anything was identified, likewise.
         err: eq. (10) of the paper [m]; None where it is not known.
         photograph: the picture behind; None shows the grid alone.
+        arrows: from and to [m], shape (m, 2, 3), drawn on the grid.
+        faint: likewise, of what is not sure.
     """
 
     time: float
@@ -62,14 +65,17 @@ class ShapeFrame:
     initial: FloatArray | None = None
     err: float | None = None
     photograph: Photograph | None = None
+    arrows: FloatArray | None = None
+    faint: FloatArray | None = None
 
 
-def player(frames: Sequence[ShapeFrame], length: float) -> str:
+def player(frames: Sequence[ShapeFrame], length: float, arrows: str = "arrows") -> str:
     """An HTML element that shows the frames, thinned out to what a reader can look at.
 
     Args:
         frames: in the order of time.
         length: L of the spline basis [m].
+        arrows: what they mean, for the legend.
 
     Raises:
         InputError: there is no frame, or a spline is not finite.
@@ -79,12 +85,14 @@ def player(frames: Sequence[ShapeFrame], length: float) -> str:
         raise InputError("a report needs at least one frame with a shape")
     curves = [_curves(frame, length) for frame in shown]
     planes = _planes(curves)
+    tips = [a.reshape(-1, 3) for f in shown for a in (f.arrows, f.faint) if a is not None]
+    everything = [*(p for c in curves for p in c.values()), *(1e3 * t for t in tips)]
     views: list[dict[str, Any]] = []
     pictured = [f.photograph for f in shown if f.photograph is not None]
     if pictured:
         size = max(p.width for p in pictured), max(p.height for p in pictured)
         views.append({"photograph": True, "box": [0, 0, *size]})
-    views += [_grid(curves, axes) for axes in planes]
+    views += [_grid(np.concatenate(everything), axes) for axes in planes]
     data = {
         "interval": INTERVAL,
         "views": views,
@@ -93,7 +101,7 @@ def player(frames: Sequence[ShapeFrame], length: float) -> str:
         ],
     }
     present = [name for name in CURVES if any(name in c for c in curves)]
-    return _element(data, len(views), len(shown), present)
+    return _element(data, len(views), len(shown), present, arrows if tips else "")
 
 
 def _thinned(frames: Sequence[ShapeFrame]) -> list[ShapeFrame]:
@@ -129,8 +137,8 @@ def _planes(curves: Sequence[dict[str, FloatArray]]) -> list[tuple[int, int]]:
     return [(0, 2), (0, 1)] if extent[1] > 0.05 * float(extent.max()) else [(0, 2)]
 
 
-def _grid(curves: Sequence[dict[str, FloatArray]], axes: tuple[int, int]) -> dict[str, Any]:
-    points = np.concatenate([p for c in curves for p in c.values()])[:, list(axes)]
+def _grid(points: FloatArray, axes: tuple[int, int]) -> dict[str, Any]:
+    points = points[:, list(axes)]
     low, high = points.min(axis=0), points.max(axis=0)
     margin = 0.08 * float((high - low).max())
     low, high = low - margin, high + margin
@@ -168,7 +176,12 @@ def _frame(
         drawn.append({k: _flat(v) for k, v in pixels.items() if v is not None})
     for horizontal, vertical in planes:
         flip = np.array([1.0, -1.0])  # up in the world is down in SVG
-        drawn.append({k: _flat(p[:, [horizontal, vertical]] * flip) for k, p in curves.items()})
+        seen = {k: _flat(p[:, [horizontal, vertical]] * flip) for k, p in curves.items()}
+        for name in ARROWS:
+            ends: FloatArray | None = getattr(frame, name)
+            if ends is not None:
+                seen[name] = _flat(1e3 * ends.reshape(-1, 3)[:, [horizontal, vertical]] * flip)
+        drawn.append(seen)
     result: dict[str, Any] = {
         "text": f"{frame.time:.2f} s, ERR {millimetres(frame.err)}",
         "curves": drawn,
@@ -190,7 +203,9 @@ def _short(value: float) -> float:
     return int(rounded) if rounded == int(rounded) else rounded
 
 
-def _element(data: dict[str, Any], views: int, frames: int, present: Sequence[str]) -> str:
+def _element(
+    data: dict[str, Any], views: int, frames: int, present: Sequence[str], arrows: str
+) -> str:
     # "</" inside the data must not end the script element.
     text = json.dumps(data, separators=(",", ":")).replace("</", "<\\/")
     pictures = '<svg role="img" aria-label="observed and predicted shape"></svg>' * views
@@ -199,6 +214,11 @@ def _element(data: dict[str, Any], views: int, frames: int, present: Sequence[st
         f"{escape(CURVES[name])}</span>"
         for name in present
     )
+    if arrows:
+        legend += (
+            '<span><svg viewBox="0 0 40 10"><path class="arrow arrows" d="M4 5H34M28 1L34 5L28 9"/>'
+            f"</svg>{escape(typeset(arrows))}</span>"
+        )
     return (
         f'<div class="player"><script type="application/json">{text}</script>'
         f'<div class="views">{pictures}</div>'

@@ -4,6 +4,7 @@
 // JSON; dlo_ros/report/player.py writes them and says what they mean.
 (function () {
   const NAMES = ["initial", "observed", "predicted"];
+  const ARROWS = ["faint", "arrows"];
 
   function element(parent, name, attributes) {
     const node = document.createElementNS(parent.namespaceURI, name);
@@ -15,6 +16,22 @@
   function path(flat) {
     let text = "";
     for (let i = 0; i < flat.length; i += 2) text += (i ? "L" : "M") + flat[i] + " " + flat[i + 1];
+    return text;
+  }
+
+  // Each arrow is a line x1, y1, x2, y2 with a head; one that is too short to be seen has none.
+  function arrows(flat, size) {
+    let text = "";
+    for (let i = 0; i + 3 < flat.length; i += 4) {
+      const [x, y, X, Y] = flat.slice(i, i + 4), length = Math.hypot(X - x, Y - y);
+      if (length < size / 4) continue;
+      const head = Math.min(size, length / 2), a = (X - x) / length, b = (Y - y) / length;
+      text += "M" + x + " " + y + "L" + X + " " + Y;
+      for (const side of [0.5, -0.5]) {
+        text += "M" + X + " " + Y + "L" + (X - head * (a + side * b)).toFixed(1) + " " +
+          (Y - head * (b - side * a)).toFixed(1);
+      }
+    }
     return text;
   }
 
@@ -43,6 +60,8 @@
       parts.image = element(svg, "image", {x: x, y: y, width: width, height: height});
     } else {
       grid(svg, view);
+      parts.size = Math.max(view.box[2], view.box[3]) / 60;
+      for (const name of ARROWS) parts[name] = element(svg, "path", {class: "arrow " + name});
     }
     // Each curve stands out from the photograph; no halo may cover another curve.
     if (view.photograph) {
@@ -70,6 +89,10 @@
           const d = path((frame.curves[k] || {})[name] || []);
           parts[name].setAttribute("d", d);
           if (parts[name + "-halo"]) parts[name + "-halo"].setAttribute("d", d);
+        }
+        for (const name of ARROWS) {
+          if (!parts[name]) continue;
+          parts[name].setAttribute("d", arrows((frame.curves[k] || {})[name] || [], parts.size));
         }
       });
       text.textContent = frame.text;

@@ -1,0 +1,95 @@
+"""The missing force as a person sees it: maps over u and time, and arrows on the DLO."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dlo_ros.report.elements import figure, number
+from dlo_ros.report.maps import field_maps
+from dlo_ros.spline import FloatArray, SplineBasis
+
+SURE = 2.0
+"""Standard deviations from which a force is drawn as sure."""
+STATIONS = 16
+"""Along the DLO, at which arrows are drawn."""
+LONGEST = 0.2
+"""Length of the longest arrow, of the DLO's."""
+FORCE_CAPTION = (
+    " Arrows: the missing force, the load per length that would bring the plain model onto the "
+    "measurement; faint where it is less than two standard deviations."
+)
+
+
+@dataclass(frozen=True)
+class Arrows:
+    """Arrows of each frame, from and to [m], shape (m, 2, 3)."""
+
+    sure: tuple[FloatArray, ...]
+    faint: tuple[FloatArray, ...]
+
+
+def force_maps(
+    times: FloatArray, u: FloatArray, force: FloatArray | None, std: FloatArray | None
+) -> str:
+    """Maps of the components, nothing where there is no force.
+
+    Args:
+        times: [s], shape (F,).
+        u: [m], shape (U,).
+        force, std: x, y, z [N/m], shape (F, U, 3).
+    """
+    if force is None or std is None:
+        return ""
+    shown = np.where(np.abs(force) > SURE * std, force, np.nan)
+    axes = [k for k in range(3) if np.any(std[..., k] > 0.0)]
+    if not axes:
+        return ""
+    titles = ["to the right", "away from the camera", "upwards"]
+    inner = std[:, len(u) // 4 : -(len(u) // 4)][..., axes]
+    return figure(
+        field_maps(
+            [titles[k] for k in axes], times, u, [shown[..., k] for k in axes],
+            "missing force [N/m]",
+        ),
+        "The load per length that would bring the plain model onto the measurement (a linear beam "
+        "about the predicted shape). White where it is less than two standard deviations; these "
+        f"are {number(float(np.median(inner)), digits=2)} N/m in the middle.",
+    )  # fmt: skip
+
+
+def force_arrows(
+    observed: FloatArray, length: float, u: FloatArray, force: FloatArray | None,
+    std: FloatArray | None,
+) -> tuple[Arrows | None, str]:  # fmt: skip
+    """The missing force along the observed shapes.
+
+    Args:
+        observed: control points [m], shape (F, n, 3 or 4).
+        length: L [m].
+        u, force, std: see `force_maps`.
+
+    Returns:
+        Arrows and their legend; None where nothing is sure of the force.
+    """
+    if force is None or std is None:
+        return None, ""
+    at = np.linspace(0, len(u) - 1, min(STATIONS, len(u))).round().astype(int)
+    size = np.linalg.norm(force[:, at], axis=2)
+    direction = force[:, at] / np.maximum(size, 1e-300)[..., None]
+    # Of the component along the force itself.
+    spread = np.sqrt(np.sum((direction * std[:, at]) ** 2, axis=2))
+    sure = size > SURE * spread
+    if not sure.any():
+        return None, ""
+    most = float(size[sure].max())
+    scale = LONGEST * length / most
+    points = SplineBasis(observed.shape[1], length).matrix(u[at]) @ observed[:, :, :3]
+    # A force that nobody knows may be computed as large as one likes.
+    shown = direction * (scale * np.minimum(size, most))[..., None]
+    ends = np.stack([points, points + shown], axis=2)
+    return Arrows(
+        tuple(e[s] for e, s in zip(ends, sure, strict=True)),
+        tuple(e[~s] for e, s in zip(ends, sure, strict=True)),
+    ), f"missing force, the longest {number(most, 'N/m', digits=2)}"
