@@ -49,7 +49,9 @@ addEventListener("load", () => {
       slider.value = value;
       slider.dispatchEvent(new Event("input", {bubbles: true}));
       const curves = [...player.querySelectorAll(".views .curve")].map(c => c.getAttribute("d"));
-      return {curves, text: player.querySelector("output").textContent,
+      const arrows = [...player.querySelectorAll(".views .arrow.arrows")].map(
+        c => c.getAttribute("d"));
+      return {curves, arrows, text: player.querySelector("output").textContent,
               pictures: [...player.querySelectorAll("image")].map(i => i.getAttribute("href"))};
     });
     const button = player.querySelector("button");
@@ -144,6 +146,10 @@ def test_diagnose(tmp_path):
     write_results(tmp_path / "out", KNOWN, found())
     heard = opened(tmp_path / "out" / "report.html", tmp_path)
     check(heard)
+    # The missing force is drawn in every frame, and changes with the slider.
+    for player in heard["players"]:
+        first, last = (seen["arrows"] for seen in player["seen"])
+        assert last and all(d.startswith("M") for d in last) and first != last
 
 
 def test_calibrate(tmp_path):

@@ -14,7 +14,9 @@ from test_identify_tool import run, write_bag
 from dlo_ros.cli.diagnosis_output import headline, tree, write_results
 from dlo_ros.cli.diagnosis_output import summary as told
 from dlo_ros.diagnosis import Diagnosis, Fitted, Gain, NamedEffect, Number, Tried, View
+from dlo_ros.diagnosis.relations import Pattern, Relation, Relations
 from dlo_ros.parameters import Settings
+from dlo_ros.report.force import force_arrows
 
 KNOWN = replace(PAPER, rod=replace(PAPER.rod, density_std=20.0))
 
@@ -28,6 +30,13 @@ def folder(tmp_path_factory):
     return path
 
 
+def relations():
+    related = (Relation("the speed of the grip", 0.6, 0.003, True, ("the bending of the DLO",)),
+               Relation("the position of the grip", 0.1, 0.4))  # fmt: skip
+    pattern = Pattern(0.8, 0.3, 1)
+    return Relations(9.0, 1e-3, 0.3, 0.1, pattern, related, ("the motion of the DLO",))
+
+
 def found(frames=12, n=10):
     """A diagnosis as it may come out, with everything that may be unknown."""
     times = np.linspace(0.0, 1.0, frames)
@@ -35,7 +44,7 @@ def found(frames=12, n=10):
     shape[:, :, 0] = np.linspace(0.0, KNOWN.rod.length, n)
     u = np.linspace(0.0, KNOWN.rod.length, 20)
     field = np.sin(times)[:, None] * np.cos(8.0 * u)
-    force = np.stack([field, -field], axis=-1)
+    force = np.stack([field, 0.0 * field, -field], axis=-1)
     err = np.full(frames, 1e-3)
     view = View("one", "holdout", times, shape, shape, shape, err, 0.1 * err, u, field, field,
                 force, np.abs(force) / 4.0)  # fmt: skip
@@ -52,7 +61,7 @@ def found(frames=12, n=10):
         "explained", (effect,), 1e-4, Fitted(KNOWN, *numbers, 1e-3, None),
         Fitted(extended, *numbers, 1e-4, 1.1e-4), Gain(0.9, 0.8, 0.95),
         (Tried("intrinsic_curvature", 1.1e-4, 10.0, 0.1), Tried("none", None, 1e4, 9.0)),
-        "Turn the clamp.", 9.0, 0.1, 0.2, 1e-5, ("A remark.",), (view,),
+        "Turn the clamp.", 9.0, 0.1, 0.2, 1e-5, ("A remark.",), (view,), relations(),
     )  # fmt: skip
 
 
@@ -75,9 +84,31 @@ def test_results_are_what_the_interface_says(tmp_path):
     assert loaded.effects["intrinsic_curvature"]["curvature"] == (0.5, 1.0)
     page = (tmp_path / "out" / "report.html").read_text()
     for words in ("intrinsic curvature", "clamp angle", "load per length", "Turn the clamp.",
-                  "A remark.", "80.0 to 95.0 %"):  # fmt: skip
+                  "A remark.", "80.0 to 95.0 %", "What the residual goes along with",
+                  "so does the bending of the DLO", "too slowly to be judged",
+                  "missing force, the longest"):  # fmt: skip
         assert words in page
     assert "http" not in page.replace("http://www.w3.org", "")
+
+
+def test_arrows_stand_on_the_rope_where_the_force_is_sure():
+    made = found()
+    (view,) = made.views
+    arrows, legend = force_arrows(
+        view.observed, KNOWN.rod.length, view.u, view.force, view.force_std
+    )
+    size = np.linalg.norm(view.force, axis=2)
+    longest = 0.0
+    for sure, faint in zip(arrows.sure, arrows.faint, strict=True):
+        assert len(sure) + len(faint) == 16
+        assert np.abs(sure[:, 0, 2]).max(initial=0.0) < 1e-12  # the rope lies along x
+        along = sure[:, 1] - sure[:, 0]
+        assert np.allclose(along[:, 0], -along[:, 2])  # as the force does
+        longest = max(longest, np.linalg.norm(along, axis=1).max(initial=0.0))
+    assert longest == pytest.approx(0.2 * KNOWN.rod.length)
+    assert f"{size.max():.2g}"[:3] in legend
+    unsure = force_arrows(view.observed, KNOWN.rod.length, view.u, view.force, 9.0 + 0 * view.force)
+    assert unsure == (None, "")
 
 
 def test_the_terminal_tells_the_cause_and_its_rivals():

@@ -16,6 +16,7 @@ from dlo_ros.diagnosis.estimates import fitted, numbers
 from dlo_ros.diagnosis.fitting import Evaluation, evaluate, fit, polished
 from dlo_ros.diagnosis.measured import Recording, noise_floor
 from dlo_ros.diagnosis.outcome import Diagnosis, NamedEffect, Tried
+from dlo_ros.diagnosis.relations import Relations, relations, sentences
 from dlo_ros.diagnosis.screening import Prospect, alarm, screen
 from dlo_ros.diagnosis.search import Candidate, candidate, search
 from dlo_ros.diagnosis.start import Beginning, begin, drafts, finer
@@ -272,6 +273,10 @@ def _outcome(
         tried.append(Tried(label or "none", err, c.score, c.structure))
     floors = [noise_floor(r, p, given) for r, p in zip(learned, best.at.predicted, strict=True)]
     suspects = found.suspects if decision.verdict == "unexplained" else []
+    shown = suspects[0] if suspects else best
+    before, after = (
+        _related(c, learned) if decision.verdict != "adequate" else None for c in (plain, shown)
+    )
     return Diagnosis(
         decision.verdict,
         effects,
@@ -285,9 +290,22 @@ def _outcome(
         best.structure,
         judging.chance(plain.at.residuals),
         None if np.isnan(beginning.error) else beginning.error,
-        _remarks(plain, best, suspects, decision),
+        (*_remarks(plain, best, suspects, decision), *_left(after, decision)),
         views(recordings, plain.at, best.at, parted.holdout, given),
+        before,
+        after if shown is not plain else None,
     )
+
+
+def _related(c: Candidate, recordings: Sequence[Recording]) -> Relations:
+    """What goes along with the residual that a candidate leaves."""
+    at = c.at
+    return relations(recordings, at.residuals, at.predicted, at.model.settings)
+
+
+def _left(found: Relations | None, decision: decide.Decision) -> tuple[str, ...]:
+    """What is left where nothing explains the data."""
+    return sentences(found) if found is not None and decision.verdict == "unexplained" else ()
 
 
 def _polished(c: Candidate, recordings: Sequence[Recording], given: Settings) -> Candidate:

@@ -38,7 +38,7 @@ class MissingForce:
     """Load per length.
 
     Args:
-        force: x, y, z [N/m], shape (F, U, 3); y is 0 where the recording keeps to the board's plane.
+        force: x, y, z [N/m], shape (F, U, 3); y is 0 where a recording keeps to the plane.
         std: its standard deviation [N/m], shape (F, U, 3).
     """
 

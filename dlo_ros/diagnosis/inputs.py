@@ -122,7 +122,9 @@ def _held(motion: Motion, stamp: int) -> dict[str, FloatArray]:
         direction = np.zeros(3)
         label, neighbour = name, ""
         if name in (START, END):  # the rotation's x axis
-            direction = np.array([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)])
+            direction = np.array(
+                [1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)]
+            )
         elif name == f"{CONTROL_POINT}1":
             label, neighbour = START, f"{CONTROL_POINT}2"
         elif name == f"{CONTROL_POINT}{n}":

@@ -34,7 +34,7 @@ SURE = 0.01
 SHIFTED = 0.02
 """The same among shifted residuals: a single recording has no more shifts than frames."""
 LEAST_SHARE = 0.05
-"""Of what repeats, for which a relation is told."""
+"""Of what repeats and does not drift, for which a relation is told."""
 ALIKE = 0.8
 """Of the best input's share, from which another cannot be told from it."""
 MOST = 3
@@ -66,7 +66,8 @@ class Relation:
 
     Args:
         name: of the input.
-        share: of what repeats, foretold from the other recordings or spans of time.
+        share: of what repeats and does not drift, foretold from the other recordings or spans of
+            time.
         chance: how often surrogates are explained as well.
         told: whether it is more than chance, and not only by way of another input.
         alike: inputs that explain it about as well, and cannot be told from this one.
@@ -132,8 +133,11 @@ def relations(
     if total <= 0.0 or silent.structure < judging.chance(residuals):
         return silent
     times = [r.times[-len(f) :] for r, f in zip(recordings, fields, strict=True)]
-    shares = [sum(_repeats(_slow(t, d) @ f) for t, f in zip(times, fields, strict=True)) / total
-              for d in (0, SLOW)]  # fmt: skip
+    kept = [
+        sum(_repeats(f - _steady(f, t, degree)) for t, f in zip(times, fields, strict=True))
+        for degree in (0, SLOW)
+    ]
+    shares = [k / total for k in kept]
     constant = float(np.clip(shares[0], 0.0, 1.0))
     found = replace(
         silent, constant=constant, slow=float(np.clip(shares[1] - shares[0], 0.0, 1.0 - constant)),
@@ -144,8 +148,6 @@ def relations(
         return found
     varied = inputs([recordings[k] for k in long], [predicted[k] for k in long], settings)
     related, unjudged = relate([fields[k] for k in long], [times[k] for k in long], varied)
-    share = sum(_repeats(fields[k]) for k in long) / total
-    related = tuple(replace(r, share=share * r.share) for r in related)
     return replace(found, inputs=related, unjudged=unjudged)
 
 
@@ -162,7 +164,7 @@ def relate(
     Returns:
         Relations to all inputs, those that are told first; inputs that cannot be judged.
     """
-    total = sum(_repeats(f) for f in fields)
+    total = sum(_repeats(f) for f in _moving(fields, times))
     judged = {i.name: b for i in varied if (b := _basis(i, times)) is not None}
     unjudged = tuple(i.name for i in varied if i.name not in judged)
     if total <= 0.0 or not judged:
@@ -175,7 +177,10 @@ def relate(
     while left and len(told) < MOST:
         by_chance = chances(amplitudes, slow, left, rng)
         field = np.concatenate(_moving(amplitudes, times))
-        shares = {n: _foretold(field, b, times) / total for n, b in left.items()}
+        gains = {n: _foretold(field, b, times) for n, b in left.items()}
+        # What changes from frame to frame has more power than neighbouring frames have in common.
+        total = max(total, *gains.values())
+        shares = {n: max(gain, 0.0) / total for n, gain in gains.items()}
         here = {n: Relation(n, shares[n], max(by_chance[n])) for n in left}
         first = first or here
         sure = [
@@ -193,7 +198,9 @@ def relate(
         taken = judged[best.name]
         explained = np.split(taken @ (taken.T @ field), _ends(times))
         amplitudes = [a - e for a, e in zip(amplitudes, explained, strict=True)]
-        rest = {n: b - taken @ (taken.T @ b) for n, b in left.items() if n not in (best.name, *alike)}
+        rest = {
+            n: b - taken @ (taken.T @ b) for n, b in left.items() if n not in (best.name, *alike)
+        }
         left = {n: o for n, b in rest.items() if (o := _orthonormal(b, 0.1)) is not None}
     names = {r.name for r in told}
     others = sorted((r for n, r in first.items() if n not in names), key=lambda r: -r.share)
@@ -233,8 +240,8 @@ def sentences(found: Relations) -> tuple[str, ...]:
 def _told(relation: Relation) -> str:
     often = f"{100.0 * relation.chance:.1g} % of surrogates do as well"
     text = (
-        f"It goes along with {relation.name}, which foretells {_percent(relation.share)} of its "
-        f"power ({often})"
+        f"It goes along with {relation.name}, which foretells {_percent(relation.share)} of what "
+        f"does not drift ({often})"
     )
     return f"{text}; so does {' and '.join(relation.alike)}." if relation.alike else f"{text}."
 
@@ -251,18 +258,24 @@ def _repeats(field: FloatArray) -> float:
 
 
 def _slow(times: FloatArray, degree: int) -> FloatArray:
-    """Projection on polynomials of the time, shape (F, F)."""
+    """Orthonormal polynomials of the time, shape (F, degree + 1)."""
     span = max(float(times[-1] - times[0]), 1e-12)
     degree = min(degree, len(times) - 1)
     q, _ = np.linalg.qr(np.polynomial.legendre.legvander((times - times[0]) / span * 2 - 1, degree))
-    return np.asarray(q @ q.T)
+    return np.asarray(q)
+
+
+def _steady(field: FloatArray, times: FloatArray, degree: int) -> FloatArray:
+    """A field (F, K) without its drift."""
+    q = _slow(times, degree)
+    return np.asarray(field - q @ (q.T @ field))
 
 
 def _basis(varied: Input, times: Sequence[FloatArray]) -> FloatArray | None:
     """Orthonormal columns of an input without its drift in each recording; None: nothing left."""
     scale = np.std(np.concatenate([c - c.mean(axis=0) for c in varied.columns]), axis=0)
     parts = [
-        (c - _slow(t, SLOW) @ c)[:, scale > 0.0] / scale[scale > 0.0]
+        _steady(c, t, SLOW)[:, scale > 0.0] / scale[scale > 0.0]
         for c, t in zip(varied.columns, times, strict=True)
     ]
     columns = np.concatenate(parts)
@@ -282,7 +295,7 @@ def _ends(times: Sequence[FloatArray]) -> np.ndarray:
 
 def _moving(fields: Sequence[FloatArray], times: Sequence[FloatArray]) -> list[FloatArray]:
     """Fields without the drift of each recording."""
-    return [f - _slow(t, SLOW) @ f for f, t in zip(fields, times, strict=True)]
+    return [_steady(f, t, SLOW) for f, t in zip(fields, times, strict=True)]
 
 
 def _amplitudes(fields: Sequence[FloatArray], times: Sequence[FloatArray]) -> list[FloatArray]:

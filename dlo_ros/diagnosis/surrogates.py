@@ -22,19 +22,20 @@ def chances(
 
     Args:
         amplitudes: per recording, over time, of patterns along the DLO, shape (F, M).
-        slow: per recording, projection on what drifts, shape (F, F).
+        slow: per recording, orthonormal columns that span what drifts, shape (F, d).
         judged: for each input orthonormal columns without drift, all recordings below one another.
 
     Returns:
         For each input the share of Gaussian surrogates of which the best of all inputs explains as
         much, and of shifted ones of which this input does.
     """
-    moving = [a - s @ a for a, s in zip(amplitudes, slow, strict=True)]
+    moving = [_without(a, s) for a, s in zip(amplitudes, slow, strict=True)]
     drawn = [_gaussian(a, rng) for a in amplitudes], [_shifted(m, rng) for m in moving]
-    explained = [_explained([d - s @ d for d, s in zip(kind, slow, strict=True)], judged)
-                 for kind in drawn]  # fmt: skip
-    real = _explained([m[None] for m in moving], judged)
-    gaussian, shifted = explained
+    gaussian, shifted = (
+        _explained([_without(d, s) for d, s in zip(kind, slow, strict=True)], judged)
+        for kind in drawn
+    )
+    real = _explained([m[:, None] for m in moving], judged)
     ranks = {n: 1.0 - np.searchsorted(np.sort(e), e) / len(e) for n, e in gaussian.items()}
     best = np.min(list(ranks.values()), axis=0)
     result = {}
@@ -47,29 +48,42 @@ def chances(
     return result
 
 
+def _without(field: FloatArray, slow: FloatArray) -> FloatArray:
+    """A field (F, ...) without what orthonormal columns (F, d) explain."""
+    flat = field.reshape(len(field), -1)
+    return np.asarray((flat - slow @ (slow.T @ flat)).reshape(field.shape))
+
+
 def _explained(
     fields: Sequence[FloatArray], judged: dict[str, FloatArray]
 ) -> dict[str, FloatArray]:
-    """Share of the power of fields (S, F, M), one for each recording, by each input, shape (S,)."""
-    whole = np.concatenate(fields, axis=1)
-    power = np.maximum(np.sum(whole**2, axis=(1, 2)), 1e-300)
-    return {n: np.sum((b.T @ whole) ** 2, axis=(1, 2)) / power for n, b in judged.items()}
+    """Share of the power of fields (F, S, M), one for each recording, by each input, shape (S,)."""
+    whole = np.concatenate(fields)
+    count = whole.shape[1]
+    power = np.maximum(np.sum(whole**2, axis=(0, 2)), 1e-300)
+    flat = whole.reshape(len(whole), -1)
+
+    def by(basis: FloatArray) -> FloatArray:
+        shares = np.sum((basis.T @ flat) ** 2, axis=0).reshape(count, -1)
+        return np.asarray(np.sum(shares, axis=1) / power)
+
+    return {name: by(basis) for name, basis in judged.items()}
 
 
 def _gaussian(part: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Fields of the same spectrum and size over time, shape (S, F, M)."""
+    """Fields of the same spectrum and size over time, shape (F, S, M)."""
     frames = len(part)
     power = gaussian_filter1d(np.sum(part**2, axis=1), max(ENVELOPE * frames, 1.0))
     envelope = np.sqrt(power + 0.02 * np.mean(power) + 1e-300)[:, None]
-    spectrum = np.fft.rfft(part / envelope, axis=0)
-    drawn = rng.normal(size=(2, SURROGATES, len(spectrum), 1))
-    fields = np.fft.irfft(spectrum * (drawn[0] + 1j * drawn[1]), n=frames, axis=1)
-    return np.asarray(fields * envelope)
+    spectrum = np.fft.rfft(part / envelope, axis=0)[:, None]
+    drawn = rng.normal(size=(2, len(spectrum), SURROGATES, 1))
+    fields = np.fft.irfft(spectrum * (drawn[0] + 1j * drawn[1]), n=frames, axis=0)
+    return np.asarray(fields * envelope[:, None])
 
 
 def _shifted(part: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """The field moved in time, around the end to the beginning, with drawn sign, (S, F, M)."""
+    """The field moved in time, around the end to the beginning, with drawn sign, (F, S, M)."""
     frames = len(part)
-    first = rng.integers(frames, size=(SURROGATES, 1))
-    sign = rng.choice([-1.0, 1.0], size=(SURROGATES, 1, 1))
-    return np.asarray(sign * part[(first + np.arange(frames)) % frames])
+    first = rng.integers(frames, size=SURROGATES)
+    sign = rng.choice([-1.0, 1.0], size=(SURROGATES, 1))
+    return np.asarray(sign * part[(first + np.arange(frames)[:, None]) % frames])

@@ -202,9 +202,10 @@ def _structure(structure: ResidualStructure) -> str:
         parts.append(table(["input", "foretells", "by chance", ""], rows))
         parts.append(
             paragraph(
-                "Foretells: share of what repeats in the residual that a function of the input, "
-                "learned from the other recordings or spans of time, takes away. By chance: "
-                "how often it does as well with residuals that know nothing of it but vary alike. "
+                "Foretells: share of what repeats in the residual and does not drift, that a "
+                "function of the input takes away, learned from the other recordings or spans of "
+                "time. By chance: how often it does as well with residuals that know nothing of it "
+                "but vary alike. "
                 "What drifts slowly within a recording is left out, as it goes along with "
                 "everything else that does."
             )
