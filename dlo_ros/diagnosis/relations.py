@@ -238,7 +238,7 @@ def sentences(found: Relations) -> tuple[str, ...]:
 
 
 def _told(relation: Relation) -> str:
-    often = f"{100.0 * relation.chance:.1g} % of surrogates do as well"
+    often = f"by chance in {100.0 * relation.chance:.1g} % of cases"
     text = (
         f"It goes along with {relation.name}, which foretells {_percent(relation.share)} of what "
         f"does not drift ({often})"
