@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """What residuals go along with: what was put in is found, and nothing else."""
 
 from dataclasses import replace

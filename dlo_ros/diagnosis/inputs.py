@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """What varied in recordings and may have to do with what a model gets wrong."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """What a residual goes along with: structure along u, in time, and against inputs.
 
 Residuals and inputs both vary slowly, and two slow things are always alike. So what drifts is taken

@@ -1,3 +1,4 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Surrogates of residuals: what might be there by chance, to hold relations against."""
 
 from __future__ import annotations
