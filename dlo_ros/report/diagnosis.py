@@ -21,6 +21,13 @@ from dlo_ros.report.player import ShapeFrame, player
 from dlo_ros.report.plots import Level, LinePlot, Series, line_plot
 from dlo_ros.spline import FloatArray
 
+FORETELLS = (
+    "Foretells: share of what repeats in the residual and does not drift, that a function of the "
+    "input takes away, learned from the other recordings or spans of time. By chance: how often it "
+    "does as well with residuals that know nothing of it but vary alike. What drifts slowly within "
+    "a recording is left out, as it goes along with everything else that does."
+)
+
 
 @dataclass(frozen=True)
 class FoundParameter:
@@ -162,7 +169,7 @@ def diagnosis_page(report: DiagnosisReport) -> str:
     summary = f'<p class="headline">{markup(report.headline)}</p>' + paragraph(report.advice)
     sections = [Section("Where and when the plain model is wrong", _maps(report))]
     if report.structures:
-        body = "".join(_structure(s) for s in report.structures)
+        body = "".join(_structure(s) for s in report.structures) + paragraph(FORETELLS)
         sections.append(Section("What the residual goes along with", body))
     if report.effects:
         sections.append(Section("The cause", "".join(_cause(e) for e in report.effects)))
@@ -200,16 +207,6 @@ def _structure(structure: ResidualStructure) -> str:
     parts = [f"<h3>{markup(structure.model)}</h3>", *map(paragraph, structure.sentences)]
     if rows:
         parts.append(table(["input", "foretells", "by chance", ""], rows))
-        parts.append(
-            paragraph(
-                "Foretells: share of what repeats in the residual and does not drift, that a "
-                "function of the input takes away, learned from the other recordings or spans of "
-                "time. By chance: how often it does as well with residuals that know nothing of it "
-                "but vary alike. "
-                "What drifts slowly within a recording is left out, as it goes along with "
-                "everything else that does."
-            )
-        )
     if structure.unjudged:
         words = f"Varied too slowly to be judged: {', '.join(structure.unjudged)}."
         parts.append(paragraph(words))
