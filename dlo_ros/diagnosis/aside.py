@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from dlo_ros.diagnosis.fitting import Evaluation, evaluate, fit, solve, total
 from dlo_ros.diagnosis.measured import Recording
 from dlo_ros.diagnosis.model import Model
 from dlo_ros.diagnosis.outcome import Gain
+from dlo_ros.diagnosis.search import Candidate
 from dlo_ros.errors import SimulationError
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
@@ -23,6 +24,9 @@ FORESEEN = 0.3
 BLOCK = 10
 DRAWS = 500
 STEPS = 3
+ASTRAY = 1.5
+"""ERR on what is kept aside over that of the fit to everything, from which a linearised step is not
+believed."""
 
 
 @dataclass(frozen=True)
@@ -147,3 +151,47 @@ def _blocks(frames: int, rng: np.random.Generator) -> np.ndarray:
     size = min(BLOCK, frames)
     first = rng.integers(0, frames - size + 1, -(-frames // size))
     return np.concatenate([np.arange(f, f + size) for f in first])[:frames]
+
+
+@dataclass(frozen=True)
+class KeptAside:
+    """What is kept aside; called with a candidate, ERR there [m], its parameters from the rest.
+
+    Args:
+        recordings: all; the first `learned` are those that candidates were fitted to.
+        parted: which frames are kept aside.
+        known: what was asked before, by the candidate's identity.
+    """
+
+    recordings: Sequence[Recording]
+    learned: int
+    parted: Split
+    given: Settings
+    known: dict[int, tuple[Candidate, float | None]] = field(default_factory=dict)
+
+    def __call__(self, c: Candidate) -> float | None:
+        """ERR of a candidate [m]; None where it cannot be simulated."""
+        if id(c) not in self.known:
+            self.known[id(c)] = c, self._careful(c)
+        return self.known[id(c)][1]
+
+    def foretold(self, c: Candidate) -> float | None:
+        """The same by one linearised step away from the fit to everything, unless known better."""
+        if id(c) in self.known:
+            return self.known[id(c)][1]
+        return self._err(trained(c.at, self.parted.train[: self.learned], self.given))
+
+    def _careful(self, c: Candidate) -> float | None:
+        """Fitted anew where the linearised step leads astray."""
+        err = self.foretold(c)
+        masks = self.parted.holdout[: self.learned]
+        seen = [e[m[-len(e) :]] for e, m in zip(c.at.err, masks, strict=True) if m.any()]
+        together = mean(seen)
+        if together is None or (err is not None and err < ASTRAY * together):
+            return err
+        train = self.parted.train[: self.learned]
+        again = self._err(refitted(c.at, self.recordings[: self.learned], train, self.given))
+        return min((e for e in (err, again) if e is not None), default=None)
+
+    def _err(self, model: Model) -> float | None:
+        return mean(errors(model, self.recordings, self.parted.holdout, self.given))

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from dlo_ros.diagnosis.fitting import Evaluation, evaluate, fit, polished
 from dlo_ros.diagnosis.measured import Recording, noise_floor
 from dlo_ros.diagnosis.outcome import Diagnosis, NamedEffect, Tried
 from dlo_ros.diagnosis.relations import Relations, relations, sentences
+from dlo_ros.diagnosis.remarks import remarks
 from dlo_ros.diagnosis.screening import Prospect, alarm, screen
 from dlo_ros.diagnosis.search import Candidate, candidate, search
 from dlo_ros.diagnosis.start import Beginning, begin, drafts, finer
@@ -31,8 +32,6 @@ LOG = logging.getLogger(__name__)
 
 REFINED = 4
 """Iterations with a simulation that has been refined."""
-TOLD = 5
-"""Suspects that a remark tells."""
 BASES = 3
 """Best single effects to which a second one is added."""
 FIRST_SHARE = 0.9
@@ -40,34 +39,11 @@ FIRST_SHARE = 0.9
 
 
 @dataclass(frozen=True)
-class _KeptAside:
-    """What is kept aside; called with a candidate, ERR there [m], its parameters from the rest.
-
-    Args:
-        recordings: all; the first `learned` are those that candidates were fitted to.
-        known: what was asked before, by the candidate's identity.
-    """
-
-    recordings: Sequence[Recording]
-    learned: int
-    parted: aside.Split
-    given: Settings
-    known: dict[int, tuple[Candidate, float | None]] = field(default_factory=dict)
-
-    def __call__(self, c: Candidate) -> float | None:
-        if id(c) not in self.known:
-            model = aside.trained(c.at, self.parted.train[: self.learned], self.given)
-            err = aside.errors(model, self.recordings, self.parted.holdout, self.given)
-            self.known[id(c)] = c, aside.mean(err)
-        return self.known[id(c)][1]
-
-
-@dataclass(frozen=True)
 class _Findings:
     """What the search has come to."""
 
     decision: decide.Decision
-    kept_aside: _KeptAside
+    kept_aside: aside.KeptAside
     singles: tuple[Candidate, ...] = ()
     pairs: tuple[Candidate, ...] = ()
 
@@ -146,10 +122,10 @@ def _search(
     plain = candidate("", "", at, given)
     problem = Problem(learned, given, drafts(learned, at))
 
-    def kept_aside(best: Candidate) -> _KeptAside:
+    def kept_aside(best: Candidate) -> aside.KeptAside:
         recordings = beginning.recordings
         parted = aside.split(recordings, len(recordings) - count, at, best.at, given)
-        return _KeptAside(recordings, count, parted, given)
+        return aside.KeptAside(recordings, count, parted, given)
 
     with workers(problem, processes) as team:
         if decide.adequate(plain.structure, judging.chance(at.residuals)):
@@ -176,7 +152,7 @@ def _only(at: Evaluation, count: int) -> Evaluation:
 
 
 def _explain(
-    team: Workers, plain: Candidate, kept_aside: Callable[[Candidate], _KeptAside],
+    team: Workers, plain: Candidate, kept_aside: Callable[[Candidate], aside.KeptAside],
     progress: Progress,
 ) -> _Findings:  # fmt: skip
     """Single effects first; pairs where none of them is enough."""
@@ -190,7 +166,7 @@ def _explain(
         here = scene(at.model.settings, names, observed, at.predicted)
         return screen(team, at, starts(here, present), progress)
 
-    def held(candidates: Sequence[Candidate]) -> tuple[list[decide.Explanation], _KeptAside]:
+    def held(candidates: Sequence[Candidate]) -> tuple[list[decide.Explanation], aside.KeptAside]:
         """What explains the data and holds on what is kept aside, which goes with the best."""
         found = decide.explanations(candidates, most)
         judge = kept_aside(found[0].candidate if found else plain)
@@ -268,7 +244,7 @@ def _outcome(
         )
     tried = []
     for c in decide.best_forms([plain, *found.singles, *found.pairs]):
-        err = kept_aside(c)
+        err = kept_aside.foretold(c)
         label = "+".join(n for n in c.at.model.effects if n not in plain.at.model.effects)
         tried.append(Tried(label or "none", err, c.score, c.structure))
     floors = [noise_floor(r, p, given) for r, p in zip(learned, best.at.predicted, strict=True)]
@@ -290,7 +266,7 @@ def _outcome(
         best.structure,
         judging.chance(plain.at.residuals),
         None if np.isnan(beginning.error) else beginning.error,
-        (*_remarks(plain, best, suspects, decision), *_left(after, decision)),
+        (*remarks(plain, best, suspects, decision), *_left(after, decision)),
         views(recordings, plain.at, best.at, parted.holdout, given),
         before,
         after if shown is not plain else None,
@@ -311,44 +287,3 @@ def _left(found: Relations | None, decision: decide.Decision) -> tuple[str, ...]
 def _polished(c: Candidate, recordings: Sequence[Recording], given: Settings) -> Candidate:
     """A candidate whose numbers are to be told."""
     return candidate(c.effect, c.form, polished(c.at, recordings, given), given)
-
-
-def _remarks(
-    plain: Candidate, best: Candidate, suspects: Sequence[Candidate], decision: decide.Decision
-) -> tuple[str, ...]:
-    """What else a reader should know."""
-    remarks = []
-    if decision.chosen is not None:
-        rods = best.at.model.settings.rod, plain.at.model.settings.rod
-        change = rods[1].specific_modulus / rods[0].specific_modulus - 1.0
-        remarks.append(
-            f"Without naming it, E/mu would be {abs(100.0 * change):.2g} % too "
-            f"{'large' if change > 0.0 else 'small'}: that much of it the stiffness had absorbed."
-        )
-        border = best.at.model.at_border()
-        if border:
-            remarks.append(f"At the border of what is looked for: {', '.join(border)}.")
-    if decision.verdict == "unexplained":
-        shown = suspects[0] if suspects else best
-        remarks.append(_nearest(plain, suspects))
-        remarks.append(judging.description(shown.at))
-    return tuple(remarks)
-
-
-def _nearest(plain: Candidate, suspects: Sequence[Candidate]) -> str:
-    """What comes nearest to data that nothing explains."""
-    told = [
-        f"{' and '.join(c.at.model.effects)}, which leaves {c.structure:.2g} times the noise"
-        for c in suspects[:TOLD]
-    ]
-    text = "Nothing in the library brings the residual down to the noise."
-    if not told:
-        return text
-    share = max(0.0, 1.0 - (suspects[0].structure / plain.structure) ** 2)
-    text += (
-        f" Nearest comes {told[0]} and removes {100.0 * share:.0f} % of the residual's power; "
-        "it is a suspect, no finding."
-    )
-    if told[1:]:
-        text += f" Not excluded beside it: {'; '.join(told[1:])}."
-    return text
