@@ -1,0 +1,116 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Steps of the diagnosis: coarse trials, what is faint, suspects, what is kept aside."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from measured import swing
+from rods import PAPER
+
+from dlo_ros.diagnosis import aside, decide
+from dlo_ros.diagnosis.fitting import UNDAMPED, earlier, evaluate, fit, polished
+from dlo_ros.diagnosis.search import candidate
+from dlo_ros.diagnosis.start import begin, drafts, finer
+
+KNOWN = replace(
+    PAPER,
+    rod=replace(PAPER.rod, density_std=20.0),
+    damping=replace(PAPER.damping, air_drag_std=1e-4, relaxation_time_std=1e-4),
+)
+
+
+@pytest.fixture(scope="module")
+def beginning():
+    return begin([swing(PAPER, seconds=1.0), swing(PAPER, seconds=0.6, seed=1)], KNOWN)
+
+
+def test_a_coarse_trial_agrees_where_it_begins(beginning, monkeypatch):
+    monkeypatch.setattr("dlo_ros.diagnosis.start.DRAFT_ERROR", 50.0)
+    at = beginning.at
+    tried = drafts(beginning.recordings, at)
+    coarse = evaluate(at.model, tried, KNOWN, derivatives=False)
+    for draft, fine, here, there in zip(
+        tried, beginning.recordings, coarse.residuals, at.residuals, strict=True
+    ):
+        assert draft.tolerance > fine.tolerance
+        assert not np.allclose(draft.observed, fine.observed, rtol=0.0, atol=1e-6)
+        assert here == pytest.approx(there, abs=1e-6)
+
+
+def test_long_recordings_are_tried_in_part(beginning, monkeypatch):
+    monkeypatch.setattr("dlo_ros.diagnosis.start.DRAFT_FRAMES", 20)
+    monkeypatch.setattr("dlo_ros.diagnosis.start.LEAST_FRAMES", 5)
+    at = beginning.at
+    tried = drafts(beginning.recordings, at)
+    for draft, whole, residual in zip(tried, beginning.recordings, at.residuals, strict=True):
+        count = len(draft.times)
+        assert 10 <= count < len(whole.times) == len(residual)
+        assert len(draft.manipulation.observations) == len(draft.observed) == count
+        shown = np.sum(residual[:count] ** 2) / np.sum(residual**2)
+        assert shown >= 0.25
+    begun = earlier(at, beginning.recordings, tried, KNOWN)
+    coarse = evaluate(at.model, tried, KNOWN, derivatives=False)
+    assert begun.power == pytest.approx(coarse.power)
+
+
+def test_a_simulation_is_refined_for_a_model_that_comes_near(beginning):
+    assert finer(beginning, beginning.at.model, KNOWN) is None
+    rough = tuple(replace(r, spans=7, tolerance=5e-3) for r in beginning.recordings)
+    sharper = finer(replace(beginning, recordings=rough), beginning.at.model, KNOWN)
+    assert sharper is not None
+    assert all(r.tolerance < 5e-3 for r in sharper.recordings)
+    assert sharper.at.power < evaluate(beginning.at.model, rough, KNOWN, derivatives=False).power
+
+
+def test_a_fit_ends_where_nothing_is_promised(beginning, monkeypatch):
+    at = polished(beginning.at, beginning.recordings, KNOWN)
+
+    def simulated(*words, **more):
+        raise AssertionError("simulated although nothing is to be gained")
+
+    monkeypatch.setattr("dlo_ros.diagnosis.fitting.evaluate", simulated)
+    assert fit(at, beginning.recordings, KNOWN, 3, damping=UNDAMPED) is at
+
+
+def test_faint_structure_needs_a_cause_that_takes_it_away():
+    assert decide.limit(0.8) < 0.3
+    assert decide.limit(2.0) == decide.EXPLAINED
+    assert decide.limit(60.0) > decide.EXPLAINED
+    assert decide.adequate(0.4, 0.3) and decide.adequate(0.8, 0.9)
+    assert not decide.adequate(0.8, 0.3)
+
+
+def fitted(beginning, structure, score, effect):
+    at = beginning.at
+    settings = KNOWN.with_effects({effect: {}})
+    found = candidate(effect, "", at, KNOWN)
+    model = replace(at.model, settings=settings)
+    return replace(found, at=replace(at, model=model), structure=structure, score=score)
+
+
+def test_suspects_come_near_and_hold_on_what_was_kept_aside(beginning):
+    near = fitted(beginning, 2.0, 20.0, "gravity_tilt")
+    nearer = fitted(beginning, 1.5, 10.0, "point_mass")
+    astray = fitted(beginning, 1.6, 5.0, "stiff_segment")
+    far = fitted(beginning, 4.0, 1.0, "length_error")
+    errors = {id(near): 1.2e-3, id(nearer): 1e-3, id(astray): 9e-3, id(far): 1e-3}
+    found = decide.suspects([near, nearer, astray, far], lambda c: errors[id(c)])
+    assert found == [nearer, near]
+    assert decide.suspects([], lambda c: None) == []
+
+
+def test_what_is_kept_aside_is_asked_once_and_of_a_fit_that_holds(beginning, monkeypatch):
+    at = beginning.at
+    parted = aside.split(beginning.recordings, 0, at, at, KNOWN)
+    judge = aside.KeptAside(beginning.recordings, 2, parted, KNOWN)
+    plain = candidate("", "", at, KNOWN)
+    assert judge(plain) == judge.foretold(plain) == pytest.approx(3e-4 / 4, rel=0.7)
+    wrong = at.model.at(at.model.theta() + np.array([1.0, 0.0, 0.0, 0.0]))
+    linearised = aside.trained
+    monkeypatch.setattr(aside, "trained", lambda *words: wrong)
+    other = replace(plain)
+    assert judge.foretold(other) > 3.0 * judge(plain)
+    assert judge(other) < 1.5 * judge(plain)  # fitted anew, from the wrong beginning
+    monkeypatch.setattr(aside, "trained", linearised)
+    assert judge.foretold(other) == judge(other)
