@@ -77,8 +77,18 @@ def test_faint_structure_needs_a_cause_that_takes_it_away():
     assert decide.limit(0.8) < 0.3
     assert decide.limit(2.0) == decide.EXPLAINED
     assert decide.limit(60.0) > decide.EXPLAINED
-    assert decide.adequate(0.4, 0.3) and decide.adequate(0.8, 0.9)
-    assert not decide.adequate(0.8, 0.3)
+
+
+def test_many_pictures_excuse_nothing():
+    """What repeats from picture to picture may do so by chance in a few; many know the noise."""
+    rng = np.random.default_rng(4)
+    wobble = np.convolve(rng.normal(size=200), np.ones(5) / 5**0.5, mode="same")[:, None]
+    noise = rng.normal(size=(200, 10))
+    assert decide.adequate([noise])
+    assert not decide.adequate([noise + 20.0 * wobble])
+    assert not decide.excusable([noise + 20.0 * wobble])
+    few = [rng.normal(size=(6, 10)) + 20.0 * rng.choice([-1.0, 1.0], (6, 1))]
+    assert decide.excusable(few) and decide.adequate(few)
 
 
 def fitted(beginning, structure, score, effect):

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dlo_ros.diagnosis import decide, judging
+from dlo_ros.diagnosis import decide
 from dlo_ros.diagnosis.estimates import covariance
 from dlo_ros.diagnosis.fitting import Evaluation, evaluate, fit, solve, total
 from dlo_ros.diagnosis.model import Model
@@ -174,7 +174,7 @@ def _matters(
 ) -> bool:  # fmt: skip
     """Whether the guess leaves what noise does not, or, beside other structure, far more of it."""
     if verdict == "adequate":
-        if decide.adequate(guess.structure, judging.chance(guess.at.residuals)):
+        if decide.adequate(guess.at.residuals):
             return False
         return best.structure <= decide.limit(guess.structure)
     if best.structure > decide.SURE_SHARE * guess.structure:

@@ -9,6 +9,7 @@ from typing import Literal
 
 from dlo_ros.diagnosis import judging
 from dlo_ros.diagnosis.search import Candidate
+from dlo_ros.spline import FloatArray
 
 Verdict = Literal["adequate", "explained", "unexplained"]
 
@@ -80,9 +81,20 @@ def limit(before: float) -> float:
     return max(EXPLAINED, min(SHARE_LEFT * before, MOST_LEFT))
 
 
-def adequate(structure: float, chance: float) -> bool:
-    """Whether the plain model explains the data."""
-    return structure < NOTHING or structure < chance
+def adequate(residuals: Sequence[FloatArray]) -> bool:
+    """Whether what the plain model leaves over is noise.
+
+    Args:
+        residuals: see `judging.structure`.
+    """
+    structure = judging.structure(residuals)
+    return structure < NOTHING or (excusable(residuals) and structure < judging.chance(residuals))
+
+
+def excusable(residuals: Sequence[FloatArray]) -> bool:
+    """Whether structure may be there by chance: of many pictures the noise is known well."""
+    pictures = sum(len(r) for r in residuals)
+    return pictures < judging.FEW or judging.structure(residuals) < FAINT
 
 
 def explains(candidate: Candidate, most: float) -> bool:

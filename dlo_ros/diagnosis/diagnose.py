@@ -30,6 +30,8 @@ from dlo_ros.parameters import Settings
 
 LOG = logging.getLogger(__name__)
 
+NEAREST = 4
+"""Candidates that are fitted anew with a finer simulation where nothing explains the data."""
 REFINED = 4
 """Iterations with a simulation that has been refined."""
 BASES = 3
@@ -88,10 +90,7 @@ def diagnose(
         sharper = finer(beginning, near.at.model, given)
         if sharper is not None:
             beginning = sharper
-            if found.decision.verdict == "explained":
-                plain, found = _refined(beginning, plain, found, given)
-            else:
-                plain, found = _search(beginning, count, given, processes, progress)
+            plain, found = _refined(beginning, plain, found, given)
     progress("measuring the gain", 1.0)
     return _outcome(beginning, plain, found, given)
 
@@ -99,18 +98,52 @@ def diagnose(
 def _refined(
     beginning: Beginning, plain: Candidate, found: _Findings, given: Settings
 ) -> tuple[Candidate, _Findings]:
-    """The same decision with a finer simulation."""
+    """What was found with a finer simulation; what comes nearest may explain the data now."""
     recordings = beginning.recordings[: len(plain.at.residuals)]
 
     def again(c: Candidate) -> Candidate:
         at = fit(evaluate(c.at.model, recordings, given), recordings, given, REFINED)
         return candidate(c.effect, c.form, at, given)
 
-    assert found.decision.chosen is not None
-    chosen = replace(found.decision.chosen, candidate=again(found.decision.chosen.candidate))
-    decision = replace(found.decision, chosen=chosen)
+    plain, decision = again(plain), found.decision
     kept = replace(found.kept_aside, recordings=beginning.recordings, known={})
-    return again(plain), replace(found, decision=decision, kept_aside=kept)
+    if decision.verdict == "unexplained":
+        order = sorted((*found.singles, *found.pairs), key=lambda c: c.structure)
+        sharp = {id(c): again(c) for c in order[:NEAREST]}
+        singles, pairs = (
+            tuple(sharp.get(id(c), c) for c in some) for some in (found.singles, found.pairs)
+        )
+        found = replace(found, singles=singles, pairs=pairs)
+        most = decide.limit(plain.structure)
+        fresh = {id(c) for c in sharp.values()}
+        explained = _explained(
+            plain, [c for c in singles if id(c) in fresh], (), most, kept
+        ) or _explained(plain, [c for c in pairs if id(c) in fresh], singles, most, kept)
+        if explained is not None:
+            return plain, replace(found, decision=explained, kept_aside=kept)
+    if decision.chosen is not None:
+        chosen = replace(decision.chosen, candidate=again(decision.chosen.candidate))
+        decision = replace(decision, chosen=chosen)
+    return plain, replace(found, decision=decision, kept_aside=kept)
+
+
+def _explained(
+    plain: Candidate, found: Sequence[Candidate], fewer: Sequence[Candidate], most: float,
+    judge: aside.KeptAside,
+) -> decide.Decision | None:  # fmt: skip
+    """What explains the data and holds on what is kept aside.
+
+    Args:
+        found: candidates of equally many effects.
+        fewer: candidates of fewer effects, which did not explain the data.
+    """
+    explaining = decide.explanations(found, most)
+    enough = decide.confirmed(explaining, judge(plain), judge) if explaining else []
+    if not enough:
+        return None
+    enough = decide.without_idle(enough[0].candidate, fewer) or enough
+    others = decide.foretold(enough[0].candidate, [*fewer, *found], judge)
+    return decide.choose(enough, others)
 
 
 def _search(
@@ -128,7 +161,7 @@ def _search(
         return aside.KeptAside(recordings, count, parted, given)
 
     with workers(problem, processes) as team:
-        if decide.adequate(plain.structure, judging.chance(at.residuals)):
+        if decide.adequate(at.residuals):
             found = _Findings(decide.Decision("adequate", None), kept_aside(plain))
         else:
             found = _explain(team, plain, kept_aside, progress)
@@ -166,35 +199,33 @@ def _explain(
         here = scene(at.model.settings, names, observed, at.predicted)
         return screen(team, at, starts(here, present), progress)
 
-    def held(candidates: Sequence[Candidate]) -> tuple[list[decide.Explanation], aside.KeptAside]:
-        """What explains the data and holds on what is kept aside, which goes with the best."""
+    def judge_of(candidates: Sequence[Candidate]) -> aside.KeptAside:
+        """What is kept aside goes with the best of what explains the data."""
         found = decide.explanations(candidates, most)
-        judge = kept_aside(found[0].candidate if found else plain)
-        return decide.confirmed(found, judge(plain), judge) if found else [], judge
+        return kept_aside(found[0].candidate if found else plain)
 
     known = plain.at.model.effects
     prospects = screened(plain.at, known)
     promise, by_chance = alarm(prospects)
-    if promise < by_chance:
+    if promise < by_chance and decide.excusable(plain.at.residuals):
         return _Findings(decide.Decision("adequate", None), kept_aside(plain))
     faint = plain.structure < decide.FAINT
     singles = search(team, plain.at, prospects, progress, most, thorough=not faint)
-    enough, judge = held(singles)
-    if enough:
-        others = decide.foretold(enough[0].candidate, singles, judge)
-        return _Findings(decide.choose(enough, others), judge, tuple(singles))
+    judge = judge_of(singles)
+    explained = _explained(plain, singles, (), most, judge)
+    if explained is not None:
+        return _Findings(explained, judge, tuple(singles))
     if faint:
         return _Findings(decide.Decision("adequate", None), judge)
     pairs: list[Candidate] = []
     for first in _bases(singles, plain.structure):
         prospects = screened(first.at, [*known, first.effect])
         pairs += search(team, first.at, prospects, progress, most, thorough=False)
-        enough, judge = held(pairs)
-        if enough:
-            pairs.sort(key=lambda c: c.score)
-            enough = decide.without_idle(enough[0].candidate, singles) or enough
-            others = decide.foretold(enough[0].candidate, [*singles, *pairs], judge)
-            return _Findings(decide.choose(enough, others), judge, tuple(singles), tuple(pairs))
+        pairs.sort(key=lambda c: c.score)
+        judge = judge_of(pairs)
+        explained = _explained(plain, pairs, singles, most, judge)
+        if explained is not None:
+            return _Findings(explained, judge, tuple(singles), tuple(pairs))
     everything = sorted([*singles, *pairs], key=lambda c: c.score)
     judge = kept_aside(everything[0] if everything else plain)
     certain = decide.sure(plain, everything, judge)
