@@ -32,6 +32,8 @@ SURE = 3.0
 """Standard errors by which one explanation must be better than another to exclude it."""
 CONFIRMED = 1.5
 """ERR on what is kept aside, over the best one's, with which an explanation still holds."""
+SUSPECTED = 2.0
+"""The same, with which it stays a suspect where nothing explains the data."""
 SURE_LEFT = 0.35
 """Of the structure before, that a model may leave of which parts are certain."""
 SURE_SHARE = 0.4
@@ -170,6 +172,8 @@ def confirmed(
     found: Sequence[Explanation],
     before: float | None,
     kept_aside: Callable[[Candidate], float | None],
+    *,
+    up_to: float = CONFIRMED,
 ) -> list[Explanation]:
     """Those explanations that also hold on what was kept aside.
 
@@ -177,12 +181,13 @@ def confirmed(
         found: explanations, best first.
         before: ERR of the plain model there [m].
         kept_aside: ERR of a candidate there [m]; None where it cannot be simulated.
+        up_to: ERR over the least, with which one holds.
     """
     errors = [kept_aside(e.candidate) for e in found]
     known = [e for e in (*errors, before) if e is not None]
     if not known:
         return []
-    most = CONFIRMED * min(known)
+    most = up_to * min(known)
     return [e for e, err in zip(found, errors, strict=True) if err is not None and err <= most]
 
 
@@ -200,7 +205,8 @@ def suspects(
         return []
     least = min(c.structure for c in forms)
     near = [c for c in forms if c.structure < ALIKE * least]
-    held = confirmed([Explanation(c.at.model.effects, c) for c in near], None, kept_aside)
+    found = [Explanation(c.at.model.effects, c) for c in near]
+    held = confirmed(found, None, kept_aside, up_to=SUSPECTED)
     return [e.candidate for e in held]
 
 

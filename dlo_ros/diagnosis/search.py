@@ -11,6 +11,7 @@ import numpy as np
 from dlo_ros.diagnosis import judging
 from dlo_ros.diagnosis.candidates import Start
 from dlo_ros.diagnosis.fitting import CONTINUED, ROUGH, Evaluation, earlier, evaluate, fit
+from dlo_ros.diagnosis.measured import Recording
 from dlo_ros.diagnosis.model import Model
 from dlo_ros.diagnosis.screening import Prospect, chosen, tried
 from dlo_ros.diagnosis.workers import Problem, Progress, Workers
@@ -27,6 +28,8 @@ FALLING = 0.5
 """Of its excess, that a fit leaves in one round to be carried on in any case."""
 SETTLED = 0.95
 """The same of a fit that has come to its end."""
+FAR = 10.0
+"""Structure over that of an explanation, from which the coarse simulation tells enough."""
 CARRIED = 3
 """Fits that are carried on in any case, where none explains the data."""
 LIKELY = 2.0
@@ -71,21 +74,27 @@ def _continue(problem: Problem, at: Evaluation) -> Evaluation:
     return fit(at, problem.drafts, problem.given, ROUND_ITERATIONS, damping=CONTINUED)
 
 
-def _carry_on(problem: Problem, model: Model) -> Evaluation | None:
+def _carry_on(problem: Problem, task: tuple[Model, bool]) -> Evaluation | None:
+    model, coarse = task
+    recordings = _whole(problem) if coarse else problem.recordings
     try:
-        at = evaluate(model, problem.recordings, problem.given)
+        at = evaluate(model, recordings, problem.given)
     except SimulationError:
         return None
-    return fit(at, problem.recordings, problem.given, MORE_ITERATIONS, damping=CONTINUED)
+    return fit(at, recordings, problem.given, MORE_ITERATIONS, damping=CONTINUED)
 
 
-def _complete(problem: Problem, model: Model) -> Evaluation | None:
-    whole = [
+def _whole(problem: Problem) -> list[Recording]:
+    """The recordings to their end with the coarse simulation."""
+    return [
         replace(r, spans=d.spans, tolerance=d.tolerance)
         for r, d in zip(problem.recordings, problem.drafts, strict=True)
     ]
+
+
+def _complete(problem: Problem, model: Model) -> Evaluation | None:
     try:
-        return evaluate(model, whole, problem.given)
+        return evaluate(model, _whole(problem), problem.given)
     except SimulationError:
         return None
 
@@ -195,8 +204,9 @@ def _fitted(
             drafts[k] = replace(drafts[k], at=at, before=drafts[k].excess(noise))
     found: list[Evaluation | None] = [d.at for d in drafts]
     carried = _likely(drafts, noise, enough, least)
-    models = [drafts[k].at.model for k in carried]
-    for i, (k, at) in enumerate(zip(carried, team.each(_carry_on, models), strict=True)):
+    coarse = bool(carried) and judging.structure(drafts[carried[0]].at.residuals) > FAR * enough
+    further = [(drafts[k].at.model, coarse) for k in carried]
+    for i, (k, at) in enumerate(zip(carried, team.each(_carry_on, further), strict=True)):
         progress("fitting the most likely effects", (i + 1) / len(carried))
         found[k] = at or found[k]
     if problem.shortened:
