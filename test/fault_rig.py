@@ -265,8 +265,8 @@ class Rig:
             known = self.values("identifier").get("specific_modulus identifiable") == "yes"
             return abs(value - wanted) / std if known else math.inf
 
-        # Two of a hundred right estimates are more than 2.3 standard deviations off.
-        self.client.until(lambda: off() < 2.5, seconds, f"estimate {self.values('identifier')}")
+        # Which splines arrive is chance, and the std is too small by a half where these are few.
+        self.client.until(lambda: off() < 4.0, seconds, f"estimate {self.values('identifier')}")
         return off()
 
     def lag(self, now: float) -> float:

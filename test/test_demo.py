@@ -72,8 +72,12 @@ READY = "import signal, time, sys; print('ready', flush=True)\n"
 
 
 def test_children_are_interrupted_first(tmp_path, monkeypatch):
-    code = READY + (
-        "try: time.sleep(60)\nexcept KeyboardInterrupt: print('interrupted'); sys.exit(0)"
+    # A shell that runs the tests in the background ignores interrupts, and so would a child.
+    listen = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+    code = (
+        listen
+        + READY
+        + ("try: time.sleep(60)\nexcept KeyboardInterrupt: print('interrupted'); sys.exit(0)")
     )
     with Children(tmp_path, os.environ) as children:
         started = child(children, code, monkeypatch)
