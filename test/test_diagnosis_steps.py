@@ -12,6 +12,7 @@ from dlo_ros.diagnosis import aside, decide
 from dlo_ros.diagnosis.fitting import UNDAMPED, earlier, evaluate, fit, polished
 from dlo_ros.diagnosis.search import candidate
 from dlo_ros.diagnosis.start import begin, drafts, finer
+from dlo_ros.errors import SimulationError
 
 KNOWN = replace(
     PAPER,
@@ -61,6 +62,14 @@ def test_a_simulation_is_refined_for_a_model_that_comes_near(beginning):
     assert sharper is not None
     assert all(r.tolerance < 5e-3 for r in sharper.recordings)
     assert sharper.at.power < evaluate(beginning.at.model, rough, KNOWN, derivatives=False).power
+
+
+def test_what_cannot_be_simulated_finely_stays_as_it_is(beginning, monkeypatch):
+    def failing(*words, **more):
+        raise SimulationError("does not converge")
+
+    monkeypatch.setattr("dlo_ros.diagnosis.fitting.evaluate", failing)
+    assert polished(beginning.at, beginning.recordings, KNOWN) is beginning.at
 
 
 def test_a_fit_ends_where_nothing_is_promised(beginning, monkeypatch):

@@ -23,7 +23,7 @@ from dlo_ros.diagnosis.search import Candidate, candidate, search
 from dlo_ros.diagnosis.start import Beginning, begin, drafts, finer
 from dlo_ros.diagnosis.views import views
 from dlo_ros.diagnosis.workers import Problem, Progress, Workers, workers
-from dlo_ros.errors import InputError
+from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.identification.estimate import searchable
 from dlo_ros.identification.forecast import Manipulation
 from dlo_ros.parameters import Settings
@@ -87,10 +87,13 @@ def diagnose(
     near = min((*found.singles, *found.pairs), key=lambda c: c.structure, default=None)
     if near is not None:
         progress("refining the simulation", 0.0)
-        sharper = finer(beginning, near.at.model, given)
-        if sharper is not None:
-            beginning = sharper
-            plain, found = _refined(beginning, plain, found, given)
+        try:
+            sharper = finer(beginning, near.at.model, given)
+            if sharper is not None:
+                plain, found = _refined(sharper, plain, found, given)
+                beginning = sharper
+        except SimulationError as err:
+            LOG.info("not refined: %s", err)
     progress("measuring the gain", 1.0)
     return _outcome(beginning, plain, found, given)
 

@@ -330,5 +330,8 @@ def polished(at: Evaluation, recordings: Sequence[Recording], given: Settings) -
     """The fit finished with exact derivatives: what the data leave open is as known beforehand."""
     if any(name in ROUGH for name in at.model.effects):
         return at
-    here = evaluate(at.model, recordings, given, exact=True)
+    try:
+        here = evaluate(at.model, recordings, given, exact=True)
+    except SimulationError:
+        return at
     return fit(here, recordings, given, POLISH, exact=True, damping=UNDAMPED)
