@@ -15,11 +15,10 @@ import numpy as np
 
 from dlo_ros.diagnosis import decide
 from dlo_ros.diagnosis.estimates import covariance
-from dlo_ros.diagnosis.fitting import Evaluation, evaluate, fit, solve, total
+from dlo_ros.diagnosis.fitting import Evaluation, attempt, fit, solve, total
 from dlo_ros.diagnosis.model import Model
 from dlo_ros.diagnosis.search import Candidate, candidate
 from dlo_ros.diagnosis.workers import Problem, Workers
-from dlo_ros.errors import SimulationError
 from dlo_ros.parameters import Settings
 
 EFFECTS = {"air_drag": ("air_drag", "coefficient"),
@@ -106,14 +105,8 @@ def _with_guess(
 
 def _fitted(problem: Problem, beginnings: Sequence[Model]) -> Evaluation | None:
     """The fit from the best of some beginnings."""
-    best: Evaluation | None = None
-    for model in beginnings:
-        try:
-            at = evaluate(model, problem.recordings, problem.given)
-        except SimulationError:
-            continue
-        if best is None or at.cost < best.cost:
-            best = at
+    begun = [attempt(m, problem.recordings, problem.given, 0) for m in beginnings]
+    best = min((at for at in begun if at is not None), key=lambda at: at.cost, default=None)
     return fit(best, problem.recordings, problem.given, ITERATIONS) if best else None
 
 

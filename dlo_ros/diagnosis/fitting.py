@@ -326,6 +326,18 @@ def fit(
     return best
 
 
+def attempt(
+    model: Model, recordings: Sequence[Recording], given: Settings, iterations: int, *,
+    damping: float = DAMPING,
+) -> Evaluation | None:  # fmt: skip
+    """A fit that begins with a model; None where that cannot be simulated."""
+    try:
+        at = evaluate(model, recordings, given)
+    except SimulationError:
+        return None
+    return fit(at, recordings, given, iterations, damping=damping)
+
+
 def polished(at: Evaluation, recordings: Sequence[Recording], given: Settings) -> Evaluation:
     """The fit finished with exact derivatives: what the data leave open is as known beforehand."""
     if any(name in ROUGH for name in at.model.effects):

@@ -19,7 +19,7 @@ import numpy as np
 from dlo_ros.diagnosis import judging
 from dlo_ros.diagnosis.inputs import Input, inputs
 from dlo_ros.diagnosis.measured import Recording
-from dlo_ros.diagnosis.surrogates import chances
+from dlo_ros.diagnosis.surrogates import chances, without
 from dlo_ros.identification.forecast import whitening
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray, SplineBasis
@@ -268,8 +268,7 @@ def _slow(times: FloatArray, degree: int) -> FloatArray:
 
 def _steady(field: FloatArray, times: FloatArray, degree: int) -> FloatArray:
     """A field (F, K) without its drift."""
-    q = _slow(times, degree)
-    return np.asarray(field - q @ (q.T @ field))
+    return without(field, _slow(times, degree))
 
 
 def _basis(varied: Input, times: Sequence[FloatArray]) -> FloatArray | None:

@@ -10,12 +10,11 @@ import numpy as np
 
 from dlo_ros.diagnosis import judging
 from dlo_ros.diagnosis.candidates import Start
-from dlo_ros.diagnosis.fitting import CONTINUED, ROUGH, Evaluation, earlier, evaluate, fit
+from dlo_ros.diagnosis.fitting import CONTINUED, ROUGH, Evaluation, attempt, earlier, fit
 from dlo_ros.diagnosis.measured import Recording
 from dlo_ros.diagnosis.model import Model
 from dlo_ros.diagnosis.screening import Prospect, chosen, tried
 from dlo_ros.diagnosis.workers import Problem, Progress, Workers
-from dlo_ros.errors import SimulationError
 from dlo_ros.parameters import Settings
 
 FIRST_ITERATIONS = 2
@@ -63,11 +62,7 @@ class Candidate:
 
 def _fit_draft(problem: Problem, task: tuple[Model, Prospect]) -> Evaluation | None:
     model, prospect = task
-    try:
-        at = evaluate(prospect.beginning(model), problem.drafts, problem.given)
-    except SimulationError:
-        return None
-    return fit(at, problem.drafts, problem.given, FIRST_ITERATIONS)
+    return attempt(prospect.beginning(model), problem.drafts, problem.given, FIRST_ITERATIONS)
 
 
 def _continue(problem: Problem, at: Evaluation) -> Evaluation:
@@ -77,11 +72,7 @@ def _continue(problem: Problem, at: Evaluation) -> Evaluation:
 def _carry_on(problem: Problem, task: tuple[Model, bool]) -> Evaluation | None:
     model, coarse = task
     recordings = _whole(problem) if coarse else problem.recordings
-    try:
-        at = evaluate(model, recordings, problem.given)
-    except SimulationError:
-        return None
-    return fit(at, recordings, problem.given, MORE_ITERATIONS, damping=CONTINUED)
+    return attempt(model, recordings, problem.given, MORE_ITERATIONS, damping=CONTINUED)
 
 
 def _whole(problem: Problem) -> list[Recording]:
@@ -93,10 +84,7 @@ def _whole(problem: Problem) -> list[Recording]:
 
 
 def _complete(problem: Problem, model: Model) -> Evaluation | None:
-    try:
-        return evaluate(model, _whole(problem), problem.given)
-    except SimulationError:
-        return None
+    return attempt(model, _whole(problem), problem.given, 0)
 
 
 def _worth(prospects: Sequence[Prospect]) -> tuple[list[Prospect], list[Prospect]]:

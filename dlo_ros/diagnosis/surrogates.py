@@ -30,10 +30,10 @@ def chances(
         For each input the share of Gaussian surrogates of which the best of all inputs explains as
         much, and of shifted ones of which this input does.
     """
-    moving = [_without(a, s) for a, s in zip(amplitudes, slow, strict=True)]
+    moving = [without(a, s) for a, s in zip(amplitudes, slow, strict=True)]
     drawn = [_gaussian(a, rng) for a in amplitudes], [_shifted(m, rng) for m in moving]
     gaussian, shifted = (
-        _explained([_without(d, s) for d, s in zip(kind, slow, strict=True)], judged)
+        _explained([without(d, s) for d, s in zip(kind, slow, strict=True)], judged)
         for kind in drawn
     )
     real = _explained([m[:, None] for m in moving], judged)
@@ -49,7 +49,7 @@ def chances(
     return result
 
 
-def _without(field: FloatArray, slow: FloatArray) -> FloatArray:
+def without(field: FloatArray, slow: FloatArray) -> FloatArray:
     """A field (F, ...) without what orthonormal columns (F, d) explain."""
     flat = field.reshape(len(field), -1)
     return np.asarray((flat - slow @ (slow.T @ flat)).reshape(field.shape))
