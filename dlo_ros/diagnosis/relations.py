@@ -233,7 +233,7 @@ def sentences(found: Relations) -> tuple[str, ...]:
         lines.append(
             f"Beyond what chance gives it goes along with none of these: {', '.join(names)}."
             if names
-            else "Nothing varied with which it could go along."
+            else "It does not move, or nothing varied with which it could go along."
         )
     return tuple(lines)
 

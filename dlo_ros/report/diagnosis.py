@@ -201,7 +201,7 @@ def _maps(report: DiagnosisReport) -> str:
 
 def _structure(structure: ResidualStructure) -> str:
     rows = [
-        [i.name, f"{100.0 * max(i.share, 0.0):.0f} %", f"{100.0 * i.chance:.2g} %", _verdict(i)]
+        [i.name, f"{100.0 * max(i.share, 0.0):.0f} %", _chance(i.chance), _verdict(i)]
         for i in structure.inputs
     ]
     parts = [f"<h3>{markup(structure.model)}</h3>", *map(paragraph, structure.sentences)]
@@ -211,6 +211,10 @@ def _structure(structure: ResidualStructure) -> str:
         words = f"Varied too slowly to be judged: {', '.join(structure.unjudged)}."
         parts.append(paragraph(words))
     return "".join(parts)
+
+
+def _chance(share: float) -> str:
+    return f"{100.0 * share:.2g} %" if share < 0.1 else f"{100.0 * share:.0f} %"
 
 
 def _verdict(related: RelatedInput) -> str:
@@ -239,9 +243,12 @@ def _before_and_after(report: DiagnosisReport) -> str:
         words += f", {millimetres(after)} with the extended one"
     parts.append(paragraph(f"{words}; noise floor {millimetres(report.noise_floor)}."))
     if report.gain is not None and report.effects:
-        value, low, high = (100.0 * v for v in report.gain)
+        change = "smaller" if report.gain[0] >= 0.0 else "larger"
+        sign = 100.0 if report.gain[0] >= 0.0 else -100.0
+        value, *ends = (sign * v for v in report.gain)
+        low, high = sorted(ends)
         parts.append(
-            paragraph(f"ERR is {value:.1f} % smaller (95 % interval {low:.1f} to {high:.1f} %).")
+            paragraph(f"ERR is {value:.1f} % {change} (95 % interval {low:.1f} to {high:.1f} %).")
         )
     parts += [paragraph(r) for r in report.remarks]
     for k, r in enumerate(report.recordings):
