@@ -228,3 +228,32 @@ def test_an_estimator_that_is_too_slow_keeps_a_sample_of_all_that_was_seen(monke
         thread.command(replace(samples.command(), stamp=k))
     commands = [t for t in thread._tasks if not isinstance(t, Observation)][1:]
     assert len(commands) == worker.COMMANDS and commands[-1].stamp == worker.COMMANDS + 4
+
+
+def test_commands_through_two_subscriptions_hold_in_the_order_of_receipt():
+    """The latched one was handed over first, the last of a storm before it afterwards."""
+    pytest.importorskip("rclpy")
+    from unittest.mock import MagicMock
+
+    from dlo_ros.command import Motion
+    from dlo_ros.nodes.commands import LATE, CommandSubscription
+    from dlo_ros.nodes.messages import ROS_MESSAGES
+    from dlo_ros.recordings import command_message
+
+    motion, node = Motion(), MagicMock(settings=samples.SETTINGS)
+    node.now.return_value = 5
+    node.guarded.side_effect = lambda _, callback: callback
+    CommandSubscription(node, motion.add)
+    receive = node.create_subscription.call_args.args[2]
+
+    def arrive(stamp: int, received: int) -> None:
+        info = {"source_timestamp": stamp, "received_timestamp": received}
+        receive(command_message(ROS_MESSAGES, replace(samples.command(), stamp=stamp * MS)), info)
+
+    for stamp, received in ((100, 1000), (200, 1005), (190, 1004), (200, 1006), (195, 1003)):
+        arrive(stamp, received)
+    assert [c.stamp // MS for c in motion.commands] == [100, 190, 200]
+    # One that is new replaces what would begin after it; also when the clock was set back.
+    arrive(150, 2000)
+    arrive(120, 1000 - 2 * LATE)
+    assert [c.stamp // MS for c in motion.commands] == [100, 120]

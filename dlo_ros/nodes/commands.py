@@ -3,6 +3,7 @@
 
 A latched command reaches a late node only through a transient local subscription, which in turn
 gets nothing from a publisher that is not latched. So both kinds are held, as publishers ask for.
+Between two subscriptions the executor keeps no order; here the order of receipt decides.
 """
 
 from __future__ import annotations
@@ -19,12 +20,17 @@ from dlo_ros.nodes.messages import message_class
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.messages import read_command, stamp_of
 
+DEPTH = 10
+LATE = 1_000_000_000
+"""Nanoseconds that a command may wait for the executor; more than that, and a clock was set."""
 POLL = 0.2
 """Seconds between two looks at who publishes."""
 
 
 class CommandSubscription:
-    """Well-formed commands of `dlo/command`, each once.
+    """Well-formed commands of `dlo/command`, as if each came once and in the order of receipt.
+
+    One that the executor hands over too late is followed by those that it was before, once more.
 
     Args:
         node: which subscribes.
@@ -36,14 +42,15 @@ class CommandSubscription:
         self._callback = callback
         self._subscriptions: dict[Any, Any] = {}
         self._seen: deque[tuple[int, int]] = deque(maxlen=64)
+        self._taken: list[tuple[int, Command]] = []
         self._early: Any = None
         self._subscribe(DurabilityPolicy.VOLATILE)
         node.every(POLL, self._poll)
 
     def _poll(self) -> None:
         if self._early is not None and self._node.now():
-            message, self._early = self._early, None
-            self._take(message)
+            (message, received), self._early = self._early, None
+            self._take(message, received)
         endpoints = self._node.get_publishers_info_by_topic(topics.COMMAND)
         wanted = {e.qos_profile.durability for e in endpoints} & {
             DurabilityPolicy.VOLATILE,
@@ -57,7 +64,7 @@ class CommandSubscription:
     def _subscribe(self, durability: Any) -> None:
         qos = QoSProfile(
             history=HistoryPolicy.KEEP_LAST,
-            depth=10,
+            depth=DEPTH,
             reliability=ReliabilityPolicy.RELIABLE,
             durability=durability,
         )
@@ -77,14 +84,19 @@ class CommandSubscription:
         if key in self._seen:
             return
         self._seen.append(key)
-        self._take(message)
+        self._take(message, int(info["received_timestamp"]))
 
-    def _take(self, message: Any) -> None:
+    def _take(self, message: Any, received: int) -> None:
         now = self._node.now()
         if now == 0 and stamp_of(message) == 0:
             # Simulated time has not begun, so the moment of receipt is not known yet.
-            self._early = message
+            self._early = message, received
             return
-        self._callback(read_command(message, self._node.settings, now))
+        command = read_command(message, self._node.settings, now)
+        near = [(at, c) for at, c in self._taken if abs(at - received) < LATE]
+        newer = [c for at, c in near if at > received]
+        for each in (command, *newer):
+            self._callback(each)
+        self._taken = sorted([*near, (received, command)], key=lambda taken: taken[0])[-2 * DEPTH :]
         self._node.health.count("commands")
         self._node.health.solved(topics.COMMAND)
