@@ -6,12 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from measured import swing
-from rods import PAPER, SECOND, command
+from rods import PAPER
 
 from dlo_ros.diagnosis import aside, decide, diagnose, judging
 from dlo_ros.diagnosis.candidates import Scene, scene, starts
 from dlo_ros.diagnosis.fitting import Evaluation, Normal, evaluate, fit, known, normal, total
-from dlo_ros.diagnosis.forces import missing_force
 from dlo_ros.diagnosis.manipulations import simulated, standard
 from dlo_ros.diagnosis.measured import measured, with_bias
 from dlo_ros.diagnosis.model import baseline, prior
@@ -21,9 +20,8 @@ from dlo_ros.diagnosis.start import begin
 from dlo_ros.diagnosis.workers import Problem, workers
 from dlo_ros.effects import effects
 from dlo_ros.errors import InputError
-from dlo_ros.identification import Manipulation, forecast
-from dlo_ros.observation import CentrelinePoints, Observation
-from dlo_ros.spline import SplineBasis
+from dlo_ros.identification import Manipulation
+from dlo_ros.observation import CentrelinePoints
 
 KNOWN = replace(
     PAPER,
@@ -193,59 +191,6 @@ def test_noise_is_told_from_what_repeats():
     assert known(beginning.at.model, KNOWN).power >= 0.0
     again = fit(beginning.at, beginning.recordings, KNOWN, 2)
     assert again.cost <= beginning.at.cost
-
-
-def test_missing_force_is_the_force_that_acts():
-    weight = 9.81 * PAPER.rod.linear_density
-    pushed = KNOWN.with_effects({"constant_force": {"x": 0.0, "z": 0.1 * weight}})
-    plain = swing(PAPER, seconds=1.0, noise=0.0)
-    rng = np.random.default_rng(0)
-    acting = forecast(plain, pushed)
-    points = acting.predicted.copy()
-    points[:, :, [0, 2]] += 3e-5 * rng.normal(size=points[:, :, [0, 2]].shape)
-    seen = tuple(
-        replace(o, control_points=p) for o, p in zip(plain.observations, points, strict=True)
-    )
-    settings = replace(KNOWN, simulation=replace(KNOWN.simulation, tolerance=5e-5))
-    recording = measured(Manipulation("pushed", plain.commands, seen), settings)
-    predicted = forecast(recording.manipulation, settings).predicted
-    recording = recording.with_noise(predicted, settings)
-    u = np.linspace(0.2, 0.8, 7) * PAPER.rod.length
-    found = missing_force(recording, predicted, settings, u)
-    middle = found.force[5:-5, :, 2]
-    assert not found.force[..., 1].any() and not found.std[..., 1].any()
-    assert np.mean(middle) == pytest.approx(0.1 * weight, rel=0.5)  # a linear beam
-    assert missing_force(recording, predicted[:4], settings, u) is None
-
-
-def test_missing_force_in_space_is_found_out_of_the_plane():
-    """A cantilever at rest in space that a small uniform load bends sideways: w L^4 / 8 B."""
-    rod, frames = KNOWN.rod, 20
-    basis = SplineBasis(rod.control_points, rod.length)
-    load = 0.05 * 9.81 * rod.linear_density
-    u = np.linspace(0.0, rod.length, 100)
-    aside = load * u**2 * (u**2 - 4 * rod.length * u + 6 * rod.length**2)
-    aside /= 24.0 * rod.bending_stiffness
-    shape = np.zeros((rod.control_points, 4))
-    shape[:, 0] = basis.greville
-    settings = replace(KNOWN, gravity=(0.0, 0.0, -1e-3))  # so that nothing but it bends the rod
-    rng = np.random.default_rng(0)
-    seen = []
-    for k in range(frames):
-        points = np.zeros((100, 3))
-        points[:, 0], points[:, 1] = u, aside
-        control = np.zeros_like(shape)
-        control[:, :3] = basis.fit(u, points + 1e-4 * rng.normal(size=points.shape))
-        seen.append(Observation(k * SECOND // 30, control))
-    imposed = command(["start"], [0.0], np.zeros((1, 3)), n=rod.control_points)
-    recording = measured(Manipulation("sideways", (imposed,), tuple(seen)), settings)
-    predicted = np.tile(shape, (frames, 1, 1))
-    recording = recording.with_noise(predicted, settings)
-    found = missing_force(recording, predicted, settings, np.linspace(0.2, 0.8, 7) * rod.length)
-    assert found.force.shape == found.std.shape == (frames, 7, 3)
-    assert np.mean(found.force[..., 1]) == pytest.approx(load, rel=0.2)
-    assert np.abs(np.mean(found.force[..., 2])) < 0.2 * load
-    assert (found.std > 0.0).all()
 
 
 def test_standard_manipulations_can_be_simulated():
