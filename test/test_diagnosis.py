@@ -5,48 +5,23 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from diagnosis_candidates import KNOWN, candidate, evaluation
 from measured import swing
 from rods import PAPER
 
 from dlo_ros.diagnosis import aside, decide, diagnose, judging
 from dlo_ros.diagnosis.candidates import Scene, scene, starts
-from dlo_ros.diagnosis.fitting import Evaluation, Normal, evaluate, fit, known, normal, total
+from dlo_ros.diagnosis.fitting import Normal, evaluate, fit, known, normal, total
 from dlo_ros.diagnosis.manipulations import simulated, standard
 from dlo_ros.diagnosis.measured import measured, with_bias
 from dlo_ros.diagnosis.model import baseline, prior
 from dlo_ros.diagnosis.screening import alarm, screen
-from dlo_ros.diagnosis.search import Candidate
 from dlo_ros.diagnosis.start import begin
 from dlo_ros.diagnosis.workers import Problem, workers
 from dlo_ros.effects import effects
 from dlo_ros.errors import InputError
 from dlo_ros.identification import Manipulation
 from dlo_ros.observation import CentrelinePoints
-
-KNOWN = replace(
-    PAPER,
-    rod=replace(PAPER.rod, density_std=20.0),
-    damping=replace(PAPER.damping, air_drag_std=1e-4, relaxation_time_std=1e-4),
-)
-
-
-def evaluation(residuals, jacobians=None):
-    """Residuals as if a simulation had left them."""
-    power = sum(float(np.sum(r**2)) for r in residuals)
-    model = baseline(KNOWN)
-    parameters = len(model.free)
-    if jacobians is None:
-        jacobians = [np.zeros((len(r), parameters, r.shape[1])) for r in residuals]
-    empty = tuple(np.zeros((len(r), 4, 4)) for r in residuals)
-    err = tuple(np.zeros(len(r)) for r in residuals)
-    return Evaluation(model, tuple(residuals), tuple(jacobians), power, power, empty, err)
-
-
-def candidate(names, structure, score, residuals):
-    at = evaluation(residuals)
-    settings = KNOWN.with_effects({n: {} for n in names})
-    at = replace(at, model=replace(at.model, settings=settings))
-    return Candidate("+".join(names), "", at, score, structure)
 
 
 def test_structure_is_what_repeats_and_not_the_noise():

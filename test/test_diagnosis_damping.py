@@ -6,9 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from challenge import draw
+from diagnosis_candidates import candidate
 
 from dlo_ros.cli.loading import load_manipulation
-from dlo_ros.diagnosis import damping, diagnose
+from dlo_ros.diagnosis import damping, decide, diagnose
 from dlo_ros.diagnosis.start import begin
 from dlo_ros.parameters import Settings
 
@@ -89,3 +90,33 @@ def test_models_with_the_guess_start_where_all_else_has_followed(damped):
         assert total == pytest.approx(fitted.relaxation_time, rel=0.1)
     known = replace(settings, damping=replace(settings.damping, air_drag_std=1e-3))
     assert damping.guessed(at.model, known) == ("internal_damping",)
+
+
+def held(structures):
+    """Candidates that leave structure beside noise, by their effects."""
+    rng = np.random.default_rng(0)
+    result = []
+    for names, structure in structures.items():
+        slow = structure * np.sqrt(2.0) * np.sin(np.linspace(0.0, 20.0, 200))[:, None]
+        residual = rng.normal(size=(200, 20)) + slow
+        result.append(candidate(names.split("+"), structure, structure**2, [residual]))
+    return result
+
+
+@pytest.mark.parametrize(
+    "left, named, rivals",
+    [
+        # Both together are hardly better than one, and the other alone is far behind.
+        ((900.0, 400.0, 395.0), ["internal_damping"], [()]),
+        # The other alone leaves not twice as much.
+        ((500.0, 400.0, 395.0), ["internal_damping"], [("air_drag",)]),
+        ((500.0, 400.0, 100.0), ["air_drag", "internal_damping"], [(), ()]),
+    ],
+)
+def test_beside_what_nothing_explains_no_small_difference_names_a_damping(left, named, rivals):
+    names = ("air_drag", "internal_damping", "air_drag+internal_damping")
+    found = held(dict(zip(names, left, strict=True)))
+    plain = candidate([], 2000.0, 4e6, [np.ones((200, 20))])
+    decided = damping.decided(found, plain, decide.Decision("unexplained", None))
+    assert list(decided.chosen.effects) == named and list(decided.rivals) == rivals
+    assert decided.verdict == "unexplained"

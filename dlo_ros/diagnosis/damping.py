@@ -25,6 +25,9 @@ EFFECTS = {"air_drag": ("air_drag", "coefficient"),
            "internal_damping": ("relaxation_time", "relaxation_time")}  # fmt: skip
 """Parameter of the file and key of the effect that is added to it."""
 ITERATIONS = 10
+ENOUGH = 1.1
+"""Of the structure that both leave, that one damping may leave to be named alone, where neither
+explains the data."""
 
 
 @dataclass(frozen=True)
@@ -158,7 +161,7 @@ def named(
     first, *found = _candidates(team, [with_guess(plain.at, given), *models])
     if first.at.model.effects != plain.at.model.effects or not found:
         return None
-    return Damping(first, _decided(found, chosen, decision), tuple(found))
+    return Damping(first, decided(found, chosen, decision), tuple(found))
 
 
 def _matters(
@@ -176,18 +179,28 @@ def _matters(
     return err is not None and other is not None and err < decide.SURE_SHARE * other
 
 
-def _decided(
+def decided(
     found: Sequence[Candidate], chosen: Candidate, before: decide.Decision
 ) -> decide.Decision:
     """One of the two, with the other as its rival where both do; both only where neither does."""
     known = chosen.at.model.effects
-    found = sorted(found, key=lambda c: c.score)
+    # Beside structure that nothing explains, no difference is as certain as the noise makes it.
+    unsure = before.verdict == "unexplained"
+
+    def near(c: Candidate, other: Candidate, ratio: float) -> bool:
+        return decide.as_good(other, c) or (unsure and c.structure < ratio * other.structure)
+
+    found = sorted(found, key=lambda c: c.structure if unsure else c.score)
     least = min(len(c.at.model.effects) for c in found)
     both = [c for c in found if len(c.at.model.effects) > least]
-    alone = [c for c in found if c not in both and (not both or decide.as_good(both[0], c))]
-    best, *others = alone or both
+    alone = [c for c in found if c not in both]
+    enough = [c for c in alone if not both or near(c, both[0], ENOUGH)]
+    best = (enough or both)[0]
     explanation = decide.Explanation(best.at.model.effects, best)
-    rivals = [n for c in others for n in c.at.model.effects if n not in best.at.model.effects]
+    rivals = [
+        n for c in (alone if enough else ()) if near(c, best, decide.ALIKE)
+        for n in c.at.model.effects if n not in best.at.model.effects
+    ]  # fmt: skip
     earlier = dict(zip(before.chosen.effects, before.rivals, strict=True)) if before.chosen else {}
     return decide.Decision(
         "explained" if before.verdict == "adequate" else before.verdict,

@@ -34,6 +34,8 @@ CONFIRMED = 1.5
 """ERR on what is kept aside, over the best one's, with which an explanation still holds."""
 SUSPECTED = 2.0
 """The same, with which it stays a suspect where nothing explains the data."""
+SUSPECTS = 8
+"""Of what comes nearest, that may be suspects."""
 SURE_LEFT = 0.35
 """Of the structure before, that a model may leave of which parts are certain."""
 SURE_SHARE = 0.4
@@ -204,7 +206,7 @@ def suspects(
     if not forms:
         return []
     least = min(c.structure for c in forms)
-    near = [c for c in forms if c.structure < ALIKE * least]
+    near = [c for c in forms if c.structure < ALIKE * least][:SUSPECTS]
     found = [Explanation(c.at.model.effects, c) for c in near]
     held = confirmed(found, None, kept_aside, up_to=SUSPECTED)
     return [e.candidate for e in held]

@@ -125,13 +125,16 @@ def search(
         prospects: see `screening.screen`.
         progress: called with what is being done and the share of it that is done.
         enough: structure with which an effect explains the data.
-        thorough: whether, where none does, less promising beginnings are fitted, too.
+        thorough: whether, where none does, less promising beginnings are fitted, too, and things
+            in the way that make matters worse where they are tried.
     """
     problem = team.problem
     short = earlier(before, problem.recordings, problem.drafts, problem.given)
     first, rest = _worth(tried(team, short, chosen(prospects, short.power), progress))
     smooth = [p for p in first if p.start.effect not in ROUGH]
     rough = [p for p in first if p.start.effect in ROUGH]
+    if not thorough:
+        rough = [p for p in rough if p.power < short.power]
     # In a motion nothing else does as well as a peg, and derivatives beside one take long.
     moving = sum(len(r.times) for r in problem.recordings) >= judging.FEW
     groups = [smooth, rough] if moving else [first]
@@ -193,6 +196,11 @@ def _fitted(
     found: list[Evaluation | None] = [d.at for d in drafts]
     carried = _likely(drafts, noise, enough, least)
     coarse = bool(carried) and judging.structure(drafts[carried[0]].at.residuals) > FAR * enough
+    if coarse:
+        names = [drafts[k].start.effect for k in carried]
+        carried = [
+            k for i, k in enumerate(carried) if names[i] in ROUGH or names[i] not in names[:i]
+        ]  # fmt: skip
     further = [(drafts[k].at.model, coarse) for k in carried]
     for i, (k, at) in enumerate(zip(carried, team.each(_carry_on, further), strict=True)):
         progress("fitting the most likely effects", (i + 1) / len(carried))
