@@ -10,8 +10,10 @@ from rods import PAPER
 
 from dlo_ros.diagnosis import aside, decide
 from dlo_ros.diagnosis.fitting import UNDAMPED, earlier, evaluate, fit, polished
+from dlo_ros.diagnosis.pegs import resized
 from dlo_ros.diagnosis.search import candidate
 from dlo_ros.diagnosis.start import begin, drafts, finer
+from dlo_ros.effects import Peg
 from dlo_ros.errors import SimulationError
 
 KNOWN = replace(
@@ -133,3 +135,16 @@ def test_what_is_kept_aside_is_asked_once_and_of_a_fit_that_holds(beginning, mon
     assert judge(other) < 1.5 * judge(plain)  # fitted anew, from the wrong beginning
     monkeypatch.setattr(aside, "trained", linearised)
     assert judge.foretold(other) == judge(other)
+
+
+def test_a_peg_is_resized_where_it_is_touched():
+    """A straight DLO along x that lies on a peg below its middle."""
+    rod = PAPER.rod
+    shape = np.zeros((1, rod.control_points, 3))
+    shape[0, :, 0] = np.linspace(0.0, rod.length, rod.control_points)
+    touching = Peg(0.5 * rod.length, -0.01 - 0.5 * rod.diameter, 0.01)
+    smaller, larger = resized(touching, rod, [shape])
+    assert smaller.radius < touching.radius < larger.radius
+    for other in (smaller, larger):
+        assert other.x == pytest.approx(touching.x, abs=2e-3)
+        assert other.z + other.radius == pytest.approx(touching.z + touching.radius, abs=2e-3)

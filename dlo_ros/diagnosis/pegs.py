@@ -17,6 +17,10 @@ TRIED = 500
 """Places in a recording."""
 STATIONS = 40
 MOST = 2
+RESIZED = (0.7, 1.4)
+"""Of its radius, that a fitted peg is tried with anew."""
+TOUCHING = 20
+"""Points that were seen nearest to a peg, which tell on which side of it the DLO lies."""
 SLACK = 1.5e-3
 """How far an observed shape may seem to reach into a peg [m]: noise, and the spline's own error."""
 
@@ -70,3 +74,26 @@ def pegs(
         if len(found) == MOST:
             break
     return found
+
+
+def resized(peg: Peg, rod: RodParameters, observed: Sequence[FloatArray]) -> list[Peg]:
+    """The same peg smaller and larger, the DLO touching it where it did.
+
+    A fit seldom finds its way between them: only radius and place together change little.
+
+    Args:
+        observed: control points of each recording [m], shape (F, n, 3).
+    """
+    basis = SplineBasis(rod.control_points, rod.length)
+    values = basis.matrix(np.linspace(0.0, rod.length, STATIONS))
+    seen = [np.einsum("qn,fnc->fqc", values, o)[..., [0, 2]].reshape(-1, 2) for o in observed]
+    apart = np.concatenate(seen) - np.array([peg.x, peg.z])
+    distance = np.linalg.norm(apart, axis=1)
+    nearest = np.argsort(distance)[:TOUCHING]
+    side = np.mean(apart[nearest] / np.maximum(distance[nearest, None], 1e-12), axis=0)
+    side /= max(float(np.linalg.norm(side)), 1e-12)
+    result = []
+    for factor in RESIZED:
+        x, z = np.array([peg.x, peg.z]) + (1.0 - factor) * peg.radius * side
+        result.append(Peg(float(x), float(z), factor * peg.radius))
+    return result

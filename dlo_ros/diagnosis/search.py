@@ -13,8 +13,10 @@ from dlo_ros.diagnosis.candidates import Start
 from dlo_ros.diagnosis.fitting import CONTINUED, ROUGH, Evaluation, attempt, earlier, fit
 from dlo_ros.diagnosis.measured import Recording
 from dlo_ros.diagnosis.model import Model
+from dlo_ros.diagnosis.pegs import resized
 from dlo_ros.diagnosis.screening import Prospect, chosen, tried
 from dlo_ros.diagnosis.workers import Problem, Progress, Workers
+from dlo_ros.effects import Peg
 from dlo_ros.parameters import Settings
 
 FIRST_ITERATIONS = 2
@@ -214,7 +216,27 @@ def _fitted(
         candidate(d.start.effect, d.start.form, at, problem.given)
         for d, at in zip(drafts, found, strict=True) if at is not None
     ]  # fmt: skip
+    pegs = [c for c in candidates if c.effect in ROUGH]
+    first = drafts[carried[0]] if carried else None
+    if first and first.start.effect in ROUGH and first.excess(noise) < LIKELY * least:
+        best = min(pegs, key=lambda c: c.at.cost)
+        candidates += _resized(team, best, coarse) if best.structure > enough else []
     return candidates, min([least, *(d.excess(noise) for d in drafts)])
+
+
+def _resized(team: Workers, c: Candidate, coarse: bool) -> list[Candidate]:
+    """A peg fitted anew from other radii, each a form of its own."""
+    problem, model = team.problem, c.at.model
+    block = model.settings.effects[c.effect]
+    peg = Peg(*(v for v in block.values() if not isinstance(v, tuple)))
+    others = resized(peg, problem.given.rod, [r.observed for r in problem.recordings])
+    bare = model.without(c.effect)
+    models = [bare.extended(c.effect, o._asdict(), tuple(block)) for o in others]
+    fits = team.each(_carry_on, [(m, coarse) for m in models])
+    return [
+        candidate(c.effect, f"radius {o.radius:.3g}", at, problem.given)
+        for o, at in zip(others, fits, strict=True) if at is not None
+    ]  # fmt: skip
 
 
 def _promising(drafts: Sequence[_Draft], noise: float, enough: float, least: float) -> list[int]:
