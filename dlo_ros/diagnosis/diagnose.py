@@ -15,6 +15,7 @@ from dlo_ros.diagnosis.candidates import scene, starts
 from dlo_ros.diagnosis.estimates import fitted, numbers
 from dlo_ros.diagnosis.fitting import Evaluation, evaluate, fit, polished
 from dlo_ros.diagnosis.measured import Recording, noise_floor
+from dlo_ros.diagnosis.model import Model
 from dlo_ros.diagnosis.outcome import Diagnosis, NamedEffect, Tried
 from dlo_ros.diagnosis.relations import Relations, relations, sentences
 from dlo_ros.diagnosis.remarks import remarks
@@ -34,6 +35,8 @@ NEAREST = 4
 """Candidates that are fitted anew with a finer simulation where nothing explains the data."""
 REFINED = 4
 """Iterations with a simulation that has been refined."""
+MISSED = 0.8
+"""Of the structure that the plain model leaves, below which another plain model takes its place."""
 BASES = 3
 """Best single effects to which a second one is added."""
 FIRST_SHARE = 0.9
@@ -84,6 +87,11 @@ def diagnose(
     beginning = begin([*recordings, *holdout], given)
     count = len(recordings)
     plain, found = _search(beginning, count, given, processes, progress)
+    missed = _missed(plain, found, beginning.recordings[:count], given)
+    if missed is not None:
+        progress("fitting the plain model anew", 0.0)
+        beginning = begin([*recordings, *holdout], given, missed)
+        plain, found = _search(beginning, count, given, processes, progress)
     near = min((*found.singles, *found.pairs), key=lambda c: c.structure, default=None)
     if near is not None:
         progress("refining the simulation", 0.0)
@@ -96,6 +104,29 @@ def diagnose(
             LOG.info("not refined: %s", err)
     progress("measuring the gain", 1.0)
     return _outcome(beginning, plain, found, given)
+
+
+def _missed(
+    plain: Candidate, found: _Findings, recordings: Sequence[Recording], given: Settings
+) -> Model | None:
+    """A plain model that does better than what was taken for the best: its fit went astray.
+
+    An effect that does nothing may have led the other parameters out of a wrong valley.
+    """
+    chosen = found.decision.chosen
+    c = chosen.candidate if chosen else min(found.singles, key=lambda c: c.structure, default=None)
+    if c is None:
+        return None
+    model = c.at.model
+    for effect in set(model.effects) - set(plain.at.model.effects):
+        model = model.without(effect)
+    if model.free != plain.at.model.free:
+        return None
+    try:
+        at = evaluate(model, recordings, given, derivatives=False)
+    except SimulationError:
+        return None
+    return model if judging.structure(at.residuals) < MISSED * plain.structure else None
 
 
 def _refined(

@@ -9,7 +9,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dlo_ros.diagnosis.fitting import Evaluation, evaluate, fit, polished
+from dlo_ros.diagnosis.fitting import (
+    CLEARLY_WRONG,
+    Evaluation,
+    attempt,
+    evaluate,
+    fit,
+    polished,
+)
 from dlo_ros.diagnosis.measured import Recording, measured, with_bias
 from dlo_ros.diagnosis.model import Model, baseline
 from dlo_ros.errors import SimulationError
@@ -22,6 +29,9 @@ LOG = logging.getLogger(__name__)
 
 FACTORS = (1.0, 0.3, 3.0, 0.1, 10.0, 0.03, 30.0)
 """Of E, from which the fit may start: far away a shape may lie on another branch."""
+VALLEYS = 3
+VALLEY_ITERATIONS = 6
+"""Of those, the best from which fits are tried, until one leaves little, and their iterations."""
 FINENESS = 0.1
 """Of the noise of one frame, that the simulation's own error may be."""
 OWN_SHARE = 0.0015
@@ -64,16 +74,23 @@ class Beginning:
     error: float
 
 
-def begin(manipulations: Sequence[Manipulation], settings: Settings) -> Beginning:
+def begin(
+    manipulations: Sequence[Manipulation], settings: Settings, near: Model | None = None
+) -> Beginning:
     """Fit (E, mu, damping) and estimate the noise of what was measured.
+
+    Args:
+        near: where the fit may begin; default: the best of several values of E.
 
     Raises:
         InputError: a recording holds nothing that can be compared.
         SimulationError: no starting value can be simulated.
     """
     recordings = tuple(measured(m, settings) for m in manipulations)
-    model = baseline(settings)
-    at = _best_start(recordings, model)
+    if near is None:
+        at = _best_start(recordings, baseline(settings))
+    else:
+        at = evaluate(near, recordings, settings, derivatives=False)
     error = np.nan
     for _ in range(ROUNDS):
         recordings = with_bias(recordings, at.predicted, settings)
@@ -107,25 +124,36 @@ def _rms(residuals: Sequence[FloatArray]) -> float:
 
 
 def _best_start(recordings: tuple[Recording, ...], model: Model) -> Evaluation:
-    best: Evaluation | None = None
+    """The plain model near the best of some fits: a motion may have several valleys of E."""
+    coarse = tuple(replace(r, spans=2 * (r.observed.shape[1] - DEGREE)) for r in recordings)
+    begun: list[Evaluation] = []
     failure: SimulationError | None = None
     theta = model.theta()
-    coarse = tuple(replace(r, spans=2 * (r.observed.shape[1] - 3)) for r in recordings)
     for factor in FACTORS:
         shifted = theta.copy()
         shifted[0] += np.log(factor)
         try:
-            at = evaluate(model.at(shifted), coarse, model.settings, derivatives=False)
+            begun.append(evaluate(model.at(shifted), coarse, model.settings, derivatives=False))
         except SimulationError as err:
             failure = err
-            continue
-        # The noise is not known yet, and the prior would count for more than the data.
-        power = sum(float(np.mean(r**2)) for r in at.residuals)
-        if best is None or power < sum(float(np.mean(r**2)) for r in best.residuals):
-            best = at
-    if best is None:
+    if not begun:
         raise failure or SimulationError("no starting value can be simulated")
+    begun.sort(key=_mean_err)
+    best = begun[0]
+    for at in begun[:VALLEYS]:
+        # Without its noise the prior would count for more than the data.
+        known = [r.with_noise(p, model.settings) for r, p in zip(coarse, at.predicted, strict=True)]
+        found = attempt(at.model, known, model.settings, VALLEY_ITERATIONS)
+        if found is not None and _mean_err(found) < _mean_err(best):
+            best = found
+        if found is not None and found.excess < CLEARLY_WRONG:
+            break
     return best
+
+
+def _mean_err(at: Evaluation) -> float:
+    """ERR [m], all recordings counting the same."""
+    return float(np.mean([np.mean(e) for e in at.err]))
 
 
 def _finer(
