@@ -36,6 +36,8 @@ class Start:
         fitted: keys that are fitted.
         neutral: whether the model is still that without the effect.
         form: tells variants of one effect with different open parameters apart.
+        own: change of the other open parameters that belongs to it, as the fit sees them; empty:
+            none.
     """
 
     effect: str
@@ -44,6 +46,7 @@ class Start:
     fitted: tuple[str, ...]
     neutral: bool = True
     form: str = ""
+    own: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ from dlo_ros.diagnosis.model import Model
 from dlo_ros.diagnosis.outcome import Diagnosis, NamedEffect, Tried
 from dlo_ros.diagnosis.relations import Relations, relations, sentences
 from dlo_ros.diagnosis.remarks import remarks
+from dlo_ros.diagnosis.robust import hits
 from dlo_ros.diagnosis.screening import Prospect, alarm, screen
 from dlo_ros.diagnosis.search import Candidate, candidate, search
 from dlo_ros.diagnosis.start import Beginning, begin, drafts, finer
@@ -231,7 +232,8 @@ def _explain(
 
     def screened(at: Evaluation, present: Sequence[str]) -> list[Prospect]:
         here = scene(at.model.settings, names, observed, at.predicted)
-        return screen(team, at, starts(here, present), progress)
+        begun = [*starts(here, present), *hits(team.problem, at, names, present)]
+        return screen(team, at, begun, progress)
 
     def judge_of(candidates: Sequence[Candidate]) -> aside.KeptAside:
         """What is kept aside goes with the best of what explains the data."""

@@ -260,7 +260,7 @@ def total(at: Evaluation, given: Settings, masks: Sequence[np.ndarray] | None = 
     return result
 
 
-def _bounded(model: Model, hessian: FloatArray, gradient: FloatArray) -> FloatArray:
+def bounded(model: Model, hessian: FloatArray, gradient: FloatArray) -> FloatArray:
     """A step that stays within the ranges; what meets its border no longer moves the others."""
     theta = model.theta()
     step = np.zeros(len(theta))
@@ -303,7 +303,7 @@ def fit(
         gain = 0.0
         for k in range(TRIES):
             lhs = equations.hessian + damping * np.diag(np.diag(equations.hessian))
-            step = _bounded(best.model, lhs, equations.gradient)
+            step = bounded(best.model, lhs, equations.gradient)
             if step @ (2.0 * equations.gradient - equations.hessian @ step) < enough:
                 return best
             trial = best.model.at(best.model.theta() + step)

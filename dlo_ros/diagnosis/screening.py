@@ -156,7 +156,10 @@ def _shifted(start: Start, amounts: FloatArray) -> Start:
 def _screen_alone(problem: Problem, task: Task) -> list[Prospect]:
     """The linear test around a start that is not neutral."""
     before, (start,) = task
-    extended = before.model.extended(start.effect, start.block, start.fitted)
+    count = len(before.model.free)
+    own = np.array(start.own) if start.own else np.zeros(count)
+    extended = before.model.at(before.model.theta() + own)
+    extended = extended.extended(start.effect, start.block, start.fitted)
     try:
         at = evaluate(
             extended, problem.drafts, problem.given, derivatives=start.effect not in ROUGH
@@ -164,13 +167,12 @@ def _screen_alone(problem: Problem, task: Task) -> list[Prospect]:
     except SimulationError as err:
         LOG.info("%s: %s", start.effect, err)
         return []
-    promised, count = AT_LEAST * at.power, len(before.model.free)
-    own = np.zeros(count)
+    promised = AT_LEAST * at.power
     if at.jacobians is not None:
         # Far from its start a linearisation promises what it cannot keep.
         step, left = total(at, problem.given).minimum()
         promised = max(promised, left * at.excess)
-        own = np.clip(step[:count], -LARGEST_LOG_STEP, LARGEST_LOG_STEP)
+        own = own + np.clip(step[:count], -LARGEST_LOG_STEP, LARGEST_LOG_STEP)
     return [Prospect(start, promised, own)]
 
 
