@@ -220,7 +220,8 @@ def _fitted(
     first = drafts[carried[0]] if carried else None
     if first and first.start.effect in ROUGH and first.excess(noise) < LIKELY * least:
         best = min(pegs, key=lambda c: c.at.cost)
-        candidates += _resized(team, best, coarse) if best.structure > enough else []
+        # Also where it explains the data: others that do as well tell how little is known of it.
+        candidates += _resized(team, best, coarse)
     return candidates, min([least, *(d.excess(noise) for d in drafts)])
 
 
