@@ -5,25 +5,19 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-
-import numpy as np
+from dataclasses import replace
 
 from dlo_ros.diagnosis import aside, damping, decide, judging
-from dlo_ros.diagnosis.advice import advise
 from dlo_ros.diagnosis.candidates import scene, starts
-from dlo_ros.diagnosis.estimates import fitted, numbers
-from dlo_ros.diagnosis.fitting import Evaluation, evaluate, fit, polished
-from dlo_ros.diagnosis.measured import Recording, noise_floor
+from dlo_ros.diagnosis.findings import Findings, outcome
+from dlo_ros.diagnosis.fitting import Evaluation, evaluate, fit
+from dlo_ros.diagnosis.measured import Recording
 from dlo_ros.diagnosis.model import Model
-from dlo_ros.diagnosis.outcome import Diagnosis, NamedEffect, Tried
-from dlo_ros.diagnosis.relations import Relations, relations, sentences
-from dlo_ros.diagnosis.remarks import remarks
+from dlo_ros.diagnosis.outcome import Diagnosis
 from dlo_ros.diagnosis.robust import hits
 from dlo_ros.diagnosis.screening import Prospect, alarm, screen
 from dlo_ros.diagnosis.search import Candidate, candidate, search
 from dlo_ros.diagnosis.start import Beginning, begin, drafts, finer
-from dlo_ros.diagnosis.views import views
 from dlo_ros.diagnosis.workers import Problem, Progress, Workers, workers
 from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.identification.estimate import searchable
@@ -42,21 +36,6 @@ BASES = 3
 """Best single effects to which a second one is added."""
 FIRST_SHARE = 0.9
 """Of the structure before, that a single effect must go below to be one of a pair."""
-
-
-@dataclass(frozen=True)
-class _Findings:
-    """What the search has come to."""
-
-    decision: decide.Decision
-    kept_aside: aside.KeptAside
-    singles: tuple[Candidate, ...] = ()
-    pairs: tuple[Candidate, ...] = ()
-
-    @property
-    def suspects(self) -> list[Candidate]:
-        """What comes nearest, whether it explains the data or not, best first."""
-        return decide.suspects([*self.singles, *self.pairs], self.kept_aside)
 
 
 def diagnose(
@@ -104,11 +83,11 @@ def diagnose(
         except SimulationError as err:
             LOG.info("not refined: %s", err)
     progress("measuring the gain", 1.0)
-    return _outcome(beginning, plain, found, given)
+    return outcome(beginning, plain, found, given)
 
 
 def _missed(
-    plain: Candidate, found: _Findings, recordings: Sequence[Recording], given: Settings
+    plain: Candidate, found: Findings, recordings: Sequence[Recording], given: Settings
 ) -> Model | None:
     """A plain model that does better than what was taken for the best: its fit went astray.
 
@@ -131,8 +110,8 @@ def _missed(
 
 
 def _refined(
-    beginning: Beginning, plain: Candidate, found: _Findings, given: Settings
-) -> tuple[Candidate, _Findings]:
+    beginning: Beginning, plain: Candidate, found: Findings, given: Settings
+) -> tuple[Candidate, Findings]:
     """What was found with a finer simulation; what comes nearest may explain the data now."""
     recordings = beginning.recordings[: len(plain.at.residuals)]
 
@@ -183,7 +162,7 @@ def _explained(
 
 def _search(
     beginning: Beginning, count: int, given: Settings, processes: int, progress: Progress
-) -> tuple[Candidate, _Findings]:
+) -> tuple[Candidate, Findings]:
     """The plain model and what explains the first `count` recordings beyond it."""
     learned = beginning.recordings[:count]
     at = _only(beginning.at, count)
@@ -197,7 +176,7 @@ def _search(
 
     with workers(problem, processes) as team:
         if decide.adequate(at.residuals):
-            found = _Findings(decide.Decision("adequate", None), kept_aside(plain))
+            found = Findings(decide.Decision("adequate", None), kept_aside(plain))
         else:
             found = _explain(team, plain, kept_aside, progress)
         progress("judging the damping", 0.0)
@@ -222,7 +201,7 @@ def _only(at: Evaluation, count: int) -> Evaluation:
 def _explain(
     team: Workers, plain: Candidate, kept_aside: Callable[[Candidate], aside.KeptAside],
     progress: Progress,
-) -> _Findings:  # fmt: skip
+) -> Findings:  # fmt: skip
     """Single effects first; pairs where none of them is enough."""
     recordings = team.problem.recordings
     names = [n for r in recordings for c in r.manipulation.commands for n in c.names]
@@ -244,15 +223,15 @@ def _explain(
     prospects = screened(plain.at, known)
     promise, by_chance = alarm(prospects)
     if promise < by_chance and decide.excusable(plain.at.residuals):
-        return _Findings(decide.Decision("adequate", None), kept_aside(plain))
+        return Findings(decide.Decision("adequate", None), kept_aside(plain))
     faint = plain.structure < decide.FAINT
     singles = search(team, plain.at, prospects, progress, most, thorough=not faint)
     judge = judge_of(singles)
     explained = _explained(plain, singles, (), most, judge)
     if explained is not None:
-        return _Findings(explained, judge, tuple(singles))
+        return Findings(explained, judge, tuple(singles))
     if faint:
-        return _Findings(decide.Decision("adequate", None), judge)
+        return Findings(decide.Decision("adequate", None), judge)
     pairs: list[Candidate] = []
     for first in _bases(singles, plain.structure):
         prospects = screened(first.at, [*known, first.effect])
@@ -261,13 +240,13 @@ def _explain(
         judge = judge_of(pairs)
         explained = _explained(plain, pairs, singles, most, judge)
         if explained is not None:
-            return _Findings(explained, judge, tuple(singles), tuple(pairs))
+            return Findings(explained, judge, tuple(singles), tuple(pairs))
     everything = sorted([*singles, *pairs], key=lambda c: c.score)
     judge = kept_aside(everything[0] if everything else plain)
     certain = decide.sure(plain, everything, judge)
     rivals = tuple(() for _ in certain.effects) if certain else ()
     decision = decide.Decision("unexplained", certain, rivals)
-    return _Findings(decision, judge, tuple(singles), tuple(pairs))
+    return Findings(decision, judge, tuple(singles), tuple(pairs))
 
 
 def _bases(singles: Sequence[Candidate], before: float) -> list[Candidate]:
@@ -279,78 +258,3 @@ def _bases(singles: Sequence[Candidate], before: float) -> list[Candidate]:
             if c.structure < known.structure:
                 result[c.effect] = c
     return list(result.values())[:BASES]
-
-
-def _outcome(
-    beginning: Beginning, plain: Candidate, found: _Findings, given: Settings
-) -> Diagnosis:
-    """Measure on what is kept aside, and put everything together."""
-    recordings = beginning.recordings
-    decision, kept_aside = found.decision, found.kept_aside
-    parted = kept_aside.parted
-    count = len(plain.at.residuals)
-    learned = recordings[:count]
-    best = _polished(decision.chosen.candidate, learned, given) if decision.chosen else plain
-    models = [
-        aside.refitted(c.at, learned, parted.train[:count], given) for c in (plain, best)
-    ]  # fmt: skip
-    train = [aside.errors(m, recordings, parted.train, given) for m in models]
-    kept = [aside.errors(m, recordings, parted.holdout, given) for m in models]
-    effects: tuple[NamedEffect, ...] = ()
-    if decision.chosen is not None:
-        others = [
-            c for c in (*found.singles, *found.pairs)
-            if c is not decision.chosen.candidate
-            and set(c.at.model.effects) == set(best.at.model.effects) and decide.as_good(best, c)
-        ]  # fmt: skip
-        alike = [_polished(c, learned, given).at for c in others]
-        effects = tuple(
-            NamedEffect(name, numbers(best.at, name, given, alike), rivals)
-            for name, rivals in zip(decision.chosen.effects, decision.rivals, strict=True)
-            if name in best.at.model.effects and name not in plain.at.model.effects
-        )
-    tried = []
-    for c in decide.best_forms([plain, *found.singles, *found.pairs]):
-        err = kept_aside.foretold(c)
-        label = "+".join(n for n in c.at.model.effects if n not in plain.at.model.effects)
-        tried.append(Tried(label or "none", err, c.score, c.structure))
-    floors = [noise_floor(r, p, given) for r, p in zip(learned, best.at.predicted, strict=True)]
-    suspects = found.suspects if decision.verdict == "unexplained" else []
-    shown = suspects[0] if suspects else best
-    before, after = (
-        _related(c, learned) if decision.verdict != "adequate" else None for c in (plain, shown)
-    )
-    return Diagnosis(
-        decision.verdict,
-        effects,
-        float(np.mean(floors)),
-        fitted(plain.at, given, aside.mean(train[0]), aside.mean(kept[0])),
-        fitted(best.at, given, aside.mean(train[1]), aside.mean(kept[1])),
-        aside.gain(kept[0], kept[1]),
-        tuple(tried),
-        advise(decision, [*found.singles, *found.pairs], learned, given),
-        plain.structure,
-        best.structure,
-        judging.chance(plain.at.residuals),
-        None if np.isnan(beginning.error) else beginning.error,
-        (*remarks(plain, best, suspects, decision), *_left(after, decision)),
-        views(recordings, plain.at, best.at, parted.holdout, given),
-        before,
-        after if shown is not plain else None,
-    )
-
-
-def _related(c: Candidate, recordings: Sequence[Recording]) -> Relations:
-    """What goes along with the residual that a candidate leaves."""
-    at = c.at
-    return relations(recordings, at.residuals, at.predicted, at.model.settings)
-
-
-def _left(found: Relations | None, decision: decide.Decision) -> tuple[str, ...]:
-    """What is left where nothing explains the data."""
-    return sentences(found) if found is not None and decision.verdict == "unexplained" else ()
-
-
-def _polished(c: Candidate, recordings: Sequence[Recording], given: Settings) -> Candidate:
-    """A candidate whose numbers are to be told."""
-    return candidate(c.effect, c.form, polished(c.at, recordings, given), given)

@@ -1,0 +1,110 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""What a search has come to, and what is told of it: measured, with numbers and in words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dlo_ros.diagnosis import aside, decide, judging
+from dlo_ros.diagnosis.advice import advise
+from dlo_ros.diagnosis.estimates import fitted, numbers
+from dlo_ros.diagnosis.fitting import polished
+from dlo_ros.diagnosis.measured import Recording, noise_floor
+from dlo_ros.diagnosis.outcome import Diagnosis, NamedEffect, Tried
+from dlo_ros.diagnosis.relations import Relations, relations, sentences
+from dlo_ros.diagnosis.remarks import remarks
+from dlo_ros.diagnosis.search import Candidate, candidate
+from dlo_ros.diagnosis.start import Beginning
+from dlo_ros.diagnosis.views import views
+from dlo_ros.parameters import Settings
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What the search has come to."""
+
+    decision: decide.Decision
+    kept_aside: aside.KeptAside
+    singles: tuple[Candidate, ...] = ()
+    pairs: tuple[Candidate, ...] = ()
+
+    @property
+    def suspects(self) -> list[Candidate]:
+        """What comes nearest, whether it explains the data or not, best first."""
+        return decide.suspects([*self.singles, *self.pairs], self.kept_aside)
+
+
+def outcome(beginning: Beginning, plain: Candidate, found: Findings, given: Settings) -> Diagnosis:
+    """Measure on what is kept aside, and put everything together."""
+    recordings = beginning.recordings
+    decision, kept_aside = found.decision, found.kept_aside
+    parted = kept_aside.parted
+    count = len(plain.at.residuals)
+    learned = recordings[:count]
+    best = _polished(decision.chosen.candidate, learned, given) if decision.chosen else plain
+    models = [
+        aside.refitted(c.at, learned, parted.train[:count], given) for c in (plain, best)
+    ]  # fmt: skip
+    train = [aside.errors(m, recordings, parted.train, given) for m in models]
+    kept = [aside.errors(m, recordings, parted.holdout, given) for m in models]
+    effects: tuple[NamedEffect, ...] = ()
+    if decision.chosen is not None:
+        others = [
+            c for c in (*found.singles, *found.pairs)
+            if c is not decision.chosen.candidate
+            and set(c.at.model.effects) == set(best.at.model.effects) and decide.as_good(best, c)
+        ]  # fmt: skip
+        alike = [_polished(c, learned, given).at for c in others]
+        effects = tuple(
+            NamedEffect(name, numbers(best.at, name, given, alike), rivals)
+            for name, rivals in zip(decision.chosen.effects, decision.rivals, strict=True)
+            if name in best.at.model.effects and name not in plain.at.model.effects
+        )
+    tried = []
+    for c in decide.best_forms([plain, *found.singles, *found.pairs]):
+        err = kept_aside.foretold(c)
+        label = "+".join(n for n in c.at.model.effects if n not in plain.at.model.effects)
+        tried.append(Tried(label or "none", err, c.score, c.structure))
+    floors = [noise_floor(r, p, given) for r, p in zip(learned, best.at.predicted, strict=True)]
+    suspects = found.suspects if decision.verdict == "unexplained" else []
+    shown = suspects[0] if suspects else best
+    before, after = (
+        _related(c, learned) if decision.verdict != "adequate" else None for c in (plain, shown)
+    )
+    return Diagnosis(
+        decision.verdict,
+        effects,
+        float(np.mean(floors)),
+        fitted(plain.at, given, aside.mean(train[0]), aside.mean(kept[0])),
+        fitted(best.at, given, aside.mean(train[1]), aside.mean(kept[1])),
+        aside.gain(kept[0], kept[1]),
+        tuple(tried),
+        advise(decision, [*found.singles, *found.pairs], learned, given),
+        plain.structure,
+        best.structure,
+        judging.chance(plain.at.residuals),
+        None if np.isnan(beginning.error) else beginning.error,
+        (*remarks(plain, best, suspects, decision), *_left(after, decision)),
+        views(recordings, plain.at, best.at, parted.holdout, given),
+        before,
+        after if shown is not plain else None,
+    )
+
+
+def _related(c: Candidate, recordings: Sequence[Recording]) -> Relations:
+    """What goes along with the residual that a candidate leaves."""
+    at = c.at
+    return relations(recordings, at.residuals, at.predicted, at.model.settings)
+
+
+def _left(found: Relations | None, decision: decide.Decision) -> tuple[str, ...]:
+    """What is left where nothing explains the data."""
+    return sentences(found) if found is not None and decision.verdict == "unexplained" else ()
+
+
+def _polished(c: Candidate, recordings: Sequence[Recording], given: Settings) -> Candidate:
+    """A candidate whose numbers are to be told."""
+    return candidate(c.effect, c.form, polished(c.at, recordings, given), given)
