@@ -21,7 +21,9 @@ ORDERS = (2, 4, 6)
 LEAST_NOISE = 2e-6
 """Of the length: below, rounding and the time step of the simulation would count as noise."""
 DRAWS = 20_000
-SCATTERING = 0.6
+MEDIAN = 0.4549
+"""Of the square of a normal variable, over its mean."""
+SCATTERING = 0.45
 """Share of the stated variance of points that must be new in every picture, to be all of it."""
 ALIKE_PARTS = 4
 """Of the DLO, in each of which lasting errors of a camera are alike."""
@@ -168,17 +170,7 @@ def scatter(field: FloatArray, recording: Recording, settings: Settings) -> Floa
     Args:
         field: residual coefficients [m], shape (F, K).
     """
-    found = []
-    for order in ORDERS:
-        if len(field) <= 2 * order:
-            continue
-        weights = np.array([1.0])
-        for _ in range(order):
-            weights = np.convolve(weights, [1.0, -1.0])
-        weights /= np.linalg.norm(weights)
-        gap = np.array([weights @ field[i : i + order + 1] for i in range(len(field) - order)])
-        # Of a normal variable squared the median is 0.455 of the mean.
-        found.append(np.sqrt(np.median(gap**2, axis=0) / 0.4549))
+    found = [np.sqrt(np.median(gap**2, axis=0) / MEDIAN) for gap in _gaps(field)]
     if found:
         return np.asarray(np.min(found, axis=0))
     n = settings.rod.control_points
@@ -190,13 +182,29 @@ def scatter(field: FloatArray, recording: Recording, settings: Settings) -> Floa
     return np.repeat(parts, n)
 
 
+def _gaps(field: FloatArray) -> list[FloatArray]:
+    """Differences in time of growing order, scaled so that noise keeps its size."""
+    result = []
+    for order in ORDERS:
+        if len(field) <= 2 * order:
+            continue
+        weights = np.array([1.0])
+        for _ in range(order):
+            weights = np.convolve(weights, [1.0, -1.0])
+        weights /= np.linalg.norm(weights)
+        result.append(
+            np.array([weights @ field[i : i + order + 1] for i in range(len(field) - order)])
+        )
+    return result
+
+
 def _along(field: FloatArray) -> float:
     """Noise of coefficients (F, n) from how they scatter along u, where models err smoothly [m]."""
     found = [float(np.sqrt(np.mean(field**2)))]
     for order in ORDERS:
         if field.shape[1] > 2 * order:
             gap = np.diff(field, order, axis=1) / np.sqrt(float(comb(2 * order, order)))
-            found.append(float(np.sqrt(np.median(gap**2) / 0.4549)))
+            found.append(float(np.sqrt(np.median(gap**2) / MEDIAN)))
     return min(found)
 
 
@@ -221,8 +229,11 @@ def with_bias(
         count = float(np.median([len(p.std) for p in points]))
         unit = replace(recording, noise=np.ones(len(recording.noise)))
         n = recording.observed.shape[1]
-        each = scatter(unit.residual(shapes), recording, settings)[:n]
-        shares.append(count * float(np.median(each**2)) / max(std, 1e-12) ** 2)
+        field = unit.residual(shapes)[:, :n]
+        # All coefficients together: of one alone a few dozen pictures tell too little.
+        found = [float(np.median(gap**2)) / MEDIAN for gap in _gaps(field)]
+        each = min(found) if found else float(np.median(scatter(field, recording, settings) ** 2))
+        shares.append(count * each / max(std, 1e-12) ** 2)
         stated.append(std)
     # In motion a strand crosses pixels, and part of it scatters.
     if min(shares) > SCATTERING:
