@@ -19,6 +19,7 @@ QUICK = {
     "draughts": (1, "foreign", ("gusts",)),
     "nothing": (2, "none", ()),
     "two": (1, "pair", ("camera_scale", "command_delay")),
+    "two, one of which has a double": (1, "pair", ("internal_damping", "gravity_tilt")),
 }
 
 
@@ -40,6 +41,9 @@ def test_what_was_hidden_is_found(tmp_path, case):
     if report["effects"]:
         assert report["gain"]["low"] > 0.1
         assert report["extended"]["err_holdout"] < 1.5 * report["noise_floor"]
+    for e in report["effects"]:  # a tilt of gravity is a force that acts evenly
+        if e["name"] == "gravity_tilt":
+            assert "constant_force" in e["rivals"]
 
 
 @pytest.mark.slow

@@ -8,11 +8,12 @@ import pytest
 from measured import swing
 from rods import PAPER
 
-from dlo_ros.diagnosis import aside, decide
+from dlo_ros.diagnosis import aside, decide, judging
 from dlo_ros.diagnosis.fitting import UNDAMPED, earlier, evaluate, fit, polished
 from dlo_ros.diagnosis.pegs import resized
-from dlo_ros.diagnosis.search import candidate
+from dlo_ros.diagnosis.search import apart, candidate
 from dlo_ros.diagnosis.start import begin, drafts, finer
+from dlo_ros.diagnosis.workers import Problem, workers
 from dlo_ros.effects import Peg
 from dlo_ros.errors import SimulationError
 
@@ -148,3 +149,19 @@ def test_a_peg_is_resized_where_it_is_touched():
     for other in (smaller, larger):
         assert other.x == pytest.approx(touching.x, abs=2e-3)
         assert other.z + other.radius == pytest.approx(touching.z + touching.radius, abs=2e-3)
+
+
+def test_of_a_pair_each_is_tried_alone_from_where_the_pair_has_come(beginning):
+    drag = {"coefficient": 0.01}
+    both = beginning.at.model.extended("air_drag", drag, ("coefficient",))
+    both = both.extended("constant_force", {"x": 1e-4, "z": 0.0}, ("x", "z"))
+    at = evaluate(both, beginning.recordings, KNOWN)
+    pair = candidate("constant_force", "", at, KNOWN)
+    problem = Problem(beginning.recordings, KNOWN, beginning.recordings)
+    with workers(problem, 1) as team:
+        found = apart(team, pair, ())
+        kept = apart(team, pair, ("air_drag",))
+    assert [c.at.model.effects for c in found] == [("constant_force",), ("air_drag",)]
+    assert [c.at.model.effects for c in kept] == [("air_drag",)]
+    for c in found:  # neither acts, so that each alone finds its way back
+        assert c.structure == pytest.approx(judging.structure(beginning.at.residuals), abs=0.05)

@@ -16,7 +16,7 @@ from dlo_ros.diagnosis.model import Model
 from dlo_ros.diagnosis.outcome import Diagnosis
 from dlo_ros.diagnosis.robust import hits
 from dlo_ros.diagnosis.screening import Prospect, alarm, screen
-from dlo_ros.diagnosis.search import Candidate, candidate, search
+from dlo_ros.diagnosis.search import Candidate, apart, candidate, search
 from dlo_ros.diagnosis.start import Beginning, begin, drafts, finer
 from dlo_ros.diagnosis.workers import Problem, Progress, Workers, workers
 from dlo_ros.errors import InputError, SimulationError
@@ -239,7 +239,19 @@ def _explain(
         pairs.sort(key=lambda c: c.score)
         judge = judge_of(pairs)
         explained = _explained(plain, pairs, singles, most, judge)
-        if explained is not None:
+        if explained is not None and explained.chosen is not None:
+            # What was no use alone at first may be enough where the pair has led it.
+            alone = apart(team, explained.chosen.candidate, known)
+            singles += alone
+            single = _explained(plain, alone, (), most, judge)
+            if single is None:
+                # What takes the place of the first beside the second.
+                for c in alone:
+                    if c.effect != first.effect:
+                        prospects = screened(c.at, [*known, c.effect])
+                        pairs += search(team, c.at, prospects, progress, most, thorough=False)
+                pairs.sort(key=lambda c: c.score)
+            explained = single or _explained(plain, pairs, singles, most, judge) or explained
             return Findings(explained, judge, tuple(singles), tuple(pairs))
     everything = sorted([*singles, *pairs], key=lambda c: c.score)
     judge = kept_aside(everything[0] if everything else plain)

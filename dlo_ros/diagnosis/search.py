@@ -240,6 +240,24 @@ def _resized(team: Workers, c: Candidate, coarse: bool) -> list[Candidate]:
     ]  # fmt: skip
 
 
+def apart(team: Workers, c: Candidate, known: Sequence[str]) -> list[Candidate]:
+    """A candidate without each of its effects, fitted anew from there.
+
+    Args:
+        known: effects that it keeps.
+    """
+    added = [name for name in c.at.model.effects if name not in known]
+    models = [c.at.model.without(name) for name in added]
+    fits = team.each(_carry_on, [(m, False) for m in models])
+    found = [
+        candidate(at.model.effects[-1], "left", at, team.problem.given)
+        for at in fits if at is not None
+    ]  # fmt: skip
+    for one in [one for one in found if one.effect in ROUGH]:
+        found += _resized(team, one, False)
+    return found
+
+
 def _promising(drafts: Sequence[_Draft], noise: float, enough: float, least: float) -> list[int]:
     """The drafts that are worth more time, best first."""
     order = sorted(range(len(drafts)), key=lambda k: drafts[k].at.cost)
