@@ -246,10 +246,11 @@ def _explain(
             single = _explained(plain, alone, (), most, judge)
             if single is None:
                 # What takes the place of the first beside the second.
-                for c in alone:
-                    if c.effect != first.effect:
-                        prospects = screened(c.at, [*known, c.effect])
-                        pairs += search(team, c.at, prospects, progress, most, thorough=False)
+                seconds = [c for c in alone if c.effect != first.effect]
+                second = min(seconds, key=lambda c: c.at.cost, default=None)
+                if second is not None:
+                    prospects = screened(second.at, [*known, second.effect])
+                    pairs += search(team, second.at, prospects, progress, most, thorough=False)
                 pairs.sort(key=lambda c: c.score)
             explained = single or _explained(plain, pairs, singles, most, judge) or explained
             return Findings(explained, judge, tuple(singles), tuple(pairs))
