@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from diagnosis_candidates import KNOWN
 from measured import swing
 from rods import PAPER
 
@@ -16,12 +17,6 @@ from dlo_ros.diagnosis.start import begin, drafts, finer
 from dlo_ros.diagnosis.workers import Problem, workers
 from dlo_ros.effects import Peg
 from dlo_ros.errors import SimulationError
-
-KNOWN = replace(
-    PAPER,
-    rod=replace(PAPER.rod, density_std=20.0),
-    damping=replace(PAPER.damping, air_drag_std=1e-4, relaxation_time_std=1e-4),
-)
 
 
 @pytest.fixture(scope="module")

@@ -14,8 +14,9 @@ from functools import cached_property
 
 import numpy as np
 
-from dlo_ros.command import END, START, Command
+from dlo_ros.command import Command
 from dlo_ros.parameters import Settings
+from dlo_ros.rod.boundary import Boundary
 from dlo_ros.spline import DEGREE, FloatArray, SplineBasis
 
 FINER = 2
@@ -64,26 +65,33 @@ class Beam:
         return np.asarray(np.kron(self.seen.projection(self.basis), np.eye(len(self.axes))))
 
     @cached_property
-    def free(self) -> np.ndarray:
-        """Which coordinates no clamp imposes, shape (d N,)."""
-        held = np.zeros(len(self.basis.greville), dtype=np.bool_)
-        names = self._held
-        held[:2] = START in names
-        held[-2:] |= END in names
-        return np.repeat(~held, len(self.axes))
+    def _boundary(self) -> Boundary:
+        names = tuple(dict.fromkeys(n for c in self.commands for n in c.names))
+        return Boundary(names, self.basis, self.seen)
 
     @cached_property
-    def _held(self) -> dict[str, float]:
-        """What is held, and where [m]."""
-        result = {}
-        for name in dict.fromkeys(n for c in self.commands for n in c.names):
-            if name == START:
-                result[name] = 0.0
-            elif name == END:
-                result[name] = self.seen.length
-            else:
-                result[name] = float(self.seen.greville[int(name.rpartition("_")[2]) - 1])
-        return result
+    def _fixed(self) -> np.ndarray:
+        """Which coordinates are imposed, shape (N, d)."""
+        fixed = self._boundary.fixed.reshape(len(self.basis.greville), -1)
+        return np.asarray(fixed[:, list(self.axes)])
+
+    @property
+    def free(self) -> np.ndarray:
+        """Which coordinates nothing imposes, shape (d N,)."""
+        return ~self._fixed.ravel()
+
+    @cached_property
+    def _places(self) -> list[float]:
+        """Where it is held [m]."""
+        places = [0.0] if self._fixed[0].any() else []
+        places += sorted(self._boundary.pin_abscissae.tolist())
+        return places + ([self.seen.length] if self._fixed[-1].any() else [])
+
+    @cached_property
+    def _rule(self) -> tuple[FloatArray, FloatArray, list[FloatArray]]:
+        """Quadrature points, their weights, and the basis there with its first two derivatives."""
+        u, weight = self.basis.quadrature()
+        return u, weight, [self.basis.matrix(u, order) for order in range(3)]
 
     def load(self, density: FloatArray) -> FloatArray:
         """Forces on the control points [N] from loads per length at the quadrature points [N/m].
@@ -94,8 +102,8 @@ class Beam:
         Returns:
             Shape (d N, d M), coordinates interleaved.
         """
-        points, weight = self.basis.quadrature()
-        each = self.basis.matrix(points).T @ (weight[:, None] * density)
+        _, weight, (values, *_) = self._rule
+        each = values.T @ (weight[:, None] * density)
         return np.asarray(np.kron(each, np.eye(len(self.axes))))
 
     @cached_property
@@ -116,8 +124,7 @@ class Beam:
             [N/m] and [N s/m], each of shape (d N, d N).
         """
         rod, basis = self.settings.rod, self.basis
-        u, weight = basis.quadrature()
-        slopes, bends = basis.matrix(u, 1), basis.matrix(u, 2)
+        u, weight, (_, slopes, bends) = self._rule
         tangent = slopes @ shape
         tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-12)
         b = rod.bending_stiffness
@@ -140,10 +147,8 @@ class Beam:
             result += bending + along(slopes, across, tension)
             lost += damping.relaxation_time * bending
         pin = PIN * float(np.abs(result).max())
-        for name, place in self._held.items():
-            if name not in (START, END):
-                row = basis.matrix(np.array([place]))
-                result += pin * np.kron(row.T @ row, np.eye(ways))
+        rows = basis.matrix(self._boundary.pin_abscissae)
+        result += pin * np.kron(rows.T @ rows, np.eye(ways))
         return result, lost
 
     def _tension(
@@ -154,19 +159,19 @@ class Beam:
         What holds the rod carries its weight. How several things share it is unknown: as they must,
         for the shear forces to fit the moments best.
         """
-        rod, basis = self.settings.rod, self.basis
-        u, weight = basis.quadrature()
+        rod = self.settings.rod
+        u, weight, (values, _, bends) = self._rule
         gravity = np.array(self.settings.gravity)[list(self.axes)]
-        each = weight[:, None] * (basis.matrix(u) @ acceleration - gravity) * rod.linear_density
+        each = weight[:, None] * (values @ acceleration - gravity) * rod.linear_density
         force = np.cumsum(each, axis=0) - 0.5 * each
-        places = sorted(self._held.values())
+        places = self._places
         if not places:
             return np.asarray(np.sum(force * tangent, axis=1))
         # The last of them takes what the others leave.
         last = (u > places[-1])[:, None]
         force = force - last * each.sum(axis=0)
         if len(places) > 1:
-            bend = basis.matrix(u, 2) @ shape
+            bend = bends @ shape
             bend -= np.sum(bend * tangent, axis=1, keepdims=True) * tangent
             shear = -rod.bending_stiffness * np.gradient(bend, u, axis=0) - force
             between = np.column_stack([(u > p).astype(float) - last[:, 0] for p in places[:-1]])

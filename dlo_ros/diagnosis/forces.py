@@ -110,7 +110,8 @@ def _systems(
         response, *later = np.split(responses, [load.shape[1], load.shape[1] + count], axis=1)
         parts = [across, *later]
         place = f if f < WINDOW // 2 else max(WINDOW // 2, WINDOW - frames + f)
-        root = _noise([part @ np.linalg.pinv(measured) for part in parts], place, step)
+        back = np.linalg.pinv(measured)
+        root = _noise([part @ back for part in parts], place, step)
         target = sum(part @ order[f] for part, order in zip(parts, orders, strict=True))
         result.append((np.linalg.solve(root, response), np.linalg.solve(root, target)))
     return result
