@@ -2,7 +2,8 @@
 """From where every effect of the registry is looked for.
 
 An effect with a useful derivative where it does nothing starts there, at several places where it
-has one. Others (yield, friction, contact) start with a few plausible sizes.
+has one. Others (yield, friction) start with a few plausible sizes. Pegs are looked for in
+`contact`.
 """
 
 from __future__ import annotations
@@ -13,7 +14,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dlo_ros.diagnosis.model import Block
-from dlo_ros.diagnosis.pegs import RADII, pegs
 from dlo_ros.effects import effects
 from dlo_ros.effects import quantities as quantities_of
 from dlo_ros.parameters import Settings
@@ -57,24 +57,19 @@ class Scene:
         settings: of the model.
         clamps: ends whose direction is imposed in some recording.
         curvature: 90th percentile of the largest curvature of each frame [1/m].
-        observed, predicted: control points of each recording [m], shape (F, n, 3).
     """
 
     settings: Settings
     clamps: tuple[str, ...]
     curvature: float
-    observed: tuple[FloatArray, ...]
-    predicted: tuple[FloatArray, ...]
 
 
-def scene(
-    settings: Settings, names: Sequence[str], observed: Sequence[FloatArray],
-    predicted: Sequence[FloatArray],
-) -> Scene:  # fmt: skip
+def scene(settings: Settings, names: Sequence[str], predicted: Sequence[FloatArray]) -> Scene:
     """Look at recordings.
 
     Args:
         names: everything that any command imposes.
+        predicted: control points of each recording [m], shape (F, n, 3 or more).
     """
     n, length = settings.rod.control_points, settings.rod.length
     basis = SplineBasis(n, length)
@@ -90,10 +85,7 @@ def scene(
         for end, second in (("start", 2), ("end", n - 1))
         if end in names or f"control_point_{second}" in names
     ]
-    return Scene(
-        settings, tuple(clamps), float(np.percentile(np.concatenate(largest), 90.0)),
-        tuple(o[..., :3] for o in observed), tuple(p[..., :3] for p in predicted),
-    )  # fmt: skip
+    return Scene(settings, tuple(clamps), float(np.percentile(np.concatenate(largest), 90.0)))
 
 
 def starts(scene: Scene, present: Sequence[str] = ()) -> list[Start]:
@@ -189,16 +181,9 @@ def _forces(name: str, scene: Scene) -> list[Start]:
     return [Start(name, dict.fromkeys(keys, 0.0), keys, keys)]
 
 
-def _pegs(name: str, scene: Scene) -> list[Start]:
-    keys = ("x", "z", "radius")
-    rod, observed, predicted = scene.settings.rod, scene.observed, scene.predicted
-    # A peg of another size that touches at the same point is hard to reach by small steps.
-    return [
-        Start(name, {"x": p.x, "z": p.z, "radius": p.radius}, keys, keys, neutral=False,
-              form=f"radius {radius:g}")
-        for radius in RADII
-        for p in pegs(rod, observed, predicted, radius)
-    ]  # fmt: skip
+def _nowhere(name: str, scene: Scene) -> list[Start]:
+    """See `contact`."""
+    return []
 
 
 SPECIAL: dict[str, Callable[[str, Scene], list[Start]]] = {
@@ -212,7 +197,7 @@ SPECIAL: dict[str, Callable[[str, Scene], list[Start]]] = {
     "air_drag": _damping("air_drag"),
     "internal_damping": _damping("relaxation_time"),
     "constant_force": _forces,
-    "obstacle": _pegs,
+    "obstacle": _nowhere,
 }
 """Effects that need more than their neutral values; all others start there."""
 

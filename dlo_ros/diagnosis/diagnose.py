@@ -9,12 +9,12 @@ from dataclasses import replace
 
 from dlo_ros.diagnosis import aside, damping, decide, judging
 from dlo_ros.diagnosis.candidates import scene, starts
+from dlo_ros.diagnosis.contact import hits
 from dlo_ros.diagnosis.findings import Findings, outcome
 from dlo_ros.diagnosis.fitting import Evaluation, evaluate, fit
 from dlo_ros.diagnosis.measured import Recording
 from dlo_ros.diagnosis.model import Model
 from dlo_ros.diagnosis.outcome import Diagnosis
-from dlo_ros.diagnosis.robust import hits
 from dlo_ros.diagnosis.screening import Prospect, alarm, screen
 from dlo_ros.diagnosis.search import Candidate, apart, candidate, search
 from dlo_ros.diagnosis.start import Beginning, begin, drafts, finer
@@ -205,13 +205,12 @@ def _explain(
     """Single effects first; pairs where none of them is enough."""
     recordings = team.problem.recordings
     names = [n for r in recordings for c in r.manipulation.commands for n in c.names]
-    observed = [r.observed for r in recordings]
 
     most = decide.limit(plain.structure)
 
     def screened(at: Evaluation, present: Sequence[str]) -> list[Prospect]:
-        here = scene(at.model.settings, names, observed, at.predicted)
-        begun = [*starts(here, present), *hits(team.problem, at, names, present)]
+        here = scene(at.model.settings, names, at.predicted)
+        begun = [*starts(here, present), *hits(team, at, present)]
         return screen(team, at, begun, progress)
 
     def judge_of(candidates: Sequence[Candidate]) -> aside.KeptAside:

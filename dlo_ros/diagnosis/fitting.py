@@ -27,6 +27,8 @@ ROUGH = ("obstacle",)
 """Effects with which a motion has no derivatives worth the name: a rope that hits something and
 leaves it again answers to small changes in jumps. What counts is how it answers to changes as large
 as a fit makes."""
+SAME = 1e-6
+"""Of the length, by which shapes may differ that such an effect does not touch."""
 IN_LANES = (
     "air_drag", "constant_force", "gravity_tilt", "internal_damping", "intrinsic_curvature",
     "point_mass", "stiff_segment", "stiffness_gradient",
@@ -143,6 +145,10 @@ def _held_against(
     if not derivatives:
         return forecast(manipulation, settings, spans=spans), None
     rough = any(name in ROUGH for name in model.effects)
+    if rough:
+        untouched = _untouched(model, recording, exact)
+        if untouched is not None:
+            return untouched
     if not rough and (exact or not all(name in IN_LANES for name in model.effects)):
         return _exact(model, recording, settings)
     moved, steps = _moved(model)
@@ -157,6 +163,24 @@ def _held_against(
         return _exact(model, recording, settings)
     change = np.stack([o.predicted - here.predicted for o in others if o is not None], axis=1)
     return here, recording.white(change[..., :3]) / steps[:, None]
+
+
+def _untouched(
+    model: Model, recording: Recording, exact: bool
+) -> tuple[Forecast, FloatArray] | None:
+    """The same where rough effects do nothing; None where they do something."""
+    settings = _as_fine(model.settings, recording)
+    here = forecast(recording.manipulation, settings, spans=recording.spans)
+    bare = model
+    for name in ROUGH:
+        bare = bare.without(name)
+    found, jacobian = _held_against(bare, recording, bool(bare.free), exact)
+    if np.abs(found.predicted - here.predicted).max() > SAME * settings.rod.length:
+        return None
+    result = np.zeros((len(here.predicted), len(model.free), len(recording.noise)))
+    if jacobian is not None:
+        result[:, [model.free.index(name) for name in bare.free]] = jacobian
+    return here, result
 
 
 def _exact(model: Model, recording: Recording, settings: Settings) -> tuple[Forecast, FloatArray]:
@@ -308,7 +332,7 @@ def fit(
                 return best
             trial = best.model.at(best.model.theta() + step)
             try:
-                after = evaluate(trial, recordings, given, exact=exact)
+                after = _tried(trial, recordings, given, exact, best.cost)
             except SimulationError:
                 damping = max(DAMPED * damping, LEAST_DAMPING)
                 continue
@@ -326,6 +350,17 @@ def fit(
     return best
 
 
+def _tried(
+    model: Model, recordings: Sequence[Recording], given: Settings, exact: bool, before: float
+) -> Evaluation:
+    """An evaluation, with derivatives where they are cheap or its cost is lower than before."""
+    if any(name in ROUGH for name in model.effects):
+        after = evaluate(model, recordings, given, derivatives=False)
+        if after.cost >= before:
+            return after
+    return evaluate(model, recordings, given, exact=exact)
+
+
 def attempt(
     model: Model, recordings: Sequence[Recording], given: Settings, iterations: int, *,
     damping: float = DAMPING,
@@ -341,7 +376,7 @@ def attempt(
 def polished(at: Evaluation, recordings: Sequence[Recording], given: Settings) -> Evaluation:
     """The fit finished with exact derivatives: what the data leave open is as known beforehand."""
     if any(name in ROUGH for name in at.model.effects):
-        return at
+        return fit(at, recordings, given, POLISH, damping=CONTINUED)
     try:
         here = evaluate(at.model, recordings, given, exact=True)
     except SimulationError:

@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,69 +12,126 @@ from dlo_ros.effects import Peg
 from dlo_ros.parameters import RodParameters
 from dlo_ros.spline import FloatArray, SplineBasis
 
-RADII = (0.006, 0.012, 0.024)
-"""Of pegs that are tried, from a nail to a pipe [m]; the fit finds the true one."""
-TRIED = 500
+TRIED = 150
 """Places in a recording."""
-STATIONS = 40
-MOST = 2
+STATIONS = 60
+BENT = 0.5
+"""Of what a picture is off at most along the DLO, from which a station may have been pushed."""
 RESIZED = (0.7, 1.4)
 """Of its radius, that a fitted peg is tried with anew."""
 TOUCHING = 20
 """Points that were seen nearest to a peg, which tell on which side of it the DLO lies."""
 SLACK = 1.5e-3
 """How far an observed shape may seem to reach into a peg [m]: noise, and the spline's own error."""
+AFTER = 3
+"""Pictures after a hit that must be off."""
 
 
-def pegs(
-    rod: RodParameters,
-    observed: Sequence[FloatArray],
-    predicted: Sequence[FloatArray],
-    radius: float,
-) -> list[Peg]:
-    """The most likely pegs, best first.
-
-    A peg that touches an observed shape on the side where the prediction lies, and that no observed
-    shape enters, gains what the predicted shapes enter it.
+@dataclass(frozen=True)
+class Place:
+    """A peg that no observed shape enters and some observed shape touches.
 
     Args:
-        observed, predicted: control points of each recording [m], shape (F, n, 3).
-        radius: of the pegs [m].
+        left: pictures that are off although the prediction has not met it, and those that are not
+            although it just has.
+        touched: pictures in which the DLO touches it.
+    """
+
+    peg: Peg
+    left: float
+    touched: int
+
+
+@dataclass(frozen=True)
+class Sight:
+    """Recordings as points in the board's plane [m], shape (F, STATIONS, 2) each.
+
+    Args:
+        rod: of the model.
+        seen, expected: as observed and as predicted.
+        wrong: pictures that are off, shape (F,).
+    """
+
+    rod: RodParameters
+    seen: tuple[FloatArray, ...]
+    expected: tuple[FloatArray, ...]
+    wrong: tuple[np.ndarray, ...]
+
+    @property
+    def count(self) -> int:
+        """Pictures that are off."""
+        return sum(int(w.sum()) for w in self.wrong)
+
+
+def sight(
+    rod: RodParameters, observed: Sequence[FloatArray], predicted: Sequence[FloatArray],
+    wrong: Sequence[np.ndarray],
+) -> Sight:  # fmt: skip
+    """Look at recordings.
+
+    Args:
+        observed, predicted: control points of each recording [m], shape (F, n, 3 or more).
+        wrong: see `Sight`.
     """
     basis = SplineBasis(rod.control_points, rod.length)
-    u = np.linspace(0.08, 1.0, STATIONS) * rod.length
-    values = basis.matrix(u)
-    seen = [np.einsum("qn,fnc->fqc", values, o)[..., [0, 2]] for o in observed]
-    expected = [np.einsum("qn,fnc->fqc", values, p)[..., [0, 2]] for p in predicted]
-    seen = [s[-len(e) :] for s, e in zip(seen, expected, strict=True)]
-    everywhere = np.concatenate([s.reshape(-1, 2) for s in seen])
-    entering = np.concatenate([e.reshape(-1, 2) for e in expected])
-    centres, gains = [], []
-    away = radius + 0.5 * rod.diameter
-    for s, e in zip(seen, expected, strict=True):
+    values = basis.matrix(np.linspace(0.04, 1.0, STATIONS) * rod.length)
+    expected = tuple(np.einsum("qn,fnc->fqc", values, p)[..., [0, 2]] for p in predicted)
+    seen = tuple(
+        np.einsum("qn,fnc->fqc", values, o)[-len(e) :, :, [0, 2]]
+        for o, e in zip(observed, expected, strict=True)
+    )
+    return Sight(rod, seen, expected, tuple(wrong))
+
+
+def places(view: Sight, radius: float) -> list[Place]:
+    """Pegs of one radius [m] that may have been hit, the most likely first.
+
+    What a peg explains begins with the picture in which the prediction meets it first.
+    """
+    away = radius + 0.5 * view.rod.diameter
+    everywhere = np.concatenate([s.reshape(-1, 2) for s in view.seen])
+    found = []
+    for centre in _beside(view, away):
+        if away - np.sqrt(np.min(np.sum((everywhere - centre) ** 2, axis=1))) > SLACK:
+            continue
+        left, touched = 0, 0
+        for s, e, wrong in zip(view.seen, view.expected, view.wrong, strict=True):
+            met = np.flatnonzero(away - _distance(e, centre) > 0.5 * SLACK)
+            first = int(met[0]) if len(met) else len(wrong)
+            left += int(wrong[:first].sum() + (~wrong[first : first + AFTER]).sum())
+            touched += int(np.sum(_distance(s[first:], centre) - away < SLACK))
+        found.append(Place(Peg(float(centre[0]), float(centre[1]), radius), left, touched))
+    return sorted(found, key=lambda p: (p.left, -p.touched))
+
+
+def _distance(points: FloatArray, centre: FloatArray) -> FloatArray:
+    """Of each picture's nearest point, shape (F,)."""
+    return np.asarray(np.sqrt(np.min(np.sum((points - centre) ** 2, axis=2), axis=1)))
+
+
+def _beside(view: Sight, away: float) -> Iterator[FloatArray]:
+    """Points beside observed shapes that are off, on the side of the prediction."""
+    for s, e, wrong in zip(view.seen, view.expected, view.wrong, strict=True):
         along = np.gradient(s, axis=1)
         along /= np.maximum(np.linalg.norm(along, axis=2, keepdims=True), 1e-12)
         across = np.stack([-along[..., 1], along[..., 0]], axis=-1)
         miss = np.sum((e - s) * across, axis=2)
-        frames, places = np.nonzero(np.abs(miss) > 0.7 * np.sqrt(np.mean(miss**2)))
-        every = max(1, len(frames) // TRIED)
-        frames, places = frames[::every], places[::every]
-        side = np.sign(miss[frames, places])[:, None]
-        for centre in s[frames, places] + side * away * across[frames, places]:
-            depth = away - np.sqrt(np.min(np.sum((everywhere - centre) ** 2, axis=1)))
-            if depth > SLACK:
-                continue
-            reach = away - np.sqrt(np.sum((entering - centre) ** 2, axis=1))
-            centres.append(centre)
-            gains.append(float(np.sum(np.maximum(reach, 0.0))))
-    found: list[Peg] = []
-    for k in np.argsort(gains)[::-1]:
-        apart = [np.hypot(p.x - centres[k][0], p.z - centres[k][1]) for p in found]
-        if gains[k] > 0.0 and (not apart or min(apart) > 0.04 * rod.length):
-            found.append(Peg(float(centres[k][0]), float(centres[k][1]), radius))
-        if len(found) == MOST:
+        most = np.abs(miss).max(axis=1, keepdims=True)
+        frames, stations = np.nonzero((np.abs(miss) > BENT * most) & wrong[:, None])
+        every = max(1, -(-len(frames) // TRIED))
+        for f, q in zip(frames[::every], stations[::every], strict=True):
+            yield s[f, q] + np.sign(miss[f, q]) * away * across[f, q]
+
+
+def apart(found: Sequence[Place], distance: float, most: int) -> list[Place]:
+    """The first places that are some distance [m] from each other."""
+    kept: list[Place] = []
+    for place in found:
+        if all(np.hypot(place.peg.x - k.peg.x, place.peg.z - k.peg.z) > distance for k in kept):
+            kept.append(place)
+        if len(kept) == most:
             break
-    return found
+    return kept
 
 
 def resized(peg: Peg, rod: RodParameters, observed: Sequence[FloatArray]) -> list[Peg]:
@@ -87,10 +145,10 @@ def resized(peg: Peg, rod: RodParameters, observed: Sequence[FloatArray]) -> lis
     basis = SplineBasis(rod.control_points, rod.length)
     values = basis.matrix(np.linspace(0.0, rod.length, STATIONS))
     seen = [np.einsum("qn,fnc->fqc", values, o)[..., [0, 2]].reshape(-1, 2) for o in observed]
-    apart = np.concatenate(seen) - np.array([peg.x, peg.z])
-    distance = np.linalg.norm(apart, axis=1)
+    off = np.concatenate(seen) - np.array([peg.x, peg.z])
+    distance = np.linalg.norm(off, axis=1)
     nearest = np.argsort(distance)[:TOUCHING]
-    side = np.mean(apart[nearest] / np.maximum(distance[nearest, None], 1e-12), axis=0)
+    side = np.mean(off[nearest] / np.maximum(distance[nearest, None], 1e-12), axis=0)
     side /= max(float(np.linalg.norm(side)), 1e-12)
     result = []
     for factor in RESIZED:

@@ -8,92 +8,122 @@ between the two and is wrong throughout, so that nothing shows where it hit.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
-from dlo_ros.diagnosis.candidates import Start, scene, starts
-from dlo_ros.diagnosis.fitting import ROUGH, Evaluation, Normal, bounded, evaluate, known, normal
+from dlo_ros.diagnosis.fitting import Evaluation, Normal, bounded, evaluate, fit, known, normal
 from dlo_ros.diagnosis.measured import Recording
-from dlo_ros.diagnosis.workers import Problem
+from dlo_ros.diagnosis.workers import Problem, Workers
 from dlo_ros.errors import SimulationError
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 
 TYPICAL = 3.0
 """Of the noise: pictures that are further off count ever less (Cauchy's law)."""
+UNDISTURBED = 0.1
+"""Share of the pictures that must be right, for the others to count as disturbed."""
+QUIET, LOUDER = 0.3, 1.5
+"""Where fewer are: share of the pictures that are taken for undisturbed, and what is typical over
+what is off in these."""
 ITERATIONS = 8
 TRIES = 4
 SHORTER = 0.3
 SETTLED = 0.01
 DAMPING = 1e-4
-MOVED = 0.01
-"""Of a parameter, as the fit sees it, from which that fit tells something new."""
+FIRST_PARTS = (1.0, 0.12, 0.25, 0.5)
+"""Of each recording: what was right at first may tell what it was, before anything was hit."""
+LEAST_FRAMES = 5
+PART_ITERATIONS = 6
 
 
-def robust(at: Evaluation, recordings: Sequence[Recording], given: Settings) -> Evaluation:
+def robust(
+    at: Evaluation, recordings: Sequence[Recording], given: Settings, typical: float = TYPICAL,
+    *, strict: bool = False,
+) -> Evaluation:  # fmt: skip
     """Fit a model to recordings so that a picture that is far off counts little.
 
     Args:
         at: where the fit begins; with derivatives, of the same recordings.
+        typical: of pictures that are right, in units of the noise.
+        strict: whether those far off count for nothing (Geman and McClure's law instead of
+            Cauchy's): right near a fit that is right, lost elsewhere.
     """
     for _ in range(ITERATIONS):
-        equations = _weighted(at, given)
+        equations = _weighted(at, given, typical, strict)
         lhs = equations.hessian + DAMPING * np.diag(np.diag(equations.hessian))
         step = bounded(at.model, lhs, equations.gradient)
-        before = _loss(at)
+        before = loss(at, typical, strict=strict)
         for _ in range(TRIES):
             try:
                 after = evaluate(at.model.at(at.model.theta() + step), recordings, given)
             except SimulationError:
                 after = None
-            if after is not None and _loss(after) < before:
+            if after is not None and loss(after, typical, strict=strict) < before:
                 break
             step = SHORTER * step
         else:
             return at
         at = after
-        if before - _loss(at) < SETTLED * before:
+        if before - loss(at, typical, strict=strict) < SETTLED * before:
             break
     return at
 
 
-def hits(
-    problem: Problem, at: Evaluation, names: Sequence[str], present: Sequence[str]
-) -> list[Start]:
-    """Where a DLO may have hit something, as the pictures tell that are explained without it.
+def calm(team: Workers, at: Evaluation) -> tuple[Evaluation, float] | None:
+    """The fit that explains most pictures, from several beginnings, and what is typical of these.
 
     Args:
         at: the fit to all pictures.
-        names: everything that any command imposes.
-        present: effects of the model.
+
+    Returns:
+        The fit to the drafts, with `typical` as in `robust`; None where none can be simulated.
     """
-    drafts, given = problem.drafts, problem.given
+    typical, best = TYPICAL, at
+    for _ in range(2):
+        tasks = [(at, share, typical) for share in FIRST_PARTS]
+        found = [c for c in team.each(_calm_from, tasks) if c is not None]
+        if not found:
+            return None
+        best = min(found, key=lambda c: loss(c, typical, strict=True))
+        each = np.concatenate(off(best, 1.0))
+        if np.mean(each < typical**2) > UNDISTURBED:
+            break
+        # Something else is wrong all the time.
+        typical = max(TYPICAL, LOUDER * float(np.sqrt(np.quantile(each, QUIET))))
+    return best, typical
+
+
+def _calm_from(problem: Problem, task: tuple[Evaluation, float, float]) -> Evaluation | None:
+    """A robust fit that begins with the fit to the first part of each recording."""
+    at, share, typical = task
+    drafts, given, model = problem.drafts, problem.given, at.model
     try:
-        calm = robust(evaluate(at.model, drafts, given), drafts, given)
+        if share < 1.0:
+            part = [d.until(max(LEAST_FRAMES, int(share * len(d.times)))) for d in drafts]
+            model = fit(evaluate(model, part, given), part, given, PART_ITERATIONS).model
+        here = evaluate(model, drafts, given)
+        if share == 1.0:
+            here = robust(here, drafts, given, typical)
+        return robust(here, drafts, given, typical, strict=True)
     except SimulationError:
-        return []
-    own = calm.model.theta() - at.model.theta()
-    if np.abs(own).max() < MOVED:
-        return []
-    here = scene(calm.model.settings, names, [d.observed for d in drafts], calm.predicted)
-    found = [s for s in starts(here, present) if s.effect in ROUGH]
-    return [replace(s, own=tuple(own.tolist())) for s in found]
+        return None
 
 
-def _off(at: Evaluation) -> list[FloatArray]:
-    """Mean square of each picture, over what is typical, shape (F,)."""
-    return [np.mean(r**2, axis=1) / TYPICAL**2 for r in at.residuals]
+def off(at: Evaluation, typical: float = TYPICAL) -> list[FloatArray]:
+    """Mean square of each picture's residual, over what is typical, shape (F,) per recording."""
+    return [np.mean(r**2, axis=1) / typical**2 for r in at.residuals]
 
 
-def _loss(at: Evaluation) -> float:
-    return float(sum(np.sum(np.log1p(o)) for o in _off(at)))
+def loss(at: Evaluation, typical: float = TYPICAL, *, strict: bool = False) -> float:
+    """What `robust` makes small; with `strict` nearly the number of pictures that are off."""
+    each = np.concatenate(off(at, typical))
+    return float(np.sum(each / (1.0 + each) if strict else np.log1p(each)))
 
 
-def _weighted(at: Evaluation, given: Settings) -> Normal:
+def _weighted(at: Evaluation, given: Settings, typical: float, strict: bool) -> Normal:
     assert at.jacobians is not None
     result = known(at.model, given)
-    for residual, jacobian, off in zip(at.residuals, at.jacobians, _off(at), strict=True):
-        root = 1.0 / np.sqrt(1.0 + off)
+    for residual, jacobian, o in zip(at.residuals, at.jacobians, off(at, typical), strict=True):
+        root = 1.0 / (1.0 + o) if strict else 1.0 / np.sqrt(1.0 + o)
         result = result + normal(residual * root[:, None], jacobian * root[:, None, None])
     return result

@@ -19,7 +19,7 @@ from dlo_ros.diagnosis.workers import Problem, Progress, Workers
 from dlo_ros.effects import Peg
 from dlo_ros.parameters import Settings
 
-FIRST_ITERATIONS = 2
+FIRST_ITERATIONS = 1
 ROUND_ITERATIONS = 3
 ROUNDS = 3
 MORE_ITERATIONS = 8

@@ -17,10 +17,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from dlo_ros.diagnosis.candidates import Start, scene, starts
+from dlo_ros.diagnosis.contact import glimpsed
 from dlo_ros.diagnosis.model import names
+from dlo_ros.diagnosis.pegs import sight
 from dlo_ros.errors import DloError
 from dlo_ros.identification.forecast import Forecast, Manipulation, motion_of, whitening
-from dlo_ros.identification.pieces import SHORT, Pieces, Worker
+from dlo_ros.identification.pieces import LONG, SHORT, Pieces, Worker
 from dlo_ros.identification.statement import rounded
 from dlo_ros.identification.uncertainty import discrepancy
 from dlo_ros.parameters import Settings
@@ -39,6 +41,7 @@ AT_ONCE = 3  # pictures in a piece of work
 AT_MOST = 4  # beginnings of an effect without a useful derivative where it does nothing
 NAMED = 3  # suspects that are told of
 WORTH = 0.1  # share of what is left over that a suspect must explain
+ASTRAY = 0.2  # of the picture that is off most, from which one may come after a hit
 RIDGE = 1e-9  # of a column's own size, so that columns that say the same do no harm
 
 
@@ -194,13 +197,19 @@ def suspected(
     plain = yield from _moved(past, settings, MATERIAL, spans)
     observed = np.array([o.control_points[:, :3] for o in past.observations])[-len(plain[0]) :]
     imposed = [name for command in past.commands for name in command.names]
-    view = scene(settings, imposed, [observed], [plain[0]])
+    view = scene(settings, imposed, [plain[0]])
     white = whitening(settings.rod.control_points, settings.rod.length)
-    residual = (white @ (observed - plain[0])).ravel()
+    field = white @ (observed - plain[0])
+    size = np.linalg.norm(field, axis=(1, 2))
+    yield LONG
+    pegs = glimpsed(sight(settings.rod, [observed], [plain[0]], [size > ASTRAY * size.max()]))
+    residual = field.ravel()
     own = _columns(white, plain[1])
     before = float(np.sum(_without(residual, own) ** 2))
     shares: dict[str, float] = {}
-    for sheet in _sheets(starts(view, tuple(settings.effects))):
+    present = tuple(settings.effects)
+    begun = [*starts(view, present), *(p for p in pegs if p.effect not in present)]
+    for sheet in _sheets(begun):
         try:
             moves = yield from _directions(past, settings, spans, sheet, plain[0])
         except DloError as err:

@@ -1,0 +1,143 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Looks for what a DLO may have hit: nothing tells of a peg but that some pictures go astray.
+
+From the fit to what is right before (`robust`) and the places that no shape enters (`pegs`), a peg
+is found by simulating only the recordings that go astray, all other numbers as they are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from dlo_ros.diagnosis import robust
+from dlo_ros.diagnosis.candidates import Start
+from dlo_ros.diagnosis.fitting import ROUGH, Evaluation, attempt, evaluate
+from dlo_ros.diagnosis.model import Model, names
+from dlo_ros.diagnosis.pegs import Place, Sight, apart, places, sight
+from dlo_ros.diagnosis.workers import Problem, Workers
+from dlo_ros.effects import Peg
+from dlo_ros.errors import SimulationError
+
+(EFFECT,) = ROUGH
+RADII = (0.012, 0.006, 0.024)
+"""Of pegs that are tried, from a nail to a pipe [m]; the fit finds the true one."""
+LEFT = 0.3
+"""Of the pictures that go astray, that a peg may leave to something else."""
+AS_LIKELY = 0.05
+"""Of them, by which a place may be worse than the best."""
+SIMULATED, APART = 20, 0.02
+"""Places that are simulated, and how far from each other at least, over the length."""
+NEAREST, NEAR, NEARER = 3, 0.05, 0.006
+"""Best of them near which others are simulated, how near, and how far from each other."""
+FITTED = 3
+ITERATIONS = 6
+BEGUN = 2
+WORSE = 4.0
+"""Squared residuals over the best one's, up to which another fit is begun with."""
+
+Task = tuple[Model, tuple[int, ...], Peg, float]
+
+
+def hits(team: Workers, at: Evaluation, present: Sequence[str]) -> list[Start]:
+    """Pegs that the DLO may have hit.
+
+    Args:
+        at: the fit to all pictures.
+        present: effects of the model.
+    """
+    found = None if EFFECT in present else robust.calm(team, at)
+    if found is None:
+        return []
+    calm, typical = found
+    wrong = [o > 1.0 for o in robust.off(calm, typical)]
+    if not any(w.any() for w in wrong):
+        return []
+    observed = [d.observed for d in team.problem.drafts]
+    view = sight(calm.model.settings.rod, observed, calm.predicted, wrong)
+    likely = _likely(view)
+    astray = tuple(k for k, w in enumerate(wrong) if w.any())
+
+    def simulated(some: Sequence[Place]) -> list[tuple[float, Peg]]:
+        tasks: list[Task] = [(calm.model, astray, p.peg, typical) for p in some]
+        return [
+            (loss, p.peg) for p, loss in zip(some, team.each(_loss, tasks), strict=True)
+            if loss is not None
+        ]  # fmt: skip
+
+    length = calm.model.settings.rod.length
+    tried = simulated(apart(likely, APART * length, SIMULATED))
+    tried.sort(key=lambda t: t[0])
+    for _, peg in tried[:NEAREST]:
+        near = [
+            p for p in likely if np.hypot(p.peg.x - peg.x, p.peg.z - peg.z) < NEAR * length
+        ]  # fmt: skip
+        tried += simulated(apart(near, NEARER * length, SIMULATED))
+    best = _distinct(sorted(tried, key=lambda t: t[0]), NEARER * length)
+    tasks: list[Task] = [(calm.model, astray, peg, typical) for peg in best]
+    fits = [f for f in team.each(_fitted, tasks) if f is not None]
+    fits.sort(key=lambda f: f.power)
+    own = tuple((calm.model.theta() - at.model.theta()).tolist())
+    pegs = [_peg(f.model) for f in fits[:BEGUN] if f.power < WORSE * fits[0].power]
+    return [_start(peg, k, own) for k, peg in enumerate(pegs)]
+
+
+def glimpsed(view: Sight) -> list[Start]:
+    """The likeliest pegs as they look, without a simulation."""
+    length = view.rod.length
+    return [_start(p.peg, k) for k, p in enumerate(apart(_likely(view), APART * length, BEGUN))]
+
+
+def _start(peg: Peg, rank: int, own: tuple[float, ...] = ()) -> Start:
+    block = peg._asdict()
+    form = f"peg {rank + 1}"
+    return Start(EFFECT, block, (), tuple(block), neutral=False, form=form, own=own)
+
+
+def _likely(view: Sight) -> list[Place]:
+    """The places that explain most of what goes astray, if they explain enough."""
+    found = [p for radius in RADII for p in places(view, radius)]
+    found.sort(key=lambda p: (p.left, -p.touched))
+    if not found or found[0].left > LEFT * view.count:
+        return []
+    return [p for p in found if p.left <= found[0].left + AS_LIKELY * view.count]
+
+
+def _distinct(tried: Sequence[tuple[float, Peg]], distance: float) -> list[Peg]:
+    """The best pegs that are no repetitions of each other."""
+    kept: list[Peg] = []
+    for _, peg in tried:
+        if all(np.hypot(peg.x - k.x, peg.z - k.z) > distance for k in kept):
+            kept.append(peg)
+    return kept[:FITTED]
+
+
+def _alone(model: Model, peg: Peg) -> Model:
+    """The model with a peg of which alone the numbers are open."""
+    block = peg._asdict()
+    extended = model.extended(EFFECT, block, tuple(block))
+    return replace(extended, free=names(EFFECT, block, tuple(block)))
+
+
+def _peg(model: Model) -> Peg:
+    block = model.settings.effects[EFFECT]
+    return Peg(*(v for key in Peg._fields if not isinstance(v := block[key], tuple)))
+
+
+def _loss(problem: Problem, task: Task) -> float | None:
+    """What `robust.robust` makes small, of the recordings that go astray."""
+    model, astray, peg, typical = task
+    recordings = [problem.drafts[k] for k in astray]
+    try:
+        at = evaluate(_alone(model, peg), recordings, problem.given, derivatives=False)
+    except SimulationError:
+        return None
+    return robust.loss(at, typical)
+
+
+def _fitted(problem: Problem, task: Task) -> Evaluation | None:
+    model, astray, peg, _ = task
+    recordings = [problem.drafts[k] for k in astray]
+    return attempt(_alone(model, peg), recordings, problem.given, ITERATIONS)

@@ -1,0 +1,117 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Where a DLO may have hit a peg: by geometry, and in a recording of the discrete rod."""
+
+import json
+
+import numpy as np
+import pytest
+from challenge.generate import draw
+from rods import PAPER
+
+from dlo_ros.cli.loading import load_manipulation
+from dlo_ros.diagnosis.contact import glimpsed, hits
+from dlo_ros.diagnosis.fitting import attempt, evaluate
+from dlo_ros.diagnosis.judging import structure
+from dlo_ros.diagnosis.pegs import apart, places, sight
+from dlo_ros.diagnosis.start import begin, drafts
+from dlo_ros.diagnosis.workers import Problem, workers
+from dlo_ros.parameters import Settings
+from dlo_ros.spline import SplineBasis
+
+ROD = PAPER.rod
+DROP = 0.004
+"""Of the straight rope in the pictures below, from one to the next [m]."""
+TOP = -0.05
+HIT = int(-TOP / DROP) + 1
+
+
+def falling(frames=30, rod=ROD):
+    """A level rope that falls and is caught in its middle, and where it would be otherwise."""
+    basis = SplineBasis(rod.control_points, rod.length)
+    u = np.linspace(0.0, rod.length, 200)
+    values = basis.matrix(u)
+    expected, seen = [], []
+    for k in range(frames):
+        points = np.zeros((len(u), 3))
+        points[:, 0], points[:, 2] = u, -DROP * k
+        expected.append(np.linalg.lstsq(values, points, rcond=None)[0])
+        hump = max(TOP + DROP * k, 0.0) * np.exp(-(((u / rod.length - 0.5) / 0.2) ** 2))
+        points[:, 2] += hump
+        seen.append(np.linalg.lstsq(values, points, rcond=None)[0])
+    return np.array(seen), np.array(expected)
+
+
+def test_a_peg_stands_where_the_rope_is_caught():
+    seen, expected = falling()
+    wrong = np.abs(seen - expected).max(axis=(1, 2)) > 1e-3
+    view = sight(ROD, [seen], [expected], [wrong])
+    radius = 0.01
+    best = places(view, radius)[0]
+    assert view.count == np.count_nonzero(wrong) > 10
+    assert best.left <= 1
+    assert best.touched >= view.count - 1
+    assert best.peg.x == pytest.approx(0.5 * ROD.length, abs=0.05 * ROD.length)
+    assert best.peg.z + radius + 0.5 * ROD.diameter == pytest.approx(TOP, abs=3e-3)
+    first, *others = apart(places(view, radius), 0.05, 5)
+    assert first == best
+    assert all(np.hypot(o.peg.x - best.peg.x, o.peg.z - best.peg.z) > 0.05 for o in others)
+    start, *_ = glimpsed(view)
+    assert start.block["x"] == pytest.approx(0.5 * ROD.length, abs=0.1 * ROD.length)
+
+
+def test_what_another_recording_sweeps_holds_no_peg():
+    seen, expected = falling()
+    wrong = np.abs(seen - expected).max(axis=(1, 2)) > 1e-3
+    free = np.zeros(len(seen), dtype=np.bool_)
+    view = sight(ROD, [seen, expected], [expected, expected], [wrong, free])
+    assert places(view, 0.01) == []
+    assert glimpsed(view) == []
+
+
+def test_what_goes_astray_without_meeting_anything_is_no_peg():
+    seen, expected = falling()
+    # Off from the beginning, long before the rope is where the peg would be.
+    wrong = np.ones(len(seen), dtype=np.bool_)
+    assert places(sight(ROD, [seen], [expected], [wrong]), 0.01)[0].left >= HIT - 1
+    assert glimpsed(sight(ROD, [seen], [expected], [wrong])) == []
+
+
+@pytest.fixture(scope="module")
+def hidden(tmp_path_factory):
+    """Two recordings of the discrete rod with a hidden peg, and the plain fit."""
+    folder = tmp_path_factory.mktemp("peg")
+    bags = draw(7106, "single", ("obstacle",)).write(folder, edges=100, step=2e-3)
+    settings = Settings.load(folder / "params.yaml")
+    beginning = begin([load_manipulation(bag, settings) for bag in bags], settings)
+    peg = json.loads((folder / "challenge.json").read_text())["effects"]["obstacle"]
+    return settings, beginning, peg
+
+
+def test_a_hidden_peg_is_found_where_it_stands(hidden):
+    settings, beginning, peg = hidden
+    at = beginning.at
+    problem = Problem(beginning.recordings, settings, drafts(beginning.recordings, at))
+    with workers(problem, 1) as team:
+        begun = hits(team, at, ())
+        assert hits(team, at, ("obstacle",)) == []
+    start = begun[0]
+    assert not start.neutral
+    # The rope touches it on one side: its near edge is known best.
+    gap = np.hypot(start.block["x"] - peg["x"], start.block["z"] - peg["z"])
+    assert gap < abs(start.block["radius"] - peg["radius"]) + 0.006
+    model = at.model.at(at.model.theta() + np.array(start.own))
+    model = model.extended("obstacle", start.block, start.fitted)
+    there = evaluate(model, problem.drafts, settings, derivatives=False)
+    assert structure(at.residuals) > 10.0
+    assert structure(there.residuals) < 0.1 * structure(at.residuals)
+
+
+def test_where_a_peg_is_not_touched_its_place_does_not_matter(hidden):
+    settings, beginning, peg = hidden
+    model = beginning.at.model.extended("obstacle", peg, tuple(peg))
+    at = attempt(model, beginning.recordings, settings, 0)
+    columns = [model.free.index(f"effects.obstacle.{key}") for key in peg]
+    sizes = [np.abs(j[:, columns]).max() for j in at.jacobians]
+    own = [np.abs(j[:, 0]).max() for j in at.jacobians]
+    assert min(sizes) == 0.0 < max(sizes)
+    assert min(own) > 0.0
