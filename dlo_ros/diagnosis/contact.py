@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.optimize import minimize
 
 from dlo_ros.diagnosis import robust
 from dlo_ros.diagnosis.candidates import Start
@@ -20,6 +21,7 @@ from dlo_ros.diagnosis.pegs import Place, Sight, apart, places, sight
 from dlo_ros.diagnosis.workers import Problem, Workers
 from dlo_ros.effects import Peg
 from dlo_ros.errors import SimulationError
+from dlo_ros.spline import FloatArray
 
 (EFFECT,) = ROUGH
 RADII = (0.012, 0.006, 0.024)
@@ -33,6 +35,9 @@ SIMULATED, APART = 20, 0.02
 NEAREST, NEAR, NEARER = 3, 0.05, 0.006
 """Best of them near which others are simulated, how near, and how far from each other."""
 FITTED = 3
+STEP, LARGER = 0.01, 0.3
+"""Of the length, and of the logarithm of the radius, that a search downhill begins with."""
+EVALUATIONS = 40
 ITERATIONS = 6
 BEGUN = 2
 WORSE = 4.0
@@ -138,6 +143,20 @@ def _loss(problem: Problem, task: Task) -> float | None:
 
 
 def _fitted(problem: Problem, task: Task) -> Evaluation | None:
-    model, astray, peg, _ = task
+    """Fit a peg's numbers: downhill first, since what a peg does changes in jumps."""
+    model, astray, peg, typical = task
+    length = model.settings.rod.length
+
+    def moved(step: FloatArray) -> Peg:
+        dx, dz = (STEP * length * step[:2]).tolist()
+        return Peg(peg.x + dx, peg.z + dz, peg.radius * float(np.exp(step[2])))
+
+    def left(step: FloatArray) -> float:
+        loss = _loss(problem, (model, astray, moved(step), typical))
+        return np.inf if loss is None else loss
+
+    simplex = np.vstack([np.zeros(3), np.diag([1.0, 1.0, LARGER])])
+    options = {"initial_simplex": simplex, "maxfev": EVALUATIONS}
+    found = minimize(left, simplex[0], method="Nelder-Mead", options=options)
     recordings = [problem.drafts[k] for k in astray]
-    return attempt(_alone(model, peg), recordings, problem.given, ITERATIONS)
+    return attempt(_alone(model, moved(found.x)), recordings, problem.given, ITERATIONS)

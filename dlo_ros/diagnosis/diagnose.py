@@ -8,15 +8,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from dlo_ros.diagnosis import aside, damping, decide, judging
+from dlo_ros.diagnosis.before import alone_before
 from dlo_ros.diagnosis.candidates import scene, starts
 from dlo_ros.diagnosis.contact import hits
 from dlo_ros.diagnosis.findings import Findings, outcome
-from dlo_ros.diagnosis.fitting import Evaluation, evaluate, fit
+from dlo_ros.diagnosis.fitting import ROUGH, Evaluation, evaluate, fit
 from dlo_ros.diagnosis.measured import Recording
 from dlo_ros.diagnosis.model import Model
 from dlo_ros.diagnosis.outcome import Diagnosis
 from dlo_ros.diagnosis.screening import Prospect, alarm, screen
-from dlo_ros.diagnosis.search import Candidate, apart, candidate, search
+from dlo_ros.diagnosis.search import Candidate, apart, candidate, resized, search
 from dlo_ros.diagnosis.start import Beginning, begin, drafts, finer
 from dlo_ros.diagnosis.workers import Problem, Progress, Workers, workers
 from dlo_ros.errors import InputError, SimulationError
@@ -178,7 +179,7 @@ def _search(
         if decide.adequate(at.residuals):
             found = Findings(decide.Decision("adequate", None), kept_aside(plain))
         else:
-            found = _explain(team, plain, kept_aside, progress)
+            found = _explain(team, plain, kept_aside, processes, progress)
         progress("judging the damping", 0.0)
         best = next(iter(found.suspects), plain)
         told = damping.named(team, plain, best, found.decision, found.kept_aside)
@@ -200,7 +201,7 @@ def _only(at: Evaluation, count: int) -> Evaluation:
 
 def _explain(
     team: Workers, plain: Candidate, kept_aside: Callable[[Candidate], aside.KeptAside],
-    progress: Progress,
+    processes: int, progress: Progress,
 ) -> Findings:  # fmt: skip
     """Single effects first; pairs where none of them is enough."""
     recordings = team.problem.recordings
@@ -232,7 +233,8 @@ def _explain(
     if faint:
         return Findings(decide.Decision("adequate", None), judge)
     pairs: list[Candidate] = []
-    for first in _bases(singles, plain.structure):
+    before = alone_before(team.problem, plain, names, processes, progress)
+    for first in [*before, *_bases(singles, plain.structure)][:BASES]:
         prospects = screened(first.at, [*known, first.effect])
         pairs += search(team, first.at, prospects, progress, most, thorough=False)
         pairs.sort(key=lambda c: c.score)
@@ -252,6 +254,7 @@ def _explain(
                     pairs += search(team, second.at, prospects, progress, most, thorough=False)
                 pairs.sort(key=lambda c: c.score)
             explained = single or _explained(plain, pairs, singles, most, judge) or explained
+            pairs += _other_pegs(team, explained, pairs)
             return Findings(explained, judge, tuple(singles), tuple(pairs))
     everything = sorted([*singles, *pairs], key=lambda c: c.score)
     judge = kept_aside(everything[0] if everything else plain)
@@ -259,6 +262,22 @@ def _explain(
     rivals = tuple(() for _ in certain.effects) if certain else ()
     decision = decide.Decision("unexplained", certain, rivals)
     return Findings(decision, judge, tuple(singles), tuple(pairs))
+
+
+def _other_pegs(
+    team: Workers, decision: decide.Decision, known: Sequence[Candidate]
+) -> list[Candidate]:
+    """The explanation with pegs of other sizes, which tell how little is known of it."""
+    chosen = decision.chosen
+    if chosen is None or len(chosen.effects) < 2:
+        return []
+    model = chosen.candidate.at.model
+    if all(model.without(name).free == model.free for name in ROUGH):
+        return []
+    alike = [c for c in known if set(c.at.model.effects) == set(chosen.effects)]
+    if any(c.form.startswith("radius") for c in alike):
+        return []
+    return resized(team, chosen.candidate)
 
 
 def _bases(singles: Sequence[Candidate], before: float) -> list[Candidate]:

@@ -11,7 +11,7 @@ import numpy as np
 from dlo_ros.diagnosis import aside, decide, judging
 from dlo_ros.diagnosis.advice import advise
 from dlo_ros.diagnosis.estimates import fitted, numbers
-from dlo_ros.diagnosis.fitting import polished
+from dlo_ros.diagnosis.fitting import is_rough, polished
 from dlo_ros.diagnosis.measured import Recording, noise_floor
 from dlo_ros.diagnosis.outcome import Diagnosis, NamedEffect, Tried
 from dlo_ros.diagnosis.relations import Relations, relations, sentences
@@ -57,7 +57,8 @@ def outcome(beginning: Beginning, plain: Candidate, found: Findings, given: Sett
             if c is not decision.chosen.candidate
             and set(c.at.model.effects) == set(best.at.model.effects) and decide.as_good(best, c)
         ]  # fmt: skip
-        alike = [_polished(c, learned, given).at for c in others]
+        # Where it is rough they only tell how far its numbers may be off.
+        alike = [c.at if is_rough(c.at.model) else _polished(c, learned, given).at for c in others]
         effects = tuple(
             NamedEffect(name, numbers(best.at, name, given, alike), rivals)
             for name, rivals in zip(decision.chosen.effects, decision.rivals, strict=True)

@@ -38,6 +38,7 @@ than exact derivatives."""
 DIFFERENCE = 0.01
 """Of a parameter's natural size, for differences."""
 POLISH = 3
+ROUGH_POLISH = 6
 DAMPING = 1e-4
 CONTINUED = 1e-7
 """Marquardt's damping of a fit at first, and of one that is continued."""
@@ -78,6 +79,11 @@ class Evaluation:
     def excess(self) -> float:
         """Mean square of the residuals where it is larger than the noise, else 1."""
         return max(1.0, self.power / sum(r.size for r in self.residuals))
+
+
+def is_rough(model: Model) -> bool:
+    """Whether a model contains a rough effect."""
+    return any(name in ROUGH for name in model.effects)
 
 
 def evaluate(
@@ -144,7 +150,7 @@ def _held_against(
     manipulation = recording.manipulation
     if not derivatives:
         return forecast(manipulation, settings, spans=spans), None
-    rough = any(name in ROUGH for name in model.effects)
+    rough = is_rough(model)
     if rough:
         untouched = _untouched(model, recording, exact)
         if untouched is not None:
@@ -354,7 +360,7 @@ def _tried(
     model: Model, recordings: Sequence[Recording], given: Settings, exact: bool, before: float
 ) -> Evaluation:
     """An evaluation, with derivatives where they are cheap or its cost is lower than before."""
-    if any(name in ROUGH for name in model.effects):
+    if is_rough(model):
         after = evaluate(model, recordings, given, derivatives=False)
         if after.cost >= before:
             return after
@@ -374,11 +380,14 @@ def attempt(
 
 
 def polished(at: Evaluation, recordings: Sequence[Recording], given: Settings) -> Evaluation:
-    """The fit finished with exact derivatives: what the data leave open is as known beforehand."""
-    if any(name in ROUGH for name in at.model.effects):
-        return fit(at, recordings, given, POLISH, damping=CONTINUED)
+    """The fit finished with exact derivatives: what the data leave open is as known beforehand.
+
+    Of rough effects there are none; their fit goes on as it was, with the fine simulation.
+    """
+    rough = is_rough(at.model)
+    iterations, damping = (ROUGH_POLISH, DAMPING) if rough else (POLISH, UNDAMPED)
     try:
-        here = evaluate(at.model, recordings, given, exact=True)
+        here = evaluate(at.model, recordings, given, exact=not rough)
     except SimulationError:
         return at
-    return fit(here, recordings, given, POLISH, exact=True, damping=UNDAMPED)
+    return fit(here, recordings, given, iterations, exact=not rough, damping=damping)

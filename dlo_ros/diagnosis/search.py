@@ -8,12 +8,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dlo_ros.diagnosis import judging
+from dlo_ros.diagnosis import judging, pegs
 from dlo_ros.diagnosis.candidates import Start
 from dlo_ros.diagnosis.fitting import CONTINUED, ROUGH, Evaluation, attempt, earlier, fit
 from dlo_ros.diagnosis.measured import Recording
 from dlo_ros.diagnosis.model import Model
-from dlo_ros.diagnosis.pegs import resized
 from dlo_ros.diagnosis.screening import Prospect, chosen, tried
 from dlo_ros.diagnosis.workers import Problem, Progress, Workers
 from dlo_ros.effects import Peg
@@ -37,6 +36,9 @@ LIKELY = 2.0
 MOST_LIKELY = 4
 """Excess against the best candidate's, and number of fits, up to which they are carried to the end
 where none explains the data."""
+SECONDS = 6
+"""Effects, by what one simulation of each leaves, that are fitted beside another; the right one has
+been among the first four."""
 PLACES = 3
 """Among the effects, by what they promise, that make every form of a jumping one worth a fit."""
 AS_PROMISING = 3.0
@@ -127,8 +129,8 @@ def search(
         prospects: see `screening.screen`.
         progress: called with what is being done and the share of it that is done.
         enough: structure with which an effect explains the data.
-        thorough: whether, where none does, less promising beginnings are fitted, too, and things
-            in the way that make matters worse where they are tried.
+        thorough: whether, where none does, less promising beginnings are fitted, too, unlikely
+            effects, and things in the way that make matters worse where they are tried.
     """
     problem = team.problem
     short = earlier(before, problem.recordings, problem.drafts, problem.given)
@@ -137,6 +139,8 @@ def search(
     rough = [p for p in first if p.start.effect in ROUGH]
     if not thorough:
         rough = [p for p in rough if p.power < short.power]
+        likely = list(dict.fromkeys(p.start.effect for p in smooth))[:SECONDS]
+        smooth = [p for p in smooth if p.start.effect in likely]
     # In a motion nothing else does as well as a peg, and derivatives beside one take long.
     moving = sum(len(r.times) for r in problem.recordings) >= judging.FEW
     groups = [smooth, rough] if moving else [first]
@@ -216,23 +220,24 @@ def _fitted(
         candidate(d.start.effect, d.start.form, at, problem.given)
         for d, at in zip(drafts, found, strict=True) if at is not None
     ]  # fmt: skip
-    pegs = [c for c in candidates if c.effect in ROUGH]
+    rough = [c for c in candidates if c.effect in ROUGH]
     first = drafts[carried[0]] if carried else None
     if first and first.start.effect in ROUGH and first.excess(noise) < LIKELY * least:
-        best = min(pegs, key=lambda c: c.at.cost)
+        best = min(rough, key=lambda c: c.at.cost)
         # Also where it explains the data: others that do as well tell how little is known of it.
-        candidates += _resized(team, best, coarse)
+        candidates += resized(team, best, coarse=coarse)
     return candidates, min([least, *(d.excess(noise) for d in drafts)])
 
 
-def _resized(team: Workers, c: Candidate, coarse: bool) -> list[Candidate]:
-    """A peg fitted anew from other radii, each a form of its own."""
+def resized(team: Workers, c: Candidate, *, coarse: bool = False) -> list[Candidate]:
+    """A candidate with a peg fitted anew from other radii, each a form of its own."""
     problem, model = team.problem, c.at.model
-    block = model.settings.effects[c.effect]
+    (effect,) = (name for name in model.effects if name in ROUGH)
+    block = model.settings.effects[effect]
     peg = Peg(*(v for v in block.values() if not isinstance(v, tuple)))
-    others = resized(peg, problem.given.rod, [r.observed for r in problem.recordings])
-    bare = model.without(c.effect)
-    models = [bare.extended(c.effect, o._asdict(), tuple(block)) for o in others]
+    others = pegs.resized(peg, problem.given.rod, [r.observed for r in problem.recordings])
+    bare = model.without(effect)
+    models = [bare.extended(effect, o._asdict(), tuple(block)) for o in others]
     fits = team.each(_carry_on, [(m, coarse) for m in models])
     return [
         candidate(c.effect, f"radius {o.radius:.3g}", at, problem.given)
@@ -254,7 +259,7 @@ def apart(team: Workers, c: Candidate, known: Sequence[str]) -> list[Candidate]:
         for at in fits if at is not None
     ]  # fmt: skip
     for one in [one for one in found if one.effect in ROUGH]:
-        found += _resized(team, one, False)
+        found += resized(team, one)
     return found
 
 

@@ -1,0 +1,76 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""What a DLO is, told from the time before it hits something.
+
+A peg may do so much that of another effect nothing can be seen beside it. Before the DLO meets the
+peg the other effect is alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from dlo_ros.diagnosis import decide, judging
+from dlo_ros.diagnosis.candidates import scene, starts
+from dlo_ros.diagnosis.fitting import ROUGH, evaluate, fit
+from dlo_ros.diagnosis.screening import screen
+from dlo_ros.diagnosis.search import Candidate, candidate, search
+from dlo_ros.diagnosis.workers import Problem, Progress, workers
+from dlo_ros.errors import SimulationError
+
+SHARES = (0.5, 0.25)
+"""Of each recording, from its first picture."""
+CALMER = 0.5
+"""Of the structure that the plain model leaves of everything, that it may leave of them."""
+ITERATIONS = 6
+MOST = 2
+
+
+def alone_before(
+    problem: Problem, plain: Candidate, names: Sequence[str], processes: int, progress: Progress
+) -> list[Candidate]:
+    """Effects that explain the first part of each recording, best first, held against all of it.
+
+    Args:
+        plain: the model without them, fitted to everything.
+        names: everything that any command imposes.
+    """
+    given = problem.given
+    for share in SHARES:
+        part = _part(problem, share)
+        try:
+            at = evaluate(plain.at.model, part.recordings, given)
+        except SimulationError:
+            return []
+        at = fit(at, part.recordings, given, ITERATIONS)
+        left = judging.structure(at.residuals)
+        if decide.adequate(at.residuals) or left > CALMER * plain.structure:
+            continue
+        begun = starts(scene(at.model.settings, names, at.predicted), (*at.model.effects, *ROUGH))
+        with workers(part, processes) as team:
+            prospects = screen(team, at, begun, progress)
+            found = search(
+                team, at, prospects, progress, decide.limit(left), thorough=False
+            )  # fmt: skip
+        explaining = decide.explanations(found, decide.limit(left))[:MOST]
+        if explaining:
+            return [c for e in explaining if (c := _whole(problem, e.candidate)) is not None]
+    return []
+
+
+def _part(problem: Problem, share: float) -> Problem:
+    """The first part of each recording."""
+    ends = [max(1, int(share * len(r.times))) for r in problem.recordings]
+    recordings, drafts = (
+        tuple(r.until(end) for r, end in zip(some, ends, strict=True))
+        for some in (problem.recordings, problem.drafts)
+    )
+    return Problem(recordings, problem.given, drafts)
+
+
+def _whole(problem: Problem, c: Candidate) -> Candidate | None:
+    """A candidate held against everything, with the numbers of the first part."""
+    try:
+        at = evaluate(c.at.model, problem.recordings, problem.given)
+    except SimulationError:
+        return None
+    return candidate(c.effect, c.form, at, problem.given)
