@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from rods import PAPER
 
-from dlo_ros.diagnosis.fitting import Evaluation
+from dlo_ros.diagnosis.evaluation import Evaluation
 from dlo_ros.diagnosis.model import baseline
 from dlo_ros.diagnosis.search import Candidate
 

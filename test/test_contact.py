@@ -10,7 +10,8 @@ from rods import PAPER
 
 from dlo_ros.cli.loading import load_manipulation
 from dlo_ros.diagnosis.contact import glimpsed, hits
-from dlo_ros.diagnosis.fitting import attempt, evaluate
+from dlo_ros.diagnosis.evaluation import evaluate
+from dlo_ros.diagnosis.fitting import attempt
 from dlo_ros.diagnosis.judging import structure
 from dlo_ros.diagnosis.pegs import apart, places, sight
 from dlo_ros.diagnosis.start import begin, drafts

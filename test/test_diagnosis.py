@@ -11,7 +11,8 @@ from rods import PAPER
 
 from dlo_ros.diagnosis import aside, decide, diagnose, judging
 from dlo_ros.diagnosis.candidates import Scene, scene, starts
-from dlo_ros.diagnosis.fitting import Normal, evaluate, fit, known, normal, total
+from dlo_ros.diagnosis.evaluation import evaluate
+from dlo_ros.diagnosis.fitting import Normal, fit, known, normal, total
 from dlo_ros.diagnosis.manipulations import simulated, standard
 from dlo_ros.diagnosis.measured import measured, with_bias
 from dlo_ros.diagnosis.model import baseline, prior

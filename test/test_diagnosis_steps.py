@@ -10,7 +10,8 @@ from measured import swing
 from rods import PAPER
 
 from dlo_ros.diagnosis import aside, decide, judging
-from dlo_ros.diagnosis.fitting import UNDAMPED, earlier, evaluate, fit, polished
+from dlo_ros.diagnosis.evaluation import earlier, evaluate
+from dlo_ros.diagnosis.fitting import UNDAMPED, fit, polished
 from dlo_ros.diagnosis.pegs import resized
 from dlo_ros.diagnosis.search import apart, candidate
 from dlo_ros.diagnosis.start import begin, drafts, finer

@@ -9,7 +9,8 @@ from diagnosis_candidates import KNOWN
 from measured import swing
 from rods import PAPER
 
-from dlo_ros.diagnosis.fitting import evaluate, fit
+from dlo_ros.diagnosis.evaluation import evaluate
+from dlo_ros.diagnosis.fitting import fit
 from dlo_ros.diagnosis.measured import measured
 from dlo_ros.diagnosis.model import baseline
 from dlo_ros.diagnosis.robust import TYPICAL, calm, loss, off, robust

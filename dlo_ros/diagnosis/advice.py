@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dlo_ros.diagnosis.decide import Decision
-from dlo_ros.diagnosis.fitting import Normal, evaluate, normal, total
+from dlo_ros.diagnosis.evaluation import evaluate
+from dlo_ros.diagnosis.fitting import Normal, normal, total
 from dlo_ros.diagnosis.manipulations import Standard, simulated, standard
 from dlo_ros.diagnosis.measured import Recording, measured
 from dlo_ros.diagnosis.search import Candidate

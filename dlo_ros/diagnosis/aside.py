@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from dlo_ros.diagnosis.fitting import Evaluation, evaluate, fit, solve, total
+from dlo_ros.diagnosis.evaluation import Evaluation, evaluate
+from dlo_ros.diagnosis.fitting import fit, solve, total
 from dlo_ros.diagnosis.measured import Recording
 from dlo_ros.diagnosis.model import Model
 from dlo_ros.diagnosis.outcome import Gain

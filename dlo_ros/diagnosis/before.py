@@ -11,7 +11,8 @@ from collections.abc import Sequence
 
 from dlo_ros.diagnosis import decide, judging
 from dlo_ros.diagnosis.candidates import scene, starts
-from dlo_ros.diagnosis.fitting import ROUGH, evaluate, fit
+from dlo_ros.diagnosis.evaluation import ROUGH, evaluate
+from dlo_ros.diagnosis.fitting import fit
 from dlo_ros.diagnosis.screening import screen
 from dlo_ros.diagnosis.search import Candidate, candidate, search
 from dlo_ros.diagnosis.workers import Problem, Progress, workers

@@ -15,7 +15,8 @@ from scipy.optimize import minimize
 
 from dlo_ros.diagnosis import robust
 from dlo_ros.diagnosis.candidates import Start
-from dlo_ros.diagnosis.fitting import ROUGH, Evaluation, attempt, evaluate
+from dlo_ros.diagnosis.evaluation import ROUGH, Evaluation, evaluate
+from dlo_ros.diagnosis.fitting import attempt
 from dlo_ros.diagnosis.model import Model, names
 from dlo_ros.diagnosis.pegs import Place, Sight, apart, places, sight
 from dlo_ros.diagnosis.workers import Problem, Workers

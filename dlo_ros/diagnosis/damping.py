@@ -15,7 +15,8 @@ import numpy as np
 
 from dlo_ros.diagnosis import decide
 from dlo_ros.diagnosis.estimates import covariance
-from dlo_ros.diagnosis.fitting import Evaluation, attempt, fit, solve, total
+from dlo_ros.diagnosis.evaluation import Evaluation
+from dlo_ros.diagnosis.fitting import attempt, fit, solve, total
 from dlo_ros.diagnosis.model import Model
 from dlo_ros.diagnosis.search import Candidate, candidate
 from dlo_ros.diagnosis.workers import Problem, Workers

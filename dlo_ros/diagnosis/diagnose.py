@@ -11,8 +11,9 @@ from dlo_ros.diagnosis import aside, damping, decide, judging
 from dlo_ros.diagnosis.before import alone_before
 from dlo_ros.diagnosis.candidates import scene, starts
 from dlo_ros.diagnosis.contact import hits
+from dlo_ros.diagnosis.evaluation import ROUGH, Evaluation, evaluate
 from dlo_ros.diagnosis.findings import Findings, outcome
-from dlo_ros.diagnosis.fitting import ROUGH, Evaluation, evaluate, fit
+from dlo_ros.diagnosis.fitting import fit
 from dlo_ros.diagnosis.measured import Recording
 from dlo_ros.diagnosis.model import Model
 from dlo_ros.diagnosis.outcome import Diagnosis

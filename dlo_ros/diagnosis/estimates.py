@@ -7,7 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dlo_ros.diagnosis.fitting import Evaluation, known, solve, total
+from dlo_ros.diagnosis.evaluation import Evaluation
+from dlo_ros.diagnosis.fitting import known, solve, total
 from dlo_ros.diagnosis.model import logarithmic, names
 from dlo_ros.diagnosis.outcome import Fitted, Number
 from dlo_ros.effects import quantities

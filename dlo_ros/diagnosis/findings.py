@@ -11,7 +11,8 @@ import numpy as np
 from dlo_ros.diagnosis import aside, decide, judging
 from dlo_ros.diagnosis.advice import advise
 from dlo_ros.diagnosis.estimates import fitted, numbers
-from dlo_ros.diagnosis.fitting import is_rough, polished
+from dlo_ros.diagnosis.evaluation import is_rough
+from dlo_ros.diagnosis.fitting import polished
 from dlo_ros.diagnosis.measured import Recording, noise_floor
 from dlo_ros.diagnosis.outcome import Diagnosis, NamedEffect, Tried
 from dlo_ros.diagnosis.relations import Relations, relations, sentences

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dlo_ros.diagnosis.fitting import Evaluation, Normal, known, normal
+from dlo_ros.diagnosis.evaluation import Evaluation
+from dlo_ros.diagnosis.fitting import Normal, known, normal
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 

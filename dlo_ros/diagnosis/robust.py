@@ -11,7 +11,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dlo_ros.diagnosis.fitting import Evaluation, Normal, bounded, evaluate, fit, known, normal
+from dlo_ros.diagnosis.evaluation import Evaluation, evaluate
+from dlo_ros.diagnosis.fitting import Normal, bounded, fit, known, normal
 from dlo_ros.diagnosis.measured import Recording
 from dlo_ros.diagnosis.workers import Problem, Workers
 from dlo_ros.errors import SimulationError

@@ -14,16 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dlo_ros.diagnosis.candidates import Start, moved
-from dlo_ros.diagnosis.fitting import (
-    IN_LANES,
-    ROUGH,
-    Evaluation,
-    Normal,
-    earlier,
-    evaluate,
-    solve,
-    total,
-)
+from dlo_ros.diagnosis.evaluation import IN_LANES, ROUGH, Evaluation, earlier, evaluate
+from dlo_ros.diagnosis.fitting import Normal, solve, total
 from dlo_ros.diagnosis.model import LARGEST_LOG_STEP, LOOSE, Model, names
 from dlo_ros.diagnosis.workers import Problem, Progress, Workers
 from dlo_ros.errors import SimulationError

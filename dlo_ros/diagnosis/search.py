@@ -10,7 +10,8 @@ import numpy as np
 
 from dlo_ros.diagnosis import judging, pegs
 from dlo_ros.diagnosis.candidates import Start
-from dlo_ros.diagnosis.fitting import CONTINUED, ROUGH, Evaluation, attempt, earlier, fit
+from dlo_ros.diagnosis.evaluation import ROUGH, Evaluation, earlier
+from dlo_ros.diagnosis.fitting import CONTINUED, attempt, fit
 from dlo_ros.diagnosis.measured import Recording
 from dlo_ros.diagnosis.model import Model
 from dlo_ros.diagnosis.screening import Prospect, chosen, tried

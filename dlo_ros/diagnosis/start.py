@@ -9,14 +9,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dlo_ros.diagnosis.fitting import (
-    CLEARLY_WRONG,
-    Evaluation,
-    attempt,
-    evaluate,
-    fit,
-    polished,
-)
+from dlo_ros.diagnosis.evaluation import Evaluation, evaluate
+from dlo_ros.diagnosis.fitting import CLEARLY_WRONG, attempt, fit, polished
 from dlo_ros.diagnosis.measured import Recording, measured, with_bias
 from dlo_ros.diagnosis.model import Model, baseline
 from dlo_ros.errors import SimulationError

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dlo_ros.diagnosis.fitting import Evaluation, evaluate
+from dlo_ros.diagnosis.evaluation import Evaluation, evaluate
 from dlo_ros.diagnosis.forces import missing_force
 from dlo_ros.diagnosis.measured import Recording
 from dlo_ros.diagnosis.outcome import View

@@ -1,0 +1,204 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Simulates recordings with a model, with derivatives by its open parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dlo_ros.diagnosis.measured import Recording
+from dlo_ros.diagnosis.model import Model, prior
+from dlo_ros.errors import SimulationError
+from dlo_ros.identification.bundle import forecast_together
+from dlo_ros.identification.forecast import Forecast, forecast, whitening
+from dlo_ros.parameters import Settings
+from dlo_ros.spline import FloatArray
+
+ROUGH = ("obstacle",)
+"""Effects with which a motion has no derivatives worth the name: a rope that hits something and
+leaves it again answers to small changes in jumps. What counts is how it answers to changes as large
+as a fit makes."""
+SAME = 1e-6
+"""Of the length, by which shapes may differ that such an effect does not touch."""
+IN_LANES = (
+    "air_drag", "constant_force", "gravity_tilt", "internal_damping", "intrinsic_curvature",
+    "point_mass", "stiff_segment", "stiffness_gradient",
+)  # fmt: skip
+"""Effects of which many values are simulated at once in the plane: their differences are cheaper
+than exact derivatives."""
+DIFFERENCE = 0.01
+"""Of a parameter's natural size, for differences."""
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """A model held against recordings.
+
+    Args:
+        model: with its values.
+        residuals: per recording in units of the noise, shape (F, K).
+        jacobians: derivatives of the prediction by the open parameters as the fit sees them, per
+            recording, shape (F, P, K); None where not asked for.
+        power: sum of squared residuals.
+        cost: minus twice the log likelihood, the noise as large as what is left over but no smaller
+            than measured, and what the prior adds: a model that misses much must not pay for it
+            with what is known.
+        predicted: control points per recording, shape (F, n, 4).
+        err: eq. (10) per recording and frame [m].
+    """
+
+    model: Model
+    residuals: tuple[FloatArray, ...]
+    jacobians: tuple[FloatArray, ...] | None
+    power: float
+    cost: float
+    predicted: tuple[FloatArray, ...]
+    err: tuple[FloatArray, ...]
+
+    @property
+    def excess(self) -> float:
+        """Mean square of the residuals where it is larger than the noise, else 1."""
+        return max(1.0, self.power / sum(r.size for r in self.residuals))
+
+
+def is_rough(model: Model) -> bool:
+    """Whether a model contains a rough effect."""
+    return any(name in ROUGH for name in model.effects)
+
+
+def evaluate(
+    model: Model, recordings: Sequence[Recording], given: Settings, *, derivatives: bool = True,
+    exact: bool = False,
+) -> Evaluation:  # fmt: skip
+    """Simulate recordings.
+
+    Args:
+        derivatives: whether they are wanted.
+        exact: whether they are the simulation's own where differences are cheaper. Of what the
+            data leave open, differences pretend to know something.
+
+    Raises:
+        SimulationError: one of them cannot be simulated with this model.
+    """
+    residuals, jacobians, predicted, err = [], [], [], []
+    for recording in recordings:
+        found, jacobian = _held_against(model, recording, derivatives, exact)
+        residuals.append(recording.residual(found.predicted))
+        predicted.append(found.predicted)
+        err.append(found.err)
+        if jacobian is not None:
+            jacobians.append(jacobian)
+    power, cost = _judged(model, residuals, given)
+    if not np.isfinite(cost):
+        raise SimulationError("the simulation gives no finite shapes")
+    return Evaluation(
+        model,
+        tuple(residuals),
+        tuple(jacobians) if derivatives else None,
+        power,
+        cost,
+        tuple(predicted),
+        tuple(err),
+    )
+
+
+def _judged(model: Model, residuals: Sequence[FloatArray], given: Settings) -> tuple[float, float]:
+    """See `Evaluation.power` and `Evaluation.cost`."""
+    centre, information = prior(model, given)
+    power, count = sum(float(np.sum(r**2)) for r in residuals), sum(r.size for r in residuals)
+    cost = count * (1.0 + np.log(power / count)) if power > count else power
+    return power, cost + float(information @ (model.theta() - centre) ** 2)
+
+
+def earlier(
+    at: Evaluation, recordings: Sequence[Recording], drafts: Sequence[Recording], given: Settings
+) -> Evaluation:
+    """What an evaluation says, without derivatives, of recordings that may end earlier."""
+    ends = [len(d.times) - len(r.times) or None for r, d in zip(recordings, drafts, strict=True)]
+    residuals = tuple(r[:end] for r, end in zip(at.residuals, ends, strict=True))
+    power, cost = _judged(at.model, residuals, given)
+    return replace(
+        at, residuals=residuals, jacobians=None, power=power, cost=cost, predicted=(), err=()
+    )
+
+
+def _held_against(
+    model: Model, recording: Recording, derivatives: bool, exact: bool
+) -> tuple[Forecast, FloatArray | None]:
+    """A forecast and its derivatives by the open parameters, shape (F, P, K)."""
+    settings, spans = _as_fine(model.settings, recording), recording.spans
+    manipulation = recording.manipulation
+    if not derivatives:
+        return forecast(manipulation, settings, spans=spans), None
+    rough = is_rough(model)
+    if rough:
+        untouched = _untouched(model, recording, exact)
+        if untouched is not None:
+            return untouched
+    if not rough and (exact or not all(name in IN_LANES for name in model.effects)):
+        return _exact(model, recording, settings)
+    moved, steps = _moved(model)
+    sets = [settings, *(_as_fine(m.settings, recording) for m in moved)]
+    found = None if rough else forecast_together(manipulation, sets, spans)
+    if found is None and not rough:
+        return _exact(model, recording, settings)
+    if found is None:
+        found = [forecast(manipulation, one, spans=spans) for one in sets]
+    here, *others = found
+    if here is None or any(other is None for other in others):
+        return _exact(model, recording, settings)
+    change = np.stack([o.predicted - here.predicted for o in others if o is not None], axis=1)
+    return here, recording.white(change[..., :3]) / steps[:, None]
+
+
+def _untouched(
+    model: Model, recording: Recording, exact: bool
+) -> tuple[Forecast, FloatArray] | None:
+    """The same where rough effects do nothing; None where they do something."""
+    settings = _as_fine(model.settings, recording)
+    here = forecast(recording.manipulation, settings, spans=recording.spans)
+    bare = model
+    for name in ROUGH:
+        bare = bare.without(name)
+    found, jacobian = _held_against(bare, recording, bool(bare.free), exact)
+    if np.abs(found.predicted - here.predicted).max() > SAME * settings.rod.length:
+        return None
+    result = np.zeros((len(here.predicted), len(model.free), len(recording.noise)))
+    if jacobian is not None:
+        result[:, [model.free.index(name) for name in bare.free]] = jacobian
+    return here, result
+
+
+def _exact(model: Model, recording: Recording, settings: Settings) -> tuple[Forecast, FloatArray]:
+    """A forecast with the simulation's own sensitivities."""
+    found = forecast(recording.manipulation, settings, parameters=model.free, spans=recording.spans)
+    assert found.derivative is not None
+    rod = settings.rod
+    back = np.linalg.inv(whitening(rod.control_points, rod.length))
+    return found, recording.white(back @ found.derivative) * model.chain()[:, None]
+
+
+def _moved(model: Model) -> tuple[list[Model], FloatArray]:
+    """The model with each open parameter changed, and the steps, shape (P,), within its range."""
+    theta, models = model.theta(), []
+    steps = DIFFERENCE * np.minimum(model.natural(), 1.0)
+    for k in range(len(theta)):
+        for sign in (1.0, -1.0):
+            other = theta.copy()
+            other[k] += sign * steps[k]
+            moved = model.at(other)
+            if moved.theta()[k] != theta[k]:
+                break
+        models.append(moved)
+        steps[k] *= sign
+    return models, steps
+
+
+def _as_fine(settings: Settings, recording: Recording) -> Settings:
+    """The settings with the time steps that a recording asks for."""
+    if recording.tolerance is None:
+        return settings
+    simulation = replace(settings.simulation, tolerance=recording.tolerance)
+    return replace(settings, simulation=simulation)
