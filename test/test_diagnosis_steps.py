@@ -10,6 +10,7 @@ from measured import swing
 from rods import PAPER
 
 from dlo_ros.diagnosis import aside, decide, judging
+from dlo_ros.diagnosis.estimates import covariance, own_error
 from dlo_ros.diagnosis.evaluation import earlier, evaluate
 from dlo_ros.diagnosis.fitting import UNDAMPED, fit, polished
 from dlo_ros.diagnosis.pegs import resized
@@ -61,6 +62,21 @@ def test_a_simulation_is_refined_for_a_model_that_comes_near(beginning):
     assert sharper is not None
     assert all(r.tolerance < 5e-3 for r in sharper.recordings)
     assert sharper.at.power < evaluate(beginning.at.model, rough, KNOWN, derivatives=False).power
+
+
+def test_a_standard_deviation_knows_the_simulations_own_error(beginning):
+    rough = tuple(replace(r, spans=7, tolerance=2e-3) for r in beginning.recordings)
+    at = polished(evaluate(beginning.at.model, rough, KNOWN), rough, KNOWN)
+    own = own_error(at, rough, KNOWN)
+    sharp = tuple(replace(r, spans=14, tolerance=2e-4) for r in rough)
+    finer = polished(evaluate(at.model, sharp, KNOWN), sharp, KNOWN)
+    moved = finer.model.theta() - at.model.theta()
+    largest = int(np.argmax(np.abs(moved)))
+    assert own[largest] == pytest.approx(moved[largest], rel=0.3)
+    without, widened = (np.sqrt(np.diag(covariance(at, KNOWN, o))) for o in (None, own))
+    assert widened == pytest.approx(np.hypot(without, own))
+    small = own_error(beginning.at, beginning.recordings, KNOWN)
+    assert np.abs(small).max() < 0.1 * np.abs(own).max()
 
 
 def test_what_cannot_be_simulated_finely_stays_as_it_is(beginning, monkeypatch):

@@ -198,4 +198,4 @@ def report(found: Diagnosis, length: float) -> DiagnosisReport:
 def _meaning(name: str) -> str:
     """The effect's own description."""
     known = effects().get(name)
-    return " ".join((inspect.getdoc(known) or "").split()) if known else ""
+    return " ".join((inspect.getdoc(known) or "").replace("`", "").split()) if known else ""

@@ -10,7 +10,7 @@ import numpy as np
 
 from dlo_ros.diagnosis import aside, decide, judging
 from dlo_ros.diagnosis.advice import advise
-from dlo_ros.diagnosis.estimates import fitted, numbers
+from dlo_ros.diagnosis.estimates import fitted, numbers, own_error
 from dlo_ros.diagnosis.evaluation import is_rough
 from dlo_ros.diagnosis.fitting import polished
 from dlo_ros.diagnosis.measured import Recording, noise_floor
@@ -51,6 +51,7 @@ def outcome(beginning: Beginning, plain: Candidate, found: Findings, given: Sett
     ]  # fmt: skip
     train = [aside.errors(m, recordings, parted.train, given) for m in models]
     kept = [aside.errors(m, recordings, parted.holdout, given) for m in models]
+    own = own_error(best.at, learned, given)
     effects: tuple[NamedEffect, ...] = ()
     if decision.chosen is not None:
         others = [
@@ -61,7 +62,7 @@ def outcome(beginning: Beginning, plain: Candidate, found: Findings, given: Sett
         # Where it is rough they only tell how far its numbers may be off.
         alike = [c.at if is_rough(c.at.model) else _polished(c, learned, given).at for c in others]
         effects = tuple(
-            NamedEffect(name, numbers(best.at, name, given, alike), rivals)
+            NamedEffect(name, numbers(best.at, name, given, alike, own), rivals)
             for name, rivals in zip(decision.chosen.effects, decision.rivals, strict=True)
             if name in best.at.model.effects and name not in plain.at.model.effects
         )
@@ -81,7 +82,7 @@ def outcome(beginning: Beginning, plain: Candidate, found: Findings, given: Sett
         effects,
         float(np.mean(floors)),
         fitted(plain.at, given, aside.mean(train[0]), aside.mean(kept[0])),
-        fitted(best.at, given, aside.mean(train[1]), aside.mean(kept[1])),
+        fitted(best.at, given, aside.mean(train[1]), aside.mean(kept[1]), own),
         aside.gain(kept[0], kept[1]),
         tuple(tried),
         advise(decision, [*found.singles, *found.pairs], learned, given),
