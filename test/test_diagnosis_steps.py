@@ -14,7 +14,7 @@ from dlo_ros.diagnosis.estimates import covariance, own_error
 from dlo_ros.diagnosis.evaluation import earlier, evaluate
 from dlo_ros.diagnosis.fitting import UNDAMPED, fit, polished
 from dlo_ros.diagnosis.pegs import resized
-from dlo_ros.diagnosis.search import apart, candidate
+from dlo_ros.diagnosis.search import apart, candidate, reformed
 from dlo_ros.diagnosis.start import begin, drafts, finer
 from dlo_ros.diagnosis.workers import Problem, workers
 from dlo_ros.effects import Peg
@@ -177,3 +177,27 @@ def test_of_a_pair_each_is_tried_alone_from_where_the_pair_has_come(beginning):
     assert [c.at.model.effects for c in kept] == [("air_drag",)]
     for c in found:  # neither acts, so that each alone finds its way back
         assert c.structure == pytest.approx(judging.structure(beginning.at.residuals), abs=0.05)
+
+
+def test_of_a_pair_the_first_takes_its_other_forms(beginning):
+    """A pattern with many values leaves least alone; beside the second effect a kink may do."""
+    model = beginning.at.model
+    forms = {
+        "along 3": {"curvature": (0.0, 0.01, 0.0)},
+        "kink": {"kink": 0.01, "position": 0.3 * PAPER.rod.length},
+    }
+    singles = []
+    for form, block in forms.items():
+        extended = model.extended("intrinsic_curvature", block, tuple(block))
+        at = evaluate(extended, beginning.recordings, KNOWN)
+        singles.append(replace(candidate("intrinsic_curvature", "", at, KNOWN), form=form))
+    drag = {"coefficient": 0.002}
+    both = singles[0].at.model.extended("air_drag", drag, tuple(drag))
+    pair = candidate("air_drag", "", evaluate(both, beginning.recordings, KNOWN), KNOWN)
+    problem = Problem(beginning.recordings, KNOWN, beginning.recordings)
+    with workers(problem, 1) as team:
+        (other,) = reformed(team, pair, singles)
+    assert other.at.model.effects == ("intrinsic_curvature", "air_drag")
+    assert set(other.at.model.settings.effects["intrinsic_curvature"]) == {"kink", "position"}
+    assert other.form.endswith("beside kink")
+    assert set(other.at.model.free) > {"effects.air_drag.coefficient"}

@@ -18,7 +18,7 @@ from dlo_ros.diagnosis.measured import Recording
 from dlo_ros.diagnosis.model import Model
 from dlo_ros.diagnosis.outcome import Diagnosis
 from dlo_ros.diagnosis.screening import Prospect, alarm, screen
-from dlo_ros.diagnosis.search import Candidate, apart, candidate, resized, search
+from dlo_ros.diagnosis.search import Candidate, apart, candidate, reformed, resized, search
 from dlo_ros.diagnosis.start import Beginning, begin, drafts, finer
 from dlo_ros.diagnosis.workers import Problem, Progress, Workers, workers
 from dlo_ros.errors import InputError, SimulationError
@@ -36,6 +36,8 @@ MISSED = 0.8
 """Of the structure that the plain model leaves, below which another plain model takes its place."""
 BASES = 3
 """Best single effects to which a second one is added."""
+REFORMED = 8.0
+"""Structure of the best pair over that of an explanation, up to which other forms are tried."""
 FIRST_SHARE = 0.9
 """Of the structure before, that a single effect must go below to be one of a pair."""
 
@@ -237,8 +239,11 @@ def _explain(
     before = alone_before(team.problem, plain, names, processes, progress)
     for first in [*before, *_bases(singles, plain.structure)][:BASES]:
         prospects = screened(first.at, [*known, first.effect])
-        pairs += search(team, first.at, prospects, progress, most, thorough=False)
-        pairs.sort(key=lambda c: c.score)
+        found = search(team, first.at, prospects, progress, most, thorough=False)
+        near = min(found, key=lambda c: c.structure, default=None)
+        if near is not None and most < near.structure < REFORMED * most:
+            found += reformed(team, near, singles)
+        pairs = sorted([*pairs, *found], key=lambda c: c.score)
         judge = judge_of(pairs)
         explained = _explained(plain, pairs, singles, most, judge)
         if explained is not None and explained.chosen is not None:

@@ -246,6 +246,26 @@ def resized(team: Workers, c: Candidate, *, coarse: bool = False) -> list[Candid
     ]  # fmt: skip
 
 
+def reformed(team: Workers, c: Candidate, singles: Sequence[Candidate]) -> list[Candidate]:
+    """A pair fitted anew from the other forms of its first effect.
+
+    Alone the form with most numbers leaves least, and a simpler one may be right beside the second.
+
+    Args:
+        singles: fits of single effects, the first effect of the pair among them.
+    """
+    block = c.at.model.settings.effects[c.effect]
+    first = c.at.model.effects[-2]
+    bare = c.at.model.without(c.effect)
+    others = [s for s in singles if s.effect == first and s.at.model.free != bare.free]
+    models = [s.at.model.extended(c.effect, block, tuple(block)) for s in others]
+    fits = team.each(_carry_on, [(m, False) for m in models])
+    return [
+        candidate(c.effect, f"{c.form} beside {o.form}", at, team.problem.given)
+        for o, at in zip(others, fits, strict=True) if at is not None
+    ]  # fmt: skip
+
+
 def apart(team: Workers, c: Candidate, known: Sequence[str]) -> list[Candidate]:
     """A candidate without each of its effects, fitted anew from there.
 
