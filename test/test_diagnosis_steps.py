@@ -9,7 +9,7 @@ from diagnosis_candidates import KNOWN
 from measured import swing
 from rods import PAPER
 
-from dlo_ros.diagnosis import aside, decide, judging
+from dlo_ros.diagnosis import aside, decide, evaluation, judging
 from dlo_ros.diagnosis.estimates import covariance, own_error
 from dlo_ros.diagnosis.evaluation import earlier, evaluate
 from dlo_ros.diagnosis.fitting import UNDAMPED, fit, polished
@@ -85,6 +85,20 @@ def test_what_cannot_be_simulated_finely_stays_as_it_is(beginning, monkeypatch):
 
     monkeypatch.setattr("dlo_ros.diagnosis.fitting.evaluate", failing)
     assert polished(beginning.at, beginning.recordings, KNOWN) is beginning.at
+
+
+@pytest.mark.parametrize("wild", [1e200, np.inf, np.nan])
+def test_derivatives_beyond_all_bounds_are_refused(beginning, monkeypatch, wild):
+    held = evaluation._held_against
+
+    def wildly(*words):
+        found, jacobian = held(*words)
+        jacobian[0, 1, 0] = wild
+        return found, jacobian
+
+    monkeypatch.setattr(evaluation, "_held_against", wildly)
+    with pytest.raises(SimulationError, match="derivatives"):
+        evaluate(beginning.at.model, beginning.recordings, KNOWN)
 
 
 def test_a_fit_ends_where_nothing_is_promised(beginning, monkeypatch):

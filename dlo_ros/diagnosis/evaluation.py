@@ -20,6 +20,8 @@ ROUGH = ("obstacle",)
 """Effects with which a motion has no derivatives worth the name: a rope that hits something and
 leaves it again answers to small changes in jumps. What counts is how it answers to changes as large
 as a fit makes."""
+BOUNDLESS = 1e100
+"""Derivatives that say nothing, and of which squares no longer are numbers."""
 SAME = 1e-6
 """Of the length, by which shapes may differ that such an effect does not touch."""
 IN_LANES = (
@@ -93,6 +95,8 @@ def evaluate(
     power, cost = _judged(model, residuals, given)
     if not np.isfinite(cost):
         raise SimulationError("the simulation gives no finite shapes")
+    if not all(np.abs(j).max(initial=0.0) < BOUNDLESS for j in jacobians):
+        raise SimulationError("the simulation gives no finite derivatives")
     return Evaluation(
         model,
         tuple(residuals),
