@@ -120,3 +120,16 @@ def test_beside_what_nothing_explains_no_small_difference_names_a_damping(left, 
     decided = damping.decided(found, plain, decide.Decision("unexplained", None))
     assert list(decided.chosen.effects) == named and list(decided.rivals) == rivals
     assert decided.verdict == "unexplained"
+
+
+@pytest.mark.parametrize(
+    ("with_it", "without", "told"),
+    [(1.0, 2.0, True), (2.0, 1.0, False), (None, 1.0, False), (1.0, None, True)],
+)
+def test_a_damping_that_foretells_worse_alone_is_not_told(with_it, without, told):
+    """Beside causes that nobody names it may be certain and still be of no use."""
+    noise = [np.random.default_rng(8).normal(size=(60, 10))]
+    plain, drag = candidate([], 9.0, 1e5, noise), candidate(["air_drag"], 8.0, 9e4, noise)
+    decision = decide.Decision("unexplained", decide.Explanation(("air_drag",), drag), ((),))
+    errors = {id(plain): without, id(drag): with_it}
+    assert damping._holds(decision, plain, lambda c: errors[id(c)]) is told

@@ -162,7 +162,19 @@ def named(
     first, *found = _candidates(team, [with_guess(plain.at, given), *models])
     if first.at.model.effects != plain.at.model.effects or not found:
         return None
-    return Damping(first, decided(found, chosen, decision), tuple(found))
+    told = decided(found, chosen, decision)
+    if decision.verdict == "unexplained" and not _holds(told, first, kept_aside):
+        return None
+    return Damping(first, told, tuple(found))
+
+
+def _holds(
+    told: decide.Decision, plain: Candidate, kept_aside: Callable[[Candidate], float | None]
+) -> bool:
+    """Whether a damping foretells better although nothing else that is wrong is told with it."""
+    assert told.chosen is not None
+    err, before = kept_aside(told.chosen.candidate), kept_aside(plain)
+    return err is not None and (before is None or err < before)
 
 
 def _matters(
