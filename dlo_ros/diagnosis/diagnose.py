@@ -209,11 +209,11 @@ def _explain(
     """Single effects first; pairs where none of them is enough."""
     recordings = team.problem.recordings
     names = [n for r in recordings for c in r.manipulation.commands for n in c.names]
-
     most = decide.limit(plain.structure)
 
     def screened(at: Evaluation, present: Sequence[str]) -> list[Prospect]:
         here = scene(at.model.settings, names, at.predicted)
+        progress("looking for what was hit", 0.0)
         begun = [*starts(here, present), *hits(team, at, present)]
         return screen(team, at, begun, progress)
 
@@ -237,7 +237,9 @@ def _explain(
         return Findings(decide.Decision("adequate", None), judge)
     pairs: list[Candidate] = []
     before = alone_before(team.problem, plain, names, processes, progress)
-    for first in [*before, *_bases(singles, plain.structure)][:BASES]:
+    told = {c.effect for c in before}
+    bases = [c for c in _bases(singles, plain.structure) if c.effect not in told]
+    for first in [*before, *bases][:BASES]:
         prospects = screened(first.at, [*known, first.effect])
         found = search(team, first.at, prospects, progress, most, thorough=False)
         near = min(found, key=lambda c: c.structure, default=None)
