@@ -53,9 +53,9 @@ def test_a_peg_stands_where_the_rope_is_caught():
     assert best.touched >= view.count - 1
     assert best.peg.x == pytest.approx(0.5 * ROD.length, abs=0.05 * ROD.length)
     assert best.peg.z + radius + 0.5 * ROD.diameter == pytest.approx(TOP, abs=3e-3)
-    first, *others = apart(places(view, radius), 0.05, 5)
-    assert first == best
-    assert all(np.hypot(o.peg.x - best.peg.x, o.peg.z - best.peg.z) > 0.05 for o in others)
+    first, *others = apart([p.peg for p in places(view, radius)], 0.05, 5)
+    assert first == best.peg
+    assert all(np.hypot(o.x - best.peg.x, o.z - best.peg.z) > 0.05 for o in others)
     start, *_ = glimpsed(view)
     assert start.block["x"] == pytest.approx(0.5 * ROD.length, abs=0.1 * ROD.length)
 

@@ -49,10 +49,9 @@ def alone_before(
         begun = starts(scene(at.model.settings, names, at.predicted), (*at.model.effects, *ROUGH))
         with workers(part, processes) as team:
             prospects = screen(team, at, begun, progress)
-            found = search(
-                team, at, prospects, progress, decide.limit(left), thorough=False
-            )  # fmt: skip
-        explaining = decide.explanations(found, decide.limit(left))[:MOST]
+            most = decide.limit(left)
+            found = search(team, at, prospects, progress, most, thorough=False)
+        explaining = decide.explanations(found, most)[:MOST]
         if explaining:
             return [c for e in explaining if (c := _whole(problem, e.candidate)) is not None]
     return []

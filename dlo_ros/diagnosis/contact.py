@@ -18,7 +18,7 @@ from dlo_ros.diagnosis.candidates import Start
 from dlo_ros.diagnosis.evaluation import ROUGH, Evaluation, evaluate
 from dlo_ros.diagnosis.fitting import attempt
 from dlo_ros.diagnosis.model import Model, names
-from dlo_ros.diagnosis.pegs import Place, Sight, apart, places, sight
+from dlo_ros.diagnosis.pegs import Sight, apart, places, sight
 from dlo_ros.diagnosis.workers import Problem, Workers
 from dlo_ros.effects import Peg
 from dlo_ros.errors import SimulationError
@@ -66,10 +66,10 @@ def hits(team: Workers, at: Evaluation, present: Sequence[str]) -> list[Start]:
     likely = _likely(view)
     astray = tuple(k for k, w in enumerate(wrong) if w.any())
 
-    def simulated(some: Sequence[Place]) -> list[tuple[float, Peg]]:
-        tasks: list[Task] = [(calm.model, astray, p.peg, typical) for p in some]
+    def simulated(some: Sequence[Peg]) -> list[tuple[float, Peg]]:
+        tasks: list[Task] = [(calm.model, astray, peg, typical) for peg in some]
         return [
-            (loss, p.peg) for p, loss in zip(some, team.each(_loss, tasks), strict=True)
+            (loss, peg) for peg, loss in zip(some, team.each(_loss, tasks), strict=True)
             if loss is not None
         ]  # fmt: skip
 
@@ -77,23 +77,22 @@ def hits(team: Workers, at: Evaluation, present: Sequence[str]) -> list[Start]:
     tried = simulated(apart(likely, APART * length, SIMULATED))
     tried.sort(key=lambda t: t[0])
     for _, peg in tried[:NEAREST]:
-        near = [
-            p for p in likely if np.hypot(p.peg.x - peg.x, p.peg.z - peg.z) < NEAR * length
-        ]  # fmt: skip
+        near = [p for p in likely if np.hypot(p.x - peg.x, p.z - peg.z) < NEAR * length]
         tried += simulated(apart(near, NEARER * length, SIMULATED))
-    best = _distinct(sorted(tried, key=lambda t: t[0]), NEARER * length)
+    tried.sort(key=lambda t: t[0])
+    best = apart([peg for _, peg in tried], NEARER * length, FITTED)
     tasks: list[Task] = [(calm.model, astray, peg, typical) for peg in best]
     fits = [f for f in team.each(_fitted, tasks) if f is not None]
     fits.sort(key=lambda f: f.power)
     own = tuple((calm.model.theta() - at.model.theta()).tolist())
-    pegs = [_peg(f.model) for f in fits[:BEGUN] if f.power < WORSE * fits[0].power]
+    pegs = [peg_of(f.model) for f in fits[:BEGUN] if f.power < WORSE * fits[0].power]
     return [_start(peg, k, own) for k, peg in enumerate(pegs)]
 
 
 def glimpsed(view: Sight) -> list[Start]:
     """The likeliest pegs as they look, without a simulation."""
     length = view.rod.length
-    return [_start(p.peg, k) for k, p in enumerate(apart(_likely(view), APART * length, BEGUN))]
+    return [_start(peg, k) for k, peg in enumerate(apart(_likely(view), APART * length, BEGUN))]
 
 
 def _start(peg: Peg, rank: int, own: tuple[float, ...] = ()) -> Start:
@@ -102,22 +101,13 @@ def _start(peg: Peg, rank: int, own: tuple[float, ...] = ()) -> Start:
     return Start(EFFECT, block, (), tuple(block), neutral=False, form=form, own=own)
 
 
-def _likely(view: Sight) -> list[Place]:
-    """The places that explain most of what goes astray, if they explain enough."""
+def _likely(view: Sight) -> list[Peg]:
+    """The pegs that explain most of what goes astray, if they explain enough."""
     found = [p for radius in RADII for p in places(view, radius)]
     found.sort(key=lambda p: (p.left, -p.touched))
     if not found or found[0].left > LEFT * view.count:
         return []
-    return [p for p in found if p.left <= found[0].left + AS_LIKELY * view.count]
-
-
-def _distinct(tried: Sequence[tuple[float, Peg]], distance: float) -> list[Peg]:
-    """The best pegs that are no repetitions of each other."""
-    kept: list[Peg] = []
-    for _, peg in tried:
-        if all(np.hypot(peg.x - k.x, peg.z - k.z) > distance for k in kept):
-            kept.append(peg)
-    return kept[:FITTED]
+    return [p.peg for p in found if p.left <= found[0].left + AS_LIKELY * view.count]
 
 
 def _alone(model: Model, peg: Peg) -> Model:
@@ -127,7 +117,8 @@ def _alone(model: Model, peg: Peg) -> Model:
     return replace(extended, free=names(EFFECT, block, tuple(block)))
 
 
-def _peg(model: Model) -> Peg:
+def peg_of(model: Model) -> Peg:
+    """The peg that a model contains."""
     block = model.settings.effects[EFFECT]
     return Peg(*(v for key in Peg._fields if not isinstance(v := block[key], tuple)))
 

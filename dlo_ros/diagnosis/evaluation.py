@@ -136,43 +136,46 @@ def _held_against(
     manipulation = recording.manipulation
     if not derivatives:
         return forecast(manipulation, settings, spans=spans), None
-    rough = is_rough(model)
-    if rough:
-        untouched = _untouched(model, recording, exact)
-        if untouched is not None:
-            return untouched
-    if not rough and (exact or not all(name in IN_LANES for name in model.effects)):
+    if is_rough(model):
+        return _rough(model, recording, exact)
+    if exact or not all(name in IN_LANES for name in model.effects):
         return _exact(model, recording, settings)
     moved, steps = _moved(model)
     sets = [settings, *(_as_fine(m.settings, recording) for m in moved)]
-    found = None if rough else forecast_together(manipulation, sets, spans)
-    if found is None and not rough:
-        return _exact(model, recording, settings)
-    if found is None:
-        found = [forecast(manipulation, one, spans=spans) for one in sets]
-    here, *others = found
+    here, *others = forecast_together(manipulation, sets, spans) or [None]
     if here is None or any(other is None for other in others):
         return _exact(model, recording, settings)
-    change = np.stack([o.predicted - here.predicted for o in others if o is not None], axis=1)
-    return here, recording.white(change[..., :3]) / steps[:, None]
+    there = [o.predicted for o in others if o is not None]
+    return here, _differences(recording, here.predicted, there, steps)
 
 
-def _untouched(
-    model: Model, recording: Recording, exact: bool
-) -> tuple[Forecast, FloatArray] | None:
-    """The same where rough effects do nothing; None where they do something."""
-    settings = _as_fine(model.settings, recording)
-    here = forecast(recording.manipulation, settings, spans=recording.spans)
-    bare = model
+def _rough(model: Model, recording: Recording, exact: bool) -> tuple[Forecast, FloatArray]:
+    """The same with rough effects: in differences, where they do something."""
+
+    def alone(one: Model) -> Forecast:
+        settings = _as_fine(one.settings, recording)
+        return forecast(recording.manipulation, settings, spans=recording.spans)
+
+    here, bare = alone(model), model
     for name in ROUGH:
         bare = bare.without(name)
     found, jacobian = _held_against(bare, recording, bool(bare.free), exact)
-    if np.abs(found.predicted - here.predicted).max() > SAME * settings.rod.length:
-        return None
+    if np.abs(found.predicted - here.predicted).max() > SAME * model.settings.rod.length:
+        moved, steps = _moved(model)
+        there = [alone(m).predicted for m in moved]
+        return here, _differences(recording, here.predicted, there, steps)
     result = np.zeros((len(here.predicted), len(model.free), len(recording.noise)))
     if jacobian is not None:
         result[:, [model.free.index(name) for name in bare.free]] = jacobian
     return here, result
+
+
+def _differences(
+    recording: Recording, here: FloatArray, there: Sequence[FloatArray], steps: FloatArray
+) -> FloatArray:
+    """Derivatives of a prediction (F, n, 4) from others, one for each parameter that has moved."""
+    change = np.stack([t - here for t in there], axis=1)
+    return recording.white(change[..., :3]) / steps[:, None]
 
 
 def _exact(model: Model, recording: Recording, settings: Settings) -> tuple[Forecast, FloatArray]:

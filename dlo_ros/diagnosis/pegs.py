@@ -123,12 +123,12 @@ def _beside(view: Sight, away: float) -> Iterator[FloatArray]:
             yield s[f, q] + np.sign(miss[f, q]) * away * across[f, q]
 
 
-def apart(found: Sequence[Place], distance: float, most: int) -> list[Place]:
-    """The first places that are some distance [m] from each other."""
-    kept: list[Place] = []
-    for place in found:
-        if all(np.hypot(place.peg.x - k.peg.x, place.peg.z - k.peg.z) > distance for k in kept):
-            kept.append(place)
+def apart(found: Sequence[Peg], distance: float, most: int) -> list[Peg]:
+    """The first pegs that are some distance [m] from each other."""
+    kept: list[Peg] = []
+    for peg in found:
+        if all(np.hypot(peg.x - k.x, peg.z - k.z) > distance for k in kept):
+            kept.append(peg)
         if len(kept) == most:
             break
     return kept

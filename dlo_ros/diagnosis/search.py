@@ -10,13 +10,13 @@ import numpy as np
 
 from dlo_ros.diagnosis import judging, pegs
 from dlo_ros.diagnosis.candidates import Start
+from dlo_ros.diagnosis.contact import peg_of
 from dlo_ros.diagnosis.evaluation import ROUGH, Evaluation, earlier
 from dlo_ros.diagnosis.fitting import CONTINUED, attempt, fit
 from dlo_ros.diagnosis.measured import Recording
 from dlo_ros.diagnosis.model import Model
 from dlo_ros.diagnosis.screening import Prospect, chosen, tried
 from dlo_ros.diagnosis.workers import Problem, Progress, Workers
-from dlo_ros.effects import Peg
 from dlo_ros.parameters import Settings
 
 FIRST_ITERATIONS = 1
@@ -233,12 +233,11 @@ def _fitted(
 def resized(team: Workers, c: Candidate, *, coarse: bool = False) -> list[Candidate]:
     """A candidate with a peg fitted anew from other radii, each a form of its own."""
     problem, model = team.problem, c.at.model
-    (effect,) = (name for name in model.effects if name in ROUGH)
-    block = model.settings.effects[effect]
-    peg = Peg(*(v for v in block.values() if not isinstance(v, tuple)))
-    others = pegs.resized(peg, problem.given.rod, [r.observed for r in problem.recordings])
+    (effect,) = ROUGH
+    observed = [r.observed for r in problem.recordings]
+    others = pegs.resized(peg_of(model), problem.given.rod, observed)
     bare = model.without(effect)
-    models = [bare.extended(effect, o._asdict(), tuple(block)) for o in others]
+    models = [bare.extended(effect, o._asdict(), o._fields) for o in others]
     fits = team.each(_carry_on, [(m, coarse) for m in models])
     return [
         candidate(c.effect, f"radius {o.radius:.3g}", at, problem.given)
