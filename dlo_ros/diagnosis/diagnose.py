@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 from dlo_ros.diagnosis import aside, damping, decide, judging
@@ -239,7 +239,17 @@ def _explain(
     before = alone_before(team.problem, plain, names, processes, progress)
     told = {c.effect for c in before}
     bases = [c for c in _bases(singles, plain.structure) if c.effect not in told]
-    for first in [*before, *bases][:BASES]:
+
+    def firsts() -> Iterator[Candidate]:
+        """What a second effect is looked for beside; at last the second of what comes near."""
+        yield from (some := [*before, *bases][:BASES])
+        near = min(pairs, key=lambda c: c.structure, default=None)
+        tried = {c.effect for c in some}
+        if near and near.effect not in tried and most < near.structure < REFORMED * most:
+            alone = apart(team, near, [*known, near.effect])
+            yield from sorted(alone, key=lambda c: c.at.cost)[:1]
+
+    for first in firsts():
         prospects = screened(first.at, [*known, first.effect])
         found = search(team, first.at, prospects, progress, most, thorough=False)
         near = min(found, key=lambda c: c.structure, default=None)
