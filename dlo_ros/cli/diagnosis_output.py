@@ -33,6 +33,7 @@ HEADLINES = {
     "explained": "The model lacks {names}.",
     "unexplained": "Something is wrong that nothing in the library explains.",
 }
+PARTLY = "The model lacks {names}; what is left beside that nothing in the library explains."
 
 
 def write_results(output: Path, settings: Settings, found: Diagnosis) -> None:
@@ -127,7 +128,8 @@ def headline(found: Diagnosis) -> str:
     for e in found.effects:
         words = e.name.replace("_", " ")
         names.append(f"{words} (or {', '.join(e.rivals)})" if e.rivals else words)
-    return HEADLINES[found.verdict].format(names=" and ".join(names).replace("_", " "))
+    text = PARTLY if names and found.verdict == "unexplained" else HEADLINES[found.verdict]
+    return text.format(names=" and ".join(names).replace("_", " "))
 
 
 def _mm(value: float | None) -> str:

@@ -41,13 +41,13 @@ def advise(
     """What to do next."""
     if decision.verdict == "adequate":
         return "Nothing is left to explain: these data need no further cause."
-    if decision.verdict == "unexplained" or decision.chosen is None:
+    names = [n for rivals in decision.rivals for n in rivals]
+    if decision.chosen is None or (decision.verdict == "unexplained" and not names):
         return (
             "Repeat one of the manipulations unchanged: where both recordings differ from each "
             "other, the cause changes with time (a draught, a camera or a material that drifts); "
             "where they agree, it belongs to the DLO and its grips."
         )
-    names = [n for rivals in decision.rivals for n in rivals]
     if not names:
         return "Nothing is left open: no other cause explains these data as well."
     best = decision.chosen.candidate

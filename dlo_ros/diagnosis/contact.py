@@ -35,6 +35,8 @@ SIMULATED, APART = 20, 0.02
 """Places that are simulated, and how far from each other at least, over the length."""
 NEAREST, NEAR, NEARER = 3, 0.05, 0.006
 """Best of them near which others are simulated, how near, and how far from each other."""
+HELPS = 0.8
+"""Of what the recordings that go astray leave without a peg, that the best one may leave."""
 FITTED = 3
 STEP, LARGER = 0.01, 0.3
 """Of the length, and of the logarithm of the radius, that a search downhill begins with."""
@@ -80,6 +82,9 @@ def hits(team: Workers, at: Evaluation, present: Sequence[str]) -> list[Start]:
         near = [p for p in likely if np.hypot(p.x - peg.x, p.z - peg.z) < NEAR * length]
         tried += simulated(apart(near, NEARER * length, SIMULATED))
     tried.sort(key=lambda t: t[0])
+    there = replace(calm, residuals=tuple(calm.residuals[k] for k in astray))
+    if not tried or tried[0][0] > HELPS * robust.loss(there, typical):
+        return []
     best = apart([peg for _, peg in tried], NEARER * length, FITTED)
     tasks: list[Task] = [(calm.model, astray, peg, typical) for peg in best]
     fits = [f for f in team.each(_fitted, tasks) if f is not None]

@@ -16,7 +16,7 @@ import numpy as np
 from dlo_ros.diagnosis import decide
 from dlo_ros.diagnosis.estimates import covariance
 from dlo_ros.diagnosis.evaluation import Evaluation
-from dlo_ros.diagnosis.fitting import attempt, fit, solve, total
+from dlo_ros.diagnosis.fitting import attempt, fit, renewed, solve, total
 from dlo_ros.diagnosis.model import Model
 from dlo_ros.diagnosis.search import Candidate, candidate
 from dlo_ros.diagnosis.workers import Problem, Workers
@@ -111,7 +111,10 @@ def _fitted(problem: Problem, beginnings: Sequence[Model]) -> Evaluation | None:
     """The fit from the best of some beginnings."""
     begun = [attempt(m, problem.recordings, problem.given, 0) for m in beginnings]
     best = min((at for at in begun if at is not None), key=lambda at: at.cost, default=None)
-    return fit(best, problem.recordings, problem.given, ITERATIONS) if best else None
+    if best is None:
+        return None
+    at = fit(best, problem.recordings, problem.given, ITERATIONS)
+    return renewed(at, problem.recordings, problem.given)
 
 
 def _candidates(team: Workers, models: Sequence[Sequence[Model]]) -> list[Candidate]:
@@ -209,14 +212,15 @@ def decided(
     alone = [c for c in found if c not in both]
     enough = [c for c in alone if not both or near(c, both[0], ENOUGH)]
     best = (enough or both)[0]
-    explanation = decide.Explanation(best.at.model.effects, best)
     rivals = [
         n for c in (alone if enough else ()) if near(c, best, decide.ALIKE)
         for n in c.at.model.effects if n not in best.at.model.effects
     ]  # fmt: skip
     earlier = dict(zip(before.chosen.effects, before.rivals, strict=True)) if before.chosen else {}
+    # What was fitted beside something certain, without being so itself, is not named.
+    names = tuple(n for n in best.at.model.effects if n in earlier or n not in known)
     return decide.Decision(
         "explained" if before.verdict == "adequate" else before.verdict,
-        explanation,
-        tuple(earlier.get(n, () if n in known else tuple(rivals)) for n in explanation.effects),
+        decide.Explanation(names, best),
+        tuple(earlier.get(n, tuple(rivals)) for n in names),
     )

@@ -3,9 +3,13 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from statistics import geometric_mean
 from typing import Literal
+
+import numpy as np
 
 from dlo_ros.diagnosis import judging
 from dlo_ros.diagnosis.search import Candidate
@@ -37,9 +41,13 @@ SUSPECTED = 2.0
 SUSPECTS = 8
 """Of what comes nearest, that may be suspects."""
 SURE_LEFT = 0.35
-"""Of the structure before, that a model may leave of which parts are certain."""
+"""Of ERR before, that a model may leave of which parts are certain."""
 SURE_SHARE = 0.4
-"""Structure, and ERR on what is kept aside, over those of everything that lacks an effect."""
+"""ERR, and that on what is kept aside, over those of everything that lacks an effect."""
+STAND_INS = 2
+"""Rivals that something certain may have where nothing explains the data."""
+TINY = 1e-12
+"""ERR [m] that counts as none."""
 FORETOLD = 1.25
 """ERR on what is kept aside, over the best one's, with which few pictures exclude nothing."""
 ALIKE = 2.0
@@ -138,36 +146,58 @@ def sure(
     plain: Candidate,
     candidates: Sequence[Candidate],
     kept_aside: Callable[[Candidate], float | None],
-) -> Explanation | None:
+) -> tuple[Explanation, tuple[tuple[str, ...], ...]] | None:
     """What is certain although structure remains: without it, everything is much worse.
+
+    Judged by ERR, every recording counting the same: where no model is right, what each misses is
+    no noise.
 
     Args:
         plain: the model without any of the effects.
         candidates: all that were fitted.
         kept_aside: see `confirmed`.
+
+    Returns:
+        The best candidate with those of its effects that are certain, and of each its rivals: one
+        of them acts, as all that has none of them is much worse. None where nothing is certain.
     """
     known = set(plain.at.model.effects)
     best = min(candidates, key=lambda c: c.score, default=None)
-    if best is None or best.structure > SURE_LEFT * plain.structure:
+    if best is None or _missed(best) > SURE_LEFT * _missed(plain):
         return None
     err = kept_aside(best)
-    names = []
+    found: dict[str, tuple[str, ...]] = {}
     for effect in best.at.model.effects:
         if effect in known:
             continue
         without = [c for c in (plain, *candidates) if effect not in c.at.model.effects]
-        if min(c.structure for c in without) < best.structure / SURE_SHARE:
+        near = [c for c in without if _missed(c) < _missed(best) / SURE_SHARE]
+        rivals = _stand_ins(near, known | set(best.at.model.effects))
+        if rivals is None:
             continue
-        nearest = min(without, key=lambda c: c.score)
-        other = kept_aside(nearest)
+        rest = [c for c in without if not set(rivals) & set(c.at.model.effects)]
+        other = kept_aside(min(rest, key=lambda c: c.score))
         if err is not None and other is not None and err < SURE_SHARE * other:
-            names.append(effect)
-    if not names:
-        return None
-    for c in sorted(candidates, key=lambda c: c.score):
-        if set(c.at.model.effects) == known | set(names):
-            return Explanation(tuple(names), c)
-    return Explanation(tuple(names), best)
+            found[effect] = rivals
+    return (Explanation(tuple(found), best), tuple(found.values())) if found else None
+
+
+def _missed(c: Candidate) -> float:
+    """ERR [m], the geometric mean over recordings."""
+    return geometric_mean([max(float(np.mean(e)), TINY) for e in c.at.err])
+
+
+def _stand_ins(candidates: Sequence[Candidate], not_these: set[str]) -> tuple[str, ...] | None:
+    """Few effects of which every candidate has one; None where there are not so few."""
+    found: list[str] = []
+    left = [set(c.at.model.effects) - not_these for c in candidates]
+    while left:
+        counts = Counter(name for names in left for name in names)
+        if len(found) == STAND_INS or not all(left):
+            return None
+        found.append(counts.most_common(1)[0][0])
+        left = [names for names in left if found[-1] not in names]
+    return tuple(found)
 
 
 def confirmed(

@@ -13,7 +13,7 @@ from dlo_ros.diagnosis.candidates import scene, starts
 from dlo_ros.diagnosis.contact import hits
 from dlo_ros.diagnosis.evaluation import ROUGH, Evaluation, evaluate
 from dlo_ros.diagnosis.findings import Findings, outcome
-from dlo_ros.diagnosis.fitting import fit
+from dlo_ros.diagnosis.fitting import fit, renewed
 from dlo_ros.diagnosis.measured import Recording
 from dlo_ros.diagnosis.model import Model
 from dlo_ros.diagnosis.outcome import Diagnosis
@@ -121,7 +121,7 @@ def _refined(
 
     def again(c: Candidate) -> Candidate:
         at = fit(evaluate(c.at.model, recordings, given), recordings, given, REFINED)
-        return candidate(c.effect, c.form, at, given)
+        return candidate(c.effect, c.form, renewed(at, recordings, given), given)
 
     plain, decision = again(plain), found.decision
     kept = replace(found.kept_aside, recordings=beginning.recordings, known={})
@@ -276,9 +276,7 @@ def _explain(
             return Findings(explained, judge, tuple(singles), tuple(pairs))
     everything = sorted([*singles, *pairs], key=lambda c: c.score)
     judge = kept_aside(everything[0] if everything else plain)
-    certain = decide.sure(plain, everything, judge)
-    rivals = tuple(() for _ in certain.effects) if certain else ()
-    decision = decide.Decision("unexplained", certain, rivals)
+    decision = decide.Decision("unexplained", *(decide.sure(plain, everything, judge) or (None,)))
     return Findings(decision, judge, tuple(singles), tuple(pairs))
 
 

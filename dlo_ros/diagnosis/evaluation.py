@@ -30,6 +30,7 @@ IN_LANES = (
 )  # fmt: skip
 """Effects of which many values are simulated at once in the plane: their differences are cheaper
 than exact derivatives."""
+TINY = 1e-30
 DIFFERENCE = 0.01
 """Of a parameter's natural size, for differences."""
 
@@ -49,6 +50,8 @@ class Evaluation:
             with what is known.
         predicted: control points per recording, shape (F, n, 4).
         err: eq. (10) per recording and frame [m].
+        dear: whether derivatives have cost as much as several simulations.
+        carried: whether they are carried on from those of other values, see `carried_on`.
     """
 
     model: Model
@@ -58,6 +61,8 @@ class Evaluation:
     cost: float
     predicted: tuple[FloatArray, ...]
     err: tuple[FloatArray, ...]
+    dear: bool = False
+    carried: bool = False
 
     @property
     def excess(self) -> float:
@@ -85,8 +90,10 @@ def evaluate(
         SimulationError: one of them cannot be simulated with this model.
     """
     residuals, jacobians, predicted, err = [], [], [], []
+    dear = False
     for recording in recordings:
         found, jacobian = _held_against(model, recording, derivatives, exact)
+        dear |= found.derivative is not None
         residuals.append(recording.residual(found.predicted))
         predicted.append(found.predicted)
         err.append(found.err)
@@ -105,7 +112,53 @@ def evaluate(
         cost,
         tuple(predicted),
         tuple(err),
+        dear,
     )
+
+
+def carried_on(before: Evaluation, after: Evaluation) -> Evaluation:
+    """An evaluation with another's derivatives, corrected along the way between them (Broyden).
+
+    Args:
+        before: with derivatives.
+        after: without.
+    """
+    assert before.jacobians is not None
+    step = after.model.theta() - before.model.theta()
+    along = step / before.model.natural() ** 2
+    along = along / max(float(along @ step), TINY)
+    jacobians = []
+    for jacobian, here, there in zip(
+        before.jacobians, before.residuals, after.residuals, strict=True
+    ):
+        missed = here - there - np.einsum("fpk,p->fk", jacobian, step)
+        jacobians.append(jacobian + missed[:, None, :] * along[:, None])
+    return replace(after, jacobians=tuple(jacobians), dear=before.dear, carried=True)
+
+
+def differenced(
+    before: Evaluation, at: Evaluation, recordings: Sequence[Recording], given: Settings
+) -> Evaluation:
+    """An evaluation with derivatives by what its model has more than another's, in differences.
+
+    Args:
+        before: of the model with less open parameters; its derivatives are taken as they are.
+        at: without derivatives.
+
+    Raises:
+        SimulationError: see `evaluate`.
+    """
+    assert before.jacobians is not None
+    known = len(before.model.free)
+    models, steps = _moved(at.model)
+    there = [evaluate(m, recordings, given, derivatives=False) for m in models[known:]]
+    jacobians = []
+    for k, (jacobian, here) in enumerate(zip(before.jacobians, at.residuals, strict=True)):
+        added = [
+            (here - t.residuals[k]) / step for t, step in zip(there, steps[known:], strict=True)
+        ]
+        jacobians.append(np.concatenate([jacobian, np.stack(added, axis=1)], axis=1))
+    return replace(at, jacobians=tuple(jacobians), carried=True)
 
 
 def _judged(model: Model, residuals: Sequence[FloatArray], given: Settings) -> tuple[float, float]:
@@ -119,12 +172,13 @@ def _judged(model: Model, residuals: Sequence[FloatArray], given: Settings) -> t
 def earlier(
     at: Evaluation, recordings: Sequence[Recording], drafts: Sequence[Recording], given: Settings
 ) -> Evaluation:
-    """What an evaluation says, without derivatives, of recordings that may end earlier."""
+    """What an evaluation says of recordings that may end earlier."""
     ends = [len(d.times) - len(r.times) or None for r, d in zip(recordings, drafts, strict=True)]
     residuals = tuple(r[:end] for r, end in zip(at.residuals, ends, strict=True))
+    jacobians = tuple(j[:end] for j, end in zip(at.jacobians or (), ends, strict=False)) or None
     power, cost = _judged(at.model, residuals, given)
     return replace(
-        at, residuals=residuals, jacobians=None, power=power, cost=cost, predicted=(), err=()
+        at, residuals=residuals, jacobians=jacobians, power=power, cost=cost, predicted=(), err=()
     )
 
 

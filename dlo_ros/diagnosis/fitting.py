@@ -4,11 +4,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dlo_ros.diagnosis.evaluation import Evaluation, evaluate, is_rough
+from dlo_ros.diagnosis.evaluation import Evaluation, carried_on, evaluate, is_rough
 from dlo_ros.diagnosis.measured import Recording
 from dlo_ros.diagnosis.model import Model, prior
 from dlo_ros.errors import SimulationError
@@ -136,48 +136,75 @@ def fit(
         damping: Marquardt's, at first; it keeps a fit from going far along what the data leave
             open, and makes it slow along narrow valleys.
     """
-    best = start
-    count = sum(r.size for r in start.residuals)
-    for _ in range(iterations):
-        equations = total(best, given)
-        enough = CONVERGED * np.sqrt(count)
-        if best.excess > CLEARLY_WRONG:
-            enough += COARSE * count
-        gain = 0.0
-        for k in range(TRIES):
-            lhs = equations.hessian + damping * np.diag(np.diag(equations.hessian))
-            step = bounded(best.model, lhs, equations.gradient)
-            if step @ (2.0 * equations.gradient - equations.hessian @ step) < enough:
+    best, first = start, damping
+    for left in reversed(range(iterations)):
+        after, damping = _improved(best, recordings, given, exact, damping)
+        done = after is None or best.cost - after.cost < _enough(best)
+        best = after or best
+        if done:
+            if not (best.carried and left):
                 return best
-            trial = best.model.at(best.model.theta() + step)
-            try:
-                after = _tried(trial, recordings, given, exact, best.cost)
-            except SimulationError:
-                damping = max(DAMPED * damping, LEAST_DAMPING)
-                continue
-            gain = best.cost - after.cost
-            if gain > 0.0:
-                break
-            if k and -gain < enough:
-                return best
-            damping = max(DAMPED * damping, LEAST_DAMPING)
-        if gain <= 0.0:
-            return best
-        best, damping = after, 0.1 * damping
-        if gain < enough:
-            return best
+            best, damping = renewed(best, recordings, given), first
     return best
 
 
+def _enough(at: Evaluation) -> float:
+    """Gain of the cost below which a fit has come to its end."""
+    count = sum(r.size for r in at.residuals)
+    coarse = COARSE * count if at.excess > CLEARLY_WRONG else 0.0
+    return float(CONVERGED * np.sqrt(count)) + coarse
+
+
+def _improved(
+    best: Evaluation, recordings: Sequence[Recording], given: Settings, exact: bool, damping: float
+) -> tuple[Evaluation | None, float]:
+    """One iteration: what is better, None where nothing is, and Marquardt's damping then."""
+    equations, enough = total(best, given), _enough(best)
+    for k in range(TRIES):
+        lhs = equations.hessian + damping * np.diag(np.diag(equations.hessian))
+        step = bounded(best.model, lhs, equations.gradient)
+        if step @ (2.0 * equations.gradient - equations.hessian @ step) < enough:
+            break
+        trial = best.model.at(best.model.theta() + step)
+        try:
+            after = _tried(trial, recordings, given, exact, best)
+        except SimulationError:
+            damping = max(DAMPED * damping, LEAST_DAMPING)
+            continue
+        gain = best.cost - after.cost
+        if gain > 0.0:
+            return after, 0.1 * damping
+        if k and -gain < enough:
+            break
+        damping = max(DAMPED * damping, LEAST_DAMPING)
+    return None, damping
+
+
 def _tried(
-    model: Model, recordings: Sequence[Recording], given: Settings, exact: bool, before: float
+    model: Model, recordings: Sequence[Recording], given: Settings, exact: bool, before: Evaluation
 ) -> Evaluation:
-    """An evaluation, with derivatives where they are cheap or its cost is lower than before."""
-    if is_rough(model):
+    """An evaluation whose derivatives are simulated where they are cheap or must be.
+
+    Elsewhere the last ones are carried on; those of a rough effect are had if it is any use.
+    """
+    rough = is_rough(model)
+    if rough or (before.dear and not exact):
         after = evaluate(model, recordings, given, derivatives=False)
-        if after.cost >= before:
+        if after.cost >= before.cost:
             return after
+        if not rough:
+            return carried_on(before, after)
     return evaluate(model, recordings, given, exact=exact)
+
+
+def renewed(at: Evaluation, recordings: Sequence[Recording], given: Settings) -> Evaluation:
+    """An evaluation with derivatives of its own, if it can have any."""
+    if not at.carried:
+        return at
+    try:
+        return evaluate(at.model, recordings, given)
+    except SimulationError:
+        return replace(at, carried=False)
 
 
 def attempt(

@@ -33,6 +33,13 @@ def remarks(
         border = best.at.model.at_border()
         if border:
             said.append(f"At the border of what is looked for: {', '.join(border)}.")
+        told = {*decision.chosen.effects, *plain.at.model.effects}
+        beside = [n.replace("_", " ") for n in best.at.model.effects if n not in told]
+        if beside:
+            said.append(
+                f"The extended model holds {' and '.join(beside)}, too: with it everything is "
+                "foretold best, but other causes may take its place."
+            )
     if decision.verdict == "unexplained":
         shown = suspects[0] if suspects else best
         said.append(_nearest(plain, suspects))

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dlo_ros.diagnosis.evaluation import Evaluation, evaluate
-from dlo_ros.diagnosis.fitting import Normal, bounded, fit, known, normal
+from dlo_ros.diagnosis.evaluation import Evaluation, carried_on, evaluate
+from dlo_ros.diagnosis.fitting import Normal, bounded, fit, known, normal, renewed
 from dlo_ros.diagnosis.measured import Recording
 from dlo_ros.diagnosis.workers import Problem, Workers
 from dlo_ros.errors import SimulationError
@@ -49,25 +49,37 @@ def robust(
         strict: whether those far off count for nothing (Geman and McClure's law instead of
             Cauchy's): right near a fit that is right, lost elsewhere.
     """
-    for _ in range(ITERATIONS):
-        equations = _weighted(at, given, typical, strict)
-        lhs = equations.hessian + DAMPING * np.diag(np.diag(equations.hessian))
-        step = bounded(at.model, lhs, equations.gradient)
+    for left in reversed(range(ITERATIONS)):
         before = loss(at, typical, strict=strict)
-        for _ in range(TRIES):
-            try:
-                after = evaluate(at.model.at(at.model.theta() + step), recordings, given)
-            except SimulationError:
-                after = None
-            if after is not None and loss(after, typical, strict=strict) < before:
-                break
-            step = SHORTER * step
-        else:
-            return at
-        at = after
-        if before - loss(at, typical, strict=strict) < SETTLED * before:
-            break
+        after = _improved(at, recordings, given, typical, strict=strict)
+        done = after is None or before - loss(after, typical, strict=strict) < SETTLED * before
+        at = after or at
+        if done:
+            if not (at.carried and left):
+                return at
+            at = renewed(at, recordings, given)
     return at
+
+
+def _improved(
+    at: Evaluation, recordings: Sequence[Recording], given: Settings, typical: float, *,
+    strict: bool,
+) -> Evaluation | None:  # fmt: skip
+    """One iteration; None where no step makes it better."""
+    equations = _weighted(at, given, typical, strict)
+    lhs = equations.hessian + DAMPING * np.diag(np.diag(equations.hessian))
+    step = bounded(at.model, lhs, equations.gradient)
+    before = loss(at, typical, strict=strict)
+    for _ in range(TRIES):
+        model = at.model.at(at.model.theta() + step)
+        try:
+            after = evaluate(model, recordings, given, derivatives=not at.dear)
+        except SimulationError:
+            after = None
+        if after is not None and loss(after, typical, strict=strict) < before:
+            return carried_on(at, after) if at.dear else after
+        step = SHORTER * step
+    return None
 
 
 def calm(team: Workers, at: Evaluation) -> tuple[Evaluation, float] | None:

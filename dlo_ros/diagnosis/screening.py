@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dlo_ros.diagnosis.candidates import Start, moved
-from dlo_ros.diagnosis.evaluation import IN_LANES, ROUGH, Evaluation, earlier, evaluate
+from dlo_ros.diagnosis.evaluation import IN_LANES, ROUGH, Evaluation, differenced, earlier, evaluate
 from dlo_ros.diagnosis.fitting import Normal, solve, total
 from dlo_ros.diagnosis.model import LARGEST_LOG_STEP, LOOSE, Model, names
 from dlo_ros.diagnosis.workers import Problem, Progress, Workers
@@ -152,10 +152,11 @@ def _screen_alone(problem: Problem, task: Task) -> list[Prospect]:
     own = np.array(start.own) if start.own else np.zeros(count)
     extended = before.model.at(before.model.theta() + own)
     extended = extended.extended(start.effect, start.block, start.fitted)
+    cheap = start.effect in IN_LANES
     try:
-        at = evaluate(
-            extended, problem.drafts, problem.given, derivatives=start.effect not in ROUGH
-        )
+        at = evaluate(extended, problem.drafts, problem.given, derivatives=cheap)
+        if not cheap and start.effect not in ROUGH:
+            at = differenced(before, at, problem.drafts, problem.given)
     except SimulationError as err:
         LOG.info("%s: %s", start.effect, err)
         return []
@@ -238,6 +239,7 @@ def tried(
     Args:
         before: see `fitting.earlier`.
     """
+    before = replace(before, jacobians=None)  # workers need not have them
     tasks = [(before, p) for p in prospects]
     found = []
     for k, prospect in enumerate(team.each(_try, tasks)):

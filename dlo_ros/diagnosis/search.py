@@ -12,7 +12,7 @@ from dlo_ros.diagnosis import judging, pegs
 from dlo_ros.diagnosis.candidates import Start
 from dlo_ros.diagnosis.contact import peg_of
 from dlo_ros.diagnosis.evaluation import ROUGH, Evaluation, earlier
-from dlo_ros.diagnosis.fitting import CONTINUED, attempt, fit
+from dlo_ros.diagnosis.fitting import CONTINUED, attempt, fit, renewed
 from dlo_ros.diagnosis.measured import Recording
 from dlo_ros.diagnosis.model import Model
 from dlo_ros.diagnosis.screening import Prospect, chosen, tried
@@ -77,7 +77,8 @@ def _continue(problem: Problem, at: Evaluation) -> Evaluation:
 def _carry_on(problem: Problem, task: tuple[Model, bool]) -> Evaluation | None:
     model, coarse = task
     recordings = _whole(problem) if coarse else problem.recordings
-    return attempt(model, recordings, problem.given, MORE_ITERATIONS, damping=CONTINUED)
+    at = attempt(model, recordings, problem.given, MORE_ITERATIONS, damping=CONTINUED)
+    return at and renewed(at, recordings, problem.given)
 
 
 def _whole(problem: Problem) -> list[Recording]:
