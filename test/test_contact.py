@@ -107,6 +107,14 @@ def test_a_hidden_peg_is_found_where_it_stands(hidden):
     assert structure(there.residuals) < 0.1 * structure(at.residuals)
 
 
+def test_a_peg_that_does_not_help_is_not_fitted(hidden, monkeypatch):
+    settings, beginning, _ = hidden
+    problem = Problem(beginning.recordings, settings, drafts(beginning.recordings, beginning.at))
+    monkeypatch.setattr("dlo_ros.diagnosis.contact._loss", lambda problem, task: 1e9)
+    with workers(problem, 1) as team:
+        assert hits(team, beginning.at, ()) == []
+
+
 def test_where_a_peg_is_not_touched_its_place_does_not_matter(hidden):
     settings, beginning, peg = hidden
     model = beginning.at.model.extended("obstacle", peg, tuple(peg))

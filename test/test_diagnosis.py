@@ -262,24 +262,35 @@ def test_alarm_is_what_chance_promises():
     assert promise < 2.0 * chance < more
 
 
-def test_sure_is_what_nothing_can_do_without():
+def missing(**errors):
+    """Candidates by the effects that they have, with ERR in the fit and on what is kept aside."""
     noise = [np.random.default_rng(7).normal(size=(60, 10))]
-    plain = candidate([], 20.0, 2e5, noise)
-    best = candidate(["point_mass", "air_drag"], 2.0, 1e3, noise)
-    alone = candidate(["point_mass"], 3.0, 3e3, noise)
-    other = candidate(["air_drag"], 15.0, 1e5, noise)
-    errors = {20.0: 9e-3, 2.0: 1e-3, 3.0: 1.5e-3, 15.0: 8e-3}
+    return [
+        candidate(names.split("_and_") if names != "plain" else [], 1e3 * e, 1e6 * e, noise, e)
+        for names, e in errors.items()
+    ]
+
+
+def test_sure_is_what_nothing_can_do_without():
+    plain, *rest = missing(plain=9e-3, mass_and_drag=1e-3, mass=1.5e-3, drag=8e-3)
 
     def kept_aside(c):
-        return errors[c.structure]
+        return c.at.err[0][0]
 
-    found = decide.sure(plain, [best, alone, other], kept_aside)
-    assert found is not None and found.effects == ("point_mass",) and found.candidate is alone
-    near = candidate(["obstacle"], 4.0, 5e3, noise)
-    errors[4.0] = 2e-3
-    assert decide.sure(plain, [best, alone, other, near], kept_aside) is None
-    far = candidate(["point_mass"], 15.0, 3e3, noise)
-    assert decide.sure(plain, [far], kept_aside) is None
+    found, rivals = decide.sure(plain, rest, kept_aside)
+    assert found.effects == ("mass",) and rivals == ((),)
+    assert found.candidate is rest[0]  # its numbers from where everything fits best
+    # What comes near without it stands beside it; too many of those, and nothing is certain.
+    beside = [*rest, *missing(tilt_and_drag=2e-3, tilt=2.2e-3)]
+    found, rivals = decide.sure(plain, beside, kept_aside)
+    assert found.effects == ("mass",) and rivals == (("tilt",),)
+    assert decide.sure(plain, [*beside, *missing(peg=2e-3, slip=2e-3)], kept_aside) is None
+    # The other effect of the best alone does nearly as well: no name for the first.
+    assert decide.sure(plain, [*rest[:2], *missing(drag=2e-3)], kept_aside) is None
+    # Held against what is kept aside nothing else is excluded.
+    assert decide.sure(plain, rest, lambda c: 1e-3) is None
+    far = missing(mass=8e-3)
+    assert decide.sure(plain, far, kept_aside) is None
 
 
 def test_few_pictures_exclude_no_explanation_that_foretells_as_well():

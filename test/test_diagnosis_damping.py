@@ -122,6 +122,19 @@ def test_beside_what_nothing_explains_no_small_difference_names_a_damping(left, 
     assert decided.verdict == "unexplained"
 
 
+def test_beside_something_certain_only_that_and_the_damping_are_named():
+    """What is fitted beside it, and may be something else, is not."""
+    names = ("point_mass+clamp_angle+air_drag", "point_mass+clamp_angle+internal_damping")
+    found = held(dict(zip(names, (100.0, 900.0), strict=True)))
+    chosen = candidate(["point_mass", "clamp_angle"], 2000.0, 4e6, [np.ones((200, 20))])
+    sure = decide.Explanation(("point_mass",), chosen)
+    before = decide.Decision("unexplained", sure, (("constant_force",),))
+    decided = damping.decided(found, chosen, before)
+    assert dict(zip(decided.chosen.effects, decided.rivals, strict=True)) == {
+        "point_mass": ("constant_force",), "air_drag": (),
+    }  # fmt: skip
+
+
 @pytest.mark.parametrize(
     ("with_it", "without", "told"),
     [(1.0, 2.0, True), (2.0, 1.0, False), (None, 1.0, False), (1.0, None, True)],

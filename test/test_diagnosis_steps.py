@@ -9,9 +9,9 @@ from diagnosis_candidates import KNOWN
 from measured import swing
 from rods import PAPER
 
-from dlo_ros.diagnosis import aside, decide, evaluation, judging
+from dlo_ros.diagnosis import aside, decide, evaluation, fitting, judging
 from dlo_ros.diagnosis.estimates import covariance, own_error
-from dlo_ros.diagnosis.evaluation import earlier, evaluate
+from dlo_ros.diagnosis.evaluation import differenced, earlier, evaluate
 from dlo_ros.diagnosis.fitting import UNDAMPED, fit, polished
 from dlo_ros.diagnosis.pegs import resized
 from dlo_ros.diagnosis.search import apart, candidate, reformed
@@ -99,6 +99,53 @@ def test_derivatives_beyond_all_bounds_are_refused(beginning, monkeypatch, wild)
     monkeypatch.setattr(evaluation, "_held_against", wildly)
     with pytest.raises(SimulationError, match="derivatives"):
         evaluate(beginning.at.model, beginning.recordings, KNOWN)
+
+
+def fitted_with_a_wrong_clamp(beginning, count, monkeypatch):
+    """A fit whose derivatives are dear, and how often they were simulated."""
+    model = beginning.at.model.extended("clamp_angle", {"start": 0.03}, ("start",))
+    at = evaluate(model, beginning.recordings, KNOWN)
+    assert at.dear and not evaluate(beginning.at.model, beginning.recordings, KNOWN).dear
+    made = []
+
+    def counted(*words, **more):
+        made.append(more.get("derivatives", True))
+        return evaluate(*words, **more)
+
+    monkeypatch.setattr("dlo_ros.diagnosis.fitting.evaluate", counted)
+    return at, fit(at, beginning.recordings, KNOWN, count, damping=UNDAMPED), sum(made)
+
+
+def test_dear_derivatives_are_carried_on(beginning, monkeypatch):
+    at, found, simulated = fitted_with_a_wrong_clamp(beginning, 8, monkeypatch)
+    assert simulated <= 2 and not found.carried  # renewed before the end is believed
+    assert abs(found.model.settings.effects["clamp_angle"]["start"]) < 1e-3
+    exact = fit(at, beginning.recordings, KNOWN, 8, exact=True, damping=UNDAMPED)
+    assert found.cost == pytest.approx(exact.cost, abs=0.5)
+
+
+def test_derivatives_that_are_carried_on_foretell_the_step_they_have_gone(beginning, monkeypatch):
+    at, after, simulated = fitted_with_a_wrong_clamp(beginning, 1, monkeypatch)
+    assert simulated == 0 and after.carried
+    step = after.model.theta() - at.model.theta()
+    for jacobian, here, there in zip(after.jacobians, at.residuals, after.residuals, strict=True):
+        assert np.einsum("fpk,p->fk", jacobian, step) == pytest.approx(here - there, abs=1e-6)
+    renewed = fitting.renewed(after, beginning.recordings, KNOWN)
+    assert not renewed.carried and renewed.cost == pytest.approx(after.cost)
+
+
+def test_differences_stand_beside_known_derivatives(beginning):
+    """Of an effect that is tried its own numbers suffice; the others' derivatives stay."""
+    recordings = beginning.recordings
+    model = beginning.at.model.extended("clamp_angle", {"start": 0.02}, ("start",))
+    at = evaluate(model, recordings, KNOWN, derivatives=False)
+    here = evaluate(beginning.at.model, recordings, KNOWN)
+    found = differenced(here, at, recordings, KNOWN)
+    exact = evaluate(model, recordings, KNOWN)
+    for jacobian, known, true in zip(found.jacobians, here.jacobians, exact.jacobians, strict=True):
+        assert np.array_equal(jacobian[:, :-1], known)
+        apart = np.linalg.norm(jacobian[:, -1] - true[:, -1])
+        assert apart < 0.02 * np.linalg.norm(true[:, -1])
 
 
 def test_a_fit_ends_where_nothing_is_promised(beginning, monkeypatch):
