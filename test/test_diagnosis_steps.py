@@ -118,7 +118,7 @@ def fitted_with_a_wrong_clamp(beginning, count, monkeypatch):
 
 def test_dear_derivatives_are_carried_on(beginning, monkeypatch):
     at, found, simulated = fitted_with_a_wrong_clamp(beginning, 8, monkeypatch)
-    assert simulated <= 2 and not found.carried  # renewed before the end is believed
+    assert 1 <= simulated <= 2  # renewed before the end is believed
     assert abs(found.model.settings.effects["clamp_angle"]["start"]) < 1e-3
     exact = fit(at, beginning.recordings, KNOWN, 8, exact=True, damping=UNDAMPED)
     assert found.cost == pytest.approx(exact.cost, abs=0.5)

@@ -140,9 +140,10 @@ def fit(
     for left in reversed(range(iterations)):
         after, damping = _improved(best, recordings, given, exact, damping)
         done = after is None or best.cost - after.cost < _enough(best)
+        believed = not best.carried
         best = after or best
         if done:
-            if not (best.carried and left):
+            if believed or not left:
                 return best
             best, damping = renewed(best, recordings, given), first
     return best

@@ -53,9 +53,10 @@ def robust(
         before = loss(at, typical, strict=strict)
         after = _improved(at, recordings, given, typical, strict=strict)
         done = after is None or before - loss(after, typical, strict=strict) < SETTLED * before
+        believed = not at.carried
         at = after or at
         if done:
-            if not (at.carried and left):
+            if believed or not left:
                 return at
             at = renewed(at, recordings, given)
     return at
