@@ -162,7 +162,7 @@ def sure(
         of them acts, as all that has none of them is much worse. None where nothing is certain.
     """
     known = set(plain.at.model.effects)
-    best = min(candidates, key=lambda c: c.score, default=None)
+    best = min(candidates, key=_missed, default=None)
     if best is None or _missed(best) > SURE_LEFT * _missed(plain):
         return None
     err = kept_aside(best)
@@ -176,7 +176,7 @@ def sure(
         if rivals is None:
             continue
         rest = [c for c in without if not set(rivals) & set(c.at.model.effects)]
-        other = kept_aside(min(rest, key=lambda c: c.score))
+        other = kept_aside(min(rest, key=_missed))
         if err is not None and other is not None and err < SURE_SHARE * other:
             found[effect] = rivals
     return (Explanation(tuple(found), best), tuple(found.values())) if found else None
