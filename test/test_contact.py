@@ -2,6 +2,7 @@
 """Where a DLO may have hit a peg: by geometry, and in a recording of the discrete rod."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -105,6 +106,22 @@ def test_a_hidden_peg_is_found_where_it_stands(hidden):
     there = evaluate(model, problem.drafts, settings, derivatives=False)
     assert structure(at.residuals) > 10.0
     assert structure(there.residuals) < 0.1 * structure(at.residuals)
+
+
+def test_in_space_no_peg_is_looked_for(hidden, monkeypatch):
+    settings, beginning, _ = hidden
+
+    def looked(team, at):
+        raise AssertionError("looked for a peg off the board")
+
+    monkeypatch.setattr("dlo_ros.diagnosis.robust.calm", looked)
+    aloft = []
+    for r in beginning.recordings:
+        observed = r.observed.copy()
+        observed[..., 1] += 0.1 * settings.rod.length
+        aloft.append(replace(r, observed=observed))
+    with workers(Problem(tuple(aloft), settings, tuple(aloft)), 1) as team:
+        assert hits(team, beginning.at, ()) == []
 
 
 def test_a_peg_that_does_not_help_is_not_fitted(hidden, monkeypatch):

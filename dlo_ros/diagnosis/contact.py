@@ -27,6 +27,8 @@ from dlo_ros.spline import FloatArray
 (EFFECT,) = ROUGH
 RADII = (0.012, 0.006, 0.024)
 """Of pegs that are tried, from a nail to a pipe [m]; the fit finds the true one."""
+OFF_BOARD = 0.02
+"""Of the length, from which a motion is one in space."""
 LEFT = 0.3
 """Of the pictures that go astray, that a peg may leave to something else."""
 AS_LIKELY = 0.05
@@ -50,20 +52,22 @@ Task = tuple[Model, tuple[int, ...], Peg, float]
 
 
 def hits(team: Workers, at: Evaluation, present: Sequence[str]) -> list[Start]:
-    """Pegs that the DLO may have hit.
+    """Pegs that the DLO may have hit; none where it moves in space, off the board they stand on.
 
     Args:
         at: the fit to all pictures.
         present: effects of the model.
     """
-    found = None if EFFECT in present else robust.calm(team, at)
+    length = at.model.settings.rod.length
+    observed = [d.observed for d in team.problem.drafts]
+    in_space = any(np.abs(shapes[..., 1]).max() > OFF_BOARD * length for shapes in observed)
+    found = None if EFFECT in present or in_space else robust.calm(team, at)
     if found is None:
         return []
     calm, typical = found
     wrong = [o > 1.0 for o in robust.off(calm, typical)]
     if not any(w.any() for w in wrong):
         return []
-    observed = [d.observed for d in team.problem.drafts]
     view = sight(calm.model.settings.rod, observed, calm.predicted, wrong)
     likely = _likely(view)
     astray = tuple(k for k, w in enumerate(wrong) if w.any())
@@ -75,7 +79,6 @@ def hits(team: Workers, at: Evaluation, present: Sequence[str]) -> list[Start]:
             if loss is not None
         ]  # fmt: skip
 
-    length = calm.model.settings.rod.length
     tried = simulated(apart(likely, APART * length, SIMULATED))
     tried.sort(key=lambda t: t[0])
     for _, peg in tried[:NEAREST]:
