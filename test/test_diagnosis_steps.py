@@ -79,6 +79,18 @@ def test_a_standard_deviation_knows_the_simulations_own_error(beginning):
     assert np.abs(small).max() < 0.1 * np.abs(own).max()
 
 
+def test_what_starts_in_motion_is_refined_without_equilibria(monkeypatch):
+    def at_rest(*words, **more):
+        raise AssertionError("an equilibrium was asked for")
+
+    monkeypatch.setattr("dlo_ros.diagnosis.start.forecast", at_rest)
+    moving = replace(KNOWN, simulation=replace(KNOWN.simulation, start="moving"))
+    begun = begin([swing(PAPER, seconds=0.5)], moving)
+    assert begun.recordings[0].spans > 7
+    assert 0.0 < begun.error < 1e-4 * PAPER.rod.length
+    assert begun.at.err[0].mean() < 5e-3 * PAPER.rod.length
+
+
 def test_what_cannot_be_simulated_finely_stays_as_it_is(beginning, monkeypatch):
     def failing(*words, **more):
         raise SimulationError("does not converge")

@@ -163,9 +163,11 @@ def _finer(
         noise = float(np.sqrt(np.sum(recording.noise[:n] ** 2)))
         wanted = max(fineness * noise / settings.rod.length, FINEST)
         tolerance = min(settings.simulation.tolerance, wanted)
-        fine = replace(settings, simulation=replace(settings.simulation, tolerance=tolerance))
-        found = forecast(recording.manipulation, fine)
-        recording, own = replace(recording, spans=found.spans), found.resolution_error
+        own = np.inf
+        if settings.simulation.start != "moving":  # there are equilibria near its way
+            fine = replace(settings, simulation=replace(settings.simulation, tolerance=tolerance))
+            found = forecast(recording.manipulation, fine)
+            recording, own = replace(recording, spans=found.spans), found.resolution_error
         if own > tolerance:
             recording, own = _in_space(recording, at.model, tolerance)
         recording, error = _in_time(recording, at.model, fineness)
