@@ -44,8 +44,9 @@ SURE_LEFT = 0.35
 """Of ERR before, that a model may leave of which parts are certain."""
 SURE_SHARE = 0.4
 """ERR, and that on what is kept aside, over those of everything that lacks an effect."""
-STAND_INS = 2
-"""Rivals that something certain may have where nothing explains the data."""
+STAND_INS = 1
+"""Rivals that something certain may have where nothing explains the data: bending that lags behind
+looks like any of several others."""
 TINY = 1e-12
 """ERR [m] that counts as none."""
 FORETOLD = 1.25
