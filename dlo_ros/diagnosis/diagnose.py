@@ -36,7 +36,7 @@ MISSED = 0.8
 """Of the structure that the plain model leaves, below which another plain model takes its place."""
 BASES = 3
 """Best single effects to which a second one is added."""
-REFORMED = 8.0
+REFORMED = 12.0
 """Structure of the best pair over that of an explanation, up to which other forms are tried."""
 FIRST_SHARE = 0.9
 """Of the structure before, that a single effect must go below to be one of a pair."""
