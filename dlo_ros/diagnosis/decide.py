@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from statistics import geometric_mean
@@ -44,9 +43,6 @@ SURE_LEFT = 0.35
 """Of ERR before, that a model may leave of which parts are certain."""
 SURE_SHARE = 0.4
 """ERR, and that on what is kept aside, over those of everything that lacks an effect."""
-STAND_INS = 1
-"""Rivals that something certain may have where nothing explains the data: bending that lags behind
-looks like any of several others."""
 TINY = 1e-12
 """ERR [m] that counts as none."""
 FORETOLD = 1.25
@@ -159,8 +155,8 @@ def sure(
         kept_aside: see `confirmed`.
 
     Returns:
-        The best candidate with those of its effects that are certain, and of each its rivals: one
-        of them acts, as all that has none of them is much worse. None where nothing is certain.
+        The best candidate with those of its effects that are certain, and of each its rivals,
+        which all have that is not much worse without it. None where nothing is certain.
     """
     known = set(plain.at.model.effects)
     best = min(candidates, key=_missed, default=None)
@@ -189,16 +185,11 @@ def _missed(c: Candidate) -> float:
 
 
 def _stand_ins(candidates: Sequence[Candidate], not_these: set[str]) -> tuple[str, ...] | None:
-    """Few effects of which every candidate has one; None where there are not so few."""
-    found: list[str] = []
-    left = [set(c.at.model.effects) - not_these for c in candidates]
-    while left:
-        counts = Counter(name for names in left for name in names)
-        if len(found) == STAND_INS or not all(left):
-            return None
-        found.append(counts.most_common(1)[0][0])
-        left = [names for names in left if found[-1] not in names]
-    return tuple(found)
+    """The effects that all candidates have; None where they have none in common."""
+    if not candidates:
+        return ()
+    shared = set.intersection(*(set(c.at.model.effects) for c in candidates)) - not_these
+    return tuple(sorted(shared)) or None
 
 
 def confirmed(
