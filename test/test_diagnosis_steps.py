@@ -246,6 +246,7 @@ def test_of_a_pair_each_is_tried_alone_from_where_the_pair_has_come(beginning):
     with workers(problem, 1) as team:
         found = apart(team, pair, ())
         kept = apart(team, pair, ("air_drag",))
+        assert apart(team, kept[0], ()) == []  # a single one, where the other was idle
     assert [c.at.model.effects for c in found] == [("constant_force",), ("air_drag",)]
     assert [c.at.model.effects for c in kept] == [("air_drag",)]
     for c in found:  # neither acts, so that each alone finds its way back

@@ -267,12 +267,14 @@ def reformed(team: Workers, c: Candidate, singles: Sequence[Candidate]) -> list[
 
 
 def apart(team: Workers, c: Candidate, known: Sequence[str]) -> list[Candidate]:
-    """A candidate without each of its effects, fitted anew from there.
+    """A candidate without each of its effects, fitted anew from there; none where it has but one.
 
     Args:
         known: effects that it keeps.
     """
     added = [name for name in c.at.model.effects if name not in known]
+    if len(c.at.model.effects) < 2:
+        return []
     models = [c.at.model.without(name) for name in added]
     fits = team.each(_carry_on, [(m, False) for m in models])
     found = [
