@@ -23,6 +23,7 @@ CASES = {
     "intrinsic_curvature": (1, "single", ("intrinsic_curvature",)),
     "obstacle": (7106, "single", ("obstacle",)),
     "gusts": (1, "foreign", ("gusts",)),
+    "camera_creep": (2, "foreign", ("camera_creep",)),
     "nothing": (2, "none", ()),
     "two": (1, "pair", ("camera_scale", "command_delay")),
     "two, one of which has a double": (1, "pair", ("internal_damping", "gravity_tilt")),
