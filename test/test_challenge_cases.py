@@ -21,6 +21,7 @@ CASES = {
     **{name: (7, "single", (name,)) for name in NAMED},
     **{name: (7, "foreign", (name,)) for name in OTHERS},
     "intrinsic_curvature": (1, "single", ("intrinsic_curvature",)),
+    "point_mass": (1, "single", ("point_mass",)),
     "obstacle": (7106, "single", ("obstacle",)),
     "gusts": (1, "foreign", ("gusts",)),
     "camera_creep": (2, "foreign", ("camera_creep",)),
@@ -44,14 +45,19 @@ def solved(folder, seed, kind, names, *, images=False, workers=2):
     return challenge, json.loads((output / "report.json").read_text())
 
 
-def held(challenge, report):
-    """Whether what was hidden is found, with its numbers, and pays."""
+def named(challenge, report):
+    """Whether what was hidden is found."""
     outcome = judge(set(challenge.effects), report)
     assert good(challenge.kind, outcome), (outcome, report["effects"], report["candidates"][:4])
+
+
+def held(challenge, report):
+    """Whether what was hidden is found, with its numbers, and pays."""
+    named(challenge, report)
     missed, count = compare(challenge.effects, report)
     assert missed <= count // 2
     if report["effects"]:
-        assert report["gain"]["low"] > 0.0
+        assert report["gain"]["low"] > 0.1
         assert report["extended"]["err_holdout"] < 1.5 * report["noise_floor"]
     for e in report["effects"]:  # a tilt of gravity is a force that acts evenly
         if e["name"] == "gravity_tilt":
@@ -90,6 +96,4 @@ def test_what_is_dear_is_found(tmp_path, case):
 def test_pictures_do_as_well(tmp_path, name):
     """Rendered frames, from which the observer makes the shapes."""
     kind, names = ("none", ()) if name == "nothing" else ("single", (name,))
-    challenge, report = solved(tmp_path, 5, kind, names, images=True)
-    outcome = judge(set(challenge.effects), report)
-    assert good(kind, outcome), (outcome, report["effects"], report["candidates"][:4])
+    named(*solved(tmp_path, 5, kind, names, images=True))

@@ -240,20 +240,28 @@ def _explain(
     told = {c.effect for c in before}
     bases = [c for c in _bases(singles, plain.structure) if c.effect not in told]
 
+    def beside(first: Candidate) -> list[Candidate]:
+        """Pairs of an effect with every other."""
+        prospects = screened(first.at, [*known, first.effect])
+        return search(team, first.at, prospects, progress, most, thorough=False)
+
+    def nearest(candidates: Sequence[Candidate]) -> Candidate | None:
+        """What comes near an explanation without being one."""
+        near = min(candidates, key=lambda c: c.structure, default=None)
+        return near if near and most < near.structure < REFORMED * most else None
+
     def firsts() -> Iterator[Candidate]:
         """What a second effect is looked for beside; at last the second of what comes near."""
         yield from (some := [*before, *bases][:BASES])
-        near = min(pairs, key=lambda c: c.structure, default=None)
-        tried = {c.effect for c in some}
-        if near and near.effect not in tried and most < near.structure < REFORMED * most:
+        near = nearest(pairs)
+        if near is not None and near.effect not in {c.effect for c in some}:
             alone = apart(team, near, [*known, near.effect])
             yield from sorted(alone, key=lambda c: c.at.cost)[:1]
 
     for first in firsts():
-        prospects = screened(first.at, [*known, first.effect])
-        found = search(team, first.at, prospects, progress, most, thorough=False)
-        near = min(found, key=lambda c: c.structure, default=None)
-        if near is not None and most < near.structure < REFORMED * most:
+        found = beside(first)
+        near = nearest(found)
+        if near is not None:
             found += reformed(team, near, singles)
         pairs = sorted([*pairs, *found], key=lambda c: c.score)
         judge = judge_of(pairs)
@@ -268,8 +276,7 @@ def _explain(
                 seconds = [c for c in alone if c.effect != first.effect]
                 second = min(seconds, key=lambda c: c.at.cost, default=None)
                 if second is not None:
-                    prospects = screened(second.at, [*known, second.effect])
-                    pairs += search(team, second.at, prospects, progress, most, thorough=False)
+                    pairs += beside(second)
                 pairs.sort(key=lambda c: c.score)
             explained = single or _explained(plain, pairs, singles, most, judge) or explained
             pairs += _other_pegs(team, explained, pairs)

@@ -152,10 +152,10 @@ def _screen_alone(problem: Problem, task: Task) -> list[Prospect]:
     own = np.array(start.own) if start.own else np.zeros(count)
     extended = before.model.at(before.model.theta() + own)
     extended = extended.extended(start.effect, start.block, start.fitted)
-    cheap = start.effect in IN_LANES
+    afar = start.effect in IN_LANES  # a heavy mass: the derivatives from before say nothing there
     try:
-        at = evaluate(extended, problem.drafts, problem.given, derivatives=cheap)
-        if not cheap and start.effect not in ROUGH:
+        at = evaluate(extended, problem.drafts, problem.given, derivatives=afar)
+        if not afar and start.effect not in ROUGH:
             at = differenced(before, at, problem.drafts, problem.given)
     except SimulationError as err:
         LOG.info("%s: %s", start.effect, err)
@@ -237,7 +237,7 @@ def tried(
     """One simulation of each prospect, best first; E and mu stay.
 
     Args:
-        before: see `fitting.earlier`.
+        before: see `evaluation.earlier`.
     """
     before = replace(before, jacobians=None)  # workers need not have them
     tasks = [(before, p) for p in prospects]
