@@ -1,41 +1,140 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Compile all numerical kernels once, so that nodes and tools start without a pause.
+"""`python -m dlo_ros.compile [STAGE ...]`: compile the numerical kernels beforehand.
 
-`python -m dlo_ros.compile` runs each stage on something small; numba keeps what it compiled beside
-the sources.
+Nodes and tools start without a pause then. Each part runs on something small; numba keeps what it
+compiled in the cache folder. With `--worker` this process compiles by itself what no other process
+does, and ends when all is there.
 """
 
 from __future__ import annotations
 
-import tempfile
+import argparse
+import importlib
+import os
+import signal
+import sys
+import threading
 import time
-from collections.abc import Callable
-from dataclasses import replace
-from pathlib import Path
+from collections.abc import Sequence
+from contextlib import suppress
+from typing import Any
 
-import dlo_ros.rod.compile
-import dlo_ros.vision.compile
-from dlo_ros.synthesis.experiment import find_experiment, load_experiment
-from dlo_ros.synthesis.synthesize import synthesize
+from dlo_ros.compilation import (
+    PROCESSES,
+    STAGES,
+    WAIT,
+    Part,
+    PartFiles,
+    compile_first,
+    held,
+)
+from dlo_ros.errors import DloError
+from dlo_ros.kernel_cache import cache_folder, machine
+
+NICENESS = 10
+"""What starts meanwhile, and answers, comes first."""
+
+INTERVAL = 0.2
+"""Seconds between two notes on the progress."""
 
 
-def compile_synthesis() -> None:
-    """Simulate and render one frame of an experiment."""
-    experiment = replace(load_experiment(find_experiment("c_shape")), duration=0.01)
-    with tempfile.TemporaryDirectory() as folder:
-        synthesize(experiment, Path(folder) / "bag")
+def main(words: Sequence[str] | None = None) -> int:
+    """Compile the stages; returns the exit status."""
+    parser = argparse.ArgumentParser(
+        prog="python -m dlo_ros.compile", description="Compile the numerical kernels."
+    )
+    parser.add_argument("stages", nargs="*", metavar="STAGE", help=f"of {', '.join(STAGES)}")
+    parser.add_argument("--worker", action="store_true", help=argparse.SUPPRESS)
+    arguments = parser.parse_args(words)
+    stages = arguments.stages or list(STAGES)
+    unknown = [stage for stage in stages if stage not in STAGES]
+    if unknown:
+        parser.error(f"'{unknown[0]}' is unknown; choose from {', '.join(STAGES)}")
+    try:
+        if arguments.worker:
+            _follow_parent()
+            work([part for stage in stages for part in STAGES[stage]])
+        else:
+            began = time.perf_counter()
+            compile_first(stages, lambda text: print(text, flush=True))
+            print(f"the numerical kernels are compiled ({time.perf_counter() - began:.0f} s)")
+    except DloError as err:
+        print(err, file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        return 130
+    except OSError as err:
+        where = f"{err.filename}: " if err.filename else ""
+        print(f"{where}{err.strerror or err}", file=sys.stderr)
+        return 2
+    return 0
 
 
-STAGES: dict[str, Callable[[], object]] = {
-    "rod": dlo_ros.rod.compile.compile_kernels,
-    "vision": dlo_ros.vision.compile.compile_kernels,
-    "synthesis": compile_synthesis,
-}
+def work(parts: Sequence[Part]) -> None:
+    """Compile parts, and wait for those that other processes compile.
+
+    Raises:
+        OSError: the cache folder cannot be written.
+        DloError: a kernel fails.
+    """
+    folder = cache_folder()
+    files = {part.name: PartFiles(folder, part.name) for part in parts}
+    while missing := [part for part in parts if not files[part.name].complete]:
+        if not any(_try(part, files[part.name]) for part in missing):
+            time.sleep(WAIT)
+
+
+def _try(part: Part, files: PartFiles) -> bool:
+    """Compile a part unless another process does so, or enough others are at work."""
+    for number in range(PROCESSES):
+        with held(files.mark.parent / f"process-{machine()}-{number}.lock") as free:
+            if not free:
+                continue
+            with held(files.lock) as mine:
+                if mine and not files.complete:
+                    _compile(part, files)
+                return mine
+    return False
+
+
+def _compile(part: Part, files: PartFiles) -> None:
+    from numba.core import event
+
+    class Count(event.Listener):  # type: ignore[misc]  # numba carries no types
+        """Counts the functions that are compiled."""
+
+        functions = 0
+        told = 0.0
+
+        def on_start(self, _: Any) -> None:
+            """Nothing is known yet."""
+
+        def on_end(self, _: Any) -> None:
+            """Tell others now and then."""
+            self.functions += 1
+            if time.monotonic() - self.told > INTERVAL:
+                self.told = time.monotonic()
+                files.tell(min(0.99, self.functions / part.functions))
+
+    files.tell(0.0)
+    module, _, function = part.work.partition(":")
+    with event.install_listener("numba:compile", Count()):
+        getattr(importlib.import_module(module), function)()
+    files.finish()
+
+
+def _follow_parent() -> None:
+    """End, at once, with the process that has started this one, or when a terminal says so."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    with suppress(OSError):
+        os.nice(NICENESS)
+
+    def follow() -> None:
+        os.read(0, 1)  # nothing is ever written; it returns where the other end is closed
+        os._exit(0)
+
+    threading.Thread(target=follow, daemon=True).start()
 
 
 if __name__ == "__main__":
-    print("Compiling numerical kernels (once; the result is cached)", flush=True)
-    for name, work in STAGES.items():
-        began = time.perf_counter()
-        work()
-        print(f"  {name}: {time.perf_counter() - began:.1f} s", flush=True)
+    sys.exit(main())

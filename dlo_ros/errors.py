@@ -31,3 +31,7 @@ class VisionError(DloError):
 
 class SimulationError(DloError):
     """The rod model could not be solved: no equilibrium, or a step that does not converge."""
+
+
+class KernelError(DloError):
+    """The numerical kernels cannot be compiled, or their machine code cannot be kept."""

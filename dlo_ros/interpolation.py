@@ -4,10 +4,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from dlo_ros.kernel_cache import njit
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def sample(times, positions, rotations, velocities, time, position, rotation):
     """Values of a trajectory at a time; before the first point and after the last they hold.
 
@@ -47,7 +48,7 @@ def sample(times, positions, rotations, velocities, time, position, rotation):
         _normalise(rotation[k])
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def _slerp(a, b, s, out):
     """Spherical interpolation the short way round."""
     dot, size_a, size_b = 0.0, 0.0, 0.0
@@ -70,7 +71,7 @@ def _slerp(a, b, s, out):
         out[i] = wa * a[i] / size_a + sign * wb * b[i] / size_b
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def _normalise(q):
     norm = np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     if norm > 1e-9 and np.isfinite(norm):

@@ -1,61 +1,189 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Keep numba's cache true to the sources, and say so where compiling takes long.
+"""The folder of compiled kernels, and the decorator that puts them there.
 
 Numba notices a change of the file that a compiled function stands in, but not of the functions that
-it calls, and it cannot read an index whose types have moved. So whenever any source with compiled
-functions has changed, all that was compiled is discarded.
+it calls. The name of the folder therefore holds a digest of all sources with compiled functions and
+of numba's version, wherever the folder lies; folders of other digests are removed.
 """
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+import os
+import platform
+import re
+import shutil
+import sys
+import tempfile
+from collections.abc import Callable
+from functools import cache
 from hashlib import sha256
 from pathlib import Path
+from threading import Lock
+from typing import Any
+
+from dlo_ros.errors import KernelError
 
 PACKAGE = Path(__file__).parent
-CACHES = ("*.nbi", "*.nbc")
-COMPILED = (b"@njit", b"@intrinsic")
-MARK = "sources.sha256"
-LONG = 2.0  # [s]; loading from the cache takes a fifth of it
-NOTICE = "compiling numerical kernels, once; this takes some minutes"
+COMPILED = (b"njit(", b"@intrinsic")
+IMPORT = re.compile(rb"^from dlo_ros\.([\w.]+) import", re.MULTILINE)
+PREFIX = "dlo_ros"
+DIGITS = 16
+"""Hexadecimal digits of a digest in a name."""
+
+NUMBA_MISSING = "numba is not installed; pip install numba (Ubuntu 24.04 has no package of it)"
+
+_decorating = Lock()
 
 
-def discard_stale(package: Path = PACKAGE) -> bool:
-    """Remove compiled code that is older than a change of the sources; returns whether it did.
+def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
+    """Numba's decorator `njit`, which keeps the machine code in `cache_folder()`.
 
-    Where the installation is read-only nothing is done: numba keeps its cache elsewhere then.
+    Compiled functions release the interpreter's lock.
+
+    Args:
+        options: further options of `numba.njit`.
+
+    Raises:
+        KernelError: numba is not installed, or no folder can be written.
     """
-    digest, folders = sha256(), set()
-    for source in sorted(package.rglob("*.py")):
-        with suppress(OSError):
-            text = source.read_bytes()
-            if any(decorator in text for decorator in COMPILED):
-                digest.update(text)
-                folders.add(source.parent / "__pycache__")
-    mark = package / "__pycache__" / MARK
-    found = digest.hexdigest()
-    with suppress(OSError):
-        if mark.is_file() and mark.read_text() == found:
-            return False
-        for folder in folders:
-            for pattern in CACHES:
-                for file in folder.glob(pattern):
-                    file.unlink(missing_ok=True)
-        mark.parent.mkdir(exist_ok=True)
-        mark.write_text(found)
-        return True
-    return False
+    numba = _numba()
+    if numba.config.DISABLE_JIT:
+        return numba.njit(**options)  # type: ignore[no-any-return]
+
+    def decorate(function: Callable[..., Any]) -> Any:
+        folder = cache_folder()
+        with _decorating:
+            chosen = numba.config.CACHE_DIR
+            numba.config.CACHE_DIR = str(folder)
+            try:
+                return numba.njit(cache=True, nogil=True, **options)(function)
+            finally:
+                numba.config.CACHE_DIR = chosen
+
+    return decorate
 
 
-@contextmanager
-def announced(tell: Callable[[str], object]) -> Iterator[None]:
-    """Tell of a compilation that takes long; nothing is said where the cache holds it all."""
-    timer = threading.Timer(LONG, tell, (NOTICE,))
-    timer.daemon = True
-    timer.start()
+@cache
+def cache_folder() -> Path:
+    """The folder of this installation's machine code, which exists and can be written.
+
+    It lies in `NUMBA_CACHE_DIR` if that is set, otherwise in the package, and in the user's cache
+    where the installation is read-only.
+
+    Raises:
+        KernelError: numba is not installed, or no folder can be written.
+    """
+    numba = _numba()
+    return find_folder(PACKAGE, numba.config.CACHE_DIR, source_digest(PACKAGE))
+
+
+def find_folder(package: Path, chosen: str, digest: str) -> Path:
+    """Make a folder for machine code, and remove those of older sources.
+
+    Args:
+        package: folder of the package's sources.
+        chosen: numba's configured cache folder, or empty.
+        digest: `source_digest` of the package.
+
+    Raises:
+        KernelError: no folder can be written.
+    """
+    place = sha256(str(package.resolve()).encode()).hexdigest()[:DIGITS]
+    name = f"{PREFIX}-{place}-{digest}"
+    own = package / "__pycache__"
+    candidates = [Path(chosen)] if chosen else [own, *_user_caches()]
+    for parent in candidates:
+        folder = parent / name
+        fresh = not folder.exists()
+        if _writable(folder):
+            if fresh:
+                # Elsewhere than in the package itself, other installations have folders, too.
+                others = f"{PREFIX}-*" if parent == own else f"{PREFIX}-{place}-*"
+                for old in parent.glob(others):
+                    if not old.name.endswith(f"-{digest}"):
+                        shutil.rmtree(old, ignore_errors=True)
+            return folder
+    if chosen:
+        raise KernelError(
+            f"NUMBA_CACHE_DIR is {chosen}, which cannot be written; name a folder for compiled "
+            "code that can"
+        )
+    places = " nor ".join(str(parent) for parent in candidates)
+    raise KernelError(
+        f"compiled code can be kept neither in {places}; "
+        "set NUMBA_CACHE_DIR to a folder that can be written"
+    )
+
+
+def source_digest(package: Path) -> str:
+    """A digest of all that machine code is made from, and of numba's version.
+
+    These are the sources with compiled functions and those that they import from, which may hold
+    constants and the fields of named tuples.
+    """
+    import llvmlite
+
+    texts = {source: source.read_bytes() for source in package.rglob("*.py")}
+    compiled = [text for text in texts.values() if any(word in text for word in COMPILED)]
+    imported = {
+        package / f"{name.decode().replace('.', '/')}.py"
+        for text in compiled
+        for name in IMPORT.findall(text)
+    }
+    digest = sha256(f"{_numba().__version__} {llvmlite.__version__}".encode())
+    for source in sorted(texts):
+        if texts[source] in compiled or source in imported:
+            digest.update(texts[source])
+    return digest.hexdigest()[:DIGITS]
+
+
+@cache
+def machine() -> str:
+    """What machine code depends on besides its sources: the Python and the processor."""
+    from llvmlite import binding
+
+    config = _numba().config
+    processor = config.CPU_NAME or binding.get_host_cpu_name()
+    features = config.CPU_FEATURES
+    if features is None:
+        features = binding.get_host_cpu_features().flatten()
+    text = f"{sys.implementation.cache_tag} {platform.machine()} {processor} {features}"
+    return sha256(text.encode()).hexdigest()[:DIGITS]
+
+
+def jit_disabled() -> bool:
+    """Whether NUMBA_DISABLE_JIT has all run as plain Python.
+
+    Raises:
+        KernelError: numba is not installed.
+    """
+    return bool(_numba().config.DISABLE_JIT)
+
+
+def _numba() -> Any:
     try:
-        yield
-    finally:
-        timer.cancel()
+        import numba
+    except ModuleNotFoundError as err:
+        if err.name not in ("numba", "llvmlite"):
+            raise
+        raise KernelError(NUMBA_MISSING) from err
+    return numba
+
+
+def _user_caches() -> list[Path]:
+    chosen = os.environ.get("XDG_CACHE_HOME", "")
+    if chosen:
+        return [Path(chosen) / "dlo_ros"]
+    try:
+        return [Path.home() / ".cache" / "dlo_ros"]
+    except RuntimeError:  # nobody knows this user
+        return []
+
+
+def _writable(folder: Path) -> bool:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return True
+    except OSError:
+        return False

@@ -1,65 +1,182 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Compiled code never outlives a change of the sources."""
+"""Compiled code never outlives a change of the sources, wherever it is kept."""
 
+import os
+import shutil
 import subprocess
 import sys
-import time
+from pathlib import Path
 
+import pytest
 from conftest import ROOT
 
-from dlo_ros import kernel_cache
-from dlo_ros.kernel_cache import discard_stale
+from dlo_ros.errors import KernelError
+from dlo_ros.kernel_cache import NUMBA_MISSING, find_folder, source_digest
+
+SMALL = ("__init__.py", "errors.py", "kernel_cache.py")
+CALLER = """
+from dlo_ros.callee import carried
+from dlo_ros.kernel_cache import njit
+
+@njit()
+def carry(x):
+    return 10 * carried(x)
+"""
+CALLEE = """
+from dlo_ros.kernel_cache import njit
+
+@njit()
+def carried(x):
+    return x + {more}
+"""
+ANSWER = """
+from dlo_ros.caller import carry
+from dlo_ros.kernel_cache import cache_folder
+print(carry(1), carry.stats.cache_hits[carry.signatures[0]] if carry.stats.cache_hits else 0)
+print(cache_folder())
+"""
 
 
-def make(package):
-    for folder in (package, package / "rod"):
-        (folder / "__pycache__").mkdir(parents=True)
-        (folder / "kernels.py").write_text("@njit\ndef f(): pass\n")
-        (folder / "__pycache__" / "kernels.f-1.py311.nbi").write_bytes(b"index")
-        (folder / "__pycache__" / "kernels.f-1.py311.1.nbc").write_bytes(b"code")
-        (folder / "__pycache__" / "kernels.cpython-311.pyc").write_bytes(b"bytecode")
-    return lambda: sorted(p.suffix for p in package.rglob("__pycache__/kernels*"))
+@pytest.fixture
+def package(tmp_path):
+    """A small dlo_ros with a compiled function that calls one of another file."""
+    folder = tmp_path / "source" / "dlo_ros"
+    folder.mkdir(parents=True)
+    for name in SMALL:
+        shutil.copy(ROOT / "dlo_ros" / name, folder)
+    (folder / "caller.py").write_text(CALLER)
+    (folder / "callee.py").write_text(CALLEE.format(more=1))
+    return folder
 
 
-def test_a_change_anywhere_discards_all_compiled_code(tmp_path):
-    left = make(tmp_path)
-    assert discard_stale(tmp_path)  # nobody knows what it was compiled from
-    assert left() == [".pyc", ".pyc"]
-    (tmp_path / "rod" / "__pycache__" / "kernels.f-1.py311.nbi").write_bytes(b"index")
-    assert not discard_stale(tmp_path)
-    assert left() == [".nbi", ".pyc", ".pyc"]
-    (tmp_path / "plain.py").write_text("x = 2\n")
-    assert not discard_stale(tmp_path)
-    (tmp_path / "kernels.py").write_text("@njit\ndef f(): return 1\n")
-    assert discard_stale(tmp_path)
-    assert left() == [".pyc", ".pyc"]
-
-
-def test_a_folder_that_cannot_be_written_is_left_alone(tmp_path):
-    (tmp_path / "kernels.py").write_text("x = 1\n")
-    (tmp_path / "__pycache__").write_text("a file in the way")
-    assert not discard_stale(tmp_path)
-
-
-def test_a_long_compilation_is_told_once_and_a_short_one_not(monkeypatch):
-    monkeypatch.setattr(kernel_cache, "LONG", 0.1)
-    told = []
-    with kernel_cache.announced(told.append):
-        pass
-    time.sleep(0.2)
-    assert told == []
-    with kernel_cache.announced(told.append):
-        time.sleep(0.3)
-    assert told == [kernel_cache.NOTICE]
-
-
-def test_everything_is_compiled_by_one_command():
-    """Or loaded, where it was compiled before, as everything was that other tests have run."""
+def answer(package, **variables):
+    """What `carry(1)` is in a process of its own, loads from the cache, and the cache folder."""
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("NUMBA_")}
+    environment |= {"PYTHONPATH": str(package.parent), **variables}
     done = subprocess.run(
-        [sys.executable, "-m", "dlo_ros.compile"],
-        capture_output=True, text=True, cwd=ROOT, timeout=900,
+        [sys.executable, "-c", ANSWER],
+        env=environment, cwd=package.parent, capture_output=True, text=True, timeout=120,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    first, *stages = done.stdout.splitlines()
-    assert first.startswith("Compiling")
-    assert [line.split(":")[0].strip() for line in stages] == ["rod", "vision", "synthesis"]
+    result, hits, folder = done.stdout.split()
+    return int(result), int(hits), Path(folder)
+
+
+@pytest.fixture(params=["package", "NUMBA_CACHE_DIR", "XDG_CACHE_HOME"])
+def place(request, package, tmp_path):
+    """Variables that lead to each of the places, and the place."""
+    if request.param == "package":
+        return {}, package / "__pycache__"
+    kept = tmp_path / "kept"
+    if request.param == "NUMBA_CACHE_DIR":
+        return {request.param: str(kept)}, kept
+    (package / "__pycache__").write_text("a file in the way of the folder")
+    return {request.param: str(kept)}, kept / "dlo_ros"
+
+
+def test_a_changed_callee_is_compiled_anew_and_the_old_code_removed(package, place):
+    variables, parent = place
+    result, hits, first = answer(package, **variables)
+    assert (result, hits) == (20, 0) and first.parent == parent
+    assert list(first.rglob("*.nbc"))
+    assert answer(package, **variables) == (20, 1, first)  # loaded
+    (package / "callee.py").write_text(CALLEE.format(more=5))
+    result, hits, second = answer(package, **variables)
+    assert (result, hits) == (60, 0)
+    assert second.parent == parent and not first.exists()
+    (package / "plain.py").write_text("x = 1\n")
+    assert answer(package, **variables) == (60, 1, second)
+
+
+def test_two_installations_share_a_place(package, tmp_path):
+    other = tmp_path / "other" / "dlo_ros"
+    shutil.copytree(package, other)
+    kept = {"NUMBA_CACHE_DIR": str(tmp_path / "kept")}
+    first = answer(package, **kept)[2]
+    (other / "callee.py").write_text(CALLEE.format(more=2))
+    assert answer(other, **kept)[0] == 30
+    assert answer(package, **kept) == (20, 1, first)
+
+
+def test_a_package_that_has_moved_leaves_nothing_behind(package, tmp_path):
+    first = answer(package)[2]
+    (package / "callee.py").write_text(CALLEE.format(more=2))
+    moved = package.rename(tmp_path / "dlo_ros")
+    assert answer(moved)[2].parent == moved / "__pycache__"
+    assert not (moved / "__pycache__" / first.name).exists()
+
+
+def test_the_digest_holds_the_version_of_numba(package, monkeypatch):
+    before = source_digest(package)
+    assert source_digest(package) == before
+    monkeypatch.setattr("numba.__version__", "0.1")
+    assert source_digest(package) != before
+
+
+def test_a_constant_of_another_module_is_part_of_the_machine_code(package):
+    (package / "constants.py").write_text("MORE = 1\n")
+    callee = "from dlo_ros.constants import MORE" + CALLEE.format(more="MORE")
+    (package / "callee.py").write_text(callee)
+    assert answer(package)[0] == 20
+    (package / "constants.py").write_text("MORE = 3\n")
+    assert answer(package)[:2] == (40, 0)
+
+
+def test_places_that_cannot_be_written_are_told_in_a_line(tmp_path, monkeypatch):
+    package = tmp_path / "dlo_ros"
+    package.mkdir()
+    (package / "__pycache__").write_text("in the way")
+    (tmp_path / "cache").write_text("in the way")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    with pytest.raises(KernelError, match=r"set NUMBA_CACHE_DIR") as caught:
+        find_folder(package, "", "0")
+    assert str(package / "__pycache__") in str(caught.value) and "\n" not in str(caught.value)
+    with pytest.raises(KernelError, match=r"^NUMBA_CACHE_DIR is .*cache, which cannot be written"):
+        find_folder(package, str(tmp_path / "cache"), "0")
+    monkeypatch.delenv("XDG_CACHE_HOME")
+    monkeypatch.setattr(Path, "home", lambda: (_ for _ in ()).throw(RuntimeError("nobody")))
+    with pytest.raises(KernelError, match="NUMBA_CACHE_DIR"):
+        find_folder(package, "", "0")
+    assert find_folder(package, str(tmp_path / "fine"), "0").is_dir()
+
+
+@pytest.mark.parametrize("name", ["observer", "simulator", "identifier", "predict", "identify"])
+def test_an_unwritable_cache_ends_nodes_and_tools_with_a_line(name, tmp_path):
+    (tmp_path / "file").write_text("")
+    environment = dict(os.environ, NUMBA_CACHE_DIR=str(tmp_path / "file"))
+    words = [] if name.endswith("er") or name == "simulator" else ["--params", "p", "bag"]
+    done = subprocess.run(
+        [sys.executable, "-m", "dlo_ros", name, *words],
+        env=environment, cwd=ROOT, capture_output=True, text=True, timeout=120,
+    )  # fmt: skip
+    assert done.returncode == 2
+    assert done.stderr.startswith(f"dlo_ros {name}: NUMBA_CACHE_DIR is {tmp_path}/file")
+    assert done.stderr.count("\n") == 1
+
+
+WITHOUT_NUMBA = """
+import sys
+
+class NoNumba:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in ("numba", "llvmlite"):
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+
+sys.meta_path.insert(0, NoNumba())
+"""
+
+
+@pytest.mark.parametrize("name", ["observer", "predict", "synthesize"])
+def test_a_missing_numba_is_told_in_a_line(name, tmp_path):
+    words = {"observer": [], "predict": ["--params", "p", "bag"], "synthesize": ["c_shape"]}[name]
+    words = [name, *words, *(["--output", str(tmp_path / "x")] if name == "synthesize" else [])]
+    code = WITHOUT_NUMBA + f"from dlo_ros.cli.main import main; sys.exit(main({words!r}))"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 2
+    assert done.stderr == f"dlo_ros {name}: {NUMBA_MISSING}\n"
+
+
+def test_a_missing_numba_is_told_by_the_compilation():
+    code = WITHOUT_NUMBA + "from dlo_ros.compile import main; sys.exit(main([]))"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (2, f"{NUMBA_MISSING}\n")

@@ -11,7 +11,9 @@ ROS = ("rclpy", "std_srvs", "rcl_interfaces", "builtin_interfaces", "ament_index
 
 # From the bottom: a part knows itself and what stands on a line before its own.
 LAYERS = (
-    ("errors", "kernel_cache"),
+    ("errors",),
+    ("kernel_cache",),
+    ("compilation",),
     ("__init__", "spline", "parameter_table", "interpolation", "share", "files"),
     ("command", "observation"),
     ("effects",),

@@ -10,15 +10,13 @@ from pathlib import Path
 
 from rich.console import Console
 
-import dlo_ros.rod.compile
-import dlo_ros.vision.compile
+from dlo_ros.compilation import compile_first
 from dlo_ros.demo.outcome import assess
 from dlo_ros.demo.overview import write_overview
 from dlo_ros.demo.photographs import photographs
 from dlo_ros.demo.plan import params_beside, plan_run
 from dlo_ros.demo.result import estimate_tree, last_line, read_truth, report, write_json
 from dlo_ros.errors import InputError
-from dlo_ros.kernel_cache import announced
 from dlo_ros.parameters import Settings
 from dlo_ros.report import write_identification_report
 
@@ -56,9 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
     from dlo_ros.demo.live import run_live  # here, so that --help and bad input need no ROS
 
     # Nodes that start while the others compile would wait for each other in vain.
-    with announced(console.print):
-        dlo_ros.rod.compile.compile_kernels()
-        dlo_ros.vision.compile.compile_kernels()
+    compile_first(("vision", "rod"), console.print)
     heard = run_live(live, console)
     outcome = assess(bag, settings, heard)
     truth = read_truth(bag)

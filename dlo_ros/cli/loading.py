@@ -14,9 +14,9 @@ from rich.progress import track
 
 from dlo_ros.cli.observe import observe_recording
 from dlo_ros.command import Motion
+from dlo_ros.compilation import compile_first
 from dlo_ros.errors import RecordingError
 from dlo_ros.identification.forecast import Manipulation
-from dlo_ros.kernel_cache import announced
 from dlo_ros.observation import Observation
 from dlo_ros.parameter_table import TABLE
 from dlo_ros.parameters import Settings
@@ -53,8 +53,8 @@ def load_settings(arguments: argparse.Namespace) -> Settings:
 
 def prepare() -> None:
     """Compile the model, or load it from the cache; a long wait is told on stderr."""
-    with announced(lambda text: print(text, file=sys.stderr)):
-        compile_kernels()
+    compile_first(("rod",), lambda text: print(text, file=sys.stderr))
+    compile_kernels()
 
 
 def load_manipulation(path: Path, settings: Settings) -> Manipulation:

@@ -23,6 +23,7 @@ from types import FrameType
 
 from dlo_ros import __version__
 from dlo_ros.errors import DloError
+from dlo_ros.kernel_cache import NUMBA_MISSING
 
 DONE = 0
 FAILED = 1
@@ -193,6 +194,8 @@ def _guarded(executable: Executable, words: list[str]) -> int:
     except KeyboardInterrupt:
         return DONE if executable.node else INTERRUPTED
     except ModuleNotFoundError as err:
+        if (err.name or "").partition(".")[0] in ("numba", "llvmlite"):
+            return _complain(name, NUMBA_MISSING, UNUSABLE)
         if not _belongs_to_ros(err.name or ""):
             return _defect(name, err)
         message = (

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 import logging
+import sys
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -16,6 +17,7 @@ import numpy as np
 from dlo_ros.cli.progress import progress_bar
 from dlo_ros.cli.results import check_results_folder
 from dlo_ros.command import Motion
+from dlo_ros.compilation import compile_first
 from dlo_ros.errors import DloError, InputError, RecordingError, VisionError
 from dlo_ros.files import write_bytes, write_text
 from dlo_ros.parameters import Settings
@@ -159,6 +161,8 @@ def observe_recording(
     masks = iterate_masks(path, on_skip)
     coming, mask = next(masks, None), None
     for stamp, image, info in iterate_images(path, on_skip):
+        if observer is None:
+            _prepare()
         if observer is None or info != known:
             camera = Camera.from_info(
                 info.k, info.d, info.distortion_model, info.width, info.height, settings.camera
@@ -228,6 +232,11 @@ def _observe_bag(
     return 0
 
 
+def _prepare() -> None:
+    """Compile the vision stage; a long wait is told on stderr."""
+    compile_first(("vision",), lambda text: print(text, file=sys.stderr))
+
+
 def _observe_files(inputs: list[Path], output: Path, params: Path | None) -> int:
     names: dict[str, Path] = {}
     for path in inputs:
@@ -244,6 +253,7 @@ def _observe_files(inputs: list[Path], output: Path, params: Path | None) -> int
     hints = None if params is None else Hints(Settings.load(params).vision)
     images = {path: _read_image(path) for path in inputs[:1]}
     output.mkdir(parents=True, exist_ok=True)
+    _prepare()
     for path in inputs:
         image = images[path] if path in images else _read_image(path)
         try:

@@ -10,6 +10,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import track
 
+from dlo_ros.compilation import compile_first
 from dlo_ros.errors import InputError
 from dlo_ros.synthesis.experiment import find_experiment, load_experiment
 
@@ -44,10 +45,11 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.seed < 0:
         raise InputError(f"--seed is {arguments.seed}; it must not be negative")
     experiment = load_experiment(find_experiment(arguments.experiment))
-    # Imported here, so that bad input is answered before anything is compiled.
+    console = Console(stderr=True)
+    # Here, so that bad input is answered before anything is compiled.
+    compile_first(("synthesis",), console.print)
     from dlo_ros.synthesis.synthesize import synthesize
 
-    console = Console(stderr=True)
     images = not arguments.no_images
 
     def progress(frames: Iterable[int], count: int) -> Iterable[int]:

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from dlo_ros.command import NANOSECONDS, Command, Motion
+from dlo_ros.compilation import compile_first
 from dlo_ros.errors import InputError, VisionError
-from dlo_ros.kernel_cache import announced
 from dlo_ros.nodes import qos
 from dlo_ros.nodes.base import JUMP_BACK, DloNode
 from dlo_ros.nodes.commands import CommandSubscription
@@ -52,8 +52,8 @@ class ObserverNode(DloNode):
 
     def __init__(self, **options: Any) -> None:
         super().__init__("observer", "observation", "images", **options)
-        with announced(self.get_logger().info):
-            compile_kernels()  # or load them: the first image must not wait for it
+        compile_first(("vision",), self.get_logger().info)
+        compile_kernels()  # the first image must not wait for it
         self._motion = Motion()
         self._info: CameraInfo | None = None
         self._observer: Observer | None = None

@@ -7,8 +7,8 @@ import time
 from typing import Any
 
 from dlo_ros.command import NANOSECONDS, Command
+from dlo_ros.compilation import compile_first
 from dlo_ros.errors import DloError
-from dlo_ros.kernel_cache import announced
 from dlo_ros.nodes import qos
 from dlo_ros.nodes.base import JUMP_BACK, DloNode
 from dlo_ros.nodes.commands import CommandSubscription
@@ -60,8 +60,8 @@ class SimulatorNode(DloNode):
 
     def __init__(self, **options: Any) -> None:
         super().__init__("simulator", "prediction", "predictions", **options)
-        with announced(self.get_logger().info):
-            compile_kernels()  # or load them: the first shape must not wait for it
+        compile_first(("rod",), self.get_logger().info)
+        compile_kernels()  # the first shape must not wait for it
         self._simulation = LiveSimulation(self.settings)
         self._observations: list[Observation] = []
         self._next = 0

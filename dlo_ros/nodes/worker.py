@@ -12,6 +12,7 @@ from contextlib import suppress
 from typing import NamedTuple
 
 from dlo_ros.command import Command
+from dlo_ros.compilation import compile_first
 from dlo_ros.diagnosis.watch import Suspicion, Watch
 from dlo_ros.errors import DloError
 from dlo_ros.identification.estimate import Estimate
@@ -126,6 +127,8 @@ class EstimatorThread:
         # Where processors are scarce, observing and predicting come first: they cannot wait.
         with suppress(OSError, AttributeError):
             os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICENESS)
+        with suppress(DloError):  # what no other process compiles, this one does
+            compile_first(("rod",), lambda _: None)
         compile_kernels()
         while True:
             with self._changed:

@@ -9,8 +9,8 @@ banded matrix.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from dlo_ros.kernel_cache import njit
 from dlo_ros.rod.derivatives import Stress, first, second
 from dlo_ros.rod.kernels import (
     angle,

@@ -9,8 +9,8 @@ its own contiguous row off the rows before it: A = L^T D L.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from dlo_ros.kernel_cache import njit
 from dlo_ros.rod.rows import add_rows, set_rows
 from dlo_ros.rod.vectors import FLAGS, INLINE
 

@@ -8,12 +8,12 @@ DLO) are linear constraints, met exactly by a Schur complement of the banded mat
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from dlo_ros.kernel_cache import njit
 from dlo_ros.rod import banded
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def eliminate(band, fixed, rhs, increments):
     """Replace the equations of imposed degrees of freedom by x = increment.
 
@@ -43,7 +43,7 @@ def eliminate(band, fixed, rhs, increments):
                 rhs[a, j] = increments[a, j]
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def compliance(band, diagonal, pins):
     """How the pins give way to forces on them.
 
@@ -64,7 +64,7 @@ def compliance(band, diagonal, pins):
     return y, schur
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def constrain(pins, y, schur, gap, x):
     """Correct the solution x so that pins @ x = gap; returns False where that is impossible.
 
@@ -86,7 +86,7 @@ def constrain(pins, y, schur, gap, x):
     return True
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def held_back(negative, schur):
     """Negative eigenvalues that are left where the pins hold, of `negative` without them.
 
@@ -97,7 +97,7 @@ def held_back(negative, schur):
     return negative + np.sum(np.linalg.eigvalsh(schur) > 0.0) - schur.shape[0]
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def pin_gap(fixed, pins, pin_rows, target, pinned):
     """What `pins @ q` must be, shape (m,), given the imposed values.
 
@@ -121,7 +121,7 @@ def pin_gap(fixed, pins, pin_rows, target, pinned):
     return gap
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def back_substitute(band, diagonal, pins, gaps, rhs):
     """Solve an eliminated and factorised system for several right-hand sides (P, N), in place.
 

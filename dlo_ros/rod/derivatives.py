@@ -21,8 +21,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from dlo_ros.kernel_cache import njit
 from dlo_ros.rod.kernels import material_director, slopes, vectors
 from dlo_ros.rod.quads import QuadType
 from dlo_ros.rod.vectors import (

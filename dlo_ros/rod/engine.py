@@ -7,8 +7,8 @@ Every step is made by `stepping`, its sensitivities by `variation`.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from dlo_ros.kernel_cache import njit
 from dlo_ros.rod.moving import NEXT, TIME, another, assign, commit
 from dlo_ros.rod.stepping import DONE, NO_CONVERGENCE, NO_DIRECTION, SMALLEST_STEP, step
 from dlo_ros.rod.variation import vary
@@ -16,7 +16,7 @@ from dlo_ros.rod.variation import vary
 FIRST_STEP = 1e-3  # [s]
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def _next_stop(times, now, stop):
     """The next corner of the imposed motion, or the stop itself."""
     after = np.searchsorted(times, now + 1e-9, side="right")
@@ -25,7 +25,7 @@ def _next_stop(times, now, stop):
     return stop
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def march(system, imposed, state, stops, tolerance, newton, varying, shapes, speeds,
           derivatives):  # fmt: skip
     """Integrate to a series of times.

@@ -4,9 +4,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from dlo_ros.errors import InputError
+from dlo_ros.kernel_cache import njit
 from dlo_ros.rod.grips import BODY, DIRECTOR, FRAME, TANGENT
 from dlo_ros.rod.tables import Reference
 from dlo_ros.spline import FloatArray, SplineBasis
@@ -64,7 +64,7 @@ def twist_free(
     return reference, ends
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def _carry_along(r, tangent, frame):
     """Fill the rows of frame (m, 3) from the first, along points r and tangents.
 

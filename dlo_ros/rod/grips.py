@@ -6,9 +6,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from dlo_ros.interpolation import sample
+from dlo_ros.kernel_cache import njit
 from dlo_ros.rod.kernels import carry
 from dlo_ros.spline import FloatArray
 
@@ -32,7 +32,7 @@ class Imposed(NamedTuple):
     gain: FloatArray  # (T,) free length slipped in through a grip until then, of L
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def _column(q, column):
     """A column of the rotation matrix of a unit quaternion."""
     x, y, z, w = q[0], q[1], q[2], q[3]
@@ -43,7 +43,7 @@ def _column(q, column):
     return np.array([2 * (x * z + y * w), 2 * (y * z - x * w), 1 - 2 * (x * x + y * y)])
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def _follow(frame, tangent):
     """Transport the reference frame of an end to a new tangent."""
     director = np.empty(3)
@@ -52,7 +52,7 @@ def _follow(frame, tangent):
     frame[DIRECTOR:BODY] = director
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def _turn(frame, quaternion):
     """Follow a clamp to a new orientation: the twist angle that it imposes goes to the frame."""
     tangent = _column(quaternion, 0)
@@ -72,7 +72,7 @@ def _turn(frame, quaternion):
     frame[THETA] += change
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def _find(kinds, kind):
     """Which of the imposed things is of a kind; -1: none."""
     for k in range(kinds.size):
@@ -81,7 +81,7 @@ def _find(kinds, kind):
     return -1
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def impose(imposed, time, theta, reach, frames, target, pins):
     """Values of the held degrees of freedom at a time.
 

@@ -23,8 +23,8 @@ which is the rate at which the geodesic from t0 to t sweeps area on the unit sph
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from dlo_ros.kernel_cache import njit
 from dlo_ros.rod.quads import lane, quad
 from dlo_ros.rod.tables import Reference
 from dlo_ros.rod.vectors import FLAGS, INLINE, cross, dot, mix, mix3, row, times, unit

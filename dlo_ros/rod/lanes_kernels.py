@@ -11,8 +11,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from dlo_ros.kernel_cache import njit
 from dlo_ros.rod.kernels import MIDDLE, OUTER
 from dlo_ros.rod.lanes_vector import entry, load, root, spread, store
 from dlo_ros.rod.tables import Quadrature
@@ -68,7 +68,7 @@ def tables_of(rule: Quadrature, lo: int, hi: int) -> Tables:
     return Tables(spans + 3, spans, lo, hi, linear, rule.b1, rule.b2, products)
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(inline="always")
 def _point(q, tables, e):
     """First and second derivative along u at point e."""
     at = 2 * (e // 3)
@@ -84,7 +84,7 @@ def _point(q, tables, e):
     return px, pz, sx, sz
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def strains(q, tables, stretch, bend):
     """Write stretch of whole spans and curvature, (nb, LANES)."""
     for e in range(3 * tables.spans):
@@ -97,7 +97,7 @@ def strains(q, tables, stretch, bend):
             _span_stretch(stretch, e - 2, entry(tables.linear, e // 3) > 0.0)
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(inline="always")
 def _span_stretch(stretch, first, linear):
     """`kernels.span_stretch` of a span whose first point is given."""
     a, b, c = load(stretch, first), load(stretch, first + 1), load(stretch, first + 2)
@@ -111,7 +111,7 @@ def _span_stretch(stretch, first, linear):
         store(stretch, first + 2, b)
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def assemble(q, tables, law, scratch, matrix, tension, first):
     """Gradient of the elastic energy, and `matrix` plus its Hessian in the free ones.
 
@@ -164,7 +164,7 @@ def assemble(q, tables, law, scratch, matrix, tension, first):
                 pair += 1
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def _points(q, tables, law, scratch, span, linear, tension, first):
     """Forces on p and s (4 rows) and second derivatives (10 rows) at a span's three points."""
     point, line, zero = scratch.point, scratch.line, spread(0.0)
@@ -244,13 +244,13 @@ def _points(q, tables, law, scratch, span, linear, tension, first):
         store(point, k + 13, bend * ksz * ksz)
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(inline="always")
 def _along(tangent, e, px, pz):
     """Length of p to first order about its last value: its share along that one's direction."""
     return load(tangent, 2 * e) * px + load(tangent, 2 * e + 1) * pz
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def _lengths(q, tables, span, tangent, promised):
     """Mean and tilt of the straight line through |p| at a span's points; see `_along`."""
     a, b, c = spread(0.0), spread(0.0), spread(0.0)
@@ -262,7 +262,7 @@ def _lengths(q, tables, span, tangent, promised):
     return OUTER * (a + c) + MIDDLE * b, 0.5 * (c - a)
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def tensions(stretch, law, tables, out):
     """Write the tensions that `assemble` takes, from stretches of whole spans (nb, LANES)."""
     for e in range(3 * tables.spans):
@@ -271,7 +271,7 @@ def tensions(stretch, law, tables, out):
         store(out, e, stiff * (load(stretch, e) - load(law.stretch_rest, e)))
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(inline="always")
 def _add_block(point, products, row, band, j, apart):
     """Add the second derivatives for control points j and j + apart."""
     at, m = COLUMN * 2 * j, 2 * apart
@@ -296,7 +296,7 @@ def _add_block(point, products, row, band, j, apart):
         store(band, at + COLUMN + m - 1, xz)
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def _add_line(scratch, law, span, lo, hi):
     """Add the square of the straight line through a span's stretches; see `kernels.add_square`."""
     line, band = scratch.line, scratch.band

@@ -6,13 +6,12 @@ For the layout of matrices see `lanes_kernels`.
 
 from __future__ import annotations
 
-from numba import njit
-
+from dlo_ros.kernel_cache import njit
 from dlo_ros.rod.lanes_kernels import COLUMN
 from dlo_ros.rod.lanes_vector import largest, load, smaller, spread, store
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def residual(q, matrix, rhs, scratch, n, lo, hi):
     """Write rhs - matrix q - gradient of the free degrees of freedom to scratch.step."""
     zero = spread(0.0)
@@ -29,7 +28,7 @@ def residual(q, matrix, rhs, scratch, n, lo, hi):
         store(scratch.step, i, zero)
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def solve(scratch, lo, hi):
     """Factorise the free part of the matrix and replace the right-hand side by the solution.
 

@@ -17,11 +17,12 @@ import operator
 
 import numpy as np
 from llvmlite import ir
-from numba import njit, types
+from numba import types
 from numba.core import cgutils
 from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
 from numba.extending import intrinsic, lower_builtin, models, register_model
 
+from dlo_ros.kernel_cache import njit
 from dlo_ros.spline import FloatArray
 
 LANES = 8
@@ -185,7 +186,7 @@ def lane(_, value, number):
     return types.float64(value, number), generate
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def largest(value):
     """The largest of the numbers; NaN where one is."""
     result = lane(value, 0)

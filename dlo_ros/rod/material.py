@@ -15,12 +15,12 @@ so that both are exact where there is one curvature only, and isotropic otherwis
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from dlo_ros.kernel_cache import njit
 from dlo_ros.rod.tables import Response
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def room(points):
     """A response to write to, for a number of quadrature points."""
     return Response(
@@ -29,7 +29,7 @@ def room(points):
     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(inline="always")
 def yielded(x1, x2, p1, p2, law):
     """The plastic curvature that a curvature (x1, x2) leaves where (p1, p2) was before."""
     h = 1.0 + law.hardening
@@ -42,7 +42,7 @@ def yielded(x1, x2, p1, p2, law):
     return p1, p2
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def bend(stiff1, stiff2, x1, x2, p1, p2, law):
     """Moment of a curvature beyond linear elasticity.
 
@@ -90,7 +90,7 @@ def bend(stiff1, stiff2, x1, x2, p1, p2, law):
     return root1 * secant * y1, root2 * secant * y2, t11, t12, t22, energy
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def respond(stretch, other, weight, material, out):
     """Stress resultants and tangents of strains.
 
@@ -124,7 +124,7 @@ def respond(stretch, other, weight, material, out):
     return energy
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def _beyond(other, weight, material, out):
     """Replace the linear elastic part of the moments by what the law makes of it."""
     plastic, energy = material.history.plastic, 0.0
@@ -143,7 +143,7 @@ def _beyond(other, weight, material, out):
     return energy
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def remember(other, material, out):
     """Write the plastic curvature (nb, 2) that strains leave behind to out."""
     plastic = material.history.plastic

@@ -5,8 +5,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from numba import njit
-
+from dlo_ros.kernel_cache import njit
 from dlo_ros.rod.tables import History, Reference
 from dlo_ros.spline import FloatArray
 
@@ -31,7 +30,7 @@ class Moving(NamedTuple):
 TIME, LAST, NEXT = range(3)  # of the clock
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def assign(target, source):
     """Copy an array into another of the same shape."""
     a, b = target.ravel(), source.ravel()
@@ -39,7 +38,7 @@ def assign(target, source):
         a[i] = b[i]
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def commit(new, state):
     """Let the state become the new one."""
     assign(state.clock, new.clock)
@@ -61,7 +60,7 @@ def commit(new, state):
     assign(state.history.anchor, new.history.anchor)
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def another(state):
     """A copy of a state."""
     return Moving(

@@ -8,9 +8,9 @@ States keep their spatial form: they are reduced for the compiled code and expan
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from dlo_ros.command import Command
+from dlo_ros.kernel_cache import njit
 from dlo_ros.rod.grips import DIRECTOR
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.state import State
@@ -35,7 +35,7 @@ def in_plane(model: RodModel, state: State, command: Command) -> bool:
     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def _lies_flat(q, velocity, acceleration, auxiliary, director, frames, slack):
     for i in range(q.shape[0]):
         for c in (1, 3):

@@ -9,8 +9,8 @@ Storage is that of `assembly`, with two degrees of freedom to a control point in
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from dlo_ros.kernel_cache import njit
 from dlo_ros.rod.kernels import column, span_stretch, tension_share, three
 from dlo_ros.rod.quads import lane, lanes, quad
 from dlo_ros.rod.rows import set_rows

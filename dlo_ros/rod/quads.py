@@ -11,11 +11,12 @@ import operator
 
 import numpy as np
 from llvmlite import ir
-from numba import njit
 from numba.core import cgutils, types
 from numba.core.typing import signature
 from numba.core.typing.templates import ConcreteTemplate, infer_global
 from numba.extending import intrinsic, lower_builtin, models, register_model
+
+from dlo_ros.kernel_cache import njit
 
 LANES = 4
 VECTOR = ir.VectorType(ir.DoubleType(), LANES)
@@ -129,7 +130,7 @@ def lane(typing, value, k):
     return types.float64(Quad, types.int32), generate
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@njit(forceinline=True)
 def lanes(value):
     """The three numbers that `quad` was made of."""
     return lane(value, 0), lane(value, 1), lane(value, 2)

@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from dlo_ros.kernel_cache import njit
 from dlo_ros.rod import forces, solver
 from dlo_ros.rod.grips import DIRECTOR, TANGENT
 from dlo_ros.rod.material import room
@@ -20,7 +20,7 @@ PUSH = 2e-3  # of L: how far an unstable equilibrium is left at once
 ESCAPES = 4
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def _increments(system, q, target, gap, before, after):
     """In how many steps the imposed motion is made, so that the branch is not lost."""
     move, turn, dof = np.abs(gap).max() if gap.size else 0.0, 0.0, q.shape[1]
@@ -38,7 +38,7 @@ def _increments(system, q, target, gap, before, after):
     return max(1, int(np.ceil(steps)))
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def _longest(length, around):
     """How far a control point may move in one iteration [m]: not over a peg."""
     result = 0.1 * length
@@ -47,7 +47,7 @@ def _longest(length, around):
     return result
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def settle(system, imposed, state, time, rate2, tolerance, fresh, rest):
     """Static equilibrium at a time, on the branch that leads there from a state.
 
@@ -123,7 +123,7 @@ def settle(system, imposed, state, time, rate2, tolerance, fresh, rest):
     return DONE, total, negative, buckled
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def _escape(q, system, matter, ref, load, mass, spin, rate2, longest, tolerance):
     """Leave an unstable equilibrium, as a DLO that buckles does, and settle beside it.
 

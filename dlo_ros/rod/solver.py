@@ -7,8 +7,8 @@ All of it serves the rod in space and in the plane, see `forces`.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from dlo_ros.kernel_cache import njit
 from dlo_ros.rod import banded
 from dlo_ros.rod.constraints import compliance, constrain, eliminate, held_back
 from dlo_ros.rod.forces import (
@@ -32,7 +32,7 @@ LEAST_SHIFT = 1e-2  # likewise, where the stiffness is not positive
 FREE_ITERATIONS = 60  # of those, without a check of the energy
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def _largest(x, dof):
     """Largest move of a control point [m] and largest change of theta [rad]."""
     move, turn = 0.0, 0.0
@@ -44,7 +44,7 @@ def _largest(x, dof):
     return move, turn
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def equilibrium(q, increment, fixed, pins, gap, rule, matter, ref, load, mass, spin, rate2,
                 length, longest, tolerance):  # fmt: skip
     """Static equilibrium: Newton's method with a mass shift, descending in total energy.
@@ -150,7 +150,7 @@ def equilibrium(q, increment, fixed, pins, gap, rule, matter, ref, load, mass, s
     return -MAX_STATIC_ITERATIONS, 0, ref
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def implicit_step(q, target, fixed, pins, gap, rule, matter, ref, inertia, spin, rhs, length,
                   tolerance):  # fmt: skip
     """Solve inertia q + elastic gradient(q) = rhs for one step in time.
@@ -217,7 +217,7 @@ def implicit_step(q, target, fixed, pins, gap, rule, matter, ref, inertia, spin,
     return -MAX_NEWTON, 0
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def linearise(q, rule, matter, ref, inertia, spin):
     """Tangent matrix at q, and the derivatives of the strains there.
 
@@ -237,7 +237,7 @@ def linearise(q, rule, matter, ref, inertia, spin):
     return band, gradient, response, grad_s, grad_o
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def negative_modes(q, fixed, pins, rule, matter, ref, mass, spin, rate2):
     """Number of negative eigenvalues of the stiffness at q, with what is held."""
     none = np.zeros((q.shape[0], 4))
@@ -249,7 +249,7 @@ def negative_modes(q, fixed, pins, rule, matter, ref, mass, spin, rate2):
     return held_back(negative, compliance(band, diagonal, pins)[1])
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def softest(q, fixed, pins, rule, matter, ref, mass, spin, rate2):
     """The motion in which an unstable equilibrium is softest, its largest move 1.
 
@@ -288,7 +288,7 @@ def softest(q, fixed, pins, rule, matter, ref, mass, spin, rate2):
     return mode
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def factorised_mass(mass, spin, fixed, rhs):
     """Factors (band, diagonal) of the mass matrix, imposed degrees of freedom eliminated."""
     size = fixed.size

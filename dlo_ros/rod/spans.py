@@ -11,8 +11,8 @@ is one vector operation.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from dlo_ros.kernel_cache import njit
 from dlo_ros.rod.kernels import MIDDLE, OUTER
 from dlo_ros.rod.quads import lane, lanes, quad
 from dlo_ros.rod.rows import add_outer, add_rows, set_outer, set_rows

@@ -7,8 +7,8 @@ See `dynamics` for the equations. Everything here serves the rod in space and in
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from dlo_ros.kernel_cache import njit
 from dlo_ros.rod import forces, solver
 from dlo_ros.rod.constraints import back_substitute
 from dlo_ros.rod.material import remember
@@ -27,7 +27,7 @@ SMALLEST_STEP = 1e-6  # [s]
 DONE, NO_CONVERGENCE, NO_DIRECTION = 0, 1, 2
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def strain_rate_weights(h, last):
     """Weights of the strains now, one and two steps ago in the strain rate [1/s]."""
     if last <= 0.0:
@@ -36,7 +36,7 @@ def strain_rate_weights(h, last):
     return (1.0 + 2.0 * r) / (h * (1.0 + r)), -(1.0 + r) / h, r * r / (h * (1.0 + r))
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def damped(system, k, imposed, state, h):
     """The material of the incremental potential of one step of length h, for variant k."""
     c0, c1, c2 = strain_rate_weights(h, state.clock[LAST])
@@ -61,7 +61,7 @@ def damped(system, k, imposed, state, h):
     return Material(s, damping, matter.bend_rest, matter.law, matter.around, matter.history)
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def extrapolated(q, velocity, acceleration, auxiliary, h):
     """What Newmark's formulas take from the past: position, velocity and lag of acceleration.
 
@@ -77,13 +77,13 @@ def extrapolated(q, velocity, acceleration, auxiliary, h):
     return q_star, v_star, lag
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def weights(h):
     """Factors of q in the acceleration [1/s^2] and in the velocity [1/s] at the end of a step."""
     return (1.0 - ALPHA_M) / ((1.0 - ALPHA_F) * BETA * h * h), GAMMA / (BETA * h)
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def reached(q, q_star, v_star, lag, h):
     """Velocity, acceleration and auxiliary acceleration at the end of a step to q."""
     velocity, acceleration, auxiliary = np.empty(q.shape), np.empty(q.shape), np.empty(q.shape)
@@ -98,7 +98,7 @@ def reached(q, q_star, v_star, lag, h):
     return velocity, acceleration, auxiliary
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def step(system, imposed, state, h, tolerance, new):
     """One step of length h.
 
@@ -153,7 +153,7 @@ def step(system, imposed, state, h, tolerance, new):
     return DONE, error
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def frame_at(q, rule, ref, out):
     """Write the reference frame carried to q to out; in the plane it plays no role."""
     if q.shape[1] == 4:
@@ -164,14 +164,14 @@ def frame_at(q, rule, ref, out):
         assign(out.twist, there.twist)
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def remembered(q, other, rule, matter, out):
     """Write the history after a motion to q with strains `other` to out."""
     remember(other, matter, out.plastic)
     drag_along(q, rule, matter.around, matter.history.anchor, out.anchor)
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def _mean_jump(fixed, new, old):
     """Mean change of the auxiliary acceleration over the free control points [m/s^2]."""
     total, count = 0.0, 0
@@ -187,7 +187,7 @@ def _mean_jump(fixed, new, old):
     return total / max(count, 1)
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def starting_acceleration(system, imposed, state):
     """The acceleration that the forces of a state cause, imposed points not accelerated."""
     factor = growth(imposed, ITSELF, state.clock[TIME])

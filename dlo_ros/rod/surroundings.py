@@ -9,10 +9,11 @@ pushes back in proportion to how deep the DLO's axis is within its reach, withou
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from dlo_ros.kernel_cache import njit
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(inline="always")
 def _position(q, span, b, z):
     x0, x1 = 0.0, 0.0
     for i in range(4):
@@ -21,7 +22,7 @@ def _position(q, span, b, z):
     return x0, x1
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(inline="always")
 def friction(x0, x1, a0, a1, limit, creep):
     """Friction at a point (x0, x1) with its anchor at (a0, a1).
 
@@ -39,7 +40,7 @@ def friction(x0, x1, a0, a1, limit, creep):
     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(inline="always")
 def contact(x0, x1, peg, stiff):
     """Push of a peg (x, z, reach) on a point: force, its tangent and energy as in `friction`."""
     d0, d1 = x0 - peg[0], x1 - peg[1]
@@ -55,7 +56,7 @@ def contact(x0, x1, peg, stiff):
     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def _add(span, b, weight, dof, force, gradient, band):
     """Add a point's force and tangent to gradient and banded matrix."""
     f0, f1, t00, t01, t11, _ = force
@@ -73,7 +74,7 @@ def _add(span, b, weight, dof, force, gradient, band):
                 band[at, k + z] += share * t01
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def resist(q, rule, around, anchor, gradient, band):
     """Add the forces of the surroundings and their tangent; returns their energy [J].
 
@@ -101,7 +102,7 @@ def resist(q, rule, around, anchor, gradient, band):
     return energy
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def energy_of(q, rule, around, anchor):
     """Energy of the surroundings' forces [J]; see `resist`."""
     energy, z = 0.0, q.shape[1] // 2
@@ -119,7 +120,7 @@ def energy_of(q, rule, around, anchor):
     return energy
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def drag_along(q, rule, around, anchor, out):
     """Write the anchors (nb, 2) after a motion to q to out: as near as friction demands."""
     if anchor.shape[0] == 0:
@@ -132,7 +133,7 @@ def drag_along(q, rule, around, anchor, out):
         out[e, 0], out[e, 1] = x0 - share * d0, x1 - share * d1
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def rest_anchor(q, rule):
     """Anchors (nb, 2) at which a configuration feels no friction."""
     result = np.empty((rule.weight.size, 2))

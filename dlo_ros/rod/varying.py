@@ -5,8 +5,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from numba import njit
-
+from dlo_ros.kernel_cache import njit
 from dlo_ros.rod.plane import PLANAR
 from dlo_ros.rod.tables import History, Reference, Stiffness
 from dlo_ros.spline import FloatArray
@@ -43,7 +42,7 @@ class Varying(NamedTuple):
     history: History
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def rise(above, below, d, out):
     """Write (above - below) / (2 d) to out."""
     a, b, c = out.ravel(), above.ravel(), below.ravel()
@@ -51,7 +50,7 @@ def rise(above, below, d, out):
         a[i] = (b[i] - c[i]) / (2.0 * d)
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def shift(target, source, d, change):
     """Write source + d * change to target, arrays of one shape."""
     a, b, c = target.ravel(), source.ravel(), change.ravel()
@@ -59,7 +58,7 @@ def shift(target, source, d, change):
         a[i] = b[i] + d * c[i]
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def shift_state(target, state, v, a, d):
     """Write the state with d times the derivatives by parameter a added to target."""
     shift(target.q, state.q, d, v.q[a])
@@ -76,7 +75,7 @@ def shift_state(target, state, v, a, d):
         shift_frame(target.reference, state.reference, v.reference, a, d)
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def shift_frame(target, ref, change, a, d):
     """Write a frame with d times its derivatives by parameter a added to target."""
     shift(target.tangent, ref.tangent, d, change.tangent[a])
@@ -85,7 +84,7 @@ def shift_frame(target, ref, change, a, d):
     shift(target.twist, ref.twist, d, change.twist[a])
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def add(target, factor, source):
     """Add factor * source to target, both of shape (m,)."""
     for i in range(target.size):

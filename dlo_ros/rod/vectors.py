@@ -4,11 +4,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from dlo_ros.kernel_cache import njit
 
 # The flags of all compiled functions of the rod. Sums may be fused with products, but keep their
 # order, and infinities and NaN keep their meaning; a division by zero gives them.
-FLAGS = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
+FLAGS = {"error_model": "numpy", "fastmath": {"contract", "nsz"}}
 INLINE = {**FLAGS, "forceinline": True}  # for what is cheaper than its call
 
 

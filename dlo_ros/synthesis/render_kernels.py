@@ -6,9 +6,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from dlo_ros.kernel_cache import njit
 from dlo_ros.spline import FloatArray
 
 Float32Array = NDArray[np.float32]
@@ -84,4 +84,4 @@ def _trace(
                     segment[r, c] = i
 
 
-trace = njit(cache=True)(_trace)
+trace = njit()(_trace)

@@ -10,8 +10,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from dlo_ros.kernel_cache import njit
 from dlo_ros.spline import FloatArray
 from dlo_ros.synthesis.rod_laws import BendingLaw, bend
 
@@ -181,7 +181,7 @@ def _solve(band: FloatArray, right: FloatArray) -> bool:
     return True
 
 
-_jit = njit(cache=True)
+_jit = njit()
 wrap = _jit(_wrap)
 strains = _jit(_strains)
 elastic = _jit(_elastic)

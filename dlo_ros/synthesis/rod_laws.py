@@ -12,8 +12,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from dlo_ros.kernel_cache import njit
 from dlo_ros.spline import FloatArray
 
 
@@ -268,7 +268,7 @@ def _press(
     return total
 
 
-_jit = njit(cache=True)
+_jit = njit()
 spring = _jit(_spring)
 slide = _jit(_slide)
 bend = _jit(_bend)

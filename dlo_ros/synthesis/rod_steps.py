@@ -9,8 +9,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from dlo_ros.kernel_cache import njit
 from dlo_ros.spline import FloatArray
 from dlo_ros.synthesis.rod_kernels import BANDS, elastic, solve
 from dlo_ros.synthesis.rod_laws import BendingLaw, Contact, Friction, drag_nodes, press
@@ -179,7 +179,7 @@ def _descend(x: FloatArray, p: Potential, mass: FloatArray, rounding: float) -> 
     return False
 
 
-_jit = njit(cache=True)
+_jit = njit()
 evaluate = _jit(_evaluate)
 newton = _jit(_direction)
 minimise = _jit(_minimise)

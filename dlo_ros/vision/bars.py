@@ -4,8 +4,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from dlo_ros.kernel_cache import njit
 
 Planes = NDArray[np.uint8]
 Float32 = NDArray[np.float32]
@@ -16,7 +17,7 @@ ALIKE = 0.3  # share of the contrast that must be left after the change along: a
 OPPOSITE = 0.5  # cosine between the differences to both sides, beyond which it is an edge
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@njit()
 def bars(
     planes: Planes,
     padding: int,
@@ -67,7 +68,7 @@ def bars(
     return strength, orientation
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@njit()
 def _next_run(searched: NDArray[np.uint8], begin: int) -> tuple[int, int]:
     """First and last (exclusive) of the next columns to search, over short gaps; or nothing."""
     width = len(searched)
@@ -83,7 +84,7 @@ def _next_run(searched: NDArray[np.uint8], begin: int) -> tuple[int, int]:
     return first, last
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@njit()
 def _search_run(
     planes: Planes,
     y: int,
@@ -130,7 +131,7 @@ def _search_run(
                 which[i] = k
 
 
-@njit(cache=True, nogil=True, fastmath=True)  # type: ignore[untyped-decorator]
+@njit(fastmath=True)
 def _sides(
     planes: Planes,
     y: int,
@@ -161,7 +162,7 @@ def _sides(
                 product[i] += a * b
 
 
-@njit(cache=True, nogil=True, fastmath=True, inline="always")  # type: ignore[untyped-decorator]
+@njit(fastmath=True, inline="always")
 def _opposite(left: float, right: float, product: float) -> bool:
     """Whether a pixel differs from its two sides into opposite directions.
 
@@ -171,7 +172,7 @@ def _opposite(left: float, right: float, product: float) -> bool:
     return bool(product < np.float32(0.0) and product * product > limit)
 
 
-@njit(cache=True, nogil=True, fastmath=True)  # type: ignore[untyped-decorator]
+@njit(fastmath=True)
 def _keep_best(
     best: Float32,
     which: NDArray[np.int8],

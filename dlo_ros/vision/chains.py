@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from dlo_ros.kernel_cache import njit
 from dlo_ros.spline import FloatArray
 from dlo_ros.vision.segmentation import ORIENTATIONS, BarMap
 
@@ -88,7 +88,7 @@ def _gaussian(sigma: float) -> FloatArray:
     return np.asarray(kernel / kernel.sum())
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@njit()
 def _describe(
     xy: FloatArray,
     strength: NDArray[np.float32],
@@ -168,7 +168,7 @@ def chain_end(chain: Chain, last: bool, width: float) -> ChainEnd:
     return ChainEnd(position, direction, float(min(max(curvature, -limit), limit)))
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@njit()
 def _end_of(points: FloatArray, width: float) -> tuple[FloatArray, FloatArray, float]:
     """Position, direction and curvature at the last of some points, by a parabola over them."""
     count = len(points)
@@ -194,7 +194,7 @@ def _end_of(points: FloatArray, width: float) -> tuple[FloatArray, FloatArray, f
     return c[0].copy(), direction, curvature
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@njit()
 def _ridge(
     strength: NDArray[np.float32], orientation: NDArray[np.int8], reach: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], FloatArray]:
@@ -246,7 +246,7 @@ def _ridge(
     return rows[:count].copy(), columns[:count].copy(), offsets[:count].copy()
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@njit()
 def _trace(
     rows: NDArray[np.int64],
     columns: NDArray[np.int64],

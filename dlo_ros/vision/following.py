@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from dlo_ros.kernel_cache import njit
 from dlo_ros.spline import FloatArray
 from dlo_ros.vision.segmentation import Image
 from dlo_ros.vision.strip import CORE, Float32, normals_of, smooth_curve, spacing_for, strip_along
@@ -64,7 +64,7 @@ def follow(
     return curve + moved * normals
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@njit()
 def best_course(score: FloatArray, steepness: float, largest: int) -> FloatArray:
     """Offset index per row that maximises the sum of scores less the cost of moving."""
     rows, count = score.shape

@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from dlo_ros.kernel_cache import njit
 from dlo_ros.spline import FloatArray
 
 NEWTON_STEPS = 8
@@ -13,7 +13,7 @@ CONVERGED = 1e-12  # of normalised image coordinates
 SINGULAR = 1e-9  # determinant of the Jacobian below which the distortion cannot be undone
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@njit()
 def distort(points: FloatArray, coefficients: FloatArray) -> FloatArray:
     """Distorted normalised image points (OpenCV's rational model with thin prism).
 
@@ -32,7 +32,7 @@ def distort(points: FloatArray, coefficients: FloatArray) -> FloatArray:
     return result
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@njit()
 def undistort(points: FloatArray, coefficients: FloatArray, tolerance: float) -> FloatArray:
     """Inverse of `distort` by Newton's method.
 
@@ -68,7 +68,7 @@ def undistort(points: FloatArray, coefficients: FloatArray, tolerance: float) ->
     return result
 
 
-@njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(error_model="numpy")
 def _evaluate(
     x: float, y: float, coefficients: FloatArray
 ) -> tuple[float, float, float, float, float, float]:

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from dlo_ros.kernel_cache import njit
 from dlo_ros.spline import FloatArray
 from dlo_ros.vision.chains import Chain, chain_end
 from dlo_ros.vision.metric import PlaneGrid, polyline_length
@@ -125,7 +125,7 @@ class Linker:
         return [Link(float(costs[i]), float(lengths[i]), int(reached[i])) for i in order]
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@njit()
 def bridge(
     position: FloatArray, direction: FloatArray, target: FloatArray, arriving: FloatArray
 ) -> FloatArray:
@@ -147,7 +147,7 @@ def bridge(
     return points
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@njit()
 def _bend(
     position: FloatArray,
     direction: FloatArray,
@@ -179,7 +179,7 @@ def _bend(
     return BENDING * energy, max(distance - 2.0 * back, 0.0)
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@njit()
 def _unlike(points: FloatArray, colour: FloatArray, strength: float, image: Image) -> float:
     """Share of a bridge over pixels that do not look like the DLO."""
     height, width = image.shape[0], image.shape[1]
@@ -195,7 +195,7 @@ def _unlike(points: FloatArray, colour: FloatArray, strength: float, image: Imag
     return total / len(points)
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@njit()
 def _links(
     position: FloatArray,
     direction: FloatArray,

@@ -6,8 +6,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from dlo_ros.kernel_cache import njit
 from dlo_ros.spline import FloatArray
 from dlo_ros.vision.camera import Camera
 from dlo_ros.vision.segmentation import BarMap
@@ -56,7 +56,7 @@ def _lattice(bars: BarMap) -> tuple[FloatArray, FloatArray]:
     return x, y
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@njit()
 def polyline_length(nodes: FloatArray, points: FloatArray) -> float:
     """Length in the plane of a polyline in the bar map."""
     rows, columns = nodes.shape[0], nodes.shape[1]

@@ -11,11 +11,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 from scipy.linalg import solveh_banded
 
+from dlo_ros.kernel_cache import njit
 from dlo_ros.spline import DEGREE, FloatArray
 
 PENALTY = 1e-6
@@ -142,7 +142,7 @@ def _slopes(p: FloatArray, cell: np.ndarray, knots: FloatArray) -> FloatArray:
     return np.asarray(values / (2 * step))
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@njit()
 def _add(
     bands: FloatArray,
     right: FloatArray,
@@ -162,7 +162,7 @@ def _add(
                 right[k, d] += weighted * values[i, d]
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@njit()
 def _distances(
     cell: NDArray[np.int64], basis: FloatArray, coefficients: FloatArray, points: FloatArray
 ) -> FloatArray:

@@ -1,0 +1,283 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Compilation of the numerical kernels in processes of their own, shared by all nodes and tools.
+
+Each part of the kernels has files in the cache folder: a lock that the process holds that compiles
+it, its progress, and a mark that it is complete. Whoever wants a part that nobody compiles starts a
+process for it; a lock ends with its process, whatever ends that.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from dlo_ros.errors import KernelError
+from dlo_ros.kernel_cache import PACKAGE, cache_folder, jit_disabled, machine
+
+PROCESSES = 2
+"""Compiling processes at a time, over all nodes; each takes half a gigabyte."""
+
+SETTLED = 3.0
+"""Seconds after which the rate so far tells how long the rest will take."""
+
+WAIT = 0.1
+"""Seconds between two looks at what other processes do."""
+
+TELL = 10.0
+"""Seconds between two messages on the progress."""
+
+
+WORKER = (sys.executable, "-m", "dlo_ros.compile", "--worker")
+"""The command of a compiling process; stages follow."""
+
+FAILED = "the numerical kernels could not be compiled"
+
+
+@dataclass(frozen=True)
+class Part:
+    """Kernels that are compiled by one process.
+
+    Args:
+        name: name of the part.
+        work: module and function, `module:function`, that touches each of the kernels.
+        seconds: processor time of the compilation on a desktop [s], which only weighs the parts.
+        functions: number of compilations of single functions.
+    """
+
+    name: str
+    work: str
+    seconds: float
+    functions: int
+
+
+STAGES: dict[str, tuple[Part, ...]] = {
+    "rod": (Part("rod", "dlo_ros.rod.compile:compile_kernels", 140.0, 368),),
+    "vision": (Part("vision", "dlo_ros.vision.compile:compile_kernels", 15.0, 40),),
+    "synthesis": (Part("synthesis", "dlo_ros.synthesis.compile:compile_kernels", 15.0, 20),),
+}
+"""What a node or tool may ask for; each part of a stage is of that stage alone."""
+
+
+@dataclass(frozen=True)
+class CompilationProgress:
+    """How far a compilation is.
+
+    Args:
+        done: whether the kernels can be loaded from the cache.
+        fraction: of the whole, 0 to 1.
+        remaining_seconds: estimated rest [s]; None where nothing is known yet.
+        error: why it ended before it was done, one line; otherwise empty.
+    """
+
+    done: bool
+    fraction: float
+    remaining_seconds: float | None
+    error: str = ""
+
+    def __str__(self) -> str:
+        if self.done:
+            return "compiled"
+        if self.error:
+            return self.error
+        rest = self.remaining_seconds
+        about = "" if rest is None else f", about {max(1, round(rest))} s"
+        return f"compiling, {100 * self.fraction:.0f} %{about}"
+
+
+class PartFiles:
+    """The files of one part in a cache folder.
+
+    Args:
+        folder: the cache folder.
+        part: name of the part.
+    """
+
+    def __init__(self, folder: Path, part: str) -> None:
+        stem = f"{part}-{machine()}"
+        self.mark = folder / f"{stem}.complete"
+        self.lock = folder / f"{stem}.lock"
+        self._progress = folder / f"{stem}.progress"
+
+    @property
+    def complete(self) -> bool:
+        """Whether the machine code is there."""
+        return self.mark.exists()
+
+    @property
+    def fraction(self) -> float:
+        """Fraction that is compiled, 0 to 1, as the compiling process told last."""
+        if self.complete:
+            return 1.0
+        with suppress(OSError, ValueError):
+            return min(1.0, max(0.0, float(json.loads(self._progress.read_text()))))
+        return 0.0
+
+    def tell(self, fraction: float) -> None:
+        """Let others know how far the compilation is."""
+        _replace(self._progress, json.dumps(fraction))
+
+    def finish(self) -> None:
+        """Mark the part as complete."""
+        _replace(self.mark, "")
+        self._progress.unlink(missing_ok=True)
+
+
+class BackgroundCompilation:
+    """Has kernels compiled in processes of their own, or by those that others have started.
+
+    Args:
+        stages: names in `STAGES`, those that are needed first first.
+
+    Raises:
+        KernelError: numba is not installed, or no folder for compiled code can be written.
+    """
+
+    def __init__(self, stages: Sequence[str]) -> None:
+        folder = cache_folder()
+        self._stages = tuple(stages)
+        self._parts = [part for stage in stages for part in STAGES[stage]]
+        self._files = {part.name: PartFiles(folder, part.name) for part in self._parts}
+        self._workers: list[subprocess.Popen[bytes]] = []
+        self._said = b""
+        self._error = ""
+        self._began: tuple[float, float] | None = None
+        self._done = jit_disabled()
+
+    def start(self) -> bool:
+        """Begin to compile what is not in the cache; returns at once, whether there is any."""
+        missing = sum(not files.complete for files in self._files.values())
+        self._done = self._done or not missing
+        if self._done:
+            return False
+        self._began = time.monotonic(), self._fraction()
+        environment = dict(os.environ)
+        paths = [str(PACKAGE.parent), environment.get("PYTHONPATH", "")]
+        environment["PYTHONPATH"] = os.pathsep.join(filter(None, paths))
+        try:
+            for _ in range(min(missing, PROCESSES)):
+                worker = subprocess.Popen(
+                    (*WORKER, *self._stages),
+                    env=environment,
+                    stdin=subprocess.PIPE,  # its end tells the worker that this process has ended
+                    stdout=subprocess.DEVNULL,
+                    stderr=subprocess.PIPE,
+                )
+                assert worker.stderr is not None
+                os.set_blocking(worker.stderr.fileno(), False)
+                self._workers.append(worker)
+        except OSError as err:
+            self.stop()
+            self._error = f"{FAILED}: {err.strerror or err}"
+        return True
+
+    def poll(self) -> CompilationProgress:
+        """How far the compilation is; takes less than a millisecond."""
+        if not self._done and all(files.complete for files in self._files.values()):
+            self._done = True
+            self.stop()
+        if self._done:
+            return CompilationProgress(True, 1.0, 0.0)
+        if not self._error and self._workers:
+            self._error = self._failure()
+            if self._error:
+                self.stop()
+        fraction = self._fraction()
+        return CompilationProgress(False, fraction, self._remaining(fraction), self._error)
+
+    def stop(self) -> None:
+        """End the processes that this one has started; others that wait go on with the work."""
+        for worker in self._workers:
+            if worker.poll() is None:
+                worker.kill()  # a lock, and what is written halfway, does no harm
+            worker.wait()
+            for stream in (worker.stdin, worker.stderr):
+                if stream is not None:
+                    stream.close()
+        self._workers.clear()
+
+    def _fraction(self) -> float:
+        whole = sum(part.seconds for part in self._parts)
+        made = sum(part.seconds * self._files[part.name].fraction for part in self._parts)
+        return made / whole
+
+    def _remaining(self, fraction: float) -> float | None:
+        if self._began is None or self._error:
+            return None
+        began, first = self._began
+        elapsed = time.monotonic() - began
+        if elapsed < SETTLED or fraction <= first:
+            return None
+        return elapsed * (1.0 - fraction) / (fraction - first)
+
+    def _failure(self) -> str:
+        """Why all workers have ended without a result; empty while one goes on."""
+        states = []
+        for worker in self._workers:
+            assert worker.stderr is not None
+            states.append(worker.poll())
+            self._said += worker.stderr.read() or b""
+        if None in states:  # it takes over what another one has left
+            return ""
+        failed = [state for state in states if state]
+        lines = self._said.decode(errors="replace").strip().splitlines()
+        if not failed:
+            reason = "what was compiled has vanished from the cache folder"
+        elif failed[0] and failed[0] < 0:
+            reason = f"the compiling process was killed (signal {-failed[0]})"
+        else:
+            reason = lines[-1] if lines else f"the compiling process ended with {failed[0]}"
+        return f"{FAILED}: {reason}"
+
+
+def compile_first(stages: Sequence[str], tell: Callable[[str], object]) -> None:
+    """Return when kernels can be loaded from the cache; a compilation is told of, loading is not.
+
+    Args:
+        stages: names in `STAGES`.
+        tell: takes a message, one line, at the beginning and then every ten seconds.
+
+    Raises:
+        KernelError: numba is not installed, the cache cannot be written or the compilation fails.
+    """
+    compilation = BackgroundCompilation(stages)
+    if not compilation.start():
+        return
+    tell("compiling the numerical kernels, once; this takes about a minute")
+    told = time.monotonic()
+    try:
+        while not (progress := compilation.poll()).done:
+            if progress.error:
+                raise KernelError(progress.error)
+            if time.monotonic() - told > TELL:
+                tell(str(progress))
+                told = time.monotonic()
+            time.sleep(WAIT)
+    finally:
+        compilation.stop()
+
+
+@contextmanager
+def held(lock: Path) -> Iterator[bool]:
+    """Hold a lock that no other process holds; gives whether that is so."""
+    with lock.open("w") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            yield False
+        else:
+            yield True
+
+
+def _replace(file: Path, text: str) -> None:
+    """Write a file as a whole: who reads it meanwhile finds the old one."""
+    new = file.with_name(f"{file.name}.{os.getpid()}")
+    new.write_text(text)
+    new.replace(file)

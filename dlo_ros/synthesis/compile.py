@@ -1,0 +1,18 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Compile the kernels of simulated experiments once."""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+from dlo_ros.synthesis.experiment import find_experiment, load_experiment
+from dlo_ros.synthesis.synthesize import synthesize
+
+
+def compile_kernels() -> None:
+    """Simulate and render one frame of an experiment."""
+    experiment = replace(load_experiment(find_experiment("c_shape")), duration=0.01)
+    with tempfile.TemporaryDirectory() as folder:
+        synthesize(experiment, Path(folder) / "bag")
