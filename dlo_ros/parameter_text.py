@@ -10,6 +10,7 @@ from typing import Any
 import yaml
 
 from dlo_ros.effects import quantities
+from dlo_ros.effects.registry import tolerance_of
 from dlo_ros.parameter_table import TABLE, Value
 
 
@@ -50,4 +51,4 @@ def _unit(name: str) -> str:
     if name in TABLE:
         return TABLE[name].unit
     effect, _, key = name.removeprefix("effects.").partition(".")
-    return quantities(effect)[key].unit
+    return quantities(effect)[tolerance_of(effect, key) or key].unit

@@ -8,12 +8,15 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from dlo_ros.effects import Body, Values, build
+from dlo_ros.effects import Body, RopeScale, Values, build, quantities
+from dlo_ros.effects.base import PREFIX
+from dlo_ros.effects.registry import STD, check_tolerance, tolerance_of
 from dlo_ros.effects.registry import check as check_effect
 from dlo_ros.errors import ParameterError
 from dlo_ros.files import END, HEADER, read_yaml, write_text
@@ -27,7 +30,8 @@ Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 Quadruple = tuple[float, float, float, float]
 
-EFFECTS_PREFIX = "effects."
+EFFECTS_PREFIX = PREFIX
+STANDARD_GRAVITY = 9.81  # [m/s^2] by which a weight is measured, however gravity is configured
 
 
 @dataclass(frozen=True)
@@ -40,6 +44,8 @@ class RodParameters:
     density: float
     poisson_ratio: float = 0.33
     density_std: float = 0.0
+    diameter_std: float = 0.0
+    length_std: float = 0.0
     control_points: int = 10
 
     @property
@@ -101,6 +107,13 @@ class SimulationParameters:
 
 
 @dataclass(frozen=True)
+class DiagnosisParameters:
+    """What difference between model and DLO matters."""
+
+    material_err: float = 5e-4
+
+
+@dataclass(frozen=True)
 class VisionParameters:
     """What is known of where the DLO is in the picture; the defaults say nothing."""
 
@@ -113,7 +126,12 @@ class VisionParameters:
 
 @dataclass(frozen=True)
 class Settings:
-    """A whole parameter file; `effects` are the values of those that the model contains."""
+    """A whole parameter file.
+
+    `effects` are the values of those that the model contains; `tolerances` ("clamp_angle.start":
+    std) what the file states of how well a set-up was made, also of effects that the model does not
+    contain, see `tolerance`.
+    """
 
     rod: RodParameters
     frame_id: str = "board"
@@ -121,10 +139,12 @@ class Settings:
     damping: DampingParameters = field(default_factory=DampingParameters)
     camera: CameraPose = field(default_factory=CameraPose)
     simulation: SimulationParameters = field(default_factory=SimulationParameters)
+    diagnosis: DiagnosisParameters = field(default_factory=DiagnosisParameters)
     vision: VisionParameters = field(default_factory=VisionParameters)
     image_transport: str = "auto"
     simulator_node: str = "simulator"
     effects: Values = field(default_factory=dict)
+    tolerances: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any]) -> Settings:
@@ -143,9 +163,14 @@ class Settings:
                 )
             checked[parameter.name] = parameter.check(value)
         effects: dict[str, dict[str, float | tuple[float, ...]]] = {}
+        tolerances: dict[str, float] = {}
         for key in sorted(k for k in values if k.startswith(EFFECTS_PREFIX)):
             name, _, part = key.removeprefix(EFFECTS_PREFIX).partition(".")
-            effects.setdefault(name, {})[part] = check_effect(name, part, values[key])
+            stated = tolerance_of(name, part)
+            if stated is not None:
+                tolerances[f"{name}.{stated}"] = check_tolerance(name, stated, values[key])
+            else:
+                effects.setdefault(name, {})[part] = check_effect(name, part, values[key])
         rotation = checked["camera.rotation"]
         assert isinstance(rotation, tuple)
         if not 0.9 < math.hypot(*rotation) < 1.1:
@@ -163,6 +188,8 @@ class Settings:
             camera=CameraPose(**groups["camera"]),
             simulation=SimulationParameters(**groups["simulation"]),
             effects=effects,
+            tolerances=tolerances,
+            diagnosis=DiagnosisParameters(**groups["diagnosis"]),
             vision=VisionParameters(**groups["vision"]),
             **top,
         )
@@ -177,6 +204,12 @@ class Settings:
         """
         if self.effects:
             self.body(SplineBasis(self.rod.control_points, self.rod.length)).check()
+
+    @cached_property
+    def slips(self) -> bool:
+        """Whether a grip slips (maybe by nothing), so that the path of the motion counts."""
+        basis = SplineBasis(self.rod.control_points, self.rod.length)
+        return bool(self.effects) and self.body(basis).slip is not None
 
     def body(self, basis: SplineBasis, section: Vector = (1.0, 1.0, 1.0)) -> Body:
         """Material, mass and loads of the DLO, effects included, in a spline basis.
@@ -215,7 +248,7 @@ class Settings:
             raise ParameterError(f"{path}: {err}") from err
 
     def flat(self) -> dict[str, Value]:
-        """All values by dotted name, those of effects after the others."""
+        """All values by dotted name, those of effects and their tolerances after the others."""
         result: dict[str, Value] = {}
         for name in TABLE:
             target: Any = self
@@ -225,7 +258,16 @@ class Settings:
         for effect, keys in self.effects.items():
             for key, number in keys.items():
                 result[f"{EFFECTS_PREFIX}{effect}.{key}"] = number
+        for key, std in self.tolerances.items():
+            result[f"{EFFECTS_PREFIX}{key}{STD}"] = std
         return result
+
+    @property
+    def scale(self) -> RopeScale:
+        """What numbers of effects are measured by."""
+        rod, damping = self.rod, self.damping
+        weight, mass = rod.linear_density * STANDARD_GRAVITY, rod.linear_density * rod.length
+        return RopeScale(rod.length, weight, mass, damping.air_drag, damping.relaxation_time)
 
     def with_effects(self, effects: Values) -> Settings:
         """The same settings with these effects, by name and key, and no others."""
@@ -243,6 +285,32 @@ class Settings:
     def with_material(self, young_modulus: float, density: float) -> Settings:
         """The same settings with another E [Pa] and mu [kg/m^3]."""
         return replace(self, rod=replace(self.rod, young_modulus=young_modulus, density=density))
+
+
+def tolerance(settings: Settings, name: str) -> float | None:
+    """Standard deviation within which a number of a set-up is taken to be right.
+
+    It is what the parameter file says, else the effect's own.
+
+    Args:
+        settings: parameter file.
+        name: effect and key, such as "clamp_angle.start".
+
+    Returns:
+        In the number's SI unit, of its logarithm for a ratio; None: it has no tolerance.
+
+    Raises:
+        ParameterError: there is no such effect or key.
+    """
+    effect, _, key = name.partition(".")
+    known = quantities(effect)
+    if key not in known:
+        raise ParameterError(
+            f"effects.{name}: '{effect}' has no parameter '{key}'; it has {', '.join(known)}"
+        )
+    if name in settings.tolerances:
+        return settings.tolerances[name]
+    return known[key].tolerance_for(settings.scale)
 
 
 def parameter_blocks(path: Path) -> list[dict[Any, Any]]:

@@ -15,6 +15,8 @@ from pathlib import Path
 from dlo_ros.effects import effects
 from dlo_ros.parameter_table import NODES, PARAMETERS, Parameter
 
+UNITS = {"m": "L", "1/m": "/L", "kg": "rope masses", "N/m": "of the weight per length"}
+"""Units of the rope in which tolerances are given."""
 HERE = Path(__file__).resolve().parent
 BLOCK = re.compile(r"(<!-- begin (\w+) -->\n).*?(<!-- end \2 -->)", re.DOTALL)
 
@@ -82,6 +84,13 @@ def all_effects() -> str:
             continue
         for q in effect.quantities():
             kind = "double or double[]" if q.array else "double"
+            if q.counts:
+                kind = " or ".join(f"double[{n}]" for n in q.counts)
+            std = (
+                ""
+                if q.tolerance is None
+                else f"{q.tolerance:.3g} {UNITS.get(q.unit, q.unit)}".strip()
+            )
             rows.append(
                 (
                     f"`effects.{name}.{q.name}`",
@@ -89,10 +98,13 @@ def all_effects() -> str:
                     q.unit,
                     f"`{q.neutral:g}`",
                     f"{q.lower:g} to {q.upper:g}",
+                    std + (" of the logarithm" if std and q.role == "ratio" else ""),
                     q.description,
                 )
             )
-    return table(("name", "type", "unit", "without effect", "allowed", "meaning"), rows)
+    return table(
+        ("name", "type", "unit", "without effect", "allowed", "tolerance", "meaning"), rows
+    )
 
 
 TABLES: Mapping[str, Callable[[], str]] = {

@@ -255,6 +255,51 @@ def test_what_the_camera_measures_is_scaled_and_turned():
     np.testing.assert_allclose(shapes(seen), turned, atol=2e-6)
 
 
+def test_what_a_shifted_camera_measures_is_shifted():
+    plain, _ = simulate(PAPER, lifted(), STAMPS[:4])
+    seen, _ = simulate(
+        PAPER.with_effects({"camera_shift": {"x": 0.003, "z": -0.05}}), lifted(), STAMPS[:4]
+    )
+    np.testing.assert_allclose(
+        shapes(seen), shapes(plain) + np.array([0.003, 0.0, -0.05]), atol=1e-8
+    )
+
+
+def test_what_is_measured_is_taken_back():
+    points = np.random.default_rng(0).normal(size=(5, 3))
+    values = {"camera_rotation": {"angle": 0.2}, "camera_scale": {"ratio": 1.1},
+              "camera_shift": {"x": 0.1, "z": 0.2}}  # fmt: skip
+    for name, keys in values.items():
+        (effect,) = build({name: keys})
+        assert np.abs(effect.measured(points) - points).max() > 0.01
+        np.testing.assert_allclose(effect.true(effect.measured(points)), points, atol=1e-14)
+
+
+@pytest.mark.parametrize("offset", [(0.004, -0.006), (0.004, 0.0, -0.006)])
+def test_a_moved_clamp_is_one_that_was_commanded_elsewhere(offset):
+    commanded = lifted()
+    moved = commanded.positions.copy()
+    moved[:, commanded.names.index("start")] += [0.004, 0.0, -0.006]
+    found, _ = simulate(
+        PAPER.with_effects({"clamp_offset": {"start": offset}}), commanded, STAMPS[:6]
+    )
+    there, _ = simulate(PAPER, replace(commanded, positions=moved), STAMPS[:6])
+    np.testing.assert_allclose(shapes(found), shapes(there), atol=1e-12)
+    plain, _ = simulate(PAPER, commanded, STAMPS[:6])
+    np.testing.assert_allclose(
+        shapes(found)[:, 0], shapes(plain)[:, 0] + np.array([0.004, 0.0, -0.006]), atol=1e-9
+    )
+
+
+def test_a_moved_clamp_moves_both_control_points_of_its_end():
+    names, points = ["control_point_1", "control_point_2"], [[0.0, 0.0, 0.0], [0.02, 0.0, 0.0]]
+    (effect,) = build({"clamp_offset": {"start": (0.01, 0.02)}})
+    true = effect.impose(command(names, [0.0], [points]))
+    np.testing.assert_allclose(true.positions[0], points + np.array([0.01, 0.0, 0.02]), atol=1e-15)
+    (other,) = build({"clamp_offset": {"end": (0.01, 0.02)}})
+    assert np.array_equal(other.impose(command(names, [0.0], [points])).positions[0], points)
+
+
 def test_plastic_bending_leaves_the_curvature_past_the_yield():
     """Two clamps bend a weightless rod into an arc, and back: pure bending, one moment."""
     yields, hardening = 3.0, 0.25
@@ -361,7 +406,7 @@ NAMES = {
     "intrinsic_curvature", "clamp_angle", "gravity_tilt", "point_mass", "stiff_segment",
     "stiffness_gradient", "nonlinear_stiffness", "plasticity", "surface_friction", "air_drag",
     "internal_damping", "command_delay", "clamp_slip", "length_error", "camera_scale",
-    "camera_rotation", "obstacle", "constant_force",
+    "camera_rotation", "obstacle", "constant_force", "clamp_offset", "camera_shift",
 }  # fmt: skip
 
 
@@ -378,7 +423,7 @@ def test_neutral_values_do_nothing(name):
         assert q.description
     plain, _ = simulate(PAPER, lifted(), STAMPS[:6])
     same, _ = simulate(
-        PAPER.with_effects({name: {k: q.neutral for k, q in quantities(name).items()}}),
+        PAPER.with_effects({name: {k: q.nothing for k, q in quantities(name).items()}}),
         lifted(), STAMPS[:6],
     )  # fmt: skip
     np.testing.assert_allclose(shapes(same), shapes(plain), atol=1e-9)
@@ -393,6 +438,17 @@ def test_neutral_values_do_nothing(name):
         ({"effects.point_mass.mass": float("nan")}, "effects.point_mass.mass is nan"),
         ({"effects.point_mass.mass": [1.0, 2.0]}, "it must be one number"),
         ({"effects.point_mass.mass": "heavy"}, "effects.point_mass.mass is heavy"),
+        ({"effects.clamp_offset.start": 0.01}, "it must be 2 or 3 numbers"),
+        ({"effects.clamp_offset.start": [0.1] * 4}, "it must be 2 or 3 numbers"),
+        ({"effects.clamp_offset.start": [0.1, 2.0]}, "it must be a number from -1 to 1"),
+        (
+            {"effects.clamp_angle.start_std": 0.0},
+            "effects.clamp_angle.start_std is 0.0; it must be a positive number",
+        ),
+        ({"effects.clamp_angle.start_std": [0.1]}, "it must be a positive number"),
+        ({"effects.clamp_angle.start_std": "wide"}, "it must be a positive number"),
+        ({"effects.clamp_angle.begin_std": 0.1}, "has no parameter 'begin_std'"),
+        ({"effects.clamps.start_std": 0.1}, "there is no effect 'clamps'"),
     ],
 )
 def test_bad_values_name_the_parameter(values, message):

@@ -58,6 +58,9 @@ CASES = [
     ("effects.length_error.difference", {"length_error": {"difference": 0.01}}, SMOOTH),
     ("effects.camera_scale.ratio", {"camera_scale": {"ratio": 1.01}}, SMOOTH),
     ("effects.camera_rotation.angle", {"camera_rotation": {"angle": 0.02}}, SMOOTH),
+    ("effects.camera_shift.z", {"camera_shift": {"x": 0.003, "z": 0.002}}, SMOOTH),
+    ("effects.clamp_offset.start[1]", {"clamp_offset": {"start": (0.002, 0.004)}}, SMOOTH),
+    ("effects.clamp_offset.end[0]", {"clamp_offset": {"end": (0.0, 0.0, 0.0)}}, SMOOTH),
     ("effects.constant_force.z", {"constant_force": {"x": 0.02, "z": 0.03}}, SMOOTH),
     ("effects.obstacle.z", {"obstacle": {"x": 0.15, "z": -0.11, "radius": 0.02}}, KINKED),
 ]  # fmt: skip

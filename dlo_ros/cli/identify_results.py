@@ -9,6 +9,9 @@ from typing import Any
 import numpy as np
 
 from dlo_ros.cli.results import QUANTITIES
+from dlo_ros.effects.measurement.length_error import LengthError
+from dlo_ros.effects.physics.clamp_angle import ClampAngle
+from dlo_ros.effects.physics.gravity_tilt import GravityTilt
 from dlo_ros.identification.forecast import Forecast, Manipulation
 from dlo_ros.identification.offline import Identification
 from dlo_ros.identification.posterior import Sample
@@ -28,10 +31,10 @@ from dlo_ros.rod.tangents import MATERIAL
 from dlo_ros.spline import FloatArray, SplineBasis
 
 LOOSE = {
-    "effects.clamp_angle.start": "direction of the start's clamp [rad]",
-    "effects.clamp_angle.end": "direction of the end's clamp [rad]",
-    "effects.gravity_tilt.angle": "tilt of gravity [rad]",
-    "effects.length_error.difference": "true minus given length [m]",
+    ClampAngle.parameter("start"): "direction of the start's clamp [rad]",
+    ClampAngle.parameter("end"): "direction of the end's clamp [rad]",
+    GravityTilt.parameter("angle"): "tilt of gravity [rad]",
+    LengthError.parameter("difference"): "true minus given length [m]",
 }
 MOST_FRAMES = 60  # of a recording in the report
 PLACES = 24  # along the DLO, in the map of residuals

@@ -11,11 +11,12 @@ from collections.abc import Sequence
 
 from dlo_ros.diagnosis import decide, judging
 from dlo_ros.diagnosis.candidates import scene, starts
-from dlo_ros.diagnosis.evaluation import ROUGH, evaluate
+from dlo_ros.diagnosis.evaluation import evaluate
 from dlo_ros.diagnosis.fitting import fit
 from dlo_ros.diagnosis.screening import screen
 from dlo_ros.diagnosis.search import Candidate, candidate, search
 from dlo_ros.diagnosis.workers import Problem, Progress, workers
+from dlo_ros.effects import nonsmooth
 from dlo_ros.errors import SimulationError
 
 SHARES = (0.5, 0.25)
@@ -46,7 +47,8 @@ def alone_before(
         left = judging.structure(at.residuals)
         if decide.adequate(at.residuals) or left > CALMER * plain.structure:
             continue
-        begun = starts(scene(at.model.settings, names, at.predicted), (*at.model.effects, *ROUGH))
+        view = scene(at.model.settings, names, at.predicted)
+        begun = starts(view, (*at.model.effects, *nonsmooth()))
         with workers(part, processes) as team:
             prospects = screen(team, at, begun, progress)
             most = decide.limit(left)

@@ -14,17 +14,17 @@ import numpy as np
 from scipy.optimize import minimize
 
 from dlo_ros.diagnosis import robust
-from dlo_ros.diagnosis.candidates import Start
-from dlo_ros.diagnosis.evaluation import ROUGH, Evaluation, evaluate
+from dlo_ros.diagnosis.evaluation import Evaluation, evaluate
 from dlo_ros.diagnosis.fitting import attempt
 from dlo_ros.diagnosis.model import Model, names
 from dlo_ros.diagnosis.pegs import Sight, apart, places, sight
 from dlo_ros.diagnosis.workers import Problem, Workers
-from dlo_ros.effects import Peg
+from dlo_ros.effects import Peg, Start
+from dlo_ros.effects.physics.obstacle import Obstacle
 from dlo_ros.errors import SimulationError
 from dlo_ros.spline import FloatArray
 
-(EFFECT,) = ROUGH
+EFFECT = Obstacle.name
 RADII = (0.012, 0.006, 0.024)
 """Of pegs that are tried, from a nail to a pipe [m]; the fit finds the true one."""
 OFF_BOARD = 0.02

@@ -20,11 +20,9 @@ from dlo_ros.diagnosis.fitting import attempt, fit, renewed, solve, total
 from dlo_ros.diagnosis.model import Model
 from dlo_ros.diagnosis.search import Candidate, candidate
 from dlo_ros.diagnosis.workers import Problem, Workers
+from dlo_ros.effects import added_to_damping
 from dlo_ros.parameters import Settings
 
-EFFECTS = {"air_drag": ("air_drag", "coefficient"),
-           "internal_damping": ("relaxation_time", "relaxation_time")}  # fmt: skip
-"""Parameter of the file and key of the effect that is added to it."""
 ITERATIONS = 10
 ENOUGH = 1.1
 """Of the structure that both leave, that one damping may leave to be named alone, where neither
@@ -50,7 +48,7 @@ class Guess:
 def guessed(model: Model, given: Settings) -> tuple[str, ...]:
     """Effects that would take the place of the damping that is fitted."""
     return tuple(
-        effect for effect, (name, _) in EFFECTS.items()
+        effect for effect, (name, _) in added_to_damping().items()
         if name in model.free and effect not in model.effects
         and getattr(given.damping, f"{name}_std") == 0.0
     )  # fmt: skip
@@ -60,7 +58,7 @@ def wrong_guesses(at: Evaluation, given: Settings) -> tuple[Guess, ...]:
     """Of the damping that the fit was free to choose, what lies clearly off the file's value."""
     spread = np.sqrt(np.maximum(np.diag(covariance(at, given)), 0.0))
     found = []
-    for effect, (name, _) in EFFECTS.items():
+    for effect, (name, _) in added_to_damping().items():
         if effect not in guessed(at.model, given):
             continue
         value, fitted = (getattr(s.damping, name) for s in (given, at.model.settings))
@@ -76,7 +74,7 @@ def with_guess(at: Evaluation, given: Settings, effects: Sequence[str] = ()) -> 
     In one of them all else has followed: of weight, stiffness and damping only ratios may count.
     """
     model = at.model
-    names = [EFFECTS[e][0] for e in guessed(model, given)]
+    names = [added_to_damping()[e][0] for e in guessed(model, given)]
     back = {n: getattr(given.damping, n) for n in names if _effect(n) not in effects}
     move = [model.free.index(n) for n in back]
     follow = [k for k in range(len(model.free)) if k not in move]
@@ -90,7 +88,7 @@ def with_guess(at: Evaluation, given: Settings, effects: Sequence[str] = ()) -> 
 
 
 def _effect(name: str) -> str:
-    return next(e for e, (n, _) in EFFECTS.items() if n == name)
+    return next(e for e, (n, _) in added_to_damping().items() if n == name)
 
 
 def _with_guess(
@@ -101,7 +99,7 @@ def _with_guess(
     settings = replace(model.settings, damping=replace(fitted, **kept))
     result = replace(model, settings=settings, free=tuple(n for n in model.free if n not in names))
     for effect in effects:
-        name, key = EFFECTS[effect]
+        name, key = added_to_damping()[effect]
         block = {key: getattr(fitted, name) - kept[name]}
         result = result.extended(effect, block, (key,))
     return result

@@ -11,7 +11,7 @@ from dlo_ros.diagnosis import aside, damping, decide, judging
 from dlo_ros.diagnosis.before import alone_before
 from dlo_ros.diagnosis.candidates import scene, starts
 from dlo_ros.diagnosis.contact import hits
-from dlo_ros.diagnosis.evaluation import ROUGH, Evaluation, evaluate
+from dlo_ros.diagnosis.evaluation import Evaluation, evaluate
 from dlo_ros.diagnosis.findings import Findings, outcome
 from dlo_ros.diagnosis.fitting import fit, renewed
 from dlo_ros.diagnosis.measured import Recording
@@ -21,6 +21,7 @@ from dlo_ros.diagnosis.screening import Prospect, alarm, screen
 from dlo_ros.diagnosis.search import Candidate, apart, candidate, reformed, resized, search
 from dlo_ros.diagnosis.start import Beginning, begin, drafts, finer
 from dlo_ros.diagnosis.workers import Problem, Progress, Workers, workers
+from dlo_ros.effects.physics.obstacle import Obstacle
 from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.identification.estimate import searchable
 from dlo_ros.identification.forecast import Manipulation
@@ -295,7 +296,7 @@ def _other_pegs(
     if chosen is None or len(chosen.effects) < 2:
         return []
     model = chosen.candidate.at.model
-    if all(model.without(name).free == model.free for name in ROUGH):
+    if model.without(Obstacle.name).free == model.free:
         return []
     alike = [c for c in known if set(c.at.model.effects) == set(chosen.effects)]
     if any(c.form.startswith("radius") for c in alike):

@@ -10,26 +10,17 @@ import numpy as np
 
 from dlo_ros.diagnosis.measured import Recording
 from dlo_ros.diagnosis.model import Model, prior
+from dlo_ros.effects import effects, nonsmooth
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.bundle import forecast_together
 from dlo_ros.identification.forecast import Forecast, forecast, whitening
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 
-ROUGH = ("obstacle",)
-"""Effects with which a motion has no derivatives worth the name: a rope that hits something and
-leaves it again answers to small changes in jumps. What counts is how it answers to changes as large
-as a fit makes."""
 BOUNDLESS = 1e100
 """Derivatives that say nothing, and of which squares no longer are numbers."""
 SAME = 1e-6
-"""Of the length, by which shapes may differ that such an effect does not touch."""
-IN_LANES = (
-    "air_drag", "constant_force", "gravity_tilt", "internal_damping", "intrinsic_curvature",
-    "point_mass", "stiff_segment", "stiffness_gradient",
-)  # fmt: skip
-"""Effects of which many values are simulated at once in the plane: their differences are cheaper
-than exact derivatives."""
+"""Of the length, by which shapes may differ where an effect without derivatives does nothing."""
 TINY = 1e-30
 DIFFERENCE = 0.01
 """Of a parameter's natural size, for differences."""
@@ -70,9 +61,20 @@ class Evaluation:
         return max(1.0, self.power / sum(r.size for r in self.residuals))
 
 
-def is_rough(model: Model) -> bool:
-    """Whether a model contains a rough effect."""
-    return any(name in ROUGH for name in model.effects)
+def is_differentiable(model: Model) -> bool:
+    """Whether a motion has derivatives worth the name with all effects of a model.
+
+    Where one has none, what counts is how the motion answers to changes as large as a fit makes.
+    """
+    return all(effects()[name].differentiable for name in model.effects)
+
+
+def differs_in_batch(names: Sequence[str]) -> bool:
+    """Whether many values of these effects are simulated at once in the plane.
+
+    Their differences are then cheaper than exact derivatives.
+    """
+    return all(effects()[name].varied_in_batch for name in names)
 
 
 def evaluate(
@@ -190,9 +192,9 @@ def _held_against(
     manipulation = recording.manipulation
     if not derivatives:
         return forecast(manipulation, settings, spans=spans), None
-    if is_rough(model):
-        return _rough(model, recording, exact)
-    if exact or not all(name in IN_LANES for name in model.effects):
+    if not is_differentiable(model):
+        return _nonsmooth(model, recording, exact)
+    if exact or not differs_in_batch(model.effects):
         return _exact(model, recording, settings)
     moved, steps = _moved(model)
     sets = [settings, *(_as_fine(m.settings, recording) for m in moved)]
@@ -203,15 +205,15 @@ def _held_against(
     return here, _differences(recording, here.predicted, there, steps)
 
 
-def _rough(model: Model, recording: Recording, exact: bool) -> tuple[Forecast, FloatArray]:
-    """The same with rough effects: in differences, where they do something."""
+def _nonsmooth(model: Model, recording: Recording, exact: bool) -> tuple[Forecast, FloatArray]:
+    """The same with effects that have none: in differences, where they do something."""
 
     def alone(one: Model) -> Forecast:
         settings = _as_fine(one.settings, recording)
         return forecast(recording.manipulation, settings, spans=recording.spans)
 
     here, bare = alone(model), model
-    for name in ROUGH:
+    for name in nonsmooth():
         bare = bare.without(name)
     found, jacobian = _held_against(bare, recording, bool(bare.free), exact)
     if np.abs(found.predicted - here.predicted).max() > SAME * model.settings.rod.length:

@@ -11,7 +11,7 @@ import numpy as np
 from dlo_ros.diagnosis import aside, decide, judging
 from dlo_ros.diagnosis.advice import advise
 from dlo_ros.diagnosis.estimates import fitted, numbers, own_error
-from dlo_ros.diagnosis.evaluation import is_rough
+from dlo_ros.diagnosis.evaluation import is_differentiable
 from dlo_ros.diagnosis.fitting import polished
 from dlo_ros.diagnosis.measured import Recording, noise_floor
 from dlo_ros.diagnosis.outcome import Diagnosis, NamedEffect, Tried
@@ -59,8 +59,11 @@ def outcome(beginning: Beginning, plain: Candidate, found: Findings, given: Sett
             if c is not decision.chosen.candidate
             and set(c.at.model.effects) == set(best.at.model.effects) and decide.as_good(best, c)
         ]  # fmt: skip
-        # Where it is rough they only tell how far its numbers may be off.
-        alike = [c.at if is_rough(c.at.model) else _polished(c, learned, given).at for c in others]
+        # Without derivatives they only tell how far its numbers may be off.
+        alike = [
+            _polished(c, learned, given).at if is_differentiable(c.at.model) else c.at
+            for c in others
+        ]
         effects = tuple(
             NamedEffect(name, numbers(best.at, name, given, alike, own), rivals)
             for name, rivals in zip(decision.chosen.effects, decision.rivals, strict=True)

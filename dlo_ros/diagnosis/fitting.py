@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dlo_ros.diagnosis.evaluation import Evaluation, carried_on, evaluate, is_rough
+from dlo_ros.diagnosis.evaluation import Evaluation, carried_on, evaluate, is_differentiable
 from dlo_ros.diagnosis.measured import Recording
 from dlo_ros.diagnosis.model import Model, prior
 from dlo_ros.errors import SimulationError
@@ -23,7 +23,7 @@ COARSE = 0.01
 """Share of the squared residuals that an iteration must still gain there."""
 TINY = 1e-200
 POLISH = 3
-ROUGH_POLISH = 6
+NONSMOOTH_POLISH = 6
 DAMPING = 1e-4
 CONTINUED = 1e-7
 """Marquardt's damping of a fit at first, and of one that is continued."""
@@ -186,14 +186,14 @@ def _tried(
 ) -> Evaluation:
     """An evaluation whose derivatives are simulated where they are cheap or must be.
 
-    Elsewhere the last ones are carried on; those of a rough effect are had if it is any use.
+    Elsewhere the last ones are carried on; those of a nonsmooth effect are had if it is any use.
     """
-    rough = is_rough(model)
-    if rough or (before.dear and not exact):
+    nonsmooth = not is_differentiable(model)
+    if nonsmooth or (before.dear and not exact):
         after = evaluate(model, recordings, given, derivatives=False)
         if after.cost >= before.cost:
             return after
-        if not rough:
+        if not nonsmooth:
             return carried_on(before, after)
     return evaluate(model, recordings, given, exact=exact)
 
@@ -223,12 +223,12 @@ def attempt(
 def polished(at: Evaluation, recordings: Sequence[Recording], given: Settings) -> Evaluation:
     """The fit finished with exact derivatives: what the data leave open is as known beforehand.
 
-    Of rough effects there are none; their fit goes on as it was, with the fine simulation.
+    Of nonsmooth effects there are none; their fit goes on as it was, with the fine simulation.
     """
-    rough = is_rough(at.model)
-    iterations, damping = (ROUGH_POLISH, DAMPING) if rough else (POLISH, UNDAMPED)
+    nonsmooth = not is_differentiable(at.model)
+    iterations, damping = (NONSMOOTH_POLISH, DAMPING) if nonsmooth else (POLISH, UNDAMPED)
     try:
-        here = evaluate(at.model, recordings, given, exact=not rough)
+        here = evaluate(at.model, recordings, given, exact=not nonsmooth)
     except SimulationError:
         return at
-    return fit(here, recordings, given, iterations, exact=not rough, damping=damping)
+    return fit(here, recordings, given, iterations, exact=not nonsmooth, damping=damping)

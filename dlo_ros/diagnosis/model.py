@@ -11,13 +11,11 @@ from typing import Any
 import numpy as np
 
 from dlo_ros.effects import Quantity, quantities
+from dlo_ros.effects.start import Block
 from dlo_ros.identification.estimate import GUESS
 from dlo_ros.parameters import EFFECTS_PREFIX, Settings
 from dlo_ros.rod.tangents import MATERIAL, effect_names
 from dlo_ros.spline import FloatArray
-
-Value = float | tuple[float, ...]
-Block = Mapping[str, Value]
 
 LARGEST_LOG_STEP = 1.5
 BELIEVED = 4.0
@@ -141,7 +139,7 @@ def prior(model: Model, given: Settings) -> tuple[FloatArray, FloatArray]:
         else:
             quantity, natural = _quantity(name), _natural(name, model.settings)
             log = logarithmic(name)
-            place = quantity.name in ("position", "centre", "extent", "x", "z", "radius")
+            place = quantity.geometric
             here = _get(model.settings, name)
             centre.append(_inner(name, here) if log or place else quantity.neutral)
             # What is only a place needs no centre; a little keeps the equations regular.
@@ -151,7 +149,7 @@ def prior(model: Model, given: Settings) -> tuple[FloatArray, FloatArray]:
 
 def logarithmic(name: str) -> bool:
     """Whether a parameter is fitted by its logarithm."""
-    return name in MATERIAL or _quantity(name).lower > 0.0
+    return name in MATERIAL or _quantity(name).logarithmic
 
 
 def _split(name: str) -> tuple[str, str, int | None]:
@@ -207,34 +205,8 @@ def _range(name: str, settings: Settings) -> tuple[float, float]:
             "young_modulus": (1e3, 1e12), "density": (1.0, 1e5), "air_drag": (1e-9, 1e3),
             "relaxation_time": (1e-8, 10.0),
         }[name]  # fmt: skip
-    effect, key, _ = _split(name)
-    quantity, length = _quantity(name), settings.rod.length
-    if key in ("position", "centre"):
-        return 0.0, length
-    if key == "extent":
-        return 0.02 * length, 0.6 * length
-    if effect == "obstacle" and key == "radius":
-        return 0.002 * length, 0.3 * length
-    if effect == "air_drag":
-        return -0.99 * settings.damping.air_drag, quantity.upper
-    if effect == "internal_damping":
-        return -0.99 * settings.damping.relaxation_time, quantity.upper
-    if effect == "length_error":
-        return max(quantity.lower, -0.5 * length), min(quantity.upper, 0.5 * length)
-    return quantity.lower, quantity.upper
+    return _quantity(name).search_for(settings.scale)
 
 
 def _natural(name: str, settings: Settings) -> float:
-    if logarithmic(name):
-        return 1.0
-    rod = settings.rod
-    weight = rod.linear_density * 9.81
-    sizes = {
-        "m": 0.1 * rod.length, "1/m": 3.0 / rod.length, "rad": 0.3,
-        "kg": rod.linear_density * rod.length,
-        "N/m": weight, "N s/m^2": 10.0 * max(settings.damping.air_drag, 1e-3 * weight),
-        "s": 0.1,
-    }  # fmt: skip
-    if _quantity(name).name == "relaxation_time":
-        return 20.0 * max(settings.damping.relaxation_time, 1e-4)
-    return sizes.get(_quantity(name).unit, 1.0)
+    return 1.0 if name in MATERIAL else _quantity(name).natural_for(settings.scale)

@@ -13,11 +13,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dlo_ros.diagnosis.candidates import Start, moved
-from dlo_ros.diagnosis.evaluation import IN_LANES, ROUGH, Evaluation, differenced, earlier, evaluate
+from dlo_ros.diagnosis.candidates import moved, shrunk, within_range
+from dlo_ros.diagnosis.evaluation import (
+    Evaluation,
+    differenced,
+    differs_in_batch,
+    earlier,
+    evaluate,
+)
 from dlo_ros.diagnosis.fitting import Normal, solve, total
 from dlo_ros.diagnosis.model import LARGEST_LOG_STEP, LOOSE, Model, names
 from dlo_ros.diagnosis.workers import Problem, Progress, Workers
+from dlo_ros.effects import Start, effects
 from dlo_ros.errors import SimulationError
 from dlo_ros.spline import FloatArray
 
@@ -90,8 +97,7 @@ def _screen_sheet(problem: Problem, task: Task) -> list[Prospect]:
         )
         step, _ = part.minimum()
         amounts = np.clip(step[len(own) :], -LOOSE * natural[added], LOOSE * natural[added])
-        if start.effect == "point_mass":
-            amounts = np.maximum(amounts, 0.0)
+        amounts = within_range(start, amounts)
         step, cost = _with(part, amounts)
         change = np.clip(step[: len(own)], -LARGEST_LOG_STEP, LARGEST_LOG_STEP)
         by_chance = _gain(part.hessian, drawn[:, pick]) - own_by_chance
@@ -139,9 +145,7 @@ def _with(equations: Normal, amounts: FloatArray) -> tuple[FloatArray, float]:
 
 
 def _shifted(start: Start, amounts: FloatArray) -> Start:
-    """The start at the promised minimum; a log ratio is neutral at 1."""
-    if start.effect == "stiff_segment" or start.effect == "camera_scale":
-        return replace(start, block={**start.block, "ratio": float(np.exp(amounts[0]))})
+    """The start at the promised minimum."""
     return moved(start, [float(a) for a in amounts])
 
 
@@ -152,10 +156,11 @@ def _screen_alone(problem: Problem, task: Task) -> list[Prospect]:
     own = np.array(start.own) if start.own else np.zeros(count)
     extended = before.model.at(before.model.theta() + own)
     extended = extended.extended(start.effect, start.block, start.fitted)
-    afar = start.effect in IN_LANES  # a heavy mass: the derivatives from before say nothing there
+    # A heavy mass: the derivatives from before say nothing there.
+    afar = differs_in_batch([start.effect])
     try:
         at = evaluate(extended, problem.drafts, problem.given, derivatives=afar)
-        if not afar and start.effect not in ROUGH:
+        if not afar and effects()[start.effect].differentiable:
             at = differenced(before, at, problem.drafts, problem.given)
     except SimulationError as err:
         LOG.info("%s: %s", start.effect, err)
@@ -187,7 +192,7 @@ def screen(
             tasks.append((bare, (start,)))
             continue
         for sheet in sheets:
-            alike = (start.effect in IN_LANES) == (sheet[0].effect in IN_LANES)
+            alike = differs_in_batch([start.effect]) == differs_in_batch([sheet[0].effect])
             if alike and all(start.effect != other.effect for other in sheet):
                 sheet.append(start)
                 break
@@ -253,14 +258,4 @@ def _part(start: Start, share: float) -> Start:
     """The start with a share of what the linear test has added to it; others stay as they are."""
     if share == 1.0 or not start.neutral:
         return start
-    block = dict(start.block)
-    for key in start.screened:
-        value = block[key]
-        if key == "ratio":
-            assert isinstance(value, float)
-            block[key] = value**share
-        elif isinstance(value, tuple):
-            block[key] = tuple(share * v for v in value)
-        else:
-            block[key] = share * value
-    return replace(start, block=block)
+    return shrunk(start, share)

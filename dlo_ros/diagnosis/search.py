@@ -9,14 +9,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dlo_ros.diagnosis import judging, pegs
-from dlo_ros.diagnosis.candidates import Start
 from dlo_ros.diagnosis.contact import peg_of
-from dlo_ros.diagnosis.evaluation import ROUGH, Evaluation, earlier
+from dlo_ros.diagnosis.evaluation import Evaluation, earlier
 from dlo_ros.diagnosis.fitting import CONTINUED, attempt, fit, renewed
 from dlo_ros.diagnosis.measured import Recording
 from dlo_ros.diagnosis.model import Model
 from dlo_ros.diagnosis.screening import Prospect, chosen, tried
 from dlo_ros.diagnosis.workers import Problem, Progress, Workers
+from dlo_ros.effects import Start, effects
+from dlo_ros.effects.physics.obstacle import Obstacle
 from dlo_ros.parameters import Settings
 
 FIRST_ITERATIONS = 1
@@ -93,6 +94,11 @@ def _complete(problem: Problem, model: Model) -> Evaluation | None:
     return attempt(model, _whole(problem), problem.given, 0)
 
 
+def differentiable(effect: str) -> bool:
+    """Whether a motion has derivatives once an effect acts."""
+    return effects()[effect].differentiable
+
+
 def _worth(prospects: Sequence[Prospect]) -> tuple[list[Prospect], list[Prospect]]:
     """The best of every effect and whatever comes near the best of all; the rest.
 
@@ -106,7 +112,7 @@ def _worth(prospects: Sequence[Prospect]) -> tuple[list[Prospect], list[Prospect
         effect, form = p.start.effect, (p.start.effect, p.start.form)
         known.setdefault(effect, len(known))
         worth = p.power < AS_PROMISING * prospects[0].power
-        worth |= effect in ROUGH and known[effect] < PLACES and form not in forms
+        worth |= not differentiable(effect) and known[effect] < PLACES and form not in forms
         if worth or not any(q.start.effect == effect for q in first):
             first.append(p)
             forms.add(form)
@@ -137,8 +143,8 @@ def search(
     problem = team.problem
     short = earlier(before, problem.recordings, problem.drafts, problem.given)
     first, rest = _worth(tried(team, short, chosen(prospects, short.power), progress))
-    smooth = [p for p in first if p.start.effect not in ROUGH]
-    rough = [p for p in first if p.start.effect in ROUGH]
+    smooth = [p for p in first if differentiable(p.start.effect)]
+    rough = [p for p in first if not differentiable(p.start.effect)]
     if not thorough:
         rough = [p for p in rough if p.power < short.power]
         likely = list(dict.fromkeys(p.start.effect for p in smooth))[:SECONDS]
@@ -207,7 +213,8 @@ def _fitted(
     if coarse:
         names = [drafts[k].start.effect for k in carried]
         carried = [
-            k for i, k in enumerate(carried) if names[i] in ROUGH or names[i] not in names[:i]
+            k for i, k in enumerate(carried)
+            if not differentiable(names[i]) or names[i] not in names[:i]
         ]  # fmt: skip
     further = [(drafts[k].at.model, coarse) for k in carried]
     for i, (k, at) in enumerate(zip(carried, team.each(_carry_on, further), strict=True)):
@@ -222,10 +229,10 @@ def _fitted(
         candidate(d.start.effect, d.start.form, at, problem.given)
         for d, at in zip(drafts, found, strict=True) if at is not None
     ]  # fmt: skip
-    rough = [c for c in candidates if c.effect in ROUGH]
+    pegs_found = [c for c in candidates if c.effect == Obstacle.name]
     first = drafts[carried[0]] if carried else None
-    if first and first.start.effect in ROUGH and first.excess(noise) < LIKELY * least:
-        best = min(rough, key=lambda c: c.at.cost)
+    if first and first.start.effect == Obstacle.name and first.excess(noise) < LIKELY * least:
+        best = min(pegs_found, key=lambda c: c.at.cost)
         # Also where it explains the data: others that do as well tell how little is known of it.
         candidates += resized(team, best, coarse=coarse)
     return candidates, min([least, *(d.excess(noise) for d in drafts)])
@@ -234,7 +241,7 @@ def _fitted(
 def resized(team: Workers, c: Candidate, *, coarse: bool = False) -> list[Candidate]:
     """A candidate with a peg fitted anew from other radii, each a form of its own."""
     problem, model = team.problem, c.at.model
-    (effect,) = ROUGH
+    effect = Obstacle.name
     observed = [r.observed for r in problem.recordings]
     others = pegs.resized(peg_of(model), problem.given.rod, observed)
     bare = model.without(effect)
@@ -281,7 +288,7 @@ def apart(team: Workers, c: Candidate, known: Sequence[str]) -> list[Candidate]:
         candidate(at.model.effects[-1], "left", at, team.problem.given)
         for at in fits if at is not None
     ]  # fmt: skip
-    for one in [one for one in found if one.effect in ROUGH]:
+    for one in [one for one in found if one.effect == Obstacle.name]:
         found += resized(team, one)
     return found
 

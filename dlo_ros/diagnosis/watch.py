@@ -16,10 +16,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dlo_ros.diagnosis.candidates import Start, scene, starts
+from dlo_ros.diagnosis.candidates import scene, starts
 from dlo_ros.diagnosis.contact import glimpsed
 from dlo_ros.diagnosis.model import names
 from dlo_ros.diagnosis.pegs import sight
+from dlo_ros.effects import Start
 from dlo_ros.errors import DloError
 from dlo_ros.identification.forecast import Forecast, Manipulation, motion_of, whitening
 from dlo_ros.identification.pieces import LONG, SHORT, Pieces, Worker

@@ -6,8 +6,38 @@ rod or what holds it, `measurement` those that change only how and when it is se
 add theirs through the entry point group `dlo_ros.effects`.
 """
 
-from dlo_ros.effects.base import Body, Effect, Peg, Quantity, quantity
-from dlo_ros.effects.registry import Values, build, effects, quantities
+from dlo_ros.effects.base import (
+    Body,
+    Effect,
+    Peg,
+    Quantity,
+    RopeScale,
+    Scene,
+    Start,
+    quantity,
+)
+from dlo_ros.effects.registry import (
+    Values,
+    added_to_damping,
+    build,
+    effects,
+    nonsmooth,
+    quantities,
+)
 
-__all__ = ["Body", "Effect", "Peg", "Quantity", "Values", "build", "effects", "quantities",
-           "quantity"]  # fmt: skip
+__all__ = [
+    "Body",
+    "Effect",
+    "Peg",
+    "Quantity",
+    "RopeScale",
+    "Scene",
+    "Start",
+    "Values",
+    "added_to_damping",
+    "build",
+    "effects",
+    "nonsmooth",
+    "quantities",
+    "quantity",
+]

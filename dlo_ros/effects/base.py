@@ -6,15 +6,29 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
 from dlo_ros.command import Command
+from dlo_ros.effects.quantity import Quantity, RopeScale, described, quantity
+from dlo_ros.effects.start import INNER_PLACES, Scene, Start, Value
 from dlo_ros.errors import ParameterError
 from dlo_ros.spline import FloatArray, SplineBasis
 
+__all__ = ["Body", "Effect", "Peg", "Quantity", "RopeScale", "Scene", "Start", "quantity"]
+
+PREFIX = "effects."  # of the names of their parameters
 SHORTEST = 0.1  # of the configured length that effects may leave
+LOCAL = 0.2  # of the length: extent from which one is looked for
+Part = Literal["rod", "command", "measurement"]
+ROD: Part = "rod"
+MEASUREMENT: Part = "measurement"
+METHODS: Mapping[str, Part] = {
+    "shape_body": ROD, "impose": "command", "later": MEASUREMENT, "measured": MEASUREMENT,
+    "true": MEASUREMENT,
+}  # fmt: skip
+"""What an effect acts on that overrides a method."""
 
 
 class Peg(NamedTuple):
@@ -50,7 +64,7 @@ class Body:
         friction: Coulomb friction with the board per length [N/m]; None: the board is not touched.
         pegs: that the DLO may touch.
         lengthening: true length over configured length.
-        slip: free length gained through a grip during the motion [m].
+        slip: free length gained through a grip during the motion [m]; None: no grip slips.
     """
 
     basis: SplineBasis
@@ -72,7 +86,7 @@ class Body:
     friction: float | None = None
     pegs: list[Peg] = field(default_factory=list)
     lengthening: float = 1.0
-    slip: float = 0.0
+    slip: float | None = None
 
     def check(self) -> None:
         """Refuse a rod that effects have made impossible.
@@ -96,7 +110,7 @@ class Body:
                 f"effects leave a bending stiffness of {self.bend.min():g} N m^2; it must be "
                 "positive"
             )
-        least = self.length * self.lengthening + min(self.slip, 0.0)
+        least = self.length * self.lengthening + min(self.slip or 0.0, 0.0)
         if not least >= SHORTEST * self.length:
             raise ParameterError(
                 f"effects.length_error and effects.clamp_slip leave {least:g} m of a DLO of "
@@ -144,44 +158,44 @@ class Body:
         return result
 
 
-@dataclass(frozen=True)
-class Quantity:
-    """A parameter of an effect.
-
-    Args:
-        name: key in reports and, after `effects.NAME.`, in the parameter file.
-        neutral: value with which the effect does nothing (for a place: any).
-        unit: SI unit, empty where there is none.
-        lower, upper: range, both ends allowed.
-        description: a few words.
-        array: whether several values, equally spaced along u, may be given.
-    """
-
-    name: str
-    neutral: float
-    unit: str
-    lower: float
-    upper: float
-    description: str
-    array: bool = False
-
-
-def quantity(
-    neutral: float, unit: str, lower: float, upper: float, description: str, *, array: bool = False
-) -> Any:
-    """A dataclass field that is a parameter of an effect; see `Quantity`."""
-    data = {"unit": unit, "lower": lower, "upper": upper, "text": description, "array": array}
-    return field(default=neutral, metadata=data)
-
-
 class Effect:
     """One cause of a difference between the plain model and a real DLO.
 
     A subclass is a frozen dataclass whose fields are made by `quantity`. It overrides what it
-    changes; everything else stays as it is.
+    changes; everything else stays as it is. What fits and searches must know of it stands on the
+    class, too; every default is the careful one.
+
+    Class variables:
+        name: in reports and parameter files.
+        acts_on: what it changes, found from the methods that are overridden: the rod, the command,
+            the measurement.
+        smooth: whether shapes have useful derivatives by its sizes where it does nothing. It is
+            then looked for by a linear test; otherwise by trial of plausible sizes.
+        differentiable: whether they have any once it acts. An impact has none: a DLO that hits
+            something and leaves it again answers to small changes in jumps.
+        batched: whether it may be present where several parameter sets are simulated at once
+            (`dlo_ros.rod.lanes`), with the same values in all. Never where it changes the
+            measurement, which such a run knows nothing of.
+        varied_in_batch: whether its values may differ between these sets. The rod must stay plain:
+            it neither touches anything nor softens, yields, slips or becomes longer.
     """
 
     name: ClassVar[str]
+    acts_on: ClassVar[frozenset[Part]] = frozenset()
+    smooth: ClassVar[bool] = True
+    differentiable: ClassVar[bool] = True
+    batched: ClassVar[bool] = True
+    varied_in_batch: ClassVar[bool] = False
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        cls.acts_on = frozenset(
+            part for method, part in METHODS.items()
+            if getattr(cls, method) is not getattr(Effect, method)
+        )  # fmt: skip
+        cls.batched = cls.batched and MEASUREMENT not in cls.acts_on
+        cls.varied_in_batch = cls.varied_in_batch and cls.batched and cls.acts_on <= {ROD}
+        cls.smooth = cls.smooth and cls.differentiable
 
     def shape_body(self, body: Body) -> None:
         """Change the rod: stiffness, rest strain, mass, load, damping, surroundings."""
@@ -205,12 +219,51 @@ class Effect:
     @classmethod
     def quantities(cls) -> tuple[Quantity, ...]:
         """The effect's parameters."""
-        result = []
-        for f in fields(cls):  # type: ignore[arg-type]  # subclasses are dataclasses
-            data: Mapping[str, Any] = f.metadata
-            neutral: Any = f.default
-            result.append(
-                Quantity(f.name, neutral, data["unit"], data["lower"], data["upper"],
-                         data["text"], data["array"])
-            )  # fmt: skip
-        return tuple(result)
+        return tuple(described(f) for f in fields(cls))  # type: ignore[arg-type]  # a dataclass
+
+    @classmethod
+    def parameter(cls, key: str) -> str:
+        """Full name of a parameter, `effects.NAME.KEY`."""
+        return f"{PREFIX}{cls.name}.{key}"
+
+    @classmethod
+    def starts(cls, scene: Scene) -> list[Start]:
+        """From where the effect is looked for in recordings; empty: nowhere.
+
+        By default all parameters are fitted, from several places where there is one. A smooth
+        effect begins neutral, one that is not with its natural sizes to either side. What is added
+        to a damping is not looked for where that damping is a guess, which is fitted anyway.
+        """
+        keys = cls.quantities()
+        neutral = {q.name: q.nothing for q in keys if not q.geometric}
+        if any(q.adds_to and q.adds_to not in scene.known for q in keys):
+            return []
+        local = any(q.role == "place" and q.unit == "m" for q in keys)
+        found = []
+        for place in INNER_PLACES if local else (0.5,):
+            for side in (0.0,) if cls.smooth else (1.0, -1.0):
+                block = {q.name: _beginning(q, scene.rope, place, side) for q in keys}
+                if not cls.smooth and neutral.items() <= block.items():
+                    continue  # a side on which it does nothing
+                sought = tuple(neutral) if cls.smooth else ()
+                start = Start(cls.name, block, sought, tuple(block), neutral=cls.smooth)
+                if start not in found:
+                    found.append(start)
+        return found
+
+
+def _beginning(q: Quantity, rope: RopeScale, place: float, side: float) -> Value:
+    """Value of a parameter from which an effect is looked for.
+
+    Args:
+        place: of the length.
+        side: 0: nothing; 1 or -1: the natural size above or below that.
+    """
+    if q.role in ("place", "extent") and q.unit == "m":
+        low, high = q.search_for(rope)
+        value = place * rope.length if q.role == "place" else LOCAL * rope.length
+        return min(max(value, low), high)
+    if q.geometric or not side:
+        return q.nothing
+    value = q.plausible_for(rope, side)
+    return (value,) * q.counts[0] if q.counts else value

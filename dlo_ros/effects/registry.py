@@ -20,6 +20,7 @@ from dlo_ros.errors import ParameterError
 LOG = logging.getLogger(__name__)
 
 GROUP = "dlo_ros.effects"  # of entry points
+STD = "_std"  # behind a key: the tolerance within which it is taken to be right
 Values = Mapping[str, Mapping[str, "float | tuple[float, ...]"]]
 
 
@@ -74,12 +75,59 @@ def check(name: str, key: str, value: Any) -> float | tuple[float, ...]:
             f"{where}: '{name}' has no parameter '{key}'; it has {', '.join(known)}"
         )
     q = known[key]
-    if isinstance(value, (list, tuple)):
-        if not q.array or not value:
+    several = isinstance(value, (list, tuple))
+    if q.counts and not (several and len(value) in q.counts):
+        counts = " or ".join(str(n) for n in q.counts)
+        raise ParameterError(f"{where} is {value!r}; it must be {counts} numbers [{q.unit}]")
+    if several:
+        if not (q.array or q.counts) or not value:
             raise ParameterError(f"{where} is {list(value)}; it must be one number [{q.unit}]")
         numbers = tuple(_number(where, q, v) for v in value)
         return numbers if len(numbers) > 1 else numbers[0]
     return _number(where, q, value)
+
+
+def tolerance_of(name: str, part: str) -> str | None:
+    """The key of which `effects.NAME.PART` states the tolerance; None where it states none.
+
+    Raises:
+        ParameterError: there is no such effect.
+    """
+    key, known = part.removesuffix(STD), quantities(name)
+    return key if part.endswith(STD) and part not in known and key in known else None
+
+
+def check_tolerance(name: str, key: str, value: Any) -> float:
+    """A tolerance given as `effects.NAME.KEY_std`, in the unit of the key.
+
+    Raises:
+        ParameterError: no positive number.
+    """
+    try:
+        number = math.nan if isinstance(value, (bool, list, tuple)) else float(value)
+    except (TypeError, ValueError):
+        number = math.nan
+    if not (math.isfinite(number) and number > 0.0):
+        unit = quantities(name)[key].unit
+        raise ParameterError(
+            f"effects.{name}.{key}{STD} is {value!r}; it must be a positive number [{unit or '1'}]"
+        )
+    return number
+
+
+def nonsmooth() -> tuple[str, ...]:
+    """Names of the effects with which a motion has no useful derivatives once they act."""
+    return tuple(name for name, effect in effects().items() if not effect.differentiable)
+
+
+def added_to_damping() -> Mapping[str, tuple[str, str]]:
+    """Effects that add to a damping of the parameter file: its name and the effect's key."""
+    return {
+        name: (q.adds_to, q.name)
+        for name, effect in effects().items()
+        for q in effect.quantities()
+        if q.adds_to
+    }
 
 
 def _number(where: str, q: Quantity, value: Any) -> float:

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dlo_ros.effects import effects
 from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.identification.estimate import logarithms, with_logarithms
 from dlo_ros.identification.forecast import (
@@ -202,8 +203,8 @@ def _together(
     command = motion.at(begin)
     assert command is not None
     model, boundary, state = first.model, first.boundary, first.state
-    measured = any(name in _MEASUREMENT for name in sets[0].effects)
-    if measured or not in_lanes(model, boundary):
+    alone = not all(effects()[name].batched for one in sets for name in one.effects)
+    if alone or not in_lanes(model, boundary):
         return None
     if not in_plane(model, state, true_command(model, command)):
         return None
@@ -285,9 +286,6 @@ def _legs(stamps: list[int], frames: int | None) -> list[list[int]]:
     """Stamps in pieces."""
     size = frames or len(stamps)
     return [stamps[k : k + size] for k in range(0, len(stamps), size)]
-
-
-_MEASUREMENT = ("camera_scale", "camera_rotation", "command_delay", "length_error", "clamp_slip")
 
 
 def _projected(down: FloatArray, shapes: FloatArray) -> FloatArray:

@@ -16,6 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dlo_ros.command import NANOSECONDS, Command
+from dlo_ros.effects.physics.gravity_tilt import GravityTilt
+from dlo_ros.effects.physics.intrinsic_curvature import IntrinsicCurvature
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.bundle import forecast_each, forecast_varied
 from dlo_ros.identification.estimate import (
@@ -141,8 +143,8 @@ def imperfect(settings: Settings, noise: Noise) -> list[Settings]:
     """
     result = []
     for name, key, size in (
-        ("gravity_tilt", "angle", noise.tilt),
-        ("intrinsic_curvature", "curvature", noise.bend / settings.rod.length),
+        (GravityTilt.name, "angle", noise.tilt),
+        (IntrinsicCurvature.name, "curvature", noise.bend / settings.rod.length),
     ):
         for side in (1.0, -1.0):
             effects = {k: dict(v) for k, v in settings.effects.items()}

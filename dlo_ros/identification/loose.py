@@ -15,6 +15,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dlo_ros.effects.measurement.length_error import LengthError
+from dlo_ros.effects.physics.clamp_angle import ClampAngle
+from dlo_ros.effects.physics.gravity_tilt import GravityTilt
 from dlo_ros.errors import InputError
 from dlo_ros.identification.estimate import (
     logarithms,
@@ -66,11 +69,11 @@ class Loose:
         for end, ways in CLAMPS.items():
             held = any(way.format(second) in imposed for way in ways)
             if held and self.clamp_angle > 0.0:
-                result[f"effects.clamp_angle.{end}"] = self.clamp_angle
+                result[ClampAngle.parameter(end)] = self.clamp_angle
         if self.tilt > 0.0:
-            result["effects.gravity_tilt.angle"] = self.tilt
+            result[GravityTilt.parameter("angle")] = self.tilt
         if self.length > 0.0:
-            result["effects.length_error.difference"] = self.length
+            result[LengthError.parameter("difference")] = self.length
         return result
 
 

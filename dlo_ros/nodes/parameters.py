@@ -17,6 +17,7 @@ from rcl_interfaces.msg import (
 from rclpy.node import Node
 
 from dlo_ros.effects import quantities
+from dlo_ros.effects.registry import STD
 from dlo_ros.errors import ParameterError
 from dlo_ros.parameter_table import PARAMETERS, TABLE, Parameter
 from dlo_ros.parameters import EFFECTS_PREFIX, Settings
@@ -60,18 +61,31 @@ def declare(node: Node, name: str) -> Settings:
             )
     for effect, keys in settings.effects.items():
         for key, number in keys.items():
-            quantity = quantities(effect)[key]
-            node.declare_parameter(
-                f"{EFFECTS_PREFIX}{effect}.{key}",
-                list(number) if isinstance(number, tuple) else number,
-                ParameterDescriptor(
-                    description=f"{quantity.description} [{quantity.unit or '1'}]",
-                    additional_constraints=f"from {quantity.lower:g} to {quantity.upper:g}",
-                    dynamic_typing=True,
-                ),
-                ignore_override=True,
-            )
+            q = quantities(effect)[key]
+            _declare_effect(
+                node, f"{effect}.{key}", number, f"{q.description} [{q.unit or '1'}]",
+                f"from {q.lower:g} to {q.upper:g}",
+            )  # fmt: skip
+    for name, std in settings.tolerances.items():
+        effect, _, key = name.partition(".")
+        q = quantities(effect)[key]
+        text = f"tolerance of effects.{name}, a standard deviation [{q.unit or '1'}]"
+        _declare_effect(node, f"{name}{STD}", std, text, "positive")
     return settings
+
+
+def _declare_effect(
+    node: Node, name: str, value: float | tuple[float, ...], description: str, constraints: str
+) -> None:
+    """Declare a number of an effect, or its tolerance; `name` is without the prefix."""
+    node.declare_parameter(
+        f"{EFFECTS_PREFIX}{name}",
+        list(value) if isinstance(value, tuple) else value,
+        ParameterDescriptor(
+            description=description, additional_constraints=constraints, dynamic_typing=True
+        ),
+        ignore_override=True,
+    )
 
 
 def descriptor(parameter: Parameter) -> ParameterDescriptor:

@@ -178,10 +178,10 @@ class Simulation:
                     f"the observed spline has {len(observation.control_points)} control points; "
                     f"rod.control_points is {n}"
                 )
+        possible(self.settings)
         seen = [replace(o, stamp=o.stamp - self._camera.later) for o in observations[:needed]]
         command = self._command(seen[-1].stamp)
         shape = self._camera.true(seen[-1].control_points)
-        possible(self.settings)
         return seen, command, shape
 
     @property
@@ -209,11 +209,7 @@ class Simulation:
         return replace(state, sensitivity=nothing_varies(state, count) if count else None)
 
     def _command(self, stamp: int) -> Command:
-        return self._course.at(stamp, slips=self._slips)
-
-    @property
-    def _slips(self) -> bool:
-        return "clamp_slip" in self.settings.effects
+        return self._course.at(stamp, slips=self.settings.slips)
 
     def advance(self, stamp: int) -> Prediction:
         """Simulate to a stamp [ns]; see `advance_through`."""
@@ -238,7 +234,7 @@ class Simulation:
         predictions: list[Prediction] = []
         course = self._course.another()
         for stops in self._legs(state.stamp, stamps):
-            command = course.at(max(stops[0] - 1, state.stamp), slips=self._slips)
+            command = course.at(max(stops[0] - 1, state.stamp), slips=self.settings.slips)
             held = boundary.names
             if command.names != held:
                 state, model, boundary = self._regrip(state, command)

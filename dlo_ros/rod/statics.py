@@ -147,7 +147,7 @@ def reachable(model: RodModel, held: Held, boundary: Boundary) -> None:
     points += list(zip(boundary.pin_abscissae, held.pins, strict=True))
     points.sort(key=lambda p: float(p[0]))
     # What may slip in through a grip meanwhile counts from the start.
-    longer = model.body.lengthening + max(model.body.slip, 0.0) / model.basis.length
+    longer = model.body.lengthening + max(model.body.slip or 0.0, 0.0) / model.basis.length
     for (u0, r0), (u1, r1) in pairwise(points):
         apart, length = float(np.linalg.norm(r1 - r0)), longer * float(u1 - u0)
         if apart > 1.02 * length:

@@ -17,7 +17,10 @@ from typing import Any
 import numpy as np
 
 from dlo_ros.command import Command
-from dlo_ros.effects import build, quantities
+from dlo_ros.effects import quantities
+from dlo_ros.effects.measurement.length_error import LengthError
+from dlo_ros.effects.physics.clamp_angle import ClampAngle
+from dlo_ros.effects.physics.clamp_offset import ClampOffset
 from dlo_ros.errors import InputError
 from dlo_ros.parameters import EFFECTS_PREFIX, Settings
 from dlo_ros.rod import grips
@@ -92,7 +95,7 @@ def _scaled(settings: Settings, name: str, factor: float) -> Settings:
     if name == "length":
         # The material coordinate stays: control points keep their meaning.
         effects = {k: dict(v) for k, v in settings.effects.items()}
-        error = effects.setdefault("length_error", {})
+        error = effects.setdefault(LengthError.name, {})
         before = settings.rod.length + float(np.sum(error.get("difference", 0.0)))
         error["difference"] = before * factor - settings.rod.length
         return settings.with_effects(effects)
@@ -105,17 +108,9 @@ def _scaled(settings: Settings, name: str, factor: float) -> Settings:
 
 def _displaced(command: Command, end: str, what: str, amount: float) -> Command:
     """The command with a clamp (or an imposed tip) displaced, or turned about +y."""
-    last = command.control_points
-    numbers = (1, 2) if end == "start" else (last, last - 1)
-    tip, second = (f"control_point_{n}" for n in numbers)
     if what == "angle":
-        (turned,) = build({"clamp_angle": {end: amount}})
-        return turned.impose(command)
-    positions = command.positions.copy()
-    for k, name in enumerate(command.names):
-        if name in (end, tip, second):
-            positions[:, k, "xyz".index(what)] += amount
-    return replace(command, positions=positions)
+        return ClampAngle(**{end: amount}).impose(command)
+    return ClampOffset(**{end: tuple(amount * (what == axis) for axis in "xyz")}).impose(command)
 
 
 def varied(settings: Settings, name: str, amount: float) -> Settings:
@@ -135,7 +130,7 @@ def _effect_tangent(settings: Settings, name: str) -> Tangent:
     value: Any = settings.effects[effect][key]  # a number, or as many as there are indices
     size = abs(value if index is None else value[index])
     quantity = quantities(effect)[key]
-    natural = {"m": settings.rod.length, "1/m": 1.0 / settings.rod.length}.get(quantity.unit, 1.0)
+    natural = settings.scale.unit(quantity.unit) if quantity.unit in ("m", "1/m") else 1.0
     step = STEP * (size if size > 0.0 else natural)
     return Tangent(name, step, lambda s, c, d: (varied(s, name, d), c))
 
@@ -211,7 +206,7 @@ def _compiled(
         moves.append(any(pair) or systems[-1].reach != systems[-2].reach)
         steps.append(chosen.step)
     # A slip of zero may be a parameter, too.
-    special = not model.plain or "clamp_slip" in model.settings.effects
+    special = not model.plain or model.body.slip is not None
     system, step = stacked(systems), np.array(steps, dtype=np.float64)
     return Compiled(
         system, stacked_imposed(commands), step, np.array(moves, dtype=np.float64),

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -19,7 +20,9 @@ class CameraRotation(Effect):
 
     name: ClassVar[str] = "camera_rotation"
 
-    angle: float = quantity(0.0, "rad", -1.6, 1.6, "of the measured shapes")
+    angle: float = quantity(
+        0.0, "rad", -1.6, 1.6, "of the measured shapes", tolerance=math.radians(0.5)
+    )
 
     def measured(self, points: FloatArray) -> FloatArray:
         """See the base class."""

@@ -16,7 +16,9 @@ class CameraScale(Effect):
 
     name: ClassVar[str] = "camera_scale"
 
-    ratio: float = quantity(1.0, "", 0.5, 2.0, "true size over measured size")
+    ratio: float = quantity(
+        1.0, "", 0.5, 2.0, "true size over measured size", role="ratio", tolerance=0.005
+    )
 
     def measured(self, points: FloatArray) -> FloatArray:
         """See the base class."""

@@ -15,7 +15,7 @@ class CommandDelay(Effect):
 
     name: ClassVar[str] = "command_delay"
 
-    delay: float = quantity(0.0, "s", -2.0, 2.0, "of the true motion")
+    delay: float = quantity(0.0, "s", -2.0, 2.0, "of the true motion", tolerance=0.02)
 
     def later(self) -> float:
         """See the base class."""

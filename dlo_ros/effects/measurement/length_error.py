@@ -14,8 +14,11 @@ class LengthError(Effect):
     """True minus configured length; the material coordinate stays that of the configured one."""
 
     name: ClassVar[str] = "length_error"
+    batched: ClassVar[bool] = False
 
-    difference: float = quantity(0.0, "m", -1.0, 1.0, "true minus configured length")
+    difference: float = quantity(
+        0.0, "m", -1.0, 1.0, "true minus configured length", tolerance=0.005, search=(-0.5, 0.5)
+    )
 
     def shape_body(self, body: Body) -> None:
         """See the base class."""

@@ -14,8 +14,9 @@ class AirDrag(Effect):
     """Added to `damping.air_drag`: force per length minus coefficient times velocity."""
 
     name: ClassVar[str] = "air_drag"
+    varied_in_batch: ClassVar[bool] = True
 
-    coefficient: float = quantity(0.0, "N s/m^2", -1000.0, 1000.0, "added drag")
+    coefficient: float = quantity(0.0, "N s/m^2", -1000.0, 1000.0, "added drag", adds_to="air_drag")
 
     def shape_body(self, body: Body) -> None:
         """See the base class."""

@@ -3,13 +3,16 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from scipy.spatial.transform import Rotation
 
 from dlo_ros.command import CONTROL_POINT, END, START, Command
-from dlo_ros.effects.base import Effect, quantity
+from dlo_ros.effects.base import Effect, Scene, Start, quantity
+
+CAREFUL = math.radians(3.0)  # [rad] to which a clamp is lined up by eye
 
 
 @dataclass(frozen=True)
@@ -22,8 +25,8 @@ class ClampAngle(Effect):
 
     name: ClassVar[str] = "clamp_angle"
 
-    start: float = quantity(0.0, "rad", -1.6, 1.6, "at the start")
-    end: float = quantity(0.0, "rad", -1.6, 1.6, "at the end")
+    start: float = quantity(0.0, "rad", -1.6, 1.6, "at the start", tolerance=CAREFUL)
+    end: float = quantity(0.0, "rad", -1.6, 1.6, "at the end", tolerance=CAREFUL)
 
     def impose(self, command: Command) -> Command:
         """See the base class."""
@@ -42,3 +45,12 @@ class ClampAngle(Effect):
                     outer = positions[:, command.names.index(tip)]
                     positions[:, k] = outer + turn.apply(positions[:, k] - outer)
         return replace(command, positions=positions, rotations=rotations)
+
+    @classmethod
+    def starts(cls, scene: Scene) -> list[Start]:
+        """Each clamp alone, and both."""
+        found = [Start(cls.name, {end: 0.0}, (end,), (end,), form=end) for end in scene.clamps]
+        if len(found) == 2:
+            both = dict.fromkeys(scene.clamps, 0.0)
+            found.append(Start(cls.name, both, tuple(both), tuple(both), form="both"))
+        return found

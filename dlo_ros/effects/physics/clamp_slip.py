@@ -18,9 +18,12 @@ class ClampSlip(Effect):
     """
 
     name: ClassVar[str] = "clamp_slip"
+    batched: ClassVar[bool] = False
 
-    length: float = quantity(0.0, "m", -1.0, 1.0, "free length gained by the end of the motion")
+    length: float = quantity(
+        0.0, "m", -1.0, 1.0, "free length gained by the end of the motion", tolerance=0.005
+    )
 
     def shape_body(self, body: Body) -> None:
         """See the base class."""
-        body.slip += self.length
+        body.slip = (body.slip or 0.0) + self.length

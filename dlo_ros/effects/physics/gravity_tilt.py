@@ -15,8 +15,12 @@ class GravityTilt(Effect):
     """Rotation of gravity about +y, the board's normal, positive from x towards -z."""
 
     name: ClassVar[str] = "gravity_tilt"
+    varied_in_batch: ClassVar[bool] = True
 
-    angle: float = quantity(0.0, "rad", -3.2, 3.2, "rotation of gravity in the board's plane")
+    angle: float = quantity(
+        0.0, "rad", -3.2, 3.2, "rotation of gravity in the board's plane",
+        tolerance=math.radians(1.0),
+    )  # fmt: skip
 
     def shape_body(self, body: Body) -> None:
         """See the base class."""

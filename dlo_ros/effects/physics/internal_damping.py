@@ -14,8 +14,11 @@ class InternalDamping(Effect):
     """Added to `damping.relaxation_time` of Kelvin-Voigt damping."""
 
     name: ClassVar[str] = "internal_damping"
+    varied_in_batch: ClassVar[bool] = True
 
-    relaxation_time: float = quantity(0.0, "s", -10.0, 10.0, "added relaxation time")
+    relaxation_time: float = quantity(
+        0.0, "s", -10.0, 10.0, "added relaxation time", natural=20.0, adds_to="relaxation_time"
+    )
 
     def shape_body(self, body: Body) -> None:
         """See the base class."""

@@ -8,7 +8,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from dlo_ros.effects.base import Body, Effect, quantity
+from dlo_ros.effects.base import Body, Effect, Scene, Start, quantity
+from dlo_ros.effects.start import INNER_PLACES
+
+PATTERNS = (3, 4, 5)  # numbers of values of a curvature at rest that varies along the DLO
 
 
 @dataclass(frozen=True)
@@ -21,12 +24,14 @@ class IntrinsicCurvature(Effect):
     """
 
     name: ClassVar[str] = "intrinsic_curvature"
+    varied_in_batch: ClassVar[bool] = True
 
     curvature: float | tuple[float, ...] = quantity(
-        0.0, "1/m", -200.0, 200.0, "curvature at rest, one value or several along u", array=True
-    )
+        0.0, "1/m", -200.0, 200.0, "curvature at rest, one value or several along u", array=True,
+        tolerance=0.5,
+    )  # fmt: skip
     kink: float = quantity(0.0, "rad", -3.0, 3.0, "angle of a kink")
-    position: float = quantity(0.0, "m", 0.0, 100.0, "where the kink is, u")
+    position: float = quantity(0.0, "m", 0.0, 100.0, "where the kink is, u", role="place")
 
     def shape_body(self, body: Body) -> None:
         """See the base class."""
@@ -36,3 +41,16 @@ class IntrinsicCurvature(Effect):
         if self.kink:
             body.within("intrinsic_curvature.position", self.position)
             body.kinks.append((self.kink, self.position))
+
+    @classmethod
+    def starts(cls, scene: Scene) -> list[Start]:
+        """An even curvature, several values along the DLO, and kinks at several places."""
+        key = ("curvature",)
+        found = [Start(cls.name, {"curvature": 0.0}, key, key, form="even")]
+        for count in PATTERNS:
+            values = (0.0,) * count
+            found.append(Start(cls.name, {"curvature": values}, key, key, form=f"along {count}"))
+        for place in INNER_PLACES:
+            block = {"kink": 0.0, "position": place * scene.rope.length}
+            found.append(Start(cls.name, block, ("kink",), tuple(block), form="kink"))
+        return found

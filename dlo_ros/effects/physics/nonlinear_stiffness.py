@@ -6,7 +6,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from dlo_ros.effects.base import Body, Effect, quantity
+from dlo_ros.effects.base import Body, Effect, Scene, Start, quantity
+
+SEEN = (1.0, 4.0)  # of the curvatures that occur, at which the stiffness may have halved
 
 
 @dataclass(frozen=True)
@@ -14,6 +16,7 @@ class NonlinearStiffness(Effect):
     """Tangent stiffness B / (1 + (kappa / half_curvature)^2), so the moment is an arc tangent."""
 
     name: ClassVar[str] = "nonlinear_stiffness"
+    smooth: ClassVar[bool] = False
 
     half_curvature: float = quantity(
         1e6, "1/m", 0.01, 1e6, "curvature at which the tangent stiffness has halved"
@@ -22,3 +25,12 @@ class NonlinearStiffness(Effect):
     def shape_body(self, body: Body) -> None:
         """See the base class."""
         body.half_curvature = min(body.half_curvature, self.half_curvature)
+
+    @classmethod
+    def starts(cls, scene: Scene) -> list[Start]:
+        """Half curvatures about those that occur."""
+        key = ("half_curvature",)
+        return [
+            Start(cls.name, {key[0]: factor * scene.curvature}, key, key, neutral=False)
+            for factor in SEEN
+        ]

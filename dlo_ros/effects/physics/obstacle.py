@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from dlo_ros.effects.base import Body, Effect, Peg, quantity
+from dlo_ros.effects.base import Body, Effect, Peg, Scene, Start, quantity
 
 
 @dataclass(frozen=True)
@@ -14,11 +14,20 @@ class Obstacle(Effect):
     """A round peg that stands on the board, frictionless; the DLO's own radius comes on top."""
 
     name: ClassVar[str] = "obstacle"
+    smooth: ClassVar[bool] = False
+    differentiable: ClassVar[bool] = False
 
-    x: float = quantity(0.0, "m", -100.0, 100.0, "of the peg's axis")
-    z: float = quantity(-99.0, "m", -100.0, 100.0, "of the peg's axis")
-    radius: float = quantity(0.005, "m", 1e-4, 10.0, "of the peg itself")
+    x: float = quantity(0.0, "m", -100.0, 100.0, "of the peg's axis", role="point")
+    z: float = quantity(-99.0, "m", -100.0, 100.0, "of the peg's axis", role="point")
+    radius: float = quantity(
+        0.005, "m", 1e-4, 10.0, "of the peg itself", role="extent", search=(0.002, 0.3)
+    )
 
     def shape_body(self, body: Body) -> None:
         """See the base class."""
         body.pegs.append(Peg(self.x, self.z, self.radius))
+
+    @classmethod
+    def starts(cls, scene: Scene) -> list[Start]:
+        """Nowhere: pegs are looked for where shapes go astray, see `dlo_ros.diagnosis.contact`."""
+        return []

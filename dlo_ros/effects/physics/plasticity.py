@@ -6,7 +6,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from dlo_ros.effects.base import Body, Effect, quantity
+from dlo_ros.effects.base import Body, Effect, Scene, Start, quantity
+
+SEEN = (0.25, 0.5, 0.85)  # of the curvatures that occur, at which the DLO may have yielded
+HARDENING = 0.35  # from which one is looked for
 
 
 @dataclass(frozen=True)
@@ -18,6 +21,7 @@ class Plasticity(Effect):
     """
 
     name: ClassVar[str] = "plasticity"
+    smooth: ClassVar[bool] = False
 
     yield_curvature: float = quantity(1e6, "1/m", 0.01, 1e6, "elastic curvature at the yield")
     hardening: float = quantity(
@@ -28,3 +32,13 @@ class Plasticity(Effect):
         """See the base class."""
         body.yield_curvature = min(body.yield_curvature, self.yield_curvature)
         body.hardening = self.hardening
+
+    @classmethod
+    def starts(cls, scene: Scene) -> list[Start]:
+        """Yield curvatures below those that occur."""
+        keys = ("yield_curvature", "hardening")
+        return [
+            Start(cls.name, {keys[0]: share * scene.curvature, keys[1]: HARDENING}, keys, keys,
+                  neutral=False)
+            for share in SEEN
+        ]  # fmt: skip

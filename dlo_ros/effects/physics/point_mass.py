@@ -6,7 +6,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from dlo_ros.effects.base import Body, Effect, quantity
+from dlo_ros.effects.base import Body, Effect, Scene, Start, quantity
+from dlo_ros.effects.start import PLACES
 
 
 @dataclass(frozen=True)
@@ -14,11 +15,26 @@ class PointMass(Effect):
     """A point mass at the DLO's axis, with weight and inertia but no moment of inertia."""
 
     name: ClassVar[str] = "point_mass"
+    varied_in_batch: ClassVar[bool] = True
 
-    mass: float = quantity(0.0, "kg", 0.0, 10.0, "the mass")
-    position: float = quantity(0.0, "m", 0.0, 100.0, "where it is fixed, u")
+    mass: float = quantity(0.0, "kg", 0.0, 10.0, "the mass", tolerance=0.1)
+    position: float = quantity(0.0, "m", 0.0, 100.0, "where it is fixed, u", role="place")
 
     def shape_body(self, body: Body) -> None:
         """See the base class."""
         body.within("point_mass.position", self.position)
         body.masses.append((self.mass, self.position))
+
+    @classmethod
+    def starts(cls, scene: Scene) -> list[Start]:
+        """Nothing at several places, and as much as the rope itself at its end.
+
+        A mass that outweighs the rope goes with an E that no linear test finds from nothing.
+        """
+        rope, keys = scene.rope, ("mass", "position")
+        found = [
+            Start(cls.name, {"mass": 0.0, "position": place * rope.length}, keys[:1], keys)
+            for place in PLACES
+        ]
+        heavy = {"mass": rope.mass, "position": rope.length}
+        return [*found, Start(cls.name, heavy, (), keys, neutral=False, form="heavy")]

@@ -14,10 +14,13 @@ class StiffSegment(Effect):
     """Bending stiffness times `ratio` over `extent` around `centre`."""
 
     name: ClassVar[str] = "stiff_segment"
+    varied_in_batch: ClassVar[bool] = True
 
-    centre: float = quantity(0.0, "m", 0.0, 100.0, "its middle, u")
-    extent: float = quantity(0.0, "m", 0.0, 100.0, "its length")
-    ratio: float = quantity(1.0, "", 0.01, 1000.0, "stiffness there over that elsewhere")
+    centre: float = quantity(0.0, "m", 0.0, 100.0, "its middle, u", role="place")
+    extent: float = quantity(0.0, "m", 0.0, 100.0, "its length", role="extent")
+    ratio: float = quantity(
+        1.0, "", 0.01, 1000.0, "stiffness there over that elsewhere", role="ratio", tolerance=0.3
+    )
 
     def shape_body(self, body: Body) -> None:
         """See the base class."""

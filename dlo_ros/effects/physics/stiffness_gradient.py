@@ -14,8 +14,9 @@ class StiffnessGradient(Effect):
     """B(u) = B (1 + change (u / L - 1/2))."""
 
     name: ClassVar[str] = "stiffness_gradient"
+    varied_in_batch: ClassVar[bool] = True
 
-    change: float = quantity(0.0, "", -1.9, 1.9, "relative change from start to end")
+    change: float = quantity(0.0, "", -1.9, 1.9, "relative change from start to end", tolerance=0.3)
 
     def shape_body(self, body: Body) -> None:
         """See the base class."""

@@ -6,7 +6,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from dlo_ros.effects.base import Body, Effect, quantity
+from dlo_ros.effects.base import Body, Effect, Scene, Start, quantity
+
+SHARES = (0.01, 0.1)  # of the weight, from which a friction is looked for
 
 
 @dataclass(frozen=True)
@@ -14,9 +16,19 @@ class SurfaceFriction(Effect):
     """Coulomb friction per length against motion in the board's plane; below it the DLO sticks."""
 
     name: ClassVar[str] = "surface_friction"
+    smooth: ClassVar[bool] = False
 
-    force: float = quantity(0.0, "N/m", 0.0, 100.0, "friction per length of DLO")
+    force: float = quantity(0.0, "N/m", 0.0, 100.0, "friction per length of DLO", tolerance=0.02)
 
     def shape_body(self, body: Body) -> None:
         """See the base class."""
         body.friction = (body.friction or 0.0) + self.force
+
+    @classmethod
+    def starts(cls, scene: Scene) -> list[Start]:
+        """A little and much."""
+        key = ("force",)
+        return [
+            Start(cls.name, {key[0]: share * scene.rope.weight}, key, key, neutral=False)
+            for share in SHARES
+        ]

@@ -1,0 +1,41 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""The camera stands beside where it is configured, or the board's origin was taken elsewhere."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from dlo_ros.effects.base import Effect, Scene, Start, quantity
+from dlo_ros.spline import FloatArray
+
+CAREFUL = 0.005  # of the length, to which the board's origin is found in a picture
+
+
+@dataclass(frozen=True)
+class CameraShift(Effect):
+    """Shift of the measured shapes in the board's plane: measured minus true position."""
+
+    name: ClassVar[str] = "camera_shift"
+
+    x: float = quantity(0.0, "m", -1.0, 1.0, "of the measured shapes, along x", tolerance=CAREFUL)
+    z: float = quantity(0.0, "m", -1.0, 1.0, "of the measured shapes, along z", tolerance=CAREFUL)
+
+    @property
+    def _shift(self) -> FloatArray:
+        return np.array([self.x, 0.0, self.z])
+
+    def measured(self, points: FloatArray) -> FloatArray:
+        """See the base class."""
+        return np.asarray(points + self._shift)
+
+    def true(self, points: FloatArray) -> FloatArray:
+        """See the base class."""
+        return np.asarray(points - self._shift)
+
+    @classmethod
+    def starts(cls, scene: Scene) -> list[Start]:
+        """Nowhere: every set-up has some of it, and a moved clamp often takes its place."""
+        return []

@@ -1,0 +1,52 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""A clamp holds the DLO at another place than commanded."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from dlo_ros.command import CONTROL_POINT, END, START, Command
+from dlo_ros.effects.base import Effect, Scene, Start, quantity
+
+IN_PLANE = (0, 2)  # axes of an offset of two numbers
+AXES = (2, 3)
+CAREFUL = 0.005  # of the length, to which a clamp's place is measured
+
+
+@dataclass(frozen=True)
+class ClampOffset(Effect):
+    """True minus commanded position of the DLO in its clamps, in the board frame.
+
+    Two numbers are x and z, three are x, y and z. It acts on `start` and `end` and on the control
+    points of an end that are imposed one by one; directions stay.
+    """
+
+    name: ClassVar[str] = "clamp_offset"
+
+    start: tuple[float, ...] = quantity(
+        0.0, "m", -1.0, 1.0, "at the start: x, z, or x, y, z", counts=AXES, tolerance=CAREFUL
+    )
+    end: tuple[float, ...] = quantity(
+        0.0, "m", -1.0, 1.0, "at the end: x, z, or x, y, z", counts=AXES, tolerance=CAREFUL
+    )
+
+    def impose(self, command: Command) -> Command:
+        """See the base class."""
+        positions = command.positions.copy()
+        last = command.control_points
+        for offset, clamp, own in ((self.start, START, (1, 2)), (self.end, END, (last, last - 1))):
+            axes = list(IN_PLANE) if len(offset) == len(IN_PLANE) else slice(None)
+            names = (clamp, *(f"{CONTROL_POINT}{k}" for k in own))
+            held = [k for k, name in enumerate(command.names) if name in names]
+            moved = np.zeros(3)
+            moved[axes] = offset
+            positions[:, held] += moved
+        return replace(command, positions=positions)
+
+    @classmethod
+    def starts(cls, scene: Scene) -> list[Start]:
+        """Nowhere: every set-up has some of it, and a shifted camera often takes its place."""
+        return []

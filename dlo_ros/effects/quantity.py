@@ -1,0 +1,216 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""A parameter of an effect: its unit, range, role, tolerance and plausible size."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import Field, dataclass, field
+from typing import Any, Literal
+
+Role = Literal["size", "angle", "ratio", "place", "extent", "point"]
+"""`size`: how much there is of the effect; `angle`: the same in radians; `ratio`: a factor, fitted
+by its logarithm; `place`: where along the DLO, u; `extent`: how long or how large; `point`: a
+coordinate in the board frame. The last three say where it acts, not how much."""
+
+NATURAL: Mapping[str, float] = {
+    "m": 0.1, "1/m": 3.0, "rad": 0.3, "s": 0.1, "N s/m^2": 10.0,
+}  # fmt: skip
+"""Plausible size of a cause by its unit, in units of the rope; 1 for every other unit."""
+ON_THE_ROPE = (0.0, 1.0)
+"""Range of a place, of the length."""
+ALONG_THE_ROPE = (0.02, 0.6)
+"""Range of an extent, of the length: shorter ones act like a point, longer ones like the whole."""
+LEAST_DRAG = 1e-3  # [s/m] of the weight per length: unit of a drag where none is configured
+LEAST_TIME = 1e-4  # [s] unit of a relaxation time where none is configured
+MOST_REMOVED = 0.99  # share of a configured damping that an effect may take away
+
+
+@dataclass(frozen=True)
+class RopeScale:
+    """What numbers of an effect are measured by: the plain rope.
+
+    Args:
+        length: L [m].
+        weight: per length [N/m].
+        mass: of the whole rope [kg].
+        air_drag: configured force per length over velocity [N s/m^2].
+        relaxation_time: configured, of Kelvin-Voigt damping [s].
+    """
+
+    length: float
+    weight: float
+    mass: float
+    air_drag: float
+    relaxation_time: float
+
+    def unit(self, unit: str) -> float:
+        """Size of an SI unit's quantity for this rope, in that unit: L for m, 1/L for 1/m ..."""
+        sizes = {
+            "m": self.length,
+            "1/m": 1.0 / self.length,
+            "kg": self.mass,
+            "kg/m": self.mass / self.length,
+            "N": self.weight * self.length,
+            "N/m": self.weight,
+            "N m": self.weight * self.length**2,
+            "rad/(N m)": 1.0 / (self.weight * self.length**2),
+            "N s/m^2": max(self.air_drag, LEAST_DRAG * self.weight),
+        }
+        return sizes.get(unit, 1.0)
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A parameter of an effect.
+
+    Args:
+        name: key in reports and, after `effects.NAME.`, in the parameter file.
+        neutral: value with which the effect does nothing (for a place: any).
+        unit: SI unit, empty where there is none.
+        lower, upper: range, both ends allowed.
+        description: a few words.
+        array: whether several values, equally spaced along u, may be given.
+        counts: numbers of values that must be given, such as the components of a vector; empty:
+            one value, or any number of an array.
+        role: what kind of number it is.
+        tolerance: standard deviation within which a set-up is as careful people build it, in units
+            of the rope (of the logarithm for a ratio); None: there is no such thing.
+        natural: plausible size for a cause, in units of the rope; None: as for others of the unit.
+        search: range within which the value is looked for, in units of the rope; None: as for
+            others of the role.
+        adds_to: damping of the parameter file to which the value is added: air_drag or
+            relaxation_time; empty: none.
+    """
+
+    name: str
+    neutral: float
+    unit: str
+    lower: float
+    upper: float
+    description: str
+    array: bool = False
+    counts: tuple[int, ...] = ()
+    role: Role = "size"
+    tolerance: float | None = None
+    natural: float | None = None
+    search: tuple[float, float] | None = None
+    adds_to: str = ""
+
+    @property
+    def geometric(self) -> bool:
+        """Whether it says where the effect acts, not how much."""
+        return self.role in ("place", "extent", "point")
+
+    @property
+    def logarithmic(self) -> bool:
+        """Whether a fit sees the value's logarithm."""
+        return self.lower > 0.0
+
+    def transformed(self, value: float) -> float:
+        """A value as a fit sees it: the value itself, or its logarithm."""
+        return math.log(value) if self.logarithmic else value
+
+    def restored(self, seen: float) -> float:
+        """The inverse of `transformed`."""
+        return math.exp(seen) if self.logarithmic else seen
+
+    @property
+    def nothing(self) -> float | tuple[float, ...]:
+        """The neutral value in the form in which it must be given."""
+        return (self.neutral,) * self.counts[0] if self.counts else self.neutral
+
+    def scale(self, rope: RopeScale) -> float:
+        """Size of the unit of the rope in which tolerance, natural and search are given [SI]."""
+        if self.role == "ratio":
+            return 1.0
+        if self.adds_to == "relaxation_time":
+            return max(rope.relaxation_time, LEAST_TIME)
+        return rope.unit(self.unit)
+
+    def tolerance_for(self, rope: RopeScale) -> float | None:
+        """Standard deviation within which a set-up is as people build it, in `unit`.
+
+        That of a ratio is of its logarithm. None: no tolerance.
+        """
+        return None if self.tolerance is None else self.tolerance * self.scale(rope)
+
+    def natural_for(self, rope: RopeScale) -> float:
+        """A plausible size for a cause, in `unit`; 1 of what is fitted by its logarithm."""
+        if self.logarithmic:
+            return 1.0
+        share = NATURAL.get(self.unit, 1.0) if self.natural is None else self.natural
+        return share * self.scale(rope)
+
+    def plausible_for(self, rope: RopeScale, side: float) -> float:
+        """Value with a plausible size for a cause, in `unit`.
+
+        Args:
+            side: 1 or -1, above or below neutral; of no meaning where `natural` says the value of a
+                number that is fitted by its logarithm.
+        """
+        if not self.logarithmic:
+            value = self.neutral + side * self.natural_for(rope)
+        elif self.natural is None:
+            value = self.neutral * math.exp(side)
+        else:
+            value = self.natural * self.scale(rope)
+        low, high = self.search_for(rope)
+        return min(max(value, low), high)
+
+    def search_for(self, rope: RopeScale) -> tuple[float, float]:
+        """Lowest and highest value that is looked for, in `unit`; it lies within the range."""
+        if self.adds_to:
+            return -MOST_REMOVED * getattr(rope, self.adds_to), self.upper
+        shares = self.search
+        if shares is None and self.unit == "m":
+            shares = {"place": ON_THE_ROPE, "extent": ALONG_THE_ROPE}.get(self.role)
+        if shares is None:
+            return self.lower, self.upper
+        low, high = (share * self.scale(rope) for share in shares)
+        return max(low, self.lower), min(high, self.upper)
+
+
+def quantity(
+    neutral: float,
+    unit: str,
+    lower: float,
+    upper: float,
+    description: str,
+    *,
+    array: bool = False,
+    counts: tuple[int, ...] = (),
+    role: Role | None = None,
+    tolerance: float | None = None,
+    natural: float | None = None,
+    search: tuple[float, float] | None = None,
+    adds_to: str = "",
+) -> Any:
+    """A dataclass field that is a parameter of an effect; see `Quantity`.
+
+    Args:
+        neutral, unit, lower, upper, description, array, counts, tolerance, natural, search,
+            adds_to: as there.
+        role: as there; default: `angle` in radians, else `size`.
+
+    Raises:
+        ValueError: the tolerance or the natural size is not positive, or a range is empty.
+    """
+    if not lower < upper or (search is not None and not search[0] < search[1]):
+        raise ValueError(f"{description}: the range is empty")
+    for what, value in (("tolerance", tolerance), ("natural", natural)):
+        if value is not None and not (math.isfinite(value) and value > 0.0):
+            raise ValueError(f"{description}: {what} is {value}; it must be positive")
+    data = {
+        "unit": unit, "lower": lower, "upper": upper, "description": description, "array": array,
+        "counts": counts, "role": role or ("angle" if unit == "rad" else "size"),
+        "tolerance": tolerance, "natural": natural, "search": search, "adds_to": adds_to,
+    }  # fmt: skip
+    return field(default=(neutral,) * counts[0] if counts else neutral, metadata=data)
+
+
+def described(made: Field[Any]) -> Quantity:
+    """The parameter that a dataclass field stands for."""
+    default: Any = made.default
+    neutral = default[0] if isinstance(default, tuple) else default
+    return Quantity(made.name, neutral, **made.metadata)

@@ -1,0 +1,60 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""From where an effect is looked for in recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from dlo_ros.effects.quantity import RopeScale
+
+Value = float | tuple[float, ...]
+Block = Mapping[str, Value]
+
+PLACES = (0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 1.0)
+"""Places at which a local effect is looked for, of the length."""
+INNER_PLACES = PLACES[:-1]
+"""Those of them at which a change of stiffness or of curvature does something."""
+
+
+@dataclass(frozen=True)
+class Start:
+    """One beginning of a search.
+
+    Args:
+        effect: its name.
+        block: values of all keys that are set.
+        screened: keys in which the effect is linear at first.
+        fitted: keys that are fitted.
+        neutral: whether the model is still that without the effect.
+        form: tells variants of one effect with different open parameters apart.
+        own: change of the other open parameters that belongs to it, as the fit sees them; empty:
+            none.
+    """
+
+    effect: str
+    block: Block
+    screened: tuple[str, ...]
+    fitted: tuple[str, ...]
+    neutral: bool = True
+    form: str = ""
+    own: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What the recordings look like to a model.
+
+    Args:
+        rope: the plain rope.
+        clamps: ends (`start`, `end`) whose direction is imposed in some recording.
+        held: ends whose position is imposed in some recording.
+        curvature: 90th percentile of the largest curvature of each frame [1/m].
+        known: dampings of the parameter file (air_drag, relaxation_time) that are no guesses.
+    """
+
+    rope: RopeScale
+    clamps: tuple[str, ...]
+    held: tuple[str, ...]
+    curvature: float
+    known: tuple[str, ...] = ()
