@@ -15,7 +15,7 @@ from dlo_ros.spline import FloatArray
 
 
 class Camera:
-    """Maps between true and measured shapes; linear in the control points.
+    """Maps between true and measured shapes; affine in the control points.
 
     Args:
         settings: whose effects count.
@@ -24,12 +24,22 @@ class Camera:
 
     def __init__(self, settings: Settings, parameters: Sequence[str] = ()) -> None:
         self._effects = build(settings.effects)
-        self._pairs = [
-            tuple(build(varied(settings, name, side * STEP).effects) for side in (1.0, -1.0))
-            if name.startswith(EFFECTS_PREFIX)
-            else None
-            for name in parameters
-        ]
+        self._map, _ = _affine(self._effects)
+        count = len(parameters)
+        # What each parameter changes of the map and of the delay.
+        self._map_rate, self._shift_rate = np.zeros((count, 3, 3)), np.zeros((count, 3))
+        self._later_rate = np.zeros(count)
+        for p, name in enumerate(parameters):
+            if not name.startswith(EFFECTS_PREFIX):
+                continue
+            above, below = (
+                build(varied(settings, name, side * STEP).effects) for side in (1.0, -1.0)
+            )
+            (high, far), (low, near) = _affine(above), _affine(below)
+            self._map_rate[p] = (high - low) / (2.0 * STEP)
+            self._shift_rate[p] = (far - near) / (2.0 * STEP)
+            late = sum(e.later() for e in above) - sum(e.later() for e in below)
+            self._later_rate[p] = late / (2.0 * STEP)
 
     @property
     def later(self) -> int:
@@ -63,18 +73,16 @@ class Camera:
         """
         if not self._effects:
             return change
-        origin = _measured(self._effects, np.zeros((1, 3)))
-        result = np.empty_like(change)
-        for p, pair in enumerate(self._pairs):
-            moved = change[p]
-            if pair is not None:  # what is seen later has gone less far
-                late = sum(e.later() for e in pair[0]) - sum(e.later() for e in pair[1])
-                moved = moved - late / (2.0 * STEP) * velocity
-            result[p] = _measured(self._effects, moved) - origin
-            if pair is not None:
-                above, below = (_measured(effects, shape[:, :3]) for effects in pair)
-                result[p] += (above - below) / (2.0 * STEP)
-        return result
+        # What is seen later has gone less far.
+        moved = change - self._later_rate[:, None, None] * velocity
+        seen = shape[:, :3] @ self._map_rate.transpose(0, 2, 1) + self._shift_rate[:, None]
+        return np.asarray(moved @ self._map.T + seen)
+
+
+def _affine(effects: Sequence[Effect]) -> tuple[FloatArray, FloatArray]:
+    """Matrix (3, 3) and shift (3,) of what the camera makes of points."""
+    seen = _measured(effects, np.vstack([np.zeros(3), np.eye(3)]))
+    return (seen[1:] - seen[0]).T, seen[0]
 
 
 def _measured(effects: Sequence[Effect], points: FloatArray) -> FloatArray:
