@@ -108,6 +108,15 @@ def test_an_executable_runs(prefix, name):
     assert f"usage: dlo_ros {name}" in shell(prefix, f"{prefix}/lib/dlo_ros/{name} --help")
 
 
+def test_an_executable_runs_with_its_own_python_whatever_is_first_on_the_path(prefix, tmp_path):
+    """Such as conda's, which has none of the libraries."""
+    other = tmp_path / "python3"
+    other.write_text("#!/bin/sh\nexit 3\n")
+    other.chmod(0o755)
+    said = shell(prefix, f"PATH={tmp_path}:$PATH {prefix}/lib/dlo_ros/play --help")
+    assert "usage: dlo_ros play" in said
+
+
 def test_the_ros_index_knows_the_package(prefix):
     code = "from ament_index_python import get_package_share_directory as d; print(d('dlo_ros'))"
     share = Path(shell(prefix, f'python3 -c "{code}"').strip())
