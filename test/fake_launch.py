@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import contextlib
 import importlib.util
+import logging
 import sys
 import types
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -25,9 +27,23 @@ class Context:
     """Launch configurations and what was found to be started."""
 
     values: dict[str, str]
+    installed: frozenset[str] = frozenset()
+    is_shutdown: bool = False
     declared: dict[str, Declare] = field(default_factory=dict)
     environment: dict[str, str] = field(default_factory=dict)
     processes: list[Process] = field(default_factory=list)
+
+    @property
+    def launch_configurations(self) -> dict[str, str]:
+        """What was declared, by name."""
+        return {name: self.values[name] for name in self.declared}
+
+
+@dataclass(frozen=True)
+class Exited:
+    """The event of a process that has ended."""
+
+    returncode: int
 
 
 @dataclass(frozen=True)
@@ -37,7 +53,7 @@ class Process:
     Args:
         arguments: those before --ros-args.
         ros_arguments: remappings, parameters and all else after it.
-        ends_all: whether its end ends everything.
+        on_exit: what follows its end, given its exit status; raises where the launch fails.
     """
 
     package: str
@@ -47,7 +63,12 @@ class Process:
     remappings: dict[str, str]
     parameters: tuple[Any, ...]
     ros_arguments: tuple[str, ...]
-    ends_all: bool
+    on_exit: Callable[[int], list[Action]]
+
+    @property
+    def ends_all(self) -> bool:
+        """Whether its end ends everything."""
+        return any(isinstance(action, Shutdown) for action in self.on_exit(0))
 
     @property
     def words(self) -> list[str]:
@@ -77,10 +98,6 @@ def text(context: Context, value: Any) -> str:
     return result
 
 
-def true(context: Context, value: Any) -> bool:
-    return {"true": True, "1": True, "false": False, "0": False}[text(context, value).lower()]
-
-
 class Substitution:
     def __init__(self, *values: Any) -> None:
         self.values = values
@@ -104,27 +121,6 @@ class FindPackageShare(Substitution):
         return str(ROOT)
 
 
-class NotEqualsSubstitution(Substitution):
-    def perform(self, context: Context) -> str:
-        left, right = (text(context, v) for v in self.values)
-        return str(left != right).lower()
-
-
-class NotSubstitution(Substitution):
-    def perform(self, context: Context) -> str:
-        return str(not true(context, self.values[0])).lower()
-
-
-class AndSubstitution(Substitution):
-    def perform(self, context: Context) -> str:
-        return str(all(true(context, v) for v in self.values)).lower()
-
-
-class OrSubstitution(Substitution):
-    def perform(self, context: Context) -> str:
-        return str(any(true(context, v) for v in self.values)).lower()
-
-
 class ParameterValue(Substitution):
     def __init__(self, value: Any, *, value_type: type) -> None:
         super().__init__(value)
@@ -134,20 +130,8 @@ class ParameterValue(Substitution):
         return text(context, self.values[0])
 
 
-class IfCondition:
-    def __init__(self, predicate: Any) -> None:
-        self.predicate = predicate
-
-    def holds(self, context: Context) -> bool:
-        return true(context, self.predicate)
-
-
-@dataclass(kw_only=True)
 class Action:
-    condition: IfCondition | None = None
-
-    def wanted(self, context: Context) -> bool:
-        return self.condition is None or self.condition.holds(context)
+    pass
 
 
 @dataclass
@@ -161,6 +145,15 @@ class Declare(Action):
         if self.name not in context.values:
             assert self.default_value is not None, f"{self.name} must be given"
             context.values[self.name] = text(context, self.default_value)
+
+
+@dataclass
+class OpaqueFunction(Action):
+    function: Callable[[Context], list[Action] | None]
+
+    def execute(self, context: Context) -> None:
+        for action in self.function(context) or ():
+            action.execute(context)
 
 
 @dataclass
@@ -189,7 +182,8 @@ class IncludeLaunchDescription(Action):
 
     def execute(self, context: Context) -> None:
         given = {name: text(context, value) for name, value in self.launch_arguments}
-        inner = evaluate(Path(text(context, self.source.path)), **given)
+        path = Path(text(context, self.source.path))
+        inner = evaluate(path, installed=context.installed, **given)
         assert set(given) <= set(inner.declared), "an argument that the file does not declare"
         context.processes += inner.processes
         context.environment |= inner.environment
@@ -207,6 +201,11 @@ class Node(Action):
     ros_arguments: Any = ()
     on_exit: Any = ()
 
+    def ended(self, context: Context, status: int) -> list[Action]:
+        if callable(self.on_exit):
+            return list(self.on_exit(Exited(status), context) or ())
+        return list(self.on_exit)
+
     def execute(self, context: Context) -> None:
         context.processes.append(
             Process(
@@ -217,7 +216,7 @@ class Node(Action):
                 {text(context, a): text(context, b) for a, b in self.remappings},
                 tuple(self._parameters(context, p) for p in self.parameters),
                 tuple(text(context, a) for a in self.ros_arguments),
-                any(action.wanted(context) for action in self.on_exit),
+                lambda status: self.ended(context, status),
             )
         )
 
@@ -227,6 +226,9 @@ class Node(Action):
             return text(context, given)
         result = {}
         for name, value in given.items():
+            if isinstance(value, bool):
+                result[name] = value
+                continue
             said = text(context, value)
             # What is no ParameterValue is read as YAML, which makes "true" a bool.
             result[name] = said if isinstance(value, ParameterValue) else yaml.safe_load(said)
@@ -239,28 +241,28 @@ class LaunchDescription:
         self.actions = actions
 
 
+class PackageNotFoundError(LookupError):
+    pass
+
+
 MODULES = {
+    "ament_index_python": {},
+    "ament_index_python.packages": {"PackageNotFoundError": PackageNotFoundError},
     "launch": {"LaunchDescription": LaunchDescription},
     "launch.actions": {
         "DeclareLaunchArgument": Declare,
         "IncludeLaunchDescription": IncludeLaunchDescription,
+        "OpaqueFunction": OpaqueFunction,
         "SetEnvironmentVariable": SetEnvironmentVariable,
         "Shutdown": Shutdown,
     },
-    "launch.conditions": {"IfCondition": IfCondition},
     "launch.launch_description_sources": {
         "PythonLaunchDescriptionSource": PythonLaunchDescriptionSource
     },
+    "launch.logging": {"get_logger": logging.getLogger},
     "launch.substitutions": {
-        c.__name__: c
-        for c in (
-            AndSubstitution,
-            LaunchConfiguration,
-            NotEqualsSubstitution,
-            NotSubstitution,
-            OrSubstitution,
-            PathJoinSubstitution,
-        )
+        "LaunchConfiguration": LaunchConfiguration,
+        "PathJoinSubstitution": PathJoinSubstitution,
     },
     "launch_ros": {},
     "launch_ros.actions": {"Node": Node},
@@ -270,13 +272,19 @@ MODULES = {
 
 
 @contextlib.contextmanager
-def _modules():
+def _modules(installed: Collection[str]):
+    def get_package_prefix(name: str) -> str:
+        if name not in installed:
+            raise PackageNotFoundError(name)
+        return f"/opt/ros/{name}"
+
     before = {name: sys.modules.get(name) for name in MODULES}
     for name, members in MODULES.items():
         module = types.ModuleType(name)
         module.__path__ = []
         vars(module).update(members)
         sys.modules[name] = module
+    vars(sys.modules["ament_index_python.packages"])["get_package_prefix"] = get_package_prefix
     try:
         yield
     finally:
@@ -287,17 +295,20 @@ def _modules():
                 sys.modules[name] = module
 
 
-def evaluate(path: Path, **arguments: str) -> Context:
-    """What `ros2 launch PATH NAME:=VALUE ...` would start."""
-    with _modules():
+def evaluate(path: Path, *, installed: Collection[str] = (), **arguments: str) -> Context:
+    """What `ros2 launch PATH NAME:=VALUE ...` would start where those packages are installed.
+
+    Raises:
+        RuntimeError: what the launch file itself refuses, before anything starts.
+    """
+    with _modules(installed):
         spec = importlib.util.spec_from_file_location(path.name.replace(".", "_"), path)
         module = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(module)
         description = module.generate_launch_description()
-    context = Context(dict(arguments))
+    context = Context(dict(arguments), frozenset(installed))
     for action in description.actions:
-        if action.wanted(context):
-            action.execute(context)
+        action.execute(context)
     unknown = set(arguments) - set(context.declared)
     assert not unknown, f"no such arguments: {unknown}"
     return context

@@ -9,6 +9,7 @@ import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import pytest
+import recordings_samples as samples
 import yaml
 from fake_launch import evaluate
 
@@ -23,9 +24,25 @@ DLO, REPLAY = (ROOT / "launch" / f"{name}.launch.py" for name in ("dlo", "replay
 NODES = [e.name for e in EXECUTABLES if e.node]
 
 
-def started(path, **arguments):
+@pytest.fixture(scope="module")
+def given(tmp_path_factory) -> dict[str, str]:
+    """Files that a launch may be given: parameters and three recordings."""
+    folder = tmp_path_factory.mktemp("given")
+    samples.SETTINGS.dump(folder / "params.yaml")
+    everything, others = samples.messages(), [("/other", samples.messages()[0][1], 5)]
+    kinds = {
+        "recording": everything,
+        "splines": samples.messages(images=False),
+        "images": [m for m in everything if not m[0].startswith("/dlo/observed")],
+        "neither": others,
+    }
+    bags = {name: str(samples.write_plain(folder / name, m)) for name, m in kinds.items()}
+    return bags | {"params": str(folder / "params.yaml")}
+
+
+def started(path, installed=(), **arguments):
     """The processes by executable."""
-    return {p.executable: p for p in evaluate(path, **arguments).processes}
+    return {p.executable: p for p in evaluate(path, installed=installed, **arguments).processes}
 
 
 def test_the_default_parameter_file_names_every_parameter_with_its_default():
@@ -39,24 +56,67 @@ def test_the_default_parameter_file_names_every_parameter_with_its_default():
 
 
 @pytest.mark.parametrize("path", (DLO, REPLAY), ids=lambda p: p.name)
-def test_every_launch_argument_is_described_and_none_is_of_no_use(path):
-    declared = evaluate(path, bag="recording").declared
+def test_every_launch_argument_is_described_and_none_is_of_no_use(path, given):
+    declared = evaluate(path, bag=given["recording"]).declared
     used = set(
-        re.findall(r'"(\w+)"', re.sub(r"DeclareLaunchArgument\(\s*\"\w+\"", "", path.read_text()))
+        re.findall(
+            r"[\"'](\w+)[\"']", re.sub(r"DeclareLaunchArgument\(\s*\"\w+\"", "", path.read_text())
+        )
     )
     for name, argument in declared.items():
         assert len(argument.description) > 8, name
         assert name in used, f"{name} is declared, but not used"
 
 
-def test_the_three_nodes_start_with_a_camera_of_somebody_else():
-    processes = started(DLO, params_file="params.yaml")
+def test_what_both_launch_files_take_is_the_same_but_for_how_a_replay_ends(given):
+    """The values of replay's arguments win, so that a default that differs must be meant."""
+    dlo, replay = (evaluate(path, bag=given["recording"]).values for path in (DLO, REPLAY))
+    differ = {name for name in replay if replay[name] != dlo[name]}
+    assert set(replay) < set(dlo) and differ == {"stay", "rviz"}
+
+
+def test_the_three_nodes_start_with_a_camera_of_somebody_else(given):
+    processes = started(DLO, params_file=given["params"])
     assert sorted(processes) == sorted(NODES)
     for name, process in processes.items():
         assert process.package == "dlo_ros" and process.namespace == ""
-        assert process.parameters == ("params.yaml", {"use_sim_time": False})
+        assert process.parameters == (given["params"], {"use_sim_time": False})
         assert process.ros_arguments == ("--log-level", "info", "--enclave", f"/dlo/{name}")
+        # The clock of somebody else's simulation keeps its name.
+        assert "/clock" not in process.remappings
+
+
+def test_without_a_parameter_file_it_is_said_that_the_rope_is_an_example(given, caplog):
     assert started(DLO)["observer"].parameters[0] == str(CONFIG / "default.yaml")
+    (said,) = caplog.records
+    assert said.levelname == "WARNING" and "EXAMPLE rope (0.4 m long, 4 mm thick)" in said.message
+    rod = Settings.load(CONFIG / "default.yaml").rod
+    assert (rod.length, rod.diameter) == (0.4, 0.004)
+    caplog.clear()
+    started(DLO, params_file=given["params"])
+    assert not caplog.records
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        ({"params_file": "/none.yaml"}, "params_file:=/none.yaml: no such file"),
+        ({"bag": "/none"}, "bag:=/none: no such bag"),
+        ({"bag": "neither"}, "holds neither images nor dlo/observed"),
+        ({"bag": "splines", "observe": "true"}, "holds no images; give observe:=false"),
+        ({"bag": "images", "observe": "false"}, "holds no dlo/observed; give observe:=true"),
+        ({"bag": "images", "observe": "no"}, "observe:=no: give true or false"),
+        ({"bag": "images", "stay": ""}, "stay:=: give true or false"),
+        ({"rviz": "true"}, "rviz needs the package rviz2, which is not installed"),
+        ({"video_device": "/dev/video0"}, "install ros-$ROS_DISTRO-v4l2-camera"),
+    ],
+)
+def test_what_cannot_be_is_told_before_anything_starts(given, arguments, reason):
+    if "bag" in arguments:
+        arguments = arguments | {"bag": given.get(arguments["bag"], arguments["bag"])}
+    with pytest.raises(RuntimeError) as caught:
+        evaluate(DLO, **arguments)
+    assert reason in str(caught.value) and "\n" not in str(caught.value)
 
 
 def test_namespace_camera_and_images_reach_the_nodes():
@@ -65,7 +125,7 @@ def test_namespace_camera_and_images_reach_the_nodes():
         "video_device": "/dev/video2", "large_images": "true", "use_sim_time": "true",
         "log_level": "debug", "enclave": "/left",
     }  # fmt: skip
-    context = evaluate(DLO, **arguments)
+    context = evaluate(DLO, installed={"v4l2_camera"}, **arguments)
     processes = {p.executable: p for p in context.processes}
     assert set(processes) == {*NODES, "v4l2_camera_node"}
     assert {p.namespace for p in processes.values()} == {"left"}
@@ -84,32 +144,99 @@ def test_namespace_camera_and_images_reach_the_nodes():
     assert Path(context.environment["FASTRTPS_DEFAULT_PROFILES_FILE"]).is_file()
 
 
-def test_a_bag_plays_into_the_namespace_on_simulated_time():
-    processes = started(DLO, bag="recording", rate="0.5", namespace="left")
+def test_a_bag_plays_into_the_namespace_on_simulated_time_of_its_own(given):
+    processes = started(DLO, bag=given["recording"], rate="0.5", namespace="left")
     player = processes["play"]
     assert set(processes) == {*NODES, "play"} and not player.ends_all
-    assert player.arguments == ("recording", "--rate", "0.5")
+    assert player.arguments == (given["recording"], "--rate", "0.5", "--wait", "600.0")
+    assert {p.namespace for p in processes.values()} == {"left"}
     for name in NODES:
         assert processes[name].parameters[1] == {"use_sim_time": True}
+    # Relative names are names in the namespace.
+    assert {p.remappings["/clock"] for p in processes.values()} == {"clock"}
     remapped = player.remappings
-    assert remapped["/dlo/command"] == "left/dlo/command"
-    assert remapped["/image_raw/compressed"] == "left/image_raw/compressed"
+    assert remapped["/dlo/command"] == "dlo/command"
+    assert remapped["/image_raw/compressed"] == "image_raw/compressed"
     # What the nodes make anew must not meet what they made when it was recorded.
-    assert remapped["/dlo/observed"] == "left/recorded/dlo/observed"
-    assert {name.lstrip("/") for name in remapped} == set(topics.TYPES)
+    assert remapped["/dlo/observed"] == "recorded/dlo/observed"
+    assert {name.lstrip("/") for name in remapped} == {*topics.TYPES, "clock"}
 
 
-def test_replay_is_for_watching_and_ends_with_the_recording():
-    processes = started(REPLAY, bag="recording", params_file="params.yaml")
+def test_recorded_splines_are_played_without_observer_and_images(given):
+    for bag, observe in (("recording", "false"), ("splines", "false"), ("splines", "auto")):
+        processes = started(DLO, bag=given[bag], observe=observe)
+        assert set(processes) == {"simulator", "identifier", "play"}
+        player = processes["play"]
+        assert player.arguments[-1] == "--no-images"
+        assert player.remappings["/dlo/observed"] == "dlo/observed"
+        assert player.remappings["/dlo/predicted"] == "recorded/dlo/predicted"
+    for bag, observe in (("recording", "true"), ("images", "auto")):
+        processes = started(DLO, bag=given[bag], observe=observe)
+        assert set(processes) == {*NODES, "play"}
+        assert "--no-images" not in processes["play"].arguments
+
+
+def test_a_recording_without_an_index_is_left_to_the_player(given, tmp_path):
+    """Which can say what is wrong with it."""
+    (tmp_path / "metadata.yaml").write_text("rosbag2_bagfile_information: 1")
+    assert set(started(DLO, bag=str(tmp_path))) == {*NODES, "play"}
+    (file,) = Path(given["splines"]).glob("*.mcap")
+    assert set(started(DLO, bag=str(file), observe="false")) == {"simulator", "identifier", "play"}
+
+
+@pytest.mark.parametrize("name", [*NODES, "play", "v4l2_camera_node"])
+def test_a_process_that_ends_with_an_error_ends_the_launch_with_one(given, name):
+    context = evaluate(
+        DLO,
+        installed={"v4l2_camera"},
+        video_device="/dev/video0",
+        bag=given["recording"],
+        stay="false",
+    )
+    (process,) = [p for p in context.processes if p.executable == name]
+    with pytest.raises(RuntimeError, match=f"{name} ended with status 2"):
+        process.on_exit(2)
+    assert process.ends_all == (name == "play")
+    context.is_shutdown = True
+    assert process.on_exit(2) == []
+
+
+def test_replay_is_for_watching_and_ends_with_the_recording(given, monkeypatch):
+    here = {"bag": given["recording"], "params_file": given["params"], "installed": {"rviz2"}}
+    monkeypatch.setenv("DISPLAY", ":0")
+    processes = started(REPLAY, **here)
     assert set(processes) == {*NODES, "play", "rviz2"} and processes["play"].ends_all
     assert processes["rviz2"].arguments == ("-d", str(CONFIG / "dlo.rviz"))
-    given = started(REPLAY, bag="recording", rviz="false", stay="true", observe="false")
-    assert "rviz2" not in given and not given["play"].ends_all
-    remapped = given["play"].remappings
-    assert remapped["/dlo/observed"] == "/dlo/observed"
-    assert remapped["/dlo/predicted"] == "/recorded/dlo/predicted"
+    assert processes["rviz2"].remappings == {"/clock": "clock"}
+    silent = started(REPLAY, **here, rviz="false", stay="true")
+    assert "rviz2" not in silent and not silent["play"].ends_all
     with pytest.raises(AssertionError, match="bag must be given"):
         evaluate(REPLAY)
+
+
+def test_rviz_shows_where_it_can(given, monkeypatch, caplog):
+    caplog.set_level("INFO")
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    for display, installed, reason in (
+        (":0", (), "without RViz: rviz2 is not installed"),
+        ("", ("rviz2",), "without RViz: there is no display"),
+    ):
+        monkeypatch.setenv("DISPLAY", display)
+        caplog.clear()
+        processes = started(
+            REPLAY, installed=installed, bag=given["recording"], params_file=given["params"]
+        )
+        assert "rviz2" not in processes and caplog.messages == [reason]
+    # Who asks for it gets it, or is told why not.
+    assert "rviz2" in started(DLO, installed=("rviz2",), rviz="true", params_file=given["params"])
+
+
+@pytest.mark.parametrize(("headless", "wanted"), [("", True), ("1", False)])
+def test_optional_packages_are_declared_and_left_out_where_there_is_no_display(headless, wanted):
+    package = pytest.importorskip("catkin_pkg.package").parse_package(str(ROOT / "package.xml"))
+    package.evaluate_conditions({"ROS_DISTRO": "jazzy", "DLO_ROS_HEADLESS": headless})
+    named = {d.name: d.evaluated_condition for d in package.exec_depends}
+    assert named["rviz2"] is wanted and named["v4l2_camera"] and named["rclpy"]
 
 
 @pytest.mark.parametrize("name", ["large_images", "this_machine"])

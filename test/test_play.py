@@ -58,9 +58,15 @@ def test_selection_and_types_that_are_not_installed(bag, tmp_path):
         plan(bag, selection=["image_raw"], playable=lambda k: k != kind)
     with pytest.raises(RecordingError, match="nothing that can be played"):
         plan(bag, playable=lambda k: False)
-    clock = [("/clock", float_message(BAG_MESSAGES, 1.0), 5), *samples.messages()]
-    path = samples.write_plain(tmp_path / "clock", clock)
-    assert "/clock" not in dict(plan(path).topics)
+    assert "/image_raw" not in dict(plan(bag, images=False).topics)
+
+
+def test_what_tells_the_state_of_now_is_not_played(tmp_path):
+    names = ("/clock", "/left/clock", "/observer/ready", "/left/simulator/ready")
+    recorded = [(name, float_message(BAG_MESSAGES, 1.0), 5) for name in names]
+    path = samples.write_plain(tmp_path / "bag", [*recorded, *samples.messages()])
+    expected = {topic for topic, _, _ in samples.messages()}
+    assert set(dict(plan(path).topics)) == expected
 
 
 @pytest.mark.parametrize(
@@ -189,6 +195,121 @@ def test_loop_plays_again_until_ctrl_c(players):
     assert "Traceback" not in processes["looped"].said
     stamps = [m.header.stamp.nanosec for m in heard["again"][:12]]
     assert stamps == stamps[:4] * 3
+
+
+class Listening:
+    """A node that listens to splines and says on `~/ready` and /diagnostics how far it is."""
+
+    def __init__(self, client, name: str, namespace: str = "/") -> None:
+        from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+        from geometry_msgs.msg import PoseArray
+        from rclpy.node import Node
+        from std_msgs.msg import Bool
+
+        from dlo_ros.nodes.qos import LATCHED
+
+        self.node = Node(name, namespace=namespace, context=client.context)
+        client.executor.add_node(self.node)
+        self.ready, self.heard = False, []
+        self.node.create_subscription(
+            PoseArray, "dlo/observed", lambda _: self.heard.append(self.ready), 10
+        )
+        self._ready = self.node.create_publisher(Bool, "~/ready", LATCHED)
+        self._ready.publish(Bool(data=False))
+        status = DiagnosticStatus(
+            name=f"{self.node.get_fully_qualified_name().lstrip('/')}: prediction",
+            message="compiling, 40 %",
+        )
+        diagnostics = self.node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self.node.create_timer(0.1, lambda: diagnostics.publish(DiagnosticArray(status=[status])))
+
+    def become_ready(self) -> None:
+        self.ready = True
+        self._ready.publish(self._ready.msg_type(data=True))
+
+
+@pytest.fixture
+def alone():
+    """A client in a graph in which nobody else is."""
+    from live_graph import Client
+
+    from dlo_ros.demo.network import free_domain
+
+    domain = free_domain()
+    client = Client(domain)
+    yield client, domain
+    client.close()
+
+
+@pytest.fixture
+def splines(tmp_path):
+    return str(samples.write_plain(tmp_path / "splines", samples.messages(images=False)))
+
+
+def test_nobody_listens(alone, splines, tmp_path):
+    from live_graph import Process
+
+    process = Process(tmp_path, "play", splines, "--wait", "1.5", domain=alone[1])
+    assert process.wait() == 2
+    *_, last = process.said.splitlines()
+    topics = "/dlo/command, /dlo/observed, /dlo/observed_points"
+    assert last.startswith(f"dlo_ros play: nobody listens to {topics}; start the nodes"), last
+    assert "waiting for a node (nobody listens yet)" in process.said
+    # Who does not want to wait does not.
+    process = Process(tmp_path, "play", splines, "--wait", "0", domain=alone[1])
+    assert process.wait() == 0 and f"nobody listens to {topics} yet" in process.said
+
+
+def test_a_node_that_never_is_ready(alone, splines, tmp_path):
+    from live_graph import Process
+
+    client, domain = alone
+    rope = Listening(client, "rope", "/left")
+    words = ("play", splines, "--wait", "4", "--ros-args", "-r", "__ns:=/left")
+    words += tuple(w for t in ("command", "observed") for w in ("-r", f"/dlo/{t}:=dlo/{t}"))
+    process = Process(tmp_path, *words, domain=domain)
+    client.until(lambda: not process.alive, 20.0, "the player's end")
+    assert process.wait() == 2 and not rope.heard
+    *_, last = process.said.splitlines()
+    assert last == (
+        "dlo_ros play: waited 4 s in vain for left/rope (compiling, 40 %); "
+        "--wait SECONDS gives more time"
+    )
+    assert "waiting for left/rope (compiling, 40 %)" in process.said
+    client.executor.remove_node(rope.node)
+    rope.node.destroy_node()
+
+
+def test_the_player_waits_until_the_nodes_are_ready(alone, splines, tmp_path):
+    """Also for one by name that is not there yet, and not for others that merely listen."""
+    from live_graph import Process
+
+    client, domain = alone
+    client.hear("dlo/observed")
+    rope = Listening(client, "rope")
+    process = Process(tmp_path, "play", splines, "--wait-for", "late", domain=domain)
+    client.until(lambda: "rope (compiling, 40 %)" in process.said, 15.0, "word of the rope")
+    client.until(lambda: "late (not there yet)" in process.said, 5.0, "word of the late one")
+    rope.become_ready()
+    late = Listening(client, "late")
+    client.until(lambda: "late (compiling, 40 %)" in process.said, 15.0, "word of the late one")
+    assert not rope.heard
+    late.become_ready()
+    client.until(lambda: not process.alive, 20.0, "the player's end")
+    assert process.wait() == 0, process.said
+    assert rope.heard == late.heard == [True] * 4
+    for listening in (rope, late):
+        client.executor.remove_node(listening.node)
+        listening.node.destroy_node()
+
+
+@pytest.mark.parametrize("wait", ["-1", "nan", "1e9"])
+def test_unusable_patience(splines, tmp_path, wait):
+    from live_graph import Process
+
+    process = Process(tmp_path, "play", splines, "--wait", wait)
+    assert process.wait() == 2
+    assert "--wait is" in process.said and "give seconds from 0 to 86400" in process.said
 
 
 def test_damaged_bag_ends_with_status_2(tmp_path):

@@ -13,7 +13,12 @@ from dlo_ros.recordings import topics
 from dlo_ros.recordings.play import plan
 from dlo_ros.share import shared_file
 
-IMAGES = (topics.TYPES[topics.IMAGE], topics.TYPES[topics.COMPRESSED])
+WAIT = 600.0
+"""Seconds to wait for nodes to be ready by default: compiling takes that long on a slow machine."""
+
+MOST_WAIT = 86400.0
+"""A day [s]."""
+
 PROFILE = "config/fastdds_large_images.xml"
 PROFILE_VARIABLES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
 
@@ -35,7 +40,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--topics", nargs="+", default=[], metavar="T", help="only these topics (default: all)"
     )
+    parser.add_argument(
+        "--no-images", action="store_true", help="leave out images, also compressed ones"
+    )
     parser.add_argument("--no-clock", action="store_true", help="do not publish /clock")
+    parser.add_argument(
+        "--wait",
+        type=float,
+        default=WAIT,
+        metavar="SECONDS",
+        help=f"how long to wait at most for nodes to be ready (default {WAIT:g}); 0: not at all",
+    )
+    parser.add_argument(
+        "--wait-for",
+        action="append",
+        default=[],
+        metavar="NODE",
+        help="a node that must be ready, besides those of dlo_ros that listen; may be repeated",
+    )
     parser.add_argument(
         "--ros-args", nargs=argparse.REMAINDER, default=[], help="ROS arguments, such as remappings"
     )
@@ -45,11 +67,13 @@ def run(arguments: argparse.Namespace) -> int:
     """Play the bag; returns the exit status.
 
     Raises:
-        RecordingError: the bag or an argument is unusable.
+        InputError: the bag or an argument is unusable, or nobody listens.
     """
     bag, selection = arguments.bag, list(arguments.topics)
     if bag is None and len(selection) > 1:
         bag = selection.pop()  # `play --topics T ... BAG`
+    if not 0.0 <= arguments.wait <= MOST_WAIT:
+        raise InputError(f"--wait is {arguments.wait:g}; give seconds from 0 to {MOST_WAIT:g}")
     if bag is None:
         raise RecordingError("no bag is given; name the folder of a rosbag2 recording")
     # ROS is imported here, so that --help works without it.
@@ -61,9 +85,10 @@ def run(arguments: argparse.Namespace) -> int:
         rate=arguments.rate,
         start_offset=arguments.start_offset,
         selection=selection,
+        images=not arguments.no_images,
         playable=installed,
     )
-    if any(kind in IMAGES for _, kind in playlist.topics):
+    if any(kind in topics.IMAGE_TYPES for _, kind in playlist.topics):
         _allow_large_messages()
     print(
         f"playing {playlist.path}: {len(playlist.topics)} topics, {playlist.duration:.1f} s",
@@ -71,7 +96,12 @@ def run(arguments: argparse.Namespace) -> int:
     )
     ros_arguments = ["--ros-args", *arguments.ros_args] if arguments.ros_args else []
     return play(
-        playlist, loop=arguments.loop, clock=not arguments.no_clock, arguments=ros_arguments
+        playlist,
+        loop=arguments.loop,
+        clock=not arguments.no_clock,
+        patience=arguments.wait,
+        awaited=arguments.wait_for,
+        arguments=ros_arguments,
     )
 
 

@@ -7,7 +7,7 @@ import math
 import queue
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -16,7 +16,9 @@ from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 
 from dlo_ros.command import NANOSECONDS
+from dlo_ros.errors import InputError
 from dlo_ros.nodes import qos
+from dlo_ros.nodes.listeners import Listeners
 from dlo_ros.nodes.messages import message_class
 from dlo_ros.nodes.runtime import Stop, ros
 from dlo_ros.recordings.play import Due, Playlist
@@ -27,8 +29,11 @@ CLOCK_PERIOD = 0.01
 READ_AHEAD = 24
 """Messages that are read before they are due, so that unpacking delays none."""
 
+APPEAR = 30.0
+"""Seconds to wait at most for the first subscriber: on a busy machine a node is there after ten."""
+
 DISCOVERY = 5.0
-"""Seconds to wait at most for the first subscriber: DDS repeats a lost announcement after three."""
+"""Seconds in which discovery ends: DDS repeats a lost announcement after three."""
 
 COMPLETE = 4.0
 """Seconds to wait at most, after the first subscriber, for those of the other topics."""
@@ -39,6 +44,15 @@ SETTLED = 3.2
 Discovery that loses one message goes on three seconds later. Who is found only then would miss the
 beginning, and a simulation that begins late begins in the wrong state.
 """
+
+REMINDER = 10.0
+"""Seconds before it is said again what is waited for, where that has not changed."""
+
+NEWS = 2.0
+"""Seconds at least between two such lines, however often the state changes."""
+
+LISTEN = 0.02
+"""Seconds between two looks at who is there, and two /clock messages meanwhile."""
 
 RUN_OUT = 0.25
 """Seconds of the recording that /clock goes on for, so that the last message is worked off."""
@@ -66,30 +80,67 @@ class Player:
         self.latest = 0.0
         self.published = 0
 
-    def wait_for_subscribers(self, stop: Stop) -> None:
-        """Wait until each topic has matched subscribers and no new ones come, a bounded time.
+    def wait_for_listeners(self, stop: Stop, patience: float, awaited: Collection[str]) -> None:
+        """Wait until nodes listen and those of this package are ready to take data.
 
-        Without any subscriber for five seconds it plays nevertheless.
+        Nodes of others, which say nothing of being ready, are given the time of DDS's discovery:
+        until each topic has a subscriber or no new ones come.
+
+        Args:
+            stop: ends the waiting.
+            patience: how long at most [s]; 0 does not wait.
+            awaited: names of nodes that must be ready, relative to the player's namespace.
+
+        Raises:
+            InputError: nobody listens, or a node is not ready in time.
         """
-        changed = time.monotonic()
-        deadline, found = changed + DISCOVERY, False
-        before: list[int] = []
-        while not stop.requested:
-            now = time.monotonic()
-            matched = [p.get_subscription_count() for p in self._publishers.values()]
-            if matched != before:
-                before, changed = matched, now
-            if any(matched) and not found:
-                deadline, found = now + COMPLETE, True
-            settled = now - changed > SETTLED or now > deadline + DISCOVERY
-            if settled and (all(matched) or now > deadline):
-                break
-            # Nodes on simulated time need a time before the first message.
-            self._tick(0.0)
-            time.sleep(0.02)
-        unheard = [t for t, p in self._publishers.items() if not p.get_subscription_count()]
+        names = [p.topic_name for p in self._publishers.values()]
+        listeners = Listeners(self._node, names, awaited)
+        try:
+            self._wait_for(listeners, stop, patience)
+        finally:
+            listeners.close()
+        unheard = [n for n, count in self._matched().items() if not count]
         if unheard and not stop.requested:
             self._node.get_logger().warning(f"nobody listens to {', '.join(unheard)} yet")
+
+    def _wait_for(self, listeners: Listeners, stop: Stop, patience: float) -> None:
+        began = time.monotonic()
+        report = Report(self._node)
+        idle = changed = began  # since when nobody is waited for; last change of who listens
+        first: float | None = None  # when the first subscriber was found
+        before: dict[str, int] = {}
+        while not stop.requested and patience > 0.0:
+            # Nodes on simulated time need a time before the first message.
+            self._tick(0.0)
+            listeners.update(LISTEN)
+            now, matched = time.monotonic(), self._matched()
+            if matched != before:
+                before, changed = matched, now
+            first = None if not any(matched.values()) else now if first is None else first
+            if pending := listeners.pending():
+                idle = now
+                if now - began > patience:
+                    raise InputError(
+                        f"waited {patience:.0f} s in vain for {told(pending)}; "
+                        "--wait SECONDS gives more time"
+                    )
+                report.say(pending)
+            elif first is None:
+                if now - idle > min(APPEAR, patience):
+                    raise InputError(
+                        f"nobody listens to {', '.join(matched)}; start the nodes, "
+                        "with use_sim_time:=true, or give more time with --wait SECONDS"
+                    )
+                report.say({"a node": "nobody listens yet"})
+            else:
+                settled = now - changed > SETTLED or now - first > COMPLETE + DISCOVERY
+                if settled and (all(matched.values()) or now - first > COMPLETE):
+                    return
+
+    def _matched(self) -> dict[str, int]:
+        """Number of subscribers of each topic, by its full name."""
+        return {p.topic_name: p.get_subscription_count() for p in self._publishers.values()}
 
     def play(self, stop: Stop) -> None:
         """Publish all messages once, each when it is due.
@@ -136,16 +187,44 @@ class Player:
             self._clock.publish(Clock(clock=Time(sec=seconds, nanosec=nanoseconds)))
 
 
+class Report:
+    """Says what is waited for, where that changes and now and then where it does not."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._last = ""
+        self._at = -math.inf
+
+    def say(self, pending: Mapping[str, str]) -> None:
+        """Log it at INFO, unless that was just done."""
+        text, now = f"waiting for {told(pending)}", time.monotonic()
+        if now - self._at > (NEWS if text != self._last else REMINDER):
+            self._last, self._at = text, now
+            self._node.get_logger().info(text)
+
+
+def told(pending: Mapping[str, str]) -> str:
+    """Nodes and their states, as in `observer (compiling, 40 %)`."""
+    return ", ".join(f"{name.lstrip('/')} ({state})" for name, state in pending.items())
+
+
 def play(
     playlist: Playlist,
     *,
     loop: bool = False,
     clock: bool = True,
+    patience: float = APPEAR,
+    awaited: Collection[str] = (),
     arguments: Sequence[str] = (),
 ) -> int:
     """Play until the end, or again and again until Ctrl-C.
 
     Args:
+        playlist: what and how fast.
+        loop: whether to begin again at the end.
+        clock: whether /clock is published, too.
+        patience: seconds to wait at most for nodes that listen and are ready; 0 does not wait.
+        awaited: names of nodes that must be ready, relative to the player's namespace.
         arguments: ROS arguments.
 
     Returns:
@@ -153,13 +232,15 @@ def play(
 
     Raises:
         RecordingError: the bag is damaged.
+        InputError: nobody listens, or a node is not ready in time.
     """
     with ros(arguments, interrupts=False) as stop:
-        node = Node("player")
+        # Nobody would answer those services: the player only publishes.
+        node = Node("player", start_parameter_services=False)
         try:
             player = Player(node, playlist, clock=clock)
             stop.building = False
-            player.wait_for_subscribers(stop)
+            player.wait_for_listeners(stop, patience, awaited)
             player.play(stop)
             while loop and not stop.requested:
                 player.play(stop)

@@ -86,6 +86,7 @@ def plan(
     rate: float = 1.0,
     start_offset: float = 0.0,
     selection: Collection[str] = (),
+    images: bool = True,
     playable: Callable[[str], bool] = lambda kind: True,
 ) -> Playlist:
     """Choose what of a bag is played.
@@ -94,6 +95,7 @@ def plan(
         rate: speed, 1 is that of the recording.
         start_offset: seconds of the recording that are left out at its start.
         selection: topics to play, with or without namespace; none given: all.
+        images: whether images are played, too.
         playable: whether a message type can be published here.
 
     Raises:
@@ -109,7 +111,9 @@ def plan(
                 raise RecordingError(
                     f"{path}: {unknown[0][0]} is of type {unknown[0][1]}, which is not installed"
                 )
-        chosen = [c for c in chosen if playable(c[1])]
+        chosen = [
+            c for c in chosen if playable(c[1]) and (images or c[1] not in topics.IMAGE_TYPES)
+        ]
         if not chosen:
             raise RecordingError(f"{path}: holds nothing that can be played here")
         start, end = bag.start, bag.end
@@ -134,8 +138,7 @@ def _choose(bag: Bag, selection: Collection[str]) -> list[tuple[str, str]]:
     if doubled:
         raise RecordingError(f"{bag.path}: {doubled[0]} has messages of two types")
     if not selection:
-        # The player has a clock of its own.
-        return [pair for pair in held if pair[0] != "/clock"]
+        return [pair for pair in held if not pair[0].endswith(topics.STATE)]
     for wanted in selection:
         if not any(topics.is_topic(name, wanted.lstrip("/")) for name, _ in held):
             names = ", ".join(name for name, _ in held[:12])

@@ -33,8 +33,14 @@ TYPES: dict[str, str] = {
     OVERLAY: "sensor_msgs/msg/Image",
 }
 
+IMAGE_TYPES = (TYPES[IMAGE], TYPES[COMPRESSED])
+
 LATCHED = frozenset({COMMAND, YOUNG_MODULUS, DENSITY})
 """Published transient local: who comes later still gets the last message."""
+
+
+STATE = ("/clock", "/observer/ready", "/simulator/ready", "/identifier/ready")
+"""Ends of the names of topics that tell what is so now; played again they would be wrong."""
 
 
 def is_topic(full_name: str, topic: str) -> bool:
