@@ -76,7 +76,7 @@ fuzz: $(COMPILED)
 
 # Live nodes, with messages lost, late, doubled, nodes killed, clocks that jump.
 faults: $(COMPILED)
-	$(BIN)/python -m pytest -s --durations=0 test/test_faults.py
+	$(BIN)/python -m pytest -s --durations=0 -m "" test/test_faults.py
 
 # HOURS of simulated time, at most MINUTES of wall time: memory, lag and queues must not grow.
 soak: $(COMPILED)
@@ -86,7 +86,7 @@ soak: $(COMPILED)
 # Lines and branches of the package that the ordinary tests run; build/coverage/index.html.
 coverage: $(COMPILED)
 	rm -rf build/coverage
-	$(BIN)/python -m pytest -m "not slow and not browser" --cov --cov-branch --cov-report=term \
+	$(BIN)/python -m pytest --cov --cov-branch --cov-report=term \
 		--cov-report=html:build/coverage/html --cov-fail-under=90
 
 lint: $(INSTALLED)
@@ -95,7 +95,7 @@ lint: $(INSTALLED)
 	$(BIN)/mypy
 
 test: $(COMPILED) lint
-	$(BIN)/python -m pytest -m "not slow and not browser"
+	$(BIN)/python -m pytest
 
 # Needs chromium or google-chrome on PATH.
 test-report: $(COMPILED)
@@ -106,7 +106,7 @@ test-slow: $(COMPILED)
 
 # Needs uv. The lock names no registry, so that it serves a mirror as well.
 lock:
-	uv pip compile setup.py --extra ros --extra test --extra docs --universal --python-version 3.10 \
+	uv pip compile setup.py --extra ros --extra test --extra coverage --extra docs --universal --python-version 3.10 \
 		--generate-hashes --no-header --no-annotate --no-emit-index-url --upgrade \
 		--output-file requirements.lock
 	sed -i '1i # Made by `make lock` from setup.cfg, for Python 3.10 to 3.13.' requirements.lock

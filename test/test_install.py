@@ -1,6 +1,7 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The package installs with pip, with colcon and editable, and imports where there is no ROS."""
 
+import configparser
 import os
 import shutil
 import signal
@@ -192,6 +193,20 @@ class NoRos:
 
 sys.meta_path.insert(0, NoRos())
 """
+
+
+def test_a_plain_pytest_and_colcon_leave_out_what_takes_minutes_and_a_browser():
+    """`colcon test` calls pytest without a selection, and measures coverage where an extra named
+    `test` asks for the plugin."""
+    listed = (sys.executable, "-m", "pytest", "--collect-only", "-q", "test/test_report.py")
+    usual, minutes = (run(*listed, *more, cwd=ROOT) for more in ((), ("-m", "slow")))
+    assert "test_report.py::" in usual and "deselected" in usual
+    slow = {line for line in minutes.splitlines() if "::" in line}
+    assert slow and not slow & set(usual.splitlines())
+    setup = configparser.ConfigParser()
+    setup.read(ROOT / "setup.cfg")
+    wanted = setup["options.extras_require"]["test"].split()
+    assert "pytest" in wanted and not [w for w in wanted if w.startswith("pytest-cov")]
 
 
 def test_what_needs_no_ros_imports_without_it():
