@@ -58,7 +58,7 @@ def test_selection_and_types_that_are_not_installed(bag, tmp_path):
         plan(bag, selection=["image_raw"], playable=lambda k: k != kind)
     with pytest.raises(RecordingError, match="nothing that can be played"):
         plan(bag, playable=lambda k: False)
-    assert "/image_raw" not in dict(plan(bag, images=False).topics)
+    assert all(name.startswith("/dlo/") for name, _ in plan(bag, images=False).topics)
 
 
 def test_what_tells_the_state_of_now_is_not_played(tmp_path):

@@ -40,9 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--topics", nargs="+", default=[], metavar="T", help="only these topics (default: all)"
     )
-    parser.add_argument(
-        "--no-images", action="store_true", help="leave out images, also compressed ones"
-    )
+    parser.add_argument("--no-images", action="store_true", help="leave out images and camera_info")
     parser.add_argument("--no-clock", action="store_true", help="do not publish /clock")
     parser.add_argument(
         "--wait",

@@ -122,7 +122,7 @@ class Player:
                 idle = now
                 if now - began > patience:
                     raise InputError(
-                        f"waited {patience:.0f} s in vain for {told(pending)}; "
+                        f"waited {patience:g} s in vain for {told(pending)}; "
                         "--wait SECONDS gives more time"
                     )
                 report.say(pending)

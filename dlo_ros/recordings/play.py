@@ -95,7 +95,7 @@ def plan(
         rate: speed, 1 is that of the recording.
         start_offset: seconds of the recording that are left out at its start.
         selection: topics to play, with or without namespace; none given: all.
-        images: whether images are played, too.
+        images: whether images and camera_info are played, too.
         playable: whether a message type can be published here.
 
     Raises:
@@ -112,7 +112,7 @@ def plan(
                     f"{path}: {unknown[0][0]} is of type {unknown[0][1]}, which is not installed"
                 )
         chosen = [
-            c for c in chosen if playable(c[1]) and (images or c[1] not in topics.IMAGE_TYPES)
+            c for c in chosen if playable(c[1]) and (images or c[1] not in topics.CAMERA_TYPES)
         ]
         if not chosen:
             raise RecordingError(f"{path}: holds nothing that can be played here")

@@ -34,6 +34,7 @@ TYPES: dict[str, str] = {
 }
 
 IMAGE_TYPES = (TYPES[IMAGE], TYPES[COMPRESSED])
+CAMERA_TYPES = (*IMAGE_TYPES, TYPES[CAMERA_INFO])
 
 LATCHED = frozenset({COMMAND, YOUNG_MODULUS, DENSITY})
 """Published transient local: who comes later still gets the last message."""
