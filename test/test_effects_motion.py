@@ -46,6 +46,9 @@ CASES = {
     "length_error, control points held": ("pinned", {"length_error": {"difference": -0.01}}),
     "camera_scale": ("waved", {"camera_scale": {"ratio": 1.03}}),
     "camera_rotation": ("closed", {"camera_rotation": {"angle": 0.08}}),
+    "camera_shift": ("closed", {"camera_shift": {"x": 0.004, "z": -0.003}}),
+    "clamp_offset": ("closed", {"clamp_offset": {"end": (0.01, 0.015)}}),
+    "clamp_offset of control points": ("pinned", {"clamp_offset": {"start": (-0.008, 0.01)}}),
     "obstacle": ("waved", {"obstacle": {"x": 0.15, "z": -0.06, "radius": 0.01}}),
     "constant_force": ("waved", {"constant_force": {"x": 0.05, "z": 0.03}}),
     "many": (

@@ -141,6 +141,15 @@ def test_clamp_angle_adds_to_the_commanded_direction(plain):
     assert grips.boundary(0.0).end == pytest.approx(0.3)
 
 
+def test_clamp_offset_adds_to_the_commanded_position():
+    tree = copy.deepcopy(TREE)
+    for point in tree["motion"]["start"]:
+        x, *y, z = point["position"]
+        point["position"] = [x + 0.01, *y, z - 0.02]
+    moved, commanded = run({"clamp_offset": {"start": [0.01, -0.02]}}), run(motion=tree["motion"])
+    np.testing.assert_allclose(moved.nodes, commanded.nodes, atol=1e-9)
+
+
 def test_tilted_gravity_is_the_turned_experiment():
     """Everything turned by the same angle about the origin: the same motion, turned."""
     angle = 0.25
@@ -174,12 +183,22 @@ def test_camera_turns_and_shrinks_what_is_measured(plain):
 
 def test_camera_effects_are_a_camera_that_stands_elsewhere(plain):
     """A true point under the true pose and its measured place under the stated pose: one pixel."""
-    made = experiment({"camera_rotation": {"angle": 0.1}, "camera_scale": {"ratio": 1.05}})
+    made = experiment(
+        {"camera_rotation": {"angle": 0.1}, "camera_scale": {"ratio": 1.05},
+         "camera_shift": {"x": 0.01, "z": -0.02}}
+    )  # fmt: skip
     true = plain.centreline(10, np.linspace(0.0, LENGTH, 20))
     seen = Geometry(made.camera, made.camera_pose).project(true)
     taken_for = Geometry(made.camera, made.truth.camera).project(made.hidden.measured(true))
     np.testing.assert_allclose(seen, taken_for, atol=1e-6)
     assert np.abs(seen - Geometry(made.camera, made.truth.camera).project(true)).max() > 10.0
+
+
+def test_camera_shifts_what_is_measured(plain):
+    made = experiment({"camera_shift": {"x": 0.01, "z": -0.02}})
+    for i, points, _ in measure(made, plain, [0, 20], 0):
+        true = plain.centreline(i, points.u)
+        np.testing.assert_allclose(points.positions, true + np.array([0.01, 0.0, -0.02]), atol=1e-9)
 
 
 def test_hung_mass_swings_as_rayleigh_says():
@@ -362,6 +381,8 @@ def test_every_effect_changes_what_is_measured(name, plain):
         "length_error": {"difference": 0.01},
         "camera_scale": {"ratio": 1.02},
         "camera_rotation": {"angle": 0.02},
+        "camera_shift": {"x": 0.004, "z": -0.003},
+        "clamp_offset": {"start": [0.004, -0.003]},
         "obstacle": {"x": 0.2, "z": -0.1, "radius": 0.01},
         "constant_force": {"x": 0.03},
         "gusts": {"force": 0.05},
@@ -410,6 +431,8 @@ BAD = [
     ({"clamp_angle": {}}, "is empty; give start, end"),
     ({"gravity_tilt": {"angle": [0.1, 0.2]}}, "angle is .0.1, 0.2.; give a number"),
     ({"intrinsic_curvature": {"curvature": []}}, "give 1 numbers"),
+    ({"clamp_offset": {"start": 0.01}}, "start is 0.01; give 2 numbers"),
+    ({"clamp_offset": {"start": [0.01]}}, "give 2 numbers"),
     ({"length_error": {"difference": -0.3}}, "effects leave 0.1 m of a rope of 0.4 m"),
 ]
 

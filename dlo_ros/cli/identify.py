@@ -29,12 +29,17 @@ from dlo_ros.parameters import Settings
 from dlo_ros.report import write_identification_report
 from dlo_ros.spline import FloatArray
 
-LOOSE = (
-    ("clamp_angle", "RAD", "the clamps' directions are known"),
-    ("tilt", "RAD", "the board's or the camera's level is known"),
-    ("length", "M", "the DLO's length is known"),
+LOOSE = (  # in the order of the fields of `Loose`
+    ("--clamp-angle-std", "RAD", "the clamps' directions are known"),
+    ("--tilt-std", "RAD", "the board's or the camera's level is known"),
+    ("--length-std", "M", "the DLO's length is known"),
 )
 DONE_SO_FAR = ".identify.part.json"
+
+
+def _destination(option: str) -> str:
+    """Name of an option's value among the parsed arguments."""
+    return option.removeprefix("--").replace("-", "_")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -50,9 +55,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="BAG",
         help="recording that is only predicted; may be repeated",
     )
-    for name, unit, words in LOOSE:
+    for option, unit, words in LOOSE:
         parser.add_argument(
-            f"--{name.replace('_', '-')}-std", type=float, default=0.0, metavar=unit,
+            option, type=float, default=0.0, metavar=unit, dest=_destination(option),
             help=f"standard deviation to which {words}; it is fitted, too; default: exactly",
         )  # fmt: skip
     parser.add_argument(
@@ -85,7 +90,7 @@ def run(arguments: argparse.Namespace) -> int:
     for name in ("sample", "bootstrap"):
         if getattr(arguments, name) < 0:
             raise InputError(f"--{name} is {getattr(arguments, name)}; it must not be negative")
-    loose = Loose(*(getattr(arguments, f"{name}_std") for name, _, _ in LOOSE))
+    loose = Loose(*(getattr(arguments, _destination(option)) for option, _, _ in LOOSE))
     if arguments.bootstrap and len(arguments.bags) < 2:
         raise InputError("--bootstrap draws recordings and needs at least two of them")
     with open_pool(arguments.workers, arguments.scheduler) as pool:

@@ -54,8 +54,7 @@ class Loose:
     length: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("clamp_angle", "tilt", "length"):
-            value = getattr(self, name)
+        for name, value in vars(self).items():
             if not (np.isfinite(value) and value >= 0.0):
                 raise InputError(
                     f"the standard deviation of {name} is {value:g}; it must be zero or positive"

@@ -35,6 +35,7 @@ class Key:
         lower, upper: range, both ends allowed.
         default: where it is not given; None means that it must be.
         listed: whether a list of numbers is allowed as well.
+        count: how many numbers must be given as a list, each `default` where none is; 0: one.
     """
 
     unit: str
@@ -42,6 +43,7 @@ class Key:
     upper: float
     default: float | None = None
     listed: bool = False
+    count: int = 0
 
 
 EFFECTS: Mapping[str, Mapping[str, Key]] = {
@@ -51,6 +53,10 @@ EFFECTS: Mapping[str, Mapping[str, Key]] = {
         "position": Key("m", 0.0, 1e2, 0.0),
     },
     "clamp_angle": {"start": Key("rad", -PI, PI, 0.0), "end": Key("rad", -PI, PI, 0.0)},
+    "clamp_offset": {
+        "start": Key("m", -1e2, 1e2, 0.0, count=2),
+        "end": Key("m", -1e2, 1e2, 0.0, count=2),
+    },
     "gravity_tilt": {"angle": Key("rad", -PI, PI)},
     "point_mass": {"mass": Key("kg", 0.0, 1e3), "position": Key("m", 0.0, 1e2)},
     "stiff_segment": {
@@ -72,6 +78,7 @@ EFFECTS: Mapping[str, Mapping[str, Key]] = {
     "length_error": {"difference": Key("m", -1e2, 1e2)},
     "camera_scale": {"ratio": Key("", 0.1, 10.0)},
     "camera_rotation": {"angle": Key("rad", -PI, PI)},
+    "camera_shift": {"x": Key("m", -1e2, 1e2, 0.0), "z": Key("m", -1e2, 1e2, 0.0)},
     "obstacle": {
         "x": Key("m", -1e2, 1e2),
         "z": Key("m", -1e2, 1e2),
@@ -128,7 +135,10 @@ def read_effects(
             if rule.default is None:
                 block.required(key, f"a number [{rule.unit}]")
             value = block.raw(key, rule.default)
-            if rule.listed and isinstance(value, (list, tuple)):
+            if rule.count:
+                value = (rule.default,) * rule.count if value == rule.default else value
+                values[key] = block.check_all(value, key, rule.count, rule.lower, rule.upper)
+            elif rule.listed and isinstance(value, (list, tuple)):
                 size = max(len(value), 1)
                 values[key] = block.check_all(value, key, size, rule.lower, rule.upper)
             else:
@@ -162,6 +172,10 @@ class Hidden:
             raise InputError(f"effects.{name}.{key} is a list; give one number")
         return value
 
+    def vector(self, name: str, key: str) -> FloatArray:
+        """Several numbers, x and z, or zeros where the effect is absent, shape (2,)."""
+        return np.array(self.effects.get(name, {}).get(key, (0.0, 0.0)), dtype=np.float64)
+
     def gravity(self, gravity: FloatArray) -> FloatArray:
         """Gravity x, z [m/s^2], shape (2,), as it is in the board's plane."""
         return turned(gravity, self.number("gravity_tilt", "angle"))
@@ -178,24 +192,27 @@ class Hidden:
         result = np.array(points)
         result[:, [0, 2]] = turned(points[:, [0, 2]], angle)
         result /= self.number("camera_scale", "ratio", 1.0)
-        result[:, 0] += time * self.number("camera_creep", "x")
-        result[:, 2] += time * self.number("camera_creep", "z")
+        for axis, key in ((0, "x"), (2, "z")):
+            result[:, axis] += self.number("camera_shift", key)
+            result[:, axis] += time * self.number("camera_creep", key)
         return result
 
     def camera(self, stated: CameraPose) -> CameraPose:
         """The true pose of a camera that is believed to stand at another.
 
         A point X is taken for the point M X that projects to the same pixel under the stated pose
-        (R, t). With M a rotation Q and the factor 1 / s that is R Q X / s + t, which a camera
-        at (R Q, s t) sees at the same pixel.
+        (R, t). With M a rotation Q, the factor 1 / s and a shift d that is R (Q X / s + d) + t,
+        which a camera at (R Q, s (R d + t)) sees at the same pixel.
         """
         angle = self.number("camera_rotation", "angle")
         scale = self.number("camera_scale", "ratio", 1.0)
-        if angle == 0.0 and scale == 1.0:
+        shift = np.array([self.number("camera_shift", "x"), 0.0, self.number("camera_shift", "z")])
+        if angle == 0.0 and scale == 1.0 and not shift.any():
             return stated
-        rotation = Rotation.from_quat(stated.rotation) * Rotation.from_rotvec([0.0, angle, 0.0])
+        pose = Rotation.from_quat(stated.rotation)
+        rotation = pose * Rotation.from_rotvec([0.0, angle, 0.0])
         x, y, z, w = (float(v) for v in rotation.as_quat())
-        tx, ty, tz = (scale * v for v in stated.translation)
+        tx, ty, tz = (float(v) for v in scale * (pose.apply(shift) + stated.translation))
         return CameraPose(translation=(tx, ty, tz), rotation=(x, y, z, w))
 
 

@@ -100,6 +100,11 @@ class Grips:
             START: hidden.number("clamp_angle", "start"),
             END: hidden.number("clamp_angle", "end"),
         }
+        self._offset = {
+            name: hidden.vector("clamp_offset", end)
+            for end, tip in ((START, f"{CONTROL_POINT}1"), (END, f"{CONTROL_POINT}{n}"))
+            for name in (end, tip)
+        }
         steps = np.linalg.norm(np.diff(self._command.positions, axis=0), axis=2).sum(axis=1)
         self._way = np.concatenate([[0.0], np.cumsum(steps)])
 
@@ -143,7 +148,10 @@ class Grips:
             directions[START if outward else END] = float(np.arctan2(-d[2], d[0]))
         directions = {end: angle + self._turned[end] for end, angle in directions.items()}
         return Boundary(
-            positions={self._nodes[name]: at[name][[0, 2]] for name in self._pins},
+            positions={
+                self._nodes[name]: at[name][[0, 2]] + self._offset.get(name, 0.0)
+                for name in self._pins
+            },
             start=directions.get(START),
             end=directions.get(END),
         )

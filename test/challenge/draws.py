@@ -78,6 +78,15 @@ def clamp_angle(rng: np.random.Generator, scene: Scene) -> Drawn | None:
     return Drawn(lambda s: {end: sign * s}, 2e-3, 0.4)
 
 
+def clamp_offset(rng: np.random.Generator, scene: Scene) -> Drawn | None:
+    ends = [k for k, has in (("start", scene.clamps_start), ("end", scene.clamps_end)) if has]
+    if not ends:
+        return None
+    end, a = ends[rng.integers(len(ends))], rng.uniform(0.0, 2.0 * np.pi)
+    x, z = np.cos(a) * scene.length, np.sin(a) * scene.length
+    return Drawn(lambda s: {end: [float(s * x), float(s * z)]}, 1e-3, 0.05)
+
+
 def gravity_tilt(rng: np.random.Generator, scene: Scene) -> Drawn:
     sign = _sign(rng)
     return Drawn(lambda s: {"angle": sign * s}, 2e-3, 0.3)
@@ -151,6 +160,12 @@ def camera_scale(rng: np.random.Generator, scene: Scene) -> Drawn:
 def camera_rotation(rng: np.random.Generator, scene: Scene) -> Drawn:
     sign = _sign(rng)
     return Drawn(lambda s: {"angle": sign * s}, 1e-3, 0.2)
+
+
+def camera_shift(rng: np.random.Generator, scene: Scene) -> Drawn:
+    a = rng.uniform(0.0, 2.0 * np.pi)
+    x, z = np.cos(a) * scene.length, np.sin(a) * scene.length
+    return Drawn(lambda s: {"x": float(s * x), "z": float(s * z)}, 1e-3, 0.05)
 
 
 def constant_force(rng: np.random.Generator, scene: Scene) -> Drawn:
@@ -244,6 +259,9 @@ NAMED: dict[str, Draw] = {
         constant_force,
     )
 }
+SET_UP: dict[str, Draw] = {f.__name__: f for f in (clamp_offset, camera_shift)}
+"""Errors of every set-up, of which one alone often does what another does: drawn where they are
+asked for by name."""
 """Effects of the interface."""
 
 OTHERS: dict[str, Draw] = {

@@ -9,7 +9,7 @@ from zlib import crc32
 import numpy as np
 
 from challenge import manipulations
-from challenge.draws import NAMED, OTHERS, Drawn, Scene
+from challenge.draws import NAMED, OTHERS, SET_UP, Drawn, Scene
 from challenge.residual import Refit, changed, shapes
 from dlo_ros.errors import SimulationError
 from dlo_ros.synthesis.experiment import read_experiment
@@ -102,6 +102,7 @@ def draw(
     if not names:
         count = {"none": 0, "pair": 2}.get(kind, 1)
         names = tuple(str(n) for n in rng.choice(list(known), count, replace=False))
+    known = {**known, **SET_UP}
     for _ in range(TRIES):
         try:
             found = _try(rng, seed, kind, names, known, recordings)

@@ -20,7 +20,7 @@ class WetRope(Effect):
     name: ClassVar[str] = "wet_rope"
 
     water: float = quantity(0.0, "kg/m", 0.0, 10.0, "mass of water per length")
-    dry: float = quantity(0.0, "m", 0.0, 100.0, "where the wet part begins, u")
+    dry: float = quantity(0.0, "m", 0.0, 100.0, "where the wet part begins, u", role="place")
 
     def shape_body(self, body: Body) -> None:
         """Change the rod."""
