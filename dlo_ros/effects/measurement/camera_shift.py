@@ -37,5 +37,8 @@ class CameraShift(Effect):
 
     @classmethod
     def starts(cls, scene: Scene) -> list[Start]:
-        """Nowhere: every set-up has some of it, and a moved clamp often takes its place."""
+        """Nowhere: every set-up has some of it, and it is a cause that no recording can name.
+
+        A DLO whose clamps are all off alike looks the same.
+        """
         return []

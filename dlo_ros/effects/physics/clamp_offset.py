@@ -48,5 +48,9 @@ class ClampOffset(Effect):
 
     @classmethod
     def starts(cls, scene: Scene) -> list[Start]:
-        """Nowhere: every set-up has some of it, and a shifted camera often takes its place."""
+        """Nowhere: every set-up has some of it, and it is a cause that no recording can name.
+
+        Of a DLO with one clamp a shifted camera sees the same, and of one with two it does where
+        both are off alike.
+        """
         return []
