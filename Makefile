@@ -7,16 +7,21 @@ VENV := .venv
 BIN := $(VENV)/bin
 DEMO_OUTPUT ?= build/demo
 
+# Processes of tests side by side. A worker that runs out of tests takes some from another, otherwise
+# tests keep their order, so that what a module shares is rarely made twice.
+WORKERS ?= 2
+PYTEST_PARALLEL = $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
+
 INSTALLED := $(VENV)/.installed
 COMPILED := $(VENV)/.compiled
 
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: setup docs reference audit demo picture examples paper bench challenge fuzz faults soak coverage test test-slow test-report lint clean lock help
+.PHONY: setup docs reference audit demo picture examples paper bench challenge fuzz faults soak coverage test test-quick test-slow test-report lint clean lock help
 
 help:
 	@sed -n 's/^# //p' Makefile | head -3
-	@echo "also: setup, docs, reference, examples, paper, bench, challenge, fuzz, faults, soak, coverage, test-slow, test-report, lint, picture, lock, clean"
+	@echo "also: setup, docs, reference, examples, paper, bench, challenge, fuzz, faults, soak, coverage, test-quick, test-slow, test-report, lint, picture, lock, clean"
 
 setup: $(COMPILED)
 
@@ -94,8 +99,17 @@ lint: $(INSTALLED)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
+# First what may run side by side, in WORKERS processes; then the live nodes, whose deadlines want a
+# machine that does nothing else. The second part also runs where the first has failed.
 test: $(COMPILED) lint
-	$(BIN)/python -m pytest
+	@status=0; \
+	$(PYTEST_PARALLEL) -m "not slow and not browser and not live" || status=1; \
+	$(BIN)/python -m pytest -m "live and not slow and not browser" || status=1; \
+	exit $$status
+
+# Every part of the package, without live nodes and long searches.
+test-quick: $(COMPILED)
+	$(PYTEST_PARALLEL) --durations=5 -m "not slow and not browser and not live and not long"
 
 # Needs chromium or google-chrome on PATH.
 test-report: $(COMPILED)

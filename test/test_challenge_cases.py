@@ -1,13 +1,12 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Hidden effects that `diagnose` has to find, in recordings of another simulator.
 
-One of every effect, pairs and a plain rope, two at a time; some through rendered pictures and the
+One of every effect, pairs and a plain rope, each in one process, so that `pytest -n` runs several;
+some through rendered pictures and the
 observer in the slow ones. `make challenge` draws as many as wanted.
 """
 
 import json
-import multiprocessing
-from concurrent.futures import ProcessPoolExecutor
 
 import pytest
 from challenge import draw
@@ -16,7 +15,8 @@ from challenge.evaluate import compare, good, judge
 
 from dlo_ros.cli.main import main as dlo_ros
 
-LONGEST = 600.0  # [s] that a case may take on a busy machine
+pytestmark = pytest.mark.long
+
 CASES = {
     **{name: (7, "single", (name,)) for name in NAMED},
     **{name: (7, "foreign", (name,)) for name in OTHERS},
@@ -64,25 +64,9 @@ def held(challenge, report):
             assert "constant_force" in e["rivals"]
 
 
-@pytest.fixture(scope="module")
-def answers(request, tmp_path_factory):
-    """What is made of all cases that are asked for, in two processes."""
-    wanted = [
-        item.callspec.params["case"] for item in request.session.items
-        if item.module is request.module and item.function is test_what_was_hidden_is_found
-    ]  # fmt: skip
-    with ProcessPoolExecutor(2, multiprocessing.get_context("spawn")) as pool:
-        found = {
-            case: pool.submit(solved, tmp_path_factory.mktemp("case"), *CASES[case], workers=1)
-            for case in wanted
-        }
-        yield found
-        pool.shutdown(cancel_futures=True)
-
-
 @pytest.mark.parametrize("case", CASES)
-def test_what_was_hidden_is_found(answers, case):
-    held(*answers[case].result(LONGEST))
+def test_what_was_hidden_is_found(tmp_path, case):
+    held(*solved(tmp_path, *CASES[case], workers=1))
 
 
 @pytest.mark.slow

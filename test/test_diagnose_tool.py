@@ -18,6 +18,8 @@ from dlo_ros.diagnosis.relations import Pattern, Relation, Relations
 from dlo_ros.parameters import Settings
 from dlo_ros.report.force import force_arrows
 
+pytestmark = pytest.mark.long
+
 KNOWN = replace(PAPER, rod=replace(PAPER.rod, density_std=20.0))
 
 

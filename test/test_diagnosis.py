@@ -25,6 +25,8 @@ from dlo_ros.identification import Manipulation
 from dlo_ros.observation import CentrelinePoints
 from dlo_ros.spline import SplineBasis
 
+pytestmark = pytest.mark.long
+
 
 def test_structure_is_what_repeats_and_not_the_noise():
     rng = np.random.default_rng(1)

@@ -13,6 +13,8 @@ from dlo_ros.diagnosis import damping, decide, diagnose
 from dlo_ros.diagnosis.start import begin
 from dlo_ros.parameters import Settings
 
+pytestmark = pytest.mark.long
+
 
 def guessing(settings):
     """The same file without what was measured beforehand."""

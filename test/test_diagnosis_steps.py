@@ -20,6 +20,8 @@ from dlo_ros.diagnosis.workers import Problem, workers
 from dlo_ros.effects import Peg
 from dlo_ros.errors import SimulationError
 
+pytestmark = pytest.mark.long
+
 
 @pytest.fixture(scope="module")
 def beginning():

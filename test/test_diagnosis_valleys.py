@@ -8,6 +8,8 @@ from dlo_ros.cli.loading import load_manipulation
 from dlo_ros.diagnosis import diagnose, start
 from dlo_ros.parameters import Settings
 
+pytestmark = pytest.mark.long
+
 
 @pytest.fixture(scope="module")
 def overhead(tmp_path_factory):

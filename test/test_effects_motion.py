@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from twins import CLOSED, PINNED, WAVED, compare
 
+pytestmark = pytest.mark.long
+
 MANIPULATIONS = {"waved": WAVED, "closed": CLOSED, "pinned": PINNED}
 
 # What both rods differ by without any effect: one has curvature per deformed, the other per

@@ -25,6 +25,8 @@ from dlo_ros.spline import SplineBasis
 from dlo_ros.synthesis.experiment import read_experiment
 from dlo_ros.synthesis.truth import build_simulation, simulate
 
+pytestmark = pytest.mark.long
+
 HIDDEN = {
     "point_mass": {"mass": 0.004, "position": 0.25},
     "clamp_angle": {"start": 0.1},

@@ -26,6 +26,8 @@ from dlo_ros.demo.network import free_domain
 from dlo_ros.nodes.messages import message_class
 from dlo_ros.recordings import BAG_MESSAGES, command_message, spline_message, topics
 
+pytestmark = pytest.mark.live
+
 SECONDS = 4.0
 IN_TIME = 0.5
 """Seconds of simulated time that the last prediction may lie behind the clock."""

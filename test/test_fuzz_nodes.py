@@ -30,6 +30,8 @@ from dlo_ros.command import NANOSECONDS
 from dlo_ros.parameter_table import PARAMETERS
 from dlo_ros.recordings import topics
 
+pytestmark = pytest.mark.live
+
 SEED = int(os.environ.get("DLO_FUZZ_SEED", "1"))
 MESSAGES = int(os.environ.get("DLO_FUZZ_MESSAGES", "2000"))
 PORTION = 2000

@@ -19,6 +19,8 @@ from dlo_ros.synthesis.experiment import find_experiment, read_experiment
 from dlo_ros.synthesis.synthesize import measure
 from dlo_ros.synthesis.truth import build_simulation, simulate
 
+pytestmark = pytest.mark.long
+
 
 def recorded(tree, seed, name="recording", step=5e-4):
     """A recording of an experiment's tree, its guess, and its truth."""

@@ -14,6 +14,8 @@ from dlo_ros.identification import identify
 from dlo_ros.identification.loose import Loose
 from dlo_ros.rod.tangents import tangent
 
+pytestmark = pytest.mark.long
+
 RATIO = PAPER.rod.specific_modulus
 TURNED = 0.04  # [rad]
 

@@ -15,6 +15,8 @@ from dlo_ros.parameters import Settings
 from dlo_ros.recordings import BAG_MESSAGES, BagWriter, command_message, spline_message
 from dlo_ros.recordings.read import read_recording
 
+pytestmark = pytest.mark.long
+
 
 def write_bag(path, manipulation):
     with BagWriter(path) as writer:

@@ -19,6 +19,8 @@ from recordings_samples import SETTINGS
 from dlo_ros import __version__
 from dlo_ros.cli.main import EXECUTABLES, NAMES
 
+pytestmark = pytest.mark.live
+
 NODES = [e.name for e in EXECUTABLES if e.node]
 DEPENDENCIES = sysconfig.get_paths()["purelib"]
 

@@ -17,6 +17,8 @@ from dlo_ros.parameters import Settings
 from dlo_ros.rod.simulation import Simulation
 from dlo_ros.spline import SplineBasis
 
+pytestmark = pytest.mark.long
+
 MODULI = (1e3, 1e6, 1e9, 1e12)
 LENGTHS = (0.01, 0.4, 10.0, 100.0)
 DIAMETERS = (1e-4, 4e-3, 1e-1)

@@ -62,6 +62,7 @@ def seen_with(manipulation, effects, settings=SETTINGS, noise=NOISE):
     return recording.with_noise(predicted, settings), predicted
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", MANIPULATIONS)
 def test_an_even_load_is_found_as_it_acts(name):
     x, z = np.array(ACTING[name]) * WEIGHT

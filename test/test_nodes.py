@@ -44,6 +44,8 @@ from dlo_ros.recordings import (
 from dlo_ros.rod.simulation import Simulation
 from dlo_ros.spline import SplineBasis
 
+pytestmark = pytest.mark.live
+
 N = 10
 START = samples.START
 TRUE_MODULUS = 1.0e7

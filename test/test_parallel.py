@@ -19,6 +19,8 @@ from dlo_ros.identification.estimate import searchable
 from dlo_ros.identification.parallel import Cluster, Processes, Threads, open_pool
 from dlo_ros.identification.posterior import bootstrap, sample
 
+pytestmark = pytest.mark.long
+
 GUESS = PAPER.with_material(1e7, 2000.0)
 
 

@@ -15,6 +15,8 @@ from dlo_ros.errors import RecordingError
 from dlo_ros.recordings import BAG_MESSAGES, float_message, image_message
 from dlo_ros.recordings.play import plan
 
+pytestmark = pytest.mark.live
+
 MS = 1_000_000
 COMPRESSED = (CompressionMode.STORAGE, CompressionFormat.ZSTD)
 

@@ -28,6 +28,8 @@ from dlo_ros.demo.network import free_domain
 from dlo_ros.nodes.qos import CLOCK
 from dlo_ros.recordings import topics
 
+pytestmark = pytest.mark.live
+
 LAUNCH = """
 import sys
 from launch import LaunchDescription, LaunchService

@@ -12,6 +12,8 @@ import pytest
 import recordings_samples as samples
 from conftest import ROOT
 
+pytestmark = pytest.mark.live
+
 FOLDERS = ("dlo_ros", "launch", "docs")
 SOURCES = sorted(
     [path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py")]

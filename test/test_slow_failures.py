@@ -13,6 +13,8 @@ from dlo_ros.errors import SimulationError
 from dlo_ros.nodes import simulator
 from dlo_ros.recordings import topics
 
+pytestmark = pytest.mark.live
+
 LONG = 0.3
 """Seconds that each attempt takes."""
 

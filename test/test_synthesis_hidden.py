@@ -22,6 +22,8 @@ from dlo_ros.synthesis.rod_simulation import Boundary, Simulation
 from dlo_ros.synthesis.synthesize import measure, synthesize
 from dlo_ros.synthesis.truth import Grips, build_simulation, simulate
 
+pytestmark = pytest.mark.long
+
 LENGTH = 0.4
 TREE = {
     "parameters": {

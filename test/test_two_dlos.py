@@ -31,6 +31,8 @@ from dlo_ros.recordings import BAG_MESSAGES, BagWriter, command_message, spline_
 from dlo_ros.rod.simulation import Simulation
 from dlo_ros.spline import SplineBasis
 
+pytestmark = pytest.mark.live
+
 NODES = ("observer", "simulator", "identifier")
 SIDES = {"left": 1.0e7, "right": 3.0e7}
 """Young's modulus [Pa] of the two DLOs; both are guessed to have 5e6."""

@@ -29,6 +29,8 @@ from dlo_ros.demo.network import free_domain
 from dlo_ros.nodes.qos import LATCHED
 from dlo_ros.recordings import topics
 
+pytestmark = pytest.mark.live
+
 PAYLOADS = int(os.environ.get("DLO_WIRE_PAYLOADS", "300"))
 SEED = int(os.environ.get("DLO_FUZZ_SEED", "1"))
 GROWTH = 250e6
