@@ -290,7 +290,8 @@ class Settings:
 def tolerance(settings: Settings, name: str) -> float | None:
     """Standard deviation within which a number of a set-up is taken to be right.
 
-    It is what the parameter file says, else the effect's own.
+    It is what the parameter file says (`effects.NAME.KEY_std`, `rod.length_std`), else the effect's
+    own.
 
     Args:
         settings: parameter file.
@@ -310,7 +311,8 @@ def tolerance(settings: Settings, name: str) -> float | None:
         )
     if name in settings.tolerances:
         return settings.tolerances[name]
-    return known[key].tolerance_for(settings.scale)
+    stated: Any = settings.flat()[known[key].stated_by] if known[key].stated_by else 0.0
+    return stated if stated > 0.0 else known[key].tolerance_for(settings.scale)
 
 
 def parameter_blocks(path: Path) -> list[dict[Any, Any]]:

@@ -10,6 +10,7 @@ from rods import PAPER
 
 from dlo_ros.effects import Effect, Scene, effects, nonsmooth, quantities, quantity
 from dlo_ros.errors import ParameterError
+from dlo_ros.parameter_table import TABLE
 from dlo_ros.parameters import Settings, tolerance
 
 ROD = PAPER.rod
@@ -61,6 +62,18 @@ def test_a_parameter_file_states_them_without_making_the_effect_present(tmp_path
     text = (tmp_path / "p.yaml").read_text()
     assert "start_std: 0.02  # rad" in text and "mass_std: 1.0  # kg" in text
     assert settings.with_effects({}).tolerances == settings.tolerances
+
+
+def test_the_length_is_known_as_well_as_the_rod_says():
+    settings = Settings.from_mapping({**PAPER.flat(), "rod.length_std": 0.001})
+    assert tolerance(settings, "length_error.difference") == 0.001
+    closer = {**settings.flat(), "effects.length_error.difference_std": 0.0005}
+    assert tolerance(Settings.from_mapping(closer), "length_error.difference") == 0.0005
+
+
+def test_what_a_file_states_is_a_parameter_of_the_table():
+    assert {q.stated_by for q in numbers().values()} - {""} <= set(TABLE)
+    assert Settings.from_mapping(PAPER.flat()).diagnosis.material_err == 5e-4
 
 
 def test_a_place_may_be_known_though_it_has_no_tolerance_of_its_own():

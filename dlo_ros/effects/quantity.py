@@ -81,6 +81,8 @@ class Quantity:
             others of the role.
         adds_to: damping of the parameter file to which the value is added: air_drag or
             relaxation_time; empty: none.
+        stated_by: parameter of the file that states the tolerance where it is positive, besides
+            `effects.NAME.KEY_std`; empty: none.
     """
 
     name: str
@@ -96,6 +98,7 @@ class Quantity:
     natural: float | None = None
     search: tuple[float, float] | None = None
     adds_to: str = ""
+    stated_by: str = ""
 
     @property
     def geometric(self) -> bool:
@@ -185,12 +188,13 @@ def quantity(
     natural: float | None = None,
     search: tuple[float, float] | None = None,
     adds_to: str = "",
+    stated_by: str = "",
 ) -> Any:
     """A dataclass field that is a parameter of an effect; see `Quantity`.
 
     Args:
         neutral, unit, lower, upper, description, array, counts, tolerance, natural, search,
-            adds_to: as there.
+            adds_to, stated_by: as there.
         role: as there; default: `angle` in radians, else `size`.
 
     Raises:
@@ -205,6 +209,7 @@ def quantity(
         "unit": unit, "lower": lower, "upper": upper, "description": description, "array": array,
         "counts": counts, "role": role or ("angle" if unit == "rad" else "size"),
         "tolerance": tolerance, "natural": natural, "search": search, "adds_to": adds_to,
+        "stated_by": stated_by,
     }  # fmt: skip
     return field(default=(neutral,) * counts[0] if counts else neutral, metadata=data)
 

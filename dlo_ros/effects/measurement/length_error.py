@@ -17,7 +17,14 @@ class LengthError(Effect):
     batched: ClassVar[bool] = False
 
     difference: float = quantity(
-        0.0, "m", -1.0, 1.0, "true minus configured length", tolerance=0.005, search=(-0.5, 0.5)
+        0.0,
+        "m",
+        -1.0,
+        1.0,
+        "true minus configured length",
+        tolerance=0.005,
+        search=(-0.5, 0.5),
+        stated_by="rod.length_std",
     )
 
     def shape_body(self, body: Body) -> None:
