@@ -15,10 +15,8 @@ from conftest import ROOT
 pytestmark = pytest.mark.live
 
 FOLDERS = ("dlo_ros", "launch", "docs")
-SOURCES = sorted(
-    [path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py")]
-    + [path for path in (ROOT / "scripts").iterdir() if path.is_file()]
-)
+SOURCES = sorted(path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py"))
+SCRIPTS = sorted(path for path in (ROOT / "scripts").iterdir() if path.is_file())
 BUILTINS = {"eval", "exec", "compile", "__import__"}
 ATTRIBUTES = {
     "os.system", "os.popen", "yaml.load", "yaml.full_load", "yaml.unsafe_load", "yaml.load_all",
@@ -52,6 +50,26 @@ def test_no_source_evaluates_unpickles_or_uses_a_shell():
     for path in SOURCES:
         found = list(dangers(ast.parse(path.read_text())))
         assert not found, f"{path.relative_to(ROOT)}: {found}"
+
+
+def unquoted(script: str):
+    """Lines of a shell script that evaluate a text, or expand one outside quotes."""
+    for line in script.splitlines():
+        code = "" if line.lstrip().startswith("#") else line
+        bare = re.sub(r'"[^"]*"|\'[^\']*\'', "", code)
+        if "$" in bare or "`" in code or "$(" in code or re.search(r"\beval\b", code):
+            yield line
+
+
+def test_the_scripts_expand_nothing_outside_quotes():
+    assert SCRIPTS
+    for path in SCRIPTS:
+        assert not list(unquoted(path.read_text())), path.name
+
+
+@pytest.mark.parametrize("line", ["exec $command", "eval x", 'echo "$(ls)"', "ls `pwd`"])
+def test_the_search_of_scripts_finds_what_it_looks_for(line):
+    assert list(unquoted(line)) == [line]
 
 
 @pytest.mark.parametrize(
