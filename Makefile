@@ -30,15 +30,16 @@ $(INSTALLED): requirements.lock setup.cfg setup.py
 	@echo "Creating $(VENV) with the versions of requirements.lock (a minute or two)"
 	@$(PYTHON) -m venv --clear $(VENV) || { \
 		echo "Python cannot make a virtual environment; on Debian and Ubuntu: apt install python3-venv" >&2; exit 1; }
-	$(BIN)/pip install --quiet --require-hashes -r requirements.lock
-	$(BIN)/pip install --quiet --no-deps --no-build-isolation --editable .
+	$(BIN)/pip install --quiet --no-compile --require-hashes -r requirements.lock
+	$(BIN)/pip install --quiet --no-compile --no-deps --no-build-isolation --editable .
 	@touch $@
 
-$(COMPILED): $(INSTALLED) $(wildcard dlo_ros/interpolation.py dlo_ros/rod/*.py dlo_ros/vision/*.py dlo_ros/synthesis/*.py)
+$(COMPILED): $(INSTALLED) $(wildcard dlo_ros/interpolation.py dlo_ros/kernel_*.py dlo_ros/rod/*.py dlo_ros/vision/*.py dlo_ros/synthesis/*.py)
 	$(BIN)/python -m dlo_ros.compile
 	@touch $@
 
-demo: $(COMPILED)
+# It compiles while the recording is made.
+demo: $(INSTALLED)
 	$(BIN)/dlo_ros demo --output $(DEMO_OUTPUT) $(if $(BAG),--bag $(BAG)) $(if $(PARAMS),--params $(PARAMS))
 
 # The README's picture, from the result of the demo.

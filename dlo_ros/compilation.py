@@ -59,7 +59,10 @@ class Part:
 
 
 STAGES: dict[str, tuple[Part, ...]] = {
-    "rod": (Part("rod", "dlo_ros.rod.compile:compile_kernels", 140.0, 368),),
+    "rod": (
+        Part("rod_statics", "dlo_ros.rod.compile:compile_statics", 50.0, 230),
+        Part("rod_dynamics", "dlo_ros.rod.compile:compile_dynamics", 50.0, 230),
+    ),
     "vision": (Part("vision", "dlo_ros.vision.compile:compile_kernels", 15.0, 40),),
     "synthesis": (Part("synthesis", "dlo_ros.synthesis.compile:compile_kernels", 15.0, 20),),
 }
@@ -150,6 +153,13 @@ class BackgroundCompilation:
         self._error = ""
         self._began: tuple[float, float] | None = None
         self._done = jit_disabled()
+
+    def __enter__(self) -> BackgroundCompilation:
+        self.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
 
     def start(self) -> bool:
         """Begin to compile what is not in the cache; returns at once, whether there is any."""

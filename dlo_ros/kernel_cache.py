@@ -24,7 +24,7 @@ from typing import Any
 from dlo_ros.errors import KernelError
 
 PACKAGE = Path(__file__).parent
-COMPILED = (b"njit(", b"@intrinsic")
+COMPILED = (b"njit(", b"@linked(", b"@intrinsic")
 IMPORT = re.compile(rb"^from dlo_ros\.([\w.]+) import", re.MULTILINE)
 PREFIX = "dlo_ros"
 DIGITS = 16

@@ -13,6 +13,7 @@ ROS = ("rclpy", "std_srvs", "rcl_interfaces", "builtin_interfaces", "ament_index
 LAYERS = (
     ("errors",),
     ("kernel_cache",),
+    ("kernel_linking",),
     ("compilation",),
     ("__init__", "spline", "parameter_table", "interpolation", "share", "files"),
     ("command", "observation"),

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from dlo_ros.compilation import compile_first
+from dlo_ros.compilation import BackgroundCompilation, compile_first
 from dlo_ros.demo.outcome import assess
 from dlo_ros.demo.overview import write_overview
 from dlo_ros.demo.photographs import photographs
@@ -47,6 +47,12 @@ def run(arguments: argparse.Namespace) -> int:
     console = Console()
     output: Path = arguments.output
     output.mkdir(parents=True, exist_ok=True)
+    needed = ("vision", "rod") if arguments.bag else ("synthesis", "vision", "rod")
+    with BackgroundCompilation(needed):  # goes on while the recording is made
+        return _run(arguments, output, console)
+
+
+def _run(arguments: argparse.Namespace, output: Path, console: Console) -> int:
     bag = arguments.bag or _synthesize(output, console)
     params = arguments.params or params_beside(bag)
     settings = Settings.load(params)

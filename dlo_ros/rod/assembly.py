@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from dlo_ros.kernel_cache import njit
+from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.derivatives import Stress, first, second
 from dlo_ros.rod.kernels import (
     angle,
@@ -120,7 +121,7 @@ def _resist(out, f, x, kappa1, kappa2, rule, e):
     )  # fmt: skip
 
 
-@njit(**FLAGS)
+@linked(**FLAGS)
 def assemble(q, rule, ref, other, response, gradient, band, grad_stretch, grad_other):
     """Gradient of the strain energy and its exact Hessian.
 
@@ -162,7 +163,7 @@ def assemble(q, rule, ref, other, response, gradient, band, grad_stretch, grad_o
         add_forces(forces, DOF, rule.span[e], gradient)
 
 
-@njit(**FLAGS)
+@linked(**FLAGS)
 def force(q, rule, ref, other, response, gradient):
     """Add the gradient of the strain energy to `gradient`; see `assemble`."""
     forces = np.empty(FIRST)
@@ -208,7 +209,7 @@ def _by_s(grad, e, a):
     return _entry(grad, e, a, 3), _entry(grad, e, a, 4), _entry(grad, e, a, 5)
 
 
-@njit(**FLAGS)
+@linked(**FLAGS)
 def scatter_stress(rule, grad_stretch, grad_other, stress_s, stress_o, out):
     """Add the generalised force of given stresses, sum of weight stress d(strain)/dq, to out.
 
@@ -231,7 +232,7 @@ def scatter_stress(rule, grad_stretch, grad_other, stress_s, stress_o, out):
         add_forces(forces, DOF, rule.span[e], out)
 
 
-@njit(**FLAGS)
+@linked(**FLAGS)
 def strain_increments(rule, grad_stretch, grad_other, dq, stretch, other):
     """First-order strains of an increment dq (n, 4): the transpose of `scatter_stress`."""
     g = grad_other

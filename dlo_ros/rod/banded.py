@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from dlo_ros.kernel_cache import njit
+from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.rows import add_rows, set_rows
 from dlo_ros.rod.vectors import FLAGS, INLINE
 
@@ -39,7 +40,7 @@ def _factorise(band, diagonal, width):
     return negative
 
 
-@njit(**FLAGS)
+@linked(**FLAGS)
 def factorise(band, diagonal):
     """Factorise in place, A = L^T D L.
 
@@ -80,7 +81,7 @@ def _solve(band, diagonal, x, width):
         x[i] = s
 
 
-@njit(**FLAGS)
+@linked(**FLAGS)
 def solve(band, diagonal, x):
     """Solve L^T D L x = b in place for the right-hand side x of shape (N,)."""
     if band.shape[1] == SPACE:

@@ -14,42 +14,55 @@ from dlo_ros.rod.lanes import follow_many
 from dlo_ros.rod.resolution import build
 from dlo_ros.rod.simulation import Simulation
 from dlo_ros.rod.state import rest_state
-from dlo_ros.spline import SplineBasis
+from dlo_ros.spline import FloatArray, SplineBasis
+
+SETTINGS = Settings(rod=RodParameters(0.4, 0.004, 5e7, 2500.0))
+POSITIONS = np.array([[[0.0, 0.0, 0.0], [0.2, 0.0, -0.1]]])
 
 
 def compile_kernels() -> float:
-    """Run a short simulation that touches every kernel; returns the time it took [s]."""
+    """Run short simulations that touch every kernel; returns the time it took [s]."""
     began = time.perf_counter()
-    settings = Settings(rod=RodParameters(0.4, 0.004, 5e7, 2500.0))
-    basis = SplineBasis(settings.rod.control_points, settings.rod.length)
-    shape = np.zeros((basis.control_points, 4))
-    shape[:, 0] = basis.greville
-    position = np.array([[[0.0, 0.0, 0.0], [0.2, 0.0, -0.1]]])
-    command = Command(
-        0,
-        ("start", "control_point_6"),
-        np.zeros(1),
-        position,
-        np.tile([0.0, 0.0, 0.0, 1.0], (1, 2, 1)),
-        np.full((1, 2, 3), np.nan),
-        basis.control_points,
-    )
-    for mode in ("equilibrium", "observed"):
-        flat = {**settings.flat(), "simulation.start": mode}
-        simulation = Simulation(
-            Settings.from_mapping(flat), Motion([command]), parameters=("young_modulus",), spans=7
-        )
-        simulation.start([Observation(0, shape)])
-        simulation.advance(1_000_000)
-    clamp = Command(
-        0, ("start",), np.zeros(1), position[:, :1], np.tile([0.0, 0.0, 0.0, 1.0], (1, 1, 1)),
-        np.full((1, 1, 3), np.nan), basis.control_points,
-    )  # fmt: skip
-    model, boundary = build(settings, clamp, basis.spans)
-    follow_many([model], boundary, [rest_state(0, shape, model)], clamp, [1_000_000])
+    compile_statics()
+    compile_dynamics()
     return time.perf_counter() - began
 
 
-if __name__ == "__main__":
-    print("compiling the rod model (once; the result is cached) ...", flush=True)
-    print(f"done in {compile_kernels():.1f} s")
+def compile_statics() -> None:
+    """Find an equilibrium, and its sensitivities."""
+    _simulation("equilibrium")
+
+
+def compile_dynamics() -> None:
+    """Move a rod, with its sensitivities, and many at once."""
+    _simulation("observed").advance(1_000_000)
+    basis, shape = _level()
+    clamp = _command(("start",))
+    model, boundary = build(SETTINGS, clamp, basis.spans)
+    follow_many([model], boundary, [rest_state(0, shape, model)], clamp, [1_000_000])
+
+
+def _simulation(start: str) -> Simulation:
+    """A simulation that has started from a straight rod."""
+    settings = Settings.from_mapping({**SETTINGS.flat(), "simulation.start": start})
+    command = _command(("start", "control_point_6"))
+    simulation = Simulation(settings, Motion([command]), parameters=("young_modulus",), spans=7)
+    simulation.start([Observation(0, _level()[1])])
+    return simulation
+
+
+def _level() -> tuple[SplineBasis, FloatArray]:
+    """The basis and the control points (n, 4) of a straight rod."""
+    basis = SplineBasis(SETTINGS.rod.control_points, SETTINGS.rod.length)
+    shape = np.zeros((basis.control_points, 4))
+    shape[:, 0] = basis.greville
+    return basis, shape
+
+
+def _command(points: tuple[str, ...]) -> Command:
+    """A command that holds the first of the points."""
+    n = len(points)
+    return Command(
+        0, points, np.zeros(1), POSITIONS[:, :n], np.tile([0.0, 0.0, 0.0, 1.0], (1, n, 1)),
+        np.full((1, n, 3), np.nan), SETTINGS.rod.control_points,
+    )  # fmt: skip

@@ -10,10 +10,11 @@ from __future__ import annotations
 import numpy as np
 
 from dlo_ros.kernel_cache import njit
+from dlo_ros.kernel_linking import linked
 from dlo_ros.rod import banded
 
 
-@njit()
+@linked()
 def eliminate(band, fixed, rhs, increments):
     """Replace the equations of imposed degrees of freedom by x = increment.
 
@@ -43,7 +44,7 @@ def eliminate(band, fixed, rhs, increments):
                 rhs[a, j] = increments[a, j]
 
 
-@njit()
+@linked()
 def compliance(band, diagonal, pins):
     """How the pins give way to forces on them.
 
@@ -64,7 +65,7 @@ def compliance(band, diagonal, pins):
     return y, schur
 
 
-@njit()
+@linked()
 def constrain(pins, y, schur, gap, x):
     """Correct the solution x so that pins @ x = gap; returns False where that is impossible.
 
@@ -97,7 +98,7 @@ def held_back(negative, schur):
     return negative + np.sum(np.linalg.eigvalsh(schur) > 0.0) - schur.shape[0]
 
 
-@njit()
+@linked()
 def pin_gap(fixed, pins, pin_rows, target, pinned):
     """What `pins @ q` must be, shape (m,), given the imposed values.
 
@@ -121,7 +122,7 @@ def pin_gap(fixed, pins, pin_rows, target, pinned):
     return gap
 
 
-@njit()
+@linked()
 def back_substitute(band, diagonal, pins, gaps, rhs):
     """Solve an eliminated and factorised system for several right-hand sides (P, N), in place.
 

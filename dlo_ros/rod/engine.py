@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from dlo_ros.kernel_cache import njit
+from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.moving import NEXT, TIME, another, assign, commit
 from dlo_ros.rod.stepping import DONE, NO_CONVERGENCE, NO_DIRECTION, SMALLEST_STEP, step
 from dlo_ros.rod.variation import vary
@@ -25,7 +26,7 @@ def _next_stop(times, now, stop):
     return stop
 
 
-@njit()
+@linked(from_python=True)
 def march(system, imposed, state, stops, tolerance, newton, varying, shapes, speeds,
           derivatives):  # fmt: skip
     """Integrate to a series of times.

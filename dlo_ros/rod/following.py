@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dlo_ros.kernel_cache import njit
+from dlo_ros.kernel_linking import linked
 from dlo_ros.rod import assembly, forces, material
 from dlo_ros.rod.moving import another, assign
 from dlo_ros.rod.plane import PLANAR
@@ -15,7 +15,7 @@ from dlo_ros.rod.tables import History
 from dlo_ros.rod.varying import add, rise, shift, shift_frame
 
 
-@njit()
+@linked()
 def _frames(system, q, old, varying, d_q):
     """Let the transported frame vary along; (q is in space).
 
@@ -39,7 +39,7 @@ def _frames(system, q, old, varying, d_q):
         rise(up.twist, down.twist, d, change.twist[a])
 
 
-@njit()
+@linked()
 def turned(system, q, old, matter, response, varying, rhs, by_frame):
     """What the change of the frame before a step does at its end (q is in space).
 
@@ -66,7 +66,7 @@ def turned(system, q, old, matter, response, varying, rhs, by_frame):
                 rhs[a, i] -= (pull[0, i] - pull[1, i]) / (2.0 * varying.step[a])
 
 
-@njit()
+@linked()
 def _remember(system, q, other, old, varying, d_q, d_other):
     """Let the internal variables vary along.
 
@@ -94,7 +94,7 @@ def _remember(system, q, other, old, varying, d_q, d_other):
         rise(above.anchor, below.anchor, d, before.anchor[a])
 
 
-@njit()
+@linked()
 def follow(system, q, other, old, varying, d_q, grad_s, grad_o, by_frame):
     """Let what follows the shape vary along: strains, transported frame, internal variables.
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from dlo_ros.kernel_cache import njit
+from dlo_ros.kernel_linking import linked
 from dlo_ros.rod import assembly, kernels, material, plane, surroundings
 from dlo_ros.rod.plane import PLANAR
 
@@ -23,7 +24,7 @@ def strains(q, rule, ref):
     return kernels.strains(q, rule, ref)
 
 
-@njit()
+@linked()
 def transport(q, rule, ref):
     """The reference frame carried to configuration q; the plane needs none."""
     if q.shape[1] == PLANAR:
@@ -31,7 +32,7 @@ def transport(q, rule, ref):
     return kernels.transport(q, rule, ref)
 
 
-@njit()
+@linked()
 def strain_gradients(q, rule):
     """Room for the derivatives of the strains."""
     nb = rule.weight.size
@@ -40,7 +41,7 @@ def strain_gradients(q, rule):
     return np.empty((nb, 3)), np.zeros((nb, 3, 8))
 
 
-@njit()
+@linked()
 def assemble(q, rule, ref, matter, response, promised, gradient, band, grad_s, grad_o):
     """Energy of a configuration [J], its gradient and its exact Hessian.
 
@@ -67,7 +68,7 @@ def assemble(q, rule, ref, matter, response, promised, gradient, band, grad_s, g
     return energy
 
 
-@njit()
+@linked()
 def energy_of(q, rule, ref, matter, response):
     """Energy of a configuration [J]; see `assemble`."""
     stretch, other = strains(q, rule, ref)
@@ -75,7 +76,7 @@ def energy_of(q, rule, ref, matter, response):
     return energy + surroundings.energy_of(q, rule, matter.around, matter.history.anchor)
 
 
-@njit()
+@linked()
 def stress_forces(rule, grad_s, grad_o, stress_s, stress_o):
     """Generalised forces, (P, 4 n) or (P, 2 n), of stresses (P, nb) and (P, nb, 3)."""
     dof = PLANAR if grad_s.shape[1] == 2 else 4
@@ -88,7 +89,7 @@ def stress_forces(rule, grad_s, grad_o, stress_s, stress_o):
     return out
 
 
-@njit()
+@linked()
 def strain_sensitivities(rule, grad_s, grad_o, dq):
     """Strains (P, nb) and (P, nb, 3) of increments dq, (P, n, 4) or (P, n, 2), to first order."""
     count = dq.shape[0]
@@ -102,7 +103,7 @@ def strain_sensitivities(rule, grad_s, grad_o, dq):
     return stretch, other
 
 
-@njit()
+@linked()
 def add_scalar_band(band, scalar, spin, factor):
     """Add factor times a basis matrix, `scalar` (n, 4) for positions, `spin` for theta."""
     dof, last = band.shape[0] // scalar.shape[0], band.shape[1] - 1
@@ -116,7 +117,7 @@ def add_scalar_band(band, scalar, spin, factor):
                 band[dof * i + 3, at] += factor * spin[i, k]
 
 
-@njit()
+@linked(from_python=True)
 def multiply_scalar(scalar, spin, x, out):
     """Write basis matrix times x (n, 4) or (n, 2) to out."""
     out[:, :] = 0.0
@@ -131,7 +132,7 @@ def multiply_scalar(scalar, spin, x, out):
                     out[j, c] += a * x[i, c]
 
 
-@njit()
+@linked()
 def promise(rule, response, grad_s, grad_o, step):
     """Tensions (nb,) that the linear solution `step` (1, n d) promises.
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from dlo_ros.interpolation import sample
 from dlo_ros.kernel_cache import njit
+from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.kernels import carry
 from dlo_ros.spline import FloatArray
 
@@ -43,7 +44,7 @@ def _column(q, column):
     return np.array([2 * (x * z + y * w), 2 * (y * z - x * w), 1 - 2 * (x * x + y * y)])
 
 
-@njit()
+@linked()
 def _follow(frame, tangent):
     """Transport the reference frame of an end to a new tangent."""
     director = np.empty(3)
@@ -52,7 +53,7 @@ def _follow(frame, tangent):
     frame[DIRECTOR:BODY] = director
 
 
-@njit()
+@linked()
 def _turn(frame, quaternion):
     """Follow a clamp to a new orientation: the twist angle that it imposes goes to the frame."""
     tangent = _column(quaternion, 0)
@@ -81,7 +82,7 @@ def _find(kinds, kind):
     return -1
 
 
-@njit()
+@linked(from_python=True)
 def impose(imposed, time, theta, reach, frames, target, pins):
     """Values of the held degrees of freedom at a time.
 

@@ -25,6 +25,7 @@ from __future__ import annotations
 import numpy as np
 
 from dlo_ros.kernel_cache import njit
+from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.quads import lane, quad
 from dlo_ros.rod.tables import Reference
 from dlo_ros.rod.vectors import FLAGS, INLINE, cross, dot, mix, mix3, row, times, unit
@@ -168,7 +169,7 @@ def strains(q, rule, ref):
     return stretch, other
 
 
-@njit(**FLAGS)
+@linked(**FLAGS)
 def transport(q, rule, ref):
     """The reference frame carried to configuration q; the strains of q do not change by it."""
     nb = rule.weight.size

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dlo_ros.kernel_cache import njit
+from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.engine import FIRST_STEP
 from dlo_ros.rod.grips import Imposed, impose
 from dlo_ros.rod.lanes_kernels import Law, Scratch, Tables, tensions
@@ -18,7 +18,7 @@ from dlo_ros.rod.lanes_vector import address, load, store
 from dlo_ros.rod.stepping import DONE, NO_CONVERGENCE, NO_DIRECTION, SMALLEST_STEP
 
 
-@njit()
+@linked(from_python=True)
 def march(sets, tables, imposed, frames, motion, room, clock, reach, limit, stops, tolerance,
           newton, shapes, status):  # fmt: skip
     """Integrate all sets to a series of times, one group of LANES after the other.
@@ -69,7 +69,7 @@ def march(sets, tables, imposed, frames, motion, room, clock, reach, limit, stop
         )  # fmt: skip
 
 
-@njit()
+@linked()
 def _march_group(sets, tables, imposed, frames, motion, room, target, clock, reach, limit, stops,
                  tolerance, newton, shapes):  # fmt: skip
     """Integrate one group; `engine.march` says how steps are chosen."""

@@ -17,10 +17,11 @@ from __future__ import annotations
 import numpy as np
 
 from dlo_ros.kernel_cache import njit
+from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.tables import Response
 
 
-@njit()
+@linked()
 def room(points):
     """A response to write to, for a number of quadrature points."""
     return Response(
@@ -90,7 +91,7 @@ def bend(stiff1, stiff2, x1, x2, p1, p2, law):
     return root1 * secant * y1, root2 * secant * y2, t11, t12, t22, energy
 
 
-@njit()
+@linked()
 def respond(stretch, other, weight, material, out):
     """Stress resultants and tangents of strains.
 
@@ -143,7 +144,7 @@ def _beyond(other, weight, material, out):
     return energy
 
 
-@njit()
+@linked()
 def remember(other, material, out):
     """Write the plastic curvature (nb, 2) that strains leave behind to out."""
     plastic = material.history.plastic

@@ -6,6 +6,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from dlo_ros.kernel_cache import njit
+from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.tables import History, Reference
 from dlo_ros.spline import FloatArray
 
@@ -38,7 +39,7 @@ def assign(target, source):
         a[i] = b[i]
 
 
-@njit()
+@linked()
 def commit(new, state):
     """Let the state become the new one."""
     assign(state.clock, new.clock)
@@ -60,7 +61,7 @@ def commit(new, state):
     assign(state.history.anchor, new.history.anchor)
 
 
-@njit()
+@linked()
 def another(state):
     """A copy of a state."""
     return Moving(

@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from dlo_ros.kernel_cache import njit
+from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.kernels import column, span_stretch, tension_share, three
 from dlo_ros.rod.quads import lane, lanes, quad
 from dlo_ros.rod.rows import set_rows
@@ -74,7 +75,7 @@ def _derive(out, px, pz, sx, sz, rule, e):
     derive(out, 4, pz, rule.b1, sz, rule.b2, e)
 
 
-@njit(**FLAGS)
+@linked(**FLAGS)
 def assemble(q, rule, other, response, gradient, band, grad_stretch, grad_other):
     """Gradient (2 n,) and exact Hessian (2 n, 8); see `assembly.assemble`.
 
@@ -136,7 +137,7 @@ def _entry(grad, e, j):
     return quad(grad[e, 0, j], grad[e + 1, 0, j], grad[e + 2, 0, j])
 
 
-@njit(**FLAGS)
+@linked(**FLAGS)
 def scatter_stress(rule, grad_stretch, grad_other, stress_s, stress_o, out):
     """Add the generalised force of given stresses to out (2 n,)."""
     forces, g = np.empty(FIRST), grad_other
@@ -151,7 +152,7 @@ def scatter_stress(rule, grad_stretch, grad_other, stress_s, stress_o, out):
         add_forces(forces, PLANAR, rule.span[e], out)
 
 
-@njit(**FLAGS)
+@linked(**FLAGS)
 def strain_increments(rule, grad_stretch, grad_other, dq, stretch, other):
     """First-order strains of an increment dq (n, 2)."""
     g = grad_other

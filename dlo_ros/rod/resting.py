@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from dlo_ros.kernel_cache import njit
+from dlo_ros.kernel_linking import linked
 from dlo_ros.rod import forces, solver
 from dlo_ros.rod.grips import DIRECTOR, TANGENT
 from dlo_ros.rod.material import room
@@ -20,7 +21,7 @@ PUSH = 2e-3  # of L: how far an unstable equilibrium is left at once
 ESCAPES = 4
 
 
-@njit()
+@linked()
 def _increments(system, q, target, gap, before, after):
     """In how many steps the imposed motion is made, so that the branch is not lost."""
     move, turn, dof = np.abs(gap).max() if gap.size else 0.0, 0.0, q.shape[1]
@@ -47,7 +48,7 @@ def _longest(length, around):
     return result
 
 
-@njit()
+@linked(from_python=True)
 def settle(system, imposed, state, time, rate2, tolerance, fresh, rest):
     """Static equilibrium at a time, on the branch that leads there from a state.
 
@@ -123,7 +124,7 @@ def settle(system, imposed, state, time, rate2, tolerance, fresh, rest):
     return DONE, total, negative, buckled
 
 
-@njit()
+@linked()
 def _escape(q, system, matter, ref, load, mass, spin, rate2, longest, tolerance):
     """Leave an unstable equilibrium, as a DLO that buckles does, and settle beside it.
 

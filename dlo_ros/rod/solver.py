@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from dlo_ros.kernel_cache import njit
+from dlo_ros.kernel_linking import linked
 from dlo_ros.rod import banded
 from dlo_ros.rod.constraints import compliance, constrain, eliminate, held_back
 from dlo_ros.rod.forces import (
@@ -44,7 +45,7 @@ def _largest(x, dof):
     return move, turn
 
 
-@njit()
+@linked()
 def equilibrium(q, increment, fixed, pins, gap, rule, matter, ref, load, mass, spin, rate2,
                 length, longest, tolerance):  # fmt: skip
     """Static equilibrium: Newton's method with a mass shift, descending in total energy.
@@ -150,7 +151,7 @@ def equilibrium(q, increment, fixed, pins, gap, rule, matter, ref, load, mass, s
     return -MAX_STATIC_ITERATIONS, 0, ref
 
 
-@njit()
+@linked(from_python=True)
 def implicit_step(q, target, fixed, pins, gap, rule, matter, ref, inertia, spin, rhs, length,
                   tolerance):  # fmt: skip
     """Solve inertia q + elastic gradient(q) = rhs for one step in time.
@@ -217,7 +218,7 @@ def implicit_step(q, target, fixed, pins, gap, rule, matter, ref, inertia, spin,
     return -MAX_NEWTON, 0
 
 
-@njit()
+@linked()
 def linearise(q, rule, matter, ref, inertia, spin):
     """Tangent matrix at q, and the derivatives of the strains there.
 
@@ -237,7 +238,7 @@ def linearise(q, rule, matter, ref, inertia, spin):
     return band, gradient, response, grad_s, grad_o
 
 
-@njit()
+@linked(from_python=True)
 def negative_modes(q, fixed, pins, rule, matter, ref, mass, spin, rate2):
     """Number of negative eigenvalues of the stiffness at q, with what is held."""
     none = np.zeros((q.shape[0], 4))
@@ -249,7 +250,7 @@ def negative_modes(q, fixed, pins, rule, matter, ref, mass, spin, rate2):
     return held_back(negative, compliance(band, diagonal, pins)[1])
 
 
-@njit()
+@linked()
 def softest(q, fixed, pins, rule, matter, ref, mass, spin, rate2):
     """The motion in which an unstable equilibrium is softest, its largest move 1.
 
@@ -288,7 +289,7 @@ def softest(q, fixed, pins, rule, matter, ref, mass, spin, rate2):
     return mode
 
 
-@njit()
+@linked()
 def factorised_mass(mass, spin, fixed, rhs):
     """Factors (band, diagonal) of the mass matrix, imposed degrees of freedom eliminated."""
     size = fixed.size

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from dlo_ros.kernel_cache import njit
+from dlo_ros.kernel_linking import linked
 from dlo_ros.rod import forces, solver
 from dlo_ros.rod.constraints import back_substitute
 from dlo_ros.rod.material import remember
@@ -36,7 +37,7 @@ def strain_rate_weights(h, last):
     return (1.0 + 2.0 * r) / (h * (1.0 + r)), -(1.0 + r) / h, r * r / (h * (1.0 + r))
 
 
-@njit()
+@linked()
 def damped(system, k, imposed, state, h):
     """The material of the incremental potential of one step of length h, for variant k."""
     c0, c1, c2 = strain_rate_weights(h, state.clock[LAST])
@@ -61,7 +62,7 @@ def damped(system, k, imposed, state, h):
     return Material(s, damping, matter.bend_rest, matter.law, matter.around, matter.history)
 
 
-@njit()
+@linked()
 def extrapolated(q, velocity, acceleration, auxiliary, h):
     """What Newmark's formulas take from the past: position, velocity and lag of acceleration.
 
@@ -83,7 +84,7 @@ def weights(h):
     return (1.0 - ALPHA_M) / ((1.0 - ALPHA_F) * BETA * h * h), GAMMA / (BETA * h)
 
 
-@njit()
+@linked()
 def reached(q, q_star, v_star, lag, h):
     """Velocity, acceleration and auxiliary acceleration at the end of a step to q."""
     velocity, acceleration, auxiliary = np.empty(q.shape), np.empty(q.shape), np.empty(q.shape)
@@ -98,7 +99,7 @@ def reached(q, q_star, v_star, lag, h):
     return velocity, acceleration, auxiliary
 
 
-@njit()
+@linked()
 def step(system, imposed, state, h, tolerance, new):
     """One step of length h.
 
@@ -153,7 +154,7 @@ def step(system, imposed, state, h, tolerance, new):
     return DONE, error
 
 
-@njit()
+@linked()
 def frame_at(q, rule, ref, out):
     """Write the reference frame carried to q to out; in the plane it plays no role."""
     if q.shape[1] == 4:
@@ -164,7 +165,7 @@ def frame_at(q, rule, ref, out):
         assign(out.twist, there.twist)
 
 
-@njit()
+@linked()
 def remembered(q, other, rule, matter, out):
     """Write the history after a motion to q with strains `other` to out."""
     remember(other, matter, out.plastic)
@@ -187,7 +188,7 @@ def _mean_jump(fixed, new, old):
     return total / max(count, 1)
 
 
-@njit()
+@linked(from_python=True)
 def starting_acceleration(system, imposed, state):
     """The acceleration that the forces of a state cause, imposed points not accelerated."""
     factor = growth(imposed, ITSELF, state.clock[TIME])

@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from dlo_ros.kernel_cache import njit
+from dlo_ros.kernel_linking import linked
 
 
 @njit(inline="always")
@@ -74,7 +75,7 @@ def _add(span, b, weight, dof, force, gradient, band):
                 band[at, k + z] += share * t01
 
 
-@njit()
+@linked()
 def resist(q, rule, around, anchor, gradient, band):
     """Add the forces of the surroundings and their tangent; returns their energy [J].
 
@@ -102,7 +103,7 @@ def resist(q, rule, around, anchor, gradient, band):
     return energy
 
 
-@njit()
+@linked()
 def energy_of(q, rule, around, anchor):
     """Energy of the surroundings' forces [J]; see `resist`."""
     energy, z = 0.0, q.shape[1] // 2
@@ -120,7 +121,7 @@ def energy_of(q, rule, around, anchor):
     return energy
 
 
-@njit()
+@linked()
 def drag_along(q, rule, around, anchor, out):
     """Write the anchors (nb, 2) after a motion to q to out: as near as friction demands."""
     if anchor.shape[0] == 0:
@@ -133,7 +134,7 @@ def drag_along(q, rule, around, anchor, out):
         out[e, 0], out[e, 1] = x0 - share * d0, x1 - share * d1
 
 
-@njit()
+@linked(from_python=True)
 def rest_anchor(q, rule):
     """Anchors (nb, 2) at which a configuration feels no friction."""
     result = np.empty((rule.weight.size, 2))

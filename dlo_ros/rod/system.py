@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dlo_ros.kernel_cache import njit
+from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.constraints import pin_gap
 from dlo_ros.rod.grips import Imposed, impose
 from dlo_ros.rod.tables import Law, Material, Quadrature, Stiffness, Surroundings
@@ -59,7 +60,7 @@ def variant(imposed, k):
     )  # fmt: skip
 
 
-@njit()
+@linked()
 def growth(imposed, k, time):
     """Free length at a time over that of the system: material slips in along with the motion."""
     gain, times = imposed.gain[k], imposed.times[k]
@@ -70,7 +71,7 @@ def growth(imposed, k, time):
     return 1.0 + gain[after - 1] + s * (gain[after] - gain[after - 1])
 
 
-@njit()
+@linked()
 def matter_of(system, k, factor, history):
     """The material of variant k without damping, its free length multiplied by a factor.
 
@@ -101,7 +102,7 @@ def matter_of(system, k, factor, history):
     )  # fmt: skip
 
 
-@njit()
+@linked()
 def untouched(m):
     """The material without friction, which a DLO at its start has not felt yet."""
     a = m.around
@@ -109,7 +110,7 @@ def untouched(m):
     return Material(m.stiffness, m.damping, m.bend_rest, m.law, around, m.history)
 
 
-@njit()
+@linked()
 def inertia_of(system, k, factor, c_mass, c_drag):
     """c_mass times mass plus c_drag times drag, for positions and theta: lower bands (n, 4)."""
     more, u = factor - 1.0, system.uniform
@@ -124,7 +125,7 @@ def inertia_of(system, k, factor, c_mass, c_drag):
     return positions, theta
 
 
-@njit()
+@linked()
 def load_of(system, k, factor):
     """All dead loads of variant k [N], shape (n, d)."""
     result = system.load[k].copy()
@@ -135,7 +136,7 @@ def load_of(system, k, factor):
     return result
 
 
-@njit()
+@linked()
 def weigh(mass, spin, drag, acceleration, velocity, factor, out):
     """Add factor times (mass times acceleration plus drag times velocity) to out (n, d).
 
@@ -158,7 +159,7 @@ def weigh(mass, spin, drag, acceleration, velocity, factor, out):
                     out[j, 3] += m * acceleration[i, 3]
 
 
-@njit()
+@linked()
 def residual(system, k, factor, velocity, acceleration):
     """Inertia and drag less the dead loads of variant k [N], shape (n, d)."""
     result, more, u = load_of(system, k, factor), factor - 1.0, system.uniform
@@ -171,7 +172,7 @@ def residual(system, k, factor, velocity, acceleration):
     return result
 
 
-@njit()
+@linked()
 def targets(system, k, imposed, time, q, frames):
     """Imposed values of variant k at a time, for a rod that is at q now.
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dlo_ros.kernel_cache import njit
+from dlo_ros.kernel_linking import linked
 from dlo_ros.rod import banded, forces, material, solver, surroundings
 from dlo_ros.rod.constraints import back_substitute, eliminate
 from dlo_ros.rod.following import follow, turned
@@ -40,7 +40,7 @@ from dlo_ros.rod.system import (
 from dlo_ros.rod.varying import add, rise, shift, shift_state
 
 
-@njit()
+@linked()
 def _forces(q, stretch, other, rule, ref, matter, grad_s, grad_o, response, gradient, band):
     """Elastic force at q with another material and reference frame, (n d,).
 
@@ -64,7 +64,7 @@ def _forces(q, stretch, other, rule, ref, matter, grad_s, grad_o, response, grad
     return result
 
 
-@njit()
+@linked()
 def _solve(system, band, rhs, increments, gaps):
     """Solve the tangent system for the derivatives of the shape, in place of rhs (P, n d)."""
     eliminate(band, system.fixed, rhs, increments)
@@ -73,7 +73,7 @@ def _solve(system, band, rhs, increments, gaps):
     back_substitute(band, diagonal, system.pins, gaps, rhs)
 
 
-@njit()
+@linked()
 def _stresses(system, old, new, varying, h, a, stress_s, stress_o):
     """Derivatives of the stresses by parameter a, strains held: shape (nb,) and (nb, 3)."""
     c0, c1, c2 = strain_rate_weights(h, old.clock[LAST])
@@ -99,7 +99,7 @@ def _stresses(system, old, new, varying, h, a, stress_s, stress_o):
             )
 
 
-@njit()
+@linked()
 def _linear(system, imposed, old, new, varying, grad_s, grad_o, rhs, increments, gaps):
     """Right-hand sides of the derivatives of a step of a rod that its numbers describe."""
     h, time, rule = new.clock[LAST], new.clock[TIME], system.rule
@@ -139,7 +139,7 @@ def _linear(system, imposed, old, new, varying, grad_s, grad_o, rhs, increments,
                 add(gaps[a], 0.5 / d, gap)
 
 
-@njit()
+@linked()
 def _special(system, imposed, old, new, varying, grad_s, grad_o, rhs, increments, gaps):
     """The same for any rod, from the residual of both variants of each parameter."""
     h, time, q, rule = new.clock[LAST], new.clock[TIME], new.q, system.rule
@@ -170,7 +170,7 @@ def _special(system, imposed, old, new, varying, grad_s, grad_o, rhs, increments
                 add(gaps[a], share, gap)
 
 
-@njit()
+@linked()
 def vary(system, imposed, old, new, varying):
     """Let the derivatives follow a converged step.
 
@@ -210,7 +210,7 @@ def vary(system, imposed, old, new, varying):
     assign(varying.auxiliary, auxiliary)
 
 
-@njit()
+@linked(from_python=True)
 def vary_rest(system, imposed, before, rest, history, fresh, varying):
     """Let the derivatives be those of an equilibrium.
 

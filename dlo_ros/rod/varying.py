@@ -6,6 +6,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from dlo_ros.kernel_cache import njit
+from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.plane import PLANAR
 from dlo_ros.rod.tables import History, Reference, Stiffness
 from dlo_ros.spline import FloatArray
@@ -58,7 +59,7 @@ def shift(target, source, d, change):
         a[i] = b[i] + d * c[i]
 
 
-@njit()
+@linked()
 def shift_state(target, state, v, a, d):
     """Write the state with d times the derivatives by parameter a added to target."""
     shift(target.q, state.q, d, v.q[a])
@@ -75,7 +76,7 @@ def shift_state(target, state, v, a, d):
         shift_frame(target.reference, state.reference, v.reference, a, d)
 
 
-@njit()
+@linked()
 def shift_frame(target, ref, change, a, d):
     """Write a frame with d times its derivatives by parameter a added to target."""
     shift(target.tangent, ref.tangent, d, change.tangent[a])

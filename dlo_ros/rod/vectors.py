@@ -3,14 +3,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from dlo_ros.kernel_cache import njit
 
 # The flags of all compiled functions of the rod. Sums may be fused with products, but keep their
 # order, and infinities and NaN keep their meaning; a division by zero gives them.
-FLAGS = {"error_model": "numpy", "fastmath": {"contract", "nsz"}}
-INLINE = {**FLAGS, "forceinline": True}  # for what is cheaper than its call
+FLAGS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}}
+INLINE: dict[str, Any] = {**FLAGS, "forceinline": True}  # for what is cheaper than its call
 
 
 @njit(**INLINE)
