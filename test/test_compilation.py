@@ -23,6 +23,8 @@ from dlo_ros.compilation import (
     held,
 )
 from dlo_ros.errors import KernelError
+from dlo_ros.synthesis import compile as synthesis
+from dlo_ros.synthesis import rod_simulation, rod_steps
 
 PATIENCE = 30.0  # [s]
 STAND_IN = """
@@ -293,3 +295,15 @@ def test_an_unknown_stage_is_told():
     done = compile_module("rods")
     assert done.returncode == 2
     assert "'rods' is unknown; choose from rod, vision, synthesis" in done.stderr
+
+
+def test_simulated_experiments_are_compiled_with_their_steps_of_time(monkeypatch):
+    steps = []
+
+    def minimise(*words):
+        steps.append(words)
+        return rod_steps.minimise(*words)
+
+    monkeypatch.setattr(rod_simulation, "minimise", minimise)
+    synthesis.compile_kernels()
+    assert steps

@@ -12,7 +12,7 @@ from dlo_ros.synthesis.synthesize import synthesize
 
 
 def compile_kernels() -> None:
-    """Simulate and render one frame of an experiment."""
-    experiment = replace(load_experiment(find_experiment("c_shape")), duration=0.01)
+    """Simulate and render two pictures of an experiment, with the steps of time between."""
+    experiment = replace(load_experiment(find_experiment("c_shape")), duration=0.04)
     with tempfile.TemporaryDirectory() as folder:
         synthesize(experiment, Path(folder) / "bag")
