@@ -34,6 +34,7 @@ class Parameter:
         choices: the allowed strings.
         nodes: the nodes that use it, and therefore declare it.
         read_only: whether a change while running has no meaning.
+        unused: value of what must be given, in a node that does not use it and was not given it.
     """
 
     name: str
@@ -46,6 +47,12 @@ class Parameter:
     choices: tuple[str, ...] = ()
     nodes: tuple[str, ...] = NODES
     read_only: bool = False
+    unused: Value | None = None
+
+    @property
+    def bracketed(self) -> str:
+        """The unit in brackets, with a space before it; empty where there is none."""
+        return f" [{self.unit}]" if self.unit else ""
 
     @property
     def size(self) -> int:
@@ -89,13 +96,14 @@ class Parameter:
                 value = float(value)
             except ValueError:
                 raise ParameterError(
-                    f"{self.name} is {value!r}; it must be a number [{self.unit}]"
+                    f"{self.name} is {value!r}; it must be a number{self.bracketed}"
                 ) from None
         if isinstance(value, bool) or not isinstance(value, (int, float)):
-            raise ParameterError(f"{self.name} is {value!r}; it must be a number [{self.unit}]")
+            raise ParameterError(f"{self.name} is {value!r}; it must be a number{self.bracketed}")
         if not math.isfinite(value) or not self.lower <= value <= self.upper:
+            unit = f" {self.unit}" if self.unit else ""
             raise ParameterError(
-                f"{self.name} is {value:g} {self.unit}; allowed is {self.lower:g} to {self.upper:g}"
+                f"{self.name} is {value:g}{unit}; allowed is {self.lower:g} to {self.upper:g}"
             )
         return float(value)
 
@@ -134,6 +142,7 @@ PARAMETERS: tuple[Parameter, ...] = (
         1e3,
         1e12,
         nodes=MODEL,
+        unused=1e6,
     ),
     Parameter(
         "rod.density",
@@ -144,6 +153,7 @@ PARAMETERS: tuple[Parameter, ...] = (
         1.0,
         1e5,
         nodes=MODEL,
+        unused=1e3,
     ),
     Parameter(
         "rod.density_std",

@@ -147,8 +147,13 @@ class Settings:
     tolerances: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
-    def from_mapping(cls, values: Mapping[str, Any]) -> Settings:
+    def from_mapping(cls, values: Mapping[str, Any], node: str | None = None) -> Settings:
         """Build from dotted names; what is missing takes its default.
+
+        Args:
+            values: by dotted name.
+            node: name of the node whose settings they are, which need not be given what it does
+                not use; None for a tool, which may use all.
 
         Raises:
             ParameterError: a required value is missing or a value is unusable.
@@ -156,10 +161,12 @@ class Settings:
         checked: dict[str, Value] = {}
         for parameter in PARAMETERS:
             value = values.get(parameter.name, parameter.default)
+            if value is None and node is not None and node not in parameter.nodes:
+                value = parameter.unused
             if value is None:
                 raise ParameterError(
-                    f"{parameter.name} is missing; give the {parameter.description} "
-                    f"[{parameter.unit}]"
+                    f"{parameter.name} is missing; give the {parameter.description}"
+                    f"{parameter.bracketed}"
                 )
             checked[parameter.name] = parameter.check(value)
         effects: dict[str, dict[str, float | tuple[float, ...]]] = {}

@@ -30,7 +30,7 @@ def straight_shape():
 @pytest.mark.parametrize(
     ("key", "value", "message"),
     [
-        ("rod.control_points", 3, r"rod\.control_points is 3 ; allowed is 4 to 200"),
+        ("rod.control_points", 3, r"rod\.control_points is 3; allowed is 4 to 200"),
         ("rod.length", 0.0, r"rod\.length is 0 m; allowed is 0\.01 to 100"),
         ("rod.young_modulus", -5e7, r"rod\.young_modulus is -5e\+07 Pa; allowed is 1000 to"),
         ("rod.density", float("nan"), r"rod\.density is nan kg/m\^3; allowed is 1 to"),

@@ -101,6 +101,11 @@ class Quantity:
     stated_by: str = ""
 
     @property
+    def bracketed(self) -> str:
+        """The unit in brackets, with a space before it; 1 where there is none."""
+        return f" [{self.unit or '1'}]"
+
+    @property
     def geometric(self) -> bool:
         """Whether it says where the effect acts, not how much."""
         return self.role in ("place", "extent", "point")

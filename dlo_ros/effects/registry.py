@@ -78,10 +78,10 @@ def check(name: str, key: str, value: Any) -> float | tuple[float, ...]:
     several = isinstance(value, (list, tuple))
     if q.counts and not (several and len(value) in q.counts):
         counts = " or ".join(str(n) for n in q.counts)
-        raise ParameterError(f"{where} is {value!r}; it must be {counts} numbers [{q.unit}]")
+        raise ParameterError(f"{where} is {value!r}; it must be {counts} numbers{q.bracketed}")
     if several:
         if not (q.array or q.counts) or not value:
-            raise ParameterError(f"{where} is {list(value)}; it must be one number [{q.unit}]")
+            raise ParameterError(f"{where} is {list(value)}; it must be one number{q.bracketed}")
         numbers = tuple(_number(where, q, v) for v in value)
         return numbers if len(numbers) > 1 else numbers[0]
     return _number(where, q, value)
@@ -108,9 +108,9 @@ def check_tolerance(name: str, key: str, value: Any) -> float:
     except (TypeError, ValueError):
         number = math.nan
     if not (math.isfinite(number) and number > 0.0):
-        unit = quantities(name)[key].unit
+        unit = quantities(name)[key].bracketed
         raise ParameterError(
-            f"effects.{name}.{key}{STD} is {value!r}; it must be a positive number [{unit or '1'}]"
+            f"effects.{name}.{key}{STD} is {value!r}; it must be a positive number{unit}"
         )
     return number
 
@@ -137,7 +137,7 @@ def _number(where: str, q: Quantity, value: Any) -> float:
         number = math.nan
     if not q.lower <= number <= q.upper:  # false for NaN, too
         raise ParameterError(
-            f"{where} is {value}; it must be a number from {q.lower:g} to {q.upper:g} [{q.unit}]"
+            f"{where} is {value}; it must be a number from {q.lower:g} to {q.upper:g}{q.bracketed}"
         )
     return number
 

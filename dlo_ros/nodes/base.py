@@ -5,18 +5,20 @@ from __future__ import annotations
 
 import os
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from copy import copy
 from typing import Any
 
 from rclpy.clock import Clock, ClockType, JumpThreshold
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
-from rclpy.qos_overriding_options import QoSOverridingOptions
 from std_srvs.srv import Trigger
 
 from dlo_ros.command import NANOSECONDS
-from dlo_ros.errors import DloError, InputError
+from dlo_ros.errors import DloError, InputError, ParameterError
+from dlo_ros.nodes import qos as profiles
 from dlo_ros.nodes.diagnostics import Health
 from dlo_ros.nodes.messages import message_class
 from dlo_ros.nodes.parameters import LiveSettings, declare
@@ -46,7 +48,7 @@ class DloNode(Node):
         super().__init__(name, automatically_declare_parameters_from_overrides=True, **options)
         settings = declare(self, name)
         self.health = Health(self, task, self.get_namespace().strip("/") or "dlo", steady)
-        self._live = LiveSettings(self, settings, self._settings_changed)
+        self._live = LiveSettings(self, settings, self._settings_changed, self.check_settings)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_service(Trigger, "~/reset", self._on_reset)
         threshold = JumpThreshold(
@@ -73,6 +75,13 @@ class DloNode(Node):
         """Take changed parameters over."""
         raise NotImplementedError
 
+    def check_settings(self, settings: Settings) -> None:
+        """Refuse changed parameters that cannot be used, beyond what their ranges say.
+
+        Raises:
+            DloError: which one, and what it must be; nothing is changed then.
+        """
+
     def now(self) -> int:
         """ROS time [ns]."""
         return int(self.get_clock().now().nanoseconds)
@@ -97,20 +106,34 @@ class DloNode(Node):
 
     def publisher(self, topic: str, qos: QoSProfile) -> Any:
         """A publisher of one of the interface's topics, its QoS open to overrides."""
-        options = QoSOverridingOptions.with_default_policies()
         kind = message_class(topics.TYPES[topic])
-        return self.create_publisher(kind, topic, qos, qos_overriding_options=options)
+        with self._overriding(topic):
+            # A copy, since rclpy writes the overrides into the profile that it is given.
+            return self.create_publisher(
+                kind, topic, copy(qos), qos_overriding_options=profiles.OVERRIDES
+            )
 
     def subscribe(self, topic: str, callback: Callable[[Any], None], qos: QoSProfile) -> Any:
         """A guarded subscription to one of the interface's topics, its QoS open to overrides."""
-        options = QoSOverridingOptions.with_default_policies()
         kind = message_class(topics.TYPES[topic])
         guarded = self.guarded(topic, callback)
 
         def receive(message: Any) -> None:
             guarded(message)
 
-        return self.create_subscription(kind, topic, receive, qos, qos_overriding_options=options)
+        with self._overriding(topic):
+            return self.create_subscription(
+                kind, topic, receive, copy(qos), qos_overriding_options=profiles.OVERRIDES
+            )
+
+    @contextmanager
+    def _overriding(self, topic: str) -> Iterator[None]:
+        """Tell of an override that ROS refuses by names that a person understands."""
+        try:
+            yield
+        except (RuntimeError, AttributeError, AssertionError) as err:
+            name = self.resolve_topic_name(topic)
+            raise ParameterError(f"qos_overrides.{name}: {err}") from err
 
     def every(self, period: float, callback: Callable[[], None]) -> Any:
         """A guarded timer of wall time; period in seconds."""

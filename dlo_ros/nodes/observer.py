@@ -27,6 +27,7 @@ from dlo_ros.recordings.messages import read_spline, stamp_of
 from dlo_ros.spline import FloatArray
 from dlo_ros.vision.camera import Camera
 from dlo_ros.vision.compile import compile_kernels
+from dlo_ros.vision.hints import Hints
 from dlo_ros.vision.observer import Observer
 from dlo_ros.vision.overlay import draw_overlay
 from dlo_ros.vision.result import VisionResult
@@ -56,6 +57,7 @@ class ObserverNode(DloNode):
         compile_kernels()  # the first image must not wait for it
         self._motion = Motion()
         self._info: CameraInfo | None = None
+        self.check_settings(self.settings)
         self._observer: Observer | None = None
         self._predicted: tuple[int, FloatArray] | None = None
         self._mask: Image | None = None
@@ -94,6 +96,12 @@ class ObserverNode(DloNode):
     def apply(self, settings: Settings) -> None:
         """Take a changed pose of the camera (and all else) over."""
         self._build()
+
+    def check_settings(self, settings: Settings) -> None:
+        """Refuse image files that cannot be read, or that do not fit the camera's images."""
+        hints = Hints(settings.vision)
+        if self._info is not None:
+            hints.check_size(self._info.width, self._info.height)
 
     def _choose_transport(self) -> None:
         """Subscribe to raw or compressed images, whichever is published; compressed if both."""

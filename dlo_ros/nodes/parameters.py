@@ -15,11 +15,12 @@ from rcl_interfaces.msg import (
     SetParametersResult,
 )
 from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
 
 from dlo_ros.effects import quantities
 from dlo_ros.effects.registry import STD
-from dlo_ros.errors import ParameterError
-from dlo_ros.parameter_table import PARAMETERS, TABLE, Parameter
+from dlo_ros.errors import DloError, ParameterError
+from dlo_ros.parameter_table import PARAMETERS, TABLE, Parameter, Value
 from dlo_ros.parameters import EFFECTS_PREFIX, Settings
 
 # Present in every node, and rclpy's business.
@@ -37,7 +38,7 @@ def declare(node: Node, name: str) -> Settings:
         name: observer, simulator or identifier.
 
     Raises:
-        ParameterError: one is missing or unusable.
+        ParameterError: one that the node uses is missing, or one is unusable.
     """
     given: dict[str, Any] = {}
     for key, parameter in node.get_parameters_by_prefix("").items():
@@ -48,7 +49,7 @@ def declare(node: Node, name: str) -> Settings:
             given[key] = _plain(parameter.value)
         else:
             node.get_logger().warning(f"unknown parameter {key} is ignored")
-    settings = Settings.from_mapping(given)
+    settings = Settings.from_mapping(given, name)
     values = settings.flat()
     for parameter in PARAMETERS:
         if name in parameter.nodes:
@@ -63,13 +64,13 @@ def declare(node: Node, name: str) -> Settings:
         for key, number in keys.items():
             q = quantities(effect)[key]
             _declare_effect(
-                node, f"{effect}.{key}", number, f"{q.description} [{q.unit or '1'}]",
+                node, f"{effect}.{key}", number, f"{q.description}{q.bracketed}",
                 f"from {q.lower:g} to {q.upper:g}",
             )  # fmt: skip
     for name, std in settings.tolerances.items():
         effect, _, key = name.partition(".")
         q = quantities(effect)[key]
-        text = f"tolerance of effects.{name}, a standard deviation [{q.unit or '1'}]"
+        text = f"tolerance of effects.{name}, a standard deviation{q.bracketed}"
         _declare_effect(node, f"{name}{STD}", std, text, "positive")
     return settings
 
@@ -90,12 +91,11 @@ def _declare_effect(
 
 def descriptor(parameter: Parameter) -> ParameterDescriptor:
     """What `ros2 param describe` shows."""
-    unit = f" [{parameter.unit}]" if parameter.unit else ""
     result = ParameterDescriptor(
         type=parameter_type(parameter),
-        description=parameter.description + unit,
+        description=parameter.description + parameter.bracketed,
         read_only=parameter.read_only,
-        # Types are checked by the table, which takes a whole number for a floating-point one.
+        # `LiveSettings` converts and checks types, with messages that name the parameter.
         dynamic_typing=True,
     )
     if parameter.choices:
@@ -132,13 +132,34 @@ class LiveSettings:
         node: whose parameters were declared.
         settings: as they were declared.
         changed: is called with the new settings after a change.
+        usable: raises a DloError for settings that the table allows, but the node cannot use.
     """
 
-    def __init__(self, node: Node, settings: Settings, changed: Callable[[Settings], None]) -> None:
+    def __init__(
+        self,
+        node: Node,
+        settings: Settings,
+        changed: Callable[[Settings], None],
+        usable: Callable[[Settings], None] = lambda settings: None,
+    ) -> None:
         self.current = settings
         self._changed = changed
+        self._usable = usable
+        node.add_pre_set_parameters_callback(self._converted)
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._apply)
+
+    def _converted(self, parameters: Sequence[Any]) -> list[Any]:
+        """The parameters with each value in its proper type, so that a double stays one.
+
+        What is unusable stays as it is, for `_check` to refuse.
+        """
+        try:
+            settings = self._merged(parameters)
+        except ParameterError:
+            settings = None
+        values = settings.flat() if settings is not None else {}
+        return [_typed(p.name, values[p.name]) if p.name in values else p for p in parameters]
 
     def _merged(self, parameters: Sequence[Any]) -> Settings | None:
         """The settings with these changes; None where none of them is ours."""
@@ -161,8 +182,10 @@ class LiveSettings:
             reason = f"{twice[0]} is given more than once; give one value"
             return SetParametersResult(successful=False, reason=reason)
         try:
-            self._merged(parameters)
-        except ParameterError as err:
+            settings = self._merged(parameters)
+            if settings is not None and settings != self.current:
+                self._usable(settings)
+        except DloError as err:
             return SetParametersResult(successful=False, reason=str(err))
         return SetParametersResult(successful=True)
 
@@ -171,6 +194,11 @@ class LiveSettings:
         if settings is not None and settings != self.current:
             self.current = settings
             self._changed(settings)
+
+
+def _typed(name: str, value: Value) -> Any:
+    """A parameter of rclpy with the type of a value."""
+    return RosParameter(name, value=list(value) if isinstance(value, tuple) else value)
 
 
 def _plain(value: Any) -> Any:

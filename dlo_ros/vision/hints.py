@@ -42,6 +42,16 @@ class Hints:
         self._has_colour = bool(np.any(self._low > 0.0) or np.any(self._high < [180, 255, 255]))
         self.mask: Image | None = None
 
+    def check_size(self, width: int, height: int) -> None:
+        """Refuse image files of another size than the camera's images, width by height [px].
+
+        Raises:
+            InputError: names the parameter and both sizes.
+        """
+        for given, name in ((self._fixed, "vision.mask"), (self._board, "vision.empty_board")):
+            if given is not None:
+                _checked(given, (width, height), name)
+
     def allowed(self, image: Image, width: float) -> Image | None:
         """Where the DLO may be in an image, not zero there, shape (h, w); None for everywhere.
 
