@@ -359,6 +359,14 @@ PARAMETERS: tuple[Parameter, ...] = (
         read_only=True,
     ),
     Parameter(
+        "publish_tf",
+        "bool",
+        True,
+        "whether the board's pose in the camera is published on /tf_static",
+        nodes=("observer",),
+        read_only=True,
+    ),
+    Parameter(
         "simulator_node",
         "string",
         "simulator",

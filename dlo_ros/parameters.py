@@ -142,6 +142,7 @@ class Settings:
     diagnosis: DiagnosisParameters = field(default_factory=DiagnosisParameters)
     vision: VisionParameters = field(default_factory=VisionParameters)
     image_transport: str = "auto"
+    publish_tf: bool = True
     simulator_node: str = "simulator"
     effects: Values = field(default_factory=dict)
     tolerances: Mapping[str, float] = field(default_factory=dict)

@@ -35,6 +35,8 @@ def value(parameter: Parameter) -> str:
         return "**must be given**"
     if isinstance(given, tuple):
         return "`[" + ", ".join(str(v) for v in given) + "]`"
+    if isinstance(given, bool):
+        return f"`{str(given).lower()}`"
     return f'`"{given}"`' if given == "" else f"`{given}`"
 
 
@@ -44,6 +46,8 @@ def allowed(parameter: Parameter) -> str:
         return ", ".join(f"`{choice}`" for choice in parameter.choices)
     if parameter.kind == "string":
         return "text"
+    if parameter.kind == "bool":
+        return "`true`, `false`"
     each = "each " if parameter.size else ""
     return f"{each}{parameter.lower:g} to {parameter.upper:g}"
 

@@ -35,7 +35,7 @@ INPUTS = (
     "dlo/command",
 )
 SEEN = ("dlo/observed", "dlo/observed_points")
-MADE = ("predicted", "err", "young_modulus", "density", "markers", "overlay")
+MADE = ("predicted", "err", "young_modulus", "density", "metrics", "markers", "overlay")
 IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 NO_CAMERA = ("/dlo/overlay", "/image_mask")
 """Images of a recording that the observer finds no DLO in."""

@@ -12,7 +12,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 import rclpy
-from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParametersAtomically
+from rcl_interfaces.srv import (
+    DescribeParameters,
+    GetParameters,
+    ListParameters,
+    SetParametersAtomically,
+)
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -135,6 +140,10 @@ class Client:
         request = GetParameters.Request(names=list(names))
         values = self.call(GetParameters, f"{node}/get_parameters", request).values
         return [Parameter.from_parameter_msg(_named(v)).value for v in values]
+
+    def names(self, node: str) -> tuple[str, ...]:
+        answer = self.call(ListParameters, f"{node}/list_parameters", ListParameters.Request())
+        return tuple(answer.result.names)
 
     def describe(self, node: str, name: str):
         request = DescribeParameters.Request(names=[name])

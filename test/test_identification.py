@@ -1,6 +1,7 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """What is identified, how sure it is, and what is said not to be known."""
 
+import math
 import time
 from dataclasses import replace
 
@@ -12,6 +13,7 @@ from rods import PAPER, SECOND, command
 from dlo_ros.command import Motion
 from dlo_ros.errors import InputError
 from dlo_ros.identification import Manipulation, OnlineEstimator, identify, shape_error
+from dlo_ros.identification.err import deviation
 from dlo_ros.identification.noise import correlation_length, frame_scatter, noise_floor
 from dlo_ros.observation import CentrelinePoints, Observation
 from dlo_ros.parameters import DampingParameters
@@ -48,6 +50,10 @@ def test_err_is_the_mean_distance_along_the_dlo():
     c = a.copy()
     c[:, 2] = 0.01 * (BASIS.greville / 0.4 - 0.5)  # a straight line that crosses
     assert shape_error(a, c, BASIS) == pytest.approx(0.0025, rel=1e-3)
+    apart = deviation(a, c, BASIS)  # evenly spread from 0 to 5 mm, which it is at the ends
+    assert apart.mean == shape_error(a, c, BASIS)
+    assert apart.std == pytest.approx(0.005 / math.sqrt(12.0), rel=1e-3)
+    assert apart.maximum == pytest.approx(0.005, rel=1e-12)
 
 
 def test_correlation_counts_repeated_residuals_once():

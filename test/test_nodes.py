@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 import signal
 import time
+from array import array
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,12 +14,13 @@ import cv2
 import numpy as np
 import pytest
 import recordings_samples as samples
+import yaml
 
 pytest.importorskip("rclpy")
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from live_graph import Client, Process, to_ros
-from rclpy.qos import qos_profile_sensor_data
+from rclpy.qos import DurabilityPolicy, qos_profile_sensor_data
 from std_srvs.srv import SetBool, Trigger
 from vision_scenes import Scene, bow, clamps, render
 from vision_scenes import settings as vision_settings
@@ -285,7 +287,7 @@ def test_parameters_are_described_and_checked_as_a_set(waiting):
     assert "auto" in client.describe("/observer", "image_transport").additional_constraints
     assert client.set("/simulator", rod__young_modulus=5_000_000).successful  # a whole number
     before = client.get("/simulator", "rod.young_modulus", "rod.density")
-    assert before == [5_000_000, 2000.0]
+    assert before == [5e6, 2000.0] and type(before[0]) is float
     refused = client.set("/simulator", rod__young_modulus=6.0e6, rod__density=-1.0)
     assert not refused.successful and "rod.density" in refused.reason
     assert client.get("/simulator", "rod.young_modulus", "rod.density") == before
@@ -299,6 +301,44 @@ def test_parameters_are_described_and_checked_as_a_set(waiting):
         refused = client.set("/simulator", **values)
         assert not refused.successful and reason in refused.reason, refused
     assert client.set("/simulator", rod__young_modulus=4.0e6).successful
+
+
+def test_an_image_file_that_is_none_is_refused_and_nothing_changed(waiting):
+    refused = waiting.client.set("/observer", vision__mask="/nofile.png")
+    assert not refused.successful
+    assert (
+        refused.reason == "vision.mask is '/nofile.png'; it must be an image file that can be read"
+    )
+    assert waiting.client.get("/observer", "vision.mask") == [""]
+
+
+@pytest.mark.parametrize("name", NODES)
+def test_a_node_starts_from_the_parameters_that_it_lists(name, waiting, tmp_path):
+    """As `ros2 param dump` writes them, with an override of a profile beside them."""
+    listed = waiting.client.names(f"/{name}")
+    values = dict(zip(listed, waiting.client.get(f"/{name}", *listed), strict=True))
+    assert ("rod.density" in values) == (name != "observer")
+    plain = {k: list(v) if isinstance(v, array) else v for k, v in values.items()}
+    dumped = tmp_path / "dumped.yaml"
+    dumped.write_text(yaml.safe_dump({f"/{name}": {"ros__parameters": plain}}))
+    override = "qos_overrides./dlo/markers.publisher.durability"
+    domain = free_domain()
+    words = ("--ros-args", "--params-file", str(dumped), "-p", f"{override}:=transient_local")
+    process, client = Process(tmp_path, name, *words, domain=domain), Client(domain)
+    try:
+        values[override] = "transient_local"
+        again = client.names(f"/{name}")
+        assert dict(zip(again, client.get(f"/{name}", *again), strict=True)) == values
+        topic = topics.ERR if name == "identifier" else topics.PREDICTED
+        topic = topics.OBSERVED if name == "observer" else topic
+        (marked,) = client.node.get_publishers_info_by_topic(topics.MARKERS)
+        (other,) = client.node.get_publishers_info_by_topic(topic)
+        assert marked.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+        assert other.qos_profile.durability == DurabilityPolicy.VOLATILE
+    finally:
+        client.close()
+        process.interrupt(times=2)
+        process.process.kill()
 
 
 def test_effects_are_parameters_of_the_simulator(tmp_path):
@@ -601,7 +641,12 @@ def test_parameters_that_are_missing_or_unusable_end_with_status_2(tmp_path):
     for name in NODES:
         incomplete = Process(tmp_path, name, "--ros-args", "-p", "rod.length:=0.4")
         broken = Process(tmp_path, name, "--ros-args", "--params-file", str(bad))
-        assert incomplete.wait() == 2 and broken.wait() == 2
+        override = "qos_overrides./dlo/markers.publisher.durability:=forever"
+        complete = ("-p", "rod.length:=0.4", "-p", "rod.diameter:=0.004")
+        unknown = Process(tmp_path, "observer", "--ros-args", *complete, "-p", override)
+        assert incomplete.wait() == 2 and broken.wait() == 2 and unknown.wait() == 2
+        (line,) = unknown.said.splitlines()
+        assert "dlo_ros observer: qos_overrides./dlo/markers: " in line and "forever" in line
         assert f"dlo_ros {name}: rod.diameter is missing" in incomplete.said
         (line,) = broken.said.splitlines()
         assert line.startswith(f"dlo_ros {name}: {bad}: is no valid YAML (line 4: ")

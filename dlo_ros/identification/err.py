@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -18,13 +20,37 @@ def _rule(control_points: int, length: float) -> tuple[FloatArray, FloatArray]:
     return basis.matrix(u), weight
 
 
-def shape_error(a: FloatArray, b: FloatArray, basis: SplineBasis) -> float:
-    """ERR of eq. (10): mean distance along u between two splines, by quadrature [m].
+@dataclass(frozen=True)
+class Deviation:
+    """Distance between two splines along u.
+
+    Args:
+        mean: ERR of eq. (10) [m].
+        std: standard deviation along u [m].
+        maximum: largest distance at the ends and the points of the quadrature [m].
+    """
+
+    mean: float
+    std: float
+    maximum: float
+
+
+def deviation(a: FloatArray, b: FloatArray, basis: SplineBasis) -> Deviation:
+    """How far two splines are apart along u, by quadrature.
 
     Args:
         a, b: control points, shape (n, 3) or more columns, of which x, y, z count.
         basis: the basis of both.
     """
     matrix, weight = _rule(basis.control_points, basis.length)
-    distance = np.linalg.norm(matrix @ (a[:, :3] - b[:, :3]), axis=1)
-    return float(weight @ distance / basis.length)
+    difference = a[:, :3] - b[:, :3]
+    distance = np.linalg.norm(matrix @ difference, axis=1)
+    ends = np.linalg.norm(difference[[0, -1]], axis=1)
+    mean = float(weight @ distance / basis.length)
+    variance = float(weight @ (distance - mean) ** 2 / basis.length)
+    return Deviation(mean, math.sqrt(variance), float(max(distance.max(), ends.max())))
+
+
+def shape_error(a: FloatArray, b: FloatArray, basis: SplineBasis) -> float:
+    """ERR of eq. (10): mean distance along u between two splines [m]; see `deviation`."""
+    return deviation(a, b, basis).mean

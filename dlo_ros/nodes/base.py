@@ -20,7 +20,7 @@ from dlo_ros.command import NANOSECONDS
 from dlo_ros.errors import DloError, InputError, ParameterError
 from dlo_ros.nodes import qos as profiles
 from dlo_ros.nodes.diagnostics import Health
-from dlo_ros.nodes.messages import message_class
+from dlo_ros.nodes.messages import installed, message_class
 from dlo_ros.nodes.parameters import LiveSettings, declare
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
@@ -104,14 +104,23 @@ class DloNode(Node):
         """Whether anybody publishes a topic, remappings included."""
         return int(self.count_publishers(self.resolve_topic_name(topic))) > 0
 
-    def publisher(self, topic: str, qos: QoSProfile) -> Any:
-        """A publisher of one of the interface's topics, its QoS open to overrides."""
-        kind = message_class(topics.TYPES[topic])
+    def publisher(self, topic: str, qos: QoSProfile, kind: str = "") -> Any:
+        """A publisher, its QoS open to overrides; the interface says the type of its own topics."""
+        message = message_class(kind or topics.TYPES[topic])
         with self._overriding(topic):
             # A copy, since rclpy writes the overrides into the profile that it is given.
             return self.create_publisher(
-                kind, topic, copy(qos), qos_overriding_options=profiles.OVERRIDES
+                message, topic, copy(qos), qos_overriding_options=profiles.OVERRIDES
             )
+
+    def optional_publisher(self, topic: str, qos: QoSProfile, kind: str = "") -> Any | None:
+        """As `publisher`; None, which is said, where the package of its messages is missing."""
+        wanted = kind or topics.TYPES[topic]
+        if installed(wanted):
+            return self.publisher(topic, qos, kind)
+        package = wanted.partition("/")[0]
+        self.get_logger().info(f"{topic} is not published, since {package} is not installed")
+        return None
 
     def subscribe(self, topic: str, callback: Callable[[Any], None], qos: QoSProfile) -> Any:
         """A guarded subscription to one of the interface's topics, its QoS open to overrides."""

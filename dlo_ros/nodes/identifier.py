@@ -13,7 +13,7 @@ from std_srvs.srv import SetBool
 from dlo_ros.command import NANOSECONDS, Command, Motion
 from dlo_ros.diagnosis.watch import Suspicion
 from dlo_ros.errors import InputError
-from dlo_ros.identification.err import shape_error
+from dlo_ros.identification.err import deviation
 from dlo_ros.identification.estimate import Estimate
 from dlo_ros.nodes import qos
 from dlo_ros.nodes.base import JUMP_BACK, DloNode
@@ -21,6 +21,7 @@ from dlo_ros.nodes.commands import CommandSubscription
 from dlo_ros.nodes.link import SimulatorLink
 from dlo_ros.nodes.markers import Markers
 from dlo_ros.nodes.messages import ROS_MESSAGES
+from dlo_ros.nodes.metrics import ESTIMATES, Metrics
 from dlo_ros.nodes.pairing import Pairing
 from dlo_ros.nodes.runtime import run
 from dlo_ros.nodes.worker import EstimatorThread
@@ -59,6 +60,7 @@ class IdentifierNode(DloNode):
         self._err_publisher = self.publisher(topics.ERR, qos.RELIABLE)
         self._young_publisher = self.publisher(topics.YOUNG_MODULUS, qos.LATCHED)
         self._density_publisher = self.publisher(topics.DENSITY, qos.LATCHED)
+        self._metrics = Metrics(self)
         self._markers = Markers(self, "identified", (1.0, 1.0, 1.0))
         self._link = SimulatorLink(self, self.settings.simulator_node)
         self._wake = self.create_guard_condition(self.guarded("estimator", self._take_outcomes))
@@ -141,8 +143,10 @@ class IdentifierNode(DloNode):
             # What was seen before the command was known may have its ends swapped.
             turned = along(self._motion, Observation(stamp, seen), self._basis.length)
             observed = turned.control_points
-            self._err = shape_error(predicted, observed, self._basis)
+            apart = deviation(predicted, observed, self._basis)
+            self._err = apart.mean
             self._err_publisher.publish(float_message(ROS_MESSAGES, self._err))
+            self._metrics.err(stamp, apart)
             self.health.count("compared splines")
             self.health.values["ERR [mm]"] = 1000.0 * self._err
             self._markers.text(stamp, observed[0], f"ERR {1000.0 * self._err:.2f} mm")
@@ -171,12 +175,12 @@ class IdentifierNode(DloNode):
             elif outcome.estimate is not None:
                 if not outcome.later:
                     self.health.values["latency [ms]"] = (self.now() - outcome.stamp) / 1e6
-                self._publish(outcome.estimate)
+                self._publish(outcome.stamp, outcome.estimate)
                 if not outcome.later:
                     self.health.count("estimates")
                 self._suspect(outcome.suspicion)
 
-    def _publish(self, estimate: Estimate) -> None:
+    def _publish(self, stamp: int, estimate: Estimate) -> None:
         try:
             young = float_message(ROS_MESSAGES, estimate.young_modulus)
             density = float_message(ROS_MESSAGES, estimate.density)
@@ -185,6 +189,7 @@ class IdentifierNode(DloNode):
             return
         self._young_publisher.publish(young)
         self._density_publisher.publish(density)
+        self._metrics.estimate(stamp, estimate)
         self.health.solved("estimator")
         if estimate.significant:
             self._link.pass_on(estimate.young_modulus, estimate.density)
@@ -193,11 +198,7 @@ class IdentifierNode(DloNode):
 
     def _describe(self, estimate: Estimate) -> None:
         values = self.health.values
-        for name, unit in (
-            ("young_modulus", "Pa"),
-            ("density", "kg/m^3"),
-            ("specific_modulus", "m^2/s^2"),
-        ):
+        for name, unit in ESTIMATES.items():
             values[f"{name} [{unit}]"] = float(getattr(estimate, name))
             std = getattr(estimate, f"{name}_std")
             values[f"{name} std [{unit}]"] = "unbounded" if std is None else float(std)

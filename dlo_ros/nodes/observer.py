@@ -19,6 +19,7 @@ from dlo_ros.nodes.frames import Frames
 from dlo_ros.nodes.markers import Markers
 from dlo_ros.nodes.messages import ROS_MESSAGES
 from dlo_ros.nodes.runtime import run
+from dlo_ros.nodes.transform import BoardTransform
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.building import image_message, points_message, spline_message
@@ -68,6 +69,7 @@ class ObserverNode(DloNode):
         self._spline_publisher = self.publisher(topics.OBSERVED, qos.RELIABLE)
         self._points_publisher = self.publisher(topics.OBSERVED_POINTS, qos.RELIABLE)
         self._overlay_publisher = self.publisher(topics.OVERLAY, qos.RELIABLE)
+        self._transform = BoardTransform(self)
         self._markers = Markers(self, "observed", (0.2, 0.9, 0.3))
         self._command_subscription = CommandSubscription(self, self._on_command)
         self.subscribe(topics.CAMERA_INFO, self._on_camera_info, qos.SENSOR)
@@ -95,6 +97,7 @@ class ObserverNode(DloNode):
 
     def apply(self, settings: Settings) -> None:
         """Take a changed pose of the camera (and all else) over."""
+        self._transform.update()
         self._build()
 
     def check_settings(self, settings: Settings) -> None:
@@ -144,6 +147,7 @@ class ObserverNode(DloNode):
         if info != self._info or self._observer is None:
             self._info = info
             self._build()
+            self._transform.seen_by(info.frame_id)
 
     def _build(self) -> None:
         if self._info is None:

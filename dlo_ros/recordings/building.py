@@ -22,6 +22,9 @@ from dlo_ros.spline import FloatArray
 
 FLOAT32 = 7
 LAST_SECOND = 2**31 - 1
+AVERAGE, MAXIMUM, STANDARD_DEVIATION = 1, 3, 4
+"""Kinds of numbers in statistics_msgs/StatisticDataType."""
+
 POINT_FIELDS = ("x", "y", "z", "u", "std")
 
 
@@ -145,6 +148,94 @@ def float_message(factory: MessageFactory, value: float) -> Any:
     if not math.isfinite(value):
         raise InputError(f"{value} is not finite")
     return factory.make("std_msgs/msg/Float64", data=float(value))
+
+
+def metric_message(
+    factory: MessageFactory,
+    source: str,
+    name: str,
+    unit: str,
+    stamp: int,
+    *,
+    average: float,
+    std: float | None = None,
+    maximum: float | None = None,
+) -> Any:
+    """statistics_msgs/MetricsMessage of a quantity that belongs to one instant.
+
+    Args:
+        factory: makes the message.
+        source: name of the node that has measured it.
+        name: of the quantity, such as `young_modulus`.
+        unit: SI unit of its numbers.
+        stamp: start and end of the window [ns].
+        average: its value.
+        std: its standard deviation; None where it is unknown or unbounded, and left out.
+        maximum: its largest value; None where it has none, and left out.
+
+    Raises:
+        InputError: a number is not finite.
+    """
+    numbers = ((AVERAGE, average), (STANDARD_DEVIATION, std), (MAXIMUM, maximum))
+    given = [(kind, number) for kind, number in numbers if number is not None]
+    for _, number in given:
+        if not math.isfinite(number):
+            raise InputError(f"{number} is not finite")
+    time = header(factory, stamp, "").stamp
+    points = [
+        factory.make("statistics_msgs/msg/StatisticDataPoint", data_type=kind, data=float(number))
+        for kind, number in given
+    ]
+    return factory.make(
+        "statistics_msgs/msg/MetricsMessage",
+        measurement_source_name=source,
+        metrics_source=name,
+        unit=unit,
+        window_start=time,
+        window_stop=time,
+        statistics=points,
+    )
+
+
+def transform_message(
+    factory: MessageFactory,
+    stamp: int,
+    parent: str,
+    child: str,
+    translation: Sequence[float],
+    rotation: Sequence[float],
+) -> Any:
+    """tf2_msgs/TFMessage of one transform: the pose of a frame in its parent.
+
+    Args:
+        factory: makes the message.
+        stamp: [ns].
+        parent: frame in which the pose is given.
+        child: frame whose pose it is.
+        translation: origin of the child, x y z [m].
+        rotation: quaternion x y z w, normalised here.
+
+    Raises:
+        InputError: a number that is not finite, or a frame that has no name or is its own parent.
+    """
+    numbers = np.array([*translation, *rotation], dtype=np.float64)
+    norm = float(np.linalg.norm(numbers[3:]))
+    if not np.all(np.isfinite(numbers)) or norm == 0.0:
+        raise InputError(f"the pose {numbers.tolist()} of {child} is none")
+    if not parent or not child or parent == child:
+        raise InputError(f"a transform needs two frames; these are '{parent}' and '{child}'")
+    transform = factory.make(
+        "geometry_msgs/msg/Transform",
+        translation=_vector(factory, "Vector3", numbers[:3]),
+        rotation=_quaternion(factory, numbers[3:] / norm),
+    )
+    stamped = factory.make(
+        "geometry_msgs/msg/TransformStamped",
+        header=header(factory, stamp, parent),
+        child_frame_id=child,
+        transform=transform,
+    )
+    return factory.make("tf2_msgs/msg/TFMessage", transforms=[stamped])
 
 
 def command_message(factory: MessageFactory, command: Command) -> Any:

@@ -14,6 +14,7 @@ PREDICTED = "dlo/predicted"
 ERR = "dlo/err"
 YOUNG_MODULUS = "dlo/young_modulus"
 DENSITY = "dlo/density"
+METRICS = "dlo/metrics"
 MARKERS = "dlo/markers"
 OVERLAY = "dlo/overlay"
 
@@ -29,6 +30,7 @@ TYPES: dict[str, str] = {
     ERR: "std_msgs/msg/Float64",
     YOUNG_MODULUS: "std_msgs/msg/Float64",
     DENSITY: "std_msgs/msg/Float64",
+    METRICS: "statistics_msgs/msg/MetricsMessage",
     MARKERS: "visualization_msgs/msg/MarkerArray",
     OVERLAY: "sensor_msgs/msg/Image",
 }
@@ -39,6 +41,9 @@ CAMERA_TYPES = (*IMAGE_TYPES, TYPES[CAMERA_INFO])
 LATCHED = frozenset({COMMAND, YOUNG_MODULUS, DENSITY})
 """Published transient local: who comes later still gets the last message."""
 
+TRANSFORMS = "/tf_static"
+TRANSFORMS_TYPE = "tf2_msgs/msg/TFMessage"
+"""Transforms that hold for good, of the whole system."""
 
 STATE = ("/clock", "/observer/ready", "/simulator/ready", "/identifier/ready")
 """Ends of the names of topics that tell what is so now; played again they would be wrong."""
