@@ -27,7 +27,7 @@ from vision_scenes import settings as vision_settings
 
 from dlo_ros.command import Command, Motion
 from dlo_ros.demo.network import free_domain
-from dlo_ros.nodes.messages import message_class
+from dlo_ros.nodes.messages import installed, message_class
 from dlo_ros.nodes.qos import LATCHED
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
@@ -333,6 +333,9 @@ def test_a_node_starts_from_the_parameters_that_it_lists(name, waiting, tmp_path
         topic = topics.OBSERVED if name == "observer" else topic
         (marked,) = client.node.get_publishers_info_by_topic(topics.MARKERS)
         (other,) = client.node.get_publishers_info_by_topic(topic)
+        optional = {"observer": topics.TRANSFORMS_TYPE, "identifier": topics.TYPES[topics.METRICS]}
+        told = name in optional and not installed(optional[name])
+        assert process.said.count("is not published, since") == told
         assert marked.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
         assert other.qos_profile.durability == DurabilityPolicy.VOLATILE
     finally:
@@ -645,8 +648,12 @@ def test_parameters_that_are_missing_or_unusable_end_with_status_2(tmp_path):
         complete = ("-p", "rod.length:=0.4", "-p", "rod.diameter:=0.004")
         unknown = Process(tmp_path, "observer", "--ros-args", *complete, "-p", override)
         assert incomplete.wait() == 2 and broken.wait() == 2 and unknown.wait() == 2
-        (line,) = unknown.said.splitlines()
-        assert "dlo_ros observer: qos_overrides./dlo/markers: " in line and "forever" in line
+        line = unknown.said.splitlines()[-1]
+        assert (
+            "Traceback" not in unknown.said
+            and "dlo_ros observer: qos_overrides./dlo/markers: " in line
+            and "forever" in line
+        )
         assert f"dlo_ros {name}: rod.diameter is missing" in incomplete.said
         (line,) = broken.said.splitlines()
         assert line.startswith(f"dlo_ros {name}: {bad}: is no valid YAML (line 4: ")
