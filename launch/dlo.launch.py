@@ -221,6 +221,7 @@ def player(given, names, clock):
             given["rate"],
             "--wait",
             given["wait"],
+            *(word for name in names for word in ("--wait-for", name)),
             *([] if observes else ["--no-images"]),
         ],
         remappings=[

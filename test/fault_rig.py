@@ -155,12 +155,15 @@ class Rig:
         self.tick(self.base)
 
     def start(self, name: str) -> None:
+        if name in self.nodes:  # what the one before said of itself
+            self.client.heard[f"/{name}/ready"].clear()
         self.nodes[name] = Process(
             self.folder, name, *self.words, "-p", "use_sim_time:=true", domain=self.domain
         )
 
     def ready(self) -> None:
-        """Wait until both nodes say something of themselves now."""
+        """Wait until both nodes take data and say something of themselves now."""
+        self.client.wait_for_ready(*self.nodes)
         self.statuses.clear()
         self.client.until(lambda: all(map(self.values, self.nodes)), 120.0, "diagnostics")
 

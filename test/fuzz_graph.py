@@ -165,6 +165,8 @@ class Graph:
         for node in self.nodes.values():
             self.executor.add_node(node)
             self._watch(node)
+        while not all(node.ready for node in self.nodes.values()):
+            self.executor.spin_once(timeout_sec=0.1)
         publish = Publisher.publish
         graph = self
 

@@ -25,6 +25,7 @@ from rclpy.serialization import deserialize_message
 
 from dlo_ros.demo.network import free_domain
 from dlo_ros.nodes.messages import message_class
+from dlo_ros.nodes.qos import LATCHED
 from dlo_ros.recordings import topics
 
 DOMAIN = free_domain()
@@ -113,6 +114,13 @@ class Client:
             self.node.create_subscription(cls, name, messages.append, qos)
             self.heard[name] = messages
         return self.heard[name]
+
+    def wait_for_ready(self, *nodes: str, seconds: float = 120.0) -> None:
+        """Wait until nodes take data, their full names without the first slash."""
+        said = {n: self.hear(f"/{n}/ready", LATCHED, "std_msgs/msg/Bool") for n in nodes}
+        self.until(
+            lambda: all(heard and heard[-1].data for heard in said.values()), seconds, "ready nodes"
+        )
 
     def publisher(self, topic: str, qos=10, matched: int = 1):
         publisher = self.node.create_publisher(message_class(topics.TYPES[topic]), topic, qos)

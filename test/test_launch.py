@@ -22,6 +22,7 @@ ROOT = Path(__file__).resolve().parent.parent
 CONFIG = ROOT / "config"
 DLO, REPLAY = (ROOT / "launch" / f"{name}.launch.py" for name in ("dlo", "replay"))
 NODES = [e.name for e in EXECUTABLES if e.node]
+FOR = "--wait-for"
 
 
 @pytest.fixture(scope="module")
@@ -148,7 +149,8 @@ def test_a_bag_plays_into_the_namespace_on_simulated_time_of_its_own(given):
     processes = started(DLO, bag=given["recording"], rate="0.5", namespace="left")
     player = processes["play"]
     assert set(processes) == {*NODES, "play"} and not player.ends_all
-    assert player.arguments == (given["recording"], "--rate", "0.5", "--wait", "600.0")
+    waits = [word for name in ("observer", "simulator", "identifier") for word in (FOR, name)]
+    assert player.arguments == (given["recording"], "--rate", "0.5", "--wait", "600.0", *waits)
     assert {p.namespace for p in processes.values()} == {"left"}
     for name in NODES:
         assert processes[name].parameters[1] == {"use_sim_time": True}
@@ -167,7 +169,7 @@ def test_recorded_splines_are_played_without_observer_and_images(given):
         processes = started(DLO, bag=given[bag], observe=observe)
         assert set(processes) == {"simulator", "identifier", "play"}
         player = processes["play"]
-        assert player.arguments[-1] == "--no-images"
+        assert player.arguments[-5:] == (FOR, "simulator", FOR, "identifier", "--no-images")
         assert player.remappings["/dlo/observed"] == "dlo/observed"
         assert player.remappings["/dlo/predicted"] == "recorded/dlo/predicted"
     for bag, observe in (("recording", "true"), ("images", "auto")):

@@ -138,8 +138,10 @@ class System:
         return {v.key: v.value for v in status.values} if status else {}
 
     def ready(self) -> None:
+        self.client.wait_for_ready(*NODES)
+        self._statuses.clear()  # of what came before
         self.client.until(
-            lambda: all(self.status(name) for name in NODES), 120.0, "diagnostics of all nodes"
+            lambda: all(self.status(name) for name in NODES), 10.0, "diagnostics of all nodes"
         )
 
     def all_alive(self) -> None:
@@ -494,7 +496,9 @@ def test_a_command_sent_before_a_node_started_is_not_lost(waiting):
     client.until(
         lambda: waiting.values("early/simulator").get("commands") == "1", what="the early command"
     )
-    assert "dlo/observed" in waiting.status("early/simulator").message
+    client.until(
+        lambda: "dlo/observed" in waiting.status("early/simulator").message, what="what is missing"
+    )
     assert node.interrupt(times=1, number=signal.SIGTERM) == 0 and "Traceback" not in node.said
 
 
@@ -549,6 +553,7 @@ def test_the_first_images_wait_for_a_command_that_is_on_its_way(waiting, tmp_pat
         client.node.create_subscription(kind, f"{space}/{topics.OBSERVED}", found.append, 10)
         commands = publisher(topics.COMMAND, LATCHED)
         infos, images = publisher(topics.CAMERA_INFO), publisher(topics.COMPRESSED)
+        client.wait_for_ready(f"{space[1:]}/observer")
         for _ in range(5):
             infos.publish(to_ros(camera_info_message(BAG_MESSAGES, 1, info)))
             client.spin(0.1)

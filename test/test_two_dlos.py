@@ -113,7 +113,8 @@ def two(tmp_path_factory: pytest.TempPathFactory):
     client = running.client
     player = None
     try:
-        client.until(lambda: all(map(running.status, processes)), 120.0, "all six")
+        client.wait_for_ready(*processes)
+        client.until(lambda: all(map(running.status, processes)), 10.0, "all six")
         for side in SIDES:
             for topic in (topics.YOUNG_MODULUS, topics.DENSITY):
                 client.hear(f"/{side}/{topic}", LATCHED, topics.TYPES[topic])

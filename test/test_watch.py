@@ -98,6 +98,7 @@ def test_a_jump_in_one_picture_is_no_structure():
 def test_the_identifiers_thread_tells_of_it():
     recording, guess = moving("simple", {"point_mass": {"mass": 0.003, "position": 0.3}}, 4)
     thread = EstimatorThread(guess, threading.Event().set)
+    thread.start()
     outcomes = []
     try:
         for imposed in recording.commands:

@@ -91,6 +91,7 @@ class Wire:
         self.errors = self.client.hear(topics.ERR, 50)
         self.clock = self.client.node.create_publisher(Clock, "/clock", QoSProfile(depth=10))
         self.client.until(lambda: self.clock.get_subscription_count() >= 3, 120.0, "nodes start")
+        self.client.wait_for_ready(*NODES)
         self.publishers = {
             topic: self.client.publisher(topic, LATCHED if topic in topics.LATCHED else 50)
             for topic in self.messages()

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import os
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from copy import copy
 from typing import Any
@@ -17,16 +17,20 @@ from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
 
 from dlo_ros.command import NANOSECONDS
-from dlo_ros.errors import DloError, InputError, ParameterError
+from dlo_ros.errors import DloError, InputError, KernelError, ParameterError
 from dlo_ros.nodes import qos as profiles
 from dlo_ros.nodes.diagnostics import Health
 from dlo_ros.nodes.messages import installed, message_class
 from dlo_ros.nodes.parameters import LiveSettings, declare
+from dlo_ros.nodes.preparation import Preparation
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
 
 FUTURE = 10.0
 """Seconds that a stamp may lie ahead of the clock."""
+
+PROGRESS = 0.2
+"""Seconds between two looks at whether the kernels are compiled and loaded."""
 
 JUMP_BACK = 0.5
 """Seconds that time must go back to count as a restart; less is messages out of order."""
@@ -44,11 +48,15 @@ class DloNode(Node):
         ParameterError: a parameter is missing or unusable.
     """
 
+    failure: KernelError | None = None
+    """Why the node cannot go on."""
+
     def __init__(self, name: str, task: str, steady: str, **options: Any) -> None:
         super().__init__(name, automatically_declare_parameters_from_overrides=True, **options)
         settings = declare(self, name)
         self.health = Health(self, task, self.get_namespace().strip("/") or "dlo", steady)
         self._live = LiveSettings(self, settings, self._settings_changed, self.check_settings)
+        self._preparation: Preparation | None = None
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_service(Trigger, "~/reset", self._on_reset)
         threshold = JumpThreshold(
@@ -62,6 +70,47 @@ class DloNode(Node):
     def settings(self) -> Settings:
         """The parameters as they are now."""
         return self._live.current
+
+    @property
+    def ready(self) -> bool:
+        """Whether the node takes data."""
+        return self._preparation is not None and self._preparation.done
+
+    def prepare(self, stages: Sequence[str], load: Callable[[], object]) -> None:
+        """Have kernels compiled and loaded while the node answers; then `begin` is called.
+
+        Args:
+            stages: names in `dlo_ros.compilation.STAGES`.
+            load: returns when the compiled kernels are loaded.
+
+        Raises:
+            KernelError: see `Preparation`.
+        """
+        preparation = self._preparation = Preparation(self, stages, load)
+        self.health.preparing = preparation.state
+
+        def proceed() -> None:
+            if preparation.proceed():
+                self.health.preparing = ""
+                preparation.tell()
+                self.destroy_timer(timer)
+                self.begin()
+                return
+            self.health.preparing = preparation.state
+            if preparation.error:
+                self.failure = KernelError(preparation.error)
+
+        timer = self.every(PROGRESS, proceed)
+
+    def begin(self) -> None:
+        """Take up the work: the kernels are there now."""
+        raise NotImplementedError
+
+    def destroy_node(self) -> None:
+        """Leave the graph."""
+        if self._preparation is not None:
+            self._preparation.stop()
+        super().destroy_node()
 
     def reset(self) -> None:
         """Forget what was received and start afresh."""

@@ -63,6 +63,7 @@ class Health:
     ) -> None:
         self.values: dict[str, Any] = {}
         self.state: tuple[bytes, str] = (WARN, "starting")
+        self.preparing = ""
         self._node = node
         self._task = task
         self.hardware_id = hardware_id
@@ -123,6 +124,8 @@ class Health:
         if problems:
             level = ERROR if any(p[1] == ERROR for p in problems) else WARN
             message = max(problems)[2]
+        if self.preparing:  # before that is over, nothing else matters
+            level, message = WARN, self.preparing
         elapsed = max(now - self._since, 1e-3)
         values = {key: show(value) for key, value in self.values.items()}
         for what, total in sorted(self._counts.items()):

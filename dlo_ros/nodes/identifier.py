@@ -30,6 +30,7 @@ from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.building import float_message
 from dlo_ros.recordings.messages import read_observation, read_points, read_spline, stamp_of
+from dlo_ros.rod.compile import compile_kernels
 from dlo_ros.rod.orientation import along
 from dlo_ros.spline import SplineBasis
 
@@ -72,6 +73,11 @@ class IdentifierNode(DloNode):
         self.create_service(SetBool, "~/pause", self._on_pause)
         self.every(PATIENCE / 2, self._release)
         self.health.waiting(topics.OBSERVED)
+        self.prepare(("rod",), compile_kernels)
+
+    def begin(self) -> None:
+        """Estimate; the estimator has the commands that have come meanwhile."""
+        self._estimator.start()
 
     def reset(self) -> None:
         """Forget estimates and what was received; the command still holds."""
@@ -114,6 +120,8 @@ class IdentifierNode(DloNode):
         self._release()
 
     def _on_observed(self, message: Any) -> None:
+        if not self.ready:
+            return
         observation = read_observation(message, self.settings)
         stamp = observation.stamp
         self.check_stamp(stamp, topics.OBSERVED)

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from dlo_ros.command import NANOSECONDS, Command, Motion
-from dlo_ros.compilation import compile_first
 from dlo_ros.errors import InputError, VisionError
 from dlo_ros.nodes import qos
 from dlo_ros.nodes.base import JUMP_BACK, DloNode
@@ -54,8 +53,6 @@ class ObserverNode(DloNode):
 
     def __init__(self, **options: Any) -> None:
         super().__init__("observer", "observation", "images", **options)
-        compile_first(("vision",), self.get_logger().info)
-        compile_kernels()  # the first image must not wait for it
         self._motion = Motion()
         self._info: CameraInfo | None = None
         self.check_settings(self.settings)
@@ -81,6 +78,11 @@ class ObserverNode(DloNode):
         self.every(POLL, self._choose_transport)
         self.every(POLL, self._release)
         self.health.waiting(f"{topics.IMAGE} and {topics.CAMERA_INFO}")
+        self.prepare(("vision",), compile_kernels)
+
+    def begin(self) -> None:
+        """Take the intrinsics that have come meanwhile."""
+        self._build()
 
     def reset(self) -> None:
         """Forget the last shape; the next image is searched as a whole."""
@@ -150,7 +152,7 @@ class ObserverNode(DloNode):
             self._transform.seen_by(info.frame_id)
 
     def _build(self) -> None:
-        if self._info is None:
+        if self._info is None or not self.ready:
             return
         camera = Camera(
             matrix=np.array(self._info.k),
@@ -165,6 +167,8 @@ class ObserverNode(DloNode):
         self._observer.mask = self._mask
 
     def _on_image(self, message: Any) -> None:
+        if not self.ready:
+            return
         self.health.count("images")
         self._frames.arrived(stamp_of(message))
         self.health.values["camera [Hz]"] = self._frames.rate

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 import queue
+import re
 import threading
 import time
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -49,7 +50,7 @@ REMINDER = 10.0
 """Seconds before it is said again what is waited for, where that has not changed."""
 
 NEWS = 2.0
-"""Seconds at least between two such lines, however often the state changes."""
+"""Seconds at least between two such lines, however often the state changes; numbers in it aside."""
 
 LISTEN = 0.02
 """Seconds between two looks at who is there, and two /clock messages meanwhile."""
@@ -187,6 +188,10 @@ class Player:
             self._clock.publish(Clock(clock=Time(sec=seconds, nanosec=nanoseconds)))
 
 
+NUMBER = re.compile(r"(, about )?\d+( [%s])?")
+"""What changes all the time in the state of a node that compiles."""
+
+
 class Report:
     """Says what is waited for, where that changes and now and then where it does not."""
 
@@ -198,8 +203,9 @@ class Report:
     def say(self, pending: Mapping[str, str]) -> None:
         """Log it at INFO, unless that was just done."""
         text, now = f"waiting for {told(pending)}", time.monotonic()
-        if now - self._at > (NEWS if text != self._last else REMINDER):
-            self._last, self._at = text, now
+        kind = NUMBER.sub("", text)
+        if now - self._at > (NEWS if kind != self._last else REMINDER):
+            self._last, self._at = kind, now
             self._node.get_logger().info(text)
 
 

@@ -160,7 +160,9 @@ def run(name: str, make: Callable[[], Any], arguments: Sequence[str] | None = No
             node = make()
             stop.building = False
             try:
-                spin(node, stop)
+                spin(node, stop, lambda: node.failure is not None)
+                if node.failure is not None:
+                    raise node.failure
             finally:
                 with suppress(Exception):
                     node.destroy_node()

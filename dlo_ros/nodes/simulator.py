@@ -7,7 +7,6 @@ import time
 from typing import Any
 
 from dlo_ros.command import NANOSECONDS, Command
-from dlo_ros.compilation import compile_first
 from dlo_ros.errors import DloError
 from dlo_ros.nodes import qos
 from dlo_ros.nodes.base import JUMP_BACK, DloNode
@@ -60,8 +59,6 @@ class SimulatorNode(DloNode):
 
     def __init__(self, **options: Any) -> None:
         super().__init__("simulator", "prediction", "predictions", **options)
-        compile_first(("rod",), self.get_logger().info)
-        compile_kernels()  # the first shape must not wait for it
         self._simulation = LiveSimulation(self.settings)
         self._observations: list[Observation] = []
         self._next = 0
@@ -76,6 +73,11 @@ class SimulatorNode(DloNode):
         # own timers would leave the rest undone where /clock stops.
         self.every(min(0.5 / self.settings.simulation.rate, LONGEST_TICK), self._tick)
         self._say_what_is_missing()
+        self.prepare(("rod",), compile_kernels)
+
+    def begin(self) -> None:
+        """Start from what has come meanwhile."""
+        self._try_to_start()
 
     def reset(self) -> None:
         """Start afresh from the next observed shape; the command still holds."""
@@ -129,7 +131,9 @@ class SimulatorNode(DloNode):
 
     def _try_to_start(self) -> None:
         """Start where all is there, and something is new since the last attempt failed."""
-        if self._simulation.started or not self._simulation.ready or not self._untried:
+        if not self.ready or self._simulation.started:
+            return
+        if not self._simulation.ready or not self._untried:
             return
         if len(self._observations) < self._needed() or time.monotonic() < self._retry_at:
             return

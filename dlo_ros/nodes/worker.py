@@ -12,14 +12,12 @@ from contextlib import suppress
 from typing import NamedTuple
 
 from dlo_ros.command import Command
-from dlo_ros.compilation import compile_first
 from dlo_ros.diagnosis.watch import Suspicion, Watch
 from dlo_ros.errors import DloError
 from dlo_ros.identification.estimate import Estimate
 from dlo_ros.identification.online import OnlineEstimator
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
-from dlo_ros.rod.compile import compile_kernels
 
 SWITCH = 2e-4
 """Seconds after which the estimator's thread lets the node's callbacks run; by default Python takes
@@ -49,7 +47,7 @@ class Outcome(NamedTuple):
 
 
 class EstimatorThread:
-    """Feeds an `OnlineEstimator`.
+    """Feeds an `OnlineEstimator`, once it is started.
 
     Args:
         settings: the parameter file.
@@ -66,12 +64,15 @@ class EstimatorThread:
         self.dropped = 0
         sys.setswitchinterval(SWITCH)
         self._thread = threading.Thread(target=self._run, name="estimator", daemon=True)
-        self._thread.start()
 
     @property
     def waiting(self) -> int:
         """Number of tasks that wait."""
         return len(self._tasks)
+
+    def start(self) -> None:
+        """Begin to work off what has come; the kernels should be compiled by now."""
+        self._thread.start()
 
     def command(self, command: Command) -> None:
         """Take an imposed motion; where too many wait the oldest is dropped."""
@@ -114,7 +115,8 @@ class EstimatorThread:
         with self._changed:
             self._stopping = True
             self._changed.notify()
-        self._thread.join(timeout=2.0)
+        if self._thread.is_alive():
+            self._thread.join(timeout=2.0)
 
     def _put(self, task: Settings | Command | Observation) -> None:
         with self._changed:
@@ -127,9 +129,6 @@ class EstimatorThread:
         # Where processors are scarce, observing and predicting come first: they cannot wait.
         with suppress(OSError, AttributeError):
             os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICENESS)
-        with suppress(DloError):  # what no other process compiles, this one does
-            compile_first(("rod",), lambda _: None)
-        compile_kernels()
         while True:
             with self._changed:
                 idle = estimator is None or not _left_over(estimator, watch)
