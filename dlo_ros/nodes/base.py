@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from copy import copy
 from typing import Any
 
-from rclpy.clock import Clock, ClockType, JumpThreshold
+from rclpy.clock import Clock, ClockChange, ClockType, JumpThreshold, TimeJump
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -22,6 +22,7 @@ from dlo_ros.nodes import qos as profiles
 from dlo_ros.nodes.diagnostics import Health
 from dlo_ros.nodes.messages import installed, message_class
 from dlo_ros.nodes.parameters import LiveSettings, declare
+from dlo_ros.nodes.passes import Passes
 from dlo_ros.nodes.preparation import Preparation
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
@@ -48,7 +49,7 @@ class DloNode(Node):
         ParameterError: a parameter is missing or unusable.
     """
 
-    failure: KernelError | None = None
+    failure: DloError | None = None
     """Why the node cannot go on."""
 
     def __init__(self, name: str, task: str, steady: str, **options: Any) -> None:
@@ -57,6 +58,7 @@ class DloNode(Node):
         self.health = Health(self, task, self.get_namespace().strip("/") or "dlo", steady)
         self._live = LiveSettings(self, settings, self._settings_changed, self.check_settings)
         self._preparation: Preparation | None = None
+        self._passes = Passes()
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_service(Trigger, "~/reset", self._on_reset)
         threshold = JumpThreshold(
@@ -92,9 +94,10 @@ class DloNode(Node):
         def proceed() -> None:
             if preparation.proceed():
                 self.health.preparing = ""
-                preparation.tell()
                 self.destroy_timer(timer)
                 self.begin()
+                preparation.tell(self.health.state[1])
+                self.health.publish()
                 return
             self.health.preparing = preparation.state
             if preparation.error:
@@ -148,6 +151,13 @@ class DloNode(Node):
                 f"{what} is stamped {ahead:.1f} s ahead of the clock; "
                 "with a recording set use_sim_time and play it with /clock"
             )
+
+    def is_earlier(self, stamp: int) -> bool:
+        """Whether a message [ns] was sent before the clock went back; such a one is counted."""
+        earlier = self._passes.is_earlier(stamp, self.now())
+        if earlier:
+            self.health.count("messages of the pass before dropped")
+        return earlier
 
     def is_published(self, topic: str) -> bool:
         """Whether anybody publishes a topic, remappings included."""
@@ -230,7 +240,9 @@ class DloNode(Node):
         response.success, response.message = True, "reset"
         return response
 
-    def _on_jump(self, _: Any) -> None:
-        now = self.now()
+    def _on_jump(self, jump: TimeJump) -> None:
+        now, delta = self.now(), int(jump.delta.nanoseconds)
+        if now and delta < 0 and jump.clock_change == ClockChange.ROS_TIME_NO_CHANGE:
+            self._passes.went_back(now - delta)
         self.get_logger().info(f"time jumped to {now / 1e9:.3f} s, starting afresh")
         self.restart(now)

@@ -12,6 +12,7 @@ import math
 import re
 import time
 from collections import Counter
+from collections.abc import Collection
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -26,7 +27,14 @@ LATEST = LAST_SECOND * NANOSECONDS
 """The latest time that a message can carry [ns]; a /clock that makes no sense may say more."""
 
 PERIOD = 1.0
-"""Seconds between two messages on /diagnostics."""
+"""Seconds between two messages on /diagnostics, where nothing changes much."""
+
+FRESH = 0.1
+"""Seconds at least between two messages where the first is out of date."""
+
+CHANGE = 0.2
+"""Relative change of a number that is published before its turn: a standard deviation is hardly
+known better than that."""
 
 REMEMBERED = 3.0
 """Seconds for which a problem is shown after it last occurred."""
@@ -75,6 +83,8 @@ class Health:
         self._counts: Counter[str] = Counter()
         self._before: Counter[str] = Counter()
         self._since = time.monotonic()
+        self._published: dict[str, Any] = {}
+        self._published_state = self.state
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
         # Wall time: diagnostics go on where /clock stands still.
         clock = Clock(clock_type=ClockType.STEADY_TIME)
@@ -108,9 +118,12 @@ class Health:
             self._interval = now - self._last_event if self._last_event else 0.0
             self._last_event = now
 
-    def refresh(self, interval: float) -> None:
-        """Publish the status where the last one is older than `interval` [s]."""
-        if time.monotonic() - self._since >= interval:
+    def refresh(self, keys: Collection[str]) -> None:
+        """Publish the status out of turn where it or one of the named values has changed."""
+        if time.monotonic() - self._since < FRESH:
+            return
+        changed = any(differ(self.values.get(key), self._published.get(key)) for key in keys)
+        if changed or self.state != self._published_state:
             self.publish()
 
     def publish(self) -> None:
@@ -132,6 +145,7 @@ class Health:
             values[what] = str(total)
             values[f"{what} [Hz]"] = f"{(total - self._before[what]) / elapsed:.1f}"
         self._before, self._since = self._counts.copy(), now
+        self._published, self._published_state = dict(self.values), self.state
         status = DiagnosticStatus(
             level=level,
             name=f"{self._node.get_fully_qualified_name().lstrip('/')}: {self._task}",
@@ -158,6 +172,15 @@ class Health:
                 self._node.get_logger().error(message)
             else:
                 self._node.get_logger().warning(message)
+
+
+def differ(value: Any, before: Any) -> bool:
+    """Whether a value has changed so much that it is worth a message of its own."""
+    if isinstance(value, float) and isinstance(before, float):
+        if not (math.isfinite(value) and math.isfinite(before)):
+            return str(value) != str(before)
+        return abs(value - before) > CHANGE * max(abs(value), abs(before))
+    return bool(value != before)
 
 
 def show(value: Any) -> str:

@@ -37,9 +37,6 @@ from dlo_ros.spline import SplineBasis
 PATIENCE = 0.1
 """Seconds that an observed spline waits for its measured points, where somebody publishes them."""
 
-FRESH = 0.1
-"""Seconds after which standard deviations on /diagnostics are too old beside a new estimate."""
-
 CLOUDS = 50
 """Measured points that are kept until their spline comes."""
 
@@ -89,8 +86,10 @@ class IdentifierNode(DloNode):
 
     def restart(self, now: int) -> None:
         """Time went back: start afresh."""
-        if self._last_observed > now + JUMP_BACK * NANOSECONDS:
+        limit = now + round(JUMP_BACK * NANOSECONDS)
+        if self._last_observed > limit:
             self.reset()
+        self._pairing.forget_after(limit)
 
     def apply(self, settings: Settings) -> None:
         """Changed parameters are a new initial guess."""
@@ -114,17 +113,23 @@ class IdentifierNode(DloNode):
         self._estimator.command(command)
 
     def _on_points(self, message: Any) -> None:
-        self._clouds[stamp_of(message)] = read_points(message, self.settings)
+        points = read_points(message, self.settings)
+        if self.is_earlier(stamp_of(message)):
+            return
+        self._clouds[stamp_of(message)] = points
         while len(self._clouds) > CLOUDS:
             self._clouds.popitem(last=False)
         self._release()
 
     def _on_observed(self, message: Any) -> None:
-        if not self.ready:
-            return
         observation = read_observation(message, self.settings)
         stamp = observation.stamp
         self.check_stamp(stamp, topics.OBSERVED)
+        if self.is_earlier(stamp):
+            return
+        if not self.ready:
+            self.health.count("splines before the node was ready")
+            return
         if stamp < self._last_observed - JUMP_BACK * NANOSECONDS:
             self.health.warn("restart", "the observed splines start again, starting afresh")
             self.reset()
@@ -142,6 +147,8 @@ class IdentifierNode(DloNode):
     def _on_predicted(self, message: Any) -> None:
         shape = read_spline(message, self.settings, topics.PREDICTED)
         self.check_stamp(stamp_of(message), topics.PREDICTED)
+        if self.is_earlier(stamp_of(message)):
+            return
         self._pairing.predicted(stamp_of(message), shape)
         self._compare()
 
@@ -202,7 +209,9 @@ class IdentifierNode(DloNode):
         if estimate.significant:
             self._link.pass_on(estimate.young_modulus, estimate.density)
         self._describe(estimate)
-        self.health.refresh(FRESH)
+        self.health.refresh(
+            [k for name, unit in ESTIMATES.items() for k in (f"{name} std [{unit}]", f"{name} [{unit}]")]
+        )
 
     def _describe(self, estimate: Estimate) -> None:
         values = self.health.values

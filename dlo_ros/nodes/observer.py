@@ -93,7 +93,8 @@ class ObserverNode(DloNode):
             self._observer.reset()
 
     def restart(self, now: int) -> None:
-        """Time went back: what was seen later predicts nothing."""
+        """Time went back: what was seen later predicts nothing, and what waits is over."""
+        self._held.clear()
         if self._last_stamp > now + JUMP_BACK * NANOSECONDS:
             self.reset()
 
@@ -134,7 +135,8 @@ class ObserverNode(DloNode):
 
     def _on_predicted(self, message: Any) -> None:
         shape = read_spline(message, self.settings, topics.PREDICTED)
-        self._predicted = (stamp_of(message), shape)
+        if not self.is_earlier(stamp_of(message)):
+            self._predicted = (stamp_of(message), shape)
 
     def _on_mask(self, message: Any) -> None:
         """It holds until the next one comes."""
@@ -168,6 +170,9 @@ class ObserverNode(DloNode):
 
     def _on_image(self, message: Any) -> None:
         if not self.ready:
+            self.health.count("images before the node was ready")
+            return
+        if self.is_earlier(stamp_of(message)):
             return
         self.health.count("images")
         self._frames.arrived(stamp_of(message))

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from bisect import bisect_left, insort
+from bisect import bisect_left, bisect_right, insort
 from collections import deque
 from operator import itemgetter
 
@@ -34,6 +34,12 @@ class Pairing:
         """Forget everything."""
         self._predictions.clear()
         self._waiting.clear()
+
+    def forget_after(self, stamp: int) -> None:
+        """Forget what is later than a stamp [ns], which time went back to."""
+        kept = bisect_right(self._predictions, stamp, key=itemgetter(0))
+        del self._predictions[kept:]
+        self._waiting = deque(item for item in self._waiting if item[0] <= stamp)
 
     def predicted(self, stamp: int, control_points: FloatArray) -> None:
         """Take a prediction at a stamp [ns]; a later one for the same stamp replaces it."""

@@ -44,7 +44,7 @@ class Preparation:
         self._loading: threading.Thread | None = None
         self._compilation = BackgroundCompilation(stages)
         self._compiles = self._compilation.start()
-        self._told = time.monotonic()
+        self._began = self._told = time.monotonic()
         if self._compiles:
             node.get_logger().info("compiling the numerical kernels, once; other nodes share them")
 
@@ -69,10 +69,16 @@ class Preparation:
         self.done = True
         return True
 
-    def tell(self) -> None:
-        """Let the graph know that the node takes data from now on."""
+    def tell(self, state: str) -> None:
+        """Let the graph know that the node takes data from now on.
+
+        Args:
+            state: what it does next, for the log.
+        """
         self._publisher.publish(Bool(data=True))
-        self._node.get_logger().info("ready")
+        took = time.monotonic() - self._began
+        compiled = f"; the kernels compiled for {took:.0f} s" if self._compiles else ""
+        self._node.get_logger().info(f"ready: {state}{compiled}")
 
     def stop(self) -> None:
         """End what this node alone has compiled."""

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from typing import Any
 
@@ -54,6 +55,15 @@ RETRY = 0.5
 does not converge may take seconds to say so, and other callbacks shall have half of the time."""
 
 
+CLOCK_FOLLOWS = 0.2
+"""Seconds of wall time in which /clock goes back after the shapes have: `ros2 bag play` publishes
+it some ten times a second."""
+
+WORTH_TELLING = 0.1
+"""Relative change of E or density that is logged at INFO; the identifier sends new values with
+every image, and less is hardly to be seen in the shape."""
+
+
 class SimulatorNode(DloNode):
     """Predicts the DLO's shape from `dlo/command`, at `simulation.rate` on the ROS clock."""
 
@@ -65,6 +75,7 @@ class SimulatorNode(DloNode):
         self._untried = False
         self._period = round(NANOSECONDS / self.settings.simulation.rate)
         self._retry_at = 0.0
+        self._told = self.settings
         self._publisher = self.publisher(topics.PREDICTED, qos.RELIABLE)
         self._markers = Markers(self, "predicted", (1.0, 0.5, 0.0))
         self._command_subscription = CommandSubscription(self, self._on_command)
@@ -96,10 +107,15 @@ class SimulatorNode(DloNode):
         self._simulation.update(settings)
         self._untried = True
         effects = f", with {', '.join(settings.effects)}" if settings.effects else ""
-        self.get_logger().info(
+        text = (
             f"E {settings.rod.young_modulus:.4g} Pa, density {settings.rod.density:.4g} kg/m^3"
             f"{effects}"
         )
+        if _differs(settings, self._told):
+            self._told = settings
+            self.get_logger().info(text)
+        else:
+            self.get_logger().debug(text)
 
     def _on_command(self, command: Command) -> None:
         self._simulation.set_command(command)
@@ -112,10 +128,13 @@ class SimulatorNode(DloNode):
     def _on_observed(self, message: Any) -> None:
         observation = read_observation(message, self.settings)
         self.check_stamp(observation.stamp, topics.OBSERVED)
+        if self.is_earlier(observation.stamp):
+            return
         self.health.solved(topics.OBSERVED)
         last = self._observations[-1].stamp if self._observations else observation.stamp
         if observation.stamp < last - JUMP_BACK * NANOSECONDS:
             self.restart(observation.stamp)
+            self._retry_at = time.monotonic() + CLOCK_FOLLOWS
         if self._simulation.started:
             self._observations = [observation]
             return
@@ -229,6 +248,15 @@ class SimulatorNode(DloNode):
         if len(self._observations) < self._needed():
             missing.append(f"{self._needed()} of {topics.OBSERVED}")
         self.health.waiting(" and ".join(missing) or "an observed shape that it can start from")
+
+
+def _differs(settings: Settings, told: Settings) -> bool:
+    """Whether parameters differ visibly from those that were logged last."""
+    changes = [
+        math.log(getattr(settings.rod, name) / getattr(told.rod, name))
+        for name in ("young_modulus", "density")
+    ]
+    return max(map(abs, changes)) > WORTH_TELLING or settings.effects != told.effects
 
 
 def main(arguments: list[str] | None = None) -> int:
