@@ -7,6 +7,7 @@
 from __future__ import annotations
 
 import multiprocessing
+import re
 import time
 from dataclasses import replace
 
@@ -16,10 +17,11 @@ import pytest
 pytest.importorskip("rclpy")
 
 import fault_rig
-from fault_rig import EVERY, GUESS, NANOSECONDS, N, Rig, shapes
+from fault_rig import EVERY, GUESS, NANOSECONDS, N, Rig, Sent, shapes
 from fuzz_graph import SETTINGS, Good
 from live_graph import Client, Process, to_ros
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from std_srvs.srv import SetBool
 
 from dlo_ros.command import Command
 from dlo_ros.demo.network import free_domain
@@ -97,6 +99,49 @@ def test_a_looping_recording(rig, measured):
         rig.drive(1.5, measured=measured)
     rig.drive(SECONDS, measured=measured)
     check(rig)
+
+
+def test_splines_of_the_pass_before_are_dropped(rig, measured):
+    """The last ones of each pass come when the clock has gone back, as from a busy observer."""
+    seconds, passes, tardy = 2.4, 3, 8
+    shown = [(t, shape) for t, shape in measured if t < seconds]
+    errors = rig.client.hear(topics.ERR, 1000)
+    rig.fresh()
+    # With the true E in all passes ERR is the same in all of them.
+    assert rig.client.set("/simulator", rod__young_modulus=fault_rig.TRUTH).successful
+    assert rig.client.call(SetBool, "/identifier/pause", SetBool.Request(data=True)).success
+    errors.clear()
+    said = {name: len(process.said) for name, process in rig.nodes.items()}
+    late = [Sent(0.1 + 0.03 * k, t, shape) for k, (t, shape) in enumerate(shown[-tardy:])]
+
+    def first(messages):
+        return messages[:-tardy]
+
+    def again(messages):
+        return [*messages[:-tardy], *late]
+
+    counts, means = [], []
+    for fault in (first, *[again] * (passes - 1)):
+        rig.drive(seconds, fault, measured=shown)
+        rig.client.spin(0.5)
+        counts.append(len(errors))
+        means.append(float(np.mean([e.data for e in errors])))
+        errors.clear()
+    assert min(counts) >= len(shown) - tardy - 3 and max(counts) <= len(shown) - tardy, counts
+    assert max(means) < 2.0 * fault_rig.NOISE and means[1:] == pytest.approx(means[:1] * 2, rel=0.1)
+    assert rig.client.call(SetBool, "/identifier/pause", SetBool.Request(data=False)).success
+    # All of them at the identifier; of the simulator's queue some are lost while it starts.
+    for name, least in (("identifier", tardy * (passes - 1)), ("simulator", 1)):
+        rig.client.until(
+            lambda name=name, least=least: (
+                int(rig.values(name).get("messages of the pass before dropped", 0)) >= least
+            ),
+            what=f"messages that the {name} drops",
+        )
+    for name, process in rig.nodes.items():
+        assert "[WARN]" not in process.said[said[name] :], process.said[said[name] :]
+    starts = re.findall("simulation starts at ([0-9.]+) s", rig.nodes["simulator"].said)[-passes:]
+    assert {float(start) - rig.base / NANOSECONDS for start in starts} == {0.0}, starts
 
 
 def held(stamp: int) -> Command:

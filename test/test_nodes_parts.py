@@ -6,6 +6,7 @@ from __future__ import annotations
 import logging
 import time
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -172,6 +173,52 @@ def test_each_different_problem_is_logged_but_none_floods(monkeypatch):
         health.warn("dlo/command", f"names {word}")
     health.warn("image", "too dark")
     assert node.logged[2:] == ["names a", "names b", "names c", "names d", "too dark"]
+
+
+def test_diagnostics_come_out_of_turn_only_where_something_has_changed(monkeypatch):
+    pytest.importorskip("rclpy")
+    from dlo_ros.nodes import diagnostics
+
+    published, clock = [], [100.0]
+    monkeypatch.setattr(diagnostics.time, "monotonic", lambda: clock[0])
+    health = diagnostics.Health(LoggingNode(), "test")
+    health._publisher = SimpleNamespace(publish=published.append)
+    health._node.get_fully_qualified_name = lambda: "/test"
+    health._node.get_clock = lambda: SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=0))
+
+    def refreshed(**values: object) -> bool:
+        clock[0] += 1.01 * diagnostics.FRESH
+        before = len(published)
+        health.values.update(values)
+        health.refresh(("std", "known"))
+        return len(published) > before
+
+    health.publish()
+    assert refreshed(std="unbounded", known=False)
+    assert not refreshed(std="unbounded")
+    assert refreshed(std=2.0)
+    assert not refreshed(std=1.7) and not refreshed(other=5.0)
+    assert refreshed(std=1.5)  # a quarter less than was told last
+    assert refreshed(known=True) and refreshed(std=float("inf"))
+    assert not refreshed(std=float("inf"))
+    health.running("at work")
+    assert refreshed()
+    clock[0] -= 0.5 * diagnostics.FRESH
+    assert not refreshed(std=1.0)  # ten a second at most
+    assert published[-1].status[0].message == "at work"
+
+
+def test_the_simulator_logs_what_has_visibly_changed():
+    pytest.importorskip("rclpy")
+    from dlo_ros.nodes.simulator import WORTH_TELLING, differs
+
+    told = samples.SETTINGS
+    rod = told.rod
+    for factor, expected in ((1.0, False), (1.0 + 0.9 * WORTH_TELLING, False), (1.2, True)):
+        for e, mu in ((factor, 1.0), (1.0, factor), (1.0 / factor, 1.0)):
+            new = told.with_material(e * rod.young_modulus, mu * rod.density)
+            assert differs(new, told) == expected, (e, mu)
+    assert differs(replace(told, effects={"wall": {"offset": -1.0}}), told)
 
 
 def test_warnings_from_below_reach_the_log_of_the_node(monkeypatch, capsys):

@@ -111,7 +111,7 @@ class SimulatorNode(DloNode):
             f"E {settings.rod.young_modulus:.4g} Pa, density {settings.rod.density:.4g} kg/m^3"
             f"{effects}"
         )
-        if _differs(settings, self._told):
+        if differs(settings, self._told):
             self._told = settings
             self.get_logger().info(text)
         else:
@@ -250,7 +250,7 @@ class SimulatorNode(DloNode):
         self.health.waiting(" and ".join(missing) or "an observed shape that it can start from")
 
 
-def _differs(settings: Settings, told: Settings) -> bool:
+def differs(settings: Settings, told: Settings) -> bool:
     """Whether parameters differ visibly from those that were logged last."""
     changes = [
         math.log(getattr(settings.rod, name) / getattr(told.rod, name))
