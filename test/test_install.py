@@ -162,7 +162,8 @@ def test_an_installed_node_runs(pip_prefix, tmp_path):
             [executable, *arguments], env=environment, stdout=log, stderr=subprocess.STDOUT
         )
         try:
-            client.until(lambda: "observer" in client.node.get_node_names(), what="observer")
+            # The installation has no bytecode yet, and kernels that compile take processors.
+            client.until(lambda: "observer" in client.node.get_node_names(), 60.0, "observer")
             node.send_signal(signal.SIGINT)
             assert node.wait(timeout=20) == 0
         finally:

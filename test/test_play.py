@@ -262,6 +262,24 @@ def test_nobody_listens(alone, splines, tmp_path):
     assert process.wait() == 0 and f"nobody listens to {topics} yet" in process.said
 
 
+def test_a_second_clock_in_the_graph_is_told_of(alone, splines, tmp_path):
+    from live_graph import Process
+    from rosgraph_msgs.msg import Clock
+
+    client, domain = alone
+    client.hear("dlo/command")
+    for name in ("/clock", "/left/clock"):
+        client.node.create_publisher(Clock, name, 10)
+    words = ("play", splines, "--wait", "20", "--ros-args", "-r")
+    both = {
+        c: Process(tmp_path, *words, f"/clock:={c}", domain=domain) for c in ("/clock", "/mine")
+    }
+    client.until(lambda: not any(p.alive for p in both.values()), 60.0, "the players' ends")
+    said = {name: process.said for name, process in both.items()}
+    assert "another process publishes /clock, too" in said["/clock"], said
+    assert "another process" not in said["/mine"] and both["/mine"].wait() == 0, said
+
+
 def test_a_node_that_never_is_ready(alone, splines, tmp_path):
     from live_graph import Process
 

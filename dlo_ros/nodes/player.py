@@ -101,6 +101,11 @@ class Player:
             self._wait_for(listeners, stop, patience)
         finally:
             listeners.close()
+        if self._clock is not None and self._node.count_publishers(self._clock.topic_name) > 1:
+            self._node.get_logger().warning(
+                f"another process publishes {self._clock.topic_name}, too, so that time jumps: "
+                "give --no-clock, or each a clock of its own (--ros-args -r /clock:=/left/clock)"
+            )
         unheard = [n for n, count in self._matched().items() if not count]
         if unheard and not stop.requested:
             self._node.get_logger().warning(f"nobody listens to {', '.join(unheard)} yet")
