@@ -210,7 +210,7 @@ class IdentifierNode(DloNode):
             self._link.pass_on(estimate.young_modulus, estimate.density)
         self._describe(estimate)
         self.health.refresh(
-            [k for name, unit in ESTIMATES.items() for k in (f"{name} std [{unit}]", f"{name} [{unit}]")]
+            [f"{name}{what} [{unit}]" for name, unit in ESTIMATES.items() for what in ("", " std")]
         )
 
     def _describe(self, estimate: Estimate) -> None:
