@@ -633,6 +633,7 @@ def test_the_observer_takes_whichever_transport_a_remapped_camera_publishes(wait
 
     raw = client.node.create_publisher(message_class(topics.TYPES[topics.IMAGE]), camera, 10)
     client.until(lambda: transport() == "raw" and raw.get_subscription_count(), what="raw")
+    client.wait_for_ready("remapped/observer")  # images before that are only counted
     kind = message_class(topics.TYPES[topics.COMPRESSED])
     compressed = client.node.create_publisher(kind, f"{camera}/compressed", 10)
     client.until(
