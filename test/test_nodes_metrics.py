@@ -19,7 +19,7 @@ from dlo_ros.errors import InputError
 from dlo_ros.identification.err import Deviation
 from dlo_ros.identification.estimate import Estimate
 from dlo_ros.nodes import base, metrics, transform
-from dlo_ros.nodes.messages import installed
+from dlo_ros.nodes.messages import ROS_MESSAGES, installed
 from dlo_ros.nodes.qos import RELIABLE
 from dlo_ros.parameters import CameraPose
 from dlo_ros.recordings import BAG_MESSAGES, topics
@@ -148,6 +148,23 @@ def test_the_transform_takes_points_of_the_board_into_the_camera():
     camera = Camera(k, (), samples.INFO.width, samples.INFO.height, POSE, "")
     expected = camera.project(point[None])[0]
     assert (k @ seen)[:2] / seen[2] == pytest.approx(expected, abs=1e-6)
+
+
+class Checking:
+    """rclpy's own messages, which check their fields, wherever their package is installed."""
+
+    def make(self, kind, /, **fields):
+        return (ROS_MESSAGES if installed(kind) else BAG_MESSAGES).make(kind, **fields)
+
+
+def test_fields_have_the_types_that_rclpy_checks():
+    pose = (np.float64(1), 0, 2), (0, 0, np.float64(0.5), 0)
+    (stamped,) = transform_message(Checking(), STAMP, "camera", "board", *pose).transforms
+    assert type(stamped).__module__.startswith("geometry_msgs")
+    assert stamped.transform.rotation.z == 1.0
+    message = metric_message(Checking(), "n", "err", "m", STAMP, average=np.float64(1), std=2)
+    assert type(message.window_start).__module__.startswith("builtin_interfaces")
+    assert all(type(p.data) is float and type(p.data_type) is int for p in message.statistics)
 
 
 def test_the_transform_is_sent_again_only_where_it_changes():
