@@ -19,7 +19,7 @@ from rcl_interfaces.srv import ListParameters
 from dlo_ros.compilation import CompilationProgress
 from dlo_ros.demo.network import free_domain
 from dlo_ros.nodes import preparation
-from dlo_ros.nodes.preparation import Preparation
+from dlo_ros.nodes.preparation import LOADING, Preparation
 from dlo_ros.nodes.qos import LATCHED
 from dlo_ros.parameters import Settings
 
@@ -100,10 +100,11 @@ def test_first_compiled_then_loaded_then_ready(prepare):
 
     one, node, compilation = prepare(load)
     assert compilation.stages == ("rod",) and node.published == [False]
+    assert one.state == "compiling, 40 %, about 30 s"
     assert not one.proceed() and one.state == "compiling, 40 %, about 30 s"
     compilation.progress = DONE
     for _ in range(3):  # the node is not held up
-        assert not one.proceed() and one.state == "loading compiled kernels" and not one.done
+        assert not one.proceed() and one.state == LOADING and not one.done
     go.set()
     assert until_it_ends(one) and one.done and not one.proceed()
     assert loaded and loaded[0] is not threading.main_thread()
@@ -122,7 +123,7 @@ def test_no_word_of_compiling_where_all_is_compiled(prepare):
         states.add(one.state)
     one.tell("waiting for a rope")
     assert node.logged == ["ready: waiting for a rope"]
-    assert states <= {"starting", "loading compiled kernels"}
+    assert states == {LOADING}
 
 
 def test_the_progress_is_logged_now_and_then(prepare, monkeypatch):

@@ -17,6 +17,9 @@ from std_msgs.msg import Bool
 from dlo_ros.compilation import BackgroundCompilation
 from dlo_ros.nodes.qos import LATCHED
 
+LOADING = "waiting for its compiled kernels"
+"""State of a node whose kernels are compiled and are being loaded; takes a second or two."""
+
 TOLD = 10.0
 """Seconds between two log lines on the progress of a compilation."""
 
@@ -35,7 +38,7 @@ class Preparation:
 
     def __init__(self, node: Node, stages: Sequence[str], load: Callable[[], object]) -> None:
         self.done = False
-        self.state = "starting"
+        self.state = LOADING
         self.error = ""
         self._node = node
         self._load = load
@@ -46,6 +49,7 @@ class Preparation:
         self._compiles = self._compilation.start()
         self._began = self._told = time.monotonic()
         if self._compiles:
+            self.state = str(self._compilation.poll())
             node.get_logger().info("compiling the numerical kernels, once; other nodes share them")
 
     def proceed(self) -> bool:
@@ -57,7 +61,7 @@ class Preparation:
             self.error = progress.error
             self.state = str(progress)
             if progress.done:
-                self.state = "loading compiled kernels"
+                self.state = LOADING
                 self._loading = threading.Thread(target=self._run, name="loading", daemon=True)
                 self._loading.start()
             elif time.monotonic() - self._told > TOLD:
