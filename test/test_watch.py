@@ -3,6 +3,7 @@
 
 import threading
 import time
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -117,4 +118,6 @@ def test_the_identifiers_thread_tells_of_it():
     assert not [o.problem for o in outcomes if o.problem]
     assert "point_mass" in [name for name, _ in outcomes[-1].suspicion.suspects]
     # What came of work between splines is marked; every spline has its own outcome.
-    assert sum(not o.later for o in outcomes) == len(recording.observations)
+    assert [o.stamp for o in outcomes if not o.later] == [o.stamp for o in recording.observations]
+    for before, after in pairwise(outcomes):
+        assert not after.later or after.stamp == before.stamp

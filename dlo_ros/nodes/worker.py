@@ -35,8 +35,8 @@ COMMANDS = 2000
 class Outcome(NamedTuple):
     """What an observed spline led to: an estimate, or the reason why there is none.
 
-    `later` marks an estimate that further work has led to, without a new spline; `suspicion` says
-    what the model seems to miss, if anything.
+    `stamp` is that of the newest spline behind it [ns]; `later` marks an estimate that further work
+    has led to, without a new spline; `suspicion` says what the model seems to miss, if anything.
     """
 
     stamp: int
@@ -126,6 +126,7 @@ class EstimatorThread:
     def _run(self) -> None:
         estimator: OnlineEstimator | None = None
         watch = Watch()
+        newest = 0  # stamp of the last spline [ns]
         # Where processors are scarce, observing and predicting come first: they cannot wait.
         with suppress(OSError, AttributeError):
             os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICENESS)
@@ -149,6 +150,7 @@ class EstimatorThread:
                 elif estimator is not None and isinstance(task, Command):
                     estimator.set_command(task)
                 elif estimator is not None and isinstance(task, Observation):
+                    newest = task.stamp
                     estimator.observe(task)
                     estimate = estimator.estimate
             except DloError as err:
@@ -157,11 +159,10 @@ class EstimatorThread:
                 problem = f"{type(err).__name__}: {err}"
             if estimate is None and not problem:
                 continue
-            stamp = task.stamp if isinstance(task, (Command, Observation)) else 0
             with self._changed:
                 if generation == self._generation:
                     self._outcomes.append(
-                        Outcome(stamp, estimate, problem, task is None, watch.suspicion)
+                        Outcome(newest, estimate, problem, task is None, watch.suspicion)
                     )
             self._ready()
 
