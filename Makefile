@@ -100,11 +100,14 @@ lint: $(INSTALLED)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-# First what may run side by side, in WORKERS processes; then the live nodes, whose deadlines want a
-# machine that does nothing else. The second part also runs where the first has failed.
-test: $(COMPILED) lint
-	@status=0; \
+# First what may run side by side, in WORKERS processes and with lint, which is told of afterwards;
+# then the live nodes, whose deadlines want a machine that does nothing else. Each part also runs
+# where one before has failed.
+test: $(COMPILED)
+	@mkdir -p build; status=0; \
+	$(MAKE) --no-print-directory lint > build/lint.log 2>&1 & lint=$$!; \
 	$(PYTEST_PARALLEL) -m "not slow and not browser and not live" || status=1; \
+	wait $$lint || status=1; cat build/lint.log; \
 	$(BIN)/python -m pytest -m "live and not slow and not browser" || status=1; \
 	exit $$status
 

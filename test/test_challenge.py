@@ -30,6 +30,7 @@ def test_every_effect_can_be_drawn():
     assert set(NAMED) | set(SET_UP) == set(EFFECTS) and set(OTHERS) == set(FOREIGN)
 
 
+@pytest.mark.long
 def test_a_seed_says_it_all():
     first, again = (draw(3, "single", ("constant_force",), recordings=2) for _ in range(2))
     assert first == again
@@ -103,6 +104,7 @@ def test_bags_hold_the_noise_and_nothing_else(tmp_path):
         assert rms == pytest.approx(challenge.noise, rel=0.03)
 
 
+@pytest.mark.long
 def test_the_effect_is_as_strong_as_stated(tmp_path):
     """Fit E again by brute force to the finely simulated, noisy recordings without the effect."""
     challenge = draw(7, "single", ("stiff_segment",), recordings=2)

@@ -1,9 +1,9 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Hidden effects that `diagnose` has to find, in recordings of another simulator.
 
-One of every effect, pairs and a plain rope, each in one process, so that `pytest -n` runs several;
-some through rendered pictures and the
-observer in the slow ones. `make challenge` draws as many as wanted.
+One of every effect, pairs and a plain rope, each in one process, so that `pytest -n` runs several:
+one of each kind in the ordinary tests, all others in the slow ones, where some go through rendered
+pictures and the observer. `make challenge` draws as many as wanted.
 """
 
 import json
@@ -29,6 +29,14 @@ CASES = {
     "two": (1, "pair", ("camera_scale", "command_delay")),
     "two, one of which has a double": (1, "pair", ("internal_damping", "gravity_tilt")),
 }
+# One of each kind: what the DLO is, what hangs on it, what it touches, how it is held, what it does
+# when it bends far, several at once, nothing, and what has no name. The search for each of the
+# others takes the same ways, and half a minute to a minute.
+ORDINARY = frozenset({
+    "intrinsic_curvature", "point_mass", "obstacle", "clamp_angle", "plasticity", "camera_creep",
+    "two", "nothing",
+})  # fmt: skip
+assert CASES.keys() >= ORDINARY
 DEAR = {
     "a peg round which the rope whips": (7, "single", ("obstacle",)),
     "draughts on heavy ropes": (7, "foreign", ("gusts",)),
@@ -64,7 +72,9 @@ def held(challenge, report):
             assert "constant_force" in e["rivals"]
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize(
+    "case", [pytest.param(c, marks=() if c in ORDINARY else pytest.mark.slow) for c in CASES]
+)
 def test_what_was_hidden_is_found(tmp_path, case):
     held(*solved(tmp_path, *CASES[case], workers=1))
 

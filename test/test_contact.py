@@ -89,6 +89,7 @@ def hidden(tmp_path_factory):
     return settings, beginning, peg
 
 
+@pytest.mark.long
 def test_a_hidden_peg_is_found_where_it_stands(hidden):
     settings, beginning, peg = hidden
     at = beginning.at
@@ -108,6 +109,7 @@ def test_a_hidden_peg_is_found_where_it_stands(hidden):
     assert structure(there.residuals) < 0.1 * structure(at.residuals)
 
 
+@pytest.mark.long
 def test_in_space_no_peg_is_looked_for(hidden, monkeypatch):
     settings, beginning, _ = hidden
 
@@ -124,6 +126,7 @@ def test_in_space_no_peg_is_looked_for(hidden, monkeypatch):
         assert hits(team, beginning.at, ()) == []
 
 
+@pytest.mark.long
 def test_a_peg_that_does_not_help_is_not_fitted(hidden, monkeypatch):
     settings, beginning, _ = hidden
     problem = Problem(beginning.recordings, settings, drafts(beginning.recordings, beginning.at))
@@ -132,6 +135,7 @@ def test_a_peg_that_does_not_help_is_not_fitted(hidden, monkeypatch):
         assert hits(team, beginning.at, ()) == []
 
 
+@pytest.mark.long
 def test_where_a_peg_is_not_touched_its_place_does_not_matter(hidden):
     settings, beginning, peg = hidden
     model = beginning.at.model.extended("obstacle", peg, tuple(peg))

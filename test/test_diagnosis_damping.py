@@ -49,6 +49,7 @@ def test_a_wrong_guess_is_named_where_it_is_all_that_is_missing(damped):
     assert found.gain.low > 0.0
 
 
+@pytest.mark.slow
 def test_only_the_ratio_of_drag_and_weight_is_seen(tmp_path):
     """A drag that is missing is a rope that is too heavy, while nobody has weighed it."""
     _, recordings, settings = recorded(tmp_path, 3, "single", ("air_drag",))

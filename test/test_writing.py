@@ -113,6 +113,7 @@ def test_folder_that_cannot_be_written(tool: str, inputs: Path, tmp_path: Path) 
     assert str(folder / "result") in said(done) and said(done).startswith(f"dlo_ros {tool}: ")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("tool", "rename"), [
     ("predict", 1), ("synthesize", 1), ("identify", 1), ("identify", 2), ("observe", 2),
 ])  # fmt: skip
