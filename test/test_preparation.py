@@ -23,6 +23,8 @@ from dlo_ros.nodes.preparation import LOADING, Preparation
 from dlo_ros.nodes.qos import LATCHED
 from dlo_ros.parameters import Settings
 
+pytestmark = pytest.mark.live
+
 NODES = ("observer", "simulator", "identifier")
 PATIENCE = 10.0  # [s]
 HALF = CompilationProgress(False, 0.4, 30.0)

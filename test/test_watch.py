@@ -53,6 +53,7 @@ def test_it_is_silent_where_there_is_nothing(name, seed):
     assert leftover.common < 0.5 * leftover.noise
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "effects"),
     [
@@ -71,6 +72,7 @@ def test_a_strong_effect_is_among_the_suspects(name, effects):
     assert "dlo_ros diagnose" in str(watch.suspicion)
 
 
+@pytest.mark.long
 def test_its_work_comes_in_pieces():
     recording, guess = moving("simple", {"point_mass": {"mass": 0.003, "position": 0.3}}, 4)
     at_once, _ = watched(recording, guess)

@@ -85,6 +85,7 @@ def visible(folder: Path) -> list[str]:
     return sorted(p.name for p in folder.rglob("*") if not p.name.startswith("."))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("tool", TOOLS)
 def test_full_disk(tool: str, inputs: Path, tmp_path: Path) -> None:
     limit = (
