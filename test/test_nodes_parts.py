@@ -208,6 +208,24 @@ def test_diagnostics_come_out_of_turn_only_where_something_has_changed(monkeypat
     assert published[-1].status[0].message == "at work"
 
 
+def test_a_recording_that_starts_again_does_not_spoil_what_it_has_told():
+    pytest.importorskip("rclpy")
+    from dlo_ros.nodes.link import EASED, Bar
+
+    bar, unknown = Bar(), float("inf")
+    assert bar.passes(unknown) and bar.passes(0.2) and bar.passes(0.01) and bar.passes(0.02)
+    bar.raise_to_last()
+    for std in (unknown, float("nan"), 0.3, 0.021 * EASED):
+        assert not bar.passes(std) and bar.held
+    assert bar.passes(0.02 * EASED) and not bar.held
+    assert bar.passes(0.1)  # of the same pass
+    # What never is that certain is taken in the end, since it may be another DLO's.
+    bar.raise_to_last()
+    assert not bar.passes(0.3)
+    bar.raise_to_last()
+    assert bar.passes(0.3)
+
+
 def test_the_simulator_logs_what_has_visibly_changed():
     pytest.importorskip("rclpy")
     from dlo_ros.nodes.simulator import WORTH_TELLING, differs

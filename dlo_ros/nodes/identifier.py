@@ -78,8 +78,11 @@ class IdentifierNode(DloNode):
 
     def reset(self) -> None:
         """Forget estimates and what was received; the command still holds."""
-        self._forget()
         self._link.forget()
+        self._begin_again()
+
+    def _begin_again(self) -> None:
+        self._forget()
         self._estimator.restart(self.settings)
         for command in self._motion.commands:
             self._estimator.command(command)
@@ -88,7 +91,8 @@ class IdentifierNode(DloNode):
         """Time went back: start afresh."""
         limit = now + round(JUMP_BACK * NANOSECONDS)
         if self._last_observed > limit:
-            self.reset()
+            self._link.begin_again()
+            self._begin_again()
         self._pairing.forget_after(limit)
 
     def apply(self, settings: Settings) -> None:
@@ -132,7 +136,8 @@ class IdentifierNode(DloNode):
             return
         if stamp < self._last_observed - JUMP_BACK * NANOSECONDS:
             self.health.warn("restart", "the observed splines start again, starting afresh")
-            self.reset()
+            self._link.begin_again()
+            self._begin_again()
         self.health.solved(topics.OBSERVED)
         self.health.count("observed splines")
         self._pairing.observed(stamp, observation.control_points)
@@ -206,8 +211,7 @@ class IdentifierNode(DloNode):
         self._density_publisher.publish(density)
         self._metrics.estimate(stamp, estimate)
         self.health.solved("estimator")
-        if estimate.significant:
-            self._link.pass_on(estimate.young_modulus, estimate.density)
+        self._link.pass_on(estimate)
         self._describe(estimate)
         self.health.refresh(
             [f"{name}{what} [{unit}]" for name, unit in ESTIMATES.items() for what in ("", " std")]

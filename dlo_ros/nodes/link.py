@@ -3,12 +3,14 @@
 
 from __future__ import annotations
 
+import math
 import time
 from typing import Any
 
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParametersAtomically
 
+from dlo_ros.identification.estimate import Estimate
 from dlo_ros.nodes.base import DloNode
 from dlo_ros.recordings import topics
 
@@ -17,6 +19,34 @@ TIMEOUT = 2.0
 
 POLL = 0.25
 """Seconds between two looks at whether the simulator is there."""
+
+
+EASED = 2.0
+"""Factor between the standard deviations of values that are kept and of those that replace them.
+
+The same recording, played again, reaches it well before its end; with each pass that does not, it
+applies once more, so that another DLO's values are not kept for long.
+"""
+
+
+class Bar:
+    """How certain values of E/mu must be to replace those of an earlier pass of a recording."""
+
+    def __init__(self) -> None:
+        self.held = False
+        self._std = self._highest = math.inf
+
+    def raise_to_last(self) -> None:
+        """Time went back: the estimate begins again, and at first knows less."""
+        self._std *= EASED
+        self._highest, self.held = self._std, False
+
+    def passes(self, std: float) -> bool:
+        """Whether values of a relative standard deviation are good enough; later ones then are."""
+        self.held = not std <= self._highest
+        if not self.held:
+            self._std, self._highest = std, math.inf
+        return not self.held
 
 
 class SimulatorLink:
@@ -39,16 +69,29 @@ class SimulatorLink:
         self._sent: tuple[float, float] | None = None
         self._pending: tuple[float, Any] | None = None
         self._simulators: set[bytes] = set()
+        self._bar = Bar()
         node.every(POLL, self._poll)
 
-    def pass_on(self, young_modulus: float, density: float) -> None:
-        """Ask for these values, E [Pa] and mu [kg/m^3]; the newest wish counts."""
-        self._wanted = (young_modulus, density)
-        self._send()
+    def pass_on(self, estimate: Estimate) -> None:
+        """Ask for E and mu of an estimate; the newest wish counts.
+
+        Left out is what changes nothing, and after `begin_again` what is less certain than before.
+        """
+        if not (estimate.significant or self._bar.held):
+            return
+        std = estimate.specific_modulus_std
+        if self._bar.passes(math.inf if std is None else std / estimate.specific_modulus):
+            self._wanted = (estimate.young_modulus, estimate.density)
+            self._send()
+
+    def begin_again(self) -> None:
+        """The estimate begins again with a recording that starts again; the last wish holds."""
+        self._bar.raise_to_last()
 
     def forget(self) -> None:
         """No wish any more."""
         self._wanted = self._sent = None
+        self._bar = Bar()
 
     def _poll(self) -> None:
         if self._pending is not None and time.monotonic() - self._pending[0] > TIMEOUT:
