@@ -3,68 +3,26 @@
 
 import configparser
 import os
-import shutil
-import signal
 import subprocess
 import sys
 import sysconfig
-import venv
 from pathlib import Path
 
 import pytest
 from conftest import ROOT
-from live_graph import DOMAIN, Client
-from recordings_samples import SETTINGS
+from installing import copied_sources, environment_of, fresh_environment, pip_install, run
 
 from dlo_ros import __version__
 from dlo_ros.cli.main import EXECUTABLES, NAMES
 
-pytestmark = pytest.mark.live
+pytestmark = pytest.mark.long
 
 NODES = [e.name for e in EXECUTABLES if e.node]
-DEPENDENCIES = sysconfig.get_paths()["purelib"]
-
-
-def run(*command, **options):
-    """Run to the end; a failure shows what was printed."""
-    done = subprocess.run(
-        [str(word) for word in command], capture_output=True, text=True, timeout=300, **options
-    )
-    assert done.returncode == 0, f"{command} gave {done.returncode}\n{done.stdout}\n{done.stderr}"
-    return done.stdout
 
 
 @pytest.fixture(scope="module")
 def source(tmp_path_factory):
-    """The sources as a clone has them, so that building leaves nothing in the working tree."""
-    folder = tmp_path_factory.mktemp("source") / "dlo_ros"
-    generated = ("build", "install", "log", "dist", ".*", "__pycache__", "*.egg-info")
-    shutil.copytree(ROOT, folder, ignore=shutil.ignore_patterns(*generated))
-    return folder
-
-
-def fresh_environment(folder):
-    """A virtual environment that sees the dependencies of this one, but not its dlo_ros."""
-    venv.create(folder, with_pip=False)
-    python = folder / "bin" / "python"
-    purelib = run(python, "-c", "import sysconfig; print(sysconfig.get_paths()['purelib'])")
-    # Paths in a .pth file are added as they are: an editable dlo_ros there stays out of sight.
-    Path(purelib.strip(), "dependencies.pth").write_text(DEPENDENCIES + "\n")
-    return python
-
-
-def pip_install(python, *what):
-    pip = (sys.executable, "-m", "pip", "--python", python)
-    options = ("--no-deps", "--no-build-isolation", "--ignore-installed", "--no-index")
-    run(*pip, "install", *options, *what)
-
-
-def environment_of(prefix, **more):
-    """As after `source activate` and with the prefix in ROS's index, away from this checkout."""
-    environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
-    environment["PATH"] = f"{prefix / 'bin'}{os.pathsep}{environment['PATH']}"
-    environment["AMENT_PREFIX_PATH"] = str(prefix)
-    return environment | more
+    return copied_sources(tmp_path_factory.mktemp("source"))
 
 
 @pytest.fixture(scope="module")
@@ -147,29 +105,6 @@ def test_package_data_is_installed(prefix):
     assets = {p.name for p in (ROOT / "dlo_ros" / "report" / "assets").iterdir()}
     assert {p.name for p in (package / "report" / "assets").iterdir()} == assets
     assert (package / "py.typed").is_file()
-
-
-def test_an_installed_node_runs(pip_prefix, tmp_path):
-    SETTINGS.dump(tmp_path / "params.yaml")
-    executable = pip_prefix / "lib" / "dlo_ros" / "observer"
-    environment = environment_of(
-        pip_prefix, ROS_DOMAIN_ID=str(DOMAIN), ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST"
-    )
-    client = Client()
-    with (tmp_path / "log").open("w+") as log:
-        arguments = ("--ros-args", "--params-file", tmp_path / "params.yaml")
-        node = subprocess.Popen(
-            [executable, *arguments], env=environment, stdout=log, stderr=subprocess.STDOUT
-        )
-        try:
-            # The installation has no bytecode yet, and kernels that compile take processors.
-            client.until(lambda: "observer" in client.node.get_node_names(), 60.0, "observer")
-            node.send_signal(signal.SIGINT)
-            assert node.wait(timeout=20) == 0
-        finally:
-            client.close()
-            node.kill()
-        assert "Traceback" not in (tmp_path / "log").read_text()
 
 
 def test_editable(source, tmp_path):

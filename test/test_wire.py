@@ -31,7 +31,7 @@ from dlo_ros.recordings import topics
 
 pytestmark = pytest.mark.live
 
-PAYLOADS = int(os.environ.get("DLO_WIRE_PAYLOADS", "300"))
+PAYLOADS = int(os.environ.get("DLO_WIRE_PAYLOADS", "150"))
 SEED = int(os.environ.get("DLO_FUZZ_SEED", "1"))
 GROWTH = 250e6
 """Bytes that a node may grow by; compiled code that the estimator loads as it begins is 100 MB."""
