@@ -23,6 +23,7 @@ LAYERS = (
     ("rod", "recordings", "report"),
     ("vision",),
     ("identification", "synthesis"),
+    ("inference",),
     ("diagnosis",),
     ("nodes",),
     ("demo", "compile"),

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from dlo_ros.cli.results import QUANTITIES
-from dlo_ros.diagnosis import Diagnosis, Fitted, NamedEffect
+from dlo_ros.diagnosis import Diagnosis, Fitted, NamedEffect, SetupNumber
 from dlo_ros.diagnosis.relations import sentences
-from dlo_ros.effects import effects
+from dlo_ros.effects import effects, quantities
 from dlo_ros.files import write_text
 from dlo_ros.parameters import Settings
 from dlo_ros.report.diagnosis import (
@@ -25,6 +25,8 @@ from dlo_ros.report.diagnosis import (
     Ranked,
     RelatedInput,
     ResidualStructure,
+    SearchStep,
+    SetupRow,
     write_diagnosis_report,
 )  # fmt: skip
 
@@ -33,6 +35,8 @@ HEADLINES = {
     "explained": "The model lacks {names}.",
     "unexplained": "Something is wrong that nothing in the library explains.",
 }
+CLEAR = 3.0
+"""Standard deviations from neutral, from which a number of the set-up is told on the terminal."""
 PARTLY = "The model lacks {names}; what is left beside that nothing in the library explains."
 
 
@@ -64,6 +68,7 @@ def tree(found: Diagnosis) -> dict[str, Any]:
                     for key, n in e.parameters.items()
                 },
                 "rivals": list(e.rivals),
+                "share": _number(e.share),
             }
             for e in found.effects
         ],
@@ -80,7 +85,23 @@ def tree(found: Diagnosis) -> dict[str, Any]:
             for c in found.candidates
         ],
         "advice": found.advice,
-    }
+        "material_err": _number(found.material_err),
+        "remaining_err": _number(found.extended.err_holdout),
+        "share": _number(found.share),
+        "setup": {
+            name: {"value": n.value, "std": n.std, "tolerance": n.tolerance, "unit": n.unit}
+            for name, n in found.setup.items()
+        },
+        "systematic": {
+            name: {"value": _plain(n.value), "std": _plain(n.std), "unit": n.unit}
+            for name, n in found.systematic.items()
+        },
+        "trace": [
+            {"step": t.step, "name": t.name, "gain": _number(t.gain), "err": _number(t.err),
+             "outcome": t.outcome}
+            for t in found.trace
+        ],
+    }  # fmt: skip
 
 
 def _fitted(fitted: Fitted) -> dict[str, Any]:
@@ -118,8 +139,22 @@ def summary(found: Diagnosis) -> list[str]:
     before, after = found.baseline.err_holdout, found.extended.err_holdout
     lines.append(f"ERR on what was kept aside: {_mm(before)} -> {_mm(after)}")
     lines.append(f"noise floor: {_mm(found.noise_floor)}")
+    off = [_setup_words(name, n) for name, n in found.setup.items() if abs(_off(name, n)) > CLEAR]
+    if off:
+        lines.append(f"your set-up, within its tolerances: {', '.join(off)}")
     lines.append(found.advice)
     return lines
+
+
+def _off(name: str, number: SetupNumber) -> float:
+    """Standard deviations by which a number of the set-up is away from neutral."""
+    effect, _, key = name.partition(".")
+    neutral = quantities(effect)[key.partition("[")[0]].neutral
+    return (number.value - neutral) / number.std if number.std > 0.0 else 0.0
+
+
+def _setup_words(name: str, n: SetupNumber) -> str:
+    return f"{name} {n.value:.3g} +- {n.std:.1g} {n.unit}".rstrip()
 
 
 def headline(found: Diagnosis) -> str:
@@ -194,6 +229,10 @@ def report(found: Diagnosis, length: float) -> DiagnosisReport:
             )
             if r is not None and r.pattern is not None
         ),
+        tuple(
+            SetupRow(name, n.value, n.std, n.tolerance, n.unit) for name, n in found.setup.items()
+        ),
+        tuple(SearchStep(t.step, t.name, t.gain, t.err, t.outcome) for t in found.trace),
     )  # fmt: skip
 
 

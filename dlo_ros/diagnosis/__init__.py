@@ -2,6 +2,25 @@
 """Diagnosis: what the model gets wrong, which physical cause it has, and what naming it gains."""
 
 from dlo_ros.diagnosis.diagnose import diagnose
-from dlo_ros.diagnosis.outcome import Diagnosis, Fitted, Gain, NamedEffect, Number, Tried, View
+from dlo_ros.diagnosis.outcome import (
+    Diagnosis,
+    Fitted,
+    Gain,
+    NamedEffect,
+    Number,
+    SetupNumber,
+    Tried,
+    View,
+)
 
-__all__ = ["Diagnosis", "Fitted", "Gain", "NamedEffect", "Number", "Tried", "View", "diagnose"]
+__all__ = [
+    "Diagnosis",
+    "Fitted",
+    "Gain",
+    "NamedEffect",
+    "Number",
+    "SetupNumber",
+    "Tried",
+    "View",
+    "diagnose",
+]

@@ -7,13 +7,17 @@ import logging
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from dlo_ros.diagnosis import aside, damping, decide, judging
 from dlo_ros.diagnosis.before import alone_before
 from dlo_ros.diagnosis.candidates import scene, starts
 from dlo_ros.diagnosis.contact import hits
 from dlo_ros.diagnosis.evaluation import Evaluation, evaluate
+from dlo_ros.diagnosis.explain import Explanation, departures
 from dlo_ros.diagnosis.findings import Findings, outcome
 from dlo_ros.diagnosis.fitting import fit, renewed
+from dlo_ros.diagnosis.joint_outcome import learn
 from dlo_ros.diagnosis.measured import Recording
 from dlo_ros.diagnosis.model import Model
 from dlo_ros.diagnosis.outcome import Diagnosis
@@ -39,6 +43,11 @@ BASES = 3
 """Best single effects to which a second one is added."""
 REFORMED = 12.0
 """Structure of the best pair over that of an explanation, up to which other forms are tried."""
+PAIR = 2
+"""Effects of a pair: where more are away from neutral for certain, no pair is looked for."""
+CLEARLY_BETTER = 0.7
+"""ERR of the joint model over that of the best single effect, below which many small errors are at
+work rather than one of another kind."""
 FIRST_SHARE = 0.9
 """Of the structure before, that a single effect must go below to be one of a pair."""
 
@@ -72,6 +81,9 @@ def diagnose(
     beginning = begin([*recordings, *holdout], given)
     count = len(recordings)
     plain, found = _search(beginning, count, given, processes, progress)
+    if found.joint is not None:
+        progress("measuring the gain", 1.0)
+        return outcome(beginning, plain, found, given)
     missed = _missed(plain, found, beginning.recordings[:count], given)
     if missed is not None:
         progress("fitting the plain model anew", 0.0)
@@ -183,7 +195,9 @@ def _search(
         if decide.adequate(at.residuals):
             found = Findings(decide.Decision("adequate", None), kept_aside(plain))
         else:
-            found = _explain(team, plain, kept_aside, processes, progress)
+            found = _explain(team, plain, kept_aside, beginning, processes, progress)
+        if found.joint is not None:
+            return plain, found
         progress("judging the damping", 0.0)
         best = next(iter(found.suspects), plain)
         told = damping.named(team, plain, best, found.decision, found.kept_aside)
@@ -205,9 +219,9 @@ def _only(at: Evaluation, count: int) -> Evaluation:
 
 def _explain(
     team: Workers, plain: Candidate, kept_aside: Callable[[Candidate], aside.KeptAside],
-    processes: int, progress: Progress,
+    beginning: Beginning, processes: int, progress: Progress,
 ) -> Findings:  # fmt: skip
-    """Single effects first; pairs where none of them is enough."""
+    """Single effects first; then the joint model, or pairs where two causes may be enough."""
     recordings = team.problem.recordings
     names = [n for r in recordings for c in r.manipulation.commands for n in c.names]
     most = decide.limit(plain.structure)
@@ -236,6 +250,10 @@ def _explain(
         return Findings(explained, judge, tuple(singles))
     if faint:
         return Findings(decide.Decision("adequate", None), judge)
+    progress("fitting the joint model", 0.5)
+    joint = learn(beginning, len(recordings), plain.at.model.settings, team.problem.given)
+    if joint is not None and _takes_over(joint.explanation, singles):
+        return Findings(decide.Decision("unexplained", None), judge, tuple(singles), joint=joint)
     pairs: list[Candidate] = []
     before = alone_before(team.problem, plain, names, processes, progress)
     told = {c.effect for c in before}
@@ -286,6 +304,16 @@ def _explain(
     judge = kept_aside(everything[0] if everything else plain)
     decision = decide.Decision("unexplained", *(decide.sure(plain, everything, judge) or (None,)))
     return Findings(decision, judge, tuple(singles), tuple(pairs))
+
+
+def _takes_over(joint: Explanation, singles: Sequence[Candidate]) -> bool:
+    """Whether more than two things are wrong for certain, and the joint model shows them."""
+    if departures(joint) <= PAIR:
+        return False
+    if joint.at.mean_err < joint.material_err:
+        return True
+    single = min((aside.mean(c.at.err) or np.inf for c in singles), default=np.inf)
+    return joint.at.mean_err < CLEARLY_BETTER * single
 
 
 def _other_pegs(

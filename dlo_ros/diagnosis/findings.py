@@ -13,6 +13,7 @@ from dlo_ros.diagnosis.advice import advise
 from dlo_ros.diagnosis.estimates import fitted, numbers, own_error
 from dlo_ros.diagnosis.evaluation import is_differentiable
 from dlo_ros.diagnosis.fitting import polished
+from dlo_ros.diagnosis.joint_outcome import Learned, joint_outcome
 from dlo_ros.diagnosis.measured import Recording, noise_floor
 from dlo_ros.diagnosis.outcome import Diagnosis, NamedEffect, Tried
 from dlo_ros.diagnosis.relations import Relations, relations, sentences
@@ -25,12 +26,18 @@ from dlo_ros.parameters import Settings
 
 @dataclass(frozen=True)
 class Findings:
-    """What the search has come to."""
+    """What the search has come to.
+
+    Args:
+        joint: the joint model's explanation, where that takes the place of single effects and
+            pairs.
+    """
 
     decision: decide.Decision
     kept_aside: aside.KeptAside
     singles: tuple[Candidate, ...] = ()
     pairs: tuple[Candidate, ...] = ()
+    joint: Learned | None = None
 
     @property
     def suspects(self) -> list[Candidate]:
@@ -40,6 +47,8 @@ class Findings:
 
 def outcome(beginning: Beginning, plain: Candidate, found: Findings, given: Settings) -> Diagnosis:
     """Measure on what is kept aside, and put everything together."""
+    if found.joint is not None:
+        return joint_outcome(beginning, plain, found.joint, given)
     recordings = beginning.recordings
     decision, kept_aside = found.decision, found.kept_aside
     parted = kept_aside.parted

@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
+from dlo_ros.diagnosis.causes import Step
 from dlo_ros.diagnosis.decide import Verdict
 from dlo_ros.diagnosis.relations import Relations
 from dlo_ros.parameters import Settings
@@ -22,11 +24,26 @@ class Number:
 
 @dataclass(frozen=True)
 class NamedEffect:
-    """An effect that the data show, and what explains them as well."""
+    """An effect that the data show, and what explains them as well.
+
+    Args:
+        share: of the ERR beyond the measurement's own that it takes away, 0 to 1; None: unknown.
+    """
 
     name: str
     parameters: dict[str, Number]
     rivals: tuple[str, ...]
+    share: float | None = None
+
+
+@dataclass(frozen=True)
+class SetupNumber:
+    """A number of the set-up with its standard deviation, its tolerance and their SI unit."""
+
+    value: float
+    std: float
+    tolerance: float
+    unit: str
 
 
 @dataclass(frozen=True)
@@ -110,6 +127,11 @@ class Diagnosis:
         views: for the report.
         relations_before, relations_after: what goes along with the residual of the plain model, and
             with that of the best extension, which may be no more than a suspect.
+        material_err: ERR below which nothing is left to explain [m].
+        share: of the held-out ERR beyond the measurement's own that the extended model takes away.
+        setup: numbers of the set-up within their tolerances, by effect and key.
+        systematic: errors of the measurement and of the model, by name.
+        trace: every candidate of every step of the joint model's search.
     """
 
     verdict: Verdict
@@ -128,3 +150,8 @@ class Diagnosis:
     views: tuple[View, ...]
     relations_before: Relations | None = None
     relations_after: Relations | None = None
+    material_err: float | None = None
+    share: float | None = None
+    setup: Mapping[str, SetupNumber] = field(default_factory=dict)
+    systematic: Mapping[str, Number] = field(default_factory=dict)
+    trace: tuple[Step, ...] = ()

@@ -12,7 +12,7 @@ import numpy as np
 
 from dlo_ros.command import Command
 from dlo_ros.effects.quantity import Quantity, RopeScale, described, quantity
-from dlo_ros.effects.start import INNER_PLACES, Scene, Start, Value
+from dlo_ros.effects.start import INNER_PLACES, Block, Scene, Start, Value
 from dlo_ros.errors import ParameterError
 from dlo_ros.spline import FloatArray, SplineBasis
 
@@ -178,6 +178,7 @@ class Effect:
             measurement, which such a run knows nothing of.
         varied_in_batch: whether its values may differ between these sets. The rod must stay plain:
             it neither touches anything nor softens, yields, slips or becomes longer.
+        in_setup: whether every real set-up has a little of it, within its tolerances.
     """
 
     name: ClassVar[str]
@@ -186,6 +187,7 @@ class Effect:
     differentiable: ClassVar[bool] = True
     batched: ClassVar[bool] = True
     varied_in_batch: ClassVar[bool] = False
+    in_setup: ClassVar[bool] = False
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
@@ -225,6 +227,15 @@ class Effect:
     def parameter(cls, key: str) -> str:
         """Full name of a parameter, `effects.NAME.KEY`."""
         return f"{PREFIX}{cls.name}.{key}"
+
+    @classmethod
+    def setup(cls, scene: Scene) -> Block:
+        """Neutral values of the numbers with which every set-up has the effect a little.
+
+        They are always open within their tolerances where the joint model is fitted; empty: an
+        effect that a careful set-up does not have.
+        """
+        return {q.name: q.nothing for q in cls.quantities()} if cls.in_setup else {}
 
     @classmethod
     def starts(cls, scene: Scene) -> list[Start]:

@@ -137,6 +137,28 @@ class ResidualStructure:
 
 
 @dataclass(frozen=True)
+class SetupRow:
+    """A number of the set-up with its standard deviation and its tolerance."""
+
+    name: str
+    value: float
+    std: float
+    tolerance: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class SearchStep:
+    """A candidate of a step: gain in log evidence, ERR [m] where fitted, what became of it."""
+
+    step: int
+    name: str
+    gain: float
+    err: float | None
+    outcome: str
+
+
+@dataclass(frozen=True)
 class DiagnosisReport:
     """All that the report shows; lengths in m."""
 
@@ -152,6 +174,13 @@ class DiagnosisReport:
     advice: str
     remarks: tuple[str, ...]
     structures: tuple[ResidualStructure, ...] = ()
+    setup: tuple[SetupRow, ...] = ()
+    trace: tuple[SearchStep, ...] = ()
+
+    @property
+    def extends(self) -> bool:
+        """Whether the extended model is another than the plain one."""
+        return bool(self.effects or self.setup)
 
 
 def write_diagnosis_report(path: Path | str, report: DiagnosisReport) -> None:
@@ -177,12 +206,16 @@ def diagnosis_page(report: DiagnosisReport) -> str:
     if len(report.ranking) > 1:
         sections.append(Section("All that was tried", _ranking(report)))
     sections.append(Section("Material", _material(report)))
+    if report.setup:
+        sections.append(Section("Your set-up, as far as the data tell", _setup(report)))
+    if report.trace:
+        sections.append(Section("Every step of the search", _trace(report)))
     return page("Diagnosis", summary, sections)
 
 
 def _maps(report: DiagnosisReport) -> str:
     parts = []
-    changed = bool(report.effects)
+    changed = report.extends
     for r in report.recordings:
         parts.append(f"<h3>{markup(f'{r.name} ({r.role})')}</h3>")
         titles = ["plain model", "extended model"][: 2 if changed else 1]
@@ -239,10 +272,10 @@ def _before_and_after(report: DiagnosisReport) -> str:
     parts = []
     before, after = report.err_holdout
     words = f"ERR on what was kept aside: {millimetres(before)} with the plain model"
-    if report.effects:
+    if report.extends:
         words += f", {millimetres(after)} with the extended one"
     parts.append(paragraph(f"{words}; noise floor {millimetres(report.noise_floor)}."))
-    if report.gain is not None and report.effects:
+    if report.gain is not None and report.extends:
         change = "smaller" if report.gain[0] >= 0.0 else "larger"
         sign = 100.0 if report.gain[0] >= 0.0 else -100.0
         value, *ends = (sign * v for v in report.gain)
@@ -259,18 +292,18 @@ def _before_and_after(report: DiagnosisReport) -> str:
         frames = [
             ShapeFrame(
                 float(r.times[f]), r.observed[f], r.after[f],
-                r.before[f] if report.effects else None, float(r.err_after[f]),
+                r.before[f] if report.extends else None, float(r.err_after[f]),
                 arrows=drawn.sure[f] if drawn else None, faint=drawn.faint[f] if drawn else None,
             )
             for f in range(len(r.times))
         ]  # fmt: skip
         caption = "Move the slider. Observed; predicted"
-        caption += " with, and at first without, the named cause." if report.effects else "."
+        caption += " with, and at first without, the named cause." if report.extends else "."
         if any(f.arrows is not None for f in frames):
             caption += FORCE_CAPTION
         parts.append(figure(player(frames, r.length, legend), caption))
         series = [Series("plain model", "predicted", r.times, 1e3 * r.err_before, dashed=True)]
-        if report.effects:
+        if report.extends:
             series.append(Series("extended model", "observed", r.times, 1e3 * r.err_after))
         levels: tuple[Level, ...] = ()
         if report.noise_floor is not None:
@@ -303,3 +336,27 @@ def _material(report: DiagnosisReport) -> str:
         [m.name, measured(*m.before, m.unit), measured(*m.after, m.unit)] for m in report.material
     ]
     return table(["parameter", "plain model", "extended model"], rows)
+
+
+def _setup(report: DiagnosisReport) -> str:
+    rows = [
+        [r.name, measured(r.value, r.std, r.unit), f"{r.tolerance:.2g} {r.unit}".rstrip()]
+        for r in report.setup
+    ]
+    text = paragraph(
+        "Every set-up is a little off. These numbers were fitted along with the material, each "
+        "within the tolerance of a careful person; none of them counts as a cause."
+    )
+    return table(["number", "value +- std", "tolerance (std)"], rows) + text
+
+
+def _trace(report: DiagnosisReport) -> str:
+    rows = [
+        [str(t.step), t.name.replace("_", " "), f"{t.gain:.1f}", millimetres(t.err), t.outcome]
+        for t in report.trace
+    ]
+    text = paragraph(
+        "Gain: how much the log evidence rises with the candidate; 3 is twenty to one. Those that "
+        "were not fitted have the gain that the linearised model promises."
+    )
+    return table(["step", "candidate", "gain", "ERR", "what became of it"], rows) + text

@@ -19,6 +19,7 @@ class CameraRotation(Effect):
     """Rotation of the measured shapes about the board's origin, positive from x towards -z."""
 
     name: ClassVar[str] = "camera_rotation"
+    in_setup: ClassVar[bool] = True
 
     angle: float = quantity(
         0.0, "rad", -1.6, 1.6, "of the measured shapes", tolerance=math.radians(0.5)

@@ -15,6 +15,7 @@ class CameraScale(Effect):
     """True size over measured size, about the board's origin."""
 
     name: ClassVar[str] = "camera_scale"
+    in_setup: ClassVar[bool] = True
 
     ratio: float = quantity(
         1.0, "", 0.5, 2.0, "true size over measured size", role="ratio", tolerance=0.005

@@ -19,6 +19,7 @@ class CameraShift(Effect):
     """Shift of the measured shapes in the board's plane: measured minus true position."""
 
     name: ClassVar[str] = "camera_shift"
+    in_setup: ClassVar[bool] = True
 
     x: float = quantity(0.0, "m", -1.0, 1.0, "of the measured shapes, along x", tolerance=CAREFUL)
     z: float = quantity(0.0, "m", -1.0, 1.0, "of the measured shapes, along z", tolerance=CAREFUL)

@@ -14,6 +14,7 @@ class CommandDelay(Effect):
     """Time between the commanded and the true motion, positive where the DLO moves later."""
 
     name: ClassVar[str] = "command_delay"
+    in_setup: ClassVar[bool] = True
 
     delay: float = quantity(0.0, "s", -2.0, 2.0, "of the true motion", tolerance=0.02)
 

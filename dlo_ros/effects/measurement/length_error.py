@@ -15,6 +15,7 @@ class LengthError(Effect):
 
     name: ClassVar[str] = "length_error"
     batched: ClassVar[bool] = False
+    in_setup: ClassVar[bool] = True
 
     difference: float = quantity(
         0.0,

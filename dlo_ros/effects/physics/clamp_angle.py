@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from dlo_ros.command import CONTROL_POINT, END, START, Command
 from dlo_ros.effects.base import Effect, Scene, Start, quantity
+from dlo_ros.effects.start import Block
 
 CAREFUL = math.radians(3.0)  # [rad] to which a clamp is lined up by eye
 
@@ -24,6 +25,7 @@ class ClampAngle(Effect):
     """
 
     name: ClassVar[str] = "clamp_angle"
+    in_setup: ClassVar[bool] = True
 
     start: float = quantity(0.0, "rad", -1.6, 1.6, "at the start", tolerance=CAREFUL)
     end: float = quantity(0.0, "rad", -1.6, 1.6, "at the end", tolerance=CAREFUL)
@@ -45,6 +47,11 @@ class ClampAngle(Effect):
                     outer = positions[:, command.names.index(tip)]
                     positions[:, k] = outer + turn.apply(positions[:, k] - outer)
         return replace(command, positions=positions, rotations=rotations)
+
+    @classmethod
+    def setup(cls, scene: Scene) -> Block:
+        """See the base class; an end that is free has no clamp."""
+        return dict.fromkeys(scene.clamps, 0.0)
 
     @classmethod
     def starts(cls, scene: Scene) -> list[Start]:

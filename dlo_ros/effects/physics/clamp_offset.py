@@ -10,6 +10,7 @@ import numpy as np
 
 from dlo_ros.command import CONTROL_POINT, END, START, Command
 from dlo_ros.effects.base import Effect, Scene, Start, quantity
+from dlo_ros.effects.start import Block
 
 IN_PLANE = (0, 2)  # axes of an offset of two numbers
 AXES = (2, 3)
@@ -25,6 +26,7 @@ class ClampOffset(Effect):
     """
 
     name: ClassVar[str] = "clamp_offset"
+    in_setup: ClassVar[bool] = True
 
     start: tuple[float, ...] = quantity(
         0.0, "m", -1.0, 1.0, "at the start: x, z, or x, y, z", counts=AXES, tolerance=CAREFUL
@@ -45,6 +47,11 @@ class ClampOffset(Effect):
             moved[axes] = offset
             positions[:, held] += moved
         return replace(command, positions=positions)
+
+    @classmethod
+    def setup(cls, scene: Scene) -> Block:
+        """See the base class; an end that is free has no offset."""
+        return dict.fromkeys(scene.held, (0.0,) * len(IN_PLANE))
 
     @classmethod
     def starts(cls, scene: Scene) -> list[Start]:

@@ -16,6 +16,7 @@ class GravityTilt(Effect):
 
     name: ClassVar[str] = "gravity_tilt"
     varied_in_batch: ClassVar[bool] = True
+    in_setup: ClassVar[bool] = True
 
     angle: float = quantity(
         0.0, "rad", -3.2, 3.2, "rotation of gravity in the board's plane",

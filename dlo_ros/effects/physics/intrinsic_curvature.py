@@ -9,9 +9,11 @@ from typing import ClassVar
 import numpy as np
 
 from dlo_ros.effects.base import Body, Effect, Scene, Start, quantity
-from dlo_ros.effects.start import INNER_PLACES
+from dlo_ros.effects.start import INNER_PLACES, Block
 
 PATTERNS = (3, 4, 5)  # numbers of values of a curvature at rest that varies along the DLO
+
+SETUP_VALUES = 3  # along the DLO, of the curvature that every cable has from its coil
 
 
 @dataclass(frozen=True)
@@ -25,6 +27,7 @@ class IntrinsicCurvature(Effect):
 
     name: ClassVar[str] = "intrinsic_curvature"
     varied_in_batch: ClassVar[bool] = True
+    in_setup: ClassVar[bool] = True
 
     curvature: float | tuple[float, ...] = quantity(
         0.0, "1/m", -200.0, 200.0, "curvature at rest, one value or several along u", array=True,
@@ -41,6 +44,11 @@ class IntrinsicCurvature(Effect):
         if self.kink:
             body.within("intrinsic_curvature.position", self.position)
             body.kinks.append((self.kink, self.position))
+
+    @classmethod
+    def setup(cls, scene: Scene) -> Block:
+        """See the base class: the set of a coil, which changes slowly along the DLO."""
+        return {"curvature": (0.0,) * SETUP_VALUES}
 
     @classmethod
     def starts(cls, scene: Scene) -> list[Start]:

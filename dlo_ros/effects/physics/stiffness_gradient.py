@@ -15,6 +15,7 @@ class StiffnessGradient(Effect):
 
     name: ClassVar[str] = "stiffness_gradient"
     varied_in_batch: ClassVar[bool] = True
+    in_setup: ClassVar[bool] = True
 
     change: float = quantity(0.0, "", -1.9, 1.9, "relative change from start to end", tolerance=0.3)
 

@@ -1,0 +1,378 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Causes that recordings show beyond the tolerances of a set-up: proposals and their evidence.
+
+The set-up within its tolerances is always part of the model. A proposal frees a number of the
+set-up from its tolerance, or adds an effect at one of the places where it is looked for; the
+linearised posterior tells by how much it would raise the log evidence, before anything is fitted.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dlo_ros.diagnosis import priors
+from dlo_ros.diagnosis.candidates import starts
+from dlo_ros.diagnosis.joint import Evaluation, Field, evaluate, fit, simulate
+from dlo_ros.diagnosis.measured import Recording
+from dlo_ros.diagnosis.priors import SLAB
+from dlo_ros.effects import Scene, Start
+from dlo_ros.errors import SimulationError
+from dlo_ros.inference.parameter import Parameter, ParametricModel
+from dlo_ros.inference.spectrum import spectrum
+from dlo_ros.inference.variances import Posterior, fit_variances, posterior
+from dlo_ros.spline import FloatArray
+
+LOG = logging.getLogger(__name__)
+
+WORTH = 3.0
+"""Gain in log evidence for which a cause is added: twenty to one."""
+MOST_CAUSES = 6
+TRIALS = 3
+"""Proposals of different effects that are fitted in a step, those that promise most."""
+VARIANCE_ITERATIONS = 8
+"""Iterations of the error variances for a promise."""
+FIT_ITERATIONS = 6
+AMPLITUDE_STD = 1.5
+"""Prior standard deviation of the amplitude of an effect that acts from a finite size on."""
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """Something that might be a cause.
+
+    Args:
+        effect: its name.
+        form: tells variants of one effect apart.
+        start: of an effect that is added; None: a number of the set-up is freed.
+        parameters: with the priors of a cause; all that are fitted.
+        columns: names of those in which the effect is linear at first.
+    """
+
+    effect: str
+    form: str
+    start: Start | None
+    parameters: tuple[Parameter, ...]
+    columns: tuple[str, ...]
+
+    @property
+    def label(self) -> str:
+        """For people."""
+        return f"{self.effect} ({self.form})" if self.form else self.effect
+
+
+@dataclass(frozen=True)
+class Promise:
+    """What the linearised posterior expects of a proposal.
+
+    Args:
+        gain: in log evidence.
+        model: from which the fit starts.
+    """
+
+    proposal: Proposal
+    gain: float
+    model: ParametricModel
+
+
+@dataclass(frozen=True)
+class Step:
+    """A candidate of one step, for the trace.
+
+    Args:
+        step: number of the step.
+        name: of the proposal.
+        gain: in log evidence, as fitted, or as promised where it was not.
+        err: of the fitted model [m]; None where it was not fitted.
+        outcome: why it was kept or dropped.
+    """
+
+    step: int
+    name: str
+    gain: float
+    err: float | None
+    outcome: str
+
+
+@dataclass(frozen=True)
+class Search:
+    """What the search has found.
+
+    Args:
+        at: the joint model with all causes.
+        causes: in the order in which they were found.
+        trace: every candidate of every step.
+    """
+
+    at: Evaluation
+    causes: tuple[Proposal, ...]
+    trace: tuple[Step, ...]
+
+
+def search(at: Evaluation, recordings: Sequence[Recording], scene: Scene, enough: float) -> Search:
+    """Add causes one by one, that which raises the log evidence most first.
+
+    Effects without a useful derivative where they do nothing are dear, and able to imitate others:
+    they are tried where no smooth one is worth it.
+
+    Args:
+        at: the joint model with its set-up within tolerance, fitted.
+        enough: ERR [m] below which nothing is looked for.
+    """
+    causes: list[Proposal] = []
+    dropped: set[str] = set()
+    trace: list[Step] = []
+    while len(causes) < MOST_CAUSES and at.mean_err > enough:
+        known = {c.label for c in causes} | {c.effect for c in causes if c.start is not None}
+        known |= dropped
+        number = len(causes) + 1
+        found: tuple[Evaluation, Proposal] | None = None
+        for smooth in (True, False):
+            promises = promised(at, recordings, scene, smooth=smooth)
+            promises = [p for p in promises if not {p.proposal.label, p.proposal.effect} & known]
+            found, steps = _best_of(number, at, promises, recordings)
+            trace += steps
+            if found is not None:
+                break
+        if found is None:
+            break
+        at, causes = found[0], [*causes, found[1]]
+        for cause in reversed(causes):
+            bare = without(at, cause, recordings)
+            if bare is None or at.posterior.evidence - bare.posterior.evidence >= WORTH:
+                continue
+            loss = at.posterior.evidence - bare.posterior.evidence
+            trace.append(Step(number, cause.label, loss, bare.mean_err, "returned: not needed"))
+            at, causes = bare, [c for c in causes if c is not cause]
+            dropped.add(cause.label)
+    return Search(at, tuple(causes), tuple(trace))
+
+
+def without(
+    at: Evaluation, cause: Proposal, recordings: Sequence[Recording], *, wholly: bool = False
+) -> Evaluation | None:
+    """The joint model fitted without a cause; None where it cannot be simulated.
+
+    Args:
+        wholly: whether a number of the set-up becomes neutral, instead of going back to its
+            tolerance.
+    """
+    names = [p.name for p in cause.parameters]
+    if cause.start is None and not wholly:
+        tolerated = [replace(p, std=p.std / SLAB, tolerated=True) for p in cause.parameters]
+        return _fitted(at.model.with_prior(tolerated), recordings)
+    begins = [at.model.without(names)]
+    if cause.start is None or cause.start.neutral:
+        # Where the linearised posterior lies once the cause is at neutral.
+        pinned = at.model.with_prior([_pinned(p) for p in cause.parameters])
+        found = posterior(at.spectra, at.variances, pinned.offset(), pinned.precision())
+        begins.insert(0, at.model.at(at.model.theta() + found.step).without(names))
+    return next((f for m in begins if (f := _fitted(m, recordings)) is not None), None)
+
+
+def _pinned(p: Parameter) -> Parameter:
+    """A parameter that is held at its prior's centre."""
+    return replace(p, std=1e-6 * p.std)
+
+
+def _best_of(
+    number: int, at: Evaluation, promises: Sequence[Promise], recordings: Sequence[Recording]
+) -> tuple[tuple[Evaluation, Proposal] | None, list[Step]]:
+    """Fit the proposals that promise most; the one that gains most, if it is worth it."""
+    trace: list[Step] = []
+    best: tuple[float, Evaluation, Proposal] | None = None
+    for k, promise in enumerate(promises):
+        name = promise.proposal.label
+        if promise.gain < WORTH or k >= TRIALS or (best is not None and promise.gain < best[0]):
+            trace.append(Step(number, name, promise.gain, None, "promised less"))
+            continue
+        found = _fitted(promise.model, recordings)
+        if found is None:
+            trace.append(Step(number, name, promise.gain, None, "cannot be simulated"))
+            continue
+        gain = found.posterior.evidence - at.posterior.evidence
+        trace.append(Step(number, name, gain, found.mean_err, "fitted"))
+        if gain >= WORTH and (best is None or gain > best[0]):
+            best = gain, found, promise.proposal
+    if best is None:
+        return None, trace
+    chosen = best[2].label
+    return (best[1], best[2]), [
+        replace(t, outcome="added") if t.name == chosen and t.err is not None else t for t in trace
+    ]
+
+
+def _fitted(model: ParametricModel, recordings: Sequence[Recording]) -> Evaluation | None:
+    """The model fitted; None where it cannot be simulated."""
+    try:
+        return fit(evaluate(model, recordings), recordings, FIT_ITERATIONS)
+    except SimulationError as err:
+        LOG.info("not fitted: %s", err)
+        return None
+
+
+def promised(
+    at: Evaluation, recordings: Sequence[Recording], scene: Scene, *, smooth: bool
+) -> list[Promise]:
+    """What proposals promise, best first.
+
+    Args:
+        smooth: whether those that are linear at first, or the others.
+    """
+    proposals = [
+        p for p in (*freed(at.model), *added(at.model, scene))
+        if smooth == (p.start is None or p.start.neutral)
+    ]  # fmt: skip
+    extra = _columns(at, recordings, proposals)
+    result = []
+    for proposal in proposals:
+        found = _promise(at, proposal, extra)
+        if found is not None:
+            result.append(found)
+    return sorted(result, key=lambda p: -p.gain)
+
+
+def freed(model: ParametricModel) -> list[Proposal]:
+    """Numbers of the set-up that leave their tolerance, those of one place together."""
+    groups: dict[tuple[str, str], list[Parameter]] = {}
+    for p in model.parameters:
+        if p.effect and p.tolerated:
+            key = p.key.partition("[")[0]
+            several = p.effect.startswith("clamp")  # each clamp by itself
+            groups.setdefault((p.effect, key if several else ""), []).append(p)
+    return [
+        Proposal(effect, form, None, tuple(p.freed(SLAB) for p in ps), tuple(p.name for p in ps))
+        for (effect, form), ps in groups.items()
+    ]
+
+
+def added(model: ParametricModel, scene: Scene) -> list[Proposal]:
+    """Effects that the set-up does not contain, where they are looked for."""
+    result = []
+    for start in starts(scene):
+        fitted, columns = priors.cause(model.settings, start)
+        present = model.settings.effects.get(start.effect, {})
+        if any(key in present for key in start.fitted):
+            continue  # the set-up has it, see `freed`
+        result.append(Proposal(start.effect, start.form or _place(start), start, fitted, columns))
+    return result
+
+
+def _place(start: Start) -> str:
+    place = start.block.get("position", start.block.get("centre"))
+    return f"at {place:.3g} m" if isinstance(place, float) and start.neutral else ""
+
+
+Extra = dict[int, tuple[FloatArray, ...]]
+
+
+def _columns(
+    at: Evaluation, recordings: Sequence[Recording], proposals: Sequence[Proposal]
+) -> Extra:
+    """Derivatives by what each proposal adds, per recording (F, Q, K), by the proposal's identity.
+
+    Effects that do nothing at first share a simulation; one of each kind at a time.
+    """
+    result: Extra = {}
+    waiting = [p for p in proposals if p.start is not None]
+    neutral = [p for p in waiting if p.start is not None and p.start.neutral]
+    while neutral:
+        sheet: list[Proposal] = []
+        for p in neutral:
+            if p.effect not in {s.effect for s in sheet}:
+                sheet.append(p)
+        neutral = [p for p in neutral if p not in sheet]
+        model = at.model
+        for p in sheet:
+            assert p.start is not None
+            model = model.extended(p.effect, dict(p.start.block), p.parameters)
+        names = [name for p in sheet for name in p.columns]
+        try:
+            found = simulate(model, recordings, names)
+        except SimulationError as err:
+            LOG.info("%s: %s", ", ".join(p.label for p in sheet), err)
+            continue
+        first = 0
+        for p in sheet:
+            last = first + len(p.columns)
+            result[id(p)] = tuple(j[:, first:last] for _, j in found.fields)
+            first = last
+    for p in waiting:
+        if p.start is None or p.start.neutral:
+            continue
+        model = at.model.extended(p.effect, dict(p.start.block), p.parameters)
+        try:
+            found = simulate(model, recordings, ())
+        except SimulationError as err:
+            LOG.info("%s: %s", p.label, err)
+            continue
+        result[id(p)] = tuple(
+            (here[0] - there[0])[:, None, :]
+            for here, there in zip(at.fields, found.fields, strict=True)
+        )
+    return result
+
+
+def _promise(at: Evaluation, proposal: Proposal, extra: Extra) -> Promise | None:
+    """The linearised gain of a proposal."""
+    if proposal.start is None:
+        model = at.model.with_prior(proposal.parameters)
+        found = _posterior(at, at.fields, model.offset(), model.precision())
+        gain = found.evidence - at.posterior.evidence
+        return Promise(proposal, gain, model.at(model.theta() + found.step))
+    columns = extra.get(id(proposal))
+    if columns is None:
+        return None
+    fields = tuple(
+        (r, np.concatenate([j, c], axis=1)) for (r, j), c in zip(at.fields, columns, strict=True)
+    )
+    block = dict(proposal.start.block)
+    if proposal.start.neutral:
+        linear = [p for p in proposal.parameters if p.name in proposal.columns]
+        own = ParametricModel(
+            at.model.settings.with_effects({proposal.effect: block}), tuple(linear)
+        )
+        offset, precision = own.offset(), own.precision()
+    else:
+        offset, precision = np.zeros(1), np.array([AMPLITUDE_STD**-2])
+    found = _posterior(
+        at, fields, np.append(at.model.offset(), offset), np.append(at.model.precision(), precision)
+    )
+    count = len(at.model.parameters)
+    step, amount = found.step[:count], found.step[count:]
+    gain = found.evidence - at.posterior.evidence
+    if not proposal.start.neutral:
+        if amount[0] <= 0.0:
+            return Promise(proposal, 0.0, at.model)
+        model = at.model.extended(proposal.effect, block, proposal.parameters)
+        share = min(1.0 / amount[0], 1.0)
+        return Promise(proposal, gain, model.at(_moved(model, at.model, share * step)))
+    model = at.model.extended(proposal.effect, block, proposal.parameters)
+    theta = _moved(model, at.model, step)
+    for p, x in zip(linear, amount, strict=True):
+        theta[model.index(p.name)] += x
+    return Promise(proposal, gain, model.at(theta))
+
+
+def _moved(model: ParametricModel, before: ParametricModel, step: FloatArray) -> FloatArray:
+    """Values of a larger model where those of a smaller one have moved."""
+    theta = model.theta()
+    for name, x in zip(before.names, step, strict=True):
+        theta[model.index(name)] += x
+    return theta
+
+
+def _posterior(
+    at: Evaluation, fields: Sequence[Field], offset: FloatArray, precision: FloatArray
+) -> Posterior:
+    n = at.model.settings.rod.control_points
+    same = len(offset) == len(at.model.parameters)
+    spectra = at.spectra if same else tuple(spectrum(r, j, n) for r, j in fields)
+    _, found = fit_variances(
+        spectra, offset, precision, at.model.settings.rod.length, at.variances,
+        VARIANCE_ITERATIONS,
+    )  # fmt: skip
+    return found

@@ -1,0 +1,221 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Explains recordings by the joint model: the set-up within its tolerances, and causes beyond."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dlo_ros.diagnosis.candidates import scene
+from dlo_ros.diagnosis.causes import (
+    Proposal,
+    Search,
+    Step,
+    freed,
+    promised,
+    search,
+    without,
+)
+from dlo_ros.diagnosis.joint import Evaluation, evaluate, fit
+from dlo_ros.diagnosis.measured import Recording
+from dlo_ros.diagnosis.priors import SLAB, joint_model
+from dlo_ros.errors import SimulationError
+from dlo_ros.inference.variances import FEWEST_FRAMES
+from dlo_ros.parameters import Settings
+from dlo_ros.spline import FloatArray
+
+NAMED = 5.0
+"""Loss of log evidence without a cause, from which it is named: 150 to one."""
+RIVAL = 3.0
+"""Log evidence by which a rival may be worse."""
+CERTAIN = 3.0
+"""Standard deviations from neutral, from which a cause is named."""
+BEYOND = 2.0
+"""Tolerances from neutral, from which a number of the set-up may be a cause."""
+LOWERS = 0.1
+"""Share of ERR that a named cause must take away."""
+OWN = 1.3
+"""ERR over that of the measurement itself, up to which nothing is left to explain."""
+STILL = 0.1
+"""Share of the error that stays which counts as the measurement's where the DLO does not move:
+there nothing tells it from an error of the model."""
+WHITE_ITERATIONS, ITERATIONS = 5, 8
+RIVAL_FITS = 2
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A cause that the data show for certain.
+
+    Args:
+        effect: its name.
+        names: of its parameters.
+        rivals: effects that explain the data as well in its place.
+        evidence: log evidence that is lost without it.
+        err: ERR without it [m].
+    """
+
+    effect: str
+    names: tuple[str, ...]
+    rivals: tuple[str, ...]
+    evidence: float
+    err: float
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """What the joint model makes of the recordings.
+
+    Args:
+        setup: the set-up within tolerance, fitted.
+        at: the same with all causes.
+        causes: those that are certain.
+        own_err: ERR that the measurement alone has [m].
+        material_err: ERR [m] below which nothing is left to explain.
+        proposals: all that the search has added or freed, certain or not.
+        trace: every candidate of every step.
+    """
+
+    setup: Evaluation
+    at: Evaluation
+    causes: tuple[Cause, ...]
+    own_err: float
+    material_err: float
+    proposals: tuple[Proposal, ...]
+    trace: tuple[Step, ...]
+
+
+def explain(recordings: Sequence[Recording], plain: Settings, given: Settings) -> Explanation:
+    """Fit the joint model and look for causes.
+
+    Args:
+        recordings: to learn from.
+        plain: settings of the plain model's fit, from where the fit starts.
+        given: the parameter file, whose material the priors lie around.
+
+    Raises:
+        SimulationError: the joint model cannot be simulated.
+    """
+    names = [n for r in recordings for c in r.manipulation.commands for n in c.names]
+    here = scene(plain, names, [r.observed for r in recordings])
+    model = joint_model(plain, given, here)
+    at = fit(evaluate(model, recordings), recordings, WHITE_ITERATIONS, white=True)
+    at = fit(at, recordings, ITERATIONS)
+    enough = given.diagnosis.material_err * given.rod.length
+    found = search(at, recordings, here, enough)
+    own = own_err(found.at, recordings)
+    causes = _named(found, recordings, names)
+    return Explanation(at, found.at, causes, own, max(OWN * own, enough), found.causes, found.trace)
+
+
+def own_err(at: Evaluation, recordings: Sequence[Recording]) -> float:
+    """ERR that the measurement alone has [m]: noise, and errors that stay while the DLO moves."""
+    found = []
+    for variances, recording in zip(at.variances, recordings, strict=True):
+        still = len(recording.times) < FEWEST_FRAMES
+        lasting = (STILL if still else 1.0) ** 2 * variances.lasting
+        found.append(mean_length(np.sqrt(variances.white + lasting)))
+    return float(np.mean(found))
+
+
+def mean_length(sizes: FloatArray) -> float:
+    """Mean length of a normal vector with the given standard deviations."""
+    drawn = np.random.default_rng(0).normal(size=(20_000, len(sizes)))
+    return float(np.mean(np.linalg.norm(drawn * sizes, axis=1)))
+
+
+def _named(
+    found: Search, recordings: Sequence[Recording], names: Sequence[str]
+) -> tuple[Cause, ...]:
+    """Causes without which the best model is clearly worse; numbers of the set-up are no less."""
+    at = found.at
+    result = []
+    for group in (*found.causes, *beyond(at)):
+        if not certain(at, group):
+            continue
+        bare = without(at, group, recordings, wholly=True)
+        if bare is None:
+            continue
+        loss = at.posterior.evidence - bare.posterior.evidence
+        if loss < NAMED or at.mean_err > (1.0 - LOWERS) * bare.mean_err:
+            continue
+        rivals = _rivals(at, bare, group, recordings, names)
+        names_ = tuple(p.name for p in group.parameters)
+        result.append(Cause(group.effect, names_, rivals, loss, bare.mean_err))
+    return _merged(result)
+
+
+def _merged(causes: Sequence[Cause]) -> tuple[Cause, ...]:
+    """Causes with one entry for each effect, the clearest first."""
+    by_effect: dict[str, list[Cause]] = {}
+    for cause in sorted(causes, key=lambda c: -c.evidence):
+        by_effect.setdefault(cause.effect, []).append(cause)
+    return tuple(
+        Cause(
+            effect, tuple(n for c in same for n in c.names),
+            tuple(r for r in same[0].rivals if all(r in c.rivals for c in same)),
+            same[0].evidence, max(c.err for c in same),
+        )
+        for effect, same in by_effect.items()
+    )  # fmt: skip
+
+
+def beyond(at: Evaluation) -> list[Proposal]:
+    """Groups of the set-up of which a number lies beyond its tolerance."""
+    off = dict(zip(at.model.names, at.model.offset(), strict=True))
+    return [
+        replace(g, parameters=tuple(p for p in at.model.parameters if p.name in g.columns))
+        for g in freed(at.model)
+        if any(abs(off[p.name]) > BEYOND * p.std / SLAB for p in g.parameters)
+    ]
+
+
+def certain(at: Evaluation, group: Proposal) -> bool:
+    """Whether a group is away from neutral by more than its uncertainty (Wald)."""
+    linear = [n for n in group.columns if n in at.model.names]
+    if not linear or (group.start is not None and not group.start.neutral):
+        return group.start is not None
+    k = [at.model.index(n) for n in linear]
+    off = at.model.offset()[k]
+    spread = at.posterior.covariance[np.ix_(k, k)]
+    return float(off @ np.linalg.solve(spread, off)) > CERTAIN**2 * len(k)
+
+
+def departures(found: Explanation) -> int:
+    """Number of causes and parts of the set-up that are away from neutral for certain."""
+    added = [c for c in found.proposals if c.start is not None]
+    at = found.at
+    tolerated = replace(
+        at.model,
+        parameters=tuple(replace(p, tolerated=bool(p.effect)) for p in at.model.parameters),
+    )
+    own = {p.name for c in added for p in c.parameters}
+    parts = [g for g in freed(tolerated) if not own & set(g.columns)]
+    return len(added) + sum(certain(at, g) for g in parts)
+
+
+def _rivals(
+    at: Evaluation, bare: Evaluation, group: Proposal, recordings: Sequence[Recording],
+    names: Sequence[str],
+) -> tuple[str, ...]:  # fmt: skip
+    """Effects that explain the data as well where a group is at neutral."""
+    here = scene(bare.model.settings, names, bare.predicted)
+    missing = at.posterior.evidence - bare.posterior.evidence - RIVAL
+    result: list[str] = []
+    fits = 0
+    for promise in promised(bare, recordings, here, smooth=True):
+        effect = promise.proposal.effect
+        if effect == group.effect or effect in result or promise.gain < missing:
+            continue
+        if fits >= RIVAL_FITS:
+            break
+        fits += 1
+        try:
+            there = fit(evaluate(promise.model, recordings), recordings, ITERATIONS)
+        except SimulationError:
+            continue
+        if there.posterior.evidence - bare.posterior.evidence >= missing:
+            result.append(effect)
+    return tuple(result)

@@ -1,0 +1,205 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""A model held against recordings, and its fit with correlated errors (Levenberg-Marquardt)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dlo_ros.diagnosis.measured import Recording
+from dlo_ros.errors import SimulationError
+from dlo_ros.identification.forecast import forecast, whitening
+from dlo_ros.inference.parameter import ParametricModel
+from dlo_ros.inference.spectrum import Spectrum, spectrum
+from dlo_ros.inference.variances import Posterior, Variances, fit_variances
+from dlo_ros.parameters import Settings
+from dlo_ros.spline import FloatArray
+
+LONGEST_STEP = 1.5
+"""Change of a parameter in one iteration, in prior standard deviations or logarithms."""
+TRIES = 6
+DAMPING, HARDER, EASIER = 1e-4, 30.0, 0.1
+"""Marquardt's damping at first, and what a failed and a good step make of it."""
+CONVERGED = 0.1
+"""Gain of the log posterior at which a fit ends."""
+
+
+Field = tuple[FloatArray, FloatArray]
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """A model held against recordings.
+
+    Args:
+        model: with its values.
+        fields: residual coefficients [m], shape (F, K), and their derivatives, shape (F, P, K), of
+            each recording.
+        spectra: normal equations of each recording.
+        variances: of the errors.
+        posterior: linearised at the model's values.
+        err: eq. (10) per recording and frame [m].
+        predicted: control points per recording [m], shape (F, n, 4).
+    """
+
+    model: ParametricModel
+    fields: tuple[Field, ...]
+    spectra: tuple[Spectrum, ...]
+    variances: tuple[Variances, ...]
+    posterior: Posterior
+    err: tuple[FloatArray, ...]
+    predicted: tuple[FloatArray, ...]
+
+    @property
+    def mean_err(self) -> float:
+        """Mean over recordings of the time mean of eq. (10) [m]."""
+        return float(np.mean([e.mean() for e in self.err]))
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """What a simulation of recordings gives: fields, ERR of each frame [m], control points [m]."""
+
+    fields: tuple[Field, ...]
+    err: tuple[FloatArray, ...]
+    predicted: tuple[FloatArray, ...]
+
+
+def simulate(
+    model: ParametricModel, recordings: Sequence[Recording], names: Sequence[str] | None = None
+) -> Simulated:
+    """Simulate recordings.
+
+    Args:
+        names: parameters of which derivatives are wanted; default: all of the model.
+
+    Raises:
+        SimulationError: one of them cannot be simulated.
+    """
+    fields, errs, predictions = [], [], []
+    wanted = model.names if names is None else tuple(names)
+    chain = dict(zip(model.names, model.chain(), strict=True))
+    for recording in recordings:
+        found = forecast(
+            recording.manipulation, _as_fine(model.settings, recording), parameters=wanted,
+            spans=recording.spans,
+        )  # fmt: skip
+        unit = replace(recording, noise=np.ones(len(recording.noise)))
+        residual = unit.residual(found.predicted)
+        jacobian = np.zeros((len(residual), len(wanted), residual.shape[1]))
+        if found.derivative is not None:
+            back = np.linalg.inv(whitening(recording.observed.shape[1], model.settings.rod.length))
+            scale = np.array([chain[name] for name in wanted])
+            jacobian = unit.white(back @ found.derivative) * scale[:, None]
+        if not (np.isfinite(residual).all() and np.isfinite(jacobian).all()):
+            raise SimulationError("the simulation gives no finite shapes")
+        fields.append((residual, jacobian))
+        errs.append(found.err)
+        predictions.append(found.predicted)
+    return Simulated(tuple(fields), tuple(errs), tuple(predictions))
+
+
+def evaluate(
+    model: ParametricModel, recordings: Sequence[Recording],
+    start: Sequence[Variances] | None = None,
+) -> Evaluation:  # fmt: skip
+    """Simulate recordings and fit the variances of what is left.
+
+    Raises:
+        SimulationError: one of them cannot be simulated.
+    """
+    return judged(model, simulate(model, recordings), start)
+
+
+def judged(
+    model: ParametricModel, found: Simulated, start: Sequence[Variances] | None = None
+) -> Evaluation:
+    """Fit the variances of what a simulation leaves."""
+    n = model.settings.rod.control_points
+    spectra = tuple(spectrum(r, j, n) for r, j in found.fields)
+    variances, posterior = fit_variances(
+        spectra, model.offset(), model.precision(), model.settings.rod.length, start
+    )
+    return Evaluation(
+        model, found.fields, spectra, variances, posterior, found.err, found.predicted
+    )
+
+
+def fit(
+    start: Evaluation, recordings: Sequence[Recording], iterations: int, *, white: bool = False
+) -> Evaluation:
+    """Levenberg-Marquardt with variances that are fitted anew in each iteration.
+
+    Args:
+        white: whether all that is left counts as white noise: far from the optimum a fit must not
+            take for an error of the model what its parameters can explain.
+    """
+    at, damping = start, DAMPING
+    for _ in range(iterations):
+        better, damping = _improved(at, recordings, damping, white)
+        if better is None:
+            break
+        gain, at = _gain(at, better, white), better
+        if gain < CONVERGED:
+            break
+    return at
+
+
+def _weights(at: Evaluation, white: bool) -> list[FloatArray]:
+    """Inverse variance of each bin."""
+    if not white:
+        return [1.0 / v.of(s) for s, v in zip(at.spectra, at.variances, strict=True)]
+    power = sum(float(s.power.sum()) for s in at.spectra)
+    count = sum(float(s.count.sum()) for s in at.spectra)
+    return [np.full(len(s.count), count / power) for s in at.spectra]
+
+
+def _gain(before: Evaluation, after: Evaluation, white: bool) -> float:
+    """Gain of the log posterior with the variances from before."""
+    return _misfit(before, before, white) - _misfit(after, before, white)
+
+
+def _misfit(at: Evaluation, judge: Evaluation, white: bool) -> float:
+    """Minus the log posterior of a model's values, with another's variances."""
+    weights = _weights(judge, white)
+    value = sum(float(s.power @ w) for s, w in zip(at.spectra, weights, strict=True))
+    return 0.5 * (value + float(at.model.precision() @ at.model.offset() ** 2))
+
+
+def _improved(
+    at: Evaluation, recordings: Sequence[Recording], damping: float, white: bool
+) -> tuple[Evaluation | None, float]:
+    """One iteration: what is better, None where nothing is, and Marquardt's damping then."""
+    model, precision = at.model, at.model.precision()
+    lhs, rhs = np.diag(precision), precision * model.offset()
+    for s, w in zip(at.spectra, _weights(at, white), strict=True):
+        lhs, rhs = lhs + np.einsum("b,bpq->pq", w, s.hessian), rhs + w @ s.gradient
+    theta = model.theta()
+    longest = LONGEST_STEP * np.array(
+        [max(p.std, 1.0) if p.logarithmic else p.std for p in model.parameters]
+    )
+    for _ in range(TRIES):
+        step = np.linalg.solve(lhs + damping * np.diag(np.diag(lhs)), rhs)
+        if float(step @ rhs) - 0.5 * float(step @ lhs @ step) < CONVERGED:
+            return None, damping
+        step *= min(1.0, 1.0 / float(np.max(np.abs(step) / longest)))
+        try:
+            found = simulate(model.at(theta + step), recordings)
+        except SimulationError:
+            damping *= HARDER
+            continue
+        trial = judged(model.at(theta + step), found, at.variances)
+        if _gain(at, trial, white) > 0.0:
+            return trial, EASIER * damping
+        damping = max(HARDER * damping, 1e-3)
+    return None, damping
+
+
+def _as_fine(settings: Settings, recording: Recording) -> Settings:
+    """The settings with the time steps that a recording asks for."""
+    if recording.tolerance is None:
+        return settings
+    simulation = replace(settings.simulation, tolerance=recording.tolerance)
+    return replace(settings, simulation=simulation)

@@ -1,0 +1,115 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Priors: a set-up as careful people build it, and the wider ones of causes."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from dlo_ros.effects import Quantity, Scene, Start, effects, quantities
+from dlo_ros.inference.parameter import Parameter, ParametricModel, split_name
+from dlo_ros.parameters import Settings, tolerance
+from dlo_ros.rod.tangents import effect_names
+
+SLAB = 10.0
+"""Prior standard deviation of a cause, in tolerances."""
+WIDE = 1.5
+"""The same of a logarithm without a tolerance: a factor of 4.5."""
+UNIFORM = 12.0**-0.5
+"""Standard deviation of a uniform prior, over its range."""
+MATERIAL: dict[str, tuple[str, float, float, float]] = {
+    "young_modulus": ("Pa", 50.0, 1e3, 1e12),
+    "density": ("kg/m^3", 2.0, 1.0, 1e5),
+    "air_drag": ("N s/m^2", 3.0, 1e-9, 1e3),
+    "relaxation_time": ("s", 3.0, 1e-8, 10.0),
+}
+"""Unit, factor within which the parameter file's value is guessed where it states no std, range."""
+
+
+def material(given: Settings) -> tuple[Parameter, ...]:
+    """E, mu and damping, known or guessed; a damping of zero stays what it is.
+
+    Args:
+        given: the parameter file.
+    """
+    result = []
+    for name, (unit, factor, lower, upper) in MATERIAL.items():
+        block: Any = given.rod if name in ("young_modulus", "density") else given.damping
+        value = float(getattr(block, name))
+        if value <= 0.0:
+            continue
+        std = float(getattr(block, f"{name}_std", 0.0)) / value
+        width = std or math.log(factor)
+        result.append(
+            Parameter(name, unit, True, lower, upper, math.log(value), width, guessed=not std)
+        )
+    return tuple(result)
+
+
+def joint_model(start: Settings, given: Settings, scene: Scene) -> ParametricModel:
+    """The plain model with all of its set-up open within tolerance.
+
+    Args:
+        start: values of the material from where a fit begins; effects given beforehand stay.
+        given: the parameter file.
+        scene: what the recordings look like.
+    """
+    model = ParametricModel(start, material(given))
+    for name, effect in effects().items():
+        block = effect.setup(scene)
+        if not block or name in start.effects:
+            continue
+        found = [
+            _tolerated(given, full)
+            for key, value in block.items() for full in effect_names(name, key, value)
+        ]  # fmt: skip
+        model = model.extended(name, dict(block), found)
+    return model
+
+
+def _tolerated(given: Settings, name: str) -> Parameter:
+    """A number of the set-up with its tolerance."""
+    effect, key, _ = split_name(name)
+    q = quantities(effect)[key]
+    width = tolerance(given, f"{effect}.{key}")
+    if width is None:
+        raise ValueError(f"{name} is part of every set-up but has no tolerance")
+    return _parameter(name, q, q.neutral, width, given, tolerated=True)
+
+
+def _parameter(
+    name: str, q: Quantity, centre: float, width: float, given: Settings, *, tolerated: bool = False
+) -> Parameter:
+    lower, upper = q.search_for(given.scale)
+    return Parameter(
+        name, q.unit, q.logarithmic, lower, upper, q.transformed(centre), width,
+        tolerated=tolerated,
+    )  # fmt: skip
+
+
+def cause(given: Settings, start: Start) -> tuple[tuple[Parameter, ...], tuple[str, ...]]:
+    """Parameters of an added effect, and names of those in which it is linear at first."""
+    result = []
+    for key in start.fitted:
+        q = quantities(start.effect)[key]
+        value = start.block[key]
+        for k, name in enumerate(effect_names(start.effect, key, value)):
+            here = value[k] if isinstance(value, tuple) else value
+            result.append(_of_cause(name, q, here, start, given))
+    columns = tuple(
+        n for key in start.screened for n in effect_names(start.effect, key, start.block[key])
+    )
+    return tuple(result), columns
+
+
+def _of_cause(name: str, q: Quantity, value: float, start: Start, given: Settings) -> Parameter:
+    """A number of an added effect: places anywhere, sizes as large as causes may be."""
+    low, high = q.search_for(given.scale)
+    if q.geometric:
+        return _parameter(name, q, 0.5 * (low + high), UNIFORM * (high - low), given)
+    known = tolerance(given, f"{start.effect}.{q.name}")
+    if known is not None:
+        return _parameter(name, q, q.neutral, SLAB * known, given)
+    if q.logarithmic:
+        return _parameter(name, q, value, WIDE, given)
+    return _parameter(name, q, q.neutral, q.natural_for(given.scale), given)

@@ -1,0 +1,165 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Parameters with their priors, and a model: settings of which some numbers are parameters."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from dlo_ros.parameters import EFFECTS_PREFIX, Settings
+from dlo_ros.rod.tangents import MATERIAL
+from dlo_ros.spline import FloatArray
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One unknown number.
+
+    Args:
+        name: as in `dlo_ros.rod.tangents`.
+        unit: SI unit of its value.
+        logarithmic: whether inference works on its logarithm.
+        lower, upper: hard range of the value.
+        centre, std: prior mean and standard deviation, of the logarithm where it is logarithmic.
+        guessed: whether the prior only keeps the search in bounds and is no knowledge.
+        tolerated: whether the prior is the tolerance of a set-up.
+    """
+
+    name: str
+    unit: str
+    logarithmic: bool
+    lower: float
+    upper: float
+    centre: float
+    std: float
+    guessed: bool = False
+    tolerated: bool = False
+
+    @property
+    def effect(self) -> str:
+        """Name of the effect that it belongs to; empty for the material."""
+        return "" if self.name in MATERIAL else self.name.split(".")[1]
+
+    @property
+    def key(self) -> str:
+        """Its key in the effect, index included."""
+        return self.name.rpartition(".")[2]
+
+    def inner(self, value: float) -> float:
+        """A value as inference sees it."""
+        return math.log(value) if self.logarithmic else value
+
+    def outer(self, inner: float) -> float:
+        """The value, within its range."""
+        value = math.exp(min(max(inner, -100.0), 100.0)) if self.logarithmic else inner
+        return min(max(value, self.lower), self.upper)
+
+    def freed(self, factor: float) -> Parameter:
+        """The parameter freed from its tolerance: a cause."""
+        return replace(self, std=factor * self.std, tolerated=False)
+
+
+@dataclass(frozen=True)
+class ParametricModel:
+    """Settings, of which some numbers are parameters."""
+
+    settings: Settings
+    parameters: tuple[Parameter, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters."""
+        return tuple(p.name for p in self.parameters)
+
+    def theta(self) -> FloatArray:
+        """Their values as inference sees them, shape (P,)."""
+        return np.array([p.inner(value_of(self.settings, p.name)) for p in self.parameters])
+
+    def at(self, theta: FloatArray) -> ParametricModel:
+        """The model with other values; what leaves its range stays at the border."""
+        settings = self.settings
+        for p, x in zip(self.parameters, theta, strict=True):
+            settings = with_value(settings, p.name, p.outer(float(x)))
+        return replace(self, settings=settings)
+
+    def chain(self) -> FloatArray:
+        """Derivative of a simulation's parameter by that of the inference, shape (P,)."""
+        return np.array(
+            [
+                value_of(self.settings, p.name) if p.logarithmic and p.effect else 1.0
+                for p in self.parameters
+            ]
+        )
+
+    def offset(self) -> FloatArray:
+        """Prior means minus the values, shape (P,)."""
+        return np.array([p.centre for p in self.parameters]) - self.theta()
+
+    def precision(self) -> FloatArray:
+        """Inverse prior variances, shape (P,)."""
+        return np.array([p.std**-2 for p in self.parameters])
+
+    def extended(
+        self, effect: str, block: dict[str, Any], parameters: Sequence[Parameter]
+    ) -> ParametricModel:
+        """The model with an effect's values, and some of them as parameters."""
+        effects = {k: dict(v) for k, v in self.settings.effects.items()}
+        effects.setdefault(effect, {}).update(block)
+        names = {p.name for p in parameters}
+        kept = [p for p in self.parameters if p.name not in names]
+        return ParametricModel(self.settings.with_effects(effects), (*kept, *parameters))
+
+    def without(self, names: Sequence[str]) -> ParametricModel:
+        """The model without some parameters; their keys are taken out of the settings."""
+        effects = {k: dict(v) for k, v in self.settings.effects.items()}
+        for name in names:
+            effect, key, _ = split_name(name)
+            effects.get(effect, {}).pop(key, None)
+        left = {k: v for k, v in effects.items() if v}
+        kept = tuple(p for p in self.parameters if p.name not in names)
+        return ParametricModel(self.settings.with_effects(left), kept)
+
+    def with_prior(self, parameters: Sequence[Parameter]) -> ParametricModel:
+        """The model with other priors of some parameters."""
+        new = {p.name: p for p in parameters}
+        return replace(self, parameters=tuple(new.get(p.name, p) for p in self.parameters))
+
+    def index(self, name: str) -> int:
+        """Place of a parameter."""
+        return self.names.index(name)
+
+
+def split_name(name: str) -> tuple[str, str, int | None]:
+    """Effect, key and index of `effects.NAME.KEY[i]`."""
+    effect, _, key = name.removeprefix(EFFECTS_PREFIX).partition(".")
+    key, _, index = key.partition("[")
+    return effect, key, int(index[:-1]) if index else None
+
+
+def value_of(settings: Settings, name: str) -> float:
+    """Value of a parameter."""
+    if name in MATERIAL:
+        block: Any = settings.rod if name in ("young_modulus", "density") else settings.damping
+        return float(getattr(block, name))
+    effect, key, index = split_name(name)
+    value: Any = settings.effects[effect][key]
+    return float(value if index is None else value[index])
+
+
+def with_value(settings: Settings, name: str, value: float) -> Settings:
+    """Settings with another value of a parameter."""
+    changed: dict[str, Any] = {name: value}
+    if name in ("young_modulus", "density"):
+        return replace(settings, rod=replace(settings.rod, **changed))
+    if name in MATERIAL:
+        return replace(settings, damping=replace(settings.damping, **changed))
+    effect, key, index = split_name(name)
+    effects: dict[str, dict[str, Any]] = {k: dict(v) for k, v in settings.effects.items()}
+    old = effects[effect][key]
+    new = value if index is None else (*old[:index], value, *old[index + 1 :])
+    effects[effect][key] = new
+    return settings.with_effects(effects)

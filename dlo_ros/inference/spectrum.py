@@ -1,0 +1,125 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Residuals and Jacobians as sums over bins of frequency and smoothness.
+
+Errors of real measurements and of models are correlated in time and along the DLO. The cosine
+transform in time and the principal modes of a smooth function along the DLO make such errors nearly
+independent (Whittle, Estimation and information in stationary time series, 1953), so that in each
+bin their variance is one number. The normal equations of each bin are all that inference needs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import pairwise
+
+import numpy as np
+from scipy.fft import dct
+
+from dlo_ros.identification.forecast import whitening
+from dlo_ros.spline import FloatArray, SplineBasis
+
+REACH = 0.2
+"""Correlation length of errors along the DLO, over L: calibration and shading vary no faster."""
+GROWTH = 1.6
+"""Ratio of neighbouring frequency bins' borders."""
+MODE_GROUPS = (0, 1, 2, 3, 5, 8)
+"""First mode of each group of modes along the DLO, smoothest first."""
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """Normal equations of one recording, bin by bin; B bins, P parameters.
+
+    Args:
+        frames: number of frames F.
+        count: of numbers in each bin, shape (B,).
+        power: sum of squared residuals [m^2], shape (B,).
+        gradient: J^T r, shape (B, P).
+        hessian: J^T J, shape (B, P, P).
+        part: 0 across the DLO in the plane, 1 along it, 2 out of the plane, shape (B,).
+        share: mean share of a number in the mean square of a smooth error, shape (B,).
+        white: the same of a white error, shape (B,).
+        frequency: mean of the bin, in radians a frame, shape (B,).
+    """
+
+    frames: int
+    count: FloatArray
+    power: FloatArray
+    gradient: FloatArray
+    hessian: FloatArray
+    part: np.ndarray
+    share: FloatArray
+    white: FloatArray
+    frequency: FloatArray
+
+    @property
+    def parts(self) -> int:
+        """Number of directions: 2 in the plane, 3 in space."""
+        return int(self.part.max()) + 1
+
+    def chosen(self, columns: Sequence[int]) -> Spectrum:
+        """The spectrum of some of the parameters."""
+        pick = list(columns)
+        return Spectrum(
+            self.frames, self.count, self.power, self.gradient[:, pick],
+            self.hessian[:, pick][:, :, pick], self.part, self.share, self.white, self.frequency,
+        )  # fmt: skip
+
+
+@lru_cache(maxsize=32)
+def modes(control_points: int) -> tuple[FloatArray, FloatArray]:
+    """Principal modes of a smooth function along the DLO, smoothest first.
+
+    Returns:
+        Modes as columns over whitened coefficients, shape (n, n), and their shares of the mean
+        square, shape (n,), which sum to 1.
+    """
+    basis = SplineBasis(control_points, 1.0)
+    u, weight = basis.quadrature()
+    project = np.linalg.inv(whitening(control_points, 1.0)) @ (basis.matrix(u) * weight[:, None]).T
+    apart = np.subtract.outer(u, u) / REACH
+    values, vectors = np.linalg.eigh(project @ np.exp(-0.5 * apart**2) @ project.T)
+    shares = np.maximum(values[::-1], 0.0)
+    return vectors[:, ::-1], shares / shares.sum()
+
+
+def bands(frames: int) -> list[tuple[int, int]]:
+    """Borders of the frequency bins; the mean over time has one of its own."""
+    borders = [0]
+    while borders[-1] < frames:
+        borders.append(min(max(borders[-1] + 1, round(GROWTH * borders[-1])), frames))
+    return list(pairwise(borders))
+
+
+def spectrum(residual: FloatArray, jacobian: FloatArray, control_points: int) -> Spectrum:
+    """Compress residuals and Jacobians of one recording.
+
+    Args:
+        residual: coefficients [m], shape (F, K), K = parts * n; see `Recording.across`.
+        jacobian: derivatives of the prediction, shape (F, P, K).
+        control_points: n.
+    """
+    frames, width = residual.shape
+    n = control_points
+    vectors, shares = modes(n)
+    r = dct(residual, axis=0, norm="ortho").reshape(frames, -1, n) @ vectors  # (F, parts, n)
+    j = dct(jacobian, axis=0, norm="ortho").reshape(frames, jacobian.shape[1], -1, n) @ vectors
+    groups = [*(g for g in MODE_GROUPS if g < n), n]
+    rows: list[tuple[float, float, FloatArray, FloatArray, int, float, float]] = []
+    for low, high in bands(frames):
+        frequency = np.pi * float(np.mean(np.arange(low, high))) / frames
+        for part in range(width // n):
+            for first, last in pairwise(groups):
+                x = r[low:high, part, first:last].ravel()
+                y = j[low:high, :, part, first:last].transpose(0, 2, 1).reshape(len(x), -1)
+                rows.append(
+                    (float(len(x)), float(x @ x), y.T @ x, y.T @ y, part,
+                     float(np.mean(shares[first:last])), frequency)
+                )  # fmt: skip
+    count, power, gradient, hessian, parts, share, frequencies = zip(*rows, strict=True)
+    return Spectrum(
+        frames, np.array(count), np.array(power), np.array(gradient), np.array(hessian),
+        np.array(parts), np.array(share), np.full(len(rows), 1.0 / n), np.array(frequencies),
+    )  # fmt: skip

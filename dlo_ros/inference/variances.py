@@ -1,0 +1,224 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Error variances by marginal likelihood, with the model's parameters integrated out.
+
+Each recording's error has three components in each direction: white noise; an error that dies out
+over time (AR(1)), which is what the model lacks; and an error that stays, such as that of a
+calibration. The latter two are smooth along the DLO. Their variances maximise the marginal
+likelihood (REML; Patterson and Thompson, Recovery of inter-block information, 1971); the model's
+discrepancy thus widens the posterior (Kennedy and O'Hagan, Bayesian calibration of computer models,
+2001). Nothing is simulated for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+from scipy.optimize import minimize
+
+from dlo_ros.inference.spectrum import Spectrum
+from dlo_ros.spline import FloatArray
+
+LEAST_NOISE = 2e-6
+"""Smallest standard deviation over L: below, rounding and time steps would count as noise."""
+LARGEST = 1.0
+"""Largest standard deviation of any component over L."""
+LASTING_STD = 0.01
+"""Prior standard deviation over L of a measurement error that stays: a wrong calibration."""
+FEWEST_FRAMES = 4
+"""Frames below which an error that dies out cannot be told from one that stays."""
+LONGEST_MEMORY = 0.998
+"""Largest correlation of neighbouring frames."""
+ITERATIONS = 40
+
+
+@dataclass(frozen=True)
+class Variances:
+    """Error variances of one recording, each in D directions; mean squares along the DLO [m^2].
+
+    Args:
+        white: new in every frame, shape (D,).
+        fading: with the memory below, shape (D,).
+        lasting: the same in all frames, shape (D,).
+        memory: correlation of neighbouring frames of the fading error.
+    """
+
+    white: FloatArray
+    fading: FloatArray
+    lasting: FloatArray
+    memory: float
+
+    def of(self, spectrum: Spectrum) -> FloatArray:
+        """Variance of a number in each bin [m^2], shape (B,)."""
+        p = spectrum.part
+        fading = self.fading[p] * _density(self.memory, spectrum.frequency) * spectrum.share
+        lasting = np.where(spectrum.frequency == 0.0, spectrum.frames, 0.0) * spectrum.share
+        return np.asarray(self.white[p] * spectrum.white + fading + self.lasting[p] * lasting)
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Gaussian posterior of the parameters' change, and the marginal likelihood.
+
+    Args:
+        step: mean of the change, shape (P,).
+        covariance: shape (P, P).
+        evidence: log marginal likelihood, up to a constant of the data.
+    """
+
+    step: FloatArray
+    covariance: FloatArray
+    evidence: float
+
+
+def posterior(
+    spectra: Sequence[Spectrum], variances: Sequence[Variances], offset: FloatArray,
+    precision: FloatArray,
+) -> Posterior:  # fmt: skip
+    """Linearised posterior for given variances.
+
+    Args:
+        offset: centre of the prior minus the point of linearisation, shape (P,).
+        precision: inverse variances of the prior, shape (P,).
+    """
+    value, step, covariance, _ = _marginal(
+        spectra, [v.of(s) for s, v in zip(spectra, variances, strict=True)], offset, precision
+    )
+    return Posterior(step, covariance, -value)
+
+
+def _marginal(
+    spectra: Sequence[Spectrum], v: Sequence[FloatArray], offset: FloatArray, precision: FloatArray
+) -> tuple[float, FloatArray, FloatArray, list[FloatArray]]:
+    """Minus the log marginal likelihood, step, covariance, and its derivatives by variances."""
+    lhs, rhs = np.diag(precision), precision * offset
+    value = float(offset @ rhs) - float(np.sum(np.log(precision)))
+    for s, x in zip(spectra, v, strict=True):
+        lhs = lhs + np.einsum("b,bpq->pq", 1.0 / x, s.hessian)
+        rhs = rhs + (1.0 / x) @ s.gradient
+        value += float(s.count @ np.log(x) + s.power @ (1.0 / x))
+    scale = 1.0 / np.sqrt(np.diag(lhs))
+    factor = cho_factor(lhs * np.outer(scale, scale) + 1e-13 * np.eye(len(scale)))
+    step = scale * cho_solve(factor, scale * rhs)
+    covariance = cho_solve(factor, np.diag(scale)) * scale[:, None]
+    value -= float(rhs @ step)
+    value += 2.0 * float(np.sum(np.log(np.diag(factor[0]))) - np.sum(np.log(scale)))
+    slopes = []
+    spread = covariance + np.outer(step, step)
+    for s, x in zip(spectra, v, strict=True):
+        left = s.power - 2.0 * s.gradient @ step + np.einsum("bpq,pq->b", s.hessian, spread)
+        slopes.append(0.5 * (s.count / x - left / x**2))
+    return 0.5 * value, step, covariance, slopes
+
+
+def fit_variances(
+    spectra: Sequence[Spectrum], offset: FloatArray, precision: FloatArray, length: float,
+    start: Sequence[Variances] | None = None, iterations: int = ITERATIONS,
+) -> tuple[tuple[Variances, ...], Posterior]:  # fmt: skip
+    """Variances that maximise the marginal likelihood, and the posterior with them.
+
+    White noise is each recording's own; what the model lacks and what the camera does wrong is
+    common to all: a recording that fits badly is no less worth than the others.
+
+    Args:
+        offset, precision: of the prior, see `posterior`.
+        length: of the DLO [m].
+        start: of the search; default: from the residuals.
+        iterations: of the search at most.
+    """
+    x0 = _packed(start or [guess(s, length) for s in spectra])
+    bounds = _bounds(spectra, length)
+
+    def cost(x: FloatArray) -> tuple[float, FloatArray]:
+        found = _unpacked(x, spectra)
+        v = [f.of(s) for s, f in zip(spectra, found, strict=True)]
+        value, _, _, slopes = _marginal(spectra, v, offset, precision)
+        return _with_prior(value, _slope(spectra, found, slopes), found[0], length)
+
+    x0 = np.clip(x0, [b[0] for b in bounds], [b[1] for b in bounds])
+    done = minimize(
+        cost, x0, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": iterations}
+    )
+    found = _unpacked(done.x, spectra)
+    return found, posterior(spectra, found, offset, precision)
+
+
+def guess(spectrum: Spectrum, length: float) -> Variances:
+    """Variances from the residuals as they are."""
+    least = (LEAST_NOISE * length) ** 2
+    high = spectrum.frequency > 0.5 * np.pi
+    rough = high & (spectrum.share < 0.05)
+    white, fading = [], []
+    for part in range(spectrum.parts):
+        mine = spectrum.part == part
+        pick = mine & rough if np.any(mine & rough) else mine & (spectrum.share < 0.05)
+        pick = pick if np.any(pick) else mine
+        each = float(np.sum(spectrum.power[pick]) / np.sum(spectrum.count[pick]))
+        white.append(max(each / float(spectrum.white[0]), least))
+        fading.append(max(float(np.sum(spectrum.power[mine])) / spectrum.frames, least))
+    return Variances(np.array(white), np.array(fading), 0.1 * np.array(fading), 0.9)
+
+
+def _packed(found: Sequence[Variances]) -> FloatArray:
+    """Logarithms: each recording's white variances, then what is common to all."""
+    fading = np.mean([v.fading for v in found], axis=0)
+    lasting = np.mean([v.lasting for v in found], axis=0)
+    own = [np.log(v.white) for v in found]
+    return np.concatenate([*own, np.log(fading), np.log(lasting), [np.log1p(-found[0].memory)]])
+
+
+def _unpacked(x: FloatArray, spectra: Sequence[Spectrum]) -> tuple[Variances, ...]:
+    parts = spectra[0].parts
+    rows = np.exp(x[:-1]).reshape(-1, parts)
+    memory = float(-np.expm1(x[-1]))
+    return tuple(Variances(rows[k], rows[-2], rows[-1], memory) for k in range(len(spectra)))
+
+
+def _bounds(spectra: Sequence[Spectrum], length: float) -> list[tuple[float, float]]:
+    low, high = 2.0 * np.log(LEAST_NOISE * length), 2.0 * np.log(LARGEST * length)
+    parts = spectra[0].parts
+    told = max(s.frames for s in spectra) >= FEWEST_FRAMES
+    fading = (low, high) if told else (low - 20.0, low - 20.0)
+    memory = (np.log1p(-LONGEST_MEMORY), np.log(0.9))
+    white = [(low, high)] * (parts * len(spectra))
+    return [*white, *[fading] * parts, *[(low - 5.0, high)] * parts, memory]
+
+
+def _slope(
+    spectra: Sequence[Spectrum], found: Sequence[Variances], slopes: Sequence[FloatArray]
+) -> FloatArray:
+    """Derivatives by the packed numbers, from those by the bins' variances."""
+    parts = spectra[0].parts
+    white, common, memory = [], np.zeros((2, parts)), 0.0
+    for s, v, slope in zip(spectra, found, slopes, strict=True):
+        rho, cosine = v.memory, np.cos(s.frequency)
+        below = 1.0 - 2.0 * rho * cosine + rho**2
+        rate = (-2.0 * rho * below - (1.0 - rho**2) * (2.0 * rho - 2.0 * cosine)) / below**2
+        lasting = np.where(s.frequency == 0.0, s.frames, 0.0)
+        own = np.zeros(parts)
+        for part in range(parts):
+            mine = np.where(s.part == part, slope, 0.0)
+            own[part] = v.white[part] * float(mine @ s.white)
+            density = (1.0 - rho**2) / below
+            common[0, part] += v.fading[part] * float(mine @ (density * s.share))
+            common[1, part] += v.lasting[part] * float(mine @ (lasting * s.share))
+        white.append(own)
+        memory -= (1.0 - rho) * float(np.sum(slope * v.fading[s.part] * s.share * rate))
+    return np.concatenate([*white, common.ravel(), [memory]])
+
+
+def _with_prior(
+    value: float, slope: FloatArray, found: Variances, length: float
+) -> tuple[float, FloatArray]:
+    """Cost and derivatives, with the prior of an error that stays."""
+    width = (LASTING_STD * length) ** 2
+    parts = len(found.lasting)
+    slope[-1 - parts : -1] += 0.5 * found.lasting / width
+    return value + 0.5 * float(np.sum(found.lasting)) / width, slope
+
+
+def _density(memory: float, frequency: FloatArray) -> FloatArray:
+    """Spectral density of an AR(1) process of unit variance."""
+    return np.asarray((1.0 - memory**2) / (1.0 - 2.0 * memory * np.cos(frequency) + memory**2))

@@ -1,0 +1,139 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""The statistical core on made-up numbers, whose truth is known."""
+
+import numpy as np
+import pytest
+from scipy.optimize import approx_fprime
+from scipy.signal import lfilter
+
+from dlo_ros.inference import variances as core
+from dlo_ros.inference.parameter import Parameter, ParametricModel
+from dlo_ros.inference.spectrum import bands, modes, spectrum
+from dlo_ros.inference.variances import Variances, fit_variances, guess, posterior
+from dlo_ros.parameters import RodParameters, Settings
+
+N = 10
+LENGTH = 0.4
+
+
+def fading(rng, frames, size, memory):
+    """An AR(1) error that is smooth along the DLO, coefficients (F, n) [m]."""
+    vectors, shares = modes(N)
+    white = rng.normal(size=(frames + 200, N)) * np.sqrt(shares)
+    decay = ([size * np.sqrt(1.0 - memory**2)], [1.0, -memory])
+    return lfilter(*decay, white, axis=0)[200:] @ vectors.T
+
+
+def made(rng, frames=250, count=6, discrepancy=2e-3, memory=0.9):
+    """Residuals with a known change of parameters: residual, Jacobian, change."""
+    jacobian = lfilter([1.0], [1.0, -0.9], 1e-2 * rng.normal(size=(frames, count, 2 * N)), axis=0)
+    theta = 0.1 * rng.normal(size=count)
+    parts = [
+        3e-4 / np.sqrt(N) * rng.normal(size=(frames, N)) + fading(rng, frames, size, memory)
+        for size in (discrepancy, 0.5 * discrepancy)
+    ]
+    residual = np.concatenate(parts, axis=1) + np.einsum("fpk,p->fk", jacobian, theta)
+    return residual, jacobian, theta
+
+
+def test_modes_are_orthonormal_and_share_the_whole():
+    vectors, shares = modes(N)
+    assert np.allclose(vectors.T @ vectors, np.eye(N), atol=1e-12)
+    assert shares.sum() == pytest.approx(1.0)
+    assert np.all(np.diff(shares) <= 1e-12)
+
+
+@pytest.mark.parametrize("frames", [1, 2, 7, 300])
+def test_bands_tile_the_frequencies(frames):
+    found = bands(frames)
+    assert found[0] == (0, 1)
+    assert [a for a, _ in found[1:]] == [b for _, b in found[:-1]]
+    assert found[-1][1] == frames
+
+
+def test_a_spectrum_keeps_power_and_normal_equations():
+    residual, jacobian, _ = made(np.random.default_rng(1))
+    s = spectrum(residual, jacobian, N)
+    assert s.power.sum() == pytest.approx(np.sum(residual**2))
+    assert s.count.sum() == residual.size
+    assert np.allclose(s.hessian.sum(axis=0), np.einsum("fpk,fqk->pq", jacobian, jacobian))
+    assert np.allclose(s.gradient.sum(axis=0), np.einsum("fpk,fk->p", jacobian, residual))
+
+
+def test_derivatives_of_the_marginal_likelihood():
+    rng = np.random.default_rng(2)
+    spectra = [spectrum(*made(rng, frames)[:2], N) for frames in (40, 60)]
+    offset, precision = 0.1 * rng.normal(size=6), np.full(6, 10.0)
+
+    def cost(x):
+        found = core._unpacked(x, spectra)
+        v = [f.of(s) for f, s in zip(found, spectra, strict=True)]
+        value, _, _, slopes = core._marginal(spectra, v, offset, precision)
+        return core._with_prior(value, core._slope(spectra, found, slopes), found[0], LENGTH)
+
+    x = core._packed([guess(s, LENGTH) for s in spectra])
+    numbers = approx_fprime(x, lambda y: cost(y)[0], 1e-6)
+    assert np.allclose(cost(x)[1], numbers, rtol=1e-4, atol=1e-3)
+
+
+def test_what_the_errors_are_made_of_is_found():
+    rng = np.random.default_rng(3)
+    residual, jacobian, _ = made(rng, frames=600)
+    s = spectrum(residual, jacobian, N)
+    (found,), _ = fit_variances([s], np.zeros(6), np.full(6, 100.0), LENGTH)
+    assert np.sqrt(found.white) == pytest.approx([3e-4, 3e-4], rel=0.1)
+    assert np.sqrt(found.fading) == pytest.approx([2e-3, 1e-3], rel=0.25)
+    assert found.memory == pytest.approx(0.9, abs=0.05)
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.5, 0.95])
+def test_intervals_hold_what_they_promise(memory):
+    """Correlated errors of any memory: 95 % intervals cover about 95 %."""
+    rng = np.random.default_rng(4)
+    off = []
+    for _ in range(40):
+        residual, jacobian, theta = made(rng, memory=memory)
+        s = spectrum(residual, jacobian, N)
+        _, found = fit_variances([s], np.zeros(6), np.full(6, 100.0), LENGTH)
+        off.append((found.step - theta) / np.sqrt(np.diag(found.covariance)))
+    covered = np.mean(np.abs(off) < 1.96)
+    assert 0.90 < covered < 0.99
+
+
+def test_one_picture_leaves_no_room_for_what_dies_out():
+    rng = np.random.default_rng(5)
+    residual, jacobian, _ = made(rng, frames=1)
+    (found,), _ = fit_variances(
+        [spectrum(residual, jacobian, N)], np.zeros(6), np.full(6, 100.0), LENGTH
+    )
+    assert np.all(found.fading < 1e-10)
+
+
+def test_a_needless_parameter_costs_evidence():
+    rng = np.random.default_rng(6)
+    residual, jacobian, _ = made(rng)
+    needless = np.concatenate([jacobian, rng.normal(size=(250, 1, 2 * N))], axis=1)
+    v = [Variances(np.full(2, 9e-8), np.full(2, 4e-6), np.full(2, 1e-12), 0.9)]
+    spare = posterior([spectrum(residual, jacobian, N)], v, np.zeros(6), np.full(6, 100.0))
+    more = posterior([spectrum(residual, needless, N)], v, np.zeros(7), np.full(7, 1e-2))
+    assert more.evidence < spare.evidence - 1.0
+
+
+def test_parameters_stay_in_their_range_and_know_their_logarithm():
+    settings = Settings(rod=RodParameters(LENGTH, 0.004, 1e7, 2000.0)).with_effects(
+        {"point_mass": {"mass": 0.01, "position": 0.4}}
+    )
+    model = ParametricModel(
+        settings,
+        (
+            Parameter("young_modulus", "Pa", True, 1e3, 1e12, np.log(1e7), 4.0, guessed=True),
+            Parameter("effects.point_mass.mass", "kg", False, 0.0, 10.0, 0.0, 0.1),
+        ),
+    )
+    assert model.theta() == pytest.approx([np.log(1e7), 0.01])
+    moved = model.at(np.array([np.log(2e7), -1.0]))
+    assert moved.settings.rod.young_modulus == pytest.approx(2e7)
+    assert moved.settings.effects["point_mass"]["mass"] == 0.0
+    assert model.without(["effects.point_mass.mass"]).settings.effects == {
+        "point_mass": {"position": 0.4}
+    }
