@@ -21,6 +21,7 @@ from dlo_ros.diagnosis.joint_outcome import learn
 from dlo_ros.diagnosis.measured import Recording
 from dlo_ros.diagnosis.model import Model
 from dlo_ros.diagnosis.outcome import Diagnosis
+from dlo_ros.diagnosis.remarks import left_out
 from dlo_ros.diagnosis.screening import Prospect, alarm, screen
 from dlo_ros.diagnosis.search import Candidate, apart, candidate, reformed, resized, search
 from dlo_ros.diagnosis.start import Beginning, begin, drafts, finer
@@ -81,9 +82,11 @@ def diagnose(
     beginning = begin([*recordings, *holdout], given)
     count = len(recordings)
     plain, found = _search(beginning, count, given, processes, progress)
+    unused = left_out(beginning)
     if found.joint is not None:
         progress("measuring the gain", 1.0)
-        return outcome(beginning, plain, found, given)
+        told = outcome(beginning, plain, found, given)
+        return replace(told, remarks=(*told.remarks, *unused))
     missed = _missed(plain, found, beginning.recordings[:count], given)
     if missed is not None:
         progress("fitting the plain model anew", 0.0)
@@ -100,7 +103,8 @@ def diagnose(
         except SimulationError as err:
             LOG.info("not refined: %s", err)
     progress("measuring the gain", 1.0)
-    return outcome(beginning, plain, found, given)
+    told = outcome(beginning, plain, found, given)
+    return replace(told, remarks=(*told.remarks, *unused))
 
 
 def _missed(

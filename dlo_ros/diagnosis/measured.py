@@ -12,6 +12,7 @@ from scipy.special import comb
 from dlo_ros.errors import InputError
 from dlo_ros.identification.forecast import Manipulation, whitening
 from dlo_ros.identification.noise import point_noise
+from dlo_ros.identification.uncertainty import outliers
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray, SplineBasis
@@ -29,6 +30,8 @@ ALIKE_PARTS = 4
 """Of the DLO, in each of which lasting errors of a camera are alike."""
 TIP = 0.05
 """Of the diameter, to which a camera sees where along the DLO it is."""
+MOST_GROSS = 0.2
+"""Share of the pictures up to which they may be grossly wrong; more are no exception."""
 LEAST_SHARE = 0.5
 """Of the typical noise that a single coefficient may have."""
 
@@ -124,6 +127,29 @@ def measured(manipulation: Manipulation, settings: Settings) -> Recording:
         across,
         np.ones(across.shape[1]),
     )
+
+
+def without_gross(recording: Recording, missed: FloatArray) -> Recording:
+    """The recording without pictures that are grossly wrong.
+
+    Such a picture stands alone, both in what was seen and in what a model misses: a fast motion of
+    the DLO stands out in the former only, and what a model gets wrong goes on in the next picture.
+
+    Args:
+        missed: observed minus predicted control points [m], shape (F, n, 3), of the last F frames.
+    """
+    gross = outliers(recording.observed)
+    gross[-len(missed) :] &= outliers(missed)
+    if not 0 < gross.sum() <= MOST_GROSS * len(gross):
+        return recording
+    keep = ~gross
+    seen = recording.manipulation.observations
+    observations = tuple(o for o, k in zip(seen, keep, strict=True) if k)
+    times = recording.times[keep]
+    return replace(
+        recording, manipulation=replace(recording.manipulation, observations=observations),
+        observed=recording.observed[keep], times=times - times[0], across=recording.across[keep],
+    )  # fmt: skip
 
 
 def _without_copies(observations: Sequence[Observation]) -> tuple[Observation, ...]:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dlo_ros.diagnosis import judging
 from dlo_ros.diagnosis.decide import Decision
 from dlo_ros.diagnosis.search import Candidate
+from dlo_ros.diagnosis.start import Beginning
 
 TOLD = 5
 """Suspects that a remark tells."""
@@ -45,6 +46,16 @@ def remarks(
         said.append(_nearest(plain, suspects))
         said.append(judging.description(shown.at))
     return tuple(said)
+
+
+def left_out(beginning: Beginning) -> tuple[str, ...]:
+    """Which pictures were not used."""
+    return tuple(
+        f"{r.name}: {number} of {number + len(r.times)} pictures are left out: the DLO was seen "
+        "grossly wrongly there."
+        for r, number in zip(beginning.recordings, beginning.left_out, strict=False)
+        if number
+    )
 
 
 def _nearest(plain: Candidate, suspects: Sequence[Candidate]) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 
 from dlo_ros.diagnosis.evaluation import Evaluation, evaluate
 from dlo_ros.diagnosis.fitting import CLEARLY_WRONG, attempt, fit, polished
-from dlo_ros.diagnosis.measured import Recording, measured, with_bias
+from dlo_ros.diagnosis.measured import Recording, measured, with_bias, without_gross
 from dlo_ros.diagnosis.model import Model, baseline
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.estimate import FINEST
@@ -61,11 +61,13 @@ class Beginning:
         recordings: with their noise and a resolution that is fine enough.
         at: the fit to all of them.
         error: the simulation's own error, mean distance [m]; NaN where it was not judged.
+        left_out: number of pictures of each recording that are grossly wrong and left out.
     """
 
     recordings: tuple[Recording, ...]
     at: Evaluation
     error: float
+    left_out: tuple[int, ...] = ()
 
 
 def begin(
@@ -81,10 +83,15 @@ def begin(
         SimulationError: no starting value can be simulated.
     """
     recordings = tuple(measured(m, settings) for m in manipulations)
-    if near is None:
-        at = _best_start(recordings, baseline(settings))
-    else:
-        at = evaluate(near, recordings, settings, derivatives=False)
+    at = _first(recordings, settings, near)
+    usable = tuple(
+        without_gross(r, r.observed[-len(p) :] - p[..., :3])
+        for r, p in zip(recordings, at.predicted, strict=True)
+    )
+    left_out = tuple(len(r.times) - len(u.times) for r, u in zip(recordings, usable, strict=True))
+    if any(left_out):
+        recordings = usable
+        at = _first(recordings, settings, near)
     error = np.nan
     for _ in range(ROUNDS):
         recordings = with_bias(recordings, at.predicted, settings)
@@ -94,7 +101,14 @@ def begin(
         recordings, error = _finer(recordings, at)
         at = fit(evaluate(at.model, recordings, settings), recordings, settings, 6)
     at = polished(at, recordings, settings)
-    return Beginning(recordings, at, error)
+    return Beginning(recordings, at, error, left_out)
+
+
+def _first(recordings: tuple[Recording, ...], settings: Settings, near: Model | None) -> Evaluation:
+    """The model that a fit begins with, held against recordings."""
+    if near is None:
+        return _best_start(recordings, baseline(settings))
+    return evaluate(near, recordings, settings, derivatives=False)
 
 
 def finer(beginning: Beginning, near: Model, settings: Settings) -> Beginning | None:
@@ -110,7 +124,7 @@ def finer(beginning: Beginning, near: Model, settings: Settings) -> Beginning | 
     if _rms(own) < OWN_MATTERS * _rms(fine.residuals):
         return None
     at = fit(evaluate(beginning.at.model, recordings, settings), recordings, settings, 6)
-    return Beginning(recordings, polished(at, recordings, settings), error)
+    return Beginning(recordings, polished(at, recordings, settings), error, beginning.left_out)
 
 
 def _rms(residuals: Sequence[FloatArray]) -> float:

@@ -1,0 +1,179 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Let `diagnose` work on field cases and print what it named: `python -m field.evaluate`."""
+
+import argparse
+import json
+import resource
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from challenge.evaluate import compare
+from dlo_ros.cli.main import main as dlo_ros
+from field.generate import Case, draw
+
+ALIKE = (
+    {"gravity_tilt", "constant_force", "camera_rotation"},
+    {"length_error", "camera_scale"},
+    {"clamp_offset", "camera_shift"},
+)
+"""Errors of a set-up of which one does nearly what another does."""
+
+
+@dataclass(frozen=True)
+class Result:
+    """What came of a case.
+
+    Args:
+        main: whether the main cause is "named", "rival", or "missed".
+        wrong: names that stand for nothing that was hidden.
+        share: of what could be explained on what was kept aside.
+        missed, parameters: of the causes' numbers, beyond 10 % and 2 std.
+        modulus: ln(E / mu) off, over its stated standard deviation; None where none is stated.
+        off: ln(E / mu) off.
+    """
+
+    seed: int
+    hidden: tuple[str, ...]
+    verdict: str
+    named: tuple[str, ...]
+    main: str
+    wrong: tuple[str, ...]
+    share: float | None
+    missed: int
+    parameters: int
+    off: float
+    modulus: float | None
+    seconds: float
+
+
+def judge(case: Case, report: dict) -> tuple[str, tuple[str, ...]]:
+    """Whether the main cause was named, and what was named wrongly."""
+    effects = report["effects"]
+    rivals = {r for e in effects for r in e["rivals"]}
+    named = {e["name"] for e in effects}
+    main = next(iter(case.causes), None)
+    outcome = "" if main is None else "missed"
+    if main in named:
+        outcome = "named"
+    elif main in rivals:
+        outcome = "rival"
+    true = set(case.causes) | {n for n in case.set_up if _off(case, n) > 1.0}
+    true |= {n for group in ALIKE if group & true for n in group}
+    wrong = tuple(e["name"] for e in effects if not ({e["name"]} | set(e["rivals"])) & true)
+    return outcome, wrong
+
+
+def _off(case: Case, name: str) -> float:
+    """Largest number of a set-up's error in units of its tolerance."""
+    length = case.trees[0]["parameters"]["rod"]["length"]
+    degree = np.pi / 180.0
+    size = {
+        "clamp_angle": 3.0 * degree, "clamp_offset": 5e-3 * length, "gravity_tilt": degree,
+        "length_error": 5e-3 * length, "camera_scale": 5e-3, "camera_rotation": 0.5 * degree,
+        "camera_shift": 5e-3 * length, "intrinsic_curvature": 0.5 / length,
+        "stiffness_gradient": 0.3, "command_delay": 0.02,
+    }[name]  # fmt: skip
+    neutral = 1.0 if name == "camera_scale" else 0.0
+    flat = np.concatenate([np.atleast_1d(v) for v in case.set_up[name].values()])
+    return float(np.abs(flat - neutral).max() / size)
+
+
+def share(report: dict, floor: float) -> float | None:
+    """Share of what could be explained that is, on what was kept aside."""
+    before, after = report["baseline"]["err_holdout"], report["extended"]["err_holdout"]
+    if before is None or after is None or before <= 1.2 * floor:
+        return None
+    return (before - max(after, floor)) / (before - floor)
+
+
+def solve(case: Case, folder: Path) -> Result:
+    """Write a case and let the tool work on it."""
+    bags, floor = case.write(folder)
+    output = folder / "diagnosis"
+    words = ["diagnose", "--params", folder / "params.yaml", "--output", output, *bags]
+    began = _used()
+    status = dlo_ros([str(w) for w in words])
+    seconds = _used() - began
+    if status:
+        raise SystemExit(f"case {case.seed}: status {status}")
+    report = json.loads((output / "report.json").read_text())
+    main, wrong = judge(case, report)
+    rod = case.trees[0]["parameters"]["rod"]
+    found = report["extended"]["specific_modulus"]
+    off = float(np.log(found["value"] / (rod["young_modulus"] / rod["density"])))
+    std = found["std"] and off / (found["std"] / found["value"])
+    return Result(
+        case.seed, tuple(case.causes), report["verdict"],
+        tuple(e["name"] for e in report["effects"]), main, wrong,
+        share(report, floor), *compare(case.causes, report), off, std, seconds,
+    )  # fmt: skip
+
+
+def _used() -> float:
+    """Processor time of this process and those that it has waited for [s]."""
+    kinds = resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN
+    return sum(u.ru_utime + u.ru_stime for u in map(resource.getrusage, kinds))
+
+
+def summary(results: list[Result]) -> list[str]:
+    """The numbers over all cases, as lines."""
+    lines = []
+    for count in sorted({len(r.hidden) for r in results}):
+        mine = [r for r in results if len(r.hidden) == count]
+        wrong = sum(bool(r.wrong) for r in mine)
+        if count:
+            told = ", ".join(
+                f"{w} {sum(r.main == w for r in mine)}" for w in ("named", "rival", "missed")
+            )
+        else:
+            told = f"adequate {sum(r.verdict == 'adequate' for r in mine)}"
+        lines.append(f"{count} causes, {len(mine)} cases: main cause {told}; wrong names in {wrong}")
+    shares = [r.share for r in results if r.share is not None]
+    if shares:
+        lines.append(f"explained of what could be, median: {np.median(shares):.2f}")
+    missed, total = sum(r.missed for r in results), sum(r.parameters for r in results)
+    lines.append(f"numbers of causes within 10 % or 2 std: {total - missed} of {total}")
+    stated = [abs(r.modulus) for r in results if r.modulus is not None]
+    lines.append(
+        f"E/mu within 2 std: {sum(m < 2.0 for m in stated)} of {len(stated)}; off by "
+        f"{100.0 * np.median([abs(r.off) for r in results]):.1f} % in the median"
+    )
+    seconds = [r.seconds for r in results]
+    lines.append(f"processor time: median {np.median(seconds):.0f} s, worst {max(seconds):.0f} s")
+    return lines
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="field.evaluate", description=__doc__)
+    parser.add_argument("--first", type=int, default=1000, help="seed of the first")
+    parser.add_argument("--count", type=int, default=20, help="of cases of each number of causes")
+    parser.add_argument("--causes", type=int, action="append", choices=range(4), default=[])
+    parser.add_argument("--keep", type=Path, help="folder in which the cases are kept")
+    arguments = parser.parse_args()
+    results: list[Result] = []
+    for seed in range(arguments.first, arguments.first + arguments.count):
+        for count in arguments.causes or range(4):
+            case = draw(seed, count)
+            with tempfile.TemporaryDirectory() as folder:
+                kept = arguments.keep and arguments.keep / f"{seed}_{count}"
+                r = solve(case, kept or Path(folder))
+            results.append(r)
+            print(f"{seed}_{count}: {_line(r)}", flush=True)
+    print("\n".join(summary(results)))
+
+
+def _line(r: Result) -> str:
+    share = "?" if r.share is None else f"{r.share:.2f}"
+    told = "?" if r.modulus is None else f"{r.modulus:.1f} std"
+    return (
+        f"{' + '.join(r.hidden) or 'nothing'} -> {r.verdict}, {' + '.join(r.named) or 'nothing'} "
+        f"({r.main}; wrong: {' + '.join(r.wrong) or 'none'}); share {share}; numbers missed "
+        f"{r.missed} of {r.parameters}; E/mu {100.0 * r.off:+.1f} % ({told}); {r.seconds:.0f} s"
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,227 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Draws a case: rope, manipulations, a set-up with its errors, causes; writes bags.
+
+The laws are not those that `diagnose` fits: curvature at rest is a random smooth function, the edges
+of a stiff segment are soft, stiffness varies exponentially along the rope, a rope slips through its
+grip at some moment.
+"""
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from challenge import manipulations
+from challenge.draws import NAMED
+from challenge.generate import _recordings, _scene
+from challenge.residual import Refit, changed
+from dlo_ros.errors import SimulationError
+from dlo_ros.recordings import topics
+from dlo_ros.recordings.building import BAG_MESSAGES, command_message, spline_message
+from dlo_ros.recordings.write import BagWriter
+from dlo_ros.spline import SplineBasis
+from dlo_ros.synthesis.discrete_rod import DiscreteRod
+from dlo_ros.synthesis.experiment import Experiment, read_experiment
+from dlo_ros.synthesis.hidden_rod import build_rod, change, stretched, true_length
+from dlo_ros.synthesis.rod_simulation import Simulation
+from dlo_ros.synthesis.synthesize import LEAD, measure, parameter_text, truth_text
+from dlo_ros.synthesis.truth import Grips, Truth, lay_along, simulate
+from field.nuisances import Errors, set_up
+
+EDGES, STEP = 120, 1e-3
+VISIBLE = (4.0, 20.0)
+"""Range of the residual that a cause leaves after E and mu were fitted again, over the size of the
+measurement's own errors, which is OWN of L."""
+OWN = 1.2e-3
+SOFT = 0.2
+"""Width of a stiff segment's edges over its extent."""
+TRIES = 60
+Law = Callable[[DiscreteRod], DiscreteRod]
+
+
+@dataclass(frozen=True)
+class Case:
+    """A drawn case.
+
+    Args:
+        seed: of everything.
+        causes: values of what is to be found, the main one first.
+        set_up: errors of the set-up.
+        ratio: residual of each cause over the measurement's own errors.
+        manipulations: their names.
+        trees: an experiment file for each recording.
+    """
+
+    seed: int
+    causes: dict[str, dict]
+    set_up: dict[str, dict]
+    ratio: dict[str, float]
+    manipulations: tuple[str, ...]
+    trees: tuple[dict, ...]
+
+    def write(self, folder: Path) -> tuple[list[Path], float]:
+        """Write a bag for each recording, `params.yaml`, and the answer as `case.json`.
+
+        Returns:
+            The bags, and the measurement's own mean error [m].
+        """
+        folder.mkdir(parents=True, exist_ok=True)
+        rng = np.random.default_rng([self.seed, 1])
+        rod = self.trees[0]["parameters"]["rod"]
+        basis = SplineBasis(rod["control_points"], rod["length"])
+        u = basis.greville / rod["length"]
+        errors = Errors.drawn(rng, u, rod["length"])
+        bags, own = [], []
+        for k, (name, tree) in enumerate(zip(self.manipulations, self.trees, strict=True)):
+            made = read_experiment(tree, name, f"case {self.seed}")
+            bags.append(folder / f"{k}_{name}")
+            own.append(write(made, bags[-1], errors, rng, self.causes))
+        (folder / "params.yaml").write_text((bags[0] / "params.yaml").read_text())
+        answer = {k: v for k, v in asdict(self).items() if k != "trees"}
+        (folder / "case.json").write_text(json.dumps(answer, indent=2))
+        return bags, float(np.mean(own))
+
+
+def write(
+    made: Experiment, bag: Path, errors: Errors, rng: np.random.Generator, causes: dict
+) -> float:
+    """Simulate an experiment and record what its camera sees; returns its mean error [m]."""
+    truth = simulated(made, rng, "clamp_slip" in causes)
+    basis = SplineBasis(made.truth.rod.control_points, made.truth.rod.length)
+    frames = range(len(truth.stamps))
+    seen = measure(made, truth, frames, int(rng.integers(1 << 30)))
+    shapes = np.array([points for _, _, points in seen])
+    names = made.command.names
+    free = "end" not in names and f"control_point_{basis.control_points}" not in names
+    true = shapes
+    shapes, kept = errors.of(rng, shapes, basis.greville / basis.length, free)
+    with BagWriter(bag, False) as writer:
+        frame = made.truth.frame_id
+        message = command_message(BAG_MESSAGES, made.command)
+        writer.write(topics.COMMAND, message, made.command.stamp - LEAD)
+        for stamp, points in zip(np.array(truth.stamps)[kept], shapes[kept], strict=True):
+            message = spline_message(BAG_MESSAGES, int(stamp), frame, points)
+            writer.write(topics.OBSERVED, message, int(stamp))
+        writer.write_text("params.yaml", parameter_text(made))
+        writer.write_text("truth.yaml", truth_text(made, truth))
+    return float(np.median(np.linalg.norm(shapes - true, axis=2).mean(axis=1)))
+
+
+def simulated(made: Experiment, rng: np.random.Generator, slips: bool) -> Truth:
+    """The true motion, by laws that are not those of the effects."""
+    grips = Grips(made)
+    settings, hidden = made.truth, made.hidden
+    plain = {k: v for k, v in hidden.effects.items() if k not in LAWS}
+    length = settings.rod.length
+    rod = build_rod(settings, replace(hidden, effects=plain), edges=EDGES, pins=grips.nodes_at)
+    for name, law in LAWS.items():
+        if name in hidden.effects:
+            rod = law(rod, length, hidden.effects[name])
+    grips.attach(rod)
+    changes = change(settings, replace(hidden, effects=plain), grips.travelled)
+    if slips:
+        slip = hidden.number("clamp_slip", "length") / true_length(settings, hidden)
+        at, took = rng.uniform(0.25, 0.6) * manipulations.DURATION, rng.uniform(0.05, 1.0)
+
+        def changes(rod: DiscreteRod, time: float) -> DiscreteRod:
+            share = 0.5 * (1.0 + np.tanh((time - at) / took))
+            return stretched(rod, 1.0 + slip * float(share), np.zeros(len(rod.u)))
+
+    simulation = Simulation(
+        rod, grips.boundary, lay_along(made.initial_shape, rod), step=STEP, change=changes
+    )
+    simulation.settle()
+    return simulate(simulation, made.stamps, length)
+
+
+def _segment(rod: DiscreteRod, length: float, values: dict) -> DiscreteRod:
+    u = rod.u * (length / rod.u[-1])
+    half = 0.5 * values["extent"]
+    inside = 0.5 * (1.0 - np.tanh((np.abs(u - values["centre"]) - half) / (SOFT * half)))
+    factor = np.exp(inside * np.log(values["ratio"]))
+    return replace(rod, bending_stiffness=factor * rod.bending_stiffness)
+
+
+def _gradient(rod: DiscreteRod, length: float, values: dict) -> DiscreteRod:
+    factor = np.exp(values["change"] * (rod.u / rod.u[-1] - 0.5))
+    return replace(rod, bending_stiffness=factor * rod.bending_stiffness)
+
+
+LAWS = {"stiff_segment": _segment, "stiffness_gradient": _gradient, "clamp_slip": lambda r, *_: r}
+
+
+def draw(seed: int, count: int = 1, names: tuple[str, ...] = ()) -> Case:
+    """Draw a case; the same arguments give the same one.
+
+    Args:
+        count: of causes, 0 to 3; more than 3 recordings where they are several.
+        names: of the causes; drawn where none are given.
+
+    Raises:
+        RuntimeError: no such cause shows itself in any manipulation tried.
+    """
+    rng = np.random.default_rng([seed, count])
+    names = names or tuple(str(n) for n in rng.choice(list(NAMED), count, replace=False))
+    for _ in range(TRIES):
+        try:
+            found = _try(rng, seed, names)
+        except SimulationError:
+            continue
+        if found is not None:
+            return found
+    raise RuntimeError(f"no case with {', '.join(names)} for seed {seed}")
+
+
+def _try(rng: np.random.Generator, seed: int, names: tuple[str, ...]) -> Case | None:
+    chosen = manipulations.choose(rng, int(rng.integers(3, 5)))
+    trees = _recordings(rng, chosen, 2e-4)
+    parameters = trees[0]["parameters"]
+    length = parameters["rod"]["length"]
+    weighed = rng.random() < 0.5
+    factor = float(np.exp(0.5 * rng.normal()))
+    _guessed(trees[0]["guess"], weighed, factor)  # which all trees share
+    scale = OWN * length
+    refit = Refit(trees, scale, 0.015 if weighed else 0.5)
+    scene = _scene(parameters, chosen, refit)
+    ends = tuple(e for e in ("start", "end") if getattr(scene, f"clamps_{e}"))
+    errors = set_up(rng, length, ends)
+    causes, ratios = {}, {}
+    for name in names:
+        drawn = NAMED[name](rng, scene)
+        if drawn is None:
+            return None
+        block, ratio = _visible(rng, refit, name, drawn)
+        if block is None:
+            return None
+        causes[name], ratios[name] = block, round(ratio, 1)
+    effects = errors | {
+        name: {**errors.get(name, {}), **block} for name, block in causes.items()
+    }
+    return Case(
+        seed, dict(sorted(causes.items(), key=lambda c: -ratios[c[0]])),
+        {k: v for k, v in errors.items() if k not in causes}, ratios,
+        tuple(m.name for m in chosen), tuple(changed(tree, effects, {}) for tree in trees),
+    )  # fmt: skip
+
+
+def _visible(rng, refit: Refit, name: str, drawn) -> tuple[dict | None, float]:
+    """Values of a cause that shows, at a strength drawn at random; None where there are none."""
+    low, high = np.log([drawn.lower, drawn.upper])
+    for _ in range(6):
+        block = drawn.values(float(np.exp(rng.uniform(0.3 * low + 0.7 * high, high))))
+        ratio, _ = refit.ratio({name: block}, {})
+        if VISIBLE[0] <= ratio <= VISIBLE[1]:
+            return block, ratio
+    return None, 0.0
+
+
+def _guessed(guess: dict, weighed: bool, factor: float) -> None:
+    """Take out of a guess what nobody measures: damping, and often the density."""
+    guess["damping"] = {
+        k: v * factor for k, v in guess["damping"].items() if not k.endswith("_std")
+    }
+    if not weighed:
+        guess["rod"].pop("density_std")
+        guess["rod"]["density"] *= factor
