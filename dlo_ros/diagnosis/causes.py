@@ -32,10 +32,13 @@ WORTH = 3.0
 """Gain in log evidence for which a cause is added: twenty to one."""
 MOST_CAUSES = 6
 TRIALS = 3
-"""Proposals of different effects that are fitted in a step, those that promise most."""
+NEAR = 0.8
+"""Proposals that are fitted in a step, those that promise most, and their share of the best
+promise: a promise is linear, and no better than that."""
 VARIANCE_ITERATIONS = 8
 """Iterations of the error variances for a promise."""
-FIT_ITERATIONS = 6
+FIRST_ITERATIONS, FIT_ITERATIONS = 4, 12
+"""Iterations of each proposal, and of the best of them."""
 AMPLITUDE_STD = 1.5
 """Prior standard deviation of the amplitude of an effect that acts from a finite size on."""
 
@@ -115,9 +118,6 @@ class Search:
 def search(at: Evaluation, recordings: Sequence[Recording], scene: Scene, enough: float) -> Search:
     """Add causes one by one, that which raises the log evidence most first.
 
-    Effects without a useful derivative where they do nothing are dear, and able to imitate others:
-    they are tried where no smooth one is worth it.
-
     Args:
         at: the joint model with its set-up within tolerance, fitted.
         enough: ERR [m] below which nothing is looked for.
@@ -129,14 +129,10 @@ def search(at: Evaluation, recordings: Sequence[Recording], scene: Scene, enough
         known = {c.label for c in causes} | {c.effect for c in causes if c.start is not None}
         known |= dropped
         number = len(causes) + 1
-        found: tuple[Evaluation, Proposal] | None = None
-        for smooth in (True, False):
-            promises = promised(at, recordings, scene, smooth=smooth)
-            promises = [p for p in promises if not {p.proposal.label, p.proposal.effect} & known]
-            found, steps = _best_of(number, at, promises, recordings)
-            trace += steps
-            if found is not None:
-                break
+        promises = promised(at, recordings, scene)
+        promises = [p for p in promises if not {p.proposal.label, p.proposal.effect} & known]
+        found, steps = _best_of(number, at, promises, recordings)
+        trace += steps
         if found is None:
             break
         at, causes = found[0], [*causes, found[1]]
@@ -183,48 +179,53 @@ def _best_of(
 ) -> tuple[tuple[Evaluation, Proposal] | None, list[Step]]:
     """Fit the proposals that promise most; the one that gains most, if it is worth it."""
     trace: list[Step] = []
-    best: tuple[float, Evaluation, Proposal] | None = None
+    begun: list[tuple[Evaluation, Proposal]] = []
     for k, promise in enumerate(promises):
         name = promise.proposal.label
-        if promise.gain < WORTH or k >= TRIALS or (best is not None and promise.gain < best[0]):
+        if k >= TRIALS or promise.gain < max(WORTH, NEAR * promises[0].gain):
             trace.append(Step(number, name, promise.gain, None, "promised less"))
             continue
-        found = _fitted(promise.model, recordings)
+        found = _fitted(promise.model, recordings, FIRST_ITERATIONS)
         if found is None:
             trace.append(Step(number, name, promise.gain, None, "cannot be simulated"))
-            continue
+        else:
+            begun.append((found, promise.proposal))
+    begun.sort(key=lambda row: -row[0].posterior.evidence)
+    best: tuple[Evaluation, Proposal] | None = None
+    for k, (found, proposal) in enumerate(begun):
+        outcome = "fitted, but another gains more"
+        if k == 0:
+            found = fit(found, recordings, FIT_ITERATIONS)
+            outcome = "gains too little"
         gain = found.posterior.evidence - at.posterior.evidence
-        trace.append(Step(number, name, gain, found.mean_err, "fitted"))
-        if gain >= WORTH and (best is None or gain > best[0]):
-            best = gain, found, promise.proposal
-    if best is None:
-        return None, trace
-    chosen = best[2].label
-    return (best[1], best[2]), [
-        replace(t, outcome="added") if t.name == chosen and t.err is not None else t for t in trace
-    ]
+        if k == 0 and gain >= WORTH:
+            best, outcome = (found, proposal), "added"
+        trace.append(Step(number, proposal.label, gain, found.mean_err, outcome))
+    return best, trace
 
 
-def _fitted(model: ParametricModel, recordings: Sequence[Recording]) -> Evaluation | None:
+def _fitted(
+    model: ParametricModel, recordings: Sequence[Recording], iterations: int = FIT_ITERATIONS
+) -> Evaluation | None:
     """The model fitted; None where it cannot be simulated."""
     try:
-        return fit(evaluate(model, recordings), recordings, FIT_ITERATIONS)
+        return fit(evaluate(model, recordings), recordings, iterations)
     except SimulationError as err:
         LOG.info("not fitted: %s", err)
         return None
 
 
 def promised(
-    at: Evaluation, recordings: Sequence[Recording], scene: Scene, *, smooth: bool
+    at: Evaluation, recordings: Sequence[Recording], scene: Scene, *, smooth: bool = False
 ) -> list[Promise]:
     """What proposals promise, best first.
 
     Args:
-        smooth: whether those that are linear at first, or the others.
+        smooth: whether only those that are linear at first.
     """
     proposals = [
         p for p in (*freed(at.model), *added(at.model, scene))
-        if smooth == (p.start is None or p.start.neutral)
+        if not smooth or p.start is None or p.start.neutral
     ]  # fmt: skip
     extra = _columns(at, recordings, proposals)
     result = []

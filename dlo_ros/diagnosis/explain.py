@@ -41,7 +41,7 @@ OWN = 1.3
 STILL = 0.1
 """Share of the error that stays which counts as the measurement's where the DLO does not move:
 there nothing tells it from an error of the model."""
-WHITE_ITERATIONS, ITERATIONS = 5, 8
+WHITE_ITERATIONS, ITERATIONS = 20, 12
 RIVAL_FITS = 2
 
 

@@ -22,8 +22,12 @@ LONGEST_STEP = 1.5
 TRIES = 6
 DAMPING, HARDER, EASIER = 1e-4, 30.0, 0.1
 """Marquardt's damping at first, and what a failed and a good step make of it."""
-CONVERGED = 0.1
+GOOD, POOR = 0.75, 0.25
+"""Gain over the expected one, above and below which the damping is eased and made harder."""
+CONVERGED = 0.5
 """Gain of the log posterior at which a fit ends."""
+WHITE_CONVERGED = 0.05
+"""The same over its whole, of a fit in which all that is left counts as white noise."""
 
 
 Field = tuple[FloatArray, FloatArray]
@@ -141,8 +145,11 @@ def fit(
         better, damping = _improved(at, recordings, damping, white)
         if better is None:
             break
-        gain, at = _gain(at, better, white), better
-        if gain < CONVERGED:
+        gain, least = _gain(at, better, white), CONVERGED
+        if white:
+            least = WHITE_CONVERGED * _misfit(at, at, white)
+        at = better
+        if gain < least:
             break
     return at
 
@@ -181,8 +188,8 @@ def _improved(
         [max(p.std, 1.0) if p.logarithmic else p.std for p in model.parameters]
     )
     for _ in range(TRIES):
-        step = np.linalg.solve(lhs + damping * np.diag(np.diag(lhs)), rhs)
-        if float(step @ rhs) - 0.5 * float(step @ lhs @ step) < CONVERGED:
+        step = np.asarray(np.linalg.solve(lhs + damping * np.diag(np.diag(lhs)), rhs))
+        if _expected(step, lhs, rhs) < CONVERGED:
             return None, damping
         step *= min(1.0, 1.0 / float(np.max(np.abs(step) / longest)))
         try:
@@ -191,10 +198,18 @@ def _improved(
             damping *= HARDER
             continue
         trial = judged(model.at(theta + step), found, at.variances)
-        if _gain(at, trial, white) > 0.0:
+        ratio = _gain(at, trial, white) / _expected(step, lhs, rhs)
+        if ratio > GOOD:
             return trial, EASIER * damping
+        if ratio > 0.0:
+            return trial, damping if ratio > POOR else damping / EASIER
         damping = max(HARDER * damping, 1e-3)
     return None, damping
+
+
+def _expected(step: FloatArray, lhs: FloatArray, rhs: FloatArray) -> float:
+    """Gain of the log posterior by a step, as far as the linearised model tells."""
+    return float(step @ rhs) - 0.5 * float(step @ lhs @ step)
 
 
 def _as_fine(settings: Settings, recording: Recording) -> Settings:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from dlo_ros.diagnosis.model import Model
 from dlo_ros.diagnosis.outcome import Diagnosis, Fitted, NamedEffect, Number, SetupNumber, Tried
 from dlo_ros.diagnosis.relations import relations, sentences
 from dlo_ros.diagnosis.search import Candidate
-from dlo_ros.diagnosis.start import Beginning
+from dlo_ros.diagnosis.start import Beginning, drafts
 from dlo_ros.diagnosis.views import views
 from dlo_ros.effects import quantities
 from dlo_ros.errors import SimulationError
@@ -57,8 +57,8 @@ def learn(beginning: Beginning, count: int, plain: Settings, given: Settings) ->
     """Explain what is not held out; None where the joint model cannot be simulated.
 
     Held out are the recordings after the first `count`, or one of several; nothing is selected by
-    them. Of one or two recordings all is needed to find causes; there the values alone are learned
-    from their beginnings, to foretell their ends.
+    them. Where all are needed to find causes, the values alone are learned from their beginnings,
+    to foretell their ends.
 
     Args:
         count: recordings that may be learned from.
@@ -68,14 +68,21 @@ def learn(beginning: Beginning, count: int, plain: Settings, given: Settings) ->
     recordings = beginning.recordings
     frames = [len(r.times) for r in recordings]
     masks = [np.full(f, k >= count) for k, f in enumerate(frames)]
-    learned = list(recordings[:count])
-    if len(recordings) == count and count >= SPARE:
-        masks[-1][:] = True
-        learned.pop()
+    spare = _spare(recordings) if len(recordings) == count else None
+    if spare is not None:
+        masks[spare][:] = True
+    chosen = [k for k in range(count) if k != spare]
+    learned = [recordings[k] for k in chosen]
+    residuals, predicted = (
+        [x[k] for k in chosen] for x in (beginning.at.residuals, beginning.at.predicted)
+    )
+    rough = drafts(
+        learned, replace(beginning.at, residuals=tuple(residuals), predicted=tuple(predicted))
+    )
     try:
-        found = explain(learned, plain, given)
+        found = explain(rough, plain, given)
         models = found.setup, found.at
-        if len(recordings) == count and count < SPARE and min(frames) >= FEWEST:
+        if len(recordings) == count and spare is None and min(frames) >= FEWEST:
             masks = [np.arange(f) >= (aside.TRAINED + 0.1) * (f - 1) for f in frames]
             stops = [int(aside.TRAINED * (f - 1)) + 1 for f in frames]
             begun = [r.until(stop) for r, stop in zip(learned, stops, strict=True)]
@@ -85,13 +92,24 @@ def learn(beginning: Beginning, count: int, plain: Settings, given: Settings) ->
     return Learned(found, tuple(masks), (models[0].model, models[1].model))
 
 
+def _spare(recordings: Sequence[Recording]) -> int | None:
+    """The recording to be held out: the last that is gripped as another is.
+
+    What only shows where the DLO is gripped otherwise could not be foretold.
+    """
+    if len(recordings) < SPARE:
+        return None
+    grips = [{n for c in r.manipulation.commands for n in c.names} for r in recordings]
+    return next((k for k in reversed(range(len(grips))) if grips.count(grips[k]) > 1), None)
+
+
 def joint_outcome(
     beginning: Beginning, plain: Candidate, learned: Learned, given: Settings
 ) -> Diagnosis:
     """Measure on what is held out, fit the model to everything, and put all together."""
     found, recordings = learned.explanation, beginning.recordings
     first = recordings[: len(plain.at.residuals)]
-    final = _refitted(found.at, first)
+    base_setup, final = _refitted(found.setup, first), _refitted(found.at, first)
     before, seen_before = _errors(ParametricModel(plain.at.model.settings, ()), recordings, learned)
     setup, _ = _errors(learned.foretelling[0], recordings, learned)
     after, seen_after = _errors(learned.foretelling[1], recordings, learned)
@@ -103,7 +121,7 @@ def joint_outcome(
             (aside.mean(after), found.at.mean_err),
         )
     )
-    verdict = _verdict(errs[1], errs[2], found)
+    verdict = _verdict(base_setup.mean_err, final.mean_err, found)
     explained = (errs[0] or 0.0) - found.own_err
     base = held_against(plain.at.model, first, given, derivatives=False)
     ours = held_against(Model(final.model.settings, ()), first, given, derivatives=False)
@@ -167,10 +185,11 @@ def _errors(
     return held, seen
 
 
-def _verdict(setup: float | None, after: float | None, found: Explanation) -> Verdict:
-    if setup is not None and setup < found.material_err:
+def _verdict(setup: float, after: float, found: Explanation) -> Verdict:
+    """What to say of the ERR [m] of the set-up and of the full model, fitted to everything."""
+    if setup < found.material_err:
         return "adequate"
-    if found.causes and after is not None and after < found.material_err:
+    if found.causes and after < found.material_err:
         return "explained"
     return "unexplained"
 

@@ -12,7 +12,7 @@ discrepancy thus widens the posterior (Kennedy and O'Hagan, Bayesian calibration
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -25,8 +25,10 @@ LEAST_NOISE = 2e-6
 """Smallest standard deviation over L: below, rounding and time steps would count as noise."""
 LARGEST = 1.0
 """Largest standard deviation of any component over L."""
-LASTING_STD = 0.01
-"""Prior standard deviation over L of a measurement error that stays: a wrong calibration."""
+SMOOTH_STD = 0.003
+"""Prior standard deviation over L of the errors that stay or die out: careful calibrations err
+less, and what a model lacks is rather explained than put up with (Simpson et al., Penalising model
+component complexity, 2017)."""
 FEWEST_FRAMES = 4
 """Frames below which an error that dies out cannot be told from one that stays."""
 LONGEST_MEMORY = 0.998
@@ -142,7 +144,8 @@ def fit_variances(
         cost, x0, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": iterations}
     )
     found = _unpacked(done.x, spectra)
-    return found, posterior(spectra, found, offset, precision)
+    best = posterior(spectra, found, offset, precision)
+    return found, replace(best, evidence=best.evidence - _improbability(found[0], length))
 
 
 def guess(spectrum: Spectrum, length: float) -> Variances:
@@ -212,11 +215,15 @@ def _slope(
 def _with_prior(
     value: float, slope: FloatArray, found: Variances, length: float
 ) -> tuple[float, FloatArray]:
-    """Cost and derivatives, with the prior of an error that stays."""
-    width = (LASTING_STD * length) ** 2
-    parts = len(found.lasting)
-    slope[-1 - parts : -1] += 0.5 * found.lasting / width
-    return value + 0.5 * float(np.sum(found.lasting)) / width, slope
+    """Cost and derivatives, with the prior of smooth errors."""
+    common = np.concatenate([found.fading, found.lasting])
+    slope[-1 - len(common) : -1] += 0.5 * common / (SMOOTH_STD * length) ** 2
+    return value + _improbability(found, length), slope
+
+
+def _improbability(found: Variances, length: float) -> float:
+    """Minus the log prior of smooth errors."""
+    return 0.5 * float(np.sum(found.fading + found.lasting)) / (SMOOTH_STD * length) ** 2
 
 
 def _density(memory: float, frequency: FloatArray) -> FloatArray:

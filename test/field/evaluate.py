@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-
 from challenge.evaluate import compare
+
 from dlo_ros.cli.main import main as dlo_ros
 from field.generate import Case, draw
 
@@ -130,7 +130,9 @@ def summary(results: list[Result]) -> list[str]:
             )
         else:
             told = f"adequate {sum(r.verdict == 'adequate' for r in mine)}"
-        lines.append(f"{count} causes, {len(mine)} cases: main cause {told}; wrong names in {wrong}")
+        lines.append(
+            f"{count} causes, {len(mine)} cases: main cause {told}; wrong names in {wrong}"
+        )
     shares = [r.share for r in results if r.share is not None]
     if shares:
         lines.append(f"explained of what could be, median: {np.median(shares):.2f}")

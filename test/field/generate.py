@@ -1,9 +1,9 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Draws a case: rope, manipulations, a set-up with its errors, causes; writes bags.
 
-The laws are not those that `diagnose` fits: curvature at rest is a random smooth function, the edges
-of a stiff segment are soft, stiffness varies exponentially along the rope, a rope slips through its
-grip at some moment.
+The laws are not those that `diagnose` fits: curvature at rest is a random smooth function, the
+edges of a stiff segment are soft, stiffness varies exponentially along the rope, a rope slips
+through its grip at some moment.
 """
 
 import json
@@ -12,11 +12,11 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
-
 from challenge import manipulations
 from challenge.draws import NAMED
 from challenge.generate import _recordings, _scene
 from challenge.residual import Refit, changed
+
 from dlo_ros.errors import SimulationError
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.building import BAG_MESSAGES, command_message, spline_message
@@ -196,9 +196,7 @@ def _try(rng: np.random.Generator, seed: int, names: tuple[str, ...]) -> Case | 
         if block is None:
             return None
         causes[name], ratios[name] = block, round(ratio, 1)
-    effects = errors | {
-        name: {**errors.get(name, {}), **block} for name, block in causes.items()
-    }
+    effects = errors | {name: {**errors.get(name, {}), **block} for name, block in causes.items()}
     return Case(
         seed, dict(sorted(causes.items(), key=lambda c: -ratios[c[0]])),
         {k: v for k, v in errors.items() if k not in causes}, ratios,
