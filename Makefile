@@ -17,7 +17,7 @@ COMPILED := $(VENV)/.compiled
 
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: setup docs reference audit demo picture examples paper bench challenge fuzz faults soak coverage test test-quick test-slow test-report lint clean lock help
+.PHONY: setup docs reference audit demo picture examples paper bench challenge field fuzz faults soak coverage test test-quick test-slow test-report lint clean lock help
 
 help:
 	@sed -n 's/^# //p' Makefile | head -3
@@ -62,6 +62,11 @@ bench: $(COMPILED)
 # Hidden effects that `diagnose` must find, COUNT of each kind from seed FIRST; takes a minute each.
 challenge: $(COMPILED)
 	cd test && PYTHONPATH=. ../$(BIN)/python -m challenge.evaluate \
+		--first $(or $(FIRST),1000) --count $(or $(COUNT),20)
+
+# The same with all that a real set-up has at once, COUNT cases of 0 to 3 causes each from seed FIRST.
+field: $(COMPILED)
+	cd test && PYTHONPATH=. ../$(BIN)/python -m field.evaluate \
 		--first $(or $(FIRST),1000) --count $(or $(COUNT),20)
 
 # The documentation as pages, build/docs/index.html; a warning is an error.

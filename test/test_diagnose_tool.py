@@ -71,8 +71,10 @@ def test_results_are_what_the_interface_says(tmp_path):
     write_results(tmp_path / "out", KNOWN, found())
     report = json.loads((tmp_path / "out" / "report.json").read_text())
     assert set(report) == {
-        "verdict", "effects", "noise_floor", "baseline", "extended", "gain", "candidates", "advice"
+        "verdict", "effects", "noise_floor", "baseline", "extended", "gain", "candidates",
+        "advice", "material_err", "remaining_err", "share", "setup", "systematic", "trace",
     }  # fmt: skip
+    assert report["remaining_err"] == report["extended"]["err_holdout"]
     (effect,) = report["effects"]
     assert effect["parameters"]["curvature"] == {
         "value": [0.5, 1.0], "std": [0.01, None], "unit": "1/m"

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from dlo_ros.diagnosis import aside, decide, judging
 from dlo_ros.diagnosis.advice import advise
 from dlo_ros.diagnosis.estimates import fitted, numbers, own_error
 from dlo_ros.diagnosis.evaluation import is_differentiable
+from dlo_ros.diagnosis.explain import OWN
 from dlo_ros.diagnosis.fitting import polished
 from dlo_ros.diagnosis.joint_outcome import Learned, joint_outcome
 from dlo_ros.diagnosis.measured import Recording, noise_floor
@@ -50,7 +51,8 @@ def outcome(beginning: Beginning, plain: Candidate, found: Findings, given: Sett
     if found.joint is not None:
         return joint_outcome(beginning, plain, found.joint, given)
     recordings = beginning.recordings
-    decision, kept_aside = found.decision, found.kept_aside
+    kept_aside = found.kept_aside
+    decision = _immaterial(found.decision, plain, given)
     parted = kept_aside.parted
     count = len(plain.at.residuals)
     learned = recordings[:count]
@@ -106,7 +108,17 @@ def outcome(beginning: Beginning, plain: Candidate, found: Findings, given: Sett
         views(recordings, plain.at, best.at, parted.holdout, given),
         before,
         after if shown is not plain else None,
+        max(OWN * float(np.mean(floors)), given.diagnosis.material_err * given.rod.length),
     )
+
+
+def _immaterial(decision: decide.Decision, plain: Candidate, given: Settings) -> decide.Decision:
+    """What nothing explains is left alone where it does not matter."""
+    err = aside.mean(plain.at.err)
+    small = err is not None and err < given.diagnosis.material_err * given.rod.length
+    if decision.verdict != "unexplained" or not small:
+        return decision
+    return replace(decision, verdict="adequate")
 
 
 def _related(c: Candidate, recordings: Sequence[Recording]) -> Relations:

@@ -35,6 +35,8 @@ FEWEST = 10
 """Frames, from which the end of a recording can be foretold from its beginning."""
 UNKNOWN = 1e-12
 """Share of a guess's information that counts in a standard deviation that is told: none."""
+DIAMETER_STD = 0.02
+"""Of the diameter, where `rod.diameter_std` does not state it: shapes tell E D^2 / mu."""
 FINAL_ITERATIONS = 4
 
 
@@ -246,6 +248,7 @@ def _covariance(at: Evaluation) -> FloatArray:
 def _fitted(at: Evaluation, err_train: float | None, err_holdout: float | None) -> Fitted:
     """The material with standard deviations, and errors [m]."""
     spread, rod = _covariance(at), at.model.settings.rod
+    section = 2.0 * (rod.diameter_std / rod.diameter or DIAMETER_STD)
     unit = {
         name: np.array([float(n == name) for n in at.model.names])
         for name in ("young_modulus", "density")
@@ -256,7 +259,8 @@ def _fitted(at: Evaluation, err_train: float | None, err_holdout: float | None) 
         (rod.density, unit["density"]),
         (rod.specific_modulus, unit["young_modulus"] - unit["density"]),
     ):
-        std = float(np.sqrt(max(float(c @ spread @ c), 0.0)))
+        of_stiffness = section * c[at.model.index("young_modulus")]
+        std = float(np.hypot(np.sqrt(max(float(c @ spread @ c), 0.0)), of_stiffness))
         result.append((value, value * std if std < UNBOUNDED else None))
     return Fitted(at.model.settings, result[0], result[1], result[2], err_train, err_holdout)
 

@@ -181,7 +181,9 @@ def _try(rng: np.random.Generator, seed: int, names: tuple[str, ...]) -> Case | 
     length = parameters["rod"]["length"]
     weighed = rng.random() < 0.5
     factor = float(np.exp(0.5 * rng.normal()))
-    _guessed(trees[0]["guess"], weighed, factor)  # which all trees share
+    guess = trees[0]["guess"]  # which all trees share
+    _guessed(guess, weighed, factor)
+    guess["rod"]["diameter"] = parameters["rod"]["diameter"] * (1.0 + 0.02 * rng.normal())
     scale = OWN * length
     refit = Refit(trees, scale, 0.015 if weighed else 0.5)
     scene = _scene(parameters, chosen, refit)
