@@ -55,6 +55,7 @@ def test_every_effect_reaches_the_strength_that_is_asked_for(name):
         assert len(challenge.ratio) == (2 if name == "pair" else 1)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", [*FREE, *HELD], ids=lambda k: k.__name__)
 def test_manipulations_bend_the_rope_within_reach(kind):
     """Soft and stiff ropes, both sides; the mirrored one moves as the mirror image."""

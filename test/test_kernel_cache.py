@@ -62,7 +62,10 @@ def answer(package, **variables):
     return int(result), int(hits), Path(folder)
 
 
-@pytest.fixture(params=["package", "NUMBA_CACHE_DIR", "XDG_CACHE_HOME"])
+ELSEWHERE = ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME")
+
+
+@pytest.fixture(params=["package", *(pytest.param(p, marks=pytest.mark.long) for p in ELSEWHERE)])
 def place(request, package, tmp_path):
     """Variables that lead to each of the places, and the place."""
     if request.param == "package":

@@ -250,6 +250,7 @@ def test_mono_images_will_do():
     assert np.sqrt(np.mean(across**2)) < 0.15
 
 
+@pytest.mark.long
 def test_hard_pictures_are_right_or_silent():
     # A part of the set of vision_stress.py, which is run with more seeds by hand.
     verdicts, reasons = tally(range(1000, 1048))
