@@ -28,6 +28,9 @@ PROCESSES = 2
 SETTLED = 3.0
 """Seconds after which the rate so far tells how long the rest will take."""
 
+TELLING = 0.03
+"""Fraction of the whole after which the rate so far tells how long the rest will take."""
+
 WAIT = 0.1
 """Seconds between two looks at what other processes do."""
 
@@ -223,7 +226,7 @@ class BackgroundCompilation:
             return None
         began, first = self._began
         elapsed = time.monotonic() - began
-        if elapsed < SETTLED or fraction <= first:
+        if elapsed < SETTLED or fraction - first < TELLING:
             return None
         return elapsed * (1.0 - fraction) / (fraction - first)
 
