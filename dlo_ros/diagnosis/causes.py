@@ -16,7 +16,7 @@ import numpy as np
 
 from dlo_ros.diagnosis import priors
 from dlo_ros.diagnosis.candidates import starts
-from dlo_ros.diagnosis.joint import Evaluation, Field, evaluate, fit, simulate
+from dlo_ros.diagnosis.joint import Evaluation, Field, evaluate, fit, misfit, simulate
 from dlo_ros.diagnosis.measured import Recording
 from dlo_ros.diagnosis.priors import SLAB
 from dlo_ros.effects import Scene, Start
@@ -165,8 +165,17 @@ def without(
         # Where the linearised posterior lies once the cause is at neutral.
         pinned = at.model.with_prior([_pinned(p) for p in cause.parameters])
         found = posterior(at.spectra, at.variances, pinned.offset(), pinned.precision())
-        begins.insert(0, at.model.at(at.model.theta() + found.step).without(names))
-    return next((f for m in begins if (f := _fitted(m, recordings)) is not None), None)
+        begins.append(at.model.at(at.model.theta() + found.step).without(names))
+    begun: list[Evaluation] = []
+    for model in begins:
+        try:
+            begun.append(evaluate(model, recordings))
+        except SimulationError as err:
+            LOG.info("without %s: %s", cause.label, err)
+    if not begun:
+        return None
+    nearest = min(begun, key=lambda e: misfit(e, at))
+    return fit(nearest, recordings, FIT_ITERATIONS)
 
 
 def _pinned(p: Parameter) -> Parameter:

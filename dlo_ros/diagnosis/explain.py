@@ -21,7 +21,9 @@ from dlo_ros.diagnosis.causes import (
 from dlo_ros.diagnosis.joint import Evaluation, evaluate, fit
 from dlo_ros.diagnosis.measured import Recording
 from dlo_ros.diagnosis.priors import SLAB, joint_model
+from dlo_ros.effects import quantities
 from dlo_ros.errors import SimulationError
+from dlo_ros.inference.parameter import split_name
 from dlo_ros.inference.variances import FEWEST_FRAMES
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
@@ -105,9 +107,11 @@ def explain(recordings: Sequence[Recording], plain: Settings, given: Settings) -
     at = fit(at, recordings, ITERATIONS)
     enough = given.diagnosis.material_err * given.rod.length
     found = search(at, recordings, here, enough)
+    # Judged in the end: what a cause does to a DLO looks like an error of the camera before.
     own = own_err(found.at, recordings)
-    causes = _named(found, recordings, names)
-    return Explanation(at, found.at, causes, own, max(OWN * own, enough), found.causes, found.trace)
+    matters = max(OWN * own, enough)
+    causes = _named(found, recordings, names, matters)
+    return Explanation(at, found.at, causes, own, matters, found.causes, found.trace)
 
 
 def own_err(at: Evaluation, recordings: Sequence[Recording]) -> float:
@@ -127,9 +131,12 @@ def mean_length(sizes: FloatArray) -> float:
 
 
 def _named(
-    found: Search, recordings: Sequence[Recording], names: Sequence[str]
+    found: Search, recordings: Sequence[Recording], names: Sequence[str], material: float
 ) -> tuple[Cause, ...]:
-    """Causes without which the best model is clearly worse; numbers of the set-up are no less."""
+    """Causes without which the best model is clearly worse; numbers of the set-up are no less.
+
+    What lies within its tolerance is none where all that it explains is immaterial.
+    """
     at = found.at
     result = []
     for group in (*found.causes, *beyond(at)):
@@ -140,6 +147,8 @@ def _named(
             continue
         loss = at.posterior.evidence - bare.posterior.evidence
         if loss < NAMED or at.mean_err > (1.0 - LOWERS) * bare.mean_err:
+            continue
+        if bare.mean_err < material and not _beyond(at, group):
             continue
         rivals = _rivals(at, bare, group, recordings, names)
         names_ = tuple(p.name for p in group.parameters)
@@ -164,12 +173,23 @@ def _merged(causes: Sequence[Cause]) -> tuple[Cause, ...]:
 
 def beyond(at: Evaluation) -> list[Proposal]:
     """Groups of the set-up of which a number lies beyond its tolerance."""
-    off = dict(zip(at.model.names, at.model.offset(), strict=True))
     return [
         replace(g, parameters=tuple(p for p in at.model.parameters if p.name in g.columns))
         for g in freed(at.model)
-        if any(abs(off[p.name]) > BEYOND * p.std / SLAB for p in g.parameters)
+        if _beyond(at, g)
     ]
+
+
+def _beyond(at: Evaluation, group: Proposal) -> bool:
+    """Whether a size of a group, with the priors of a cause, lies beyond its tolerance."""
+    if group.start is not None and not group.start.neutral:
+        return False  # it has no tolerance
+    off = dict(zip(at.model.names, at.model.offset(), strict=True))
+    return any(
+        abs(off[p.name]) > BEYOND * p.std / SLAB
+        for p in group.parameters
+        if p.name in off and not quantities(p.effect)[split_name(p.name)[1]].geometric
+    )
 
 
 def certain(at: Evaluation, group: Proposal) -> bool:

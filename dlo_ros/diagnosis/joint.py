@@ -147,7 +147,7 @@ def fit(
             break
         gain, least = _gain(at, better, white), CONVERGED
         if white:
-            least = WHITE_CONVERGED * _misfit(at, at, white)
+            least = WHITE_CONVERGED * misfit(at, at, white=white)
         at = better
         if gain < least:
             break
@@ -165,10 +165,10 @@ def _weights(at: Evaluation, white: bool) -> list[FloatArray]:
 
 def _gain(before: Evaluation, after: Evaluation, white: bool) -> float:
     """Gain of the log posterior with the variances from before."""
-    return _misfit(before, before, white) - _misfit(after, before, white)
+    return misfit(before, before, white=white) - misfit(after, before, white=white)
 
 
-def _misfit(at: Evaluation, judge: Evaluation, white: bool) -> float:
+def misfit(at: Evaluation, judge: Evaluation, *, white: bool = False) -> float:
     """Minus the log posterior of a model's values, with another's variances."""
     weights = _weights(judge, white)
     value = sum(float(s.power @ w) for s, w in zip(at.spectra, weights, strict=True))

@@ -13,7 +13,7 @@ from dlo_ros.effects.start import INNER_PLACES, Block
 
 PATTERNS = (3, 4, 5)  # numbers of values of a curvature at rest that varies along the DLO
 
-SETUP_VALUES = 3  # along the DLO, of the curvature that every cable has from its coil
+SETUP_VALUES = 5  # along the DLO, of the curvature that every cable has from its coil
 
 
 @dataclass(frozen=True)
