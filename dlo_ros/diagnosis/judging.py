@@ -137,6 +137,6 @@ def description(at: Evaluation) -> str:
         int(np.argmax([float(np.mean(part)) for part in np.array_split(along, 3)]))
     ]
     time = ("at the beginning", "in the middle", "towards the end")[
-        int(np.argmax([float(np.mean(part)) for part in np.array_split(power[k], 3)]))
+        int(np.argmax([float(np.sum(part)) for part in np.array_split(power[k], 3)]))
     ]
     return f"Most is left over in recording {k + 1}, {place} of the DLO, {time} of the motion."

@@ -1,0 +1,94 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Recordings with everything that a real set-up has at once: what `diagnose` makes of them.
+
+`make field` draws as many as wanted.
+"""
+
+import json
+
+import numpy as np
+import pytest
+from field import draw
+from field.evaluate import judge
+from field.nuisances import Errors, set_up, smooth
+
+from dlo_ros.cli.main import main as dlo_ros
+from dlo_ros.parameters import Settings
+
+
+def solved(folder, case, bags):
+    output = folder / "diagnosis"
+    words = ["diagnose", "--params", folder / "params.yaml", "--output", output, *bags]
+    assert dlo_ros([str(w) for w in [*words, "--workers", 1]]) == 0
+    report = json.loads((output / "report.json").read_text())
+    return report, Settings.load(output / "extended.yaml")
+
+
+@pytest.mark.long
+def test_a_set_up_within_its_tolerances_is_adequate_and_told(tmp_path):
+    case = draw(203, 0)
+    bags, own = case.write(tmp_path)
+    report, extended = solved(tmp_path, case, bags[:2])
+    assert report["verdict"] == "adequate"
+    assert judge(case, report)[1] == ()
+    assert report["baseline"]["err_train"] > 3.0 * own
+    assert report["extended"]["err_train"] < 1.5 * own < 1.5 * report["material_err"]
+    assert report["material_err"] >= 1.3 * report["noise_floor"] > 0.0
+    told = report["setup"]
+    assert {"gravity_tilt.angle", "camera_scale.ratio", "command_delay.delay"} <= set(told)
+    delay = told["command_delay.delay"]
+    truth = case.set_up["command_delay"]["delay"]
+    assert abs(delay["value"] - truth) < 4.0 * delay["std"] < 0.2 * delay["tolerance"]
+    assert {"white_error_across", "lasting_error_along"} <= set(report["systematic"])
+    # What was fitted predicts better at once, whatever is named.
+    assert set(extended.effects) >= {"clamp_angle", "gravity_tilt", "intrinsic_curvature"}
+    page = (tmp_path / "diagnosis" / "report.html").read_text()
+    assert "clamp angle" in page and "tolerance" in page
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "name", ["point_mass", "stiff_segment", "nonlinear_stiffness", "clamp_angle", "plasticity"]
+)
+def test_the_cause_is_found_beside_all_that(tmp_path, name):
+    case = draw(204, 1, (name,))
+    report, _ = solved(tmp_path, case, case.write(tmp_path)[0])
+    found, wrong = judge(case, report)
+    assert found in ("named", "rival") and not wrong
+
+
+def test_the_same_seed_draws_the_same_case():
+    one, two = draw(5, 0), draw(5, 0)
+    assert one == two and not one.causes
+    assert one.set_up != draw(6, 0).set_up
+
+
+def test_errors_of_the_measurement_are_what_they_are_said_to_be():
+    rng = np.random.default_rng(0)
+    u = np.linspace(0.0, 1.0, 10)
+    shapes = np.zeros((400, 10, 3))
+    shapes[:, :, 0] = 0.5 * u
+    errors = Errors(np.full((10, 2), 1e-3), 3e-4, 0.5, 0.01, gross=0.0)
+    seen, kept = errors.of(rng, shapes, u, free=True)
+    assert 0.85 < kept.mean() < 1.0 and kept[0]
+    missed = seen - shapes
+    assert np.allclose(missed[:, :, 1], 0.0)
+    assert missed[:, -1, 0].mean() == pytest.approx(1e-3 + 0.01 * 0.5, abs=1e-4)
+    fading = missed[:, 3, 2] - missed[:, 3, 2].mean()
+    assert fading.std() == pytest.approx(3e-4, rel=0.15)
+    assert np.corrcoef(fading[1:], fading[:-1])[0, 1] == pytest.approx(0.5, abs=0.12)
+    held, _ = errors.of(rng, shapes, u, free=False)
+    assert (held - shapes)[:, -1, 0].mean() == pytest.approx(1e-3, abs=1e-4)
+
+
+def test_a_set_up_has_errors_of_the_size_of_its_tolerances():
+    rng = np.random.default_rng(1)
+    drawn = [set_up(rng, 0.5, ("start",)) for _ in range(300)]
+    for name, key, size in (
+        ("gravity_tilt", "angle", np.pi / 180.0), ("camera_rotation", "angle", np.pi / 360.0),
+        ("length_error", "difference", 2.5e-3),
+    ):  # fmt: skip
+        assert np.std([d[name][key] for d in drawn]) == pytest.approx(size, rel=0.15)
+    assert np.std([smooth(rng, np.linspace(0.0, 1.0, 9))[4] for _ in range(300)]) == (
+        pytest.approx(1.0, rel=0.15)
+    )
