@@ -306,8 +306,6 @@ def _explain(
             return Findings(explained, judge, tuple(singles), tuple(pairs))
     everything = sorted([*singles, *pairs], key=lambda c: c.score)
     judge = kept_aside(everything[0] if everything else plain)
-    if joint is not None and _clearly_better(joint.explanation, everything):
-        return Findings(decide.Decision("unexplained", None), judge, tuple(everything), joint=joint)
     decision = decide.Decision("unexplained", *(decide.sure(plain, everything, judge) or (None,)))
     return Findings(decision, judge, tuple(singles), tuple(pairs))
 
@@ -318,13 +316,8 @@ def _takes_over(joint: Explanation, singles: Sequence[Candidate]) -> bool:
         return False
     if joint.at.mean_err < joint.material_err:
         return True
-    return _clearly_better(joint, singles)
-
-
-def _clearly_better(joint: Explanation, others: Sequence[Candidate]) -> bool:
-    """Whether the joint model misses much less than any other."""
-    best = min((aside.mean(c.at.err) or np.inf for c in others), default=np.inf)
-    return joint.at.mean_err < CLEARLY_BETTER * best
+    single = min((aside.mean(c.at.err) or np.inf for c in singles), default=np.inf)
+    return joint.at.mean_err < CLEARLY_BETTER * single
 
 
 def _other_pegs(
