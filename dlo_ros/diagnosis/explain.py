@@ -36,6 +36,9 @@ CERTAIN = 3.0
 """Standard deviations from neutral, from which a cause is named."""
 BEYOND = 2.0
 """Tolerances from neutral, from which a number of the set-up may be a cause."""
+NOTABLE = 0.2
+"""Tolerances from neutral, from which a number of the set-up is off by more than two programs that
+simulate the same DLO differ by."""
 LOWERS = 0.1
 """Share of ERR that a named cause must take away."""
 OWN = 1.3
@@ -180,13 +183,13 @@ def beyond(at: Evaluation) -> list[Proposal]:
     ]
 
 
-def _beyond(at: Evaluation, group: Proposal) -> bool:
-    """Whether a size of a group, with the priors of a cause, lies beyond its tolerance."""
+def _beyond(at: Evaluation, group: Proposal, tolerances: float = BEYOND) -> bool:
+    """Whether a size of a group, with the priors of a cause, lies so many tolerances off."""
     if group.start is not None and not group.start.neutral:
         return False  # it has no tolerance
     off = dict(zip(at.model.names, at.model.offset(), strict=True))
     return any(
-        abs(off[p.name]) > BEYOND * p.std / SLAB
+        abs(off[p.name]) > tolerances * p.std / SLAB
         for p in group.parameters
         if p.name in off and not quantities(p.effect)[split_name(p.name)[1]].geometric
     )
@@ -204,7 +207,7 @@ def certain(at: Evaluation, group: Proposal) -> bool:
 
 
 def departures(found: Explanation) -> int:
-    """Number of causes and parts of the set-up that are away from neutral for certain."""
+    """Number of causes and notable parts of the set-up that are away from neutral for certain."""
     added = [c for c in found.proposals if c.start is not None]
     at = found.at
     tolerated = replace(
@@ -213,7 +216,7 @@ def departures(found: Explanation) -> int:
     )
     own = {p.name for c in added for p in c.parameters}
     parts = [g for g in freed(tolerated) if not own & set(g.columns)]
-    return len(added) + sum(certain(at, g) for g in parts)
+    return len(added) + sum(certain(at, g) and _beyond(at, g, NOTABLE) for g in parts)
 
 
 def _rivals(
