@@ -22,6 +22,12 @@ LOG = logging.getLogger(__name__)
 
 CLEAR = 3.0
 """Distance of two predictions in units of the noise, root of the sum, that settles the matter."""
+SETTLED = "Nothing is left open: no other cause explains these data as well."
+REPEAT = (
+    "Repeat one of the manipulations unchanged: where both recordings differ from each other, the "
+    "cause changes with time (a draught, a camera or a material that drifts); where they agree, it "
+    "belongs to the DLO and its grips."
+)
 
 
 @dataclass(frozen=True)
@@ -43,13 +49,9 @@ def advise(
         return "Nothing is left to explain: these data need no further cause."
     names = [n for rivals in decision.rivals for n in rivals]
     if decision.chosen is None or (decision.verdict == "unexplained" and not names):
-        return (
-            "Repeat one of the manipulations unchanged: where both recordings differ from each "
-            "other, the cause changes with time (a draught, a camera or a material that drifts); "
-            "where they agree, it belongs to the DLO and its grips."
-        )
+        return REPEAT
     if not names:
-        return "Nothing is left open: no other cause explains these data as well."
+        return SETTLED
     best = decision.chosen.candidate
     rival = next(
         (c for c in candidates if c is not best and names[0] in c.at.model.effects

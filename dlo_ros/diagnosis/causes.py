@@ -69,7 +69,7 @@ class Proposal:
 
 @dataclass(frozen=True)
 class Promise:
-    """What the linearised posterior expects of a proposal.
+    """The expectation of the linearised posterior for a proposal.
 
     Args:
         gain: in log evidence.
@@ -102,7 +102,7 @@ class Step:
 
 @dataclass(frozen=True)
 class Search:
-    """What the search has found.
+    """The result of a search.
 
     Args:
         at: the joint model with all causes.
@@ -159,7 +159,7 @@ def without(
     names = [p.name for p in cause.parameters]
     if cause.start is None and not wholly:
         tolerated = [replace(p, std=p.std / SLAB, tolerated=True) for p in cause.parameters]
-        return _fitted(at.model.with_prior(tolerated), recordings)
+        return fitted(at.model.with_prior(tolerated), recordings)
     begins = [at.model.without(names)]
     if cause.start is None or cause.start.neutral:
         # Where the linearised posterior lies once the cause is at neutral.
@@ -194,7 +194,7 @@ def _best_of(
         if k >= TRIALS or promise.gain < max(WORTH, NEAR * promises[0].gain):
             trace.append(Step(number, name, promise.gain, None, "promised less"))
             continue
-        found = _fitted(promise.model, recordings, FIRST_ITERATIONS)
+        found = fitted(promise.model, recordings, FIRST_ITERATIONS)
         if found is None:
             trace.append(Step(number, name, promise.gain, None, "cannot be simulated"))
         else:
@@ -213,7 +213,7 @@ def _best_of(
     return best, trace
 
 
-def _fitted(
+def fitted(
     model: ParametricModel, recordings: Sequence[Recording], iterations: int = FIT_ITERATIONS
 ) -> Evaluation | None:
     """The model fitted; None where it cannot be simulated."""
@@ -227,7 +227,7 @@ def _fitted(
 def promised(
     at: Evaluation, recordings: Sequence[Recording], scene: Scene, *, smooth: bool = False
 ) -> list[Promise]:
-    """What proposals promise, best first.
+    """The promises of all proposals, best first.
 
     Args:
         smooth: whether only those that are linear at first.

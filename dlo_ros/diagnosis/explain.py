@@ -13,6 +13,7 @@ from dlo_ros.diagnosis.causes import (
     Proposal,
     Search,
     Step,
+    fitted,
     freed,
     promised,
     search,
@@ -22,7 +23,6 @@ from dlo_ros.diagnosis.joint import Evaluation, evaluate, fit
 from dlo_ros.diagnosis.measured import Recording
 from dlo_ros.diagnosis.priors import SLAB, joint_model
 from dlo_ros.effects import quantities
-from dlo_ros.errors import SimulationError
 from dlo_ros.inference.parameter import split_name
 from dlo_ros.inference.variances import FEWEST_FRAMES
 from dlo_ros.parameters import Settings
@@ -71,7 +71,7 @@ class Cause:
 
 @dataclass(frozen=True)
 class Explanation:
-    """What the joint model makes of the recordings.
+    """The recordings explained by the joint model.
 
     Args:
         setup: the set-up within tolerance, fitted.
@@ -112,9 +112,14 @@ def explain(recordings: Sequence[Recording], plain: Settings, given: Settings) -
     found = search(at, recordings, here, enough)
     # Judged in the end: what a cause does to a DLO looks like an error of the camera before.
     own = own_err(found.at, recordings)
-    matters = max(OWN * own, enough)
+    matters = material_err(own, given)
     causes = _named(found, recordings, names, matters)
     return Explanation(at, found.at, causes, own, matters, found.causes, found.trace)
+
+
+def material_err(own: float, given: Settings) -> float:
+    """ERR [m] from which it matters, where the measurement itself has `own` [m]."""
+    return max(OWN * own, given.diagnosis.material_err * given.rod.length)
 
 
 def own_err(at: Evaluation, recordings: Sequence[Recording]) -> float:
@@ -235,10 +240,7 @@ def _rivals(
         if fits >= RIVAL_FITS:
             break
         fits += 1
-        try:
-            there = fit(evaluate(promise.model, recordings), recordings, ITERATIONS)
-        except SimulationError:
-            continue
-        if there.posterior.evidence - bare.posterior.evidence >= missing:
+        there = fitted(promise.model, recordings)
+        if there and there.posterior.evidence - bare.posterior.evidence >= missing:
             result.append(effect)
     return tuple(result)

@@ -12,7 +12,7 @@ from dlo_ros.diagnosis import aside, decide, judging
 from dlo_ros.diagnosis.advice import advise
 from dlo_ros.diagnosis.estimates import fitted, numbers, own_error
 from dlo_ros.diagnosis.evaluation import is_differentiable
-from dlo_ros.diagnosis.explain import OWN
+from dlo_ros.diagnosis.explain import material_err
 from dlo_ros.diagnosis.fitting import polished
 from dlo_ros.diagnosis.joint_outcome import Learned, joint_outcome
 from dlo_ros.diagnosis.measured import Recording, noise_floor
@@ -27,7 +27,7 @@ from dlo_ros.parameters import Settings
 
 @dataclass(frozen=True)
 class Findings:
-    """What the search has come to.
+    """The result of the search.
 
     Args:
         joint: the joint model's explanation, where that takes the place of single effects and
@@ -108,12 +108,12 @@ def outcome(beginning: Beginning, plain: Candidate, found: Findings, given: Sett
         views(recordings, plain.at, best.at, parted.holdout, given),
         before,
         after if shown is not plain else None,
-        max(OWN * float(np.mean(floors)), given.diagnosis.material_err * given.rod.length),
+        material_err(float(np.mean(floors)), given),
     )
 
 
 def _immaterial(decision: decide.Decision, plain: Candidate, given: Settings) -> decide.Decision:
-    """What nothing explains is left alone where it does not matter."""
+    """The decision: unexplained structure is left alone where it does not matter."""
     err = aside.mean(plain.at.err)
     small = err is not None and err < given.diagnosis.material_err * given.rod.length
     if decision.verdict != "unexplained" or not small:

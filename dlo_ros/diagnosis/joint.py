@@ -27,7 +27,7 @@ GOOD, POOR = 0.75, 0.25
 CONVERGED = 0.5
 """Gain of the log posterior at which a fit ends."""
 WHITE_CONVERGED = 0.05
-"""The same over its whole, of a fit in which all that is left counts as white noise."""
+"""Gain over the whole misfit, at which a fit ends that takes all that is left for white noise."""
 
 
 Field = tuple[FloatArray, FloatArray]
@@ -64,7 +64,7 @@ class Evaluation:
 
 @dataclass(frozen=True)
 class Simulated:
-    """What a simulation of recordings gives: fields, ERR of each frame [m], control points [m]."""
+    """A simulation of recordings: fields, ERR of each frame [m], control points [m]."""
 
     fields: tuple[Field, ...]
     err: tuple[FloatArray, ...]

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What the joint model has come to: measured on held-out data, with numbers and in words."""
+"""The joint model's result: measured on held-out data, with numbers and in words."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dlo_ros.diagnosis import aside, judging
+from dlo_ros.diagnosis.advice import REPEAT, SETTLED
 from dlo_ros.diagnosis.decide import Verdict
 from dlo_ros.diagnosis.evaluation import evaluate as held_against
 from dlo_ros.diagnosis.explain import Cause, Explanation, explain
@@ -36,7 +37,8 @@ FEWEST = 10
 UNKNOWN = 1e-12
 """Share of a guess's information that counts in a standard deviation that is told: none."""
 DIAMETER_STD = 0.02
-"""Of the diameter, where `rod.diameter_std` does not state it: shapes tell E D^2 / mu."""
+"""Standard deviation over the diameter, where `rod.diameter_std` states none; shapes tell
+E D^2 / mu."""
 FINAL_ITERATIONS = 4
 
 
@@ -188,7 +190,7 @@ def _errors(
 
 
 def _verdict(setup: float, after: float, found: Explanation) -> Verdict:
-    """What to say of the ERR [m] of the set-up and of the full model, fitted to everything."""
+    """The verdict by the ERR [m] of the set-up and of the full model, fitted to everything."""
     if setup < found.material_err:
         return "adequate"
     if found.causes and after < found.material_err:
@@ -312,7 +314,7 @@ def _tried(found: Explanation) -> tuple[Tried, ...]:
 
 
 def _advice(verdict: Verdict, found: Explanation) -> str:
-    """What to do next."""
+    """The next experiment, in a sentence."""
     open_ = next((c for c in found.causes if c.rivals), None)
     if open_ is not None:
         names = " and ".join(n.replace("_", " ") for n in (open_.effect, *open_.rivals))
@@ -323,12 +325,8 @@ def _advice(verdict: Verdict, found: Explanation) -> str:
     if verdict == "adequate":
         return "Nothing is left to explain: the set-up is within its tolerances."
     if verdict == "explained":
-        return "Nothing is left open: no other cause explains these data as well."
-    return (
-        "Repeat one of the manipulations unchanged: where both recordings differ from each other, "
-        "the cause changes with time (a draught, a camera or a material that drifts); where they "
-        "agree, it belongs to the DLO and its grips."
-    )
+        return SETTLED
+    return REPEAT
 
 
 def _percent(share: float | None) -> str:

@@ -13,6 +13,7 @@ import numpy as np
 from dlo_ros.effects import Quantity, quantities
 from dlo_ros.effects.start import Block
 from dlo_ros.identification.estimate import GUESS
+from dlo_ros.inference.parameter import split_name, value_of, with_value
 from dlo_ros.parameters import EFFECTS_PREFIX, Settings
 from dlo_ros.rod.tangents import MATERIAL, effect_names
 from dlo_ros.spline import FloatArray
@@ -45,21 +46,21 @@ class Model:
 
     def theta(self) -> FloatArray:
         """The open parameters as the fit sees them, shape (P,)."""
-        return np.array([_inner(name, _get(self.settings, name)) for name in self.free])
+        return np.array([_inner(name, value_of(self.settings, name)) for name in self.free])
 
     def at(self, theta: FloatArray) -> Model:
         """The model with other values; what leaves its range stays at the border."""
         settings = self.settings
         for name, value in zip(self.free, theta, strict=True):
             low, high = self.bounds.get(name) or _range(name, settings)
-            settings = _put(settings, name, _outer(name, float(value), low, high))
+            settings = with_value(settings, name, _outer(name, float(value), low, high))
         return replace(self, settings=settings)
 
     def chain(self) -> FloatArray:
         """Derivative of a parameter as `Simulation` takes it by that which the fit sees, (P,)."""
         return np.array(
             [
-                1.0 if name in MATERIAL or not logarithmic(name) else _get(self.settings, name)
+                1.0 if name in MATERIAL or not logarithmic(name) else value_of(self.settings, name)
                 for name in self.free
             ]
         )
@@ -74,7 +75,7 @@ class Model:
         for name in self.free:
             if name in MATERIAL:
                 continue
-            value = _get(self.settings, name)
+            value = value_of(self.settings, name)
             low, high = _range(name, self.settings)
             if value in (low, high):
                 found.append(name)
@@ -140,7 +141,7 @@ def prior(model: Model, given: Settings) -> tuple[FloatArray, FloatArray]:
             quantity, natural = _quantity(name), _natural(name, model.settings)
             log = logarithmic(name)
             place = quantity.geometric
-            here = _get(model.settings, name)
+            here = value_of(model.settings, name)
             centre.append(_inner(name, here) if log or place else quantity.neutral)
             # What is only a place needs no centre; a little keeps the equations regular.
             information.append(1e-4 if log or place else (LOOSE * natural) ** -2)
@@ -152,40 +153,9 @@ def logarithmic(name: str) -> bool:
     return name in MATERIAL or _quantity(name).logarithmic
 
 
-def _split(name: str) -> tuple[str, str, int | None]:
-    effect, _, key = name.removeprefix(EFFECTS_PREFIX).partition(".")
-    key, _, index = key.partition("[")
-    return effect, key, int(index[:-1]) if index else None
-
-
 def _quantity(name: str) -> Quantity:
-    effect, key, _ = _split(name)
+    effect, key, _ = split_name(name)
     return quantities(effect)[key]
-
-
-def _get(settings: Settings, name: str) -> float:
-    if name in MATERIAL:
-        block: Any = settings.rod if name in ("young_modulus", "density") else settings.damping
-        return float(getattr(block, name))
-    effect, key, index = _split(name)
-    value: Any = settings.effects[effect][key]
-    return float(value if index is None else value[index])
-
-
-def _put(settings: Settings, name: str, value: float) -> Settings:
-    changed: dict[str, Any] = {name: value}
-    if name in ("young_modulus", "density"):
-        return replace(settings, rod=replace(settings.rod, **changed))
-    if name in MATERIAL:
-        return replace(settings, damping=replace(settings.damping, **changed))
-    effect, key, index = _split(name)
-    effects: dict[str, dict[str, Any]] = {k: dict(v) for k, v in settings.effects.items()}
-    old = effects[effect][key]
-    if index is None:
-        effects[effect][key] = value
-    else:
-        effects[effect][key] = (*old[:index], value, *old[index + 1 :])
-    return settings.with_effects(effects)
 
 
 def _inner(name: str, value: float) -> float:
