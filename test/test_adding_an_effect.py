@@ -55,7 +55,8 @@ from diagnosis_candidates import KNOWN
 from measured import swing
 from rods import PAPER
 
-from dlo_ros.diagnosis.candidates import scene, starts
+from dlo_ros.diagnosis.candidates import starts
+from dlo_ros.inference.scene import scene
 from dlo_ros.diagnosis.screening import screen
 from dlo_ros.diagnosis.search import search
 from dlo_ros.diagnosis.start import begin
@@ -63,7 +64,7 @@ from dlo_ros.diagnosis.workers import Problem, workers
 from dlo_ros.effects import build, effects
 from dlo_ros.identification import identify
 from dlo_ros.identification.bundle import forecast_varied
-from dlo_ros.identification.forecast import forecast
+from dlo_ros.inference.forecast import forecast
 
 OWN = ("pixel_aspect", "rough_board")
 assert not effects()["pixel_aspect"].batched

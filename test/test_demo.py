@@ -31,7 +31,7 @@ from dlo_ros.demo.processes import Children, ProcessError
 from dlo_ros.demo.progress import Progress, line
 from dlo_ros.demo.result import estimate_tree, last_line, read_truth, report, with_std, write_json
 from dlo_ros.errors import InputError, RecordingError
-from dlo_ros.identification.forecast import Manipulation, forecast
+from dlo_ros.inference.forecast import Manipulation, forecast
 from dlo_ros.nodes.heard import QUANTITIES, Heard, Sample
 from dlo_ros.parameters import RodParameters, Settings
 from dlo_ros.recordings import (

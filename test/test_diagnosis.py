@@ -10,18 +10,20 @@ from measured import swing
 from rods import PAPER
 
 from dlo_ros.diagnosis import aside, decide, diagnose, judging
-from dlo_ros.diagnosis.candidates import scene, starts
+from dlo_ros.diagnosis.candidates import starts
 from dlo_ros.diagnosis.evaluation import evaluate
 from dlo_ros.diagnosis.fitting import Normal, fit, known, normal, total
 from dlo_ros.diagnosis.manipulations import simulated, standard
-from dlo_ros.diagnosis.measured import measured, with_bias
 from dlo_ros.diagnosis.model import baseline, prior
+from dlo_ros.diagnosis.noise import with_bias, with_noise
 from dlo_ros.diagnosis.screening import alarm, screen
 from dlo_ros.diagnosis.start import begin
 from dlo_ros.diagnosis.workers import Problem, workers
 from dlo_ros.effects import effects
 from dlo_ros.errors import InputError
 from dlo_ros.identification import Manipulation
+from dlo_ros.inference.measured import measured
+from dlo_ros.inference.scene import scene
 from dlo_ros.observation import CentrelinePoints
 from dlo_ros.spline import SplineBasis
 
@@ -368,7 +370,7 @@ def test_what_a_camera_sees_wrongly_in_every_picture_counts_as_noise():
         (found,) = with_bias([recording], [true], KNOWN)
         n = recording.observed.shape[1]
         assert np.max(np.broadcast_to(found.bias, 2 * n)[:n]) == pytest.approx(lasting)
-        noisy = found.with_noise(true, KNOWN)
+        noisy = with_noise(found, true, KNOWN)
         assert noisy.noise[:n].min() >= lasting
 
 

@@ -13,8 +13,8 @@ from rods import PAPER, SECOND, command
 from dlo_ros.command import Motion
 from dlo_ros.errors import InputError
 from dlo_ros.identification import Manipulation, OnlineEstimator, identify, shape_error
-from dlo_ros.identification.err import deviation
 from dlo_ros.identification.noise import correlation_length, frame_scatter, noise_floor
+from dlo_ros.inference.err import deviation
 from dlo_ros.observation import CentrelinePoints, Observation
 from dlo_ros.parameters import DampingParameters
 from dlo_ros.rod.orientation import along

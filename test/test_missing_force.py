@@ -9,8 +9,9 @@ from measured import at_rest, swing
 from rods import PAPER, SECOND, command
 
 from dlo_ros.diagnosis.forces import missing_force
-from dlo_ros.diagnosis.measured import measured
+from dlo_ros.diagnosis.noise import with_noise
 from dlo_ros.identification import Manipulation, forecast
+from dlo_ros.inference.measured import measured
 from dlo_ros.observation import Observation
 from dlo_ros.spline import SplineBasis
 
@@ -59,7 +60,7 @@ def seen_with(manipulation, effects, settings=SETTINGS, noise=NOISE):
     )
     recording = measured(Manipulation("pushed", manipulation.commands, seen), settings)
     predicted = forecast(manipulation, settings).predicted
-    return recording.with_noise(predicted, settings), predicted
+    return with_noise(recording, predicted, settings), predicted
 
 
 @pytest.mark.long
@@ -124,7 +125,7 @@ def test_missing_force_in_space_is_found_out_of_the_plane():
     imposed = command(["start"], [0.0], np.zeros((1, 3)), n=rod.control_points)
     recording = measured(Manipulation("sideways", (imposed,), tuple(seen)), settings)
     predicted = np.tile(shape, (frames, 1, 1))
-    recording = recording.with_noise(predicted, settings)
+    recording = with_noise(recording, predicted, settings)
     found = missing_force(recording, predicted, settings, np.linspace(0.2, 0.8, 7) * rod.length)
     assert found.force.shape == found.std.shape == (frames, 7, 3)
     assert np.mean(found.force[..., 1]) == pytest.approx(load, rel=0.2)

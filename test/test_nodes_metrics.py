@@ -16,8 +16,8 @@ pytest.importorskip("rclpy")
 from rclpy.qos import DurabilityPolicy
 
 from dlo_ros.errors import InputError
-from dlo_ros.identification.err import Deviation
 from dlo_ros.identification.estimate import Estimate
+from dlo_ros.inference.err import Deviation
 from dlo_ros.nodes import base, metrics, transform
 from dlo_ros.nodes.messages import ROS_MESSAGES, installed
 from dlo_ros.nodes.qos import RELIABLE

@@ -9,9 +9,9 @@ from measured import at_rest, swing
 from rods import PAPER, command
 
 from dlo_ros.diagnosis.inputs import Input, inputs
-from dlo_ros.diagnosis.measured import Recording, measured
 from dlo_ros.diagnosis.relations import relate, relations, sentences
 from dlo_ros.identification import Manipulation
+from dlo_ros.inference.measured import Recording, measured
 from dlo_ros.observation import Observation
 
 N, LENGTH = PAPER.rod.control_points, PAPER.rod.length

@@ -11,10 +11,11 @@ from rods import PAPER
 
 from dlo_ros.diagnosis.evaluation import evaluate
 from dlo_ros.diagnosis.fitting import fit
-from dlo_ros.diagnosis.measured import measured
 from dlo_ros.diagnosis.model import baseline
+from dlo_ros.diagnosis.noise import with_noise
 from dlo_ros.diagnosis.robust import TYPICAL, calm, loss, off, robust
 from dlo_ros.diagnosis.workers import Problem, workers
+from dlo_ros.inference.measured import measured
 
 
 def pushed_aside(first, far=0.03):
@@ -27,7 +28,7 @@ def pushed_aside(first, far=0.03):
         seen[k] = replace(seen[k], control_points=seen[k].control_points + off)
     recording = measured(replace(one, observations=tuple(seen)), KNOWN)
     begun = evaluate(baseline(KNOWN), [recording], KNOWN, derivatives=False)
-    recordings = (recording.with_noise(begun.predicted[0], KNOWN),)
+    recordings = (with_noise(recording, begun.predicted[0], KNOWN),)
     theta = baseline(KNOWN).theta()
     theta[0] += 0.2
     start = evaluate(baseline(KNOWN).at(theta), recordings, KNOWN)

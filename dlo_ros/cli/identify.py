@@ -20,11 +20,11 @@ from dlo_ros.cli.results import add_results_folder, check_results_folder, writte
 from dlo_ros.errors import InputError
 from dlo_ros.files import write_text
 from dlo_ros.identification.estimate import searchable
-from dlo_ros.identification.forecast import Manipulation
 from dlo_ros.identification.loose import Loose
 from dlo_ros.identification.offline import Identification, identify
 from dlo_ros.identification.parallel import Pool, open_pool
 from dlo_ros.identification.posterior import Sample, bootstrap, sample
+from dlo_ros.inference.forecast import Manipulation
 from dlo_ros.parameters import Settings
 from dlo_ros.report import write_identification_report
 from dlo_ros.spline import FloatArray

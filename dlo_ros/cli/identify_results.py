@@ -12,10 +12,10 @@ from dlo_ros.cli.results import QUANTITIES
 from dlo_ros.effects.measurement.length_error import LengthError
 from dlo_ros.effects.physics.clamp_angle import ClampAngle
 from dlo_ros.effects.physics.gravity_tilt import GravityTilt
-from dlo_ros.identification.forecast import Forecast, Manipulation
 from dlo_ros.identification.offline import Identification
 from dlo_ros.identification.posterior import Sample
 from dlo_ros.identification.statement import correlations, knowledge, rounded, sentences
+from dlo_ros.inference.forecast import Forecast, Manipulation
 from dlo_ros.parameters import Settings
 from dlo_ros.report import (
     Estimate as ReportedEstimate,

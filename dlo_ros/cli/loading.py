@@ -16,7 +16,7 @@ from dlo_ros.cli.observe import observe_recording
 from dlo_ros.command import Motion
 from dlo_ros.compilation import compile_first
 from dlo_ros.errors import RecordingError
-from dlo_ros.identification.forecast import Manipulation
+from dlo_ros.inference.forecast import Manipulation
 from dlo_ros.observation import Observation
 from dlo_ros.parameter_table import TABLE
 from dlo_ros.parameters import Settings

@@ -10,7 +10,7 @@ import numpy as np
 
 from dlo_ros.cli.loading import add_model_arguments, load_manipulation, load_settings, prepare
 from dlo_ros.errors import InputError
-from dlo_ros.identification.forecast import forecast
+from dlo_ros.inference.forecast import forecast
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.building import BAG_MESSAGES, float_message, spline_message
 from dlo_ros.recordings.write import BagWriter, copy_topics

@@ -12,8 +12,8 @@ import numpy as np
 
 from dlo_ros.command import Motion
 from dlo_ros.errors import DloError, RecordingError
-from dlo_ros.identification.forecast import Forecast, Manipulation, forecast
 from dlo_ros.identification.noise import noise_floor
+from dlo_ros.inference.forecast import Forecast, Manipulation, forecast
 from dlo_ros.nodes.heard import Heard, Sample
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings

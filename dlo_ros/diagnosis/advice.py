@@ -13,9 +13,9 @@ from dlo_ros.diagnosis.decide import Decision
 from dlo_ros.diagnosis.evaluation import evaluate
 from dlo_ros.diagnosis.fitting import Normal, normal, total
 from dlo_ros.diagnosis.manipulations import Standard, simulated, standard
-from dlo_ros.diagnosis.measured import Recording, measured
 from dlo_ros.diagnosis.search import Candidate
 from dlo_ros.errors import DloError
+from dlo_ros.inference.measured import Recording, measured
 from dlo_ros.parameters import Settings
 
 LOG = logging.getLogger(__name__)

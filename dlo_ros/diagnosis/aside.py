@@ -10,11 +10,11 @@ import numpy as np
 
 from dlo_ros.diagnosis.evaluation import Evaluation, evaluate
 from dlo_ros.diagnosis.fitting import fit, solve, total
-from dlo_ros.diagnosis.measured import Recording
 from dlo_ros.diagnosis.model import Model
 from dlo_ros.diagnosis.outcome import Gain
 from dlo_ros.diagnosis.search import Candidate
 from dlo_ros.errors import SimulationError
+from dlo_ros.inference.measured import Recording
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 

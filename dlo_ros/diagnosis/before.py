@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from dlo_ros.diagnosis import decide, judging
-from dlo_ros.diagnosis.candidates import scene, starts
+from dlo_ros.diagnosis.candidates import starts
 from dlo_ros.diagnosis.evaluation import evaluate
 from dlo_ros.diagnosis.fitting import fit
 from dlo_ros.diagnosis.screening import screen
@@ -18,6 +18,7 @@ from dlo_ros.diagnosis.search import Candidate, candidate, search
 from dlo_ros.diagnosis.workers import Problem, Progress, workers
 from dlo_ros.effects import nonsmooth
 from dlo_ros.errors import SimulationError
+from dlo_ros.inference.scene import scene
 
 SHARES = (0.5, 0.25)
 """Of each recording, from its first picture."""

@@ -14,14 +14,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dlo_ros.diagnosis import priors
 from dlo_ros.diagnosis.candidates import starts
-from dlo_ros.diagnosis.joint import Evaluation, Field, evaluate, fit, misfit, simulate
-from dlo_ros.diagnosis.measured import Recording
-from dlo_ros.diagnosis.priors import SLAB
 from dlo_ros.effects import Scene, Start
 from dlo_ros.errors import SimulationError
+from dlo_ros.inference import priors
+from dlo_ros.inference.joint import Evaluation, Field, evaluate, fit, misfit, simulate
+from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import Parameter, ParametricModel
+from dlo_ros.inference.priors import SLAB
 from dlo_ros.inference.spectrum import spectrum
 from dlo_ros.inference.variances import Posterior, fit_variances, posterior
 from dlo_ros.spline import FloatArray

@@ -11,14 +11,13 @@ import numpy as np
 
 from dlo_ros.diagnosis import aside, damping, decide, judging
 from dlo_ros.diagnosis.before import alone_before
-from dlo_ros.diagnosis.candidates import scene, starts
+from dlo_ros.diagnosis.candidates import starts
 from dlo_ros.diagnosis.contact import hits
 from dlo_ros.diagnosis.evaluation import Evaluation, evaluate
 from dlo_ros.diagnosis.explain import Explanation, departures
 from dlo_ros.diagnosis.findings import Findings, outcome
 from dlo_ros.diagnosis.fitting import fit, renewed
 from dlo_ros.diagnosis.joint_outcome import learn
-from dlo_ros.diagnosis.measured import Recording
 from dlo_ros.diagnosis.model import Model
 from dlo_ros.diagnosis.outcome import Diagnosis
 from dlo_ros.diagnosis.remarks import left_out
@@ -29,7 +28,9 @@ from dlo_ros.diagnosis.workers import Problem, Progress, Workers, workers
 from dlo_ros.effects.physics.obstacle import Obstacle
 from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.identification.estimate import searchable
-from dlo_ros.identification.forecast import Manipulation
+from dlo_ros.inference.forecast import Manipulation
+from dlo_ros.inference.measured import Recording
+from dlo_ros.inference.scene import scene
 from dlo_ros.parameters import Settings
 
 LOG = logging.getLogger(__name__)

@@ -10,13 +10,13 @@ import numpy as np
 
 from dlo_ros.diagnosis.evaluation import Evaluation, evaluate
 from dlo_ros.diagnosis.fitting import known, solve, total
-from dlo_ros.diagnosis.measured import Recording
 from dlo_ros.diagnosis.model import logarithmic, names
 from dlo_ros.diagnosis.outcome import Fitted, Number
 from dlo_ros.effects import quantities
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.estimate import UNBOUNDED
 from dlo_ros.identification.noise import correlation_length
+from dlo_ros.inference.measured import Recording
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import DEGREE, FloatArray
 

@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dlo_ros.diagnosis.measured import Recording
 from dlo_ros.diagnosis.model import Model, prior
 from dlo_ros.effects import effects, nonsmooth
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.bundle import forecast_together
-from dlo_ros.identification.forecast import Forecast, forecast, whitening
+from dlo_ros.inference.forecast import Forecast, forecast, whitening
+from dlo_ros.inference.measured import Recording
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 

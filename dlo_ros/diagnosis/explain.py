@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dlo_ros.diagnosis.candidates import scene
 from dlo_ros.diagnosis.causes import (
     Proposal,
     Search,
@@ -19,11 +18,12 @@ from dlo_ros.diagnosis.causes import (
     search,
     without,
 )
-from dlo_ros.diagnosis.joint import Evaluation, evaluate, fit
-from dlo_ros.diagnosis.measured import Recording
-from dlo_ros.diagnosis.priors import SLAB, joint_model
 from dlo_ros.effects import quantities
+from dlo_ros.inference.joint import Evaluation, evaluate, fit
+from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import split_name
+from dlo_ros.inference.priors import SLAB, joint_model
+from dlo_ros.inference.scene import scene
 from dlo_ros.inference.variances import FEWEST_FRAMES
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray

@@ -15,13 +15,14 @@ from dlo_ros.diagnosis.evaluation import is_differentiable
 from dlo_ros.diagnosis.explain import material_err
 from dlo_ros.diagnosis.fitting import polished
 from dlo_ros.diagnosis.joint_outcome import Learned, joint_outcome
-from dlo_ros.diagnosis.measured import Recording, noise_floor
+from dlo_ros.diagnosis.noise import noise_floor
 from dlo_ros.diagnosis.outcome import Diagnosis, NamedEffect, Tried
 from dlo_ros.diagnosis.relations import Relations, relations, sentences
 from dlo_ros.diagnosis.remarks import remarks
 from dlo_ros.diagnosis.search import Candidate, candidate
 from dlo_ros.diagnosis.start import Beginning
 from dlo_ros.diagnosis.views import views
+from dlo_ros.inference.measured import Recording
 from dlo_ros.parameters import Settings
 
 

@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dlo_ros.diagnosis.evaluation import Evaluation, carried_on, evaluate, is_differentiable
-from dlo_ros.diagnosis.measured import Recording
 from dlo_ros.diagnosis.model import Model, prior
 from dlo_ros.errors import SimulationError
+from dlo_ros.inference.measured import Recording
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.signal import savgol_coeffs, savgol_filter
 
 from dlo_ros.diagnosis.beam import Beam
-from dlo_ros.diagnosis.measured import Recording
+from dlo_ros.inference.measured import Recording
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 

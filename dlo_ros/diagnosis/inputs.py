@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from dlo_ros.command import CONTROL_POINT, END, NANOSECONDS, START, Motion
-from dlo_ros.diagnosis.measured import Recording
-from dlo_ros.identification.forecast import motion_of
+from dlo_ros.inference.forecast import motion_of
+from dlo_ros.inference.measured import Recording
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray, SplineBasis
 

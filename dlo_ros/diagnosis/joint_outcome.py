@@ -13,8 +13,6 @@ from dlo_ros.diagnosis.advice import REPEAT, SETTLED
 from dlo_ros.diagnosis.decide import Verdict
 from dlo_ros.diagnosis.evaluation import evaluate as held_against
 from dlo_ros.diagnosis.explain import Cause, Explanation, explain
-from dlo_ros.diagnosis.joint import Evaluation, evaluate, fit, simulate
-from dlo_ros.diagnosis.measured import Recording
 from dlo_ros.diagnosis.model import Model
 from dlo_ros.diagnosis.outcome import Diagnosis, Fitted, NamedEffect, Number, SetupNumber, Tried
 from dlo_ros.diagnosis.relations import relations, sentences
@@ -24,6 +22,8 @@ from dlo_ros.diagnosis.views import views
 from dlo_ros.effects import quantities
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.estimate import UNBOUNDED
+from dlo_ros.inference.joint import Evaluation, evaluate, fit, simulate
+from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import Parameter, ParametricModel
 from dlo_ros.inference.variances import posterior
 from dlo_ros.parameters import Settings

@@ -10,8 +10,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from dlo_ros.command import END, NANOSECONDS, START, Command, Motion
-from dlo_ros.diagnosis.measured import Recording
-from dlo_ros.identification.forecast import Manipulation
+from dlo_ros.inference.forecast import Manipulation
+from dlo_ros.inference.measured import Recording
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.simulation import Simulation

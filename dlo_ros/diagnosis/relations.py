@@ -18,9 +18,9 @@ import numpy as np
 
 from dlo_ros.diagnosis import judging
 from dlo_ros.diagnosis.inputs import Input, inputs
-from dlo_ros.diagnosis.measured import Recording
 from dlo_ros.diagnosis.surrogates import chances, without
-from dlo_ros.identification.forecast import whitening
+from dlo_ros.inference.forecast import whitening
+from dlo_ros.inference.measured import Recording
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray, SplineBasis
 

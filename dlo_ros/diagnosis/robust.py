@@ -13,9 +13,9 @@ import numpy as np
 
 from dlo_ros.diagnosis.evaluation import Evaluation, carried_on, evaluate
 from dlo_ros.diagnosis.fitting import Normal, bounded, fit, known, normal, renewed
-from dlo_ros.diagnosis.measured import Recording
 from dlo_ros.diagnosis.workers import Problem, Workers
 from dlo_ros.errors import SimulationError
+from dlo_ros.inference.measured import Recording
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 

@@ -12,12 +12,12 @@ from dlo_ros.diagnosis import judging, pegs
 from dlo_ros.diagnosis.contact import peg_of
 from dlo_ros.diagnosis.evaluation import Evaluation, earlier
 from dlo_ros.diagnosis.fitting import CONTINUED, attempt, fit, renewed
-from dlo_ros.diagnosis.measured import Recording
 from dlo_ros.diagnosis.model import Model
 from dlo_ros.diagnosis.screening import Prospect, chosen, tried
 from dlo_ros.diagnosis.workers import Problem, Progress, Workers
 from dlo_ros.effects import Start, effects
 from dlo_ros.effects.physics.obstacle import Obstacle
+from dlo_ros.inference.measured import Recording
 from dlo_ros.parameters import Settings
 
 FIRST_ITERATIONS = 1

@@ -11,11 +11,12 @@ import numpy as np
 
 from dlo_ros.diagnosis.evaluation import Evaluation, evaluate
 from dlo_ros.diagnosis.fitting import CLEARLY_WRONG, attempt, fit, polished
-from dlo_ros.diagnosis.measured import Recording, measured, with_bias, without_gross
 from dlo_ros.diagnosis.model import Model, baseline
+from dlo_ros.diagnosis.noise import with_bias, with_noise
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.estimate import FINEST
-from dlo_ros.identification.forecast import Manipulation, forecast
+from dlo_ros.inference.forecast import Manipulation, forecast
+from dlo_ros.inference.measured import Recording, measured, without_gross
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import DEGREE, FloatArray
 
@@ -96,7 +97,7 @@ def begin(
     for _ in range(ROUNDS):
         recordings = with_bias(recordings, at.predicted, settings)
         recordings = tuple(
-            r.with_noise(p, settings) for r, p in zip(recordings, at.predicted, strict=True)
+            with_noise(r, p, settings) for r, p in zip(recordings, at.predicted, strict=True)
         )
         recordings, error = _finer(recordings, at)
         at = fit(evaluate(at.model, recordings, settings), recordings, settings, 6)
@@ -150,7 +151,9 @@ def _best_start(recordings: tuple[Recording, ...], model: Model) -> Evaluation:
     best = begun[0]
     for at in begun[:VALLEYS]:
         # Without its noise the prior would count for more than the data.
-        known = [r.with_noise(p, model.settings) for r, p in zip(coarse, at.predicted, strict=True)]
+        known = [
+            with_noise(r, p, model.settings) for r, p in zip(coarse, at.predicted, strict=True)
+        ]
         found = attempt(at.model, known, model.settings, VALLEY_ITERATIONS)
         if found is not None and _mean_err(found) < _mean_err(best):
             best = found

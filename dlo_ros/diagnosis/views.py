@@ -9,10 +9,10 @@ import numpy as np
 
 from dlo_ros.diagnosis.evaluation import Evaluation, evaluate
 from dlo_ros.diagnosis.forces import missing_force
-from dlo_ros.diagnosis.measured import Recording
 from dlo_ros.diagnosis.outcome import View
 from dlo_ros.errors import SimulationError
-from dlo_ros.identification.forecast import whitening
+from dlo_ros.inference.forecast import whitening
+from dlo_ros.inference.measured import Recording
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray, SplineBasis
 

@@ -16,16 +16,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dlo_ros.diagnosis.candidates import scene, starts
+from dlo_ros.diagnosis.candidates import starts
 from dlo_ros.diagnosis.contact import glimpsed
 from dlo_ros.diagnosis.model import names
 from dlo_ros.diagnosis.pegs import sight
 from dlo_ros.effects import Start
 from dlo_ros.errors import DloError
-from dlo_ros.identification.forecast import Forecast, Manipulation, motion_of, whitening
 from dlo_ros.identification.pieces import LONG, SHORT, Pieces, Worker
 from dlo_ros.identification.statement import rounded
 from dlo_ros.identification.uncertainty import discrepancy
+from dlo_ros.inference.forecast import Forecast, Manipulation, motion_of, whitening
+from dlo_ros.inference.scene import scene
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.simulation import Simulation
 from dlo_ros.rod.tangents import MATERIAL

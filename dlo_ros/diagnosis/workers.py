@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, TypeVar
 
-from dlo_ros.diagnosis.measured import Recording
+from dlo_ros.inference.measured import Recording
 from dlo_ros.parameters import Settings
 
 Progress = Callable[[str, float], None]

@@ -17,7 +17,8 @@ import numpy as np
 from dlo_ros.effects import effects
 from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.identification.estimate import logarithms, with_logarithms
-from dlo_ros.identification.forecast import (
+from dlo_ros.identification.pieces import exhausted
+from dlo_ros.inference.forecast import (
     Forecast,
     Manipulation,
     compared,
@@ -25,7 +26,6 @@ from dlo_ros.identification.forecast import (
     motion_of,
     seen_until,
 )
-from dlo_ros.identification.pieces import exhausted
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.dynamics import in_lanes, with_consistent_acceleration
 from dlo_ros.rod.lanes import ParameterSets

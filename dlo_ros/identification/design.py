@@ -26,8 +26,8 @@ from dlo_ros.identification.estimate import (
     search_information,
     with_logarithms,
 )
-from dlo_ros.identification.forecast import Forecast, Manipulation, forecast, whitening
 from dlo_ros.identification.uncertainty import STRETCH_STIFFNESS, strain
+from dlo_ros.inference.forecast import Forecast, Manipulation, forecast, whitening
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.tangents import MATERIAL

@@ -25,8 +25,8 @@ from dlo_ros.identification.estimate import (
     with_logarithms,
 )
 from dlo_ros.identification.fit import count_numbers, repeats, without
-from dlo_ros.identification.forecast import Forecast, Manipulation, forecast
 from dlo_ros.identification.uncertainty import FITTED, data_information
+from dlo_ros.inference.forecast import Forecast, Manipulation, forecast
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.tangents import MATERIAL
 from dlo_ros.spline import FloatArray

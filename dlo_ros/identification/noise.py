@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dlo_ros.identification.forecast import whitening
+from dlo_ros.inference.forecast import whitening
 from dlo_ros.observation import Observation
 from dlo_ros.spline import FloatArray, SplineBasis
 

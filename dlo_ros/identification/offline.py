@@ -32,11 +32,11 @@ from dlo_ros.identification.fit import (
     seen_wrongly,
     without,
 )
-from dlo_ros.identification.forecast import Forecast, Manipulation, forecast
 from dlo_ros.identification.loose import Loose, loosened, marginal
 from dlo_ros.identification.noise import noise_floor
 from dlo_ros.identification.parallel import Pool, Threads
 from dlo_ros.identification.uncertainty import data_information
+from dlo_ros.inference.forecast import Forecast, Manipulation, forecast
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray, SplineBasis
 

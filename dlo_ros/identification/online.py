@@ -35,10 +35,10 @@ from dlo_ros.identification.estimate import (
     with_logarithms,
     within_noise,
 )
-from dlo_ros.identification.forecast import Manipulation, whitening
 from dlo_ros.identification.pieces import LONG, SHORT, Pieces, Worker, short
 from dlo_ros.identification.rivals import best_rival
 from dlo_ros.identification.running import Judgement, Known, Linearised, Run
+from dlo_ros.inference.forecast import Manipulation, whitening
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.orientation import along

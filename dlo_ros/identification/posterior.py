@@ -17,9 +17,9 @@ from dlo_ros.identification.estimate import (
     with_logarithms,
 )
 from dlo_ros.identification.fit import Simulations, descend
-from dlo_ros.identification.forecast import Manipulation
 from dlo_ros.identification.offline import Fitted
 from dlo_ros.identification.parallel import Pool, Threads
+from dlo_ros.inference.forecast import Manipulation
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 

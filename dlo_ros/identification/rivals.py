@@ -7,9 +7,9 @@ import numpy as np
 
 from dlo_ros.identification.bundle import forecast_in_pieces
 from dlo_ros.identification.estimate import logarithms, with_logarithms
-from dlo_ros.identification.forecast import Manipulation
 from dlo_ros.identification.pieces import Pieces, short
 from dlo_ros.identification.running import Run
+from dlo_ros.inference.forecast import Manipulation
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import DEGREE, FloatArray
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dlo_ros.identification.bundle import Varied
-from dlo_ros.identification.forecast import Forecast
 from dlo_ros.identification.uncertainty import data_information
+from dlo_ros.inference.forecast import Forecast
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.simulation import RECHECK_RATIO, Simulation

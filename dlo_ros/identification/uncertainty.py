@@ -16,8 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 
-from dlo_ros.identification.forecast import Forecast
 from dlo_ros.identification.noise import correlation_length
+from dlo_ros.inference.forecast import Forecast
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray, SplineBasis
 
@@ -221,31 +221,3 @@ def sandwich(hessian: FloatArray, covariance: FloatArray) -> FloatArray:
     inner = np.linalg.pinv(basis.T @ m @ basis, hermitian=True)
     right = basis.T @ h / scale  # h / scale = scale * hessian
     return np.asarray(right.T @ inner @ right)
-
-
-def outliers(residual: FloatArray, limit: float = 6.0) -> np.ndarray:
-    """Pictures whose residual jumps out of its neighbours', shape (F,).
-
-    A model that is wrong is wrong in neighbouring pictures alike; a picture that was seen wrongly
-    stands alone.
-
-    Args:
-        residual: as in `Forecast`, shape (F, n, 3).
-        limit: in typical jumps.
-    """
-    frames = len(residual)
-    if frames < 7:
-        return np.zeros(frames, dtype=bool)
-    flat = residual.reshape(frames, -1)
-    # Turned about the ends, so that a slope goes on there.
-    before, after = 2.0 * flat[0] - flat[2:0:-1], 2.0 * flat[-1] - flat[-2:-4:-1]
-    padded = np.concatenate([before, flat, after])
-    a, b, c, d, e = (padded[k : k + frames] for k in range(5))
-    expected = (
-        np.median(np.stack([a, b, c, d, e]), axis=0),
-        0.5 * (b + d),
-        (4.0 * (b + d) - a - e) / 6.0,
-    )
-    jump = np.min([np.linalg.norm(flat - x, axis=1) for x in expected], axis=0)
-    typical = 1.4826 * float(np.median(np.abs(jump - np.median(jump))))
-    return np.asarray(jump > np.median(jump) + limit * max(typical, 0.1 * float(np.median(jump))))

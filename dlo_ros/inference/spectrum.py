@@ -17,7 +17,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.fft import dct
 
-from dlo_ros.identification.forecast import whitening
+from dlo_ros.inference.forecast import whitening
 from dlo_ros.spline import FloatArray, SplineBasis
 
 REACH = 0.2

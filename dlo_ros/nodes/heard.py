@@ -8,7 +8,7 @@ from bisect import bisect_left
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from dlo_ros.identification.err import shape_error
+from dlo_ros.inference.err import shape_error
 from dlo_ros.spline import FloatArray, SplineBasis
 
 YOUNG_MODULUS = "young_modulus"

@@ -13,8 +13,8 @@ from std_srvs.srv import SetBool
 from dlo_ros.command import NANOSECONDS, Command, Motion
 from dlo_ros.diagnosis.watch import Suspicion
 from dlo_ros.errors import InputError
-from dlo_ros.identification.err import deviation
 from dlo_ros.identification.estimate import Estimate
+from dlo_ros.inference.err import deviation
 from dlo_ros.nodes import qos
 from dlo_ros.nodes.base import JUMP_BACK, DloNode
 from dlo_ros.nodes.commands import CommandSubscription

@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 from dlo_ros.errors import InputError
-from dlo_ros.identification.err import Deviation
 from dlo_ros.identification.estimate import Estimate
+from dlo_ros.inference.err import Deviation
 from dlo_ros.nodes import qos
 from dlo_ros.nodes.base import DloNode
 from dlo_ros.nodes.messages import ROS_MESSAGES

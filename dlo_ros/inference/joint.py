@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dlo_ros.diagnosis.measured import Recording
 from dlo_ros.errors import SimulationError
-from dlo_ros.identification.forecast import forecast, whitening
+from dlo_ros.inference.forecast import forecast, whitening
+from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.spectrum import Spectrum, spectrum
 from dlo_ros.inference.variances import Posterior, Variances, fit_variances

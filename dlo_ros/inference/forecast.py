@@ -11,7 +11,7 @@ import numpy as np
 
 from dlo_ros.command import Command, Motion
 from dlo_ros.errors import InputError, SimulationError
-from dlo_ros.identification.err import shape_error
+from dlo_ros.inference.err import shape_error
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.simulation import Simulation

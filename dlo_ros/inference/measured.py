@@ -1,0 +1,192 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Recordings as numbers: residuals across and along the DLO."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dlo_ros.errors import InputError
+from dlo_ros.inference.forecast import Manipulation, whitening
+from dlo_ros.observation import Observation
+from dlo_ros.parameters import Settings
+from dlo_ros.spline import FloatArray, SplineBasis
+
+MOST_GROSS = 0.2
+"""Share of the pictures up to which they may be grossly wrong; more are no exception."""
+FEWEST_FOR_JUMPS = 7
+"""Pictures, from which one that jumps out of its neighbours can be told."""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One recording with what turns a difference of shapes into white numbers.
+
+    Args:
+        manipulation: what was imposed and seen.
+        observed: control points [m], shape (F, n, 3).
+        times: since the first frame [s], shape (F,).
+        across: from differences of control points to coefficients, shape (F, K, n, 3); their
+            squares sum to the mean squared distance along u. The first n are normal to the
+            observed curve in the board's plane, then those along it, then those out of the plane
+            where the recording leaves it.
+        noise: standard deviation of each coefficient [m], shape (K,).
+        spans: knot spans of the simulation; None: as simulation.tolerance asks.
+        tolerance: of the simulation's time steps; None: simulation.tolerance.
+        bias: standard deviation of what stays wrong in all pictures, in each coefficient [m],
+            shape (K,); 0: nothing.
+    """
+
+    manipulation: Manipulation
+    observed: FloatArray
+    times: FloatArray
+    across: FloatArray
+    noise: FloatArray
+    spans: int | None = None
+    tolerance: float | None = None
+    bias: FloatArray | float = 0.0
+
+    @property
+    def name(self) -> str:
+        """Of the bag."""
+        return self.manipulation.name
+
+    def white(self, points: FloatArray) -> FloatArray:
+        """Differences of control points in units of the noise.
+
+        Args:
+            points: shape (F, ..., n, 3).
+
+        Returns:
+            Shape (F, ..., K).
+        """
+        coefficients = np.einsum("fknc,f...nc->f...k", self.across[-len(points) :], points)
+        return np.asarray(coefficients / self.noise)
+
+    def residual(self, predicted: FloatArray) -> FloatArray:
+        """Observed minus predicted in units of the noise, shape (F, K).
+
+        Args:
+            predicted: control points, shape (F, n, 3 or more), of the last F frames.
+        """
+        return self.white(self.observed[-len(predicted) :] - predicted[..., :3])
+
+    def until(self, stop: int) -> Recording:
+        """Its first frames."""
+        if stop >= len(self.times):
+            return self
+        seen = replace(self.manipulation, observations=self.manipulation.observations[:stop])
+        return replace(
+            self, manipulation=seen, observed=self.observed[:stop], times=self.times[:stop],
+            across=self.across[:stop],
+        )  # fmt: skip
+
+
+def measured(manipulation: Manipulation, settings: Settings) -> Recording:
+    """A recording whose noise is not known yet.
+
+    Raises:
+        InputError: no command or no observed shape.
+    """
+    if not manipulation.commands:
+        raise InputError(f"{manipulation.name}: has no usable dlo/command")
+    if not manipulation.observations:
+        raise InputError(f"{manipulation.name}: has no usable dlo/observed")
+    manipulation = replace(manipulation, observations=_without_copies(manipulation.observations))
+    observed = np.array([o.control_points[:, :3] for o in manipulation.observations])
+    stamps = np.array([o.stamp for o in manipulation.observations], dtype=np.int64)
+    across = _across(observed, settings)
+    return Recording(
+        manipulation,
+        observed,
+        (stamps - stamps[0]) * 1e-9,
+        across,
+        np.ones(across.shape[1]),
+    )
+
+
+def without_gross(recording: Recording, missed: FloatArray) -> Recording:
+    """The recording without pictures that are grossly wrong.
+
+    Such a picture stands alone, both in what was seen and in what a model misses: a fast motion of
+    the DLO stands out in the former only, and what a model gets wrong goes on in the next picture.
+
+    Args:
+        missed: observed minus predicted control points [m], shape (F, n, 3), of the last F frames.
+    """
+    gross = outliers(recording.observed)
+    gross[-len(missed) :] &= outliers(missed)
+    if not 0 < gross.sum() <= MOST_GROSS * len(gross):
+        return recording
+    keep = ~gross
+    seen = recording.manipulation.observations
+    observations = tuple(o for o, k in zip(seen, keep, strict=True) if k)
+    times = recording.times[keep]
+    return replace(
+        recording, manipulation=replace(recording.manipulation, observations=observations),
+        observed=recording.observed[keep], times=times - times[0], across=recording.across[keep],
+    )  # fmt: skip
+
+
+def _without_copies(observations: Sequence[Observation]) -> tuple[Observation, ...]:
+    """The observations without those that repeat the one before: they measure nothing anew."""
+    kept = [observations[0]]
+    for o in observations[1:]:
+        if not np.array_equal(o.control_points, kept[-1].control_points):
+            kept.append(o)
+    return tuple(kept)
+
+
+def _across(observed: FloatArray, settings: Settings) -> FloatArray:
+    """See `Recording.across`."""
+    n, length = settings.rod.control_points, settings.rod.length
+    if observed.shape[1] != n:
+        raise InputError(
+            f"the observed splines have {observed.shape[1]} control points; "
+            f"rod.control_points is {n}"
+        )
+    basis = SplineBasis(n, length)
+    u, weight = basis.quadrature()
+    values, slopes = basis.matrix(u), basis.matrix(u, 1)
+    tangent = np.einsum("qn,fnc->fqc", slopes, observed)
+    tangent /= np.maximum(np.linalg.norm(tangent, axis=2, keepdims=True), 1e-12)
+    # In the board's plane, or in space by the shortest way from there.
+    normal = np.cross(np.array([0.0, 1.0, 0.0]), tangent)
+    size = np.linalg.norm(normal, axis=2, keepdims=True)
+    normal = np.where(size > 1e-3, normal / np.maximum(size, 1e-12), np.array([1.0, 0.0, 0.0]))
+    fields = [normal, tangent]
+    if np.abs(observed[:, :, 1]).max() > 1e-6 * length:
+        fields.append(np.cross(tangent, normal))
+    project = np.linalg.inv(whitening(n, length)) @ (values * weight[:, None]).T / length  # (n, q)
+    parts = [np.einsum("kq,fqc,qn->fknc", project, d, values, optimize=True) for d in fields]
+    return np.concatenate(parts, axis=1)
+
+
+def outliers(residual: FloatArray, limit: float = 6.0) -> np.ndarray:
+    """Pictures whose residual jumps out of its neighbours', shape (F,).
+
+    A model that is wrong is wrong in neighbouring pictures alike; a picture that was seen wrongly
+    stands alone.
+
+    Args:
+        residual: as in `Forecast`, shape (F, n, 3).
+        limit: in typical jumps.
+    """
+    frames = len(residual)
+    if frames < FEWEST_FOR_JUMPS:
+        return np.zeros(frames, dtype=bool)
+    flat = residual.reshape(frames, -1)
+    # Turned about the ends, so that a slope goes on there.
+    before, after = 2.0 * flat[0] - flat[2:0:-1], 2.0 * flat[-1] - flat[-2:-4:-1]
+    padded = np.concatenate([before, flat, after])
+    a, b, c, d, e = (padded[k : k + frames] for k in range(5))
+    expected = (
+        np.median(np.stack([a, b, c, d, e]), axis=0),
+        0.5 * (b + d),
+        (4.0 * (b + d) - a - e) / 6.0,
+    )
+    jump = np.min([np.linalg.norm(flat - x, axis=1) for x in expected], axis=0)
+    typical = 1.4826 * float(np.median(np.abs(jump - np.median(jump))))
+    return np.asarray(jump > np.median(jump) + limit * max(typical, 0.1 * float(np.median(jump))))

@@ -1,0 +1,50 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""What recordings look like: what is held, how far they bend."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dlo_ros.command import CONTROL_POINT, END, START
+from dlo_ros.effects import Scene
+from dlo_ros.parameters import Settings
+from dlo_ros.rod.tangents import MATERIAL
+from dlo_ros.spline import FloatArray, SplineBasis
+
+DAMPING = MATERIAL[2:]
+"""The parameters of `Settings.damping`."""
+
+
+def scene(settings: Settings, names: Sequence[str], predicted: Sequence[FloatArray]) -> Scene:
+    """Look at recordings.
+
+    Args:
+        names: everything that any command imposes.
+        predicted: control points of each recording [m], shape (F, n, 3 or more).
+    """
+    n, length = settings.rod.control_points, settings.rod.length
+    basis = SplineBasis(n, length)
+    u = np.linspace(0.02, 0.98, 50) * length
+    largest = []
+    for shapes in predicted:
+        slope = np.einsum("qn,fnc->fqc", basis.matrix(u, 1), shapes[..., :3])
+        bend = np.einsum("qn,fnc->fqc", basis.matrix(u, 2), shapes[..., :3])
+        speed = np.linalg.norm(slope, axis=2)
+        largest.append((np.linalg.norm(np.cross(slope, bend), axis=2) / speed**3).max(axis=1))
+    ends = ((START, 1, 2), (END, n, n - 1))  # with their outer and inner control point
+
+    def imposed(*points: int) -> tuple[str, ...]:
+        return tuple(
+            end for end, *own in ends
+            if end in names or any(f"{CONTROL_POINT}{own[k]}" in names for k in points)
+        )  # fmt: skip
+
+    return Scene(
+        rope=settings.scale,
+        clamps=imposed(1),
+        held=imposed(0, 1),
+        curvature=float(np.percentile(np.concatenate(largest), 90.0)),
+        known=tuple(n for n in DAMPING if getattr(settings.damping, f"{n}_std") > 0.0),
+    )
