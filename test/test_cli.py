@@ -108,7 +108,25 @@ def test_many_warnings_of_one_kind_are_counted(monkeypatch, capsys):
     assert capsys.readouterr().err.splitlines() == [
         *(f"WARNING: message {i} is skipped" for i in range(3)),
         "WARNING: another",
-        "WARNING: 27 more of this kind",
+        "WARNING: 27 times more, this or the like: message 0 is skipped",
+    ]
+
+
+def test_the_same_warning_is_told_once(monkeypatch, capsys):
+    def run(arguments):
+        for _ in range(arguments):
+            logging.getLogger("dlo_ros.test").warning("this is so")
+        return 0
+
+    monkeypatch.setattr(logging.getLogger(), "handlers", [])
+    pretend_tool(monkeypatch, lambda a: run(1))
+    assert cli.main(["play"]) == 0
+    assert capsys.readouterr().err.splitlines() == ["WARNING: this is so"]
+    pretend_tool(monkeypatch, lambda a: run(2))
+    assert cli.main(["play"]) == 0
+    assert capsys.readouterr().err.splitlines() == [
+        "WARNING: this is so",
+        "WARNING: once more, this or the like: this is so",
     ]
 
 

@@ -63,9 +63,9 @@ def run(arguments: argparse.Namespace) -> int:
         )
     with written(output):
         write_results(output, settings, found)
-    for line in summary(found):
+    for line in summary(found, settings.rod.length, output):
         print(line)
-    print(f"written to {output}: report.json, extended.yaml, report.html")
+    print(f"\n{output / 'report.html'} shows all of it with pictures, report.json is for programs.")
     return 0
 
 

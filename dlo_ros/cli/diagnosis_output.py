@@ -6,14 +6,17 @@ from __future__ import annotations
 import inspect
 import json
 import math
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from dlo_ros.cli.diagnosis_story import SetupLine, extends, story
+from dlo_ros.cli.diagnosis_words import mm, title
 from dlo_ros.cli.results import QUANTITIES
-from dlo_ros.diagnosis import Diagnosis, Fitted, NamedEffect, SetupNumber
+from dlo_ros.diagnosis import Diagnosis, Fitted, NamedEffect
 from dlo_ros.diagnosis.relations import sentences
-from dlo_ros.effects import effects, quantities
+from dlo_ros.effects import effects
 from dlo_ros.files import write_text
 from dlo_ros.parameters import Settings
 from dlo_ros.report.diagnosis import (
@@ -22,6 +25,7 @@ from dlo_ros.report.diagnosis import (
     FoundEffect,
     FoundParameter,
     MaterialRow,
+    Question,
     Ranked,
     RelatedInput,
     ResidualStructure,
@@ -30,14 +34,9 @@ from dlo_ros.report.diagnosis import (
     write_diagnosis_report,
 )  # fmt: skip
 
-HEADLINES = {
-    "adequate": "The model is adequate: what is left over is measurement noise.",
-    "explained": "The model lacks {names}.",
-    "unexplained": "Something is wrong that nothing in the library explains.",
-}
-CLEAR = 3.0
-"""Standard deviations from neutral, from which a number of the set-up is told on the terminal."""
-PARTLY = "The model lacks {names}; what is left beside that nothing in the library explains."
+EXTENDED = "extended.yaml"
+WIDTH = 98
+"""Columns of the terminal that are used."""
 
 
 def write_results(output: Path, settings: Settings, found: Diagnosis) -> None:
@@ -51,7 +50,7 @@ def write_results(output: Path, settings: Settings, found: Diagnosis) -> None:
     output.mkdir(parents=True, exist_ok=True)
     write_text(output / "report.json", json.dumps(tree(found), indent=2, allow_nan=False) + "\n")
     comment = "Extended by dlo_ros diagnose; nodes and tools load this file as it is."
-    write_text(output / "extended.yaml", found.extended.settings.text(comment))
+    write_text(output / EXTENDED, found.extended.settings.text(comment))
     write_diagnosis_report(output / "report.html", report(found, settings.rod.length))
 
 
@@ -125,50 +124,45 @@ def _plain(value: float | Sequence[float] | None) -> Any:
     return _number(value)  # type: ignore[arg-type]  # a single number is left
 
 
-def summary(found: Diagnosis) -> list[str]:
-    """The result for the terminal."""
-    lines = [f"{found.verdict}: {headline(found)}"]
-    for e in found.effects:
-        numbers = ", ".join(
-            f"{p.name} {p.value:.4g} +- {'unknown' if p.std is None else f'{p.std:.2g}'} {p.unit}"
-            for p in _parameters(e)
-        )
-        lines.append(f"{e.name}: {numbers}".rstrip())
-        if e.rivals:
-            lines.append(f"  explained as well by {', '.join(e.rivals)}")
-    before, after = found.baseline.err_holdout, found.extended.err_holdout
-    lines.append(f"ERR on what was kept aside: {_mm(before)} -> {_mm(after)}")
-    lines.append(f"noise floor: {_mm(found.noise_floor)}")
-    off = [_setup_words(name, n) for name, n in found.setup.items() if abs(_off(name, n)) > CLEAR]
-    if off:
-        lines.append(f"your set-up, within its tolerances: {', '.join(off)}")
-    lines.append(found.advice)
+def summary(found: Diagnosis, length: float, output: Path) -> list[str]:
+    """The result for the terminal: a line each, none longer than a screen is wide.
+
+    Args:
+        length: of the DLO [m].
+        output: folder of the results.
+    """
+    told = story(found, length, str(output / EXTENDED))
+    lines = [*_wrapped(f"{found.verdict}: {told.headline}", "")]
+    for answer in told.answers:
+        lines += ["", answer.question]
+        for sentence in answer.sentences:
+            lines += _wrapped(sentence, "  ")
+    if told.setup:
+        lines += ["", "Your set-up, as far as the data tell"]
+        lines += [f"  {row}" for row in _setup_table(told.setup)]
+    lines += ["", "What to record next", *_wrapped(told.advice, "  ")]
     return lines
 
 
-def _off(name: str, number: SetupNumber) -> float:
-    """Standard deviations by which a number of the set-up is away from neutral."""
-    effect, _, key = name.partition(".")
-    neutral = quantities(effect)[key.partition("[")[0]].neutral
-    return (number.value - neutral) / number.std if number.std > 0.0 else 0.0
+def _wrapped(text: str, indent: str) -> list[str]:
+    return textwrap.wrap(
+        text, WIDTH, initial_indent=indent, subsequent_indent=indent,
+        break_long_words=False, break_on_hyphens=False,
+    )  # fmt: skip
 
 
-def _setup_words(name: str, n: SetupNumber) -> str:
-    return f"{name} {n.value:.3g} +- {n.std:.1g} {n.unit}".rstrip()
-
-
-def headline(found: Diagnosis) -> str:
-    """The result in a sentence."""
-    names = []
-    for e in found.effects:
-        words = e.name.replace("_", " ")
-        names.append(f"{words} (or {', '.join(e.rivals)})" if e.rivals else words)
-    text = PARTLY if names and found.verdict == "unexplained" else HEADLINES[found.verdict]
-    return text.format(names=" and ".join(names).replace("_", " "))
-
-
-def _mm(value: float | None) -> str:
-    return "unknown" if value is None else f"{1e3 * value:.3f} mm"
+def _setup_table(lines: Sequence[SetupLine]) -> list[str]:
+    """What is notably off, a line each; how many numbers are not."""
+    notable = [line for line in lines if line.notable]
+    rest = len(lines) - len(notable)
+    rows = [("what", "off by", "tolerance")] if notable else []
+    rows += [(line.name, line.off, line.tolerance) for line in notable]
+    widths = [max(len(row[k]) for row in rows) for k in range(2)] if rows else []
+    table = [f"{a:<{widths[0]}}  {b:<{widths[1]}}  {c}" for a, b, c in rows]
+    if rest:
+        more = f"{rest} other numbers are" if notable else f"All {rest} numbers are"
+        table.append(f"{more} as they should be, as far as these data tell.")
+    return table
 
 
 def _parameters(effect: NamedEffect) -> list[FoundParameter]:
@@ -187,15 +181,20 @@ def _parameters(effect: NamedEffect) -> list[FoundParameter]:
 
 def report(found: Diagnosis, length: float) -> DiagnosisReport:
     """What report.html shows."""
+    told = story(found, length, f"{EXTENDED} (beside this page)")
     remarks = list(found.remarks)
     if found.simulation_error is not None:
-        remarks.append(f"The simulation's own error is {_mm(found.simulation_error)} at most.")
-    gain = found.gain
+        remarks.append(f"The simulation's own error is {mm(found.simulation_error)} at most.")
     return DiagnosisReport(
-        headline(found),
+        told.headline,
+        tuple(Question(a.question, a.sentences) for a in told.answers),
         found.verdict,
+        extends(found),
         tuple(
-            FoundEffect(e.name, _meaning(e.name), tuple(_parameters(e)), e.rivals)
+            FoundEffect(
+                f"{title(e.name)} ({e.name})", _meaning(e.name), tuple(_parameters(e)),
+                tuple(map(title, e.rivals)),
+            )
             for e in found.effects
         ),
         tuple(
@@ -213,8 +212,6 @@ def report(found: Diagnosis, length: float) -> DiagnosisReport:
             for v in found.views
         ),
         found.noise_floor,
-        (found.baseline.err_holdout, found.extended.err_holdout),
-        (gain.value, gain.low, gain.high) if gain else None,
         found.advice,
         tuple(remarks),
         tuple(
@@ -230,7 +227,7 @@ def report(found: Diagnosis, length: float) -> DiagnosisReport:
             if r is not None and r.pattern is not None
         ),
         tuple(
-            SetupRow(name, n.value, n.std, n.tolerance, n.unit) for name, n in found.setup.items()
+            SetupRow(line.name, line.off, line.tolerance, line.notable) for line in told.setup
         ),
         tuple(SearchStep(t.step, t.name, t.gain, t.err, t.outcome) for t in found.trace),
     )  # fmt: skip

@@ -274,25 +274,28 @@ def _run_tool(executable: Executable, words: list[str]) -> int:
 
 
 class Brief(logging.Filter):
-    """Lets the first few of a kind of warning through, and counts the others."""
+    """Lets the first few different warnings of a kind through, and counts the others."""
 
     SHOWN = 3
 
     def __init__(self) -> None:
         super().__init__()
-        self._seen: Counter[tuple[str, int]] = Counter()
+        self._seen: dict[tuple[str, int], Counter[str]] = {}
 
     def filter(self, record: logging.LogRecord) -> bool:
         """Whether a message is shown; those of one place in the code are of one kind."""
-        place = (record.pathname, record.lineno)
-        self._seen[place] += 1
-        return self._seen[place] <= self.SHOWN
+        text = record.getMessage()
+        seen = self._seen.setdefault((record.pathname, record.lineno), Counter())
+        seen[text] += 1
+        return seen[text] == 1 and len(seen) <= self.SHOWN
 
     def tell(self) -> None:
-        """Say how many were left out."""
-        for count in self._seen.values():
-            if count > self.SHOWN:
-                print(f"WARNING: {count - self.SHOWN} more of this kind", file=sys.stderr)
+        """Say how often the same came again, or something like it."""
+        for seen in self._seen.values():
+            first, again = next(iter(seen)), seen.total() - min(len(seen), self.SHOWN)
+            if again:
+                times = "once more" if again == 1 else f"{again} times more"
+                print(f"WARNING: {times}, this or the like: {first}", file=sys.stderr)
 
 
 def _run_node(executable: Executable, words: list[str]) -> int:

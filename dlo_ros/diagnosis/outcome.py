@@ -93,7 +93,7 @@ class View:
         observed, before, after: control points [m], shape (F, n, 3 or 4).
         err_before, err_after: eq. (10), shape (F,) [m].
         u: material coordinates of the maps [m], shape (U,).
-        field_before, field_after: distance across the DLO in units of the noise, shape (F, U).
+        field_before, field_after: observed minus predicted across the DLO [m], shape (F, U).
         force, force_std: missing force per length, x, y, z [N/m], shape (F, U, 3); None where it
             could not be had.
     """

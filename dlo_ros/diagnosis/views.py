@@ -72,9 +72,7 @@ def views(
 def _across(
     recording: Recording, predicted: FloatArray, values: FloatArray, length: float
 ) -> FloatArray:
-    """Distance across the DLO in units of the noise there, shape (F, U)."""
+    """Distance across the DLO [m], shape (F, U)."""
     n = predicted.shape[1]
     coefficients = (recording.residual(predicted) * recording.noise)[:, :n]
-    back = np.linalg.inv(whitening(n, length)) @ values.T  # (n, U)
-    noise = np.sqrt((recording.noise[:n, None] ** 2 * back**2).sum(axis=0))
-    return np.asarray(coefficients @ back / noise)
+    return np.asarray(coefficients @ np.linalg.inv(whitening(n, length)) @ values.T)

@@ -167,6 +167,8 @@ class Effect:
 
     Class variables:
         name: in reports and parameter files.
+        title: what it is, for people; its name where it says nothing.
+        phrase: the same as a clause that says what is so: "a mass is fixed to the DLO".
         acts_on: what it changes, found from the methods that are overridden: the rod, the command,
             the measurement.
         smooth: whether shapes have useful derivatives by its sizes where it does nothing. It is
@@ -182,6 +184,8 @@ class Effect:
     """
 
     name: ClassVar[str]
+    title: ClassVar[str] = ""
+    phrase: ClassVar[str] = ""
     acts_on: ClassVar[frozenset[Part]] = frozenset()
     smooth: ClassVar[bool] = True
     differentiable: ClassVar[bool] = True
@@ -198,6 +202,16 @@ class Effect:
         cls.batched = cls.batched and MEASUREMENT not in cls.acts_on
         cls.varied_in_batch = cls.varied_in_batch and cls.batched and cls.acts_on <= {ROD}
         cls.smooth = cls.smooth and cls.differentiable
+
+    @classmethod
+    def called(cls) -> str:
+        """Its title, or its name in words."""
+        return cls.title or cls.name.replace("_", " ")
+
+    @classmethod
+    def told(cls) -> str:
+        """Its phrase, or what its name says."""
+        return cls.phrase or f"there is an effect of {cls.called()}"
 
     def shape_body(self, body: Body) -> None:
         """Change the rod: stiffness, rest strain, mass, load, damping, surroundings."""

@@ -35,7 +35,8 @@ def reason(found: Outlook, weakest: Outlook, settings: Settings) -> str:
     words = [f"1 % more E/mu moves the DLO by {mean} mm on average"]
     if weakest is not found and weakest.response > 0.0:
         words.append(
-            f"{rounded(found.response / weakest.response)} times what '{weakest.plan.name}' does"
+            f"{rounded(found.response / weakest.response)} times as far as in the experiment "
+            f"'{weakest.plan.name}'"
         )
     moving = float(shift.mean(axis=1).max()) > 1.5 * float(np.median(shift.mean(axis=1)))
     place = f"most at u = {at:.2f} m" + (f" around {when:.1f} s" if moving else "")

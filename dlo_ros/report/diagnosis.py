@@ -29,6 +29,13 @@ FORETELLS = (
 )
 
 
+CERTAIN = (
+    "Certain is what everything without it explains far worse, and what is far from nothing by its "
+    "own uncertainty. Where causes do as well as one another, one of them acts."
+)
+ROLES = {"train": "used for the fit", "holdout": "kept aside, all or part of it"}
+
+
 @dataclass(frozen=True)
 class FoundParameter:
     """A number of an effect; std None where unknown."""
@@ -87,7 +94,7 @@ class DiagnosedRecording:
         observed, before, after: control points [m], shape (F, n, 3 or 4).
         err_before, err_after: eq. (10), shape (F,) [m].
         u: of the maps [m], shape (U,).
-        field_before, field_after: distance across the DLO over the noise, shape (F, U).
+        field_before, field_after: observed minus predicted across the DLO [m], shape (F, U).
         force, force_std: the missing force, x, y, z [N/m], shape (F, U, 3), or None.
     """
 
@@ -138,13 +145,27 @@ class ResidualStructure:
 
 @dataclass(frozen=True)
 class SetupRow:
-    """A number of the set-up with its standard deviation and its tolerance."""
+    """A number of the set-up, in words.
+
+    Args:
+        name: what it is.
+        off: by how much it is off, with its standard deviation.
+        tolerance: to what careful people get it.
+        notable: whether it is off by more than the data leave open.
+    """
 
     name: str
-    value: float
-    std: float
-    tolerance: float
-    unit: str
+    off: str
+    tolerance: str
+    notable: bool
+
+
+@dataclass(frozen=True)
+class Question:
+    """A question of a person, and sentences that answer it."""
+
+    text: str
+    answer: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -160,27 +181,28 @@ class SearchStep:
 
 @dataclass(frozen=True)
 class DiagnosisReport:
-    """All that the report shows; lengths in m."""
+    """All that the report shows; lengths in m.
+
+    Args:
+        headline: the result in a sentence.
+        questions: what a person asks first.
+        extends: whether the extended model is another than the plain one.
+    """
 
     headline: str
+    questions: tuple[Question, ...]
     verdict: str
+    extends: bool
     effects: tuple[FoundEffect, ...]
     ranking: tuple[Ranked, ...]
     material: tuple[MaterialRow, ...]
     recordings: tuple[DiagnosedRecording, ...]
     noise_floor: float | None
-    err_holdout: tuple[float | None, float | None]
-    gain: tuple[float, float, float] | None
     advice: str
     remarks: tuple[str, ...]
     structures: tuple[ResidualStructure, ...] = ()
     setup: tuple[SetupRow, ...] = ()
     trace: tuple[SearchStep, ...] = ()
-
-    @property
-    def extends(self) -> bool:
-        """Whether the extended model is another than the plain one."""
-        return bool(self.effects or self.setup)
 
 
 def write_diagnosis_report(path: Path | str, report: DiagnosisReport) -> None:
@@ -195,40 +217,88 @@ def write_diagnosis_report(path: Path | str, report: DiagnosisReport) -> None:
 
 def diagnosis_page(report: DiagnosisReport) -> str:
     """The report as an HTML document."""
-    summary = f'<p class="headline">{markup(report.headline)}</p>' + paragraph(report.advice)
-    sections = [Section("Where and when the plain model is wrong", _maps(report))]
+    sections = [Section("Where and when", _pictures(report))]
+    if report.effects:
+        body = "".join(_cause(e) for e in report.effects) + paragraph(CERTAIN)
+        sections.append(Section("The causes in numbers", body))
+    if report.setup:
+        sections.append(Section("Your set-up, as far as the data tell", _setup(report)))
+    sections.append(Section("Material", _material(report)))
+    sections.append(Section("What to record next", paragraph(report.advice)))
+    if report.remarks:
+        sections.append(Section("Remarks", "".join(map(paragraph, report.remarks))))
     if report.structures:
         body = "".join(_structure(s) for s in report.structures) + paragraph(FORETELLS)
         sections.append(Section("What the residual goes along with", body))
-    if report.effects:
-        sections.append(Section("The cause", "".join(_cause(e) for e in report.effects)))
-    sections.append(Section("Before and after", _before_and_after(report)))
     if len(report.ranking) > 1:
         sections.append(Section("All that was tried", _ranking(report)))
-    sections.append(Section("Material", _material(report)))
-    if report.setup:
-        sections.append(Section("Your set-up, as far as the data tell", _setup(report)))
     if report.trace:
         sections.append(Section("Every step of the search", _trace(report)))
-    return page("Diagnosis", summary, sections)
+    return page("Diagnosis", _summary(report), sections)
 
 
-def _maps(report: DiagnosisReport) -> str:
-    parts = []
-    changed = report.extends
-    for r in report.recordings:
-        parts.append(f"<h3>{markup(f'{r.name} ({r.role})')}</h3>")
-        titles = ["plain model", "extended model"][: 2 if changed else 1]
-        fields = [r.field_before, r.field_after][: 2 if changed else 1]
+def _summary(report: DiagnosisReport) -> str:
+    """The first screen: the result, and the answers to what a person asks first."""
+    answers = "".join(
+        f"<h2>{markup(q.text)}</h2>" + "".join(map(paragraph, q.answer)) for q in report.questions
+    )
+    return f'<p class="headline">{markup(report.headline)}</p><div class="answers">{answers}</div>'
+
+
+def _pictures(report: DiagnosisReport) -> str:
+    """The recording that is worst, and the others folded up below it."""
+    if not report.recordings:
+        return paragraph("No recording can be simulated, so there is nothing to show.")
+    order = sorted(report.recordings, key=lambda r: -float(r.err_before.mean()))
+    parts = [_picture(0, order[0], report)]
+    for k, r in enumerate(order[1:], 1):
+        words = f"{r.name}: {millimetres(float(r.err_before.mean()), 2)} off on average"
         parts.append(
-            figure(
-                field_maps(titles, r.times, r.u, fields, "distance / noise"),
-                "Observed minus predicted shape across the DLO, over the noise of one picture. "
-                "Noise alone looks grainy; an area of one colour is an error of the model.",
-            )
+            f"<details><summary>{markup(words)}</summary>{_picture(k, r, report)}</details>"
         )
-        if report.verdict != "adequate":
-            parts.append(force_maps(r.times, r.u, r.force, r.force_std))
+    return "".join(parts)
+
+
+def _picture(k: int, r: DiagnosedRecording, report: DiagnosisReport) -> str:
+    """Shapes, error over time, and maps of one recording."""
+    parts = [f"<h3>{markup(f'{r.name} ({ROLES.get(r.role, r.role)})')}</h3>"]
+    drawn, legend = None, ""
+    if report.verdict != "adequate":
+        drawn, legend = force_arrows(r.observed, r.length, r.u, r.force, r.force_std)
+    frames = [
+        ShapeFrame(
+            float(r.times[f]), r.observed[f], r.after[f],
+            r.before[f] if report.extends else None, float(r.err_after[f]),
+            arrows=drawn.sure[f] if drawn else None, faint=drawn.faint[f] if drawn else None,
+        )
+        for f in range(len(r.times))
+    ]  # fmt: skip
+    caption = "Move the slider. What was observed; what is predicted"
+    caption += (
+        " with the extended model, and (dotted) with the plain one." if report.extends else "."
+    )
+    if any(f.arrows is not None for f in frames):
+        caption += FORCE_CAPTION
+    parts.append(figure(player(frames, r.length, legend), caption))
+    series = [Series("plain model", "predicted", r.times, 1e3 * r.err_before, dashed=True)]
+    if report.extends:
+        series.append(Series("extended model", "observed", r.times, 1e3 * r.err_after))
+    levels: tuple[Level, ...] = ()
+    if report.noise_floor is not None:
+        levels = (Level("the measurement itself", "true", 1e3 * report.noise_floor),)
+    plot = LinePlot(f"err{k}", "time [s]", "ERR [mm]", tuple(series), levels)
+    parts.append(figure(line_plot(plot), "ERR: mean distance between the two shapes over time."))
+    titles = ["plain model", "extended model"][: 2 if report.extends else 1]
+    fields = [1e3 * f for f in (r.field_before, r.field_after)][: len(titles)]
+    parts.append(
+        figure(
+            field_maps(titles, r.times, r.u, fields, "distance [mm]"),
+            "Observed minus predicted shape across the DLO, along it (u counts from the start) and "
+            "over time. Noise looks grainy; an area of one colour is an error of the model.",
+        )
+    )
+    if report.verdict != "adequate":
+        parts.append(force_maps(r.times, r.u, r.force, r.force_std))
     return "".join(parts)
 
 
@@ -260,57 +330,14 @@ def _cause(effect: FoundEffect) -> str:
     rows = [[p.name, measured(p.value, p.std, p.unit)] for p in effect.parameters]
     text = paragraph(effect.meaning) if effect.meaning else ""
     rivals = (
-        paragraph(f"These data are explained as well by: {', '.join(effect.rivals)}.")
+        paragraph(
+            f"These data are explained as well by: {', '.join(effect.rivals)}.".replace("_", " ")
+        )
         if effect.rivals
         else ""
     )
-    heading = f"<h3>{markup(effect.name.replace('_', ' '))}</h3>"
+    heading = f"<h3>{markup(effect.name)}</h3>"
     return heading + text + table(["parameter", "value +- std"], rows) + rivals
-
-
-def _before_and_after(report: DiagnosisReport) -> str:
-    parts = []
-    before, after = report.err_holdout
-    words = f"ERR on what was kept aside: {millimetres(before)} with the plain model"
-    if report.extends:
-        words += f", {millimetres(after)} with the extended one"
-    parts.append(paragraph(f"{words}; noise floor {millimetres(report.noise_floor)}."))
-    if report.gain is not None and report.extends:
-        change = "smaller" if report.gain[0] >= 0.0 else "larger"
-        sign = 100.0 if report.gain[0] >= 0.0 else -100.0
-        value, *ends = (sign * v for v in report.gain)
-        low, high = sorted(ends)
-        parts.append(
-            paragraph(f"ERR is {value:.1f} % {change} (95 % interval {low:.1f} to {high:.1f} %).")
-        )
-    parts += [paragraph(r) for r in report.remarks]
-    for k, r in enumerate(report.recordings):
-        parts.append(f"<h3>{markup(f'{r.name} ({r.role})')}</h3>")
-        drawn, legend = None, ""
-        if report.verdict != "adequate":
-            drawn, legend = force_arrows(r.observed, r.length, r.u, r.force, r.force_std)
-        frames = [
-            ShapeFrame(
-                float(r.times[f]), r.observed[f], r.after[f],
-                r.before[f] if report.extends else None, float(r.err_after[f]),
-                arrows=drawn.sure[f] if drawn else None, faint=drawn.faint[f] if drawn else None,
-            )
-            for f in range(len(r.times))
-        ]  # fmt: skip
-        caption = "Move the slider. Observed; predicted"
-        caption += " with, and at first without, the named cause." if report.extends else "."
-        if any(f.arrows is not None for f in frames):
-            caption += FORCE_CAPTION
-        parts.append(figure(player(frames, r.length, legend), caption))
-        series = [Series("plain model", "predicted", r.times, 1e3 * r.err_before, dashed=True)]
-        if report.extends:
-            series.append(Series("extended model", "observed", r.times, 1e3 * r.err_after))
-        levels: tuple[Level, ...] = ()
-        if report.noise_floor is not None:
-            levels = (Level("noise floor", "true", 1e3 * report.noise_floor),)
-        plot = LinePlot(f"err{k}", "time [s]", "ERR [mm]", tuple(series), levels)
-        parts.append(figure(line_plot(plot), "Mean distance, eq. (10) of the paper."))
-    return "".join(parts)
 
 
 def _ranking(report: DiagnosisReport) -> str:
@@ -339,15 +366,24 @@ def _material(report: DiagnosisReport) -> str:
 
 
 def _setup(report: DiagnosisReport) -> str:
-    rows = [
-        [r.name, measured(r.value, r.std, r.unit), f"{r.tolerance:.2g} {r.unit}".rstrip()]
-        for r in report.setup
+    notable = [r for r in report.setup if r.notable]
+    others = [r for r in report.setup if not r.notable]
+    headers = ["what", "off by", "tolerance"]
+    parts = [
+        paragraph(
+            "Every set-up is a little off. These numbers were fitted along with the material, each "
+            "with the tolerance of a careful person; none of them counts as a cause."
+        )
     ]
-    text = paragraph(
-        "Every set-up is a little off. These numbers were fitted along with the material, each "
-        "within the tolerance of a careful person; none of them counts as a cause."
-    )
-    return table(["number", "value +- std", "tolerance (std)"], rows) + text
+    if notable:
+        parts.append(table(headers, [[r.name, r.off, r.tolerance] for r in notable]))
+    else:
+        parts.append(paragraph("None of them is notably off."))
+    if others:
+        rows = table(headers, [[r.name, r.off, r.tolerance] for r in others])
+        words = f"{len(others)} numbers that are not notably off (less than three std)"
+        parts.append(f"<details><summary>{markup(words)}</summary>{rows}</details>")
+    return "".join(parts)
 
 
 def _trace(report: DiagnosisReport) -> str:

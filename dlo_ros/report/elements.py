@@ -57,13 +57,21 @@ def number(value: float | None, unit: str = "", digits: int = 3) -> str:
     return f"{text} {unit}".rstrip()
 
 
-def measured(value: float | None, std: float | None, unit: str = "") -> str:
-    """A value with its standard deviation to two digits, both to the same place."""
+def measured(
+    value: float | None, std: float | None, unit: str = "", *, sparing: bool = False
+) -> str:
+    """A value with its standard deviation to two digits, both to the same place.
+
+    Args:
+        sparing: whether one digit of the standard deviation is enough where it is 2 or more.
+    """
     if value is None or not math.isfinite(value):
         return UNKNOWN
     if std is None or not math.isfinite(std) or std <= 0.0:
         return f"{number(value)} +- {UNKNOWN} {unit}".rstrip()
     place = math.floor(math.log10(std)) - 1
+    if sparing and std >= 1.95 * 10.0 ** (place + 1):
+        place += 1
     exponent = math.floor(math.log10(abs(value))) if value else 0
     if -3 <= exponent < 5 and place <= 0:
         return f"{value:.{-place}f} +- {std:.{-place}f} {unit}".rstrip()

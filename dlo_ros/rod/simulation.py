@@ -121,8 +121,10 @@ class Simulation:
                 )
             if not found.stable:
                 LOG.warning(
-                    "the initial equilibrium is unstable%s",
-                    " out of the plane y = 0, in which it is simulated" if flat else "",
+                    "a real DLO would not stay in the first shape at rest: it is unstable%s",
+                    " out of the plane y = 0, in which it is simulated all the same"
+                    if flat
+                    else "",
                 )
         else:
             held = hold(model, boundary, at_rest, command, first.stamp)

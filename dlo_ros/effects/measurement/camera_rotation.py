@@ -19,6 +19,8 @@ class CameraRotation(Effect):
     """Rotation of the measured shapes about the board's origin, positive from x towards -z."""
 
     name: ClassVar[str] = "camera_rotation"
+    title: ClassVar[str] = "camera roll"
+    phrase: ClassVar[str] = "the camera is turned against the board"
     in_setup: ClassVar[bool] = True
 
     angle: float = quantity(

@@ -15,6 +15,8 @@ class CameraScale(Effect):
     """True size over measured size, about the board's origin."""
 
     name: ClassVar[str] = "camera_scale"
+    title: ClassVar[str] = "camera scale"
+    phrase: ClassVar[str] = "the camera shows everything too large or too small"
     in_setup: ClassVar[bool] = True
 
     ratio: float = quantity(

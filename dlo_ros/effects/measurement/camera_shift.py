@@ -19,6 +19,8 @@ class CameraShift(Effect):
     """Shift of the measured shapes in the board's plane: measured minus true position."""
 
     name: ClassVar[str] = "camera_shift"
+    title: ClassVar[str] = "camera shift"
+    phrase: ClassVar[str] = "the camera shows everything shifted"
     in_setup: ClassVar[bool] = True
 
     x: float = quantity(0.0, "m", -1.0, 1.0, "of the measured shapes, along x", tolerance=CAREFUL)

@@ -14,6 +14,8 @@ class CommandDelay(Effect):
     """Time between the commanded and the true motion, positive where the DLO moves later."""
 
     name: ClassVar[str] = "command_delay"
+    title: ClassVar[str] = "delay of the motion"
+    phrase: ClassVar[str] = "the DLO does not move when the command says, but later or earlier"
     in_setup: ClassVar[bool] = True
 
     delay: float = quantity(0.0, "s", -2.0, 2.0, "of the true motion", tolerance=0.02)

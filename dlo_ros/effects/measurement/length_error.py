@@ -14,6 +14,8 @@ class LengthError(Effect):
     """True minus configured length; the material coordinate stays that of the configured one."""
 
     name: ClassVar[str] = "length_error"
+    title: ClassVar[str] = "length of the DLO"
+    phrase: ClassVar[str] = "the DLO is longer or shorter than the parameter file says"
     batched: ClassVar[bool] = False
     in_setup: ClassVar[bool] = True
 

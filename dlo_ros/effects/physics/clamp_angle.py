@@ -25,6 +25,8 @@ class ClampAngle(Effect):
     """
 
     name: ClassVar[str] = "clamp_angle"
+    title: ClassVar[str] = "direction of a clamp"
+    phrase: ClassVar[str] = "a clamp points in another direction than the command says"
     in_setup: ClassVar[bool] = True
 
     start: float = quantity(0.0, "rad", -1.6, 1.6, "at the start", tolerance=CAREFUL)

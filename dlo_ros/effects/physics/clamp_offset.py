@@ -26,6 +26,8 @@ class ClampOffset(Effect):
     """
 
     name: ClassVar[str] = "clamp_offset"
+    title: ClassVar[str] = "place of a clamp"
+    phrase: ClassVar[str] = "a clamp is in another place than the command says"
     in_setup: ClassVar[bool] = True
 
     start: tuple[float, ...] = quantity(

@@ -18,6 +18,8 @@ class ClampSlip(Effect):
     """
 
     name: ClassVar[str] = "clamp_slip"
+    title: ClassVar[str] = "slip through a clamp"
+    phrase: ClassVar[str] = "the DLO slips through a clamp while it moves"
     batched: ClassVar[bool] = False
 
     length: float = quantity(

@@ -15,6 +15,8 @@ class GravityTilt(Effect):
     """Rotation of gravity about +y, the board's normal, positive from x towards -z."""
 
     name: ClassVar[str] = "gravity_tilt"
+    title: ClassVar[str] = "tilt of the board"
+    phrase: ClassVar[str] = "gravity does not point straight down the board"
     varied_in_batch: ClassVar[bool] = True
     in_setup: ClassVar[bool] = True
 

@@ -14,6 +14,10 @@ class InternalDamping(Effect):
     """Added to `damping.relaxation_time` of Kelvin-Voigt damping."""
 
     name: ClassVar[str] = "internal_damping"
+    title: ClassVar[str] = "internal damping"
+    phrase: ClassVar[str] = (
+        "the material damps its own bending more or less than the parameter file says"
+    )
     varied_in_batch: ClassVar[bool] = True
 
     relaxation_time: float = quantity(

@@ -16,6 +16,8 @@ class NonlinearStiffness(Effect):
     """Tangent stiffness B / (1 + (kappa / half_curvature)^2), so the moment is an arc tangent."""
 
     name: ClassVar[str] = "nonlinear_stiffness"
+    title: ClassVar[str] = "softening"
+    phrase: ClassVar[str] = "the DLO is softer where it is bent strongly"
     smooth: ClassVar[bool] = False
 
     half_curvature: float = quantity(

@@ -14,6 +14,8 @@ class Obstacle(Effect):
     """A round peg that stands on the board, frictionless; the DLO's own radius comes on top."""
 
     name: ClassVar[str] = "obstacle"
+    title: ClassVar[str] = "peg"
+    phrase: ClassVar[str] = "the DLO touches something that the simulation does not know"
     smooth: ClassVar[bool] = False
     differentiable: ClassVar[bool] = False
 

@@ -15,6 +15,8 @@ class PointMass(Effect):
     """A point mass at the DLO's axis, with weight and inertia but no moment of inertia."""
 
     name: ClassVar[str] = "point_mass"
+    title: ClassVar[str] = "mass on the DLO"
+    phrase: ClassVar[str] = "a mass is fixed to the DLO"
     varied_in_batch: ClassVar[bool] = True
 
     mass: float = quantity(0.0, "kg", 0.0, 10.0, "the mass", tolerance=0.1)

@@ -14,6 +14,8 @@ class StiffnessGradient(Effect):
     """B(u) = B (1 + change (u / L - 1/2))."""
 
     name: ClassVar[str] = "stiffness_gradient"
+    title: ClassVar[str] = "stiffness gradient"
+    phrase: ClassVar[str] = "the DLO is stiffer towards one of its ends"
     varied_in_batch: ClassVar[bool] = True
     in_setup: ClassVar[bool] = True
 

@@ -16,6 +16,8 @@ class SurfaceFriction(Effect):
     """Coulomb friction per length against motion in the board's plane; below it the DLO sticks."""
 
     name: ClassVar[str] = "surface_friction"
+    title: ClassVar[str] = "friction with the board"
+    phrase: ClassVar[str] = "the DLO rubs on the board"
     smooth: ClassVar[bool] = False
 
     force: float = quantity(0.0, "N/m", 0.0, 100.0, "friction per length of DLO", tolerance=0.02)

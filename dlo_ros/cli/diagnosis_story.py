@@ -1,0 +1,292 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""A diagnosis as answers to a person's questions: how wrong, why, what is gained, and what next."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dlo_ros.cli.diagnosis_words import (
+    bare,
+    clause,
+    either,
+    label,
+    mm,
+    off_by,
+    percent,
+    title,
+    values,
+)
+from dlo_ros.diagnosis import Diagnosis, NamedEffect, SetupNumber, View
+from dlo_ros.effects import quantities
+from dlo_ros.report.elements import measured, number
+from dlo_ros.spline import FloatArray, SplineBasis
+
+HOW_WRONG = "How wrong is my simulation?"
+WHY = "Why?"
+GAIN = "What do I gain?"
+NOTABLE = 3.0
+"""Standard deviations from neutral, from which a number of the set-up is notably off."""
+TOLD = 2
+"""Rivals that the headline names."""
+COUNTS = {2: "two", 3: "three", 4: "four", 5: "five", 6: "six"}
+VARIES = 1.3
+"""Error at the worst over its mean, from which it is told where and when that is."""
+STATIONS = 41
+"""Places along the DLO at which the error is looked at."""
+NEAR_END, NEAR_MIDDLE = 0.15, 0.1
+"""Shares of the length within which a place is near an end, or near the middle."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """Sentences that answer a question."""
+
+    question: str
+    sentences: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class SetupLine:
+    """A number of the set-up, in words.
+
+    Args:
+        name: what it is.
+        off: by how much it is off, with its standard deviation.
+        tolerance: to what careful people get it.
+        deviations: standard deviations by which it is off.
+    """
+
+    name: str
+    off: str
+    tolerance: str
+    deviations: float
+
+    @property
+    def notable(self) -> bool:
+        """Whether it is off by more than the data leave open."""
+        return self.deviations > NOTABLE
+
+
+@dataclass(frozen=True)
+class Story:
+    """What a person wants to know first.
+
+    Args:
+        headline: all in a sentence.
+        answers: to the three questions.
+        setup: what is most clearly off first.
+        advice: what to record next.
+    """
+
+    headline: str
+    answers: tuple[Answer, ...]
+    setup: tuple[SetupLine, ...]
+    advice: str
+
+
+def story(found: Diagnosis, length: float, file: str) -> Story:
+    """Tell a diagnosis.
+
+    Args:
+        length: of the DLO [m].
+        file: where the extended model is.
+    """
+    return Story(
+        headline(found),
+        (
+            Answer(HOW_WRONG, _how_wrong(found, length)),
+            Answer(WHY, _why(found)),
+            Answer(GAIN, _gain(found, file)),
+        ),
+        setup_lines(found),
+        found.advice,
+    )
+
+
+def extends(found: Diagnosis) -> bool:
+    """Whether the extended model has effects that the plain one has not."""
+    return found.extended.settings.effects != found.baseline.settings.effects
+
+
+def headline(found: Diagnosis) -> str:
+    """The result in a sentence."""
+    err = _error(found)
+    causes = " and ".join(_short(e) for e in found.effects)
+    off = "The simulation is off" if err is None else f"The simulation is {mm(err)} off"
+    if found.verdict == "adequate":
+        if err is None or found.material_err is None or err > found.material_err:
+            return f"{off}, and these data show no cause for it."
+        return f"The simulation agrees with the recordings: {mm(err)} off, which does not matter."
+    if found.verdict == "explained":
+        return f"{off}, and this is why: {causes}."
+    if causes:
+        return f"{off}, and this is part of why: {causes}."
+    return f"{off}, and no cause that is known here is certain."
+
+
+def _short(effect: NamedEffect) -> str:
+    rivals = [title(n) for n in effect.rivals]
+    if len(rivals) > TOLD:
+        rivals = [f"one of {len(rivals)} others"]
+    return f"{title(effect.name)} (or {', '.join(rivals)})" if rivals else title(effect.name)
+
+
+def _error(found: Diagnosis) -> float | None:
+    """Mean distance that the plain model leaves [m], on data not used where there are some."""
+    base = found.baseline
+    return base.err_train if base.err_holdout is None else base.err_holdout
+
+
+def _how_wrong(found: Diagnosis, length: float) -> tuple[str, ...]:
+    err = _error(found)
+    if err is None:
+        return ("It cannot be simulated beyond what it was fitted to.",)
+    where = "data that were not used"
+    if found.baseline.err_holdout is None:
+        where = "the data that it was fitted to"
+    told = [
+        f"With the best Young's modulus and density it is {mm(err)} off on average "
+        f"({number(100.0 * err / length, digits=2)} % of the length), on {where}{_spread(found)}."
+    ]
+    told += _places(found.views, length)
+    if found.noise_floor is not None:
+        words = f"The measurement itself is about {mm(found.noise_floor)} off"
+        if found.material_err is not None:
+            words += f"; less than {mm(found.material_err)} does not matter here"
+        told.append(f"{words}.")
+    return tuple(told)
+
+
+def _spread(found: Diagnosis) -> str:
+    """Between which values the error lies in most pictures."""
+    if not found.views:
+        return ""
+    low, high = np.percentile(np.concatenate([v.err_before for v in found.views]), [5.0, 95.0])
+    if high < VARIES * low:
+        return ""
+    return f", and between {mm(float(low))} and {mm(float(high))} in nine of ten pictures"
+
+
+def _places(views: Sequence[View], length: float) -> list[str]:
+    """Where along the DLO the plain model is wrong, and when."""
+    if not views:
+        return []
+    along = np.sqrt(np.mean(np.concatenate([distances(v, length) for v in views]) ** 2, axis=0))
+    u = np.linspace(0.0, length, STATIONS)
+    k = int(np.argmax(along))
+    told = []
+    if along[k] > VARIES * along.mean():
+        told.append(
+            f"It is most wrong {_place(u[k] / length)} (at {1e3 * u[k]:.0f} of "
+            f"{1e3 * length:.0f} mm from the start), by {mm(float(along[k]))}."
+        )
+    else:
+        told.append("It is about as wrong all along the DLO.")
+    worst = max(views, key=lambda v: float(v.err_before.max()))
+    frame = int(np.argmax(worst.err_before))
+    means = [float(v.err_before.mean()) for v in views]
+    if worst.err_before[frame] > VARIES * np.mean(means):
+        inside = f" in {worst.name}" if len(views) > 1 else ""
+        at = ""
+        if worst.err_before[frame] > VARIES * worst.err_before.mean():
+            at = f", {worst.times[frame]:.1f} s after its beginning"
+        told.append(f"The worst moment is{inside}{at}: {mm(float(worst.err_before[frame]))}.")
+    return told
+
+
+def distances(view: View, length: float) -> FloatArray:
+    """Distance between the observed and the plain model's DLO [m], shape (F, STATIONS)."""
+    basis = SplineBasis(view.observed.shape[1], length)
+    values = basis.matrix(np.linspace(0.0, length, STATIONS))
+    apart = values @ (view.observed[:, :, :3] - view.before[:, :, :3])
+    return np.asarray(np.linalg.norm(apart, axis=2))
+
+
+def _place(share: float) -> str:
+    """A place along the DLO, in words."""
+    if share < NEAR_END:
+        return "near the start"
+    if share > 1.0 - NEAR_END:
+        return "near the end"
+    if abs(share - 0.5) < NEAR_MIDDLE:
+        return "near the middle"
+    return "in the first half" if share < 0.5 else "in the second half"
+
+
+def _why(found: Diagnosis) -> tuple[str, ...]:
+    told = [_cause(e) for e in found.effects]
+    if found.verdict == "adequate":
+        told.append("Nothing else matters." if told else "Nothing that the data show for certain.")
+    elif found.verdict == "unexplained":
+        left = found.extended.err_holdout if extends(found) else _error(found)
+        beside = "What is left" if told else "Nothing is certain. What is wrong"
+        told.append(f"{beside} ({mm(left)}) no cause that is known here explains.")
+    return tuple(told)
+
+
+def _cause(effect: NamedEffect) -> str:
+    own = clause(effect.name)
+    numbers = f" ({values(effect)})" if effect.parameters else ""
+    if effect.rivals:
+        things = 1 + len(effect.rivals)
+        count = COUNTS.get(things, str(things))
+        rest = either([clause(r) for r in effect.rivals])
+        text = (
+            f"One of these {count} is certain, and the data cannot tell which: {own}{numbers}; or "
+            f"{rest}."
+        )
+    else:
+        text = f"Certain: {own}{numbers}."
+    if effect.share is not None:
+        text += f" It makes {percent(effect.share)} of what the simulation is off."
+    return text
+
+
+def _gain(found: Diagnosis, file: str) -> tuple[str, ...]:
+    before, after = found.baseline.err_holdout, found.extended.err_holdout
+    value, std = found.extended.specific_modulus
+    known = measured(value, std, "m^2/s^2") if std else f"{number(value)} m^2/s^2, how well unknown"
+    load = f"Load {file}, with the nodes or any tool"
+    if not extends(found):
+        return (f"{load}: it holds what was fitted, E/mu = {known}. Nothing is added to it.",)
+    told = []
+    if before is None or after is None:
+        told.append(f"On data that were not used: {mm(before)} before, {mm(after)} after.")
+    else:
+        change = f"{mm(before)} before, {mm(after)} after"
+        gain = found.gain
+        if gain is not None and gain.value > 0.0:
+            low, high = (f"{100.0 * v:.0f}" for v in (gain.low, gain.high))
+            # Pictures that do not differ, as of one pose, tell nothing of an interval.
+            interval = f" (95 % interval {low} to {high} %)" if low != high else ""
+            change += f", {percent(gain.value)} less{interval}"
+        else:
+            change += ", so nothing is gained there"
+        told.append(f"On data that were not used: {change}.")
+    told.append(f"{load}: it holds all of that, and E/mu = {known}.")
+    return tuple(told)
+
+
+def setup_lines(found: Diagnosis) -> tuple[SetupLine, ...]:
+    """Numbers of the set-up, what is most clearly off first."""
+    counts: dict[str, int] = {}
+    for name in found.setup:
+        key = name.partition("[")[0]
+        counts[key] = counts.get(key, 0) + 1
+    lines = [_line(name, n, counts[name.partition("[")[0]]) for name, n in found.setup.items()]
+    return tuple(sorted(lines, key=lambda line: -line.deviations))
+
+
+def _line(name: str, n: SetupNumber, count: int) -> SetupLine:
+    effect, _, full = name.partition(".")
+    key = full.partition("[")[0]
+    neutral = quantities(effect)[key].neutral
+    return SetupLine(
+        label(name, count),
+        off_by(n.value, n.std, effect, key),
+        bare(n.tolerance, n.unit),
+        abs(n.value - neutral) / n.std if n.std > 0.0 else 0.0,
+    )

@@ -1,0 +1,141 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Effects and their numbers as a person reads them: sentences, degrees, millimetres, grams."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from dlo_ros.diagnosis import NamedEffect, Number
+from dlo_ros.effects import Quantity, effects, quantities
+from dlo_ros.errors import ParameterError
+from dlo_ros.report.elements import measured, millimetres, number
+
+AXES = {2: "xz", 3: "xyz"}
+"""Names of the components of a vector, by their number."""
+SMALL = 1.0
+"""Below which a mass [kg] or a time [s] is told in thousandths."""
+
+
+def title(effect: str) -> str:
+    """What an effect is called."""
+    known = effects().get(effect)
+    return known.called() if known else effect.replace("_", " ")
+
+
+def clause(effect: str) -> str:
+    """What an effect says is so; where it is not known (any more), its name."""
+    known = effects().get(effect)
+    return known.told() if known else f"there is an effect of {effect.replace('_', ' ')}"
+
+
+def amount(value: float, std: float | None, unit: str) -> str:
+    """A number with its standard deviation in the units of a person, to as many digits."""
+    factor, shown = _units(value, unit)
+    if std is None or not math.isfinite(std) or std <= 0.0:
+        return f"{number(factor * value)} +- unknown {shown}".rstrip()
+    return measured(factor * value, factor * std, shown, sparing=True)
+
+
+def bare(value: float, unit: str) -> str:
+    """A number in the units of a person, such as a tolerance; without a unit in per cent."""
+    factor, shown = _units(value, unit) if unit else (100.0, "%")
+    return number(factor * value, shown, 2)
+
+
+def _units(value: float, unit: str) -> tuple[float, str]:
+    """A person's unit for a value in an SI unit: its factor and name."""
+    if unit == "rad":
+        return 180.0 / math.pi, "degrees"
+    if unit == "m":
+        return 1e3, "mm"
+    if unit in ("kg", "s") and abs(value) < SMALL:
+        return 1e3, {"kg": "g", "s": "ms"}[unit]
+    return 1.0, unit
+
+
+def off_by(value: float, std: float | None, effect: str, key: str) -> str:
+    """By how much a number is away from what it should be; without a unit in per cent."""
+    q = _quantity(effect, key)
+    neutral, unit = (q.neutral, q.unit) if q else (0.0, "")
+    if unit:
+        return amount(value - neutral, std, unit)
+    return amount(100.0 * (value - neutral), None if std is None else 100.0 * std, "%")
+
+
+def label(name: str, count: int = 1) -> str:
+    """A number of the set-up, `EFFECT.KEY` or `EFFECT.KEY[I]`, in words.
+
+    Args:
+        count: of the values that KEY has.
+    """
+    effect, _, full = name.partition(".")
+    key, _, index = full.partition("[")
+    words = [title(effect)]
+    q = _quantity(effect, key)
+    known = effects().get(effect)
+    if q is not None and known is not None and len(known.quantities()) > 1:
+        words.append(q.description.split(":")[0].split(",")[0])
+    if index:
+        words.append(_component(q, int(index.rstrip("]")), count))
+    return ", ".join(dict.fromkeys(words))
+
+
+def _component(q: Quantity | None, index: int, count: int) -> str:
+    if q is not None and q.counts:
+        return AXES[count][index] if count in AXES else str(index + 1)
+    return f"{index + 1} of {count} along u"
+
+
+def _quantity(effect: str, key: str) -> Quantity | None:
+    try:
+        return quantities(effect).get(key)
+    except ParameterError:
+        return None
+
+
+def values(effect: NamedEffect) -> str:
+    """All numbers of an effect in one phrase."""
+    return ", ".join(_value(effect.name, key, n) for key, n in effect.parameters.items())
+
+
+def _value(effect: str, key: str, n: Number) -> str:
+    words = key.replace("_", " ")
+    q = _quantity(effect, key)
+    if q is not None and q.role == "place":
+        words = "at u ="
+    elif key in ("start", "end"):
+        words = f"at the {key}"
+    if not isinstance(n.value, tuple):
+        assert n.std is None or isinstance(n.std, float)
+        return f"{words} {amount(n.value, n.std, n.unit)}"
+    stds = n.std if isinstance(n.std, tuple) else (None,) * len(n.value)
+    if q is not None and q.counts:
+        parts = [
+            f"{_component(q, k, len(n.value))} {amount(v, s, n.unit)}"
+            for k, (v, s) in enumerate(zip(n.value, stds, strict=True))
+        ]
+        return f"{words} {', '.join(parts)}"
+    low, high = min(n.value), max(n.value)
+    known = [s for s in stds if s is not None and math.isfinite(s)]
+    each = f", each +- {number(float(np.median(known)), digits=1)}" if known else ""
+    return f"{words} from {number(low, digits=2)} to {number(high, digits=2)} {n.unit}{each}"
+
+
+def either(phrases: Sequence[str]) -> str:
+    """Phrases of which one holds."""
+    return "; or ".join(phrases)
+
+
+def mm(metres: float | None) -> str:
+    """A length in millimetres to two digits."""
+    return "unknown" if metres is None else millimetres(metres, digits=2)
+
+
+def percent(share: float) -> str:
+    """A share in per cent, never all or nothing by rounding alone."""
+    if 0.99 < share < 1.0:
+        return "over 99 %"
+    return "under 1 %" if 0.0 < share < 0.01 else f"{100.0 * share:.0f} %"
