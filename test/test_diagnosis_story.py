@@ -90,7 +90,9 @@ def test_one_pose_has_no_interval():
 
 def test_many_rivals_are_counted_in_the_headline():
     rivals = ("constant_force", "clamp_angle", "plasticity")
-    assert "mass on the DLO (or one of 3 others)" in headline(case(causes=[replace(MASS, rivals=rivals)]))
+    assert "mass on the DLO (or one of 3 others)" in headline(
+        case(causes=[replace(MASS, rivals=rivals)])
+    )
 
 
 def test_no_gain_is_no_gain():

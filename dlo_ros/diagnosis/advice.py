@@ -14,7 +14,9 @@ from dlo_ros.diagnosis.evaluation import evaluate
 from dlo_ros.diagnosis.fitting import Normal, normal, total
 from dlo_ros.diagnosis.manipulations import Standard, simulated, standard
 from dlo_ros.diagnosis.search import Candidate
+from dlo_ros.effects import effects
 from dlo_ros.errors import DloError
+from dlo_ros.identification.statement import rounded
 from dlo_ros.inference.measured import Recording, measured
 from dlo_ros.parameters import Settings
 
@@ -68,12 +70,13 @@ def advise(
     causes = ", ".join(_words(n) for n in (*decision.chosen.effects, *dict.fromkeys(names)))
     return (
         f"To tell {causes} apart: {first.words}; there the predictions differ by "
-        f"{first.deviations:.2g} standard deviations."
+        f"{rounded(first.deviations)} times the measurement's noise."
     )
 
 
 def _words(name: str) -> str:
-    return name.replace("_", " ")
+    known = effects().get(name)
+    return known.called() if known else name.replace("_", " ")
 
 
 def separations(
