@@ -167,6 +167,14 @@ def test_the_page_begins_with_the_answers_and_ends_with_the_trace():
     assert "\N{PLUS-MINUS SIGN} 0.4 degrees" in page
 
 
+def test_a_single_shape_is_shown_along_the_rope():
+    made = found(frames=1)
+    page = diagnosis_page(report(made, LENGTH))
+    checked(page)
+    assert "distance [mm]" in page and "ERR [mm]" not in page
+    assert "ERR [mm]" in diagnosis_page(report(found(), LENGTH))
+
+
 def test_every_effect_says_what_it_is():
     for name, effect in effects().items():
         assert title(name) and clause(name)

@@ -280,6 +280,14 @@ def _picture(k: int, r: DiagnosedRecording, report: DiagnosisReport) -> str:
     if any(f.arrows is not None for f in frames):
         caption += FORCE_CAPTION
     parts.append(figure(player(frames, r.length, legend), caption))
+    parts += _at_rest(k, r, report) if len(r.times) < 2 else _over_time(k, r, report)
+    if report.verdict != "adequate":
+        parts.append(force_maps(r.times, r.u, r.force, r.force_std))
+    return "".join(parts)
+
+
+def _over_time(k: int, r: DiagnosedRecording, report: DiagnosisReport) -> list[str]:
+    """ERR over time, and where along the DLO it comes from."""
     series = [Series("plain model", "predicted", r.times, 1e3 * r.err_before, dashed=True)]
     if report.extends:
         series.append(Series("extended model", "observed", r.times, 1e3 * r.err_after))
@@ -287,19 +295,31 @@ def _picture(k: int, r: DiagnosedRecording, report: DiagnosisReport) -> str:
     if report.noise_floor is not None:
         levels = (Level("the measurement itself", "true", 1e3 * report.noise_floor),)
     plot = LinePlot(f"err{k}", "time [s]", "ERR [mm]", tuple(series), levels)
-    parts.append(figure(line_plot(plot), "ERR: mean distance between the two shapes over time."))
     titles = ["plain model", "extended model"][: 2 if report.extends else 1]
     fields = [1e3 * f for f in (r.field_before, r.field_after)][: len(titles)]
-    parts.append(
+    return [
+        figure(line_plot(plot), "ERR: mean distance between the two shapes over time."),
         figure(
             field_maps(titles, r.times, r.u, fields, "distance [mm]"),
             "Observed minus predicted shape across the DLO, along it (u counts from the start) and "
             "over time. Noise looks grainy; an area of one colour is an error of the model.",
+        ),
+    ]
+
+
+def _at_rest(k: int, r: DiagnosedRecording, report: DiagnosisReport) -> list[str]:
+    """How far off a single shape is, along the DLO."""
+    u = 1e3 * r.u
+    series = [Series("plain model", "predicted", u, 1e3 * r.field_before[0], dashed=True)]
+    if report.extends:
+        series.append(Series("extended model", "observed", u, 1e3 * r.field_after[0]))
+    plot = LinePlot(f"err{k}", "u along the DLO [mm]", "distance [mm]", tuple(series))
+    return [
+        figure(
+            line_plot(plot),
+            "Observed minus predicted shape across the DLO; u counts from the start.",
         )
-    )
-    if report.verdict != "adequate":
-        parts.append(force_maps(r.times, r.u, r.force, r.force_std))
-    return "".join(parts)
+    ]
 
 
 def _structure(structure: ResidualStructure) -> str:
@@ -355,7 +375,8 @@ def _ranking(report: DiagnosisReport) -> str:
         "the others (lower is better). Left over: what repeats from picture to picture, over the "
         "noise."
     )
-    return table(["effect", "score", "left over", "ERR kept aside"], rows) + text
+    shown = table(["effect", "score", "left over", "ERR kept aside"], rows) + text
+    return f"<details><summary>{len(rows)} candidates, the best first</summary>{shown}</details>"
 
 
 def _material(report: DiagnosisReport) -> str:
@@ -395,4 +416,5 @@ def _trace(report: DiagnosisReport) -> str:
         "Gain: how much the log evidence rises with the candidate; 3 is twenty to one. Those that "
         "were not fitted have the gain that the linearised model promises."
     )
-    return table(["step", "candidate", "gain", "ERR", "what became of it"], rows) + text
+    shown = table(["step", "candidate", "gain", "ERR", "what became of it"], rows) + text
+    return f"<details><summary>{len(rows)} candidates, by step</summary>{shown}</details>"
