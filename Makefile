@@ -17,11 +17,11 @@ COMPILED := $(VENV)/.compiled
 
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: setup docs reference audit demo picture examples paper bench challenge field fuzz faults soak coverage test test-quick test-slow test-report lint clean lock help
+.PHONY: setup docs reference audit demo real picture examples paper bench challenge field fuzz faults soak coverage test test-quick test-slow test-report lint clean lock help
 
 help:
 	@sed -n 's/^# //p' Makefile | head -3
-	@echo "also: setup, docs, reference, examples, paper, bench, challenge, fuzz, faults, soak, coverage, test-quick, test-slow, test-report, lint, picture, lock, clean"
+	@echo "also: setup, docs, reference, real, examples, paper, bench, challenge, fuzz, faults, soak, coverage, test-quick, test-slow, test-report, lint, picture, lock, clean"
 
 setup: $(COMPILED)
 
@@ -45,6 +45,10 @@ demo: $(INSTALLED)
 # The README's picture, from the result of the demo.
 picture: demo
 	cp $(DEMO_OUTPUT)/overview.png docs/demo.png
+
+# A measured wire: bags of its coordinates, identify, diagnose, the report; build/real.
+real: $(COMPILED)
+	$(BIN)/python examples/real_wire/real.py --output build/real
 
 # The model against closed forms and boundary value problems; pictures in build/examples.
 examples: $(COMPILED)

@@ -81,6 +81,10 @@ def test_what_nothing_explains_is_told_as_that():
 def test_adequate_says_whether_it_is_as_good_as_matters():
     assert "agrees with the recordings: 0.15 mm" in headline(case("adequate", (), 1.5e-4))
     assert "no cause" in headline(case("adequate", (), 4e-3))
+    tolerated = case("adequate", (), 4e-3, setup=SETUP)
+    assert "4.0 mm off, for a set-up that is a little off" in headline(tolerated)
+    assert "within twice its tolerance: see the table" in answers(tolerated)[1]
+    assert "and for mass on the DLO" in headline(case("adequate", setup=SETUP))
 
 
 def test_one_pose_has_no_interval():
@@ -210,5 +214,7 @@ def test_several_values_are_told_in_one_phrase():
         "intrinsic_curvature", {"curvature": Number((-0.5, 2.1), (0.2, 0.2), "1/m")}, ()
     )
     assert values(curved) == "curvature from -0.50 to 2.1 1/m, each +- 0.2"
+    graded = NamedEffect("stiffness_gradient", {"change": Number(0.866, 0.006, "")}, ())
+    assert values(graded) == "change 86.6 +- 0.6 %"
     moved = NamedEffect("clamp_offset", {"end": Number((0.002, -0.001), (0.0004, 0.0003), "m")}, ())
     assert values(moved) == "at the end x 2.0 +- 0.4 mm, z -1.0 +- 0.3 mm"

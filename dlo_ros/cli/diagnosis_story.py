@@ -117,9 +117,12 @@ def headline(found: Diagnosis) -> str:
     causes = " and ".join(_short(e) for e in found.effects)
     off = "The simulation is off" if err is None else f"The simulation is {mm(err)} off"
     if found.verdict == "adequate":
-        if err is None or found.material_err is None or err > found.material_err:
-            return f"{off}, and these data show no cause for it."
-        return f"The simulation agrees with the recordings: {mm(err)} off, which does not matter."
+        if err is not None and found.material_err is not None and err <= found.material_err:
+            return f"The simulation agrees with the recordings: {mm(err)} off is immaterial."
+        if found.setup and extends(found):
+            beside = f", and for {causes}" if causes else ""
+            return f"{off}, for a set-up that is a little off within its tolerances{beside}."
+        return f"{off}, and these data show no cause for it."
     if found.verdict == "explained":
         return f"{off}, and this is why: {causes}."
     if causes:
@@ -219,7 +222,13 @@ def _place(share: float) -> str:
 def _why(found: Diagnosis) -> tuple[str, ...]:
     told = [_cause(e) for e in found.effects]
     if found.verdict == "adequate":
-        told.append("Nothing else matters." if told else "Nothing that the data show for certain.")
+        if found.setup and extends(found):
+            told.append(
+                "The set-up is a little off in several places, each within twice its tolerance: "
+                "see the table."
+            )
+        else:
+            told.append("Nothing else." if told else "The data show no cause for certain.")
     elif found.verdict == "unexplained":
         left = found.extended.err_holdout if extends(found) else _error(found)
         beside = "What is left" if told else "Nothing is certain. What is wrong"
