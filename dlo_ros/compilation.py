@@ -9,7 +9,6 @@ process for it; a lock ends with its process, whatever ends that.
 from __future__ import annotations
 
 import fcntl
-import json
 import os
 import subprocess
 import sys
@@ -20,7 +19,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from dlo_ros.errors import KernelError
-from dlo_ros.kernel_cache import PACKAGE, cache_folder, jit_disabled, machine
+from dlo_ros.kernel_cache import (
+    PACKAGE,
+    cache_folder,
+    is_file,
+    jit_disabled,
+    mark,
+    require_writable,
+)
+from dlo_ros.kernel_parts import STAGES
 
 PROCESSES = 2
 """Compiling processes at a time, over all nodes; each takes half a gigabyte."""
@@ -41,35 +48,8 @@ TELL = 10.0
 WORKER = (sys.executable, "-m", "dlo_ros.compile", "--worker")
 """The command of a compiling process; stages follow."""
 
+BEGINNING = "compiling the numerical kernels, once; this takes a minute or two"
 FAILED = "the numerical kernels could not be compiled"
-
-
-@dataclass(frozen=True)
-class Part:
-    """Kernels that are compiled by one process.
-
-    Args:
-        name: name of the part.
-        work: module and function, `module:function`, that touches each of the kernels.
-        seconds: processor time of the compilation on a desktop [s], which only weighs the parts.
-        functions: number of compilations of single functions.
-    """
-
-    name: str
-    work: str
-    seconds: float
-    functions: int
-
-
-STAGES: dict[str, tuple[Part, ...]] = {
-    "rod": (
-        Part("rod_statics", "dlo_ros.rod.compile:compile_statics", 50.0, 230),
-        Part("rod_dynamics", "dlo_ros.rod.compile:compile_dynamics", 50.0, 230),
-    ),
-    "vision": (Part("vision", "dlo_ros.vision.compile:compile_kernels", 15.0, 40),),
-    "synthesis": (Part("synthesis", "dlo_ros.synthesis.compile:compile_kernels", 15.0, 20),),
-}
-"""What a node or tool may ask for; each part of a stage is of that stage alone."""
 
 
 @dataclass(frozen=True)
@@ -107,32 +87,30 @@ class PartFiles:
     """
 
     def __init__(self, folder: Path, part: str) -> None:
-        stem = f"{part}-{machine()}"
-        self.mark = folder / f"{stem}.complete"
-        self.lock = folder / f"{stem}.lock"
-        self._progress = folder / f"{stem}.progress"
+        self.mark = mark(folder, part)
+        self.lock = self.mark.with_suffix(".lock")
+        self._progress = self.mark.with_suffix(".progress")
 
     @property
     def complete(self) -> bool:
         """Whether the machine code is there."""
-        return self.mark.exists()
+        return is_file(self.mark)
 
     @property
-    def fraction(self) -> float:
-        """Fraction that is compiled, 0 to 1, as the compiling process told last."""
-        if self.complete:
-            return 1.0
-        with suppress(OSError, ValueError):
-            return min(1.0, max(0.0, float(json.loads(self._progress.read_text()))))
-        return 0.0
+    def functions(self) -> int:
+        """Number of functions that are compiled, as the compiling process told last."""
+        for file in (self.mark, self._progress):
+            with suppress(OSError, ValueError):
+                return max(0, int(file.read_text()))
+        return 0
 
-    def tell(self, fraction: float) -> None:
+    def tell(self, functions: int) -> None:
         """Let others know how far the compilation is."""
-        _replace(self._progress, json.dumps(fraction))
+        _replace(self._progress, str(functions))
 
-    def finish(self) -> None:
+    def finish(self, functions: int = 0) -> None:
         """Mark the part as complete."""
-        _replace(self.mark, "")
+        _replace(self.mark, str(functions))
         self._progress.unlink(missing_ok=True)
 
 
@@ -143,19 +121,22 @@ class BackgroundCompilation:
         stages: names in `STAGES`, those that are needed first first.
 
     Raises:
-        KernelError: numba is not installed, or no folder for compiled code can be written.
+        KernelError: numba is not installed, or kernels are missing and no folder for compiled code
+            can be written.
     """
 
     def __init__(self, stages: Sequence[str]) -> None:
         folder = cache_folder()
         self._stages = tuple(stages)
-        self._parts = [part for stage in stages for part in STAGES[stage]]
-        self._files = {part.name: PartFiles(folder, part.name) for part in self._parts}
+        parts = [part for stage in stages for part in STAGES[stage]]
+        self._files = {part.name: PartFiles(folder, part.name) for part in parts}
         self._workers: list[subprocess.Popen[bytes]] = []
         self._said = b""
         self._error = ""
         self._began: tuple[float, float] | None = None
-        self._done = jit_disabled()
+        self._done = jit_disabled() or self._complete()
+        if not self._done:
+            require_writable(folder)
 
     def __enter__(self) -> BackgroundCompilation:
         self.start()
@@ -193,7 +174,7 @@ class BackgroundCompilation:
 
     def poll(self) -> CompilationProgress:
         """How far the compilation is; takes less than a millisecond."""
-        if not self._done and all(files.complete for files in self._files.values()):
+        if not self._done and self._complete():
             self._done = True
             self.stop()
         if self._done:
@@ -216,9 +197,38 @@ class BackgroundCompilation:
                     stream.close()
         self._workers.clear()
 
+    def wait(self, tell: Callable[[str], object]) -> None:
+        """Return when all is compiled; `start` has been called.
+
+        Args:
+            tell: takes a message, one line, at the beginning and then every ten seconds.
+
+        Raises:
+            KernelError: the compilation fails.
+        """
+        progress, told = self.poll(), -TELL
+        while not progress.done:
+            if progress.error:
+                raise KernelError(progress.error)
+            if time.monotonic() - told > TELL:
+                begins = progress.remaining_seconds is None and told < 0.0
+                tell(BEGINNING if begins else f"the numerical kernels: {progress}")
+                told = time.monotonic()
+            time.sleep(WAIT)
+            progress = self.poll()
+
+    def _complete(self) -> bool:
+        return all(files.complete for files in self._files.values())
+
     def _fraction(self) -> float:
-        whole = sum(part.seconds for part in self._parts)
-        made = sum(part.seconds * self._files[part.name].fraction for part in self._parts)
+        whole = made = 0.0
+        for stage in self._stages:
+            parts = STAGES[stage]
+            files = [self._files[part.name] for part in parts]
+            seconds = sum(part.seconds for part in parts)
+            share = sum(f.functions for f in files) / sum(part.functions for part in parts)
+            whole += seconds
+            made += seconds * (1.0 if all(f.complete for f in files) else min(share, 0.99))
         return made / whole
 
     def _remaining(self, fraction: float) -> float | None:
@@ -260,21 +270,8 @@ def compile_first(stages: Sequence[str], tell: Callable[[str], object]) -> None:
     Raises:
         KernelError: numba is not installed, the cache cannot be written or the compilation fails.
     """
-    compilation = BackgroundCompilation(stages)
-    if not compilation.start():
-        return
-    tell("compiling the numerical kernels, once; this takes about a minute")
-    told = time.monotonic()
-    try:
-        while not (progress := compilation.poll()).done:
-            if progress.error:
-                raise KernelError(progress.error)
-            if time.monotonic() - told > TELL:
-                tell(str(progress))
-                told = time.monotonic()
-            time.sleep(WAIT)
-    finally:
-        compilation.stop()
+    with BackgroundCompilation(stages) as compilation:
+        compilation.wait(tell)
 
 
 @contextmanager

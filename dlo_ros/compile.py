@@ -19,17 +19,10 @@ from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any
 
-from dlo_ros.compilation import (
-    PROCESSES,
-    STAGES,
-    WAIT,
-    Part,
-    PartFiles,
-    compile_first,
-    held,
-)
+from dlo_ros.compilation import PROCESSES, WAIT, PartFiles, compile_first, held
 from dlo_ros.errors import DloError
 from dlo_ros.kernel_cache import cache_folder, machine
+from dlo_ros.kernel_parts import STAGES, Part
 
 NICENESS = 10
 """What starts meanwhile, and answers, comes first."""
@@ -101,26 +94,27 @@ def _compile(part: Part, files: PartFiles) -> None:
     from numba.core import event
 
     class Count(event.Listener):  # type: ignore[misc]  # numba carries no types
-        """Counts the functions that are compiled."""
+        """Counts the functions that are compiled and kept."""
 
-        functions = 0
+        functions = files.functions  # of a process that was ended; they are in the cache
         told = 0.0
 
         def on_start(self, _: Any) -> None:
             """Nothing is known yet."""
 
-        def on_end(self, _: Any) -> None:
+        def on_end(self, event: Any) -> None:
             """Tell others now and then."""
-            self.functions += 1
+            self.functions += bool(event.data["dispatcher"].stats.cache_path)
             if time.monotonic() - self.told > INTERVAL:
                 self.told = time.monotonic()
-                files.tell(min(0.99, self.functions / part.functions))
+                files.tell(self.functions)
 
-    files.tell(0.0)
+    count = Count()
+    files.tell(count.functions)
     module, _, function = part.work.partition(":")
-    with event.install_listener("numba:compile", Count()):
+    with event.install_listener("numba:compile", count):
         getattr(importlib.import_module(module), function)()
-    files.finish()
+    files.finish(count.functions)
 
 
 def _follow_parent() -> None:

@@ -3,7 +3,8 @@
 
 Numba notices a change of the file that a compiled function stands in, but not of the functions that
 it calls. The name of the folder therefore holds a digest of all sources with compiled functions and
-of numba's version, wherever the folder lies; folders of other digests are removed.
+of numba's version, wherever the folder lies; folders of other digests are removed. A folder that
+cannot be written serves as well where an administrator has had everything compiled.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from threading import Lock
 from typing import Any
 
 from dlo_ros.errors import KernelError
+from dlo_ros.kernel_parts import STAGES
 
 PACKAGE = Path(__file__).parent
 COMPILED = (b"njit(", b"@linked(", b"@intrinsic")
@@ -38,13 +40,14 @@ _decorating = Lock()
 def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     """Numba's decorator `njit`, which keeps the machine code in `cache_folder()`.
 
-    Compiled functions release the interpreter's lock.
+    Compiled functions release the interpreter's lock. Where the folder cannot be written, what is
+    not in it is compiled for this process alone.
 
     Args:
         options: further options of `numba.njit`.
 
     Raises:
-        KernelError: numba is not installed, or no folder can be written.
+        KernelError: numba is not installed, or no folder can be used.
     """
     numba = _numba()
     if numba.config.DISABLE_JIT:
@@ -56,29 +59,59 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
             chosen = numba.config.CACHE_DIR
             numba.config.CACHE_DIR = str(folder)
             try:
-                return numba.njit(cache=True, nogil=True, **options)(function)
+                if writable(folder):
+                    return numba.njit(cache=True, nogil=True, **options)(function)
+                dispatcher = numba.njit(nogil=True, **options)(function)
+                dispatcher._cache = _read_only_cache(function)
+                return dispatcher
             finally:
                 numba.config.CACHE_DIR = chosen
 
     return decorate
 
 
+def _read_only_cache(function: Callable[..., Any]) -> Any:
+    """Numba's cache of a function in numba's configured folder, which is read but never written."""
+    from numba.core import caching
+
+    implementation = caching.FunctionCache._impl_class
+    configured = implementation._locator_classes[0]
+
+    class Locator(configured):  # type: ignore[misc, valid-type]  # numba carries no types
+        def ensure_cache_path(self) -> None:
+            """Numba asks here whether the folder can be written."""
+
+    class Implementation(implementation):  # type: ignore[misc, valid-type]
+        _locator_classes = (Locator,)
+
+    class ReadOnlyCache(caching.FunctionCache):  # type: ignore[misc]
+        _impl_class = Implementation
+
+        def save_overload(self, sig: Any, data: Any) -> None:
+            """It stays in this process."""
+
+    return ReadOnlyCache(function)
+
+
 @cache
 def cache_folder() -> Path:
-    """The folder of this installation's machine code, which exists and can be written.
+    """The folder of this installation's machine code, which exists; see `writable`.
 
     It lies in `NUMBA_CACHE_DIR` if that is set, otherwise in the package, and in the user's cache
-    where the installation is read-only.
+    where the installation is read-only and without machine code.
 
     Raises:
-        KernelError: numba is not installed, or no folder can be written.
+        KernelError: numba is not installed, or no folder can be used.
     """
     numba = _numba()
     return find_folder(PACKAGE, numba.config.CACHE_DIR, source_digest(PACKAGE))
 
 
 def find_folder(package: Path, chosen: str, digest: str) -> Path:
-    """Make a folder for machine code, and remove those of older sources.
+    """Find or make a folder for machine code, and remove those of older sources.
+
+    A folder that cannot be written is taken if everything is compiled in it, and if something is
+    where nothing can be written at all.
 
     Args:
         package: folder of the package's sources.
@@ -86,13 +119,14 @@ def find_folder(package: Path, chosen: str, digest: str) -> Path:
         digest: `source_digest` of the package.
 
     Raises:
-        KernelError: no folder can be written.
+        KernelError: no folder can be written, and none holds machine code.
     """
     place = sha256(str(package.resolve()).encode()).hexdigest()[:DIGITS]
     name = f"{PREFIX}-{place}-{digest}"
     own = package / "__pycache__"
-    candidates = [Path(chosen)] if chosen else [own, *_user_caches()]
-    for parent in candidates:
+    parents = _parents(package, chosen)
+    parts = [part.name for stage in STAGES.values() for part in stage]
+    for parent in parents:
         folder = parent / name
         fresh = not folder.exists()
         if _writable(folder):
@@ -103,16 +137,55 @@ def find_folder(package: Path, chosen: str, digest: str) -> Path:
                     if not old.name.endswith(f"-{digest}"):
                         shutil.rmtree(old, ignore_errors=True)
             return folder
+        if all(is_file(mark(folder, part)) for part in parts):
+            return folder
+    for parent in parents:
+        if any(is_file(mark(parent / name, part)) for part in parts):
+            return parent / name
+    raise KernelError(unwritable(package, chosen))
+
+
+def unwritable(package: Path, chosen: str) -> str:
+    """What to do where no folder for machine code can be written, one line; see `find_folder`."""
     if chosen:
-        raise KernelError(
+        return (
             f"NUMBA_CACHE_DIR is {chosen}, which cannot be written; name a folder for compiled "
             "code that can"
         )
-    places = " nor ".join(str(parent) for parent in candidates)
-    raise KernelError(
+    places = " nor ".join(str(parent) for parent in _parents(package, chosen))
+    return (
         f"compiled code can be kept neither in {places}; "
         "set NUMBA_CACHE_DIR to a folder that can be written"
     )
+
+
+def require_writable(folder: Path) -> None:
+    """Refuse to compile into a folder that can only be read.
+
+    Raises:
+        KernelError: `folder`, the `cache_folder()`, cannot be written.
+    """
+    if not writable(folder):
+        raise KernelError(unwritable(PACKAGE, _numba().config.CACHE_DIR))
+
+
+@cache
+def writable(folder: Path) -> bool:
+    """Whether machine code can be kept in a folder, as it was when that was first asked."""
+    return _writable(folder)
+
+
+def mark(folder: Path, part: str) -> Path:
+    """The file that says that the machine code of a part is complete, for this machine."""
+    return folder / f"{part}-{machine()}.complete"
+
+
+def is_file(path: Path) -> bool:
+    """Whether there is such a file, as far as one may look."""
+    try:
+        return path.is_file()
+    except OSError:  # a folder on the way is closed to this user
+        return False
 
 
 def source_digest(package: Path) -> str:
@@ -168,6 +241,11 @@ def _numba() -> Any:
             raise
         raise KernelError(NUMBA_MISSING) from err
     return numba
+
+
+def _parents(package: Path, chosen: str) -> list[Path]:
+    """Where the folder may lie, the best place first."""
+    return [Path(chosen)] if chosen else [package / "__pycache__", *_user_caches()]
 
 
 def _user_caches() -> list[Path]:

@@ -35,6 +35,8 @@ INPUTS = (
     "dlo/command",
 )
 SEEN = ("dlo/observed", "dlo/observed_points")
+INTERRUPTED = (-2, 130)
+"""Statuses of a process that Ctrl-C has ended."""
 MADE = ("predicted", "err", "young_modulus", "density", "metrics", "markers", "overlay")
 IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 NO_CAMERA = ("/dlo/overlay", "/image_mask")
@@ -96,9 +98,9 @@ ARGUMENTS = (
     DeclareLaunchArgument(
         "observe",
         default_value="auto",
-        description="with bag; true: the observer makes the splines from the images; "
-        "false: the recorded ones are played, without images and observer; "
-        "auto: true where the recording has images",
+        description="true: the observer makes the splines from the images; false: no observer "
+        "is started, and with bag the recorded splines are played, without images; "
+        "auto: true, with bag where the recording has images",
     ),
     DeclareLaunchArgument(
         "stay",
@@ -135,7 +137,7 @@ def start(context):
     given = context.launch_configurations
     namespace, bag = given["namespace"], given["bag"]
     parameters = parameter_file(given["params_file"])
-    observes = not bag or observe(given["observe"], Path(bag))
+    observes = observe(given["observe"], bag)
     rviz = with_rviz(given["rviz"])
     if given["video_device"]:
         demand("v4l2_camera", "video_device")
@@ -239,6 +241,8 @@ def required(name, afterwards=()):
     def ended(event, context):
         if context.is_shutdown:
             return []
+        if event.returncode in INTERRUPTED:  # by a Ctrl-C that launch itself has not taken note of
+            return [Shutdown(reason=f"{name} was interrupted")]
         if event.returncode:
             raise RuntimeError(f"{name} ended with status {event.returncode}, as it says above")
         return list(afterwards)
@@ -261,7 +265,10 @@ def parameter_file(given):
 
 
 def observe(given, bag):
-    """Whether the observer makes the splines of this recording."""
+    """Whether the observer makes the splines: from a camera, or from this recording."""
+    if not bag:
+        return given == "auto" or switch("observe", given)
+    bag = Path(bag)
     if not bag.exists():
         raise RuntimeError(f"bag:={bag}: no such bag; give the folder of a rosbag2 recording")
     kinds = recorded(bag)

@@ -14,15 +14,15 @@ from conftest import ROOT
 
 from dlo_ros import compilation
 from dlo_ros.compilation import (
-    STAGES,
     BackgroundCompilation,
     CompilationProgress,
-    Part,
     PartFiles,
     compile_first,
     held,
 )
 from dlo_ros.errors import KernelError
+from dlo_ros.kernel_cache import machine
+from dlo_ros.kernel_parts import STAGES, Part
 from dlo_ros.synthesis import compile as synthesis
 from dlo_ros.synthesis import rod_simulation, rod_steps
 
@@ -31,7 +31,7 @@ STAND_IN = """
 import os, sys, time
 from pathlib import Path
 from dlo_ros import compilation, compile
-from dlo_ros.compilation import Part
+from dlo_ros.kernel_parts import Part
 
 FOLDER = Path({folder!r})
 compilation.cache_folder = compile.cache_folder = lambda: FOLDER
@@ -148,7 +148,7 @@ def test_nothing_is_compiled_where_all_is_there(folder, monkeypatch):
 
 def test_a_mark_of_another_processor_does_not_count(folder, monkeypatch):
     PartFiles(folder, "quick").finish()
-    monkeypatch.setattr(compilation, "machine", lambda: "another")
+    monkeypatch.setattr("dlo_ros.kernel_cache.machine", lambda: "another")
     assert not PartFiles(folder, "quick").complete
 
 
@@ -194,7 +194,7 @@ def test_a_failure_is_told_in_a_line(folder, begin, stage, reason):
     told = []
     with pytest.raises(KernelError, match=reason):
         compile_first((stage,), told.append)
-    assert len(told) == 1 and "compiling" in told[0]
+    assert told == [compilation.BEGINNING]
 
 
 def test_no_process_can_be_started(folder, monkeypatch):
@@ -211,7 +211,7 @@ def test_no_more_than_two_compile_at_a_time(folder, begin):
 
     with ExitStack() as stack:
         for number in range(compilation.PROCESSES):
-            name = f"process-{compilation.machine()}-{number}.lock"
+            name = f"process-{machine()}-{number}.lock"
             assert stack.enter_context(held(folder / name))
         one = begin("quick")
         time.sleep(1.0)
@@ -259,6 +259,57 @@ def test_the_rest_is_estimated_from_the_rate_so_far(folder, begin, monkeypatch):
     assert progress.remaining_seconds == pytest.approx(30.0)
     assert str(progress) == "compiling, 25 %, about 30 s"
     monkeypatch.undo()
+
+
+def test_a_compilation_that_has_begun_is_not_announced_again(folder, begin, monkeypatch):
+    one = begin("slow")
+    until(lambda: begun(folder))
+    one._began = (time.monotonic() - 100.0, -0.5)
+    monkeypatch.setattr(compilation, "TELL", 0.2)
+    told = []
+
+    def tell(text):
+        told.append(text)
+        if len(told) == 2:
+            (folder / "go").touch()
+
+    one.wait(tell)
+    first, *_ = told
+    assert first.startswith("the numerical kernels: compiling, 0 %, about 20")
+    assert compilation.BEGINNING not in told
+
+
+def test_the_parts_of_a_stage_count_together(folder, monkeypatch):
+    """Which of them compiles what they share is a matter of chance."""
+    parts = (Part("a", "x:a", 10.0, 30), Part("b", "x:b", 10.0, 10))
+    monkeypatch.setattr(
+        compilation, "STAGES", {"both": parts, "last": (Part("c", "x:c", 20.0, 5),)}
+    )
+    one = BackgroundCompilation(["both", "last"])
+    a, b, c = (PartFiles(folder, name) for name in "abc")
+    assert one.poll().fraction == 0.0
+    a.tell(5)
+    b.tell(15)
+    assert one.poll().fraction == pytest.approx(0.25)
+    b.finish(20)
+    assert one.poll().fraction == pytest.approx(0.25 + 0.5 * 5 / 40)
+    a.tell(1000)  # the sources have grown since the functions were counted
+    assert one.poll().fraction == pytest.approx(0.5 * 0.99)
+    a.finish(1000)
+    assert one.poll().fraction == 0.5
+    c.finish()
+    assert one.poll().done
+
+
+def test_what_another_has_compiled_of_a_part_counts(folder):
+    files = PartFiles(folder, "slow")
+    assert files.functions == 0
+    files.tell(7)
+    assert PartFiles(folder, "slow").functions == 7
+    files.finish(9)
+    assert PartFiles(folder, "slow").functions == 9
+    files.mark.write_text("damaged")
+    assert files.complete and files.functions == 0
 
 
 def test_polling_is_cheap(folder, begin):

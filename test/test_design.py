@@ -3,6 +3,7 @@
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +11,8 @@ from rods import PAPER, command
 
 from dlo_ros.cli.design import experiment_plan, experiment_text
 from dlo_ros.cli.main import main
-from dlo_ros.errors import InputError
+from dlo_ros.errors import InputError, SimulationError
+from dlo_ros.identification import design_search
 from dlo_ros.identification.design import Noise, Plan, outlook, rank, rank_separation
 from dlo_ros.identification.design_search import (
     KINDS,
@@ -163,6 +165,29 @@ def test_the_search_beats_what_was_given_and_can_be_made():
     made = read_experiment(yaml.safe_load(tree), "searched", "test")
     build_simulation(made, edges=60)  # settles
     assert made.truth.rod == PAPER.rod
+
+
+@pytest.mark.parametrize("error", [SimulationError, InputError])
+def test_a_candidate_that_cannot_be_simulated_is_worth_nothing(monkeypatch, error):
+    seen = []
+
+    def judged(plan, *words, **more):
+        seen.append(plan.name)
+        if len(seen) == 1:
+            raise error("the simulated DLO is folded")
+        forecast = SimpleNamespace(stable=True)
+        return SimpleNamespace(gain=float(len(seen)), response=0.1, forecast=forecast)
+
+    monkeypatch.setattr(design_search, "outlook", judged)
+    found = search(PAPER, PLACE, budget=4, seed=1)
+    assert found.tried == 4 and seen[-1] == "searched"
+
+    def never(*words, **more):
+        raise error("the simulated DLO is folded")
+
+    monkeypatch.setattr(design_search, "outlook", never)
+    with pytest.raises(SimulationError, match="no manipulation within the workspace"):
+        search(PAPER, PLACE, budget=4, seed=1)
 
 
 def test_an_empty_workspace_is_refused():

@@ -10,10 +10,13 @@ from pathlib import Path
 import pytest
 from conftest import ROOT
 
+from dlo_ros import kernel_cache
+from dlo_ros.compilation import BackgroundCompilation
 from dlo_ros.errors import KernelError
-from dlo_ros.kernel_cache import NUMBA_MISSING, find_folder, source_digest
+from dlo_ros.kernel_cache import NUMBA_MISSING, find_folder, mark, source_digest
+from dlo_ros.kernel_parts import STAGES
 
-SMALL = ("__init__.py", "errors.py", "kernel_cache.py")
+SMALL = ("__init__.py", "errors.py", "kernel_cache.py", "kernel_parts.py")
 CALLER = """
 from dlo_ros.callee import carried
 from dlo_ros.kernel_cache import njit
@@ -143,6 +146,89 @@ def test_places_that_cannot_be_written_are_told_in_a_line(tmp_path, monkeypatch)
     with pytest.raises(KernelError, match="NUMBA_CACHE_DIR"):
         find_folder(package, "", "0")
     assert find_folder(package, str(tmp_path / "fine"), "0").is_dir()
+
+
+# --- folders that can only be read ---------------------------------------------------------------
+
+PARTS = [part.name for stage in STAGES.values() for part in stage]
+
+
+@pytest.fixture
+def readable(tmp_path, monkeypatch):
+    """A package whose folder of machine code can be read only, and the user's cache."""
+    folder = find_folder(tmp_path / "dlo_ros", "", "0")
+    user = tmp_path / "cache"
+    monkeypatch.setenv("XDG_CACHE_HOME", str(user))
+    closed = {folder}
+    # Permissions do not hold root back, as which tests may run.
+    monkeypatch.setattr(kernel_cache, "_writable", lambda f: f not in closed and _made(f))
+    return tmp_path / "dlo_ros", folder, user, closed
+
+
+def _made(folder):
+    folder.mkdir(parents=True, exist_ok=True)
+    return True
+
+
+def test_a_read_only_folder_serves_where_all_is_compiled_in_it(readable):
+    package, folder, user, _ = readable
+    for name in PARTS[:-1]:
+        mark(folder, name).touch()
+    mine = find_folder(package, "", "0")
+    assert mine.is_relative_to(user)
+    mark(folder, PARTS[-1]).touch()
+    assert find_folder(package, "", "0") == folder
+    assert find_folder(package, "", "1").is_relative_to(package)  # an update; this one can be made
+
+
+def test_where_nothing_can_be_written_what_is_compiled_is_used(readable, monkeypatch):
+    package, folder, user, closed = readable
+    closed.add(user / "dlo_ros" / folder.name)
+    with pytest.raises(KernelError, match="set NUMBA_CACHE_DIR"):
+        find_folder(package, "", "0")
+    for part in STAGES["vision"]:
+        mark(folder, part.name).touch()
+    assert find_folder(package, "", "0") == folder
+    monkeypatch.setattr("dlo_ros.compilation.cache_folder", lambda: folder)
+    kernel_cache.writable.cache_clear()
+    try:
+        observer = BackgroundCompilation(["vision"])
+        assert not observer.start() and observer.poll().done
+        with pytest.raises(KernelError, match="NUMBA_CACHE_DIR"):
+            BackgroundCompilation(["vision", "rod"])
+    finally:
+        kernel_cache.writable.cache_clear()
+
+
+CLOSED = """
+import sys
+from pathlib import Path
+from dlo_ros import kernel_cache
+kernel_cache._writable = lambda folder: False
+import numba.core.caching as caching
+def closed(self):
+    raise PermissionError(13, "Permission denied")
+for one in caching._CacheLocator.__subclasses__():
+    one.ensure_cache_path = closed
+    for another in one.__subclasses__():
+        another.ensure_cache_path = closed
+"""
+
+
+def test_machine_code_is_loaded_from_a_folder_that_can_only_be_read(package):
+    """What is missing there is compiled for this process alone."""
+    first = answer(package)[2]
+    for name in PARTS:
+        mark(first, name).touch()
+    before = {p: p.stat().st_mtime_ns for p in first.rglob("*")}
+    done = subprocess.run(
+        [sys.executable, "-c", f"{CLOSED}\n{ANSWER}\nprint(carry(1.5))"],
+        env={**os.environ, "PYTHONPATH": str(package.parent), "NUMBA_CACHE_DIR": ""},
+        cwd=package.parent, capture_output=True, text=True, timeout=120,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == ["20", "1", str(first), "25.0"]
+    assert {p: p.stat().st_mtime_ns for p in first.rglob("*")} == before
 
 
 @pytest.mark.parametrize("name", ["observer", "simulator", "identifier", "predict", "identify"])

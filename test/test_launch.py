@@ -87,6 +87,12 @@ def test_the_three_nodes_start_with_a_camera_of_somebody_else(given):
         assert "/clock" not in process.remappings
 
 
+def test_splines_that_somebody_else_publishes_need_no_observer(given):
+    """Such as `ros2 bag play` of a recording."""
+    processes = started(DLO, params_file=given["params"], observe="false")
+    assert set(processes) == {"simulator", "identifier"}
+
+
 def test_without_a_parameter_file_it_is_said_that_the_rope_is_an_example(given, caplog):
     assert started(DLO)["observer"].parameters[0] == str(CONFIG / "default.yaml")
     (said,) = caplog.records
@@ -199,6 +205,8 @@ def test_a_process_that_ends_with_an_error_ends_the_launch_with_one(given, name)
     with pytest.raises(RuntimeError, match=f"{name} ended with status 2"):
         process.on_exit(2)
     assert process.ends_all == (name == "play")
+    for interrupted in (-2, 130):  # launch is told of a Ctrl-C as well, a moment later
+        assert len(process.on_exit(interrupted)) == 1
     context.is_shutdown = True
     assert process.on_exit(2) == []
 

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from dlo_ros.errors import SimulationError
 from dlo_ros.parameters import RodParameters, Settings
 from dlo_ros.rod.resolution import build, choose
-from dlo_ros.rod.state import twist_angle
+from dlo_ros.rod.state import refined, twist_angle
 from dlo_ros.rod.statics import settle
 from dlo_ros.rod.tangents import MATERIAL
 
@@ -302,3 +302,12 @@ def test_equilibria_are_found_whatever_is_done_to_a_straight_rod(kind):
             planar = np.abs(state.q[:, [1, 3]]).max() < 1e-9
             assert found.stable or planar
         assert buckled or "weightless" not in kind
+
+
+def test_a_fold_in_a_simulated_shape_is_no_fault_of_the_input():
+    model, _, found = settled(PAPER, held_start(), 7)
+    finer, _ = build(PAPER, held_start(), 14)
+    folded = found.state.q.copy()
+    folded[4:7, :3] = folded[4, :3]
+    with pytest.raises(SimulationError, match=r"folded: .* coincide at u = "):
+        refined(replace(found.state, q=folded), model, finer)

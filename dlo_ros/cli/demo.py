@@ -10,7 +10,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from dlo_ros.compilation import BackgroundCompilation, compile_first
+from dlo_ros.compilation import BackgroundCompilation
 from dlo_ros.demo.outcome import assess
 from dlo_ros.demo.overview import write_overview
 from dlo_ros.demo.photographs import photographs
@@ -48,11 +48,16 @@ def run(arguments: argparse.Namespace) -> int:
     output: Path = arguments.output
     output.mkdir(parents=True, exist_ok=True)
     needed = ("vision", "rod") if arguments.bag else ("synthesis", "vision", "rod")
-    with BackgroundCompilation(needed):  # goes on while the recording is made
-        return _run(arguments, output, console)
+    with BackgroundCompilation(needed) as compilation:  # goes on while the recording is made
+        return _run(arguments, output, console, compilation)
 
 
-def _run(arguments: argparse.Namespace, output: Path, console: Console) -> int:
+def _run(
+    arguments: argparse.Namespace,
+    output: Path,
+    console: Console,
+    compilation: BackgroundCompilation,
+) -> int:
     bag = arguments.bag or _synthesize(output, console)
     params = arguments.params or params_beside(bag)
     settings = Settings.load(params)
@@ -60,7 +65,7 @@ def _run(arguments: argparse.Namespace, output: Path, console: Console) -> int:
     from dlo_ros.demo.live import run_live  # here, so that --help and bad input need no ROS
 
     # Nodes that start while the others compile would wait for each other in vain.
-    compile_first(("vision", "rod"), console.print)
+    compilation.wait(console.print)
     heard = run_live(live, console)
     outcome = assess(bag, settings, heard)
     truth = read_truth(bag)

@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 
 from dlo_ros.command import CONTROL_POINT, END, START, Command
-from dlo_ros.errors import CommandError, InputError, SimulationError
+from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.identification.design import Noise, Outlook, Plan, outlook
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray, SplineBasis
@@ -280,7 +280,7 @@ def search(
         plan = replace(plan_of(candidate, "search", workspace, settings), rate=SEARCH_RATE)
         try:
             seen = outlook(plan, settings, noise, known=known, spans=spans)
-        except (SimulationError, CommandError):
+        except (SimulationError, InputError):
             return
         if seen.forecast.stable and seen.response < STEEPEST:
             found.append((seen.gain, candidate))
@@ -301,7 +301,7 @@ def search(
             best = outlook(
                 plan_of(candidate, "searched", workspace, settings), settings, noise, known=known
             )
-        except SimulationError:
+        except (SimulationError, InputError):
             continue
         return Found(candidate, best, tried)
     raise SimulationError("no manipulation within the workspace can be simulated")

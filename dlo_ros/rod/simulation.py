@@ -379,14 +379,13 @@ class Simulation:
         shape = self.prediction().control_points
         try:
             found = resolution.choose(settings, command, shape, [int(s) for s in stamps])
+            if found.spans > self.model.basis.spans:
+                finer, boundary = resolution.build(settings, command, found.spans)
+                self.state = self._insensitive(refined(self.state, self.model, finer))
+                self.model, self.boundary = finer, boundary
+                self._spans, self.resolution = found.spans, found
         except SimulationError as err:
             LOG.warning("the resolution could not be judged anew: %s", err)
-            return
-        if found.spans > self.model.basis.spans:
-            finer, boundary = resolution.build(settings, command, found.spans)
-            self.state = self._insensitive(refined(self.state, self.model, finer))
-            self.model, self.boundary = finer, boundary
-            self._spans, self.resolution = found.spans, found
 
     def _started(self) -> State:
         if self.state is None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.rod.frames import twist_free
 from dlo_ros.rod.grips import BODY, DIRECTOR, THETA
 from dlo_ros.rod.kernels import strains
@@ -101,12 +102,18 @@ def refined(state: State, model: RodModel, finer: RodModel) -> State:
     """The same state in another basis, exact where its knots contain the old ones.
 
     Sensitivities are not carried over, nor is what bending and friction remember.
+
+    Raises:
+        SimulationError: the state is folded so sharply that it has no direction somewhere.
     """
     change = finer.basis.projection(model.basis)
     q = change @ state.q
     q[:, 3] = change @ twist_angle(state, model)
     start = state.frames[0, DIRECTOR:BODY]
-    reference, frames = twist_free(q, finer.basis, finer.points, start)
+    try:
+        reference, frames = twist_free(q, finer.basis, finer.points, start)
+    except InputError as err:  # nobody has put it in
+        raise SimulationError(f"the simulated DLO is folded: {err}") from err
     frames[:, BODY:] = state.frames[:, BODY:]
     frames[1, THETA] = q[-1, 3]
     now = strains_of(q, finer, reference)

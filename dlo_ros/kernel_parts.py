@@ -1,0 +1,35 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""The parts that the numerical kernels are compiled in, each by a process of its own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Part:
+    """Kernels that are compiled by one process.
+
+    Args:
+        name: name of the part.
+        work: module and function, `module:function`, that touches each of the kernels.
+        seconds: processor time of the compilation on a desktop [s], which only weighs the stages.
+        functions: number of functions that are compiled and kept. The parts of a stage share some,
+            which the first compiles that needs them: only their sum is certain.
+    """
+
+    name: str
+    work: str
+    seconds: float
+    functions: int
+
+
+STAGES: dict[str, tuple[Part, ...]] = {
+    "rod": (
+        Part("rod_statics", "dlo_ros.rod.compile:compile_statics", 50.0, 123),
+        Part("rod_dynamics", "dlo_ros.rod.compile:compile_dynamics", 50.0, 122),
+    ),
+    "vision": (Part("vision", "dlo_ros.vision.compile:compile_kernels", 15.0, 21),),
+    "synthesis": (Part("synthesis", "dlo_ros.synthesis.compile:compile_kernels", 9.0, 14),),
+}
+"""What a node or tool may ask for; each part of a stage is of that stage alone."""
