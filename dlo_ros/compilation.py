@@ -235,7 +235,11 @@ class BackgroundCompilation:
         if self._began is None or self._error:
             return None
         began, first = self._began
-        elapsed = time.monotonic() - began
+        now = time.monotonic()
+        if fraction <= first:  # it waits for other parts, which tells nothing of its rate
+            self._began = now, fraction
+            return None
+        elapsed = now - began
         if elapsed < SETTLED or fraction - first < TELLING:
             return None
         return elapsed * (1.0 - fraction) / (fraction - first)

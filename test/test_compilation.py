@@ -261,6 +261,19 @@ def test_the_rest_is_estimated_from_the_rate_so_far(folder, begin, monkeypatch):
     monkeypatch.undo()
 
 
+def test_waiting_for_the_parts_of_others_does_not_count_as_slowness(folder, monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr(compilation.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(compilation, "STAGES", {"late": (Part("late", "x:late", 10.0, 10),)})
+    one = BackgroundCompilation(["late"])
+    one._began = (0.0, 0.0)
+    now[0] = 300.0
+    assert one.poll().remaining_seconds is None
+    now[0] = 310.0
+    PartFiles(folder, "late").tell(5)
+    assert one.poll().remaining_seconds == pytest.approx(10.0)
+
+
 def test_a_compilation_that_has_begun_is_not_announced_again(folder, begin, monkeypatch):
     one = begin("slow")
     until(lambda: begun(folder))

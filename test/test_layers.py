@@ -12,6 +12,7 @@ ROS = ("rclpy", "std_srvs", "rcl_interfaces", "builtin_interfaces", "ament_index
 # From the bottom: a part knows itself and what stands on a line before its own.
 LAYERS = (
     ("errors",),
+    ("kernel_parts",),
     ("kernel_cache",),
     ("kernel_linking",),
     ("compilation",),

@@ -50,6 +50,9 @@ sys.exit(service.run())
 STARTED = 120.0
 """Seconds within which compiled nodes have started on a busy machine, and the recording plays."""
 
+PYTHON = 1.0
+"""Seconds that Python itself needs on a busy machine to start, when an interrupt is not quiet."""
+
 PARAMETERS = "params_file:={params}"
 BROKEN = "/**: {ros__parameters: {rod: {length: -1.0, diameter: 0.004}}}\n"
 
@@ -91,6 +94,7 @@ class Launched:
                 stderr=subprocess.STDOUT,
                 env=environment,
                 cwd=folder,
+                start_new_session=True,  # a group of its own, as a terminal has it
             )
 
     @property
@@ -100,9 +104,10 @@ class Launched:
     def wait(self, seconds: float = 60.0) -> int:
         return self.process.wait(seconds)
 
-    def end(self) -> int:
+    def end(self, *, terminal: bool = False) -> int:
+        """Interrupt the launch alone, or as Ctrl-C in a terminal does: all its processes."""
         if self.process.poll() is None:
-            self.process.send_signal(signal.SIGINT)
+            (os.killpg if terminal else os.kill)(self.process.pid, signal.SIGINT)
         try:
             return self.process.wait(20.0)
         except subprocess.TimeoutExpired:
@@ -215,9 +220,26 @@ def test_a_replay_of_splines_waits_plays_and_ends(launch, given):
     assert "Traceback" not in launched.said
 
 
-def test_ctrl_c_ends_a_replay_that_still_waits(launch, given):
+def test_an_interrupt_ends_a_replay_that_still_waits(launch, given):
     launched = launch("replay", *(w.format(**given) for w in ("bag:={splines}", PARAMETERS)))
     with listening(launched.domain) as client:
         client.until(lambda: "waiting for " in launched.said, 30.0, "the player")
     assert launched.end() == 0, launched.said
     assert "Traceback" not in launched.said and "Caught exception" not in launched.said
+
+
+@pytest.mark.parametrize(
+    "moment", ["process started with pid", "waiting for ", "simulation starts"]
+)
+def test_ctrl_c_in_a_terminal_ends_a_replay_at_any_time(launch, given, moment):
+    """Whatever ends first, of the processes and what launch notes; nothing is left."""
+    words = ("bag:={recording}", PARAMETERS, "observe:=false")
+    launched = launch("replay", *(word.format(**given) for word in words))
+    with listening(launched.domain) as client:
+        client.until(lambda: moment in launched.said, STARTED, moment)
+        if "started" in moment:
+            time.sleep(PYTHON)
+    assert launched.end(terminal=True) == 0, launched.said
+    assert "Traceback" not in launched.said and "Caught exception" not in launched.said
+    with pytest.raises(ProcessLookupError):
+        os.killpg(launched.process.pid, 0)
