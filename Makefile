@@ -42,9 +42,10 @@ $(COMPILED): $(INSTALLED) $(wildcard dlo_ros/interpolation.py dlo_ros/kernel_*.p
 demo: $(INSTALLED)
 	$(BIN)/dlo_ros demo --output $(DEMO_OUTPUT) $(if $(BAG),--bag $(BAG)) $(if $(PARAMS),--params $(PARAMS))
 
-# The README's picture, from the result of the demo.
-picture: demo
+# The README's pictures, from the results of both.
+picture: demo real
 	cp $(DEMO_OUTPUT)/overview.png docs/demo.png
+	cp build/real/real_wire.png docs/real_wire.png
 
 # A measured wire: bags of its coordinates, identify, diagnose, the report; build/real.
 real: $(COMPILED)

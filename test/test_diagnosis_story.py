@@ -79,7 +79,7 @@ def test_what_nothing_explains_is_told_as_that():
 
 
 def test_adequate_says_whether_it_is_as_good_as_matters():
-    assert "agrees with the recordings: 0.15 mm" in headline(case("adequate", (), 1.5e-4))
+    assert "agrees with the recordings; it is 0.15 mm" in headline(case("adequate", (), 1.5e-4))
     assert "no cause" in headline(case("adequate", (), 4e-3))
     tolerated = case("adequate", (), 4e-3, setup=SETUP)
     assert "4.0 mm off, for a set-up that is a little off" in headline(tolerated)
@@ -121,10 +121,10 @@ def test_where_and_when():
     second = replace(view, name="rest", err_before=np.full(len(err), 1e-3))
     wrong = answers(replace(made, views=(second, first)))[0]
     assert "most wrong near the end (at 400 of 400 mm from the start)" in wrong
-    assert f"in swing, {view.times[7]:.1f} s after its beginning: 9.0 mm" in wrong
+    assert f"worst in swing, {view.times[7]:.1f} s after the beginning: 9.0 mm" in wrong
     even = replace(view, before=view.observed + 0.001)
     wrong = answers(replace(made, views=(even,)))[0]
-    assert "about as wrong all along" in wrong and "worst moment" not in wrong
+    assert "about as wrong all along" in wrong and "It is worst" not in wrong
 
 
 def test_the_set_up_is_a_table_with_what_is_off_first():

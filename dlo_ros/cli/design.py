@@ -130,10 +130,12 @@ def run(arguments: argparse.Namespace) -> int:
     write_text(output / "design.json", json.dumps(tree, indent=2, allow_nan=False) + "\n")
     report = _report(ranking, best.outlook, weakest, settings, remarks)
     write_design_report(output / "report.html", report)
+    print("What each experiment would tell, the most telling first:")
+    width = max(len(entry["name"]) for entry in tree["experiments"])
     for entry in tree["experiments"]:
         told = entry["std"]["specific_modulus"]
-        words = "no number for E/mu" if told is None else f"E/mu to {rounded(100 * told)} %"
-        print(f"{entry['name']}: {entry['information']:.1f} bit, {words}")
+        words = "nothing of E/mu" if told is None else f"E/mu to {rounded(100 * told)} %"
+        print(f"  {entry['name']:<{width}}  {words} (information {entry['information']:.1f} bit)")
     print(report.headline)
     print(f"written to {output}: design.json, report.html, {NEW}")
     return 0

@@ -117,8 +117,8 @@ def headline(found: Diagnosis) -> str:
     causes = " and ".join(_short(e) for e in found.effects)
     off = "The simulation is off" if err is None else f"The simulation is {mm(err)} off"
     if found.verdict == "adequate":
-        if err is not None and found.material_err is not None and err <= found.material_err:
-            return f"The simulation agrees with the recordings: {mm(err)} off is immaterial."
+        if _immaterial(found):
+            return f"The simulation agrees with the recordings; it is {mm(err)} off."
         if found.setup and extends(found):
             beside = f", and for {causes}" if causes else ""
             return f"{off}, for a set-up that is a little off within its tolerances{beside}."
@@ -141,6 +141,12 @@ def _error(found: Diagnosis) -> float | None:
     """Mean distance that the plain model leaves [m], on data not used where there are some."""
     base = found.baseline
     return base.err_train if base.err_holdout is None else base.err_holdout
+
+
+def _immaterial(found: Diagnosis) -> bool:
+    """Whether the plain model is as good as anybody needs it."""
+    err = _error(found)
+    return err is not None and found.material_err is not None and err <= found.material_err
 
 
 def _how_wrong(found: Diagnosis, length: float) -> tuple[str, ...]:
@@ -192,11 +198,10 @@ def _places(views: Sequence[View], length: float) -> list[str]:
     frame = int(np.argmax(worst.err_before))
     means = [float(v.err_before.mean()) for v in views]
     if worst.err_before[frame] > VARIES * np.mean(means):
-        inside = f" in {worst.name}" if len(views) > 1 else ""
-        at = ""
+        at = [f"in {worst.name}"] if len(views) > 1 else []
         if worst.err_before[frame] > VARIES * worst.err_before.mean():
-            at = f", {worst.times[frame]:.1f} s after its beginning"
-        told.append(f"The worst moment is{inside}{at}: {mm(float(worst.err_before[frame]))}.")
+            at.append(f"{worst.times[frame]:.1f} s after the beginning")
+        told.append(f"It is worst {', '.join(at)}: {mm(float(worst.err_before[frame]))}.")
     return told
 
 
@@ -227,8 +232,12 @@ def _why(found: Diagnosis) -> tuple[str, ...]:
                 "The set-up is a little off in several places, each within twice its tolerance: "
                 "see the table."
             )
-        else:
-            told.append("Nothing else." if told else "The data show no cause for certain.")
+        elif not told:
+            told.append(
+                "Nothing that matters is wrong."
+                if _immaterial(found)
+                else "The data show no cause for certain."
+            )
     elif found.verdict == "unexplained":
         left = found.extended.err_holdout if extends(found) else _error(found)
         beside = "What is left" if told else "Nothing is certain. What is wrong"

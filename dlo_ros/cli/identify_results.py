@@ -36,6 +36,7 @@ LOOSE = {
     GravityTilt.parameter("angle"): "tilt of gravity [rad]",
     LengthError.parameter("difference"): "true minus given length [m]",
 }
+ROLES = {"train": "used for the fit", "validate": "not used"}
 MOST_FRAMES = 60  # of a recording in the report
 PLACES = 24  # along the DLO, in the map of residuals
 MISSED = 2.0  # ERR over the noise floor beyond which the model misses something
@@ -121,7 +122,10 @@ def summary(found: Identification) -> list[str]:
     for r in found.recordings:
         before = "unknown" if r.err_initial is None else f"{1e3 * r.err_initial:.2f} mm"
         after = "unknown" if r.err is None else f"{1e3 * r.err:.2f} mm"
-        lines.append(f"ERR of {r.name} ({r.role}): {before} -> {after}")
+        lines.append(
+            f"{r.name} ({ROLES[r.role]}): the simulation is {before} off with the guess, {after} "
+            "with the estimate (mean distance, ERR)"
+        )
     return lines
 
 

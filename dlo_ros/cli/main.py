@@ -281,13 +281,17 @@ class Brief(logging.Filter):
     def __init__(self) -> None:
         super().__init__()
         self._seen: dict[tuple[str, int], Counter[str]] = {}
+        self._last: logging.LogRecord | None = None
+        self._shown = True
 
     def filter(self, record: logging.LogRecord) -> bool:
         """Whether a message is shown; those of one place in the code are of one kind."""
-        text = record.getMessage()
-        seen = self._seen.setdefault((record.pathname, record.lineno), Counter())
-        seen[text] += 1
-        return seen[text] == 1 and len(seen) <= self.SHOWN
+        if record is not self._last:  # every handler asks about it
+            text = record.getMessage()
+            seen = self._seen.setdefault((record.pathname, record.lineno), Counter())
+            seen[text] += 1
+            self._last, self._shown = record, seen[text] == 1 and len(seen) <= self.SHOWN
+        return self._shown
 
     def tell(self) -> None:
         """Say how often the same came again, or something like it."""

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import logging
 import multiprocessing
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -52,6 +53,7 @@ _problem: Problem | None = None
 def _adopt(problem: Problem) -> None:
     global _problem
     _problem = problem
+    logging.disable(logging.WARNING)  # what is only tried need not be told
 
 
 class Workers:

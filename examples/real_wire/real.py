@@ -79,7 +79,12 @@ def draw(output: Path) -> None:
         left.plot(1e3 * points[:, 0], 1e3 * points[:, 2], ".", color=COLOURS["observed"])
         _label(left, "x [mm]", "z [mm]", "Dots: measured")
         left.set_aspect("equal", adjustable="datalim")
-        _label(right, "u along the wire [mm]", "distance from the measured points [mm]", KEPT)
+        _label(
+            right,
+            "u along the wire [mm]",
+            "distance from the dots [mm]",
+            f"{KEPT}, which no fit has seen",
+        )
         right.set_ylim(bottom=0.0)
         right.legend()
         figure.savefig(output / "real_wire.png")
