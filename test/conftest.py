@@ -6,6 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from dlo_ros.compilation import compile_first
+from dlo_ros.kernel_parts import STAGES
+
 ROOT = Path(__file__).resolve().parent.parent
 
 # Before any test imports rclpy: messages with wrong field types fail, and nothing leaves this
@@ -26,3 +29,10 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip(f"measured data are not at {folder} (DLO_SHARED_DATA says where)")
     return folder
+
+
+@pytest.fixture(scope="module", autouse=True)
+def compiled_kernels(request: pytest.FixtureRequest) -> None:
+    """Before nodes run against deadlines; a fresh workspace of `colcon test` has none."""
+    if request.node.get_closest_marker("live"):
+        compile_first(tuple(STAGES), print)

@@ -4,6 +4,9 @@
 from __future__ import annotations
 
 import logging
+import os
+import subprocess
+import sys
 import time
 from array import array
 from dataclasses import replace
@@ -12,6 +15,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import recordings_samples as samples
+from conftest import ROOT
 
 from dlo_ros.nodes.pairing import GAP, WAITING, Pairing
 
@@ -133,6 +137,18 @@ def test_images_are_handed_over_as_a_block():
     assert isinstance(message.data, array) and message.data == data
     taken = fastest(lambda: image_message(ROS_MESSAGES, 5, "c", picture))
     assert taken < 0.2 * one_by_one
+
+
+def test_logs_that_cannot_be_written_are_told_with_the_remedy(tmp_path):
+    pytest.importorskip("rclpy")
+    (tmp_path / "file").touch()
+    done = subprocess.run(
+        [sys.executable, "-m", "dlo_ros", "observer"],
+        env=os.environ | {"ROS_LOG_DIR": str(tmp_path / "file" / "log")},
+        cwd=ROOT, capture_output=True, text=True, timeout=120,
+    )  # fmt: skip
+    assert done.returncode == 2 and done.stderr.count("\n") == 1
+    assert done.stderr.endswith("; set ROS_LOG_DIR to a folder that can be written\n")
 
 
 def test_descriptors_come_from_the_table():

@@ -39,6 +39,10 @@ REPEATED = 5.0
 """Seconds before the same place in the code may warn again."""
 
 
+LOG = "log directory"
+"""What ROS complains of where it may not write in the home folder."""
+
+
 class RosLog(logging.Handler):
     """What the package's modules below the nodes warn of, in the node's log."""
 
@@ -174,7 +178,8 @@ def run(name: str, make: Callable[[], Any], arguments: Sequence[str] | None = No
         # ROS refuses arguments, parameter files, names and security settings by many exceptions.
         if not type(err).__module__.startswith("rclpy"):
             raise
-        return complain(name, str(err))
+        remedy = "; set ROS_LOG_DIR to a folder that can be written" if LOG in str(err) else ""
+        return complain(name, f"{err}{remedy}")
     return DONE
 
 
