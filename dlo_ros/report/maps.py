@@ -15,6 +15,9 @@ from dlo_ros.report.elements import typeset
 from dlo_ros.report.plots import STYLE
 from dlo_ros.spline import FloatArray
 
+PIXELS = 600
+"""Width of a map on the page at most."""
+
 
 def field_maps(
     titles: Sequence[str], times: FloatArray, u: FloatArray, fields: Sequence[FloatArray],
@@ -50,4 +53,5 @@ def field_maps(
         figure.savefig(buffer, format="png")
     encoded = base64.b64encode(buffer.getvalue()).decode("ascii")
     text = ", ".join(titles)
-    return f'<img alt="{text}" style="width:100%" src="data:image/png;base64,{encoded}">'
+    style = f"width:100%;max-width:{PIXELS * len(fields)}px"
+    return f'<img alt="{text}" style="{style}" src="data:image/png;base64,{encoded}">'
