@@ -58,6 +58,8 @@ def test_how_wrong_why_and_what_is_gained():
         "It makes 71 % of what the simulation is off."
     )
     assert "2.4 mm before, 0.63 mm after, 74 % less (95 % interval 60 to 81 %)" in gain
+    assert "still more than the 0.20 mm that do not matter" in gain
+    assert "still more" not in answers(case(after=1.5e-4))[2]
     assert "Load extended.yaml" in gain and "5000 +- 12 m^2/s^2" in gain
 
 

@@ -284,6 +284,8 @@ def _gain(found: Diagnosis, file: str) -> tuple[str, ...]:
         else:
             change += ", so nothing is gained there"
         told.append(f"On data that were not used: {change}.")
+        if found.material_err is not None and after > found.material_err:
+            told.append(f"That is still more than the {mm(found.material_err)} that do not matter.")
     told.append(f"{load}: it holds all of that, and E/mu = {known}.")
     return tuple(told)
 
