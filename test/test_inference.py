@@ -113,7 +113,7 @@ def test_a_needless_parameter_costs_evidence():
     rng = np.random.default_rng(6)
     residual, jacobian, _ = made(rng)
     needless = np.concatenate([jacobian, rng.normal(size=(250, 1, 2 * N))], axis=1)
-    v = [Variances(np.full(2, 9e-8), np.full(2, 4e-6), np.full(2, 1e-12), 0.9)]
+    v = [Variances(np.full(2, 9e-8), np.full(2, 4e-6), np.full(2, 1e-12), np.full(2, 1e-12), 0.9)]
     spare = posterior([spectrum(residual, jacobian, N)], v, np.zeros(6), np.full(6, 100.0))
     more = posterior([spectrum(residual, needless, N)], v, np.zeros(7), np.full(7, 1e-2))
     assert more.evidence < spare.evidence - 1.0

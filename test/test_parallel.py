@@ -16,8 +16,8 @@ from rods import PAPER
 from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.identification import identify
 from dlo_ros.identification.estimate import searchable
-from dlo_ros.identification.parallel import Cluster, Processes, Threads, open_pool
 from dlo_ros.identification.posterior import bootstrap, sample
+from dlo_ros.inference.parallel import Cluster, Processes, Threads, open_pool
 
 pytestmark = pytest.mark.long
 

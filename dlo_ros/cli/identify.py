@@ -17,23 +17,28 @@ from dlo_ros.cli.identify_results import report, summary, tree
 from dlo_ros.cli.loading import add_model_arguments, load_manipulation, load_settings, prepare
 from dlo_ros.cli.progress import progress_bar
 from dlo_ros.cli.results import add_results_folder, check_results_folder, written
+from dlo_ros.effects import quantities
+from dlo_ros.effects.measurement.length_error import LengthError
+from dlo_ros.effects.physics.clamp_angle import ClampAngle
+from dlo_ros.effects.physics.gravity_tilt import GravityTilt
+from dlo_ros.effects.registry import STD
 from dlo_ros.errors import InputError
 from dlo_ros.files import write_text
 from dlo_ros.identification.estimate import searchable
-from dlo_ros.identification.loose import Loose
 from dlo_ros.identification.offline import Identification, identify
-from dlo_ros.identification.parallel import Pool, open_pool
 from dlo_ros.identification.posterior import Sample, bootstrap, sample
 from dlo_ros.inference.forecast import Manipulation
-from dlo_ros.parameters import Settings
+from dlo_ros.inference.parallel import Pool, open_pool
+from dlo_ros.parameters import EFFECTS_PREFIX, Settings
 from dlo_ros.report import write_identification_report
 from dlo_ros.spline import FloatArray
 
-LOOSE = (  # in the order of the fields of `Loose`
-    ("--clamp-angle-std", "RAD", "the clamps' directions are known"),
-    ("--tilt-std", "RAD", "the board's or the camera's level is known"),
-    ("--length-std", "M", "the DLO's length is known"),
+TOLERANCES = (
+    ("--clamp-angle-std", "RAD", "the clamps' directions are known", ClampAngle),
+    ("--tilt-std", "RAD", "the board's or the camera's level is known", GravityTilt),
+    ("--length-std", "M", "the DLO's length is known", LengthError),
 )
+"""Options, their units, words for them, and the effect whose tolerances they are."""
 DONE_SO_FAR = ".identify.part.json"
 
 
@@ -55,10 +60,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="BAG",
         help="recording that is only predicted; may be repeated",
     )
-    for option, unit, words in LOOSE:
+    for option, unit, words, effect in TOLERANCES:
         parser.add_argument(
-            option, type=float, default=0.0, metavar=unit, dest=_destination(option),
-            help=f"standard deviation to which {words}; it is fitted, too; default: exactly",
+            option, type=float, metavar=unit, dest=_destination(option),
+            help=f"std to which {words}; 0: exactly; default: effects.{effect.name}.*_std",
         )  # fmt: skip
     parser.add_argument(
         "--workers", type=int, metavar="N", help="processes to simulate in; default: threads"
@@ -90,7 +95,7 @@ def run(arguments: argparse.Namespace) -> int:
     for name in ("sample", "bootstrap"):
         if getattr(arguments, name) < 0:
             raise InputError(f"--{name} is {getattr(arguments, name)}; it must not be negative")
-    loose = Loose(*(getattr(arguments, _destination(option)) for option, _, _ in LOOSE))
+    settings = _with_tolerances(settings, arguments)
     if arguments.bootstrap and len(arguments.bags) < 2:
         raise InputError("--bootstrap draws recordings and needs at least two of them")
     with open_pool(arguments.workers, arguments.scheduler) as pool:
@@ -103,7 +108,7 @@ def run(arguments: argparse.Namespace) -> int:
             def progress(text: str, share: float) -> None:
                 bar.update(task, description=text.capitalize(), completed=share)
 
-            found = identify(train, settings, validate, progress=progress, pool=pool, loose=loose)
+            found = identify(train, settings, validate, progress=progress, pool=pool)
             sampled, redrawn = _more(arguments, train, settings, found, pool, progress)
     with written(output):
         write_results(output, settings, found, [*train, *validate], sampled, redrawn)
@@ -111,6 +116,25 @@ def run(arguments: argparse.Namespace) -> int:
         print(line)
     print(f"written to {output}: estimate.json, estimate.yaml, report.html")
     return 0
+
+
+def _with_tolerances(settings: Settings, arguments: argparse.Namespace) -> Settings:
+    """The settings with the tolerances of the command line.
+
+    Raises:
+        InputError: one of them is negative, or no number.
+    """
+    values = settings.flat()
+    for option, _, _, effect in TOLERANCES:
+        std = getattr(arguments, _destination(option))
+        if std is None:
+            continue
+        if not (np.isfinite(std) and std >= 0.0):
+            raise InputError(f"{option} is {std:g}; it must be zero or positive")
+        values |= {
+            f"{EFFECTS_PREFIX}{effect.name}.{key}{STD}": std for key in quantities(effect.name)
+        }
+    return Settings.from_mapping(values)
 
 
 def _more(

@@ -9,14 +9,13 @@ from typing import Any
 import numpy as np
 
 from dlo_ros.cli.results import QUANTITIES
-from dlo_ros.effects.measurement.length_error import LengthError
-from dlo_ros.effects.physics.clamp_angle import ClampAngle
-from dlo_ros.effects.physics.gravity_tilt import GravityTilt
+from dlo_ros.effects import quantities
 from dlo_ros.identification.offline import Identification
 from dlo_ros.identification.posterior import Sample
 from dlo_ros.identification.statement import correlations, knowledge, rounded, sentences
 from dlo_ros.inference.forecast import Forecast, Manipulation
-from dlo_ros.parameters import Settings
+from dlo_ros.inference.parameter import split_name
+from dlo_ros.parameters import EFFECTS_PREFIX, Settings
 from dlo_ros.report import (
     Estimate as ReportedEstimate,
 )
@@ -30,13 +29,8 @@ from dlo_ros.report.uncertainty import Ellipse, ResidualMap
 from dlo_ros.rod.tangents import MATERIAL
 from dlo_ros.spline import FloatArray, SplineBasis
 
-LOOSE = {
-    ClampAngle.parameter("start"): "direction of the start's clamp [rad]",
-    ClampAngle.parameter("end"): "direction of the end's clamp [rad]",
-    GravityTilt.parameter("angle"): "tilt of gravity [rad]",
-    LengthError.parameter("difference"): "true minus given length [m]",
-}
 ROLES = {"train": "used for the fit", "validate": "not used"}
+CLEARLY = 2.0  # standard deviations from neutral, from which a number of the set-up is told
 MOST_FRAMES = 60  # of a recording in the report
 PLACES = 24  # along the DLO, in the map of residuals
 MISSED = 2.0  # ERR over the noise floor beyond which the model misses something
@@ -83,8 +77,10 @@ def tree(
         "air_drag": estimate.settings.damping.air_drag,
         "relaxation_time": estimate.settings.damping.relaxation_time,
     }
-    if found.loose:
-        result["loose"] = {k: {"value": v, "std": std} for k, (v, std) in found.loose.items()}
+    result["setup"] = {
+        name.removeprefix(EFFECTS_PREFIX): {"value": v, "std": std, "unit": _unit(name)}
+        for name, (v, std) in found.set_up.items()
+    }
     if sampled is not None:
         result["posterior"] = {
             "effective_samples": sampled.effective,
@@ -129,13 +125,33 @@ def summary(found: Identification) -> list[str]:
     return lines
 
 
+def _unit(name: str) -> str:
+    """Unit of a number of the set-up."""
+    effect, key, _ = split_name(name)
+    return quantities(effect)[key].unit
+
+
+def _set_up(found: Identification) -> list[str]:
+    """What is off in the set-up."""
+    if not found.set_up:
+        return []
+    off = [
+        f"{name.removeprefix(EFFECTS_PREFIX)} {measured(value, std, _unit(name))}"
+        for name, (value, std) in found.set_up.items()
+        if abs(value - quantities(split_name(name)[0])[split_name(name)[1]].neutral) > CLEARLY * std
+    ]
+    words = f": {', '.join(off)}" if off else ", though no single number is off for certain"
+    return [
+        f"The set-up is not exactly what the parameter file says{words}. Its numbers, each as far "
+        "from neutral as its tolerance allows, stand in estimate.yaml as effects."
+    ]
+
+
 def remarks(found: Identification) -> list[str]:
     """Sentences on what the recordings can and cannot tell."""
     estimate = found.estimate
     result = sentences(estimate, information(found))
-    if found.loose:
-        words = ", ".join(f"{LOOSE[k]} {measured(v, std)}" for k, (v, std) in found.loose.items())
-        result.append(f"Fitted along, as far as they were said to be loose: {words}.")
+    result += _set_up(found)
     if not found.converged:
         result.append("The fit has not converged; the numbers are where it stopped.")
     if found.fitted is not None:

@@ -19,7 +19,7 @@ from dlo_ros.diagnosis.causes import (
     without,
 )
 from dlo_ros.effects import quantities
-from dlo_ros.inference.joint import Evaluation, evaluate, fit
+from dlo_ros.inference.joint import Evaluation, evaluate, settled
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import split_name
 from dlo_ros.inference.priors import SLAB, joint_model
@@ -46,7 +46,6 @@ OWN = 1.3
 STILL = 0.1
 """Share of the error that stays which counts as the measurement's where the DLO does not move:
 there nothing tells it from an error of the model."""
-WHITE_ITERATIONS, ITERATIONS = 20, 12
 RIVAL_FITS = 2
 
 
@@ -106,8 +105,7 @@ def explain(recordings: Sequence[Recording], plain: Settings, given: Settings) -
     names = [n for r in recordings for c in r.manipulation.commands for n in c.names]
     here = scene(plain, names, [r.observed for r in recordings])
     model = joint_model(plain, given, here)
-    at = fit(evaluate(model, recordings), recordings, WHITE_ITERATIONS, white=True)
-    at = fit(at, recordings, ITERATIONS)
+    at = settled(evaluate(model, recordings), recordings)
     enough = given.diagnosis.material_err * given.rod.length
     found = search(at, recordings, here, enough)
     # Judged in the end: what a cause does to a DLO looks like an error of the camera before.
@@ -128,7 +126,7 @@ def own_err(at: Evaluation, recordings: Sequence[Recording]) -> float:
     for variances, recording in zip(at.variances, recordings, strict=True):
         still = len(recording.times) < FEWEST_FRAMES
         lasting = (STILL if still else 1.0) ** 2 * variances.lasting
-        found.append(mean_length(np.sqrt(variances.white + lasting)))
+        found.append(mean_length(np.sqrt(variances.white + variances.rough + lasting)))
     return float(np.mean(found))
 
 

@@ -25,6 +25,7 @@ from dlo_ros.identification.estimate import UNBOUNDED
 from dlo_ros.inference.joint import Evaluation, evaluate, fit, simulate
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import Parameter, ParametricModel
+from dlo_ros.inference.priors import DIAMETER_STD
 from dlo_ros.inference.variances import posterior
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.tangents import effect_names
@@ -36,9 +37,6 @@ FEWEST = 10
 """Frames, from which the end of a recording can be foretold from its beginning."""
 UNKNOWN = 1e-12
 """Share of a guess's information that counts in a standard deviation that is told: none."""
-DIAMETER_STD = 0.02
-"""Standard deviation over the diameter, where `rod.diameter_std` states none; shapes tell
-E D^2 / mu."""
 FINAL_ITERATIONS = 4
 
 

@@ -101,16 +101,16 @@ def check_tolerance(name: str, key: str, value: Any) -> float:
     """A tolerance given as `effects.NAME.KEY_std`, in the unit of the key.
 
     Raises:
-        ParameterError: no positive number.
+        ParameterError: negative, or no number; 0: the set-up is exact there.
     """
     try:
         number = math.nan if isinstance(value, (bool, list, tuple)) else float(value)
     except (TypeError, ValueError):
         number = math.nan
-    if not (math.isfinite(number) and number > 0.0):
+    if not (math.isfinite(number) and number >= 0.0):
         unit = quantities(name)[key].bracketed
         raise ParameterError(
-            f"effects.{name}.{key}{STD} is {value!r}; it must be a positive number{unit}"
+            f"effects.{name}.{key}{STD} is {value!r}; it must be a number from 0 on{unit}"
         )
     return number
 

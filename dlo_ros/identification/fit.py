@@ -18,10 +18,10 @@ from dlo_ros.errors import SimulationError
 from dlo_ros.identification.bundle import forecast_each, forecast_varied
 from dlo_ros.identification.estimate import search_information, with_logarithms
 from dlo_ros.identification.noise import correlation_length
-from dlo_ros.identification.parallel import Pool, Threads
 from dlo_ros.identification.uncertainty import NOISE_LIMIT
 from dlo_ros.inference.forecast import Forecast, Manipulation
 from dlo_ros.inference.measured import outliers
+from dlo_ros.inference.parallel import Pool, Threads
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import DEGREE, FloatArray
 

@@ -32,11 +32,11 @@ from dlo_ros.identification.fit import (
     seen_wrongly,
     without,
 )
-from dlo_ros.identification.loose import Loose, loosened, marginal
 from dlo_ros.identification.noise import noise_floor
-from dlo_ros.identification.parallel import Pool, Threads
+from dlo_ros.identification.set_up import weighed
 from dlo_ros.identification.uncertainty import data_information
 from dlo_ros.inference.forecast import Forecast, Manipulation, forecast
+from dlo_ros.inference.parallel import Pool, Threads
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray, SplineBasis
 
@@ -79,7 +79,7 @@ class Identification:
         iterations: of the fit.
         converged: whether it has.
         fitted: the fit itself; None where a result was put together otherwise.
-        loose: what was found for numbers that are known only so well, with standard deviations.
+        set_up: its numbers with standard deviations; empty where the data hold it for exact.
     """
 
     estimate: Estimate
@@ -88,7 +88,7 @@ class Identification:
     iterations: int
     converged: bool
     fitted: Fitted | None = None
-    loose: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    set_up: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
 def identify(
@@ -98,9 +98,10 @@ def identify(
     *,
     progress: Progress = lambda text, share: None,
     pool: Pool | None = None,
-    loose: Loose | None = None,
 ) -> Identification:
     """Fit ln (E, mu, c, t_r) to recordings; c and t_r are nuisances unless they are known.
+
+    The set-up counts as known to its tolerances, see `set_up`.
 
     Args:
         train: recordings that determine the estimate.
@@ -108,7 +109,6 @@ def identify(
         validate: recordings that are only predicted.
         progress: called with what is being done and the share of it that is done.
         pool: where simulations run; default: in threads.
-        loose: clamps, level and length that are known only so well; default: exactly.
 
     Raises:
         InputError: no usable recording.
@@ -123,15 +123,9 @@ def identify(
             raise InputError(f"{recording.name}: has no usable dlo/observed")
     given, settings = settings, searchable(settings)
     found = fitted(train, settings, progress, pool)
-    known: Mapping[str, tuple[float, float]] = {}
-    if loose is not None and loose.names(train, settings):
-        progress("fitting what is loose", 0.5)
-        more = loosened(train, settings, loose, found.theta, found.ignored)
-        settings, known = more.settings, more.values
-        found = fitted(train, settings, progress, pool, more.theta)
-        there = with_logarithms(found.settings, found.theta)
-        told = marginal(train, there, loose, known, found.ignored, found.shifts)
-        found = replace(found, told=told)
+    progress("looking at the set-up", 0.9)
+    found, known = _with_set_up(train, found, settings, pool)
+    settings = settings.with_effects(found.settings.effects)
     fit, theta, told = found.fit, found.theta, found.told
     estimate = summarise(settings, theta, told)
     basis = SplineBasis(settings.rod.control_points, settings.rod.length)
@@ -194,7 +188,6 @@ def fitted(
     settings: Settings,
     progress: Progress = lambda text, share: None,
     pool: Pool | None = None,
-    start: FloatArray | None = None,
 ) -> Fitted:
     """Search from several starts, then with a simulation whose own error lies below the noise.
 
@@ -203,12 +196,9 @@ def fitted(
         settings: as `searchable` gives them.
         progress: see `identify`.
         pool: where simulations run; default: in threads.
-        start: logarithms to start from; default: the best of several.
     """
     guess, simulations = logarithms(settings), Simulations(pool or Threads())
-    theta = (
-        start if start is not None else best_start(train, settings, guess, progress, simulations)
-    )
+    theta = best_start(train, settings, guess, progress, simulations)
     fit, iterations, converged = descend(
         train, settings, guess, theta, progress, simulations, converged=ROUGHLY
     )
@@ -244,6 +234,24 @@ def fitted(
             LOG.warning("the estimate stays where the search ended: %s", err)
             theta = fit.theta
     return Fitted(fit, theta, told, ignored, fine, iterations, converged, shifts)
+
+
+def _with_set_up(
+    train: Sequence[Manipulation], found: Fitted, given: Settings, pool: Pool | None
+) -> tuple[Fitted, Mapping[str, tuple[float, float]]]:
+    """The fit with what is known of the set-up, and the set-up's numbers."""
+    spans = [f.spans for f in found.fit.forecasts]
+    more = weighed(
+        train, found.settings, found.theta, found.told, found.ignored, spans, given, found.shifts
+    )
+    if not more.values:
+        return replace(found, told=more.information), more.values
+    fine = found.settings.with_effects(more.settings.effects)
+    fit = evaluate(
+        train, fine, logarithms(given), more.theta, Simulations(pool or Threads()), found.ignored
+    )
+    found = replace(found, fit=fit, theta=more.theta, told=more.information, settings=fine)
+    return found, more.values
 
 
 def _attempt(recording: Manipulation, settings: Settings) -> Forecast | None:

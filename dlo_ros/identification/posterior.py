@@ -18,8 +18,8 @@ from dlo_ros.identification.estimate import (
 )
 from dlo_ros.identification.fit import Simulations, descend
 from dlo_ros.identification.offline import Fitted
-from dlo_ros.identification.parallel import Pool, Threads
 from dlo_ros.inference.forecast import Manipulation
+from dlo_ros.inference.parallel import Pool, Threads
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 

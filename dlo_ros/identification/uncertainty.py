@@ -60,6 +60,19 @@ def discrepancy(found: Forecast, settings: Settings) -> float:
     return float(rod.length * np.hypot(own, STRETCH_SHAPE * strain(settings)))
 
 
+def model_shifts(settings: Settings, count: int) -> list[FloatArray]:
+    """By which ln E may be wrong besides, of `count` logarithms: rod theory, and the diameter.
+
+    Shapes tell E D^2 / mu.
+    """
+    rod = settings.rod
+    first = np.eye(count)[0]
+    return [
+        STRETCH_STIFFNESS * strain(settings) * first,
+        2.0 * rod.diameter_std / rod.diameter * first,
+    ]
+
+
 def strain(settings: Settings) -> float:
     """By how much a DLO is stretched where it hangs from its end."""
     weight = float(np.linalg.norm(settings.gravity))
@@ -202,7 +215,7 @@ def data_information(
     if len(pulls) > 1:
         covariance = covariance * max(1.0, float(np.sum(pulls)) / (len(pulls) - 1))
     if settings is not None:
-        shifts = [*shifts, STRETCH_STIFFNESS * strain(settings) * np.eye(len(hessian))[0]]
+        shifts = [*shifts, *model_shifts(settings, len(hessian))]
     for shift in shifts:
         moved = hessian @ shift
         covariance = covariance + np.outer(moved, moved)

@@ -9,8 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dlo_ros.errors import SimulationError
-from dlo_ros.inference.forecast import forecast, whitening
+from dlo_ros.inference.forecast import Forecast, forecast, whitening
 from dlo_ros.inference.measured import Recording
+from dlo_ros.inference.parallel import Threads
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.spectrum import Spectrum, spectrum
 from dlo_ros.inference.variances import Posterior, Variances, fit_variances
@@ -28,7 +29,8 @@ CONVERGED = 0.5
 """Gain of the log posterior at which a fit ends."""
 WHITE_CONVERGED = 0.05
 """Gain over the whole misfit, at which a fit ends that takes all that is left for white noise."""
-
+WHITE_ITERATIONS, ITERATIONS = 20, 12
+"""Iterations with all that is left as white noise, and with correlated errors after that."""
 
 Field = tuple[FloatArray, FloatArray]
 
@@ -85,11 +87,14 @@ def simulate(
     fields, errs, predictions = [], [], []
     wanted = model.names if names is None else tuple(names)
     chain = dict(zip(model.names, model.chain(), strict=True))
-    for recording in recordings:
-        found = forecast(
+
+    def forecast_of(recording: Recording) -> Forecast:
+        return forecast(
             recording.manipulation, _as_fine(model.settings, recording), parameters=wanted,
             spans=recording.spans,
         )  # fmt: skip
+
+    for recording, found in zip(recordings, Threads().map(forecast_of, recordings), strict=True):
         unit = replace(recording, noise=np.ones(len(recording.noise)))
         residual = unit.residual(found.predicted)
         jacobian = np.zeros((len(residual), len(wanted), residual.shape[1]))
@@ -152,6 +157,21 @@ def fit(
         if gain < least:
             break
     return at
+
+
+def settled(start: Evaluation, recordings: Sequence[Recording]) -> Evaluation:
+    """The fit of a model from far away: as if errors were white, then with correlated ones."""
+    return fit(fit(start, recordings, WHITE_ITERATIONS, white=True), recordings, ITERATIONS)
+
+
+def restricted(at: Evaluation, names: Sequence[str]) -> Posterior:
+    """Posterior of the model in which only some of the parameters are open, at the same values."""
+    pick = [at.model.index(name) for name in names]
+    _, found = fit_variances(
+        tuple(s.chosen(pick) for s in at.spectra), at.model.offset()[pick],
+        at.model.precision()[pick], at.model.settings.rod.length, at.variances,
+    )  # fmt: skip
+    return found
 
 
 def _weights(at: Evaluation, white: bool) -> list[FloatArray]:

@@ -17,6 +17,9 @@ WIDE = 1.5
 """The same of a logarithm without a tolerance: a factor of 4.5."""
 UNIFORM = 12.0**-0.5
 """Standard deviation of a uniform prior, over its range."""
+DIAMETER_STD = 0.02
+"""Standard deviation over the diameter of a set-up as people build it, where `rod.diameter_std`
+states none; shapes tell E D^2 / mu."""
 MATERIAL: dict[str, tuple[str, float, float, float]] = {
     "young_modulus": ("Pa", 50.0, 1e3, 1e12),
     "density": ("kg/m^3", 2.0, 1.0, 1e5),
@@ -57,13 +60,17 @@ def joint_model(start: Settings, given: Settings, scene: Scene) -> ParametricMod
     model = ParametricModel(start, material(given))
     for name, effect in effects().items():
         block = effect.setup(scene)
-        if not block or name in start.effects:
+        if name in start.effects:
             continue
+        open_ = {
+            key: value for key, value in block.items() if tolerance(given, f"{name}.{key}") != 0.0
+        }
         found = [
             _tolerated(given, full)
-            for key, value in block.items() for full in effect_names(name, key, value)
+            for key, value in open_.items() for full in effect_names(name, key, value)
         ]  # fmt: skip
-        model = model.extended(name, dict(block), found)
+        if found:
+            model = model.extended(name, open_, found)
     return model
 
 

@@ -1,12 +1,13 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Error variances by marginal likelihood, with the model's parameters integrated out.
 
-Each recording's error has three components in each direction: white noise; an error that dies out
-over time (AR(1)), which is what the model lacks; and an error that stays, such as that of a
-calibration. The latter two are smooth along the DLO. Their variances maximise the marginal
-likelihood (REML; Patterson and Thompson, Recovery of inter-block information, 1971); the model's
-discrepancy thus widens the posterior (Kennedy and O'Hagan, Bayesian calibration of computer models,
-2001). Nothing is simulated for it.
+Each recording's error has four components in each direction: white noise; an error that dies out
+over time (AR(1)), which is what the model lacks; and errors that stay, such as those of a
+calibration, and those of edges and shading where the DLO rests: frames of one pose are one
+measurement. What dies out and what a calibration does are smooth along the DLO. Their variances
+maximise the marginal likelihood (REML; Patterson and Thompson, Recovery of inter-block information,
+1971); the model's discrepancy thus widens the posterior (Kennedy and O'Hagan, Bayesian calibration
+of computer models, 2001). Nothing is simulated for it.
 """
 
 from __future__ import annotations
@@ -34,6 +35,8 @@ FEWEST_FRAMES = 4
 LONGEST_MEMORY = 0.998
 """Largest correlation of neighbouring frames."""
 ITERATIONS = 40
+LEAST_START = 0.01
+"""Share of what the residuals suggest that a variance is at the beginning of a search at least."""
 
 
 @dataclass(frozen=True)
@@ -44,20 +47,23 @@ class Variances:
         white: new in every frame, shape (D,).
         fading: with the memory below, shape (D,).
         lasting: the same in all frames, shape (D,).
+        rough: the same in all frames, and white along the DLO, shape (D,).
         memory: correlation of neighbouring frames of the fading error.
     """
 
     white: FloatArray
     fading: FloatArray
     lasting: FloatArray
+    rough: FloatArray
     memory: float
 
     def of(self, spectrum: Spectrum) -> FloatArray:
         """Variance of a number in each bin [m^2], shape (B,)."""
         p = spectrum.part
         fading = self.fading[p] * _density(self.memory, spectrum.frequency) * spectrum.share
-        lasting = np.where(spectrum.frequency == 0.0, spectrum.frames, 0.0) * spectrum.share
-        return np.asarray(self.white[p] * spectrum.white + fading + self.lasting[p] * lasting)
+        lasting = self.lasting[p] * spectrum.share + self.rough[p] * spectrum.white
+        still = np.where(spectrum.frequency == 0.0, spectrum.frames, 0.0)
+        return np.asarray(self.white[p] * spectrum.white + fading + still * lasting)
 
 
 @dataclass(frozen=True)
@@ -130,7 +136,10 @@ def fit_variances(
         start: of the search; default: from the residuals.
         iterations: of the search at most.
     """
-    x0 = _packed(start or [guess(s, length) for s in spectra])
+    x0 = _packed([guess(s, length) for s in spectra])
+    if start:
+        # The likelihood is flat where a component is nearly zero.
+        x0 = np.maximum(_packed(start), x0 + np.log(LEAST_START))
     bounds = _bounds(spectra, length)
 
     def cost(x: FloatArray) -> tuple[float, FloatArray]:
@@ -153,7 +162,8 @@ def guess(spectrum: Spectrum, length: float) -> Variances:
     least = (LEAST_NOISE * length) ** 2
     high = spectrum.frequency > 0.5 * np.pi
     rough = high & (spectrum.share < 0.05)
-    white, fading = [], []
+    still = spectrum.frequency == 0.0
+    white, fading, staying = [], [], []
     for part in range(spectrum.parts):
         mine = spectrum.part == part
         pick = mine & rough if np.any(mine & rough) else mine & (spectrum.share < 0.05)
@@ -161,22 +171,29 @@ def guess(spectrum: Spectrum, length: float) -> Variances:
         each = float(np.sum(spectrum.power[pick]) / np.sum(spectrum.count[pick]))
         white.append(max(each / float(spectrum.white[0]), least))
         fading.append(max(float(np.sum(spectrum.power[mine])) / spectrum.frames, least))
-    return Variances(np.array(white), np.array(fading), 0.1 * np.array(fading), 0.9)
+        pick = mine & still & (spectrum.share <= np.median(spectrum.share[mine & still]))
+        each = float(np.sum(spectrum.power[pick]) / np.sum(spectrum.count[pick]))
+        staying.append(max(each / float(spectrum.white[0]) / spectrum.frames, least))
+    smooth = np.array(fading)
+    return Variances(np.array(white), smooth, 0.1 * smooth, np.array(staying), 0.9)
 
 
 def _packed(found: Sequence[Variances]) -> FloatArray:
     """Logarithms: each recording's white variances, then what is common to all."""
     fading = np.mean([v.fading for v in found], axis=0)
     lasting = np.mean([v.lasting for v in found], axis=0)
+    rough = np.mean([v.rough for v in found], axis=0)
     own = [np.log(v.white) for v in found]
-    return np.concatenate([*own, np.log(fading), np.log(lasting), [np.log1p(-found[0].memory)]])
+    common = [np.log(fading), np.log(lasting), np.log(rough)]
+    return np.concatenate([*own, *common, [np.log1p(-found[0].memory)]])
 
 
 def _unpacked(x: FloatArray, spectra: Sequence[Spectrum]) -> tuple[Variances, ...]:
     parts = spectra[0].parts
     rows = np.exp(x[:-1]).reshape(-1, parts)
     memory = float(-np.expm1(x[-1]))
-    return tuple(Variances(rows[k], rows[-2], rows[-1], memory) for k in range(len(spectra)))
+    fading, lasting, rough = rows[len(spectra) :]
+    return tuple(Variances(rows[k], fading, lasting, rough, memory) for k in range(len(spectra)))
 
 
 def _bounds(spectra: Sequence[Spectrum], length: float) -> list[tuple[float, float]]:
@@ -186,7 +203,7 @@ def _bounds(spectra: Sequence[Spectrum], length: float) -> list[tuple[float, flo
     fading = (low, high) if told else (low - 20.0, low - 20.0)
     memory = (np.log1p(-LONGEST_MEMORY), np.log(0.9))
     white = [(low, high)] * (parts * len(spectra))
-    return [*white, *[fading] * parts, *[(low - 5.0, high)] * parts, memory]
+    return [*white, *[fading] * parts, *[(low - 5.0, high)] * 2 * parts, memory]
 
 
 def _slope(
@@ -194,7 +211,7 @@ def _slope(
 ) -> FloatArray:
     """Derivatives by the packed numbers, from those by the bins' variances."""
     parts = spectra[0].parts
-    white, common, memory = [], np.zeros((2, parts)), 0.0
+    white, common, memory = [], np.zeros((3, parts)), 0.0
     for s, v, slope in zip(spectra, found, slopes, strict=True):
         rho, cosine = v.memory, np.cos(s.frequency)
         below = 1.0 - 2.0 * rho * cosine + rho**2
@@ -207,6 +224,7 @@ def _slope(
             density = (1.0 - rho**2) / below
             common[0, part] += v.fading[part] * float(mine @ (density * s.share))
             common[1, part] += v.lasting[part] * float(mine @ (lasting * s.share))
+            common[2, part] += v.rough[part] * float(mine @ (lasting * s.white))
         white.append(own)
         memory -= (1.0 - rho) * float(np.sum(slope * v.fading[s.part] * s.share * rate))
     return np.concatenate([*white, common.ravel(), [memory]])
@@ -216,7 +234,7 @@ def _with_prior(
     value: float, slope: FloatArray, found: Variances, length: float
 ) -> tuple[float, FloatArray]:
     """Cost and derivatives, with the prior of smooth errors."""
-    common = np.concatenate([found.fading, found.lasting])
+    common = np.concatenate([found.fading, found.lasting, 0.0 * found.rough])
     slope[-1 - len(common) : -1] += 0.5 * common / (SMOOTH_STD * length) ** 2
     return value + _improbability(found, length), slope
 
