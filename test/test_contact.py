@@ -89,7 +89,7 @@ def hidden(tmp_path_factory):
     return settings, beginning, peg
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_hidden_peg_is_found_where_it_stands(hidden):
     settings, beginning, peg = hidden
     at = beginning.at

@@ -253,6 +253,7 @@ def test_a_step_stops_at_what_was_measured_and_the_rest_goes_on():
     assert np.abs(rest.minimum()[0][0]) < 0.02
 
 
+@pytest.mark.slow
 def test_alarm_is_what_chance_promises():
     recordings = [swing(KNOWN, seconds=1.2, seed=3)]
     beginning = begin(recordings, KNOWN)

@@ -8,7 +8,7 @@ from dlo_ros.cli.loading import load_manipulation
 from dlo_ros.diagnosis import diagnose, start
 from dlo_ros.parameters import Settings
 
-pytestmark = pytest.mark.long
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")

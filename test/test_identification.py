@@ -187,8 +187,8 @@ def test_online_an_update_is_never_long(swinging):
             begin = time.thread_time()
             estimator.observe(observation)
             times.append(time.thread_time() - begin)
-    assert np.median(times) < 0.005
-    assert np.percentile(times, 95) < 0.010
+    assert np.median(times) < 0.010
+    assert np.percentile(times, 95) < 0.020
 
 
 def test_online_a_command_that_came_late_is_put_right(swinging):

@@ -68,7 +68,7 @@ def answer(package, **variables):
 ELSEWHERE = ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME")
 
 
-@pytest.fixture(params=["package", *(pytest.param(p, marks=pytest.mark.long) for p in ELSEWHERE)])
+@pytest.fixture(params=["package", *(pytest.param(p, marks=pytest.mark.slow) for p in ELSEWHERE)])
 def place(request, package, tmp_path):
     """Variables that lead to each of the places, and the place."""
     if request.param == "package":

@@ -14,11 +14,12 @@ from dlo_ros.diagnosis.before import alone_before
 from dlo_ros.diagnosis.candidates import starts
 from dlo_ros.diagnosis.contact import hits
 from dlo_ros.diagnosis.evaluation import Evaluation, evaluate
-from dlo_ros.diagnosis.explain import Explanation, departures
-from dlo_ros.diagnosis.findings import Findings, outcome
+from dlo_ros.diagnosis.explain import Explanation, departures, material_err
+from dlo_ros.diagnosis.findings import Findings, is_immaterial, outcome
 from dlo_ros.diagnosis.fitting import fit, renewed
-from dlo_ros.diagnosis.joint_outcome import learn
+from dlo_ros.diagnosis.joint_outcome import Learned, learn
 from dlo_ros.diagnosis.model import Model
+from dlo_ros.diagnosis.noise import noise_floor
 from dlo_ros.diagnosis.outcome import Diagnosis
 from dlo_ros.diagnosis.remarks import left_out
 from dlo_ros.diagnosis.screening import Prospect, alarm, screen
@@ -201,6 +202,10 @@ def _search(
             found = Findings(decide.Decision("adequate", None), kept_aside(plain))
         else:
             found = _explain(team, plain, kept_aside, beginning, processes, progress)
+        if found.decision.verdict == "adequate" and _misses(plain, learned, given):
+            # Too few shapes for a test, and yet far from them.
+            progress("fitting the joint model", 0.5)
+            found = _beside(found, learn(beginning, count, at.model.settings, given), plain)
         if found.joint is not None:
             return plain, found
         progress("judging the damping", 0.0)
@@ -253,8 +258,8 @@ def _explain(
     explained = _explained(plain, singles, (), most, judge)
     if explained is not None:
         return Findings(explained, judge, tuple(singles))
-    if faint:
-        return Findings(decide.Decision("adequate", None), judge)
+    if faint or is_immaterial(plain, team.problem.given):
+        return Findings(decide.Decision("adequate", None), judge, tuple(singles))
     progress("fitting the joint model", 0.5)
     joint = learn(beginning, len(recordings), plain.at.model.settings, team.problem.given)
     if joint is not None and _takes_over(joint.explanation, singles):
@@ -308,7 +313,31 @@ def _explain(
     everything = sorted([*singles, *pairs], key=lambda c: c.score)
     judge = kept_aside(everything[0] if everything else plain)
     decision = decide.Decision("unexplained", *(decide.sure(plain, everything, judge) or (None,)))
-    return Findings(decision, judge, tuple(singles), tuple(pairs))
+    findings = Findings(decision, judge, tuple(singles), tuple(pairs))
+    return findings if decision.chosen is not None else _beside(findings, joint, plain)
+
+
+def _misses(plain: Candidate, recordings: Sequence[Recording], given: Settings) -> bool:
+    """Whether the plain model is further from the recordings than they are uncertain."""
+    pairs = zip(recordings, plain.at.predicted, strict=True)
+    floor = float(np.mean([noise_floor(r, p, given) for r, p in pairs]))
+    err = aside.mean(plain.at.err)
+    return err is not None and err > material_err(floor, given)
+
+
+def _beside(found: Findings, joint: Learned | None, plain: Candidate) -> Findings:
+    """Findings that name nothing, with the joint model where that clearly comes nearer.
+
+    It names nothing either, unless more is wrong than single effects and pairs can tell.
+    """
+    before = aside.mean(plain.at.err)
+    if joint is None or before is None:
+        return found
+    if joint.explanation.at.mean_err > CLEARLY_BETTER * before:
+        return found
+    if not _takes_over(joint.explanation, found.singles):
+        joint = replace(joint, explanation=replace(joint.explanation, causes=()))
+    return replace(found, joint=joint)
 
 
 def _takes_over(joint: Explanation, singles: Sequence[Candidate]) -> bool:

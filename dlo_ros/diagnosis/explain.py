@@ -24,7 +24,7 @@ from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import split_name
 from dlo_ros.inference.priors import SLAB, joint_model
 from dlo_ros.inference.scene import scene
-from dlo_ros.inference.variances import FEWEST_FRAMES
+from dlo_ros.inference.variances import FEWEST_FRAMES, Variances
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 
@@ -124,10 +124,23 @@ def own_err(at: Evaluation, recordings: Sequence[Recording]) -> float:
     """ERR that the measurement alone has [m]: noise, and errors that stay while the DLO moves."""
     found = []
     for variances, recording in zip(at.variances, recordings, strict=True):
-        still = len(recording.times) < FEWEST_FRAMES
-        lasting = (STILL if still else 1.0) ** 2 * variances.lasting
-        found.append(mean_length(np.sqrt(variances.white + variances.rough + lasting)))
+        staying = variances.lasting + variances.rough
+        moved = recording.observed - recording.observed.mean(axis=0)
+        still = np.mean(np.sum(moved**2, axis=2)) < np.sum(staying)
+        own = (STILL if still else 1.0) ** 2 * staying
+        found.append(mean_length(np.sqrt(_noise(variances, recording) + own)))
     return float(np.mean(found))
+
+
+def _noise(variances: Variances, recording: Recording) -> FloatArray:
+    """Variance of the noise in each direction [m^2]; of a few frames, what is rough along the DLO.
+
+    All that a few frames do not agree on with the model would count as noise otherwise.
+    """
+    if len(recording.times) >= FEWEST_FRAMES:
+        return variances.white
+    scattered = np.sum(recording.noise.reshape(len(variances.white), -1) ** 2, axis=1)
+    return np.asarray(np.minimum(variances.white, scattered))
 
 
 def mean_length(sizes: FloatArray) -> float:

@@ -115,11 +115,15 @@ def outcome(beginning: Beginning, plain: Candidate, found: Findings, given: Sett
 
 def _immaterial(decision: decide.Decision, plain: Candidate, given: Settings) -> decide.Decision:
     """The decision: unexplained structure is left alone where it does not matter."""
-    err = aside.mean(plain.at.err)
-    small = err is not None and err < given.diagnosis.material_err * given.rod.length
-    if decision.verdict != "unexplained" or not small:
+    if decision.verdict != "unexplained" or not is_immaterial(plain, given):
         return decision
     return replace(decision, verdict="adequate")
+
+
+def is_immaterial(plain: Candidate, given: Settings) -> bool:
+    """Whether all that the plain model misses is too little to matter."""
+    err = aside.mean(plain.at.err)
+    return err is not None and err < given.diagnosis.material_err * given.rod.length
 
 
 def _related(c: Candidate, recordings: Sequence[Recording]) -> Relations:

@@ -26,7 +26,7 @@ LEAST_NOISE = 2e-6
 """Smallest standard deviation over L: below, rounding and time steps would count as noise."""
 LARGEST = 1.0
 """Largest standard deviation of any component over L."""
-SMOOTH_STD = 0.003
+REPEATED_STD = 0.003
 """Prior standard deviation over L of the errors that stay or die out: careful calibrations err
 less, and what a model lacks is rather explained than put up with (Simpson et al., Penalising model
 component complexity, 2017)."""
@@ -233,15 +233,16 @@ def _slope(
 def _with_prior(
     value: float, slope: FloatArray, found: Variances, length: float
 ) -> tuple[float, FloatArray]:
-    """Cost and derivatives, with the prior of smooth errors."""
-    common = np.concatenate([found.fading, found.lasting, 0.0 * found.rough])
-    slope[-1 - len(common) : -1] += 0.5 * common / (SMOOTH_STD * length) ** 2
+    """Cost and derivatives, with the prior of errors that are not new in every frame."""
+    common = np.concatenate([found.fading, found.lasting, found.rough])
+    slope[-1 - len(common) : -1] += 0.5 * common / (REPEATED_STD * length) ** 2
     return value + _improbability(found, length), slope
 
 
 def _improbability(found: Variances, length: float) -> float:
-    """Minus the log prior of smooth errors."""
-    return 0.5 * float(np.sum(found.fading + found.lasting)) / (SMOOTH_STD * length) ** 2
+    """Minus the log prior of errors that are not new in every frame."""
+    variances = np.sum(found.fading + found.lasting + found.rough)
+    return 0.5 * float(variances) / (REPEATED_STD * length) ** 2
 
 
 def _density(memory: float, frequency: FloatArray) -> FloatArray:
