@@ -112,7 +112,7 @@ node = SimulatorNode(parameter_overrides=[Parameter(k, value=v) for k, v in give
 print(node.settings.effects)
 print(node.describe_parameter("effects.rough_board.coefficient").description)
 changes = [("effects.pixel_aspect.ratio", 1.01), ("effects.pixel_aspect.ratio", 3.0),
-           ("effects.rough_board.coefficient_std", 0.0)]
+           ("effects.rough_board.coefficient_std", -0.1)]
 for name, value in changes:
     answer = node.set_parameters([Parameter(name, value=value)])[0]
     print(answer.successful, node.settings.effects["pixel_aspect"]["ratio"], answer.reason)
@@ -178,7 +178,7 @@ def test_the_live_simulator_has_their_parameters(installed):
     assert described == "friction per length over weight per length [1]"
     assert answers[0] == "True 1.01 "
     assert answers[1].startswith("False 1.01 effects.pixel_aspect.ratio is 3.0; it must be")
-    assert answers[2].startswith("False 1.01 effects.rough_board.coefficient_std is 0.0; it must")
+    assert answers[2].startswith("False 1.01 effects.rough_board.coefficient_std is -0.1; it must")
 
 
 def test_the_page_shows_the_example_as_it_is():

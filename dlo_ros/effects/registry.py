@@ -98,10 +98,10 @@ def tolerance_of(name: str, part: str) -> str | None:
 
 
 def check_tolerance(name: str, key: str, value: Any) -> float:
-    """A tolerance given as `effects.NAME.KEY_std`, in the unit of the key.
+    """A tolerance given as `effects.NAME.KEY_std`, in the unit of the key; 0: exact.
 
     Raises:
-        ParameterError: negative, or no number; 0: the set-up is exact there.
+        ParameterError: negative, or no number.
     """
     try:
         number = math.nan if isinstance(value, (bool, list, tuple)) else float(value)

@@ -115,7 +115,7 @@ def _of_cause(name: str, q: Quantity, value: float, start: Start, given: Setting
     if q.geometric:
         return _parameter(name, q, 0.5 * (low + high), UNIFORM * (high - low), given)
     known = tolerance(given, f"{start.effect}.{q.name}")
-    if known is not None:
+    if known:
         return _parameter(name, q, q.neutral, SLAB * known, given)
     if q.logarithmic:
         return _parameter(name, q, value, WIDE, given)

@@ -71,7 +71,7 @@ def declare(node: Node, name: str) -> Settings:
         effect, _, key = name.partition(".")
         q = quantities(effect)[key]
         text = f"tolerance of effects.{name}, a standard deviation{q.bracketed}"
-        _declare_effect(node, f"{name}{STD}", std, text, "positive")
+        _declare_effect(node, f"{name}{STD}", std, text, "0 or positive")
     return settings
 
 
