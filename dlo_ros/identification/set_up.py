@@ -34,8 +34,9 @@ LOG = logging.getLogger(__name__)
 
 SURE = 5.0
 """Log evidence for an exact set-up, from which the open one is not fitted: 150 to one."""
-VALLEYS = (0.2, 5.0)
-"""Factors of E from which the open set-up is fitted, too, where much is left over."""
+VALLEYS, FAR = (0.2, 5.0), 0.01
+"""Factors of E from which the open set-up is fitted, too, where more than this share of L is left:
+on the right branch a set-up within its tolerances comes nearer."""
 VALLEY_ITERATIONS = 8
 FLAT, RIDGE = 1e-9, 1e-9
 """Share of the largest eigenvalue below which information is none: derivatives are good to 1e-4."""
@@ -100,7 +101,7 @@ def weighed(
         stated = restricted(start, own).evidence
         if start.posterior.evidence < stated - SURE:
             return exact
-        at = _best_valley(settled(start, recordings), start, recordings, given)
+        at = _best_valley(settled(start, recordings), start, recordings)
     except SimulationError as err:
         LOG.warning("the set-up is taken as exact: with it open the simulation fails (%s)", err)
         return exact
@@ -114,19 +115,15 @@ def _seen(recording: Manipulation, ignored: np.ndarray, settings: Settings) -> R
         # A forecast may leave out the first picture, from where the motion starts.
         first = len(recording.observations) - len(ignored)
         seen = [
-            o
-            for k, o in enumerate(recording.observations)
-            if k < first or not ignored[k - first]
-        ]  # fmt: skip
+            o for k, o in enumerate(recording.observations) if k < first or not ignored[k - first]
+        ]
         recording = replace(recording, observations=tuple(seen))
     return measured(recording, settings)
 
 
-def _best_valley(
-    at: Evaluation, start: Evaluation, recordings: Sequence[Recording], given: Settings
-) -> Evaluation:
+def _best_valley(at: Evaluation, start: Evaluation, recordings: Sequence[Recording]) -> Evaluation:
     """The fit, or a better one from elsewhere: far away a shape may lie on another branch."""
-    if at.mean_err < given.diagnosis.material_err * given.rod.length:
+    if at.mean_err < FAR * at.model.settings.rod.length:
         return at
     best = at
     for factor in VALLEYS:
@@ -155,7 +152,8 @@ def _averaged(
     young_modulus = np.eye(len(MATERIAL))[MATERIAL.index("young_modulus")]
     for shift in (*shifts, *model_shifts(settings, len(MATERIAL)), rough * young_modulus):
         told = widened(told, shift)
-    apart = np.where(np.isfinite(theta), theta - exact.theta, 0.0)
+    apart = np.zeros(len(theta))
+    apart[place] = theta[place] - exact.theta[place]
     if probability <= 0.5:
         information = mixed(exact.information, told, probability, apart)
         return replace(exact, information=information, probability=probability)

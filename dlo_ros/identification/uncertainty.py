@@ -86,13 +86,12 @@ def tangents(predicted: FloatArray) -> FloatArray:
     return np.asarray(slope / np.maximum(np.linalg.norm(slope, axis=2, keepdims=True), 1e-12))
 
 
-def residual_errors(residual: FloatArray, direction: FloatArray, fitted: float = FITTED) -> Errors:
+def residual_errors(residual: FloatArray, direction: FloatArray) -> Errors:
     """Take residuals apart.
 
     Args:
         residual: as in `Forecast`, shape (F, n, 3) [m].
         direction: of the DLO, shape (F, n, 3).
-        fitted: numbers that the fit has taken out of them.
     """
     frames, n, _ = residual.shape
     power = np.sum(residual**2, axis=(0, 1))
@@ -123,7 +122,7 @@ def residual_errors(residual: FloatArray, direction: FloatArray, fitted: float =
     reach = correlation_length([mean], 1) if constant + lasting > 0.0 else 1.0
     # What the fit took out is put back.
     seen = _independent(frames, n, across_numbers, white, persistence, reach)
-    back = seen / max(seen - fitted, 0.5)
+    back = seen / max(seen - FITTED, 0.5)
     return Errors(
         max(back * white * max(total - along, 0.0) / across_numbers, NOISE_LIMIT**2),
         back * white * along,
@@ -187,7 +186,6 @@ def data_information(
     forecasts: Sequence[Forecast],
     settings: Settings | None = None,
     shifts: Sequence[FloatArray] = (),
-    fitted: float = FITTED,
 ) -> FloatArray:
     """Information of residuals on the logarithms of the P parameters, shape (P, P).
 
@@ -198,14 +196,13 @@ def data_information(
         forecasts: with derivatives.
         settings: of the model, for its own error; None leaves that out.
         shifts: by which the logarithms are known to be wrong without being corrected, each (P,).
-        fitted: numbers that the fit has taken out of the residuals.
     """
     hessians, covariances, pulls = [], [], []
     for f in forecasts:
         assert f.derivative is not None
         direction = tangents(f.predicted)
         own = 0.0 if settings is None else discrepancy(f, settings)
-        errors = residual_errors(f.residual, direction, fitted)
+        errors = residual_errors(f.residual, direction)
         covariance = gradient_covariance(f.derivative, direction, errors, own)
         gradient = np.einsum("fpic,fic->p", f.derivative, f.residual)
         hessians.append(np.einsum("fpic,fqic->pq", f.derivative, f.derivative))
