@@ -241,6 +241,8 @@ def _why(found: Diagnosis) -> tuple[str, ...]:
     elif found.verdict == "unexplained":
         left = found.extended.err_holdout if extends(found) else _error(found)
         beside = "What is left" if told else "Nothing is certain. What is wrong"
+        if not told and extends(found):
+            beside = "No cause is certain; the set-up within its tolerances does part of it. The rest"
         told.append(f"{beside} ({mm(left)}) no cause that is known here explains.")
     return tuple(told)
 
@@ -286,7 +288,8 @@ def _gain(found: Diagnosis, file: str) -> tuple[str, ...]:
         told.append(f"On data that were not used: {change}.")
         if found.material_err is not None and after > found.material_err:
             told.append(f"That is still more than the {mm(found.material_err)} that do not matter.")
-    told.append(f"{load}: it holds all of that, and E/mu = {known}.")
+    what = "all of that" if found.effects else "the set-up as fitted"
+    told.append(f"{load}: it holds {what}, and E/mu = {known}.")
     return tuple(told)
 
 
