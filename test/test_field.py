@@ -12,7 +12,9 @@ from field import draw
 from field.evaluate import judge
 from field.nuisances import Errors, set_up, smooth
 
+from dlo_ros.cli.loading import load_manipulation
 from dlo_ros.cli.main import main as dlo_ros
+from dlo_ros.identification import identify
 from dlo_ros.parameters import Settings
 
 
@@ -24,11 +26,32 @@ def solved(folder, case, bags):
     return report, Settings.load(output / "extended.yaml")
 
 
-@pytest.mark.long
-def test_a_set_up_within_its_tolerances_is_adequate_and_told(tmp_path):
+@pytest.fixture(scope="module")
+def no_cause(tmp_path_factory):
+    """A set-up off within its tolerances: the case, its folder, two bags, the own ERR [m]."""
+    folder = tmp_path_factory.mktemp("no_cause")
     case = draw(203, 0)
-    bags, own = case.write(tmp_path)
-    report, extended = solved(tmp_path, case, bags[:2])
+    bags, own = case.write(folder)
+    return case, folder, bags[:2], own
+
+
+@pytest.mark.long
+def test_e_over_mu_lies_within_its_std(no_cause):
+    case, folder, bags, _ = no_cause
+    settings = Settings.load(folder / "params.yaml")
+    found = identify([load_manipulation(b, settings) for b in bags], settings)
+    true, estimate = case.trees[0]["parameters"]["rod"], found.estimate
+    off = estimate.specific_modulus / (true["young_modulus"] / true["density"]) - 1.0
+    assert abs(off) < 2.0 * estimate.specific_modulus_std / estimate.specific_modulus < 0.15
+    # As stated, the set-up would be known too well.
+    assert len(found.set_up) > 10
+    assert found.recordings[0].err < 0.5 * settings.rod.length * 0.01
+
+
+@pytest.mark.long
+def test_a_set_up_within_its_tolerances_is_adequate_and_told(no_cause):
+    case, tmp_path, bags, own = no_cause
+    report, extended = solved(tmp_path, case, bags)
     assert report["verdict"] == "adequate"
     assert judge(case, report)[1] == ()
     assert report["baseline"]["err_train"] > 3.0 * own
