@@ -36,7 +36,13 @@ def run(arguments: Sequence[str] | None = None) -> int:
     signal.signal(signal.SIGINT, leave)
     from dlo_ros.cli.main import main
 
-    return main(words)
+    status = main(words)
+    if status and arguments is None and words[0] in NODES:
+        # The middleware now and then never ends where a half-built node is taken apart.
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(status)
+    return status
 
 
 if __name__ == "__main__":

@@ -64,7 +64,7 @@ class Process:
     def alive(self) -> bool:
         return self.process.poll() is None
 
-    def wait(self, seconds: float = 20.0) -> int:
+    def wait(self, seconds: float = 60.0) -> int:
         try:
             return self.process.wait(seconds)
         except subprocess.TimeoutExpired:
@@ -95,7 +95,7 @@ class Client:
         self.node.destroy_node()
         rclpy.try_shutdown(context=self.context)
 
-    def until(self, condition: Callable[[], object], seconds: float = 15.0, what: str = "") -> None:
+    def until(self, condition: Callable[[], object], seconds: float = 45.0, what: str = "") -> None:
         deadline = time.monotonic() + seconds
         while not condition():
             assert time.monotonic() < deadline, f"waited {seconds} s in vain: {what}"

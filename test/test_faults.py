@@ -247,7 +247,7 @@ def test_a_node_is_killed_and_started_again(rig, measured, name):
     rig.fresh()
     if name == "simulator":
         rig.drive(SECONDS, measured=measured)
-        rig.client.until(right, 60.0, "the estimate in the simulator")
+        rig.client.until(right, 180.0, "the estimate in the simulator")
     rig.nodes[name].process.kill()
     rig.nodes[name].process.wait()
     rig.start(name)
