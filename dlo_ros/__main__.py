@@ -37,7 +37,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
     from dlo_ros.cli.main import main
 
     status = main(words)
-    if status and arguments is None and words[0] in NODES:
+    if status and arguments is None and words[:1] and words[0] in NODES:
         # The middleware now and then never ends where a half-built node is taken apart.
         sys.stdout.flush()
         sys.stderr.flush()

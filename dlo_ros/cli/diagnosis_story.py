@@ -242,9 +242,7 @@ def _why(found: Diagnosis) -> tuple[str, ...]:
         left = found.extended.err_holdout if extends(found) else _error(found)
         beside = "What is left" if told else "Nothing is certain. What is wrong"
         if not told and extends(found):
-            beside = (
-                "No cause is certain; the set-up within its tolerances does part of it. The rest"
-            )
+            beside = "No cause is certain; the set-up within its tolerances is a part. The rest"
         told.append(f"{beside} ({mm(left)}) no cause that is known here explains.")
     return tuple(told)
 
