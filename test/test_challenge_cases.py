@@ -29,8 +29,8 @@ CASES = {
     "two": (1, "pair", ("camera_scale", "command_delay")),
     "two, one of which has a double": (1, "pair", ("internal_damping", "gravity_tilt")),
 }
-# What the DLO is, what hangs on it, and nothing; half a minute to a minute each. The search for each
-# of the others takes the same ways.
+# What the DLO is, what hangs on it, and nothing; half a minute to a minute each. The search for the
+# others takes the same ways.
 ORDINARY = frozenset({"intrinsic_curvature", "point_mass", "nothing"})
 assert CASES.keys() >= ORDINARY
 DEAR = {
