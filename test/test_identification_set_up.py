@@ -3,12 +3,14 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from measured import at_rest, swing
 from rods import PAPER
 
 from dlo_ros.cli.main import main
 from dlo_ros.identification import identify
+from dlo_ros.identification.set_up import mixed, widened
 from dlo_ros.parameters import Settings, tolerance
 from dlo_ros.rod.tangents import tangent
 
@@ -67,6 +69,25 @@ def test_a_set_up_as_stated_is_taken_as_exact(guess):
     assert found.set_up == {}
     assert not found.estimate.settings.effects
     assert found.estimate.specific_modulus == pytest.approx(RATIO, rel=2e-3)
+
+
+def test_a_mixture_has_the_variance_of_both_and_of_what_lies_between():
+    a, b = np.diag([4.0, 1.0]), np.diag([1.0, 0.25])
+    apart = np.array([0.5, 0.0])
+    found = np.linalg.inv(mixed(a, b, 0.25, apart))
+    wanted = 0.75 * np.linalg.inv(a) + 0.25 * (np.linalg.inv(b) + np.outer(apart, apart))
+    assert np.allclose(found, wanted)
+    assert np.allclose(mixed(a, b, 0.0, apart), a)
+
+
+def test_what_is_open_stays_open():
+    ratio = np.array([1.0, -1.0, 0.0]) / np.sqrt(2.0)
+    told = 1e4 * np.outer(ratio, ratio)
+    for found in (mixed(told, 0.1 * told, 0.5, ratio), widened(told, 0.1 * ratio)):
+        values, vectors = np.linalg.eigh(found)
+        assert np.abs(values[:2]).max() < 1e-9 * values[2]
+        assert abs(vectors[:, 2] @ ratio) == pytest.approx(1.0)
+    assert ratio @ widened(told, 0.1 * ratio) @ ratio == pytest.approx(1.0 / (1e-4 + 1e-2))
 
 
 def test_what_cannot_be_told_apart_widens_the_std(guess):

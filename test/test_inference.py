@@ -109,6 +109,24 @@ def test_one_picture_leaves_no_room_for_what_dies_out():
     assert np.all(found.fading < 1e-10)
 
 
+@pytest.mark.parametrize("frames", [3, 40])
+def test_frames_of_one_pose_are_one_measurement(frames):
+    """What is wrong in all of them alike does not average out, however often it was seen."""
+    rng = np.random.default_rng(8)
+    off = []
+    for _ in range(60):
+        jacobian = np.repeat(1e-2 * rng.normal(size=(1, 2, 2 * N)), frames, axis=0)
+        theta = 0.1 * rng.normal(size=2)
+        pose = 3e-4 * rng.normal(size=(1, 2 * N))
+        residual = pose + 5e-6 * rng.normal(size=(frames, 2 * N))
+        residual += np.einsum("fpk,p->fk", jacobian, theta)
+        _, found = fit_variances(
+            [spectrum(residual, jacobian, N)], np.zeros(2), np.full(2, 100.0), LENGTH
+        )
+        off.append((found.step - theta) / np.sqrt(np.diag(found.covariance)))
+    assert np.mean(np.abs(off) < 1.96) > 0.75  # twenty numbers, of which nothing is known before
+
+
 def test_a_needless_parameter_costs_evidence():
     rng = np.random.default_rng(6)
     residual, jacobian, _ = made(rng)

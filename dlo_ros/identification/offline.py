@@ -247,9 +247,12 @@ def _with_set_up(
     if not more.values:
         return replace(found, told=more.information), more.values
     fine = found.settings.with_effects(more.settings.effects)
-    fit = evaluate(
-        train, fine, logarithms(given), more.theta, Simulations(pool or Threads()), found.ignored
-    )
+    simulations = Simulations(pool or Threads())
+    try:
+        fit = evaluate(train, fine, logarithms(given), more.theta, simulations, found.ignored)
+    except SimulationError as err:
+        LOG.warning("the set-up is taken as exact: %s", err)
+        return found, {}
     found = replace(found, fit=fit, theta=more.theta, told=more.information, settings=fine)
     return found, more.values
 
