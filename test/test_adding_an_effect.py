@@ -161,7 +161,7 @@ def test_one_of_the_measurement_and_one_without_derivatives_are_identified_and_d
     apart, moved = map(float, forecasts.split())
     assert apart < 1e-9 and moved > 2e-3  # of a rope of 0.4 m
     assert abs(float(right)) < 0.3 * abs(float(wrong))  # relative error of E/mu
-    assert abs(float(wrong)) > 0.01
+    assert abs(float(wrong)) > 0.005  # the set-up within its tolerances takes some of it
     assert ast.literal_eval(begun) == [
         {"ratio": 1.0}, {"coefficient": 0.02}, {"coefficient": 0.2},
     ]  # fmt: skip
