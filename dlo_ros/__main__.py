@@ -29,15 +29,16 @@ def run(arguments: Sequence[str] | None = None) -> int:
         The exit status, see `dlo_ros.cli.main.main`.
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
+    is_node = bool(words) and words[0] in NODES
 
     def leave(number: int, frame: FrameType | None) -> None:
-        os._exit(0 if words[:1] and words[0] in NODES else INTERRUPTED)
+        os._exit(0 if is_node else INTERRUPTED)
 
     signal.signal(signal.SIGINT, leave)
     from dlo_ros.cli.main import main
 
     status = main(words)
-    if status and arguments is None and words[:1] and words[0] in NODES:
+    if status and arguments is None and is_node:
         # The middleware now and then never ends where a half-built node is taken apart.
         sys.stdout.flush()
         sys.stderr.flush()

@@ -20,7 +20,7 @@ from live_graph import Client, Process, to_ros
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
-from std_srvs.srv import Trigger
+from std_srvs.srv import SetBool, Trigger
 
 from dlo_ros.command import NANOSECONDS, Command, Motion
 from dlo_ros.demo.network import free_domain
@@ -200,11 +200,21 @@ class Rig:
         self.tick(self.base - 2 * NANOSECONDS)
         for name in self.nodes:
             assert self.client.call(Trigger, f"/{name}/reset", Trigger.Request()).success
+        self.pause(False)
         guess = {"rod__young_modulus": GUESS.rod.young_modulus, "rod__density": GUESS.rod.density}
         assert self.client.set("/simulator", **guess).successful
         self.client.spin(0.3)
         self.statuses.clear()
         self.predicted.clear()
+
+    def pause(self, paused: bool) -> None:
+        """Whether the identifier keeps its estimates to itself."""
+        assert self.client.call(SetBool, "/identifier/pause", SetBool.Request(data=paused)).success
+
+    def with_the_truth(self) -> None:
+        """The simulator has the true E and keeps it until the next `fresh`."""
+        self.pause(True)
+        assert self.client.set("/simulator", rod__young_modulus=TRUTH).successful
 
     def drive(
         self,
@@ -213,6 +223,7 @@ class Rig:
         during: Callable[[float], float | None] = lambda now: None,
         measured: list[tuple[float, np.ndarray]] | None = None,
         imposed: Command | None = None,
+        overtaken: float = 0.0,
     ) -> None:
         """Play the motion from its start.
 
@@ -223,6 +234,7 @@ class Rig:
                 clock is off by [s].
             measured: the true shapes; default those of `shapes`.
             imposed: the motion, its start at 0; default `swing`.
+            overtaken: when the command is sent [s].
         """
         truth = shapes(seconds) if measured is None else measured
         waiting = sorted(
@@ -231,11 +243,13 @@ class Rig:
         motion = imposed or swing(0, seconds)
         message = command_message(BAG_MESSAGES, replace(motion, stamp=self.base))
         self.tick(self.base)
-        self.commands.publish(to_ros(message))
-        began, ticked = time.monotonic(), -1.0
+        began, ticked, commanded = time.monotonic(), -1.0, False
         while True:
             now = (time.monotonic() - began) * self.rate
             off = during(now) or 0.0
+            if not commanded and now >= overtaken:
+                self.commands.publish(to_ros(message))
+                commanded = True
             if now - ticked >= TICK:
                 ticked = now
                 self.tick(self.base + round((now + off) * NANOSECONDS))

@@ -46,7 +46,7 @@ def case(verdict="explained", causes=(MASS,), before=2.4e-3, after=0.63e-3, **ch
 
 
 def answers(made):
-    return [" ".join(a.sentences) for a in story(made, LENGTH, "extended.yaml").answers]
+    return [" ".join(a.answer) for a in story(made, LENGTH, "extended.yaml").answers]
 
 
 def test_how_wrong_why_and_what_is_gained():

@@ -21,7 +21,6 @@ from fault_rig import EVERY, GUESS, NANOSECONDS, N, Rig, Sent, shapes
 from fuzz_graph import SETTINGS, Good
 from live_graph import Client, Process, to_ros
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from std_srvs.srv import SetBool
 
 from dlo_ros.command import Command
 from dlo_ros.demo.network import free_domain
@@ -91,6 +90,20 @@ def test_clock_jumps_both_ways(rig, measured):
     check(rig)
 
 
+def test_shapes_that_overtake_their_command(rig, measured):
+    """The simulator has started under the command of the motion before: it starts again."""
+    errors, found = rig.client.hear(topics.ERR, 1000), []
+    for overtaken in (0.0, 0.2):
+        rig.fresh()
+        rig.with_the_truth()
+        errors.clear()
+        rig.drive(2.4, measured=measured, overtaken=overtaken)
+        rig.client.spin(0.5)
+        assert len(errors) > 50
+        found.append([e.data for e in errors][-40:])
+    np.testing.assert_allclose(found[1], found[0], atol=fault_rig.NOISE)
+
+
 @pytest.mark.slow
 def test_a_looping_recording(rig, measured):
     """Time starts again and again, as `play --loop` has it."""
@@ -107,9 +120,7 @@ def test_splines_of_the_pass_before_are_dropped(rig, measured):
     shown = [(t, shape) for t, shape in measured if t < seconds]
     errors = rig.client.hear(topics.ERR, 1000)
     rig.fresh()
-    # With the true E in all passes ERR is the same in all of them.
-    assert rig.client.set("/simulator", rod__young_modulus=fault_rig.TRUTH).successful
-    assert rig.client.call(SetBool, "/identifier/pause", SetBool.Request(data=True)).success
+    rig.with_the_truth()  # so that ERR is the same in all passes
     errors.clear()
     said = {name: len(process.said) for name, process in rig.nodes.items()}
     late = [Sent(0.1 + 0.03 * k, t, shape) for k, (t, shape) in enumerate(shown[-tardy:])]
@@ -129,7 +140,6 @@ def test_splines_of_the_pass_before_are_dropped(rig, measured):
         errors.clear()
     assert min(counts) >= len(shown) - tardy - 3 and max(counts) <= len(shown) - tardy, counts
     assert max(means) < 2.0 * fault_rig.NOISE and means[1:] == pytest.approx(means[:1] * 2, rel=0.1)
-    assert rig.client.call(SetBool, "/identifier/pause", SetBool.Request(data=False)).success
     # All of them at the identifier; of the simulator's queue some are lost while it starts.
     for name, least in (("identifier", tardy * (passes - 1)), ("simulator", 1)):
         rig.client.until(

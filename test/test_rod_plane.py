@@ -165,3 +165,28 @@ def test_a_live_simulation_holds_and_recovers(caplog):
     live.advance(SECOND)
     live.update(PAPER.with_material(2e7, 2500.0))
     assert np.all(np.isfinite(live.advance(SECOND + 1000).control_points))
+
+
+def turned(angle, stamp):
+    """The start held and turned downwards by an angle [rad]."""
+    rotation = [0.0, np.sin(0.5 * angle), 0.0, np.cos(0.5 * angle)]
+    return command(["start"], [0.0], [[[0, 0, 0]]], [[rotation]], stamp=stamp)
+
+
+def test_a_first_shape_that_overtakes_its_command_does_no_harm():
+    """A node may have started from it under the command of a recording before."""
+    first = np.zeros((10, 4))
+    first[:, 0] = SplineBasis(10, 0.4).greville
+    stamp, later = 100 * SECOND, 100 * SECOND + SECOND // 4
+    lives = [LiveSimulation(PAPER) for _ in range(2)]
+    for live, commands in zip(lives, [(held_start(),), (turned(0.4, 0),)], strict=True):
+        for imposed in commands:
+            live.set_command(imposed)
+        live.start([Observation(stamp, first)])
+        live.advance(stamp + SECOND // 20)
+        live.set_command(turned(0.0, stamp))
+    right, overtaken = (live.advance(later).control_points for live in lives)
+    np.testing.assert_allclose(overtaken, right, atol=1e-9)
+    # Later commands go on from the present shape, as a robot's do that sends poses one by one.
+    lives[1].set_command(turned(0.4, later))
+    assert np.abs(lives[1].advance(later + 1000).control_points - right)[:, :3].max() < 1e-3

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from dlo_ros.cli.diagnosis_story import SetupLine, extends, story
+from dlo_ros.cli.diagnosis_story import extends, story
 from dlo_ros.cli.diagnosis_words import mm, title
 from dlo_ros.cli.results import QUANTITIES
 from dlo_ros.diagnosis import Diagnosis, Fitted, NamedEffect
@@ -25,7 +25,6 @@ from dlo_ros.report.diagnosis import (
     FoundEffect,
     FoundParameter,
     MaterialRow,
-    Question,
     Ranked,
     RelatedInput,
     ResidualStructure,
@@ -134,8 +133,8 @@ def summary(found: Diagnosis, length: float, output: Path) -> list[str]:
     told = story(found, length, str(output / EXTENDED))
     lines = [*_wrapped(f"{found.verdict}: {told.headline}", "")]
     for answer in told.answers:
-        lines += ["", answer.question]
-        for sentence in answer.sentences:
+        lines += ["", answer.text]
+        for sentence in answer.answer:
             lines += _wrapped(sentence, "  ")
     if told.setup:
         lines += ["", "Your set-up, as far as the data tell"]
@@ -151,8 +150,8 @@ def _wrapped(text: str, indent: str) -> list[str]:
     )  # fmt: skip
 
 
-def _setup_table(lines: Sequence[SetupLine]) -> list[str]:
-    """What is notably off, a line each; how many numbers are not."""
+def _setup_table(lines: Sequence[SetupRow]) -> list[str]:
+    """A line for each number that is notably off, and the count of the others."""
     notable = [line for line in lines if line.notable]
     rest = len(lines) - len(notable)
     rows = [("what", "off by", "tolerance")] if notable else []
@@ -187,7 +186,7 @@ def report(found: Diagnosis, length: float) -> DiagnosisReport:
         remarks.append(f"The simulation's own error is {mm(found.simulation_error)} at most.")
     return DiagnosisReport(
         told.headline,
-        tuple(Question(a.question, a.sentences) for a in told.answers),
+        told.answers,
         found.verdict,
         extends(found),
         tuple(
@@ -226,9 +225,7 @@ def report(found: Diagnosis, length: float) -> DiagnosisReport:
             )
             if r is not None and r.pattern is not None
         ),
-        tuple(
-            SetupRow(line.name, line.off, line.tolerance, line.notable) for line in told.setup
-        ),
+        told.setup,
         tuple(SearchStep(t.step, t.name, t.gain, t.err, t.outcome) for t in found.trace),
     )  # fmt: skip
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -21,6 +22,8 @@ from dlo_ros.cli.diagnosis_words import (
 )
 from dlo_ros.diagnosis import Diagnosis, NamedEffect, SetupNumber, View
 from dlo_ros.effects import quantities
+from dlo_ros.inference.parameter import split_name
+from dlo_ros.report.diagnosis import Question, SetupRow
 from dlo_ros.report.elements import measured, number
 from dlo_ros.spline import FloatArray, SplineBasis
 
@@ -41,38 +44,8 @@ NEAR_END, NEAR_MIDDLE = 0.15, 0.1
 
 
 @dataclass(frozen=True)
-class Answer:
-    """Sentences that answer a question."""
-
-    question: str
-    sentences: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class SetupLine:
-    """A number of the set-up, in words.
-
-    Args:
-        name: what it is.
-        off: by how much it is off, with its standard deviation.
-        tolerance: to what careful people get it.
-        deviations: standard deviations by which it is off.
-    """
-
-    name: str
-    off: str
-    tolerance: str
-    deviations: float
-
-    @property
-    def notable(self) -> bool:
-        """Whether it is off by more than the data leave open."""
-        return self.deviations > NOTABLE
-
-
-@dataclass(frozen=True)
 class Story:
-    """What a person wants to know first.
+    """The result, as a person asks for it.
 
     Args:
         headline: all in a sentence.
@@ -82,8 +55,8 @@ class Story:
     """
 
     headline: str
-    answers: tuple[Answer, ...]
-    setup: tuple[SetupLine, ...]
+    answers: tuple[Question, ...]
+    setup: tuple[SetupRow, ...]
     advice: str
 
 
@@ -97,9 +70,9 @@ def story(found: Diagnosis, length: float, file: str) -> Story:
     return Story(
         headline(found),
         (
-            Answer(HOW_WRONG, _how_wrong(found, length)),
-            Answer(WHY, _why(found)),
-            Answer(GAIN, _gain(found, file)),
+            Question(HOW_WRONG, _how_wrong(found, length)),
+            Question(WHY, _why(found)),
+            Question(GAIN, _gain(found, file)),
         ),
         setup_lines(found),
         found.advice,
@@ -293,23 +266,23 @@ def _gain(found: Diagnosis, file: str) -> tuple[str, ...]:
     return tuple(told)
 
 
-def setup_lines(found: Diagnosis) -> tuple[SetupLine, ...]:
+def setup_lines(found: Diagnosis) -> tuple[SetupRow, ...]:
     """Numbers of the set-up, what is most clearly off first."""
-    counts: dict[str, int] = {}
-    for name in found.setup:
-        key = name.partition("[")[0]
-        counts[key] = counts.get(key, 0) + 1
-    lines = [_line(name, n, counts[name.partition("[")[0]]) for name, n in found.setup.items()]
-    return tuple(sorted(lines, key=lambda line: -line.deviations))
-
-
-def _line(name: str, n: SetupNumber, count: int) -> SetupLine:
-    effect, _, full = name.partition(".")
-    key = full.partition("[")[0]
-    neutral = quantities(effect)[key].neutral
-    return SetupLine(
-        label(name, count),
-        off_by(n.value, n.std, effect, key),
-        bare(n.tolerance, n.unit),
-        abs(n.value - neutral) / n.std if n.std > 0.0 else 0.0,
+    counts = Counter(name.partition("[")[0] for name in found.setup)
+    off = {name: _deviations(name, n) for name, n in found.setup.items()}
+    return tuple(
+        _row(name, found.setup[name], counts[name.partition("[")[0]], notable=off[name] > NOTABLE)
+        for name in sorted(off, key=lambda name: -off[name])
     )
+
+
+def _deviations(name: str, n: SetupNumber) -> float:
+    """Standard deviations by which a number is off."""
+    effect, key, _ = split_name(name)
+    return abs(n.value - quantities(effect)[key].neutral) / n.std if n.std > 0.0 else 0.0
+
+
+def _row(name: str, n: SetupNumber, count: int, *, notable: bool) -> SetupRow:
+    effect, key, _ = split_name(name)
+    off = off_by(n.value, n.std, effect, key)
+    return SetupRow(label(name, count), off, bare(n.tolerance, n.unit), notable)

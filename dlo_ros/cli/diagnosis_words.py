@@ -16,17 +16,17 @@ from dlo_ros.report.elements import measured, millimetres, number
 AXES = {2: "xz", 3: "xyz"}
 """Names of the components of a vector, by their number."""
 SMALL = 1.0
-"""Below which a mass [kg] or a time [s] is told in thousandths."""
+"""Mass [kg] or time [s] below which it is told in thousandths."""
 
 
 def title(effect: str) -> str:
-    """What an effect is called."""
+    """Title of an effect."""
     known = effects().get(effect)
     return known.called() if known else effect.replace("_", " ")
 
 
 def clause(effect: str) -> str:
-    """What an effect says is so; where it is not known (any more), its name."""
+    """Clause that tells of an effect; its name where the effect is not known (any more)."""
     known = effects().get(effect)
     return known.told() if known else f"there is an effect of {effect.replace('_', ' ')}"
 

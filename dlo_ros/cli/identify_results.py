@@ -132,7 +132,7 @@ def _unit(name: str) -> str:
 
 
 def _set_up(found: Identification) -> list[str]:
-    """What is off in the set-up."""
+    """Sentences on the numbers of the set-up that are off."""
     if not found.set_up:
         return []
     off = [

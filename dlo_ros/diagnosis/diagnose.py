@@ -31,7 +31,7 @@ from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.identification.estimate import searchable
 from dlo_ros.inference.forecast import Manipulation
 from dlo_ros.inference.measured import Recording
-from dlo_ros.inference.scene import scene
+from dlo_ros.inference.scene import imposed_names, scene
 from dlo_ros.parameters import Settings
 
 LOG = logging.getLogger(__name__)
@@ -233,7 +233,7 @@ def _explain(
 ) -> Findings:  # fmt: skip
     """Single effects first; then the joint model, or pairs where two causes may be enough."""
     recordings = team.problem.recordings
-    names = [n for r in recordings for c in r.manipulation.commands for n in c.names]
+    names = imposed_names(r.manipulation for r in recordings)
     most = decide.limit(plain.structure)
 
     def screened(at: Evaluation, present: Sequence[str]) -> list[Prospect]:

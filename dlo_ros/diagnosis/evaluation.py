@@ -13,6 +13,7 @@ from dlo_ros.effects import effects, nonsmooth
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.bundle import forecast_together
 from dlo_ros.inference.forecast import Forecast, forecast, whitening
+from dlo_ros.inference.joint import as_fine
 from dlo_ros.inference.measured import Recording
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
@@ -188,7 +189,7 @@ def _held_against(
     model: Model, recording: Recording, derivatives: bool, exact: bool
 ) -> tuple[Forecast, FloatArray | None]:
     """A forecast and its derivatives by the open parameters, shape (F, P, K)."""
-    settings, spans = _as_fine(model.settings, recording), recording.spans
+    settings, spans = as_fine(model.settings, recording), recording.spans
     manipulation = recording.manipulation
     if not derivatives:
         return forecast(manipulation, settings, spans=spans), None
@@ -197,7 +198,7 @@ def _held_against(
     if exact or not differs_in_batch(model.effects):
         return _exact(model, recording, settings)
     moved, steps = _moved(model)
-    sets = [settings, *(_as_fine(m.settings, recording) for m in moved)]
+    sets = [settings, *(as_fine(m.settings, recording) for m in moved)]
     here, *others = forecast_together(manipulation, sets, spans) or [None]
     if here is None or any(other is None for other in others):
         return _exact(model, recording, settings)
@@ -209,7 +210,7 @@ def _nonsmooth(model: Model, recording: Recording, exact: bool) -> tuple[Forecas
     """The same with effects that have none: in differences, where they do something."""
 
     def alone(one: Model) -> Forecast:
-        settings = _as_fine(one.settings, recording)
+        settings = as_fine(one.settings, recording)
         return forecast(recording.manipulation, settings, spans=recording.spans)
 
     here, bare = alone(model), model
@@ -257,11 +258,3 @@ def _moved(model: Model) -> tuple[list[Model], FloatArray]:
         models.append(moved)
         steps[k] *= sign
     return models, steps
-
-
-def _as_fine(settings: Settings, recording: Recording) -> Settings:
-    """The settings with the time steps that a recording asks for."""
-    if recording.tolerance is None:
-        return settings
-    simulation = replace(settings.simulation, tolerance=recording.tolerance)
-    return replace(settings, simulation=simulation)

@@ -23,7 +23,7 @@ from dlo_ros.inference.joint import Evaluation, evaluate, settled
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import split_name
 from dlo_ros.inference.priors import SLAB, joint_model
-from dlo_ros.inference.scene import scene
+from dlo_ros.inference.scene import imposed_names, scene
 from dlo_ros.inference.variances import FEWEST_FRAMES, Variances
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
@@ -102,12 +102,11 @@ def explain(recordings: Sequence[Recording], plain: Settings, given: Settings) -
     Raises:
         SimulationError: the joint model cannot be simulated.
     """
-    names = [n for r in recordings for c in r.manipulation.commands for n in c.names]
+    names = imposed_names(r.manipulation for r in recordings)
     here = scene(plain, names, [r.observed for r in recordings])
     model = joint_model(plain, given, here)
     at = settled(evaluate(model, recordings), recordings)
-    enough = given.diagnosis.material_err * given.rod.length
-    found = search(at, recordings, here, enough)
+    found = search(at, recordings, here, material_err(0.0, given))
     # Judged in the end: what a cause does to a DLO looks like an error of the camera before.
     own = own_err(found.at, recordings)
     matters = material_err(own, given)

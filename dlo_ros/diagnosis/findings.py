@@ -123,7 +123,7 @@ def _immaterial(decision: decide.Decision, plain: Candidate, given: Settings) ->
 def is_immaterial(plain: Candidate, given: Settings) -> bool:
     """Whether all that the plain model misses is too little to matter."""
     err = aside.mean(plain.at.err)
-    return err is not None and err < given.diagnosis.material_err * given.rod.length
+    return err is not None and err < material_err(0.0, given)
 
 
 def _related(c: Candidate, recordings: Sequence[Recording]) -> Relations:

@@ -232,7 +232,7 @@ def _told(at: Evaluation) -> FloatArray:
     spread = np.sqrt(np.diag(_covariance(at)))
     return np.array(
         [
-            s * (p.outer(x) if p.logarithmic else 1.0)
+            p.outer_std(x, s)
             for p, s, x in zip(at.model.parameters, spread, at.model.theta(), strict=True)
         ]
     )
@@ -287,7 +287,7 @@ def _setup(at: Evaluation, causes: Sequence[Cause]) -> dict[str, SetupNumber]:
 
 def _tolerance(p: Parameter) -> float:
     """Tolerance in the parameter's own unit."""
-    return p.std * (p.outer(p.centre) if p.logarithmic else 1.0)
+    return p.outer_std(p.centre, p.std)
 
 
 def _systematic(at: Evaluation) -> dict[str, Number]:

@@ -15,20 +15,20 @@ from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray, SplineBasis
 
 ORDERS = (2, 4, 6)
-"""Of differences in time, which a smooth residual enters less and less."""
+"""Orders of differences in time, which a smooth residual enters less and less."""
 LEAST_NOISE = 2e-6
-"""Of the length: below, rounding and the time step of the simulation would count as noise."""
+"""Smallest noise over the length: below, rounding and time steps would count as noise."""
 DRAWS = 20_000
 MEDIAN = 0.4549
-"""Of the square of a normal variable, over its mean."""
+"""Median of the square of a normal variable, over its mean."""
 SCATTERING = 0.45
 """Share of the stated variance of points that must be new in every picture, to be all of it."""
 ALIKE_PARTS = 4
-"""Of the DLO, in each of which lasting errors of a camera are alike."""
+"""Number of parts of the DLO in each of which lasting errors of a camera are alike."""
 TIP = 0.05
-"""Of the diameter, to which a camera sees where along the DLO it is."""
+"""Standard deviation of the place along the DLO that a camera sees, over the diameter."""
 LEAST_SHARE = 0.5
-"""Of the typical noise that a single coefficient may have."""
+"""Smallest share of the typical noise that a single coefficient may have."""
 
 
 def with_noise(recording: Recording, predicted: FloatArray, settings: Settings) -> Recording:

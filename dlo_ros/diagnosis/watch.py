@@ -26,7 +26,7 @@ from dlo_ros.identification.pieces import LONG, SHORT, Pieces, Worker
 from dlo_ros.identification.statement import rounded
 from dlo_ros.identification.uncertainty import discrepancy
 from dlo_ros.inference.forecast import Forecast, Manipulation, motion_of, whitening
-from dlo_ros.inference.scene import scene
+from dlo_ros.inference.scene import imposed_names, scene
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.simulation import Simulation
 from dlo_ros.rod.tangents import MATERIAL
@@ -198,8 +198,7 @@ def suspected(
     """
     plain = yield from _moved(past, settings, MATERIAL, spans)
     observed = np.array([o.control_points[:, :3] for o in past.observations])[-len(plain[0]) :]
-    imposed = [name for command in past.commands for name in command.names]
-    view = scene(settings, imposed, [plain[0]])
+    view = scene(settings, imposed_names([past]), [plain[0]])
     white = whitening(settings.rod.control_points, settings.rod.length)
     field = white @ (observed - plain[0])
     size = np.linalg.norm(field, axis=(1, 2))

@@ -19,13 +19,12 @@ from scipy.special import expit
 
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.estimate import logarithms, with_logarithms
-from dlo_ros.identification.uncertainty import model_shifts
+from dlo_ros.identification.uncertainty import model_shifts, told_directions
 from dlo_ros.inference.forecast import Manipulation
 from dlo_ros.inference.joint import Evaluation, evaluate, fit, misfit, restricted, settled
 from dlo_ros.inference.measured import Recording, measured
-from dlo_ros.inference.parameter import Parameter
 from dlo_ros.inference.priors import DIAMETER_STD, joint_model
-from dlo_ros.inference.scene import scene
+from dlo_ros.inference.scene import imposed_names, scene
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.tangents import MATERIAL
 from dlo_ros.spline import FloatArray
@@ -38,8 +37,8 @@ VALLEYS, FAR = (0.2, 5.0), 0.01
 """Factors of E from which the open set-up is fitted, too, where more than this share of L is left:
 on the right branch a set-up within its tolerances comes nearer."""
 VALLEY_ITERATIONS = 8
-FLAT, RIDGE = 1e-9, 1e-9
-"""Share of the largest eigenvalue below which information is none: derivatives are good to 1e-4."""
+RIDGE = 1e-9
+"""Information, in units of the likelier model's, that keeps what the other leaves open finite."""
 PLANE = 2
 """Coefficients of a shape over its control points, where it stays in the plane."""
 BETTER = 0.8
@@ -94,7 +93,7 @@ def weighed(
     ]
     if any(len(r.noise) > PLANE * settings.rod.control_points for r in recordings):
         return exact  # in space the open set-up takes minutes
-    names = [n for recording in train for c in recording.commands for n in c.names]
+    names = imposed_names(train)
     there = with_logarithms(settings, theta)
     model = joint_model(there, given, scene(there, names, [r.observed for r in recordings]))
     own = [p.name for p in model.parameters if not p.effect]
@@ -164,7 +163,7 @@ def _averaged(
     information = mixed(told, exact.information, 1.0 - probability, apart)
     spread = np.sqrt(np.diag(at.posterior.covariance))
     found = {
-        p.name: (float(p.outer(float(x))), _outer_std(p, float(x), float(std)))
+        p.name: (float(p.outer(float(x))), p.outer_std(float(x), float(std)))
         for p, x, std in zip(model.parameters, model.theta(), spread, strict=True)
         if p.effect
     }
@@ -199,18 +198,10 @@ def mixed(
         probability: of the other.
         apart: by which their means differ, shape (P,).
     """
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(likelier), 1e-300))
-    values, vectors = np.linalg.eigh(likelier * np.outer(scale, scale))
-    kept = values > FLAT * values[-1]
-    basis = vectors[:, kept]
+    scale, values, basis = told_directions(likelier)
     theirs = basis.T @ (other * np.outer(scale, scale)) @ basis + RIDGE * np.eye(basis.shape[1])
     off = basis.T @ (apart / scale)
-    covariance = (1.0 - probability) * np.diag(1.0 / values[kept])
+    covariance = (1.0 - probability) * np.diag(1.0 / values)
     covariance += probability * (np.linalg.inv(theirs) + np.outer(off, off))
     back = basis / scale[:, None]
     return np.asarray(back @ np.linalg.inv(covariance) @ back.T)
-
-
-def _outer_std(parameter: Parameter, inner: float, std: float) -> float:
-    """Standard deviation of a parameter's value."""
-    return std * parameter.outer(inner) if parameter.logarithmic else std

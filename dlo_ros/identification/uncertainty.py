@@ -219,15 +219,25 @@ def data_information(
     return sandwich(hessian, covariance)
 
 
-def sandwich(hessian: FloatArray, covariance: FloatArray) -> FloatArray:
-    """H M^-1 H, where flat directions of H stay flat."""
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(hessian), 1e-300))
-    h = hessian * np.outer(scale, scale)
-    m = covariance * np.outer(scale, scale)
-    values, vectors = np.linalg.eigh(h)
+def told_directions(information: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Directions in which there is information.
+
+    Returns:
+        Units in which each number is taken, shape (P,), eigenvalues in these, (K,), and their
+        eigenvectors, (P, K).
+    """
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-300))
+    values, vectors = np.linalg.eigh(information * np.outer(scale, scale))
     # Derivatives are good to 1e-4 or so: what is smaller is no information.
     kept = values > 1e-9 * max(float(values.max()), 1e-300)
-    basis = vectors[:, kept]
+    return scale, values[kept], vectors[:, kept]
+
+
+def sandwich(hessian: FloatArray, covariance: FloatArray) -> FloatArray:
+    """H M^-1 H, where flat directions of H stay flat."""
+    scale, _, basis = told_directions(hessian)
+    h = hessian * np.outer(scale, scale)
+    m = covariance * np.outer(scale, scale)
     inner = np.linalg.pinv(basis.T @ m @ basis, hermitian=True)
     right = basis.T @ h / scale  # h / scale = scale * hessian
     return np.asarray(right.T @ inner @ right)

@@ -90,7 +90,7 @@ def simulate(
 
     def forecast_of(recording: Recording) -> Forecast:
         return forecast(
-            recording.manipulation, _as_fine(model.settings, recording), parameters=wanted,
+            recording.manipulation, as_fine(model.settings, recording), parameters=wanted,
             spans=recording.spans,
         )  # fmt: skip
 
@@ -232,7 +232,7 @@ def _expected(step: FloatArray, lhs: FloatArray, rhs: FloatArray) -> float:
     return float(step @ rhs) - 0.5 * float(step @ lhs @ step)
 
 
-def _as_fine(settings: Settings, recording: Recording) -> Settings:
+def as_fine(settings: Settings, recording: Recording) -> Settings:
     """The settings with the time steps that a recording asks for."""
     if recording.tolerance is None:
         return settings

@@ -58,6 +58,10 @@ class Parameter:
         value = math.exp(min(max(inner, -100.0), 100.0)) if self.logarithmic else inner
         return min(max(value, self.lower), self.upper)
 
+    def outer_std(self, inner: float, std: float) -> float:
+        """Standard deviation of the value, from that which inference has."""
+        return std * self.outer(inner) if self.logarithmic else std
+
     def freed(self, factor: float) -> Parameter:
         """The parameter freed from its tolerance: a cause."""
         return replace(self, std=factor * self.std, tolerated=False)

@@ -3,18 +3,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from dlo_ros.command import CONTROL_POINT, END, START
 from dlo_ros.effects import Scene
+from dlo_ros.inference.forecast import Manipulation
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.tangents import MATERIAL
 from dlo_ros.spline import FloatArray, SplineBasis
 
 DAMPING = MATERIAL[2:]
 """The parameters of `Settings.damping`."""
+
+
+def imposed_names(recordings: Iterable[Manipulation]) -> list[str]:
+    """Everything that any command of some recordings imposes."""
+    return [name for recording in recordings for c in recording.commands for name in c.names]
 
 
 def scene(settings: Settings, names: Sequence[str], predicted: Sequence[FloatArray]) -> Scene:

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dlo_ros.command import NANOSECONDS, Command, Motion
-from dlo_ros.errors import CommandError, InputError, SimulationError
+from dlo_ros.errors import CommandError, DloError, InputError, SimulationError
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.prediction import Prediction
@@ -53,6 +53,9 @@ class LiveSimulation:
     def set_command(self, command: Command) -> None:
         """Take an imposed motion; it replaces the old one from its start on.
 
+        Soon after a start under another command than the one that held then, the simulation is run
+        again from there: a first shape may overtake its command.
+
         Raises:
             InputError: it counts other control points than the parameter file.
         """
@@ -61,7 +64,36 @@ class LiveSimulation:
                 f"the command counts {command.control_points} control points; "
                 f"rod.control_points is {self.settings.rod.control_points}"
             )
+        held = self._imposed_at_start()
         self.motion.add(command)
+        if self._simulation and self._elapsed <= EARLY and self._imposed_at_start() != held:
+            self._start_again(self._simulation)
+
+    def _imposed_at_start(self) -> tuple[object, ...]:
+        """Names and poses that are imposed where the simulation started."""
+        if not self._first or (command := self.motion.at(self._first[-1].stamp)) is None:
+            return ()
+        position, rotation = command.sample(self._first[-1].stamp)
+        return (command.names, position.tobytes(), rotation.tobytes())
+
+    @property
+    def _elapsed(self) -> float:
+        """Seconds that have been simulated."""
+        if self._simulation is None:
+            return 0.0
+        return (self._simulation.stamp - self._first[-1].stamp) / NANOSECONDS
+
+    def _start_again(self, simulation: Simulation) -> bool:
+        """Whether the run could be repeated from its start to where it is."""
+        again = Simulation(self.settings, self.motion)
+        try:
+            again.start(self._first)
+            again.advance(simulation.stamp)
+        except DloError as err:
+            LOG.warning("the simulation is not run again from its start: %s", err)
+            return False
+        self._simulation = again
+        return True
 
     def start(self, observations: Sequence[Observation]) -> None:
         """Start from the first observed shapes as simulation.start says.
@@ -113,17 +145,12 @@ class LiveSimulation:
         if simulation is None:
             return
         ratio = settings.rod.specific_modulus / before.rod.specific_modulus
-        elapsed = (simulation.stamp - self._first[-1].stamp) / NANOSECONDS
-        if elapsed <= EARLY and abs(np.log(ratio)) > CORRECTION:
-            try:
-                again = Simulation(settings, self.motion)
-                again.start(self._first)
-                again.advance(simulation.stamp)
-            except SimulationError as err:
-                LOG.warning("the run is not repeated with the new parameters: %s", err)
-            else:
-                self._simulation = again
-                return
+        if (
+            self._elapsed <= EARLY
+            and abs(np.log(ratio)) > CORRECTION
+            and self._start_again(simulation)
+        ):
+            return
         simulation.update(settings)
 
     def reset(self) -> None:
