@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from dlo_ros.compilation import compile_first
+from dlo_ros.demo import network
 from dlo_ros.kernel_parts import STAGES
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -19,6 +20,9 @@ os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 os.environ.pop("ROS_STATIC_PEERS", None)
 if "PYTEST_XDIST_WORKER" in os.environ:  # workers inherit the domain of the run
     os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)
+    # Two workers that look for a free domain at once must not find the same.
+    worker = int(os.environ["PYTEST_XDIST_WORKER"].removeprefix("gw"))
+    network.DOMAINS = network.DOMAINS[worker :: int(os.environ["PYTEST_XDIST_WORKER_COUNT"])]
 os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
 
 

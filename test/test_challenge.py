@@ -105,7 +105,7 @@ def test_bags_hold_the_noise_and_nothing_else(tmp_path):
         assert rms == pytest.approx(challenge.noise, rel=0.03)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_the_effect_is_as_strong_as_stated(tmp_path):
     """Fit E again by brute force to the finely simulated, noisy recordings without the effect."""
     challenge = draw(7, "single", ("stiff_segment",), recordings=2)

@@ -109,7 +109,7 @@ def test_a_hidden_peg_is_found_where_it_stands(hidden):
     assert structure(there.residuals) < 0.1 * structure(at.residuals)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_in_space_no_peg_is_looked_for(hidden, monkeypatch):
     settings, beginning, _ = hidden
 

@@ -155,7 +155,7 @@ def test_candidates_keep_within_the_workspace(kind):
         candidate = varied(candidate, 0.3, PLACE, 0.4, rng)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_the_search_beats_what_was_given_and_can_be_made():
     found = search(PAPER, PLACE, budget=12, seed=1)
     assert found.outlook.gain > outlook(bundled("c_shape"), PAPER).gain

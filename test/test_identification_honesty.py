@@ -91,6 +91,7 @@ def test_a_few_wrong_pictures_do_not_bend_the_estimate():
     assert estimate.specific_modulus_std < 1.5 * clean.specific_modulus_std
 
 
+@pytest.mark.slow
 def test_a_hung_mass_tells_e_and_mu_apart():
     tree = yaml.safe_load(find_experiment("c_shape").read_text())
     mass = {"point_mass": {"mass": 0.006, "position": 0.2}}

@@ -94,7 +94,7 @@ def test_a_changed_callee_is_compiled_anew_and_the_old_code_removed(package, pla
     assert answer(package, **variables) == (60, 1, second)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_two_installations_share_a_place(package, tmp_path):
     other = tmp_path / "other" / "dlo_ros"
     shutil.copytree(package, other)
@@ -105,7 +105,7 @@ def test_two_installations_share_a_place(package, tmp_path):
     assert answer(package, **kept) == (20, 1, first)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_package_that_has_moved_leaves_nothing_behind(package, tmp_path):
     first = answer(package)[2]
     (package / "callee.py").write_text(CALLEE.format(more=2))

@@ -93,7 +93,7 @@ def test_links_hold_in_the_process_and_from_the_cache(package):
     assert said(start(package, "1"))[0] == "37.0 repeated shifted total"
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_what_is_linked_to_is_compiled_where_its_code_is_lost(package):
     said(start(package))
     for code in package.rglob("inner.shifted*"):
@@ -101,7 +101,7 @@ def test_what_is_linked_to_is_compiled_where_its_code_is_lost(package):
     assert said(start(package))[0] == "25.0 shifted"
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_several_processes_compile_a_function_once(package):
     processes = [start(package) for _ in range(3)]
     lines = [said(process)[0].split() for process in processes]

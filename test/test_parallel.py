@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from measured import swing
 from rods import PAPER
+from tasks import dies, dies_once, squared
 
 from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.identification import identify
@@ -22,23 +23,6 @@ from dlo_ros.inference.parallel import Cluster, Processes, Threads, open_pool
 pytestmark = pytest.mark.long
 
 GUESS = PAPER.with_material(1e7, 2000.0)
-
-
-def squared(x):
-    return x * x
-
-
-def dies_once(task):
-    """Ends its process the first time it is done for a file."""
-    number, marker = task
-    if number == 1 and not Path(marker).exists():
-        Path(marker).write_text("died")
-        os._exit(1)
-    return number
-
-
-def dies(_):
-    os._exit(1)
 
 
 @pytest.fixture(scope="module")
@@ -150,6 +134,7 @@ def test_the_sampled_posterior_is_that_of_the_curvature(recordings, found):
     assert wide[2] / wide[0] > 2.0
 
 
+@pytest.mark.slow
 def test_a_bootstrap_scatters_as_the_estimate_says_and_goes_on(recordings, found):
     start = searchable(GUESS)
     first = {}

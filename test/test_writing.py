@@ -48,6 +48,10 @@ TOOLS = {
     "synthesize": ("c_shape", "--no-images"),
     "observe": ("photo.png",),
 }
+WITH_DEAR_ONES = [
+    pytest.param(tool, marks=pytest.mark.slow if tool in ("identify", "synthesize") else ())
+    for tool in TOOLS
+]
 RESULTS = {
     "predict": ("metadata.yaml", "result.mcap"),
     "identify": ("estimate.json", "estimate.yaml", "report.html"),
@@ -86,7 +90,7 @@ def visible(folder: Path) -> list[str]:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("tool", TOOLS)
+@pytest.mark.parametrize("tool", WITH_DEAR_ONES)
 def test_full_disk(tool: str, inputs: Path, tmp_path: Path) -> None:
     limit = (
         "import resource; free = resource.getrlimit(resource.RLIMIT_FSIZE)\n"
@@ -103,7 +107,7 @@ def test_full_disk(tool: str, inputs: Path, tmp_path: Path) -> None:
     assert [p for p in tmp_path.rglob(".*") if p.is_file() and p.stat().st_size] == []
 
 
-@pytest.mark.parametrize("tool", TOOLS)
+@pytest.mark.parametrize("tool", WITH_DEAR_ONES)
 def test_folder_that_cannot_be_written(tool: str, inputs: Path, tmp_path: Path) -> None:
     folder = tmp_path / "locked"
     folder.mkdir(mode=0o555)
@@ -116,7 +120,9 @@ def test_folder_that_cannot_be_written(tool: str, inputs: Path, tmp_path: Path) 
 
 @pytest.mark.long
 @pytest.mark.parametrize(("tool", "rename"), [
-    ("predict", 1), ("synthesize", 1), ("identify", 1), ("identify", 2), ("observe", 2),
+    ("predict", 1), ("observe", 2),
+    *(pytest.param(*dear, marks=pytest.mark.slow)
+      for dear in [("synthesize", 1), ("identify", 1), ("identify", 2)]),
 ])  # fmt: skip
 def test_killed_in_between(tool: str, rename: int, inputs: Path, tmp_path: Path) -> None:
     """Killed where it would show a result: what is there is whole, and a second run succeeds."""

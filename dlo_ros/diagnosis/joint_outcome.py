@@ -19,7 +19,7 @@ from dlo_ros.diagnosis.relations import relations, sentences
 from dlo_ros.diagnosis.search import Candidate
 from dlo_ros.diagnosis.start import Beginning, drafts
 from dlo_ros.diagnosis.views import views
-from dlo_ros.effects import quantities
+from dlo_ros.effects import effects, quantities
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.estimate import UNBOUNDED
 from dlo_ros.inference.joint import Evaluation, evaluate, fit, simulate
@@ -294,7 +294,7 @@ def _systematic(at: Evaluation) -> dict[str, Number]:
     """Errors of the measurement and of the model, as root mean squares along the DLO [m]."""
     parts = ("across", "along", "out_of_plane")
     result = {}
-    for kind in ("white", "lasting", "fading"):
+    for kind in ("white", "lasting", "rough", "fading"):
         rows = np.array([getattr(v, kind) for v in at.variances])
         for part, value in zip(parts, np.sqrt(rows.mean(axis=0)), strict=False):
             name = "discrepancy" if kind == "fading" else f"{kind}_error"
@@ -315,7 +315,8 @@ def _advice(verdict: Verdict, found: Explanation) -> str:
     """The next experiment, in a sentence."""
     open_ = next((c for c in found.causes if c.rivals), None)
     if open_ is not None:
-        names = " and ".join(n.replace("_", " ") for n in (open_.effect, *open_.rivals))
+        known = effects()
+        names = " and ".join(known[n].called() for n in (open_.effect, *open_.rivals))
         return (
             f"These data cannot tell {names} apart: record another manipulation, one that turns "
             "the clamp or moves a free end; dlo_ros design proposes one."
