@@ -92,16 +92,15 @@ def test_clock_jumps_both_ways(rig, measured):
 
 def test_shapes_that_overtake_their_command(rig, measured):
     """The simulator has started under the command of the motion before: it starts again."""
-    errors, found = rig.client.hear(topics.ERR, 1000), []
-    for overtaken in (0.0, 0.2):
+    errors = rig.client.hear(topics.ERR, 1000)
+    for overtaken in (0.0, 0.2):  # after the former there is a motion before
         rig.fresh()
         rig.with_the_truth()
         errors.clear()
         rig.drive(2.4, measured=measured, overtaken=overtaken)
         rig.client.spin(0.5)
-        assert len(errors) > 50
-        found.append([e.data for e in errors][-40:])
-    np.testing.assert_allclose(found[1], found[0], atol=fault_rig.NOISE)
+        found = [e.data for e in errors]
+        assert len(found) > 20 and np.median(found) < 3.0 * fault_rig.NOISE, found
 
 
 @pytest.mark.slow
