@@ -19,11 +19,14 @@ class CentrelinePoints:
         positions: [m] in the board frame, shape (m, 3).
         u: material coordinates [m], shape (m,).
         std: standard deviation across the DLO [m], shape (m,).
+        std_along: standard deviation of u [m], shape (m,); None where no free end makes it
+            uncertain.
     """
 
     positions: FloatArray
     u: FloatArray
     std: FloatArray
+    std_along: FloatArray | None = None
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ import copy
 import math
 import struct
 import zlib
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -217,6 +218,21 @@ def test_points_of_another_layout():
     points = read_points(message, samples.SETTINGS)
     np.testing.assert_allclose(points.positions, truth.positions)
     np.testing.assert_allclose(points.std, truth.std)
+
+
+def test_how_well_u_is_known_comes_with_the_points_where_it_is_uncertain():
+    truth = samples.centreline()
+    assert read_points(fresh("points"), samples.SETTINGS).std_along is None
+    stated = replace(truth, std_along=np.array([1e-4, 2e-4, 4e-4, 8e-4, 0.0]))
+    message = points_message(BAG_MESSAGES, samples.START, "board", stated)
+    assert [f.name for f in message.fields] == ["x", "y", "z", "u", "std", "std_along"]
+    points = read_points(message, samples.SETTINGS)
+    assert len(points.u) == 4  # none is known exactly
+    np.testing.assert_allclose(points.std_along, stated.std_along[:4], rtol=1e-6)
+    np.testing.assert_allclose(points.std, truth.std[:4], rtol=1e-6)
+    with pytest.raises(InputError, match="not finite"):
+        unknown = replace(truth, std_along=np.full(5, math.inf))
+        points_message(BAG_MESSAGES, samples.START, "board", unknown)
 
 
 def test_nothing_that_is_not_finite_is_built():

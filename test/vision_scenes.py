@@ -62,6 +62,8 @@ class Scene:
     noise: float = 2.0
     holes: float = 0.0  # pitch of the holes [m], 0 for none
     hole_tone: tuple[int, int, int] = (45, 48, 52)
+    hole_at: tuple[float, float] = (0.0011, 0.0011)  # one hole's place on the board [m]
+    hole_radius: float = 0.7  # [widths]
     texture: float = 0.0
     shade: float = 0.0  # darker to one side, grey levels
     gradient: float = 0.0  # light across the picture, grey levels
@@ -152,9 +154,9 @@ def ground(scene, camera):
         n = int(0.4 / scene.holes)
         x, z = np.meshgrid(np.arange(-n, n + 1), np.arange(-n, n + 1))
         centres = camera.project(
-            to_board(np.column_stack([x.ravel(), z.ravel()]) * scene.holes + 0.0011)
+            to_board(np.column_stack([x.ravel(), z.ravel()]) * scene.holes + scene.hole_at)
         )
-        radius = 0.7 * scene.width_px
+        radius = scene.hole_radius * scene.width_px
         big = canvas.astype(np.float32)
         for c in centres:
             if -radius < c[0] < w + radius and -radius < c[1] < h + radius:
@@ -170,7 +172,10 @@ def render(xz, scene):
     rng = np.random.default_rng(scene.seed)
     canvas = ground(scene, camera)
     for action in scene.extra:
-        if action[0] == "below":
+        if action[0] == "patch":  # on the board, in pixels
+            _, x0, y0, x1, y1, colour = action
+            canvas[y0:y1, x0:x1] = colour
+        elif action[0] == "below":
             paint_rope(canvas, camera, action[1], scene, action[2])
     if xz is not None and scene.cast:
         light = np.ones_like(canvas)

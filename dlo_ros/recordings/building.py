@@ -26,6 +26,7 @@ AVERAGE, MAXIMUM, STANDARD_DEVIATION = 1, 3, 4
 """Kinds of numbers in statistics_msgs/StatisticDataType."""
 
 POINT_FIELDS = ("x", "y", "z", "u", "std")
+STD_ALONG = "std_along"
 
 
 class MessageFactory(Protocol):
@@ -113,17 +114,23 @@ def points_message(
 ) -> Any:
     """sensor_msgs/PointCloud2 with the fields x, y, z, u, std of measured points.
 
+    Where u is uncertain there is one more, std_along.
+
     Raises:
         InputError: a number that is not finite.
     """
-    table = np.column_stack([points.positions, points.u, points.std]).astype("<f4")
+    columns, names = [points.positions, points.u, points.std], list(POINT_FIELDS)
+    if points.std_along is not None:
+        columns.append(points.std_along)
+        names.append(STD_ALONG)
+    table = np.column_stack(columns).astype("<f4")
     if not np.all(np.isfinite(table)):
         raise InputError("a measured point is not finite")
     fields = [
         factory.make(
             "sensor_msgs/msg/PointField", name=name, offset=4 * i, datatype=FLOAT32, count=1
         )
-        for i, name in enumerate(POINT_FIELDS)
+        for i, name in enumerate(names)
     ]
     return factory.make(
         "sensor_msgs/msg/PointCloud2",

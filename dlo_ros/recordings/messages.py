@@ -167,7 +167,7 @@ def unwrap_in_time(theta: FloatArray, previous: FloatArray) -> FloatArray:
 
 
 def read_points(message: Any, settings: Settings) -> CentrelinePoints:
-    """Measured points of a sensor_msgs/PointCloud2 with fields x, y, z, u, std.
+    """Measured points of a sensor_msgs/PointCloud2 with fields x, y, z, u, std (and std_along).
 
     Points that are not finite are left out, as `is_dense` false announces them.
 
@@ -190,10 +190,12 @@ def read_points(message: Any, settings: Settings) -> CentrelinePoints:
         code = FLOAT_TYPES.get(int(field.datatype))
         if code is not None and 0 <= int(field.offset) <= step - int(code[1]):
             offsets.setdefault(str(field.name), (int(field.offset), order + code))
-    names = ("x", "y", "z", "u", "std")
+    names: tuple[str, ...] = ("x", "y", "z", "u", "std")
     missing = [name for name in names if name not in offsets]
     if missing:
         raise InputError(f"{what} lacks the float field {missing[0]}; it has x, y, z, u and std")
+    if "std_along" in offsets:
+        names += ("std_along",)
     data = np.frombuffer(message.data, dtype=np.uint8)
     if height > 1 and row_step < width * step:
         raise InputError(f"{what} has row_step {row_step}; {width} points of {step} need more")
@@ -218,7 +220,7 @@ def read_points(message: Any, settings: Settings) -> CentrelinePoints:
     # u is a float32, so that the DLO's end may lie beyond it by rounding.
     inside = (table[:, 3] >= -1e-6 * length) & (table[:, 3] <= length * (1.0 + 1e-6))
     near = np.all(np.abs(table[:, :3]) <= MAX_DISTANCE, axis=1)
-    table = table[inside & near & (table[:, 4] > 0.0)]
+    table = table[inside & near & np.all(table[:, 4:] > 0.0, axis=1)]
     if not len(table):
         raise InputError(
             f"{what} has no usable point: finite, u within 0 to {length:g} m, std positive"
@@ -227,6 +229,7 @@ def read_points(message: Any, settings: Settings) -> CentrelinePoints:
         positions=table[:, :3].copy(),
         u=np.clip(table[:, 3], 0.0, length),
         std=table[:, 4].copy(),
+        std_along=table[:, 5].copy() if "std_along" in offsets else None,
     )
 
 

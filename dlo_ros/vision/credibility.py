@@ -16,8 +16,9 @@ from dlo_ros.vision.profile import Located
 from dlo_ros.vision.segmentation import Image
 
 LEAST_SEEN = 0.55  # share of the length that must be seen
-LENGTH_LIMIT = 0.12  # of L: a seen length further off is another object
-FREE_LENGTH_LIMIT = 0.03  # the same where no clamp says where an end is
+LENGTH_LIMITS = ((0.03, 0.03), (0.1, 0.05), (0.12, 0.12))
+"""By how much of L what is seen may be too short or too long where no end, one or both are held. A
+DLO that is held at one end and seen short is one whose other end is hidden."""
 TRACKING_LENGTH_LIMIT = 0.03  # of the length at the last frame
 LARGEST_RESIDUAL = 1.0  # [widths] between measured points and spline
 
@@ -57,11 +58,12 @@ def check(fit: Fit, located: Located, ends: EndPoses, camera: Camera, length: fl
             pixel = camera.project(np.array([[x, 0.0, z]]))[0]
             if np.min(np.minimum(pixel, edge - pixel)) < 0.5 * located.width:
                 raise VisionError("what looks like the DLO runs out of the picture")
-    held = ends.start is not None and ends.end is not None
-    limit = LENGTH_LIMIT if held else FREE_LENGTH_LIMIT
-    if abs(fit.seen_length / length - 1.0) > limit:
+    held = (ends.start is not None) + (ends.end is not None)
+    short, long = LENGTH_LIMITS[held]
+    if not 1.0 - short < fit.visible_length / length < 1.0 + long:
         raise VisionError(
-            f"what looks like the DLO is {fit.seen_length:.3g} m long, rod.length is {length:.3g} m"
+            f"what looks like the DLO is {fit.visible_length:.3g} m long, rod.length is "
+            f"{length:.3g} m"
         )
     if fit.residual_px > LARGEST_RESIDUAL * located.width:
         raise VisionError(

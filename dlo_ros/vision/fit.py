@@ -9,14 +9,16 @@ published control points are then a least-squares fit at known u.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dlo_ros.errors import VisionError
 from dlo_ros.observation import CentrelinePoints, Observation
 from dlo_ros.spline import FloatArray, SplineBasis
 from dlo_ros.vision.camera import Camera
+from dlo_ros.vision.material import GAP_STD, Ends, std_along
 from dlo_ros.vision.profile import Located
 from dlo_ros.vision.smoothing import SmoothCurve, Support, smooth
 from dlo_ros.vision.strip import Mask
@@ -29,7 +31,6 @@ MOST_BESIDE = 3.0  # [px] root mean square, beyond which the published spline ra
 ALONG_WEIGHT = 0.01  # of deviations along the DLO in the published spline, against 1 across it
 UNSEEN_WEIGHT = 0.05  # of bridged parts in the published spline, against 1
 SCALE_STD = 0.01  # relative error of lengths by camera, pose and L
-GAP_STD = 0.1  # relative error of the length of a bridge
 MOST_POINTS = 250  # published points of the centreline
 
 
@@ -55,6 +56,7 @@ class Fit:
             and the ends were exact.
         fraction_seen: share of that length where an edge of the DLO was seen.
         width: of the DLO as it was seen [m].
+        visible_length: between the outermost places that look like the DLO, or its clamps [m].
     """
 
     observation: Observation
@@ -65,6 +67,7 @@ class Fit:
     seen_length: float
     fraction_seen: float
     width: float
+    visible_length: float
 
 
 def fit_spline(
@@ -74,7 +77,7 @@ def fit_spline(
     stamp: int,
     start: ClampBoard | None = None,
     end: ClampBoard | None = None,
-    domain: tuple[float, float] | None = None,
+    found: Ends | None = None,
 ) -> Fit:
     """Fit the published spline.
 
@@ -84,13 +87,13 @@ def fit_spline(
         basis: of the published spline; its length is L.
         stamp: of the image [ns].
         start, end: clamps where they are known.
-        domain: where on the curve the DLO starts and ends, in profiles; default the whole curve.
+        found: where on the curve the DLO starts and ends; default: the whole curve, both held.
 
     Raises:
         VisionError: too little was seen, or it lies beyond the board's horizon.
     """
     count = len(located.curve)
-    low, high = domain if domain is not None else (0.0, float(count - 1))
+    low, high = (0.0, float(count - 1)) if found is None else found.places
     index = np.arange(count, dtype=np.float64)
     seen = located.seen & (index >= low) & (index <= high)
     if np.count_nonzero(seen) < 12:
@@ -117,6 +120,7 @@ def fit_spline(
     grid = np.linspace(low, high, max(200, 2 * count))
     dense = curve(grid)
     grid_seen = located.seen[np.clip(np.rint(grid).astype(int), 0, count - 1)]
+    grid_seen &= (grid >= -0.5) & (grid <= count - 0.5)  # a hidden end may lie beyond the curve
     s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(dense, axis=0).T))])
     total = float(s[-1])
     dense_u = _material(s, grid_seen, basis.length, width)
@@ -124,6 +128,13 @@ def fit_spline(
     normal = _normals(curve(p, 1))
     across = np.sum((plane - curve(p)) * normal, axis=1)
     points = _publish(p, u, curve, across, located, scale)
+    visible = total
+    if found is not None and np.isfinite(found.visible):
+        visible = found.visible
+        hidden = _doubtful(s, grid_seen, width)[1].sum()
+        along = std_along(points.u, basis.length, found.covariance, float(hidden))
+        # A single place is known no better along the DLO than across it.
+        points = replace(points, std_along=np.hypot(along, points.std))
 
     weights = np.where(grid_seen, 1.0, UNSEEN_WEIGHT)
     weights[[0, -1]] = 0.05 * len(grid)
@@ -150,6 +161,7 @@ def fit_spline(
         total,
         float(np.mean(even_seen)),
         width,
+        visible,
     )
 
 
@@ -170,23 +182,28 @@ def _material(s: FloatArray, seen: Mask, length: float, width: float) -> FloatAr
         u [m], from 0 to L, shape (m,).
     """
     step = np.diff(s)
-    hidden = ~(seen[1:] & seen[:-1])
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], hidden.astype(np.int8), [0]])))
-    gaps = np.array([step[a:b].sum() for a, b in edges.reshape(-1, 2)])
-    doubtful = np.maximum(gaps - 2.0 * width, 0.0)
+    edges, doubtful = _doubtful(s, seen, width)
     gap_variance = float(np.sum((GAP_STD * doubtful) ** 2))
     scale_variance = (SCALE_STD * float(s[-1])) ** 2
     missing = length - float(s[-1])
     in_gaps = missing * gap_variance / (gap_variance + scale_variance)
     u = step * (1.0 + (missing - in_gaps) / float(s[-1]))
     if in_gaps:
-        for (a, b), share in zip(edges.reshape(-1, 2), doubtful**2, strict=True):
+        for (a, b), share in zip(edges, doubtful**2, strict=True):
             inside = step[a:b].sum()
             if inside > 0.0:
                 added = in_gaps * share / float(np.sum(doubtful**2))
                 u[a:b] *= max(1.0 + added / inside, 0.2)
     u = np.concatenate([[0.0], np.cumsum(u)])
     return np.asarray(u * (length / u[-1]))
+
+
+def _doubtful(s: FloatArray, seen: Mask, width: float) -> tuple[NDArray[np.int64], FloatArray]:
+    """First and last step of each gap, shape (k, 2), and by how much it exceeds two widths [m]."""
+    hidden = ~(seen[1:] & seen[:-1])
+    changes = np.flatnonzero(np.diff(np.concatenate([[0], hidden.astype(np.int8), [0]])))
+    edges = changes.reshape(-1, 2)
+    return edges, np.maximum(s[edges[:, 1]] - s[edges[:, 0]] - 2.0 * width, 0.0)
 
 
 def _normals(tangent: FloatArray) -> FloatArray:

@@ -105,9 +105,8 @@ def limited(located: Located, allowed: Image | None) -> Located:
     good = (allowed[y.clip(0, height - 1), x.clip(0, width - 1)] != 0) & (
         (x >= 0) & (y >= 0) & (x < width) & (y < height)
     )
-    return replace(
-        located, seen=located.seen & good, likeness=np.where(good, located.likeness, 0.0)
-    )
+    likeness = np.where(good, located.likeness, 0.0)
+    return replace(located, seen=located.seen & good, likeness=likeness, excluded=~good)
 
 
 def _read(name: str, parameter: str, flags: int) -> Image | None:

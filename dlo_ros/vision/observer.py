@@ -24,10 +24,11 @@ from dlo_ros.vision.centring import centred
 from dlo_ros.vision.chains import find_chains
 from dlo_ros.vision.clamps import EndPoses, ends_at, to_pixel
 from dlo_ros.vision.credibility import LEAST_SEEN, check, check_change, unusable
-from dlo_ros.vision.ends import free_end, prolong
+from dlo_ros.vision.ends import prolong
 from dlo_ros.vision.fit import Fit, fit_spline
 from dlo_ros.vision.following import follow
 from dlo_ros.vision.hints import Hints, limited
+from dlo_ros.vision.material import find_ends
 from dlo_ros.vision.metric import PlaneGrid
 from dlo_ros.vision.path import ClampPixel, PathSearch
 from dlo_ros.vision.profile import Located, locate
@@ -222,7 +223,7 @@ class Observer:
             tones=rough.tones,
         )
         located = limited(located, self._hints.allowed(image, width))
-        return self._finish(stamp, located, ends, before, None, final)
+        return self._finish(stamp, image, located, ends, before, None, final)
 
     def _track(
         self, stamp: int, image: Image, ends: EndPoses, last: Shape, search: float
@@ -248,7 +249,7 @@ class Observer:
         if not 0.6 * last.contrast < located.contrast < 1.7 * last.contrast:
             raise VisionError("what lies near the last shape has another contrast")
         located = limited(located, self._hints.allowed(image, last.width))
-        return self._finish(stamp, located, ends, before, last, True)
+        return self._finish(stamp, image, located, ends, before, last, True)
 
     def _predict(self, stamp: int, last: Shape, ends: EndPoses) -> FloatArray:
         curve = last.curve
@@ -264,6 +265,7 @@ class Observer:
     def _finish(
         self,
         stamp: int,
+        image: Image,
         located: Located,
         ends: EndPoses,
         prolonged: float,
@@ -271,13 +273,10 @@ class Observer:
         final: bool,
     ) -> VisionResult:
         """Ends, spline and, where it is the final one, checks."""
-        count = len(located.curve)
-        low, high = 0.0, count - 1.0
-        if ends.start is None:
-            low = free_end(located, prolonged, from_start=True)
-        if ends.end is None:
-            high = free_end(located, prolonged, from_start=False)
-        fit = fit_spline(located, self.camera, self.basis, stamp, ends.start, ends.end, (low, high))
+        rod = self.settings.rod
+        free = (ends.start is None, ends.end is None)
+        found = find_ends(image, located, self.camera, rod.length, rod.length_std, prolonged, free)
+        fit = fit_spline(located, self.camera, self.basis, stamp, ends.start, ends.end, found)
         self._found = fit, located
         if final:
             check(fit, located, ends, self.camera, self.basis.length)

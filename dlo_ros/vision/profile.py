@@ -59,6 +59,7 @@ class Located:
         imbalance: difference of the backgrounds on the two sides over the contrast to the nearer
             one, median; large along the edge of an object.
         known_width, tones: what `locate` was told.
+        excluded: where it cannot be, as somebody said, shape (m,); None: nowhere.
     """
 
     curve: FloatArray
@@ -74,6 +75,7 @@ class Located:
     imbalance: float
     known_width: bool = False
     tones: bool = False
+    excluded: Mask | None = None
 
     @property
     def trust(self) -> FloatArray:
