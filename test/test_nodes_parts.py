@@ -351,3 +351,22 @@ def test_commands_through_two_subscriptions_hold_in_the_order_of_receipt():
     arrive(150, 2000)
     arrive(120, 1000 - 2 * LATE)
     assert [c.stamp // MS for c in motion.commands] == [100, 120]
+
+
+def test_the_observer_says_how_many_control_points_would_do():
+    pytest.importorskip("rclpy")
+    from dlo_ros.nodes.observer import ObserverNode
+    from dlo_ros.observation import CentrelinePoints
+    from dlo_ros.spline import SplineBasis
+
+    values: dict[str, str] = {}
+    node = SimpleNamespace(settings=samples.SETTINGS, health=SimpleNamespace(values=values))
+    length, n = samples.SETTINGS.rod.length, samples.SETTINGS.rod.control_points
+    u = np.linspace(0.0, length, 120)
+    for waves, few in ((6.0, True), (0.5, False)):
+        z = 0.01 * np.sin(2.0 * np.pi * waves * u / length)
+        points = CentrelinePoints(np.column_stack([u, 0.0 * u, z]), u, np.full(120, 1e-5))
+        spline = SplineBasis(n, length).fit(u, points.positions)
+        ObserverNode._judge(node, points, spline)
+        assert (f"{n} miss it by " in values["control points"]) == few
+        assert ("would do" in values["control points"]) == few

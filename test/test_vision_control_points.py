@@ -14,7 +14,12 @@ from dlo_ros.observation import CentrelinePoints
 from dlo_ros.recordings import read_recording
 from dlo_ros.spline import SplineBasis
 from dlo_ros.vision import Observer
-from dlo_ros.vision.control_points import choose_control_points
+from dlo_ros.vision.control_points import (
+    choose_control_points,
+    enough_control_points,
+    follows,
+    misfit,
+)
 
 
 def points_of(control_points, noise, seed=0, count=150):
@@ -60,6 +65,39 @@ def test_a_spline_that_cannot_follow_names_a_number_that_can():
     scene, xz = Scene(), loop()
     with pytest.raises(VisionError, match=r"more control points are needed \(\d+ would do\)"):
         Observer(settings(scene, 4), scene.camera(), clamps(xz, 4)).observe(0, render(xz, scene))
+
+
+def test_whether_a_spline_follows_is_told_by_the_points():
+    points = points_of(12, 2e-5)
+    splines = {
+        n: SplineBasis(n, LENGTH).fit(points.u, points.positions, np.ones(150)) for n in (6, 12)
+    }
+    assert follows(points, splines[12], LENGTH)
+    assert not follows(points, splines[6], LENGTH)
+    assert misfit(points, splines[6], LENGTH) > 1e-3 > misfit(points, splines[12], LENGTH)
+    enough = enough_control_points(points, LENGTH)
+    assert 10 <= enough <= 20
+    basis = SplineBasis(enough, LENGTH)
+    assert follows(points, basis.fit(points.u, points.positions), LENGTH)
+    # Where the points scatter more than it misses them, there is nothing to follow.
+    assert follows(replace(points, std=np.full(150, 0.02)), splines[6], LENGTH)
+    # No spline follows points that jump about.
+    wild = replace(points, positions=points.positions + np.resize([0.0, 0.01], (150, 3)))
+    with pytest.raises(VisionError, match="no spline"):
+        enough_control_points(wild, LENGTH)
+
+
+def test_observe_says_when_the_control_points_are_too_few(tmp_path, capsys):
+    scene, xz = Scene(), bow()
+    for n, few in ((7, True), (20, False)):
+        bag = tmp_path / f"bag{n}"
+        write_bag(bag, scene, [render(xz, scene)] * 2, clamps(xz, n).commands[0])
+        settings(scene, n).dump(tmp_path / "params.yaml")
+        words = ["observe", "--params", str(tmp_path / "params.yaml"), "--output"]
+        assert cli.main([*words, str(tmp_path / f"out{n}"), str(bag)]) == 0
+        said = capsys.readouterr().out
+        assert ("in 2 a spline of 7 control points cannot follow the DLO" in said) == few
+        assert ("would do" in said) == few
 
 
 @pytest.mark.parametrize(("wanted", "least", "most"), [("auto", 12, 40), ("17", 17, 17)])

@@ -8,6 +8,7 @@ import logging
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -28,7 +29,11 @@ from dlo_ros.recordings.images import Image
 from dlo_ros.recordings.read import iterate_images, iterate_masks, read_recording
 from dlo_ros.recordings.write import BagWriter, copy_topics
 from dlo_ros.vision.camera import Camera
-from dlo_ros.vision.control_points import choose_control_points
+from dlo_ros.vision.control_points import (
+    choose_control_points,
+    enough_control_points,
+    follows,
+)
 from dlo_ros.vision.hints import Hints
 from dlo_ros.vision.observer import Observer
 from dlo_ros.vision.overlay import PALETTE, draw_curve, draw_overlay, write_message
@@ -229,7 +234,33 @@ def _observe_bag(
     )
     for reason, count in reasons.most_common(5):
         print(f"  {count} without: {reason}")
+    advice = _advice(found, settings)
+    if advice:
+        print(f"  {advice}")
     return 0
+
+
+def _advice(found: list[VisionResult], settings: Settings) -> str:
+    """Words where the splines have too few control points to follow the DLO; else none."""
+    length = settings.rod.length
+    behind = [
+        points
+        for result in found
+        if (points := result.observation.points) is not None
+        and not follows(points, result.observation.control_points, length)
+    ]
+    if not behind:
+        return ""
+    some = behind[:: max(1, -(-len(behind) // CHOSEN_BY))]
+    enough = []
+    for points in some:
+        with suppress(VisionError):
+            enough.append(enough_control_points(points, length))
+    number = f"{max(enough)} would do" if enough else "no number would do"
+    return (
+        f"in {len(behind)} a spline of {settings.rod.control_points} control points cannot follow "
+        f"the DLO: {number} (rod.control_points, or --control-points auto)"
+    )
 
 
 def _prepare() -> None:

@@ -98,7 +98,7 @@ def with_bias(
     Args:
         predicted: control points per recording, shape (F, n, 3 or more).
     """
-    shares, stated = [], []
+    shares, stated, along = [], [], []
     for recording, shapes in zip(recordings, predicted, strict=True):
         points = [o.points for o in recording.manipulation.observations if o.points is not None]
         if not points:
@@ -113,14 +113,17 @@ def with_bias(
         each = min(found) if found else float(np.median(scatter(field, recording, settings) ** 2))
         shares.append(count * each / max(std, 1e-12) ** 2)
         stated.append(std)
+        ends = [np.sqrt(np.mean(p.std_along**2)) for p in points if p.std_along is not None]
+        tip = TIP * settings.rod.diameter
+        along.append(max(tip, float(np.median(ends))) if ends else tip)
     # In motion a strand crosses pixels, and part of it scatters.
     if min(shares) > SCATTERING:
         return tuple(recordings)
     biased = []
-    for recording, std in zip(recordings, stated, strict=True):
+    for recording, std, tip in zip(recordings, stated, along, strict=True):
         bias = np.full(len(recording.noise), std / np.sqrt(ALIKE_PARTS))
         n = recording.observed.shape[1]
-        bias[n : 2 * n] = np.maximum(bias[n : 2 * n], TIP * settings.rod.diameter)
+        bias[n : 2 * n] = np.maximum(bias[n : 2 * n], tip)
         biased.append(replace(recording, bias=bias))
     return tuple(biased)
 

@@ -19,6 +19,7 @@ from dlo_ros.nodes.markers import Markers
 from dlo_ros.nodes.messages import ROS_MESSAGES
 from dlo_ros.nodes.runtime import run
 from dlo_ros.nodes.transform import BoardTransform
+from dlo_ros.observation import CentrelinePoints
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.building import image_message, points_message, spline_message
@@ -27,6 +28,7 @@ from dlo_ros.recordings.messages import read_spline, stamp_of
 from dlo_ros.spline import FloatArray
 from dlo_ros.vision.camera import Camera
 from dlo_ros.vision.compile import compile_kernels
+from dlo_ros.vision.control_points import enough_control_points, follows, misfit
 from dlo_ros.vision.hints import Hints
 from dlo_ros.vision.observer import Observer
 from dlo_ros.vision.overlay import draw_overlay
@@ -47,6 +49,9 @@ HELD_IMAGES = 10
 RECENT = 1.0
 """Seconds for which a prediction is drawn beside the observed curve."""
 
+JUDGED_EVERY = 5.0
+"""Seconds between two looks at whether the splines have enough control points: 10 ms of work."""
+
 
 class ObserverNode(DloNode):
     """Fits a spline to the DLO in every image that shows one credibly."""
@@ -63,6 +68,7 @@ class ObserverNode(DloNode):
         self._frames = Frames()
         self._held: deque[Any] = deque(maxlen=HELD_IMAGES)
         self._hold_until = 0.0
+        self._judge_at = 0.0
         self._spline_publisher = self.publisher(topics.OBSERVED, qos.RELIABLE)
         self._points_publisher = self.publisher(topics.OBSERVED_POINTS, qos.RELIABLE)
         self._overlay_publisher = self.publisher(topics.OVERLAY, qos.RELIABLE)
@@ -250,6 +256,22 @@ class ObserverNode(DloNode):
             }
         )
         self.health.running("observing")
+        if time.monotonic() >= self._judge_at and observation.points is not None:
+            self._judge_at = time.monotonic() + JUDGED_EVERY
+            self._judge(observation.points, observation.control_points)
+
+    def _judge(self, points: CentrelinePoints, control_points: FloatArray) -> None:
+        """Say where the published splines have too few control points, and how many would do."""
+        length, n = self.settings.rod.length, len(control_points)
+        if follows(points, control_points, length):
+            self.health.values["control points"] = f"{n} follow the DLO"
+            return
+        try:
+            enough = f"{enough_control_points(points, length)} would do"
+        except VisionError as err:
+            enough = str(err)
+        missed = 1000.0 * misfit(points, control_points, length)
+        self.health.values["control points"] = f"{n} miss it by {missed:.2f} mm; {enough}"
 
     def _publish_overlay(
         self,

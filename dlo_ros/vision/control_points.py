@@ -17,6 +17,8 @@ FOLDS = 5
 BLOCK = 2  # neighbouring points left out together: their errors are a little alike
 MOST = 100
 GROWTH = 1.12  # of one number that is tried to the next
+FOLLOWED = 2.5e-4  # of L: half of what counts as material, see diagnosis.material_err
+BEYOND_NOISE = 1.5  # times the stated std of the points, which no spline gets below
 RIDGE = 1e-9  # keeps a gap without points from making the fit singular
 
 
@@ -37,8 +39,7 @@ def choose_control_points(points: CentrelinePoints, length: float) -> int:
     if count < 4 * FOLDS:
         raise VisionError(f"{count} measured points are too few to choose control points by")
     xz = points.positions[:, [0, 2]]
-    weights = 1.0 / np.maximum(points.std, 1e-9) ** 2
-    weights /= np.median(weights)
+    weights = _weights(points)
     folds = np.arange(count) // BLOCK % FOLDS
     tried, errors = [], []
     n, best, worse = ORDER, np.inf, 0
@@ -68,6 +69,59 @@ def choose_control_points(points: CentrelinePoints, length: float) -> int:
     at = int(np.argmin(means))
     scatter = float(errors[at].std() / np.sqrt(count))
     return tried[int(np.argmax(means <= means[at] + scatter))]
+
+
+def misfit(points: CentrelinePoints, control_points: FloatArray, length: float) -> float:
+    """Root mean square distance of measured points across a spline [m].
+
+    Args:
+        points: measured on the DLO.
+        control_points: x, y, z (and theta) [m], shape (n, 3 or 4).
+        length: L [m].
+    """
+    basis = SplineBasis(len(control_points), length)
+    off = points.positions - basis.matrix(points.u) @ control_points[:, :3]
+    tangent = basis.matrix(points.u, 1) @ control_points[:, :3]
+    tangent /= np.maximum(np.linalg.norm(tangent, axis=1), 1e-12)[:, None]
+    off -= np.sum(off * tangent, axis=1)[:, None] * tangent
+    return float(np.sqrt(np.mean(np.sum(off**2, axis=1))))
+
+
+def follows(points: CentrelinePoints, control_points: FloatArray, length: float) -> bool:
+    """Whether a spline follows the DLO as well as it was measured, or so well that no more matters.
+
+    Args:
+        points: measured on the DLO.
+        control_points: x, y, z (and theta) [m], shape (n, 3 or 4).
+        length: L [m].
+    """
+    noise = float(np.sqrt(np.mean(points.std**2)))
+    allowed = max(FOLLOWED * length, BEYOND_NOISE * noise)
+    return misfit(points, control_points, length) <= allowed
+
+
+def enough_control_points(points: CentrelinePoints, length: float) -> int:
+    """The least number of control points of a spline that follows the DLO.
+
+    Args:
+        points: measured on the DLO.
+        length: L [m].
+
+    Raises:
+        VisionError: too few points to tell, or none of up to MOST control points would do.
+    """
+    n = ORDER
+    while n <= min(MOST, len(points.u) // 2):
+        spline = SplineBasis(n, length).fit(points.u, points.positions, _weights(points))
+        if follows(points, spline, length):
+            return n
+        n = max(n + 1, round(GROWTH * n))
+    raise VisionError(f"no spline of up to {MOST} control points follows the measured points")
+
+
+def _weights(points: CentrelinePoints) -> FloatArray:
+    weights = 1.0 / np.maximum(points.std, 1e-9) ** 2
+    return np.asarray(weights / np.median(weights))
 
 
 def _solve(b: FloatArray, xz: FloatArray, weights: FloatArray) -> FloatArray:
