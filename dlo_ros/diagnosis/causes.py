@@ -18,12 +18,21 @@ from dlo_ros.diagnosis.candidates import starts
 from dlo_ros.effects import Scene, Start
 from dlo_ros.errors import SimulationError
 from dlo_ros.inference import priors
-from dlo_ros.inference.joint import Evaluation, Field, evaluate, fit, misfit, simulate
+from dlo_ros.inference.joint import (
+    Evaluation,
+    Field,
+    Simulated,
+    evaluate,
+    fit,
+    misfit,
+    simulate,
+)  # fmt: skip
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import Parameter, ParametricModel
 from dlo_ros.inference.priors import SLAB
 from dlo_ros.inference.spectrum import spectrum
 from dlo_ros.inference.variances import Posterior, fit_variances, posterior
+from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 
 LOG = logging.getLogger(__name__)
@@ -163,7 +172,7 @@ def without(
     begins = [at.model.without(names)]
     if cause.start is None or cause.start.neutral:
         # Where the linearised posterior lies once the cause is at neutral.
-        pinned = at.model.with_prior([_pinned(p) for p in cause.parameters])
+        pinned = at.model.with_prior([pinned(p) for p in cause.parameters])
         found = posterior(at.spectra, at.variances, pinned.offset(), pinned.precision())
         begins.append(at.model.at(at.model.theta() + found.step).without(names))
     begun: list[Evaluation] = []
@@ -178,7 +187,7 @@ def without(
     return fit(nearest, recordings, FIT_ITERATIONS)
 
 
-def _pinned(p: Parameter) -> Parameter:
+def pinned(p: Parameter) -> Parameter:
     """A parameter that is held at its prior's centre."""
     return replace(p, std=1e-6 * p.std)
 
@@ -236,13 +245,15 @@ def promised(
         p for p in (*freed(at.model), *added(at.model, scene))
         if not smooth or p.start is None or p.start.neutral
     ]  # fmt: skip
-    extra = _columns(at, recordings, proposals)
-    result = []
-    for proposal in proposals:
-        found = _promise(at, proposal, extra)
-        if found is not None:
-            result.append(found)
-    return sorted(result, key=lambda p: -p.gain)
+    extra: Extra = {}
+    for sheet in sheets(proposals):
+        model, names = with_sheet(at.model, sheet)
+        try:
+            extra |= columns(at, sheet, simulate(model, recordings, names))
+        except SimulationError as err:
+            LOG.info("%s: %s", ", ".join(p.label for p in sheet), err)
+    found = [promise(at, p, extra) for p in proposals if p.start is None or id(p) in extra]
+    return sorted(found, key=lambda p: -p.gain)
 
 
 def freed(model: ParametricModel) -> list[Proposal]:
@@ -263,12 +274,17 @@ def added(model: ParametricModel, scene: Scene) -> list[Proposal]:
     """Effects that the set-up does not contain, where they are looked for."""
     result = []
     for start in starts(scene):
-        fitted, columns = priors.cause(model.settings, start)
         present = model.settings.effects.get(start.effect, {})
         if any(key in present for key in start.fitted):
             continue  # the set-up has it, see `freed`
-        result.append(Proposal(start.effect, start.form or _place(start), start, fitted, columns))
+        result.append(proposal_of(model.settings, start))
     return result
+
+
+def proposal_of(settings: Settings, start: Start) -> Proposal:
+    """An effect that is added where it is looked for."""
+    fitted, names = priors.cause(settings, start)
+    return Proposal(start.effect, start.form or _place(start), start, fitted, names)
 
 
 def _place(start: Start) -> str:
@@ -277,17 +293,13 @@ def _place(start: Start) -> str:
 
 
 Extra = dict[int, tuple[FloatArray, ...]]
+"""Derivatives by what a proposal adds, per recording (F, Q, K), by the proposal's identity."""
 
 
-def _columns(
-    at: Evaluation, recordings: Sequence[Recording], proposals: Sequence[Proposal]
-) -> Extra:
-    """Derivatives by what each proposal adds, per recording (F, Q, K), by the proposal's identity.
-
-    Effects that do nothing at first share a simulation; one of each kind at a time.
-    """
-    result: Extra = {}
+def sheets(proposals: Sequence[Proposal]) -> list[list[Proposal]]:
+    """Added effects that share a simulation: those that do nothing at first, one of each kind."""
     waiting = [p for p in proposals if p.start is not None]
+    result = [[p] for p in waiting if p.start is not None and not p.start.neutral]
     neutral = [p for p in waiting if p.start is not None and p.start.neutral]
     while neutral:
         sheet: list[Proposal] = []
@@ -295,75 +307,92 @@ def _columns(
             if p.effect not in {s.effect for s in sheet}:
                 sheet.append(p)
         neutral = [p for p in neutral if p not in sheet]
-        model = at.model
-        for p in sheet:
-            assert p.start is not None
-            model = model.extended(p.effect, dict(p.start.block), p.parameters)
-        names = [name for p in sheet for name in p.columns]
-        try:
-            found = simulate(model, recordings, names)
-        except SimulationError as err:
-            LOG.info("%s: %s", ", ".join(p.label for p in sheet), err)
-            continue
-        first = 0
-        for p in sheet:
-            last = first + len(p.columns)
-            result[id(p)] = tuple(j[:, first:last] for _, j in found.fields)
-            first = last
-    for p in waiting:
-        if p.start is None or p.start.neutral:
-            continue
-        model = at.model.extended(p.effect, dict(p.start.block), p.parameters)
-        try:
-            found = simulate(model, recordings, ())
-        except SimulationError as err:
-            LOG.info("%s: %s", p.label, err)
-            continue
-        result[id(p)] = tuple(
-            (here[0] - there[0])[:, None, :]
-            for here, there in zip(at.fields, found.fields, strict=True)
-        )
+        result.append(sheet)
     return result
 
 
-def _promise(at: Evaluation, proposal: Proposal, extra: Extra) -> Promise | None:
-    """The linearised gain of a proposal."""
+def with_sheet(
+    model: ParametricModel, sheet: Sequence[Proposal]
+) -> tuple[ParametricModel, tuple[str, ...]]:
+    """The model with the effects of a sheet, and the parameters of which derivatives are wanted."""
+    names: list[str] = []
+    for p in sheet:
+        assert p.start is not None
+        model = model.extended(p.effect, dict(p.start.block), p.parameters)
+        names += p.columns if p.start.neutral else ()
+    return model, tuple(names)
+
+
+def columns(at: Evaluation, sheet: Sequence[Proposal], found: Simulated) -> Extra:
+    """Derivatives by what each proposal of a sheet adds; its whole change where it has none.
+
+    Args:
+        found: the simulation of `with_sheet`.
+    """
+    result: Extra = {}
+    first = 0
+    for p in sheet:
+        if p.start is not None and not p.start.neutral:
+            result[id(p)] = tuple(
+                (here[0] - there[0])[:, None, :]
+                for here, there in zip(at.fields, found.fields, strict=True)
+            )
+            continue
+        last = first + len(p.columns)
+        result[id(p)] = tuple(j[:, first:last] for _, j in found.fields)
+        first = last
+    return result
+
+
+def joined(fields: Sequence[Field], extra: Sequence[FloatArray]) -> tuple[Field, ...]:
+    """Residuals with further derivatives."""
+    return tuple(
+        (r, np.concatenate([j, c], axis=1)) for (r, j), c in zip(fields, extra, strict=True)
+    )
+
+
+def linear_prior(settings: Settings, proposal: Proposal) -> tuple[FloatArray, FloatArray]:
+    """Prior offset and precision of what an added effect is linear in at first.
+
+    Of one that starts from a finite size that is the amplitude of its whole change.
+    """
+    if proposal.start is None or not proposal.start.neutral:
+        return np.zeros(1), np.array([AMPLITUDE_STD**-2])
+    linear = tuple(p for p in proposal.parameters if p.name in proposal.columns)
+    block = {proposal.effect: dict(proposal.start.block)}
+    own = ParametricModel(settings.with_effects(block), linear)
+    return own.offset(), own.precision()
+
+
+def promise(at: Evaluation, proposal: Proposal, extra: Extra) -> Promise:
+    """The linearised gain of a proposal.
+
+    Args:
+        extra: contains the proposal, unless it frees a number of the set-up.
+    """
     if proposal.start is None:
         model = at.model.with_prior(proposal.parameters)
         found = _posterior(at, at.fields, model.offset(), model.precision())
         gain = found.evidence - at.posterior.evidence
         return Promise(proposal, gain, model.at(model.theta() + found.step))
-    columns = extra.get(id(proposal))
-    if columns is None:
-        return None
-    fields = tuple(
-        (r, np.concatenate([j, c], axis=1)) for (r, j), c in zip(at.fields, columns, strict=True)
-    )
-    block = dict(proposal.start.block)
-    if proposal.start.neutral:
-        linear = [p for p in proposal.parameters if p.name in proposal.columns]
-        own = ParametricModel(
-            at.model.settings.with_effects({proposal.effect: block}), tuple(linear)
-        )
-        offset, precision = own.offset(), own.precision()
-    else:
-        offset, precision = np.zeros(1), np.array([AMPLITUDE_STD**-2])
+    offset, precision = linear_prior(at.model.settings, proposal)
     found = _posterior(
-        at, fields, np.append(at.model.offset(), offset), np.append(at.model.precision(), precision)
-    )
+        at, joined(at.fields, extra[id(proposal)]), np.append(at.model.offset(), offset),
+        np.append(at.model.precision(), precision),
+    )  # fmt: skip
     count = len(at.model.parameters)
     step, amount = found.step[:count], found.step[count:]
     gain = found.evidence - at.posterior.evidence
+    if not proposal.start.neutral and amount[0] <= 0.0:
+        return Promise(proposal, 0.0, at.model)
+    model = at.model.extended(proposal.effect, dict(proposal.start.block), proposal.parameters)
     if not proposal.start.neutral:
-        if amount[0] <= 0.0:
-            return Promise(proposal, 0.0, at.model)
-        model = at.model.extended(proposal.effect, block, proposal.parameters)
         share = min(1.0 / amount[0], 1.0)
         return Promise(proposal, gain, model.at(_moved(model, at.model, share * step)))
-    model = at.model.extended(proposal.effect, block, proposal.parameters)
     theta = _moved(model, at.model, step)
-    for p, x in zip(linear, amount, strict=True):
-        theta[model.index(p.name)] += x
+    linear = [p.name for p in proposal.parameters if p.name in proposal.columns]
+    for name, x in zip(linear, amount, strict=True):
+        theta[model.index(name)] += x
     return Promise(proposal, gain, model.at(theta))
 
 

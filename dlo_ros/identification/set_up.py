@@ -39,8 +39,6 @@ on the right branch a set-up within its tolerances comes nearer."""
 VALLEY_ITERATIONS = 8
 RIDGE = 1e-9
 """Information, in units of the likelier model's, that keeps what the other leaves open finite."""
-PLANE = 2
-"""Coefficients of a shape over its control points, where it stays in the plane."""
 BETTER = 0.8
 """Share of the misfit below which another valley is taken."""
 
@@ -91,7 +89,7 @@ def weighed(
         replace(_seen(r, mask, settings), spans=s, tolerance=settings.simulation.tolerance)
         for r, mask, s in zip(train, ignored, spans, strict=True)
     ]
-    if any(len(r.noise) > PLANE * settings.rod.control_points for r in recordings):
+    if not all(r.planar for r in recordings):
         return exact  # in space the open set-up takes minutes
     names = imposed_names(train)
     there = with_logarithms(settings, theta)

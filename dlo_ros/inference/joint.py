@@ -31,6 +31,8 @@ WHITE_CONVERGED = 0.05
 """Gain over the whole misfit, at which a fit ends that takes all that is left for white noise."""
 WHITE_ITERATIONS, ITERATIONS = 20, 12
 """Iterations with all that is left as white noise, and with correlated errors after that."""
+LEAST_ITERATIONS = 3
+"""Iterations of the noise in a linear fit."""
 
 Field = tuple[FloatArray, FloatArray]
 
@@ -95,19 +97,64 @@ def simulate(
         )  # fmt: skip
 
     for recording, found in zip(recordings, Threads().map(forecast_of, recordings), strict=True):
-        unit = replace(recording, noise=np.ones(len(recording.noise)))
-        residual = unit.residual(found.predicted)
-        jacobian = np.zeros((len(residual), len(wanted), residual.shape[1]))
+        moves = None
         if found.derivative is not None:
             back = np.linalg.inv(whitening(recording.observed.shape[1], model.settings.rod.length))
-            scale = np.array([chain[name] for name in wanted])
-            jacobian = unit.white(back @ found.derivative) * scale[:, None]
-        if not (np.isfinite(residual).all() and np.isfinite(jacobian).all()):
-            raise SimulationError("the simulation gives no finite shapes")
-        fields.append((residual, jacobian))
+            moves = back @ found.derivative
+        scale = np.array([chain[name] for name in wanted])
+        fields.append(field(recording, found.predicted, moves, scale))
         errs.append(found.err)
         predictions.append(found.predicted)
     return Simulated(tuple(fields), tuple(errs), tuple(predictions))
+
+
+def field(
+    recording: Recording, predicted: FloatArray, moves: FloatArray | None, scale: FloatArray
+) -> Field:
+    """Residual and derivatives of a simulation in the coefficients of a recording [m].
+
+    Args:
+        predicted: control points of the last F frames [m], shape (F, n, 3 or more).
+        moves: their derivatives by the simulation's P parameters, shape (F, P, n, 3); None: none.
+        scale: derivatives of those parameters by the model's, shape (P,).
+
+    Raises:
+        SimulationError: something is not finite.
+    """
+    unit = replace(recording, noise=np.ones(len(recording.noise)))
+    residual = unit.residual(predicted)
+    jacobian = np.zeros((len(residual), len(scale), residual.shape[1]))
+    if moves is not None:
+        jacobian = unit.white(moves) * scale[:, None]
+    if not (np.isfinite(residual).all() and np.isfinite(jacobian).all()):
+        raise SimulationError("the simulation gives no finite shapes")
+    return residual, jacobian
+
+
+def least(
+    fields: Sequence[Field], offset: FloatArray, precision: FloatArray
+) -> tuple[FloatArray, float]:
+    """Least squares with priors, as if the model were linear and errors white.
+
+    Args:
+        fields: per recording.
+        offset: prior means minus the values, shape (P,).
+        precision: inverse prior variances, shape (P,).
+
+    Returns:
+        The step of the parameters, shape (P,), and the mean distance that it leaves [m].
+    """
+    power = np.sum([np.einsum("fpk,fqk->pq", j, j) for _, j in fields], axis=0)
+    pull = np.sum([np.einsum("fpk,fk->p", j, r) for r, j in fields], axis=0)
+    count = sum(r.size for r, _ in fields)
+    step = np.zeros(len(offset))
+    for _ in range(LEAST_ITERATIONS):
+        left = [r - np.einsum("fpk,p->fk", j, step) for r, j in fields]
+        variance = sum(float(np.sum(r**2)) for r in left) / count
+        lhs = power / variance + np.diag(precision)
+        step = np.asarray(np.linalg.solve(lhs, pull / variance + precision * offset))
+    left = [r - np.einsum("fpk,p->fk", j, step) for r, j in fields]
+    return step, float(np.mean([np.linalg.norm(r, axis=1).mean() for r in left]))
 
 
 def evaluate(
@@ -225,6 +272,16 @@ def _improved(
             return trial, damping if ratio > POOR else damping / EASIER
         damping = max(HARDER * damping, 1e-3)
     return None, damping
+
+
+def linearly_fitted(at: Evaluation) -> Evaluation:
+    """The fit of a model as if it were linear and errors white; nothing is simulated."""
+    step, _ = least(at.fields, at.model.offset(), at.model.precision())
+    model = at.model.at(at.model.theta() + step)
+    step = model.theta() - at.model.theta()  # within ranges
+    fields = tuple((r - np.einsum("fpk,p->fk", j, step), j) for r, j in at.fields)
+    err = tuple(np.linalg.norm(r, axis=1) for r, _ in fields)
+    return judged(model, Simulated(fields, err, at.predicted))
 
 
 def _expected(step: FloatArray, lhs: FloatArray, rhs: FloatArray) -> float:

@@ -53,6 +53,11 @@ class Recording:
         """Of the bag."""
         return self.manipulation.name
 
+    @property
+    def planar(self) -> bool:
+        """Whether the DLO stays in the board's plane."""
+        return len(self.noise) <= 2 * int(self.observed.shape[1])
+
     def white(self, points: FloatArray) -> FloatArray:
         """Differences of control points in units of the noise.
 

@@ -239,8 +239,7 @@ class IdentifierNode(DloNode):
             self.health.solved("model")
             self.health.values["suspected model errors"] = "none"
             return
-        told = [f"{name} ({100.0 * share:.0f} %)" for name, share in suspicion.suspects]
-        self.health.values["suspected model errors"] = ", ".join(told) or "not ranked yet"
+        self.health.values["suspected model errors"] = str(suspicion.suspects or "") or "unknown"
         self.health.warn("model", str(suspicion))
 
     def _on_pause(self, request: Any, response: Any) -> Any:
