@@ -172,8 +172,8 @@ def without(
     begins = [at.model.without(names)]
     if cause.start is None or cause.start.neutral:
         # Where the linearised posterior lies once the cause is at neutral.
-        pinned = at.model.with_prior([pinned(p) for p in cause.parameters])
-        found = posterior(at.spectra, at.variances, pinned.offset(), pinned.precision())
+        held = at.model.with_prior([pinned(p) for p in cause.parameters])
+        found = posterior(at.spectra, at.variances, held.offset(), held.precision())
         begins.append(at.model.at(at.model.theta() + found.step).without(names))
     begun: list[Evaluation] = []
     for model in begins:
