@@ -240,6 +240,7 @@ class Settings:
         for angle, place in body.kinks:  # an angle, however long the DLO is
             hat = body.hat(place)
             body.bend_rest[:, 0] += angle / (body.lengthening * (hat @ body.weight)) * hat
+        body.give_at_grips()
         return body
 
     @classmethod

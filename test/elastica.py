@@ -10,7 +10,7 @@ The length is cut where something jumps, and all pieces are solved at once.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid, solve_bvp
@@ -86,3 +86,22 @@ class Cantilever:
         t = (s - cuts[piece]) / width[piece, 0]
         values = solution.sol(t).reshape(4, pieces, -1)
         return np.column_stack([values[c, piece, np.arange(len(s))] for c in (2, 3)])
+
+
+def hinged(problem: Cantilever, compliance: float, weight: float) -> Cantilever:
+    """The cantilever on a torsional spring: its direction gives way to the moment at the clamp.
+
+    Args:
+        problem: under its own weight alone.
+        compliance: of the spring [rad/(N m)].
+        weight: per length [N/m].
+    """
+    fine = np.linspace(0.0, problem.length, 2001)
+    given = problem.direction
+    for _ in range(40):
+        x = problem.solve(fine)[:, 0]
+        moment = weight * float(np.trapezoid(x, fine))  # clockwise about the clamp
+        before, problem = problem, replace(problem, direction=given + compliance * moment)
+        if abs(problem.direction - before.direction) < 1e-9:
+            break
+    return problem

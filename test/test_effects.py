@@ -5,8 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from elastica import Cantilever
-from rods import PAPER, SECOND, command, held_start, settled, straight
+from elastica import Cantilever, hinged
+from rods import PAPER, SECOND, command, dense_stiffness, held_start, settled, straight
+from scipy.linalg import eigh
 
 from dlo_ros.command import Motion
 from dlo_ros.effects import build, effects, quantities
@@ -103,6 +104,75 @@ def test_a_kink_turns_the_tangent_by_its_angle():
 def test_a_turned_clamp_is_a_turned_start():
     shape, _ = cantilever(PAPER, clamp_angle={"start": 0.2})
     assert apart(shape, elastica(linear, own_weight, start=0.2)) < 2e-4
+
+
+@pytest.mark.parametrize(("spans", "slack"), [(28, 1e-3), (56, 2.5e-4)])
+def test_a_grip_that_gives_way_is_a_torsional_spring(spans, slack):
+    compliance = 8.0
+    shape, _ = cantilever(PAPER, spans, clamp_compliance={"start": compliance})
+    stiff = Cantilever(ROD.length, lambda u: np.full_like(u, B), STRETCH, own_weight)
+    spring = hinged(stiff, compliance, 9.81 * LINE)
+    assert spring.direction == pytest.approx(0.09, abs=0.02)  # rad
+    assert apart(shape, spring.solve) < slack
+    assert apart(shape, stiff.solve) > 15.0 * slack
+    mirrored = command(
+        ["end"], [0.0], [[[ROD.length, 0.0, 0.0]]], np.array([[[0.0, 0.0, 0.0, 1.0]]])
+    )
+    settings = PAPER.with_effects({"clamp_compliance": {"end": compliance}})
+    model, _, found = settled(settings, mirrored, spans)
+    there = model.basis.evaluate(found.state.q, ROD.length - U)[:, [0, 2]]
+    np.testing.assert_allclose(
+        there, [ROD.length, 0.0] + shape(U) * [-1.0, 1.0], atol=1e-6 * ROD.length
+    )
+
+
+def test_a_rigid_grip_is_the_limit_of_none_that_gives_way():
+    shape, _ = cantilever(PAPER, clamp_compliance={"start": 1e-6})
+    assert apart(shape, cantilever(PAPER)[0]) < 1e-6
+
+
+def test_a_plug_is_a_weight_on_a_rigid_lever():
+    mass, extent = 0.02, 0.08
+    begin = ROD.length - extent
+
+    def law(u, moment):
+        return moment / (B * np.where(u > begin, 1e3, 1.0))
+
+    def load(u):
+        fx, fz = own_weight(u)
+        return fx, fz - mass * 9.81 * np.clip((ROD.length - u) / extent, 0.0, 1.0)
+
+    stiff = replace(PAPER, rod=replace(ROD, young_modulus=2e8))
+    shape, _ = cantilever(stiff, spans=56, connector={"mass": mass, "extent": extent})
+    answer = elastica(lambda u, moment: law(u, 0.25 * moment), load, breaks=[begin])
+    assert apart(shape, answer) < 5e-4
+    plug = shape(np.array([begin + 0.02, begin + 0.05, ROD.length]))
+    directions = np.diff(plug, axis=0)
+    assert np.ptp(np.arctan2(directions[:, 1], directions[:, 0])) < 2e-3  # it is straight
+
+
+def test_a_plug_swings_as_a_rigid_body_on_a_light_beam():
+    """Lowest bending frequency of a weightless beam that carries a rigid bar."""
+    mass, extent = 0.5, 0.1
+    light = replace(WEIGHTLESS, rod=replace(ROD, young_modulus=5e9, density=1.0))
+    settings = light.with_effects({"connector": {"mass": mass, "extent": extent}})
+    model, boundary, found = settled(settings, held_start(), SPANS)
+    n = model.basis.control_points
+    free = [4 * i + 2 for i in range(n) if not boundary.fixed[4 * i + 2]]
+    full = np.zeros((n, n))
+    for i in range(n):
+        for j in range(max(0, i - 3), i + 1):
+            full[i, j] = full[j, i] = model.mass[i, 3 - i + j]
+    inner = [k // 4 for k in free]
+    stiffness = dense_stiffness(model, found.state)[np.ix_(free, free)]
+    slowest = np.linalg.eigvals(np.linalg.solve(stiffness, full[np.ix_(inner, inner)])).real
+    lowest = 1.0 / np.sort(slowest)[:-3:-1]
+    bend, arm, lever = light.rod.bending_stiffness, ROD.length - extent, 0.5 * extent
+    give = np.array([[arm**3 / 3.0, arm**2 / 2.0], [arm**2 / 2.0, arm]]) / bend
+    inertia = mass * np.array([[1.0, lever], [lever, lever**2 + extent**2 / 12.0]])
+    expected = eigh(np.linalg.inv(give), inertia, eigvals_only=True)
+    np.testing.assert_allclose(lowest, expected, rtol=0.03)
+    assert lowest[0] == pytest.approx(expected[0], rel=0.01)
 
 
 def test_tilted_gravity_is_a_turned_load():
@@ -407,6 +477,7 @@ NAMES = {
     "stiffness_gradient", "nonlinear_stiffness", "plasticity", "surface_friction", "air_drag",
     "internal_damping", "command_delay", "clamp_slip", "length_error", "camera_scale",
     "camera_rotation", "obstacle", "constant_force", "clamp_offset", "camera_shift",
+    "clamp_compliance", "connector",
 }  # fmt: skip
 
 

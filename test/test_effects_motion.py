@@ -25,6 +25,10 @@ CASES = {
     "clamp_angle": ("waved", {"clamp_angle": {"start": 0.2}}),
     "clamp_angle, both": ("closed", {"clamp_angle": {"start": 0.2, "end": -0.1}}),
     "clamp_angle of control points": ("pinned", {"clamp_angle": {"start": 0.2}}),
+    "clamp_compliance": ("waved", {"clamp_compliance": {"start": 6.0}}),
+    "clamp_compliance, both held": (
+        "closed", {"clamp_compliance": {"start": 10.0, "end": 20.0}}),
+    "connector": ("waved", {"connector": {"mass": 0.004, "extent": 0.05}}),
     "gravity_tilt": ("waved", {"gravity_tilt": {"angle": 0.15}}),
     "point_mass": ("waved", {"point_mass": {"mass": 0.004, "position": 0.25}}),
     "stiff_segment": ("waved", {"stiff_segment": {"centre": 0.12, "extent": 0.1, "ratio": 4.0}}),

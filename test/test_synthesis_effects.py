@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from elastica import Cantilever
+from elastica import Cantilever, hinged
 
 from dlo_ros.parameters import DampingParameters, RodParameters, Settings
 from dlo_ros.synthesis.hidden import Hidden, read_effects
@@ -102,6 +102,18 @@ STATIC = {
         cantilever(force=lambda s: (0.1 * (LENGTH - s), (0.15 - W) * (LENGTH - s))),
     ),
     "clamp_angle": (None, cantilever(direction=0.15)),
+    "clamp_compliance": (hidden("clamp_compliance", start=8.0), hinged(cantilever(), 8.0, W)),
+    "connector": (
+        hidden("connector", mass=MASS, extent=0.08),
+        cantilever(
+            force=lambda s: (
+                0.0 * s,
+                -W * (LENGTH - s) - 9.81 * MASS * np.clip((LENGTH - s) / 0.08, 0.0, 1.0),
+            ),
+            stiffness=lambda s: B * np.where(s > LENGTH - 0.08, 1e4, 1.0),
+            breaks=[LENGTH - 0.08],
+        ),
+    ),
 }
 
 

@@ -369,6 +369,8 @@ def test_every_effect_changes_what_is_measured(name, plain):
     values = {
         "intrinsic_curvature": {"curvature": [1.0, -1.0]},
         "clamp_angle": {"start": 0.05},
+        "clamp_compliance": {"start": 4.0},
+        "connector": {"mass": 0.005, "extent": 0.05},
         "gravity_tilt": {"angle": 0.05},
         "point_mass": {"mass": 0.005, "position": 0.25},
         "stiff_segment": {"centre": 0.1, "extent": 0.05, "ratio": 3.0},

@@ -32,6 +32,7 @@ TOLERANCES = {
     "command_delay.delay": 0.02,
     "clamp_slip.length": 0.005 * ROD.length,
     "point_mass.mass": 0.1 * MASS,
+    "connector.mass": 0.1 * MASS,
     "stiff_segment.ratio": 0.3,
     "surface_friction.force": 0.02 * WEIGHT,
     "constant_force.x": 0.02 * WEIGHT,

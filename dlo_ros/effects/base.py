@@ -20,6 +20,7 @@ __all__ = ["Body", "Effect", "Peg", "Quantity", "RopeScale", "Scene", "Start", "
 
 PREFIX = "effects."  # of the names of their parameters
 SHORTEST = 0.1  # of the configured length that effects may leave
+BESIDE = 2  # knot spans beside an end that make up for where a grip's compliance is put
 LOCAL = 0.2  # of the length: extent from which one is looked for
 Part = Literal["rod", "command", "measurement"]
 ROD: Part = "rod"
@@ -58,6 +59,7 @@ class Body:
         force: dead force per length [N/m], shape (3,).
         masses: masses fixed to the DLO, each as mass [kg] and place u [m].
         kinks: in the board's plane, each as angle [rad] and place u [m].
+        grip_compliance: of the grips at start and end against the DLO's moment [rad/(N m)].
         half_curvature: curvature at which the tangent bending stiffness has halved [1/m].
         yield_curvature: elastic curvature past which bending yields [1/m].
         hardening: tangent bending stiffness past the yield over that before it, 0 to 1.
@@ -80,6 +82,7 @@ class Body:
     force: FloatArray = field(default_factory=lambda: np.zeros(3))
     masses: list[tuple[float, float]] = field(default_factory=list)
     kinks: list[tuple[float, float]] = field(default_factory=list)
+    grip_compliance: tuple[float, float] = (0.0, 0.0)
     half_curvature: float = math.inf
     yield_curvature: float = math.inf
     hardening: float = 0.0
@@ -137,6 +140,27 @@ class Body:
         """1 at a place, 0 a knot span away from it, at the quadrature points, shape (nb,)."""
         away = np.abs(self.points - place) / self.basis.span_length
         return np.maximum(1.0 - away, 0.0)
+
+    def give_at_grips(self) -> None:
+        """Add the compliance of the grips to that of bending beside them.
+
+        A hinge of compliance c at an end is a compliance c w(u) per length with integral 1 of w.
+        Its first moment should vanish, too, or the DLO would turn about a point beside the end. So
+        w falls from the end over a knot span h and is a little negative in the next m = `BESIDE`,
+        w = (2 (1 + m s b) hat_0 - s b (hat_1 + ... + hat_m)) / h with b = 2 / (m (3 m + 1)). The
+        moment is (1 - s) h / 3; s is 1 unless that would leave no positive stiffness.
+        """
+        h, longest = self.basis.span_length, self.basis.length
+        least = 2.0 / (BESIDE * (3 * BESIDE + 1))
+        for end, compliance in zip((0.0, longest), self.grip_compliance, strict=True):
+            if compliance == 0.0:
+                continue
+            turn = compliance / self.lengthening  # curvature counts per true length
+            taken = least * turn * float(self.bend.max()) / h  # of the compliance beside the end
+            less = least / (1.0 + taken**4) ** 0.25
+            beside = sum(self.hat(abs(end - k * h)) for k in range(1, BESIDE + 1))
+            share = (2.0 * (1.0 + BESIDE * less) * self.hat(end) - less * beside) / h
+            self.bend /= 1.0 + turn * share[:, None] * self.bend
 
     def coverage(self, start: float, stop: float) -> FloatArray:
         """Share in [start, stop] at the quadrature points, shape (nb,).

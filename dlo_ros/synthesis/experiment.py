@@ -198,6 +198,7 @@ def _check_effects(experiment: Experiment, where: str) -> None:
         ("point_mass", "position"),
         ("intrinsic_curvature", "position"),
         ("stiff_segment", "centre"),
+        ("connector", "extent"),
     )
     for name, key in places:
         place = hidden.number(name, key)

@@ -57,8 +57,13 @@ EFFECTS: Mapping[str, Mapping[str, Key]] = {
         "start": Key("m", -1e2, 1e2, 0.0, count=2),
         "end": Key("m", -1e2, 1e2, 0.0, count=2),
     },
+    "clamp_compliance": {
+        "start": Key("rad/(N m)", 0.0, 1e6, 0.0),
+        "end": Key("rad/(N m)", 0.0, 1e6, 0.0),
+    },
     "gravity_tilt": {"angle": Key("rad", -PI, PI)},
     "point_mass": {"mass": Key("kg", 0.0, 1e3), "position": Key("m", 0.0, 1e2)},
+    "connector": {"mass": Key("kg", 0.0, 1e3), "extent": Key("m", 0.0, 1e2)},
     "stiff_segment": {
         "centre": Key("m", 0.0, 1e2),
         "extent": Key("m", 0.0, 1e2),

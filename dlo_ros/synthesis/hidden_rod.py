@@ -20,6 +20,7 @@ from dlo_ros.synthesis.hidden import Hidden
 from dlo_ros.synthesis.rod_simulation import Change
 
 SAMPLES = 16  # of a property over half an edge
+PLUG = 1e4  # bending stiffness of a connector over that of the rope
 
 
 def true_length(settings: Settings, hidden: Hidden) -> float:
@@ -39,6 +40,8 @@ def nodes_at(settings: Settings, hidden: Hidden, pins: Sequence[float], edges: i
         centre = hidden.number("stiff_segment", "centre")
         half = 0.5 * hidden.number("stiff_segment", "extent")
         wanted += [centre - half, centre + half]
+    if "connector" in hidden:
+        wanted.append(length - hidden.number("connector", "extent"))
     for name in ("point_mass", "intrinsic_curvature"):
         if name in hidden:
             wanted.append(hidden.number(name, "position"))
@@ -79,11 +82,15 @@ def build_rod(
     u, tributary = rod.u / grown, rod.vertex_lengths
     softness = _over_vertices(u, lambda at: 1.0 / _stiffness_ratio(at, length, hidden))
     rod.bending_stiffness = rod.bending_stiffness / softness
+    for end, name in ((0, "start"), (-1, "end")):
+        # A hinge in series with the half edge of the clamp.
+        give = rod.bending_stiffness[end] * hidden.number("clamp_compliance", name)
+        rod.bending_stiffness[end] /= 1.0 + give / tributary[end]
     rod.rest_curvature = _over_vertices(u, lambda at: _curvature(at, length, hidden))
     rod.kink = hidden.number("intrinsic_curvature", "kink") * _hat(
         u, hidden.number("intrinsic_curvature", "position")
     )
-    rod.mass = rod.mass + _point_mass(u, hidden)
+    rod.mass = rod.mass + _hung_mass(u, length, hidden)
     along = (hidden.number("constant_force", "x"), hidden.number("constant_force", "z"))
     rod.force = tributary[:, None] * np.array(along)
     rod.friction = tributary * hidden.number("surface_friction", "force")
@@ -117,7 +124,8 @@ def change(
         initial = true_length(settings, hidden)
 
         def slide(rod: DiscreteRod, time: float) -> DiscreteRod:
-            hung = _point_mass(rod.u * (settings.rod.length / initial), hidden)
+            u = rod.u * (settings.rod.length / initial)
+            hung = _hung_mass(u, settings.rod.length, hidden)
             return stretched(rod, 1.0 + slip / initial * travelled(time), hung)
 
         parts.append(slide)
@@ -179,6 +187,8 @@ def _stiffness_ratio(u: FloatArray, length: float, hidden: Hidden) -> FloatArray
         centre = hidden.number("stiff_segment", "centre")
         inside = np.abs(u - centre) <= 0.5 * hidden.number("stiff_segment", "extent")
         result = result * np.where(inside, hidden.number("stiff_segment", "ratio"), 1.0)
+    if "connector" in hidden:
+        result = result * np.where(u > length - hidden.number("connector", "extent"), PLUG, 1.0)
     return result
 
 
@@ -189,10 +199,23 @@ def _curvature(u: FloatArray, length: float, hidden: Hidden) -> FloatArray:
     return np.interp(u, np.linspace(0.0, length, len(values)), values)
 
 
-def _point_mass(u: FloatArray, hidden: Hidden) -> FloatArray:
-    """Mass of the hung body on the nodes [kg], shape (N + 1,)."""
-    mass = hidden.number("point_mass", "mass")
-    return mass * _hat(u, hidden.number("point_mass", "position"))
+def _hung_mass(u: FloatArray, length: float, hidden: Hidden) -> FloatArray:
+    """Mass of a hung body and of a plug on the nodes [kg], shape (N + 1,).
+
+    The plug's is even from its beginning to the rope's end; each edge gives its share to its two
+    nodes so that the plug keeps its centre of mass.
+    """
+    result = hidden.number("point_mass", "mass") * _hat(u, hidden.number("point_mass", "position"))
+    mass, extent = (hidden.number("connector", key) for key in ("mass", "extent"))
+    if mass and extent < 0.5 * (u[-1] - u[-2]):
+        result[-1] += mass
+    elif mass:
+        first = np.clip(length - extent, u[:-1], u[1:])  # where the plug begins on each edge
+        share = (u[1:] - first) / extent
+        right = (0.5 * (first + u[1:]) - u[:-1]) / np.diff(u)  # its centre there, over the edge
+        result[:-1] += mass * share * (1.0 - right)
+        result[1:] += mass * share * right
+    return result
 
 
 def _hat(u: FloatArray, position: float) -> FloatArray:

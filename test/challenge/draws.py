@@ -78,6 +78,14 @@ def clamp_angle(rng: np.random.Generator, scene: Scene) -> Drawn | None:
     return Drawn(lambda s: {end: sign * s}, 2e-3, 0.4)
 
 
+def clamp_compliance(rng: np.random.Generator, scene: Scene) -> Drawn | None:
+    ends = [k for k, has in (("start", scene.clamps_start), ("end", scene.clamps_end)) if has]
+    if not ends:
+        return None
+    end, weak = ends[rng.integers(len(ends))], 1.0 / (scene.weight * scene.length**2)
+    return Drawn(lambda s: {end: s * weak}, 5e-3, 3.0)
+
+
 def clamp_offset(rng: np.random.Generator, scene: Scene) -> Drawn | None:
     ends = [k for k, has in (("start", scene.clamps_start), ("end", scene.clamps_end)) if has]
     if not ends:
@@ -95,6 +103,11 @@ def gravity_tilt(rng: np.random.Generator, scene: Scene) -> Drawn:
 def point_mass(rng: np.random.Generator, scene: Scene) -> Drawn:
     position = float(rng.uniform(0.25, 1.0) * scene.length)
     return Drawn(lambda s: {"mass": s * scene.mass, "position": position}, 2e-3, 2.0)
+
+
+def connector(rng: np.random.Generator, scene: Scene) -> Drawn:
+    extent = float(rng.uniform(0.05, 0.2) * scene.length)
+    return Drawn(lambda s: {"mass": s * scene.mass, "extent": extent}, 0.02, 2.0)
 
 
 def stiff_segment(rng: np.random.Generator, scene: Scene) -> Drawn:
@@ -241,8 +254,10 @@ NAMED: dict[str, Draw] = {
     for f in (
         intrinsic_curvature,
         clamp_angle,
+        clamp_compliance,
         gravity_tilt,
         point_mass,
+        connector,
         stiff_segment,
         stiffness_gradient,
         nonlinear_stiffness,

@@ -1,0 +1,49 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""A grip gives way: it turns under the DLO's moment."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from dlo_ros.effects.base import Body, Effect, Scene, Start, quantity
+
+NATURAL = (
+    0.3  # of 1/(weight per length L^2): the rope's own weight, held level, turns it by 0.15 rad
+)
+
+
+@dataclass(frozen=True)
+class ClampCompliance(Effect):
+    """A torsional spring between a grip and the DLO: angle = compliance times moment.
+
+    The end stays where it is held. An end whose direction is free has no moment, and nothing turns.
+    The spring's compliance is spread over the knot spans beside the grip, see `Body.give_at_grips`,
+    and damped as bending is.
+    """
+
+    name: ClassVar[str] = "clamp_compliance"
+    title: ClassVar[str] = "give of a grip"
+    phrase: ClassVar[str] = "a grip turns under the moment of the DLO"
+    varied_in_batch: ClassVar[bool] = True
+
+    start: float = quantity(
+        0.0, "rad/(N m)", 0.0, 1e6, "at the start", natural=NATURAL, search=(0.0, 20.0)
+    )
+    end: float = quantity(
+        0.0, "rad/(N m)", 0.0, 1e6, "at the end", natural=NATURAL, search=(0.0, 20.0)
+    )
+
+    def shape_body(self, body: Body) -> None:
+        """See the base class."""
+        start, end = body.grip_compliance
+        body.grip_compliance = (start + self.start, end + self.end)
+
+    @classmethod
+    def starts(cls, scene: Scene) -> list[Start]:
+        """Each clamp alone, and both."""
+        found = [Start(cls.name, {end: 0.0}, (end,), (end,), form=end) for end in scene.clamps]
+        if len(found) == 2:
+            both = dict.fromkeys(scene.clamps, 0.0)
+            found.append(Start(cls.name, both, tuple(both), tuple(both), form="both"))
+        return found
