@@ -39,6 +39,7 @@ class Command:
         frame_id: frame of the positions.
         path_before: how far imposed points have travelled under the commands before [m].
         whole_path: how far they travel in the whole motion [m]; None: by this command alone.
+        began: stamp of the first observed shape [ns]; None: the start of the trajectory.
 
     Raises:
         CommandError: the command is malformed; the message says what and where.
@@ -54,6 +55,7 @@ class Command:
     frame_id: str = "board"
     path_before: float = 0.0
     whole_path: float | None = None
+    began: int | None = None
 
     def __post_init__(self) -> None:
         check_names(self.names, self.control_points)
@@ -126,6 +128,11 @@ class Command:
         whole = float(self.path[-1]) if self.whole_path is None else self.whole_path
         path: FloatArray = self.path_before + self.path
         return path / whole if whole > 0.0 else 0.0 * path
+
+    @property
+    def began_at(self) -> float:
+        """Instant of the first observed shape [s] from the start of the trajectory."""
+        return 0.0 if self.began is None else (self.began - self.stamp) / NANOSECONDS
 
     @property
     def end_stamp(self) -> int:

@@ -477,7 +477,7 @@ NAMES = {
     "stiffness_gradient", "nonlinear_stiffness", "plasticity", "surface_friction", "air_drag",
     "internal_damping", "command_delay", "clamp_slip", "length_error", "camera_scale",
     "camera_rotation", "obstacle", "constant_force", "clamp_offset", "camera_shift",
-    "clamp_compliance", "connector",
+    "clamp_compliance", "connector", "quadratic_drag", "wall",
 }  # fmt: skip
 
 

@@ -52,8 +52,9 @@ def material(stiff, law):
     history = History(np.zeros((stiff.twist.size, 2)), np.zeros((stiff.twist.size, 2)))
     nothing = np.zeros((0, 3))
     around = Surroundings(
-        0.0, 1.0, nothing, 0.0, np.zeros(0, np.int64), np.zeros((0, 4)), np.zeros(0)
-    )
+        0.0, 1.0, nothing, 0.0, np.zeros(0, np.int64), np.zeros((0, 4)), np.zeros(0), nothing, 0.0,
+        nothing,
+    )  # fmt: skip
     return Material(stiff, 1.0, stiff.bend_rest, law, around, history)
 
 

@@ -59,6 +59,10 @@ CASES = [
      {"internal_damping": {"relaxation_time": 0.01}}, SMOOTH),
     ("effects.command_delay.delay", {"command_delay": {"delay": 0.021}}, 0.2),
     ("effects.clamp_slip.length", {"clamp_slip": {"length": 0.01}}, SMOOTH),
+    ("effects.clamp_slip.onset", {"clamp_slip": {"length": 0.01, "onset": 0.0631}}, SMOOTH),
+    ("effects.quadratic_drag.coefficient", {"quadratic_drag": {"coefficient": 0.0}}, SMOOTH),
+    ("effects.quadratic_drag.coefficient", {"quadratic_drag": {"coefficient": 0.3}}, SMOOTH),
+    ("effects.wall.offset", {"wall": {"offset": -0.05}}, KINKED),
     ("effects.length_error.difference", {"length_error": {"difference": 0.01}}, SMOOTH),
     ("effects.camera_scale.ratio", {"camera_scale": {"ratio": 1.01}}, SMOOTH),
     ("effects.camera_rotation.angle", {"camera_rotation": {"angle": 0.02}}, SMOOTH),
@@ -115,7 +119,7 @@ def test_derivatives_agree_with_differences(same_steps, name, effects, slack, sp
     if slack == SMOOTH:  # wide, so that rounding does not count, and of fourth order
         expected = (4.0 * difference(30.0 * chosen.step) - difference(60.0 * chosen.step)) / 3.0
     for k, instant in enumerate(("at rest", "moving", "at the end")):
-        if "obstacle" in name and (k > 0 or space):
+        if ("obstacle" in name or "wall" in name) and (k > 0 or space):
             continue  # in motion it knocks, and in space it slides off
         scale = np.abs(expected[k]).max()
         if scale < 1e-7 * np.abs(expected).max():

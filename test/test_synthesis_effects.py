@@ -110,7 +110,7 @@ STATIC = {
                 0.0 * s,
                 -W * (LENGTH - s) - 9.81 * MASS * np.clip((LENGTH - s) / 0.08, 0.0, 1.0),
             ),
-            stiffness=lambda s: B * np.where(s > LENGTH - 0.08, 1e4, 1.0),
+            stiffness=lambda s: B * np.where(s > LENGTH - 0.08, 500.0, 1.0),
             breaks=[LENGTH - 0.08],
         ),
     ),

@@ -379,6 +379,8 @@ def test_every_effect_changes_what_is_measured(name, plain):
         "plasticity": {"yield_curvature": 4.0, "hardening": 0.3},
         "surface_friction": {"force": 0.05},
         "air_drag": {"coefficient": 0.05},
+        "quadratic_drag": {"coefficient": 0.3},
+        "wall": {"offset": -0.2},
         "internal_damping": {"relaxation_time": 0.02},
         "command_delay": {"delay": 0.05},
         "clamp_slip": {"length": 0.01},

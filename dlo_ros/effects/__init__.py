@@ -14,6 +14,7 @@ from dlo_ros.effects.base import (
     RopeScale,
     Scene,
     Start,
+    Wall,
     quantity,
 )
 from dlo_ros.effects.registry import (
@@ -34,6 +35,7 @@ __all__ = [
     "Scene",
     "Start",
     "Values",
+    "Wall",
     "added_to_damping",
     "build",
     "effects",

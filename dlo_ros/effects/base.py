@@ -16,7 +16,7 @@ from dlo_ros.effects.start import INNER_PLACES, Block, Scene, Start, Value
 from dlo_ros.errors import ParameterError
 from dlo_ros.spline import FloatArray, SplineBasis
 
-__all__ = ["Body", "Effect", "Peg", "Quantity", "RopeScale", "Scene", "Start", "quantity"]
+__all__ = ["Body", "Effect", "Peg", "Quantity", "RopeScale", "Scene", "Start", "Wall", "quantity"]
 
 PREFIX = "effects."  # of the names of their parameters
 SHORTEST = 0.1  # of the configured length that effects may leave
@@ -38,6 +38,14 @@ class Peg(NamedTuple):
     x: float  # [m]
     z: float  # [m]
     radius: float  # of the peg itself [m]
+
+
+class Wall(NamedTuple):
+    """A straight frictionless wall or table that stands on the board."""
+
+    x: float  # of the unit normal, towards the free side
+    z: float
+    offset: float  # of the wall along the normal [m]
 
 
 @dataclass
@@ -65,8 +73,11 @@ class Body:
         hardening: tangent bending stiffness past the yield over that before it, 0 to 1.
         friction: Coulomb friction with the board per length [N/m]; None: the board is not touched.
         pegs: that the DLO may touch.
+        walls: likewise.
+        quadratic_drag: c of a force per length -c |v_n| v_n [N s^2/m^3]; None: there is none.
         lengthening: true length over configured length.
         slip: free length gained through a grip during the motion [m]; None: no grip slips.
+        slip_onset: when it is gained, all at once [s] from the first frame; None: evenly.
     """
 
     basis: SplineBasis
@@ -88,8 +99,11 @@ class Body:
     hardening: float = 0.0
     friction: float | None = None
     pegs: list[Peg] = field(default_factory=list)
+    walls: list[Wall] = field(default_factory=list)
+    quadratic_drag: float | None = None
     lengthening: float = 1.0
     slip: float | None = None
+    slip_onset: float | None = None
 
     def check(self) -> None:
         """Refuse a rod that effects have made impossible.

@@ -55,6 +55,7 @@ class RopeScale:
             "N/m": self.weight,
             "N m": self.weight * self.length**2,
             "rad/(N m)": 1.0 / (self.weight * self.length**2),
+            "N s^2/m^3": self.mass / self.length**2,
             "N s/m^2": max(self.air_drag, LEAST_DRAG * self.weight),
         }
         return sizes.get(unit, 1.0)

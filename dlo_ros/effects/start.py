@@ -51,6 +51,7 @@ class Scene:
         held: ends whose position is imposed in some recording.
         curvature: 90th percentile of the largest curvature of each frame [1/m].
         known: dampings of the parameter file (air_drag, relaxation_time) that are no guesses.
+        reach: smallest and largest x, smallest z of the shapes [m]; None: not known.
     """
 
     rope: RopeScale
@@ -58,3 +59,4 @@ class Scene:
     held: tuple[str, ...]
     curvature: float
     known: tuple[str, ...] = ()
+    reach: tuple[float, float, float] | None = None

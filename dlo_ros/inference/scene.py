@@ -33,8 +33,9 @@ def scene(settings: Settings, names: Sequence[str], predicted: Sequence[FloatArr
     n, length = settings.rod.control_points, settings.rod.length
     basis = SplineBasis(n, length)
     u = np.linspace(0.02, 0.98, 50) * length
-    largest = []
+    largest, points = [], []
     for shapes in predicted:
+        points.append(np.einsum("qn,fnc->fqc", basis.matrix(u), shapes[..., :3]).reshape(-1, 3))
         slope = np.einsum("qn,fnc->fqc", basis.matrix(u, 1), shapes[..., :3])
         bend = np.einsum("qn,fnc->fqc", basis.matrix(u, 2), shapes[..., :3])
         speed = np.linalg.norm(slope, axis=2)
@@ -47,10 +48,12 @@ def scene(settings: Settings, names: Sequence[str], predicted: Sequence[FloatArr
             if end in names or any(f"{CONTROL_POINT}{own[k]}" in names for k in points)
         )  # fmt: skip
 
+    reached = np.concatenate(points)
     return Scene(
         rope=settings.scale,
         clamps=imposed(1),
         held=imposed(0, 1),
         curvature=float(np.percentile(np.concatenate(largest), 90.0)),
+        reach=(reached[:, 0].min(), reached[:, 0].max(), reached[:, 2].min()),
         known=tuple(n for n in DAMPING if getattr(settings.damping, f"{n}_std") > 0.0),
     )

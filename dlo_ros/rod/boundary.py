@@ -136,7 +136,7 @@ class Boundary:
         """A command for compiled code."""
         return grips.Imposed(
             command.times, command.positions, command.rotations, command.velocities, self.kinds,
-            np.zeros(len(command.times)),
+            np.zeros(len(command.times)), np.zeros(2),
         )  # fmt: skip
 
     @property

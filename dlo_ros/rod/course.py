@@ -27,12 +27,14 @@ class Course:
         following: the command that the rod followed last.
         standing_in: what stands for a command, by its identity, beside the command itself.
         whole_path: how far imposed points travel under the commands that were known first [m].
+        began: stamp of the first observed shape [ns].
     """
 
     motion: Motion
     following: Command | None = None
     standing_in: dict[int, tuple[Command, Command]] = field(default_factory=dict)
     whole_path: float = 0.0
+    began: int | None = None
 
     def another(self) -> Course:
         """A course of the same motion that goes its own way from here."""
@@ -70,8 +72,6 @@ class Course:
             return
         paths = self.motion.paths()
         self.whole_path = self.whole_path or paths[-1]
-        if not self.whole_path:
-            return
         for k, command in enumerate(commands):
             if self._stand_in(command).whole_path is None:
                 before = 0.0
@@ -79,8 +79,9 @@ class Course:
                     known = self._stand_in(commands[k - 1])
                     before = known.path_before + paths[k] - paths[k - 1]
                 counted = replace(
-                    self._stand_in(command), path_before=before, whole_path=self.whole_path
-                )
+                    self._stand_in(command), path_before=before, whole_path=self.whole_path,
+                    began=self.began,
+                )  # fmt: skip
                 self.standing_in[id(command)] = command, counted
 
     def begin(self, stamp: int, command: Command, q: FloatArray, basis: SplineBasis) -> Command:

@@ -63,7 +63,7 @@ def assemble(q, rule, ref, matter, response, promised, gradient, band, grad_s, g
     else:
         assembly.assemble(q, rule, ref, other, response, gradient, band, grad_s, grad_o)
     around = matter.around
-    if around.friction > 0.0 or around.pegs.shape[0] > 0:
+    if surroundings.touched(around):
         energy += surroundings.resist(q, rule, around, matter.history.anchor, gradient, band)
     return energy
 

@@ -31,6 +31,7 @@ class Imposed(NamedTuple):
     velocities: FloatArray  # (T, K, 3) [m/s], NaN where a point carries none
     kinds: FloatArray  # (K,) integers
     gain: FloatArray  # (T,) free length slipped in through a grip until then, of L
+    sudden: FloatArray  # (2,) what slips in at one moment, of L, and when [s]
 
 
 @njit()

@@ -168,11 +168,12 @@ class RodModel:
     def plain(self) -> bool:
         """Whether the rod is all that its stiffness, mass, drag and loads say.
 
-        It does not soften or yield, touches nothing, and slips through no grip.
+        It does not soften or yield, touches nothing, slips through no grip, and no drag grows with
+        the square of speed.
         """
         body = self.body
-        touching = body.friction is not None or bool(body.pegs)
-        return self.law.active == 0.0 and not touching and not body.slip
+        touching = body.friction is not None or bool(body.pegs) or bool(body.walls)
+        return self.law.active == 0.0 and not (touching or body.slip or body.quadratic_drag)
 
     @cached_property
     def planar(self) -> bool:
@@ -188,7 +189,10 @@ class RodModel:
         pegs = np.array(
             [[p.x, p.z, p.radius + 0.5 * rod.diameter] for p in body.pegs], dtype=np.float64
         ).reshape(-1, 3)
-        spans = self.basis.spans if len(pegs) else 0
+        walls = np.array(
+            [[w.x, w.z, w.offset + 0.5 * rod.diameter] for w in body.walls], dtype=np.float64
+        ).reshape(-1, 3)
+        spans = self.basis.spans if len(pegs) or len(walls) else 0
         span = np.repeat(np.arange(spans), CONTACTS)
         width = length / max(self.basis.spans * CONTACTS, 1)
         u = (np.arange(spans * CONTACTS) + 0.5) * width
@@ -198,7 +202,8 @@ class RodModel:
         push = weight + 10.0 * rod.bending_stiffness / length**2
         return Surroundings(
             (body.friction or 0.0) * body.lengthening, CREEP * length, pegs,
-            push / (width * SINK * length), span, b, np.full(len(u), width),
+            push / (width * SINK * length), span, b, np.full(len(u), width), walls,
+            (body.quadratic_drag or 0.0) * body.lengthening, np.zeros((0, 3)),
         )  # fmt: skip
 
     @cached_property

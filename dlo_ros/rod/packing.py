@@ -85,11 +85,13 @@ def true_command(model: RodModel, command: Command) -> Command:
 
 def imposed_of(model: RodModel, boundary: Boundary, command: Command) -> grips.Imposed:
     """A command for compiled code, with the length that slips through a grip meanwhile."""
-    imposed = boundary.imposed(command)
-    if not model.body.slip:
+    imposed, body = boundary.imposed(command), model.body
+    if not body.slip:
         return imposed
-    length = model.basis.length * model.body.lengthening
-    return imposed._replace(gain=model.body.slip / length * command.progress)
+    share = body.slip / (model.basis.length * body.lengthening)
+    if body.slip_onset is None:
+        return imposed._replace(gain=share * command.progress)
+    return imposed._replace(sudden=np.array([share, body.slip_onset + command.began_at]))
 
 
 def moving_of(state: State, command: Command, *, flat: bool) -> Moving:

@@ -182,6 +182,7 @@ class Simulation:
                 )
         possible(self.settings)
         seen = [replace(o, stamp=o.stamp - self._camera.later) for o in observations[:needed]]
+        self._course.began = seen[0].stamp
         command = self._command(seen[-1].stamp)
         shape = self._camera.true(seen[-1].control_points)
         return seen, command, shape

@@ -27,8 +27,9 @@ TOLERANCE = 1e-9
 # A rod that is elastic and touches nothing.
 LINEAR = Law(0.0, np.inf, np.inf, 0.0)
 FREE = Surroundings(
-    0.0, 1.0, np.zeros((0, 3)), 0.0, np.zeros(0, np.int64), np.zeros((0, 4)), np.zeros(0)
-)
+    0.0, 1.0, np.zeros((0, 3)), 0.0, np.zeros(0, np.int64), np.zeros((0, 4)), np.zeros(0),
+    np.zeros((0, 3)), 0.0, np.zeros((0, 3)),
+)  # fmt: skip
 # Pull to the first shape and bending stiffness while what is held is approached, and at the end.
 STRONGEST, WEAKEST = 10.0, 1e-4
 APPROACH = 10  # steps to what is held

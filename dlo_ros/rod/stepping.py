@@ -14,8 +14,8 @@ from dlo_ros.rod import forces, solver
 from dlo_ros.rod.constraints import back_substitute
 from dlo_ros.rod.material import remember
 from dlo_ros.rod.moving import LAST, NEXT, TIME, assign
-from dlo_ros.rod.surroundings import drag_along
-from dlo_ros.rod.system import ITSELF, growth, inertia_of, matter_of, residual, targets
+from dlo_ros.rod.surroundings import drag_along, towed
+from dlo_ros.rod.system import ITSELF, drawn, growth, inertia_of, matter_of, residual, targets
 from dlo_ros.rod.tables import Material
 
 RHO = 0.6  # spectral radius at infinity; above 0.8 the stiff stretch blows up (numerics.md)
@@ -59,7 +59,24 @@ def damped(system, k, imposed, state, h):
         past = c1 * state.other[e, 2] + c2 * state.other_before[e, 2]
         s.twist[e] *= damping
         s.twist_rest[e] = (s.twist_rest[e] - t_r * past) / damping
-    return Material(s, damping, matter.bend_rest, matter.law, matter.around, matter.history)
+    m = Material(s, damping, matter.bend_rest, matter.law, matter.around, matter.history)
+    if m.around.brake == 0.0:
+        return m
+    return drawn(m, _towed(system.rule, now * m.around.brake, state, h))
+
+
+@linked()
+def _towed(rule, coefficient, state, h):
+    """Quadratic drag of a step of length h from a state; see `surroundings.towed`."""
+    still, v_star, _ = extrapolated(state.q, state.velocity, state.acceleration, state.auxiliary, h)
+    there, speed, (_, rate) = np.empty(still.shape), np.empty(still.shape), weights(h)
+    x, v, a = state.q.ravel(), state.velocity.ravel(), state.auxiliary.ravel()
+    past, foretold, fast, passing = still.ravel(), there.ravel(), speed.ravel(), v_star.ravel()
+    for i in range(x.size):
+        foretold[i] = x[i] + h * v[i] + 0.5 * h * h * a[i]
+        fast[i] = v[i] + h * a[i]
+        past[i] -= passing[i] / rate
+    return towed(rule, coefficient, there, speed, still, rate)
 
 
 @linked()
@@ -194,6 +211,12 @@ def starting_acceleration(system, imposed, state):
     factor = growth(imposed, ITSELF, state.clock[TIME])
     none = np.zeros((state.q.shape[0], 4))
     matter = matter_of(system, ITSELF, factor, state.history)
+    if matter.around.brake != 0.0:
+        still = state.q - state.velocity
+        matter = drawn(
+            matter, towed(system.rule, factor * matter.around.brake, state.q, state.velocity,
+                          still, 1.0)
+        )  # fmt: skip
     _, gradient, _, _, _ = solver.linearise(
         state.q, system.rule, matter, state.reference, none, none
     )

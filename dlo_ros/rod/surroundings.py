@@ -1,9 +1,15 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Compiled forces of what the DLO touches: Coulomb friction with the board, contact with pegs.
+"""Compiled forces of what the DLO touches: friction with the board, pegs, walls, quadratic drag.
 
-Both act in the board's plane, on x and z. Friction is a spring to an anchor that slides along once
-its force reaches the Coulomb limit, so a DLO sticks truly; the anchor is part of the state. A peg
-pushes back in proportion to how deep the DLO's axis is within its reach, without friction.
+Contact and friction act in the board's plane, on x and z. Friction is a spring to an anchor that
+slides along once its force reaches the Coulomb limit, so a DLO sticks truly; the anchor is part of
+the state. A peg or a wall pushes back in proportion to how deep the DLO's axis is within its reach,
+without friction.
+
+Quadratic drag is a force per length -c |v_n| v_n against the velocity across the DLO. Within a step
+|v_n| and the direction are those that the past foretells, to second order in the step, so that the
+force is linear in the velocity at the step's end, and that in the position: a spring across the DLO
+to where it would not move.
 """
 
 from __future__ import annotations
@@ -57,6 +63,94 @@ def contact(x0, x1, peg, stiff):
     )  # fmt: skip
 
 
+@njit(inline="always")
+def press(x0, x1, wall, stiff):
+    """Push of a wall on a point: force, its tangent and energy as in `friction`."""
+    deep = wall[0] * x0 + wall[1] * x1 - wall[2]
+    if deep >= 0.0:
+        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    n0, n1 = wall[0], wall[1]
+    return (
+        stiff * deep * n0, stiff * deep * n1, stiff * n0 * n0, stiff * n0 * n1, stiff * n1 * n1,
+        0.5 * stiff * deep * deep,
+    )  # fmt: skip
+
+
+@njit()
+def touched(around):
+    """Whether `resist` has anything to do."""
+    return (
+        around.friction > 0.0
+        or around.pegs.shape[0] > 0
+        or around.walls.shape[0] > 0
+        or around.tow.shape[0] > 0
+    )
+
+
+@linked()
+def towed(rule, coefficient, q, velocity, still, rate):
+    """Quadratic drag of one step.
+
+    Args:
+        coefficient: c, times the true length over that of the basis [N s^2/m^3].
+        q, velocity: control points and their velocities by which direction and speed are judged,
+            shape (n, d).
+        still: control points at which the DLO would not move, shape (n, d).
+        rate: velocity over the distance from there [1/s].
+
+    Returns:
+        For each quadrature point a stiffness across the DLO [N/m^2], the tangent and the point at
+        which there is no force [m], shape (nb, 1 + 2 m) for m coordinates.
+    """
+    count = min(q.shape[1], 3)
+    result = np.zeros((rule.weight.size, 1 + 2 * count))
+    for e in range(rule.weight.size):
+        row = result[e]
+        long, fast, along = 0.0, 0.0, 0.0
+        for c in range(count):
+            speed = 0.0
+            for i in range(4):
+                at = rule.span[e] + i
+                row[1 + c] += rule.b1[e, i] * q[at, c]
+                row[1 + count + c] += rule.b[e, i] * still[at, c]
+                speed += rule.b[e, i] * velocity[at, c]
+            long += row[1 + c] * row[1 + c]
+            fast += speed * speed
+            along += row[1 + c] * speed
+        size = np.sqrt(long)
+        for c in range(count):
+            row[1 + c] /= size
+        row[0] = coefficient * rate * np.sqrt(max(fast - along * along / long, 0.0))
+    return result
+
+
+@njit()
+def _tow(q, rule, tow, gradient, band):
+    """Add the quadratic drag of a step and its tangent to gradient and banded matrix."""
+    dof, last = q.shape[1], band.shape[1] - 1
+    count = min(dof, 3)
+    away = np.empty(count)
+    for e in range(rule.weight.size):
+        t, stiff = tow[e, 1 : 1 + count], rule.weight[e] * tow[e, 0]
+        along = 0.0
+        for c in range(count):
+            away[c] = -tow[e, 1 + count + c]
+            for i in range(4):
+                away[c] += rule.b[e, i] * q[rule.span[e] + i, c]
+            along += t[c] * away[c]
+        for i in range(4):
+            for c in range(count):
+                row = dof * (rule.span[e] + i) + c
+                gradient[row] += stiff * rule.b[e, i] * (away[c] - along * t[c])
+                for j in range(i + 1):
+                    share = stiff * rule.b[e, i] * rule.b[e, j]
+                    for d in range(count):
+                        column = dof * (rule.span[e] + j) + d
+                        if column <= row:
+                            unit = 1.0 if c == d else 0.0
+                            band[row, last - row + column] += share * (unit - t[c] * t[d])
+
+
 @njit()
 def _add(span, b, weight, dof, force, gradient, band):
     """Add a point's force and tangent to gradient and banded matrix."""
@@ -77,7 +171,7 @@ def _add(span, b, weight, dof, force, gradient, band):
 
 @linked()
 def resist(q, rule, around, anchor, gradient, band):
-    """Add the forces of the surroundings and their tangent; returns their energy [J].
+    """Add the forces of the surroundings and their tangent.
 
     Args:
         q: configuration, shape (n, 4) or (n, 2).
@@ -85,6 +179,9 @@ def resist(q, rule, around, anchor, gradient, band):
         around: see `Surroundings`.
         anchor: see `History`.
         gradient, band: see `assembly.assemble`.
+
+    Returns:
+        Their energy without that of quadratic drag, which is none at rest [J].
     """
     energy, dof = 0.0, q.shape[1]
     if around.friction > 0.0:
@@ -100,6 +197,15 @@ def resist(q, rule, around, anchor, gradient, band):
             if force[5] > 0.0:
                 _add(around.span[e], around.b[e], around.weight[e], dof, force, gradient, band)
                 energy += around.weight[e] * force[5]
+    for wall in around.walls:
+        for e in range(around.weight.size):
+            x0, x1 = _position(q, around.span[e], around.b[e], dof // 2)
+            force = press(x0, x1, wall, around.contact)
+            if force[5] > 0.0:
+                _add(around.span[e], around.b[e], around.weight[e], dof, force, gradient, band)
+                energy += around.weight[e] * force[5]
+    if around.tow.shape[0] > 0:
+        _tow(q, rule, around.tow, gradient, band)
     return energy
 
 
@@ -118,6 +224,10 @@ def energy_of(q, rule, around, anchor):
         for e in range(around.weight.size):
             x0, x1 = _position(q, around.span[e], around.b[e], z)
             energy += around.weight[e] * contact(x0, x1, peg, around.contact)[5]
+    for wall in around.walls:
+        for e in range(around.weight.size):
+            x0, x1 = _position(q, around.span[e], around.b[e], z)
+            energy += around.weight[e] * press(x0, x1, wall, around.contact)[5]
     return energy
 
 

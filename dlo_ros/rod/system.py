@@ -14,6 +14,7 @@ from dlo_ros.rod.grips import Imposed, impose
 from dlo_ros.rod.tables import Law, Material, Quadrature, Stiffness, Surroundings
 from dlo_ros.spline import FloatArray
 
+SUDDEN = 0.1  # [s] that a grip takes that gives way at one moment
 ITSELF = np.int64(0)  # number of the variant that is the rod itself
 # (a plain 0 would have everything compiled once more, for that constant)
 
@@ -56,19 +57,24 @@ def variant(imposed, k):
     """Variant k of an imposed motion."""
     return Imposed(
         imposed.times[k], imposed.positions[k], imposed.rotations[k], imposed.velocities[k],
-        imposed.kinds, imposed.gain[k],
+        imposed.kinds, imposed.gain[k], imposed.sudden[k],
     )  # fmt: skip
 
 
 @linked()
 def growth(imposed, k, time):
-    """Free length at a time over that of the system: material slips in along with the motion."""
+    """Free length at a time over that of the system.
+
+    Material slips in along with the motion, and at one moment, then over `SUDDEN` by a smooth step.
+    """
     gain, times = imposed.gain[k], imposed.times[k]
+    s = min(max((time - imposed.sudden[k, 1]) / SUDDEN, 0.0), 1.0)
+    now = 1.0 + imposed.sudden[k, 0] * s * s * (3.0 - 2.0 * s)
     after = np.searchsorted(times, time, side="right")
     if after == 0 or after == times.size:
-        return 1.0 + gain[max(after - 1, 0)]
+        return now + gain[max(after - 1, 0)]
     s = (time - times[after - 1]) / (times[after] - times[after - 1])
-    return 1.0 + gain[after - 1] + s * (gain[after] - gain[after - 1])
+    return now + gain[after - 1] + s * (gain[after] - gain[after - 1])
 
 
 @linked()
@@ -96,7 +102,8 @@ def matter_of(system, k, factor, history):
         stiffness, 1.0, s.bend_rest[k],
         Law(law.active[k], law.half_curvature[k], law.yield_curvature[k], law.hardening[k]),
         Surroundings(
-            a.friction[k], a.creep[k], a.pegs[k], a.contact[k], a.span, a.b, a.weight
+            a.friction[k], a.creep[k], a.pegs[k], a.contact[k], a.span, a.b, a.weight, a.walls[k],
+            a.brake[k], np.zeros((0, 3)),
         ),
         history,
     )  # fmt: skip
@@ -106,7 +113,19 @@ def matter_of(system, k, factor, history):
 def untouched(m):
     """The material without friction, which a DLO at its start has not felt yet."""
     a = m.around
-    around = Surroundings(0.0, a.creep, a.pegs, a.contact, a.span, a.b, a.weight)
+    around = Surroundings(
+        0.0, a.creep, a.pegs, a.contact, a.span, a.b, a.weight, a.walls, a.brake, a.tow
+    )
+    return Material(m.stiffness, m.damping, m.bend_rest, m.law, around, m.history)
+
+
+@linked()
+def drawn(m, tow):
+    """The material with the quadratic drag of one step, see `surroundings.towed`."""
+    a = m.around
+    around = Surroundings(
+        a.friction, a.creep, a.pegs, a.contact, a.span, a.b, a.weight, a.walls, a.brake, tow
+    )
     return Material(m.stiffness, m.damping, m.bend_rest, m.law, around, m.history)
 
 

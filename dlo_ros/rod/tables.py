@@ -78,6 +78,11 @@ class Surroundings(NamedTuple):
     span: NDArray[np.int64]  # (nc,) of the points at which contact is looked for
     b: FloatArray  # (nc, 4) basis functions there
     weight: FloatArray  # (nc,) [m]
+    walls: (
+        FloatArray  # (k, 3) normal x, z to the free side, offset of the DLO's axis at contact [m]
+    )
+    brake: float  # c of the quadratic drag [N s^2/m^3]
+    tow: FloatArray  # (nb, 1 + 2 m) quadratic drag of a step, see `surroundings.towed`; or none
 
 
 class History(NamedTuple):

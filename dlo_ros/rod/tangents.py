@@ -205,8 +205,9 @@ def _compiled(
             pair.append(any(map(_differ, commands[-1], commands[0])))
         moves.append(any(pair) or systems[-1].reach != systems[-2].reach)
         steps.append(chosen.step)
-    # A slip of zero may be a parameter, too.
-    special = not model.plain or model.body.slip is not None
+    # A slip or a quadratic drag of zero may be a parameter, too.
+    body = model.body
+    special = not model.plain or body.slip is not None or body.quadratic_drag is not None
     system, step = stacked(systems), np.array(steps, dtype=np.float64)
     return Compiled(
         system, stacked_imposed(commands), step, np.array(moves, dtype=np.float64),

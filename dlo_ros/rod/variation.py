@@ -59,7 +59,7 @@ def _forces(q, stretch, other, rule, ref, matter, grad_s, grad_o, response, grad
     result = forces.stress_forces(
         rule, grad_s, grad_o, response.tension.reshape(1, weight.size), stress
     )[0]
-    if matter.around.friction > 0.0 or matter.around.pegs.shape[0] > 0:
+    if surroundings.touched(matter.around):
         surroundings.resist(q, rule, matter.around, matter.history.anchor, result, band)
     return result
 

@@ -30,7 +30,7 @@ from scipy.interpolate import CubicSpline
 from dlo_ros.errors import InputError
 from dlo_ros.parameters import DampingParameters, RodParameters
 from dlo_ros.spline import FloatArray
-from dlo_ros.synthesis.rod_laws import BendingLaw, Contact, Friction
+from dlo_ros.synthesis.rod_laws import BendingLaw, Contact, Friction, Wind
 from dlo_ros.synthesis.rod_steps import Potential, evaluate
 
 PENETRATION = 1e-5
@@ -83,6 +83,9 @@ class DiscreteRod:
         hysteresis_width: change of curvature over which that moment turns round [1/m].
         friction: largest friction with the board of the nodes [N], shape (N + 1,).
         pegs: x, z [m] and the distance of the DLO's axis at contact [m], shape (m, 3).
+        wall: unit normal x, z and where along it the DLO's axis touches [m], shape (3,), or none.
+        quadratic_drag: of the nodes, force over the square of the velocity across the DLO
+            [N s^2/m^2], shape (N + 1,).
     """
 
     lengths: FloatArray
@@ -102,9 +105,11 @@ class DiscreteRod:
     hysteresis_width: float = 1.0
     friction: FloatArray = field(default_factory=lambda: np.zeros(0))
     pegs: FloatArray = field(default_factory=lambda: NO_PEGS)
+    wall: FloatArray = field(default_factory=lambda: np.zeros(0))
+    quadratic_drag: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
-        for name in ("kink", "friction"):
+        for name in ("kink", "friction", "quadratic_drag"):
             if not len(getattr(self, name)):
                 setattr(self, name, np.zeros(len(self.mass)))
 
@@ -173,6 +178,7 @@ class DiscreteRod:
             force=spread @ self.force,
             kink=spread @ self.kink,
             friction=spread @ self.friction,
+            quadratic_drag=spread @ self.quadratic_drag,
         )
 
     def softest_stretch(self) -> float:
@@ -237,13 +243,15 @@ class DiscreteRod:
         )
 
     def contact(self) -> Contact:
-        """The pegs, so stiff that `usual_force` on one point presses in by `PENETRATION`."""
+        """Pegs and a wall, so stiff that `usual_force` on one point presses in by `PENETRATION`."""
+        along = float(np.mean(self.lengths))
         if not len(self.pegs):
-            return Contact(False, NO_PEGS, 0.0, 1.0)
+            stiffness = self.usual_force / (along * PENETRATION) if len(self.wall) else 0.0
+            return Contact(bool(len(self.wall)), NO_PEGS, stiffness, 1.0, self.wall)
         # A straight DLO that penetrates by d touches along 2 sqrt(2 r d); the mean depth is 2 d/3.
         patch = np.sqrt(2.0 * float(np.min(self.pegs[:, 2])) * PENETRATION)
         stiffness = self.usual_force / (4.0 / 3.0 * patch * PENETRATION)
-        return Contact(True, self.pegs, float(stiffness), float(0.5 * patch))
+        return Contact(True, self.pegs, float(stiffness), float(0.5 * patch), self.wall)
 
     def potential(
         self,
@@ -270,6 +278,7 @@ class DiscreteRod:
             law=self.bending_law() if law is None else law,
             friction=no_friction(),
             contact=self.contact(),
+            wind=no_wind(),
         )
 
     def energy(self, x: FloatArray, v: FloatArray, clamps: FloatArray) -> float:
@@ -282,6 +291,11 @@ class DiscreteRod:
 def no_friction() -> Friction:
     """A board that does not rub."""
     return Friction(False, np.zeros(0), np.zeros((0, 2)), 1.0)
+
+
+def no_wind() -> Wind:
+    """No drag but the linear one."""
+    return Wind(False, np.zeros(0), np.zeros((0, 2)), np.zeros((0, 2)), 0.0)
 
 
 def tributary_lengths(lengths: FloatArray) -> FloatArray:

@@ -77,9 +77,10 @@ EFFECTS: Mapping[str, Mapping[str, Key]] = {
     },
     "surface_friction": {"force": Key("N/m", 0.0, 1e3)},
     "air_drag": {"coefficient": Key("N s/m^2", -1e3, 1e3)},
+    "quadratic_drag": {"coefficient": Key("N s^2/m^3", 0.0, 1e4)},
     "internal_damping": {"relaxation_time": Key("s", -10.0, 10.0)},
     "command_delay": {"delay": Key("s", -10.0, 10.0)},
-    "clamp_slip": {"length": Key("m", -1e2, 1e2)},
+    "clamp_slip": {"length": Key("m", -1e2, 1e2), "onset": Key("s", -1.0, 1e4, -1.0)},
     "length_error": {"difference": Key("m", -1e2, 1e2)},
     "camera_scale": {"ratio": Key("", 0.1, 10.0)},
     "camera_rotation": {"angle": Key("rad", -PI, PI)},
@@ -89,6 +90,7 @@ EFFECTS: Mapping[str, Mapping[str, Key]] = {
         "z": Key("m", -1e2, 1e2),
         "radius": Key("m", 1e-4, 1e2),
     },
+    "wall": {"offset": Key("m", -1e2, 1e2), "angle": Key("rad", -PI, PI, 0.0)},
     "constant_force": {"x": Key("N/m", -1e3, 1e3, 0.0), "z": Key("N/m", -1e3, 1e3, 0.0)},
 }
 """The table "Names of effects" of the interface."""

@@ -19,8 +19,9 @@ from dlo_ros.synthesis.discrete_rod import DiscreteRod, tributary_lengths
 from dlo_ros.synthesis.hidden import Hidden
 from dlo_ros.synthesis.rod_simulation import Change
 
+SUDDEN = 0.1  # [s] that a grip takes that gives way at one moment
 SAMPLES = 16  # of a property over half an edge
-PLUG = 1e4  # bending stiffness of a connector over that of the rope
+PLUG = 500.0  # bending stiffness of a connector over that of the rope; more would cost rounding
 
 
 def true_length(settings: Settings, hidden: Hidden) -> float:
@@ -97,6 +98,10 @@ def build_rod(
     rod.half_curvature = hidden.number("nonlinear_stiffness", "half_curvature", np.inf)
     rod.yield_curvature = hidden.number("plasticity", "yield_curvature", np.inf)
     rod.hardening = hidden.number("plasticity", "hardening")
+    rod.quadratic_drag = tributary * hidden.number("quadratic_drag", "coefficient")
+    if "wall" in hidden:
+        angle, offset = (hidden.number("wall", key) for key in ("angle", "offset"))
+        rod.wall = np.array([np.sin(angle), np.cos(angle), offset + 0.5 * settings.rod.diameter])
     if "obstacle" in hidden:
         x, z, radius = (hidden.number("obstacle", key) for key in ("x", "z", "radius"))
         rod.pegs = np.array([[x, z, radius + 0.5 * settings.rod.diameter]])
@@ -121,12 +126,15 @@ def change(
     parts: list[Change] = []
     slip = hidden.number("clamp_slip", "length")
     if slip:
-        initial = true_length(settings, hidden)
+        initial, onset = true_length(settings, hidden), hidden.number("clamp_slip", "onset", -1.0)
 
         def slide(rod: DiscreteRod, time: float) -> DiscreteRod:
             u = rod.u * (settings.rod.length / initial)
             hung = _hung_mass(u, settings.rod.length, hidden)
-            return stretched(rod, 1.0 + slip / initial * travelled(time), hung)
+            share = travelled(time)
+            if onset >= 0.0:  # half a wave of a cosine
+                share = 0.5 - 0.5 * np.cos(np.pi * np.clip((time - onset) / SUDDEN, 0.0, 1.0))
+            return stretched(rod, 1.0 + slip / initial * share, hung)
 
         parts.append(slide)
     if "stiffness_drift" in hidden:
@@ -165,6 +173,7 @@ def stretched(rod: DiscreteRod, factor: float, hung: FloatArray) -> DiscreteRod:
         drag=factor * rod.drag,
         force=factor * rod.force,
         friction=factor * rod.friction,
+        quadratic_drag=factor * rod.quadratic_drag,
     )
 
 

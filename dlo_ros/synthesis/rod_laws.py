@@ -65,20 +65,40 @@ class Friction(NamedTuple):
     slack: float
 
 
+class Wind(NamedTuple):
+    """Drag that grows with the square of the velocity across the DLO; v = rate x + past.
+
+    Args:
+        active: whether there is any.
+        coefficient: of each node [N s^2/m^2], shape (N + 1,).
+        along: unit tangent of each node, shape (N + 1, 2).
+        past: [m/s], shape (N + 1, 2).
+        rate: [1/s].
+    """
+
+    active: bool
+    coefficient: FloatArray
+    along: FloatArray
+    past: FloatArray
+    rate: float
+
+
 class Contact(NamedTuple):
-    """Frictionless round pegs.
+    """Frictionless round pegs and a straight wall.
 
     Args:
         active: whether there are any.
         pegs: x, z and the distance of the DLO's axis at contact [m], shape (m, 3).
         stiffness: force per length of DLO and penetration [N/m^2].
         spacing: distance of the points of the DLO that are checked [m].
+        wall: unit normal x, z and where along it the DLO's axis touches [m], shape (3,), or none.
     """
 
     active: bool
     pegs: FloatArray
     stiffness: float
     spacing: float
+    wall: FloatArray
 
 
 def _spring(k: float, half: float, strain: float) -> tuple[float, float, float]:
@@ -268,6 +288,55 @@ def _press(
     return total
 
 
+def _lean(
+    contact: Contact, x: FloatArray, lengths: FloatArray, gradient: FloatArray, band: FloatArray
+) -> float:
+    """Energy [J] of a wall that presses on the nodes; arguments as in `press`."""
+    total = 0.0
+    last = x.shape[0] - 1
+    nx, nz = contact.wall[0], contact.wall[1]
+    for i in range(last + 1):
+        depth = nx * x[i, 0] + nz * x[i, 1] - contact.wall[2]
+        if depth >= 0.0:
+            continue
+        reach = 0.0
+        if i > 0:
+            reach += lengths[i - 1]
+        if i < last:
+            reach += lengths[i]
+        k = contact.stiffness * 0.5 * reach
+        total += 0.5 * k * depth * depth
+        gradient[i, 0] += k * depth * nx
+        gradient[i, 1] += k * depth * nz
+        band[0, 2 * i] += k * nx * nx
+        band[1, 2 * i] += k * nx * nz
+        band[0, 2 * i + 1] += k * nz * nz
+    return total
+
+
+def _blow(wind: Wind, x: FloatArray, gradient: FloatArray, band: FloatArray) -> float:
+    """Potential [J] of the quadratic drag in a step: c |v_n|^3 / 3 over the rate of v by x.
+
+    Args:
+        x: nodes [m], shape (N + 1, 2).
+        gradient, band: are added to, as in `rod_kernels.elastic`.
+    """
+    total = 0.0
+    for i in range(x.shape[0]):
+        nx, nz = -wind.along[i, 1], wind.along[i, 0]
+        speed = nx * (wind.rate * x[i, 0] + wind.past[i, 0])
+        speed += nz * (wind.rate * x[i, 1] + wind.past[i, 1])
+        c, size = wind.coefficient[i], abs(speed)
+        total += c * size**3 / (3.0 * wind.rate)
+        force, k = c * size * speed, 2.0 * c * size * wind.rate
+        gradient[i, 0] += force * nx
+        gradient[i, 1] += force * nz
+        band[0, 2 * i] += k * nx * nx
+        band[1, 2 * i] += k * nx * nz
+        band[0, 2 * i + 1] += k * nz * nz
+    return total
+
+
 _jit = njit()
 spring = _jit(_spring)
 slide = _jit(_slide)
@@ -276,3 +345,5 @@ yield_to = _jit(_yield_to)
 drag_nodes = _jit(_drag_nodes)
 pull_anchors = _jit(_pull_anchors)
 press = _jit(_press)
+lean = _jit(_lean)
+blow = _jit(_blow)

@@ -19,8 +19,8 @@ from scipy.interpolate import CubicSpline
 from dlo_ros.errors import SimulationError
 from dlo_ros.spline import FloatArray
 from dlo_ros.synthesis import rod_kernels
-from dlo_ros.synthesis.discrete_rod import SLACK, DiscreteRod, no_friction
-from dlo_ros.synthesis.rod_laws import Friction, pull_anchors, yield_to
+from dlo_ros.synthesis.discrete_rod import SLACK, DiscreteRod, no_friction, no_wind
+from dlo_ros.synthesis.rod_laws import Friction, Wind, pull_anchors, yield_to
 from dlo_ros.synthesis.rod_steps import Potential, descend, minimise
 
 Change = Callable[[DiscreteRod, float], DiscreteRod]
@@ -179,6 +179,11 @@ class Simulation:
         friction = no_friction()
         if np.any(rod.friction > 0.0):
             friction = Friction(True, rod.friction, self._anchor, SLACK)
+        wind = no_wind()
+        if np.any(rod.quadratic_drag > 0.0):
+            there = np.gradient(self.x + h * self.v, rod.u, axis=0)
+            along = there / np.linalg.norm(there, axis=1, keepdims=True)
+            wind = Wind(True, rod.quadratic_drag, along, past_x, c0)
         potential = Potential(
             held=boundary.held(len(rod.mass)),
             lengths=rod.lengths,
@@ -192,6 +197,7 @@ class Simulation:
             law=law,
             friction=friction,
             contact=rod.contact(),
+            wind=wind,
         )
         x = self.x + h * self.v
         boundary.impose(x)

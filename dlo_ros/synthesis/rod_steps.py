@@ -13,7 +13,16 @@ import numpy as np
 from dlo_ros.kernel_cache import njit
 from dlo_ros.spline import FloatArray
 from dlo_ros.synthesis.rod_kernels import BANDS, elastic, solve
-from dlo_ros.synthesis.rod_laws import BendingLaw, Contact, Friction, drag_nodes, press
+from dlo_ros.synthesis.rod_laws import (
+    BendingLaw,
+    Contact,
+    Friction,
+    Wind,
+    blow,
+    drag_nodes,
+    lean,
+    press,
+)  # fmt: skip
 
 _TRIES = 12  # of a line search
 _MOST_STEPS = 4000  # on the way to an equilibrium
@@ -32,7 +41,8 @@ class Potential(NamedTuple):
         load: [N], shape (N + 1, 2).
         law: of bending, where it is not linear.
         friction: with the board.
-        contact: with pegs.
+        contact: with pegs and a wall.
+        wind: drag that grows with the square of speed.
     """
 
     held: FloatArray
@@ -45,6 +55,7 @@ class Potential(NamedTuple):
     law: BendingLaw
     friction: Friction
     contact: Contact
+    wind: Wind
 
 
 def _evaluate(x: FloatArray, p: Potential, gradient: FloatArray, band: FloatArray) -> float:
@@ -62,6 +73,10 @@ def _evaluate(x: FloatArray, p: Potential, gradient: FloatArray, band: FloatArra
         value += drag_nodes(p.friction, x, gradient, band)
     if p.contact.active:
         value += press(p.contact, x, p.lengths, gradient, band)
+        if p.contact.wall.size:
+            value += lean(p.contact, x, p.lengths, gradient, band)
+    if p.wind.active:
+        value += blow(p.wind, x, gradient, band)
     for i in range(x.shape[0]):
         for c in range(2):
             value += (0.5 * p.spring[i] * x[i, c] - p.load[i, c]) * x[i, c]
@@ -106,7 +121,7 @@ def _minimise(x: FloatArray, p: Potential, tolerance: float) -> int:
     nodes = x.shape[0]
     gradient, band = np.empty((nodes, 2)), np.empty((BANDS, 2 * nodes))
     direction = np.empty_like(x)
-    kinked = p.law.active or p.friction.active or p.contact.active
+    kinked = p.law.active or p.friction.active or p.contact.active or p.wind.active
     stiffest = np.max(p.spring)
     limit = 0.5 * np.min(p.lengths)
     shift = 0.0

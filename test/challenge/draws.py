@@ -10,6 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from challenge.manipulations import DURATION
+
 Values = dict[str, float | list[float]]
 
 
@@ -83,7 +85,7 @@ def clamp_compliance(rng: np.random.Generator, scene: Scene) -> Drawn | None:
     if not ends:
         return None
     end, weak = ends[rng.integers(len(ends))], 1.0 / (scene.weight * scene.length**2)
-    return Drawn(lambda s: {end: s * weak}, 5e-3, 3.0)
+    return Drawn(lambda s: {end: s * weak}, 5e-3, 0.8)
 
 
 def clamp_offset(rng: np.random.Generator, scene: Scene) -> Drawn | None:
@@ -148,6 +150,29 @@ def air_drag(rng: np.random.Generator, scene: Scene) -> Drawn:
     return Drawn(lambda s: {"coefficient": s * scene.air_drag}, 0.05, 15.0)
 
 
+def quadratic_drag(rng: np.random.Generator, scene: Scene) -> Drawn:
+    unit = scene.mass / scene.length**2
+    return Drawn(lambda s: {"coefficient": s * unit}, 0.02, 10.0)
+
+
+def wall(rng: np.random.Generator, scene: Scene) -> Drawn | None:
+    """A table under what the rope sweeps, or a wall beside it, clear of every first shape.
+
+    Its strength is how far it reaches into the swept area.
+    """
+    for angle in rng.permutation([0.0, 0.0, 0.5 * np.pi, -0.5 * np.pi]):
+        normal = np.array([np.sin(angle), np.cos(angle)])
+        tilt = float(angle + rng.uniform(-0.1, 0.1))
+        normal = np.array([np.sin(tilt), np.cos(tilt)])
+        swept = min((s @ normal).min() for s in scene.shapes)
+        first = min((s[0] @ normal).min() for s in scene.shapes)
+        if first - swept > 0.05 * scene.length:
+            deepest = min(first - swept - 0.02 * scene.length, 0.15 * scene.length)
+            edge = float(swept - 0.004)
+            return Drawn(lambda s, e=edge, a=tilt: {"offset": e + s, "angle": a}, 1e-3, deepest)
+    return None
+
+
 def internal_damping(rng: np.random.Generator, scene: Scene) -> Drawn:
     return Drawn(lambda s: {"relaxation_time": s * scene.relaxation_time}, 0.1, 40.0)
 
@@ -157,7 +182,10 @@ def command_delay(rng: np.random.Generator, scene: Scene) -> Drawn:
 
 
 def clamp_slip(rng: np.random.Generator, scene: Scene) -> Drawn:
-    return Drawn(lambda s: {"length": s * scene.length}, 1e-3, 0.12)
+    if rng.random() < 0.5:
+        return Drawn(lambda s: {"length": s * scene.length}, 1e-3, 0.12)
+    onset = float(rng.uniform(0.2, 0.8) * DURATION)
+    return Drawn(lambda s: {"length": s * scene.length, "onset": onset}, 1e-3, 0.12)
 
 
 def length_error(rng: np.random.Generator, scene: Scene) -> Drawn:
@@ -264,6 +292,7 @@ NAMED: dict[str, Draw] = {
         plasticity,
         surface_friction,
         air_drag,
+        quadratic_drag,
         internal_damping,
         command_delay,
         clamp_slip,
@@ -271,6 +300,7 @@ NAMED: dict[str, Draw] = {
         camera_scale,
         camera_rotation,
         obstacle,
+        wall,
         constant_force,
     )
 }

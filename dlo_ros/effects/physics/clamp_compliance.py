@@ -28,10 +28,10 @@ class ClampCompliance(Effect):
     varied_in_batch: ClassVar[bool] = True
 
     start: float = quantity(
-        0.0, "rad/(N m)", 0.0, 1e6, "at the start", natural=NATURAL, search=(0.0, 20.0)
+        0.0, "rad/(N m)", 0.0, 1e6, "at the start", natural=NATURAL, search=(0.0, 5.0)
     )
     end: float = quantity(
-        0.0, "rad/(N m)", 0.0, 1e6, "at the end", natural=NATURAL, search=(0.0, 20.0)
+        0.0, "rad/(N m)", 0.0, 1e6, "at the end", natural=NATURAL, search=(0.0, 5.0)
     )
 
     def shape_body(self, body: Body) -> None:

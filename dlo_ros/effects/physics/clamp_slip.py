@@ -6,15 +6,21 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from dlo_ros.effects.base import Body, Effect, quantity
+from dlo_ros.effects.base import Body, Effect, Scene, Start, quantity
+
+EVENLY = -1.0  # [s] onset of a slip that has none
+ONSETS = (0.5, 1.0, 1.5, 2.0, 2.5, 4.0, 7.0)
+"""Moments at which a grip that gives way is looked for [s]."""
+LONG = 60.0  # [s] within which it is
 
 
 @dataclass(frozen=True)
 class ClampSlip(Effect):
-    """Free length gained in proportion to the path that the imposed points have travelled.
+    """Free length gained through a grip; the material coordinate is spread evenly over the DLO.
 
-    At the end of the commanded motion it is `length`; the material coordinate is spread evenly
-    over the longer DLO.
+    Without an onset it grows in proportion to the path that the imposed points have travelled and
+    is `length` at the end of the commanded motion. With one the grip gives way at that moment: all
+    of `length` slips through within a tenth of a second, by a smooth step.
     """
 
     name: ClassVar[str] = "clamp_slip"
@@ -26,6 +32,23 @@ class ClampSlip(Effect):
         0.0, "m", -1.0, 1.0, "free length gained by the end of the motion", tolerance=0.005
     )
 
+    onset: float = quantity(
+        EVENLY, "s", EVENLY, 1e4, "when it is gained, from the first frame; negative: evenly",
+        role="place", search=(0.0, LONG),
+    )  # fmt: skip
+
     def shape_body(self, body: Body) -> None:
         """See the base class."""
         body.slip = (body.slip or 0.0) + self.length
+        if self.onset >= 0.0:
+            body.slip_onset = self.onset
+
+    @classmethod
+    def starts(cls, scene: Scene) -> list[Start]:
+        """Evenly, and all at once at several moments."""
+        size = ("length",)
+        found = [Start(cls.name, {"length": 0.0}, size, size, form="even")]
+        for onset in ONSETS:
+            block = {"length": 0.0, "onset": onset}
+            found.append(Start(cls.name, block, size, tuple(block), form="sudden"))
+        return found

@@ -1,0 +1,31 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""The air resists with the square of speed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from dlo_ros.effects.base import Body, Effect, quantity
+
+
+@dataclass(frozen=True)
+class QuadraticDrag(Effect):
+    """Force per length -c |v_n| v_n, where v_n is the velocity across the DLO.
+
+    That of a cylinder in a cross flow: c = 1/2 rho C_D D with the air's density rho and a drag
+    coefficient C_D of about 1. It is added to the linear drag.
+    """
+
+    name: ClassVar[str] = "quadratic_drag"
+    title: ClassVar[str] = "drag that grows with the square of speed"
+    phrase: ClassVar[str] = "the air slows fast motion across the DLO more than slow motion"
+    batched: ClassVar[bool] = False
+
+    coefficient: float = quantity(
+        0.0, "N s^2/m^3", 0.0, 1e4, "drag over the square of the velocity across the DLO"
+    )
+
+    def shape_body(self, body: Body) -> None:
+        """See the base class."""
+        body.quadratic_drag = (body.quadratic_drag or 0.0) + self.coefficient

@@ -1,0 +1,56 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""The DLO touches a straight wall, or lies on a table."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+from dlo_ros.effects.base import Body, Effect, Scene, Start, Wall, quantity
+
+FAR = -100.0  # [m] beyond every rope
+DEPTHS = (0.02, 0.08)  # of the length, that a wall may take of where shapes would be without it
+
+
+@dataclass(frozen=True)
+class StraightWall(Effect):
+    """A frictionless half-plane; the DLO's own radius comes on top.
+
+    Free is where the coordinate along the wall's normal is larger than `offset`; the normal is z
+    turned by `angle` from x towards -z. A table has the angle 0 and its height as offset.
+    """
+
+    name: ClassVar[str] = "wall"
+    title: ClassVar[str] = "wall or table"
+    phrase: ClassVar[str] = "the DLO touches a wall or lies on a table"
+    differentiable: ClassVar[bool] = False
+    batched: ClassVar[bool] = False
+
+    offset: float = quantity(FAR, "m", FAR, 100.0, "of the wall along its normal", role="point")
+    angle: float = quantity(0.0, "rad", -3.2, 3.2, "of its normal against z")
+
+    def shape_body(self, body: Body) -> None:
+        """See the base class."""
+        body.walls.append(Wall(math.sin(self.angle), math.cos(self.angle), self.offset))
+
+    @classmethod
+    def starts(cls, scene: Scene) -> list[Start]:
+        """A table, and walls at both sides, that hold back what goes furthest."""
+        if scene.reach is None:
+            return []
+        left, right, low = scene.reach
+        keys, length = ("offset", "angle"), scene.rope.length
+        sides = (
+            ("table", low, 0.0),
+            ("left", left, 0.5 * math.pi),
+            ("right", -right, -0.5 * math.pi),
+        )
+        return [
+            Start(
+                cls.name, {keys[0]: end + depth * length, keys[1]: angle}, keys, keys,
+                neutral=False, form=form,
+            )
+            for form, end, angle in sides
+            for depth in DEPTHS
+        ]  # fmt: skip
