@@ -40,6 +40,11 @@ CASES = {
     "nonlinear_stiffness": ("closed", {"nonlinear_stiffness": {"half_curvature": 6.0}}),
     "plasticity": ("waved", {"plasticity": {"yield_curvature": 4.0, "hardening": 0.4}}),
     "plasticity, both held": ("closed", {"plasticity": {"yield_curvature": 4.0, "hardening": 0.2}}),
+    "hysteresis": ("waved", {"hysteresis": {"moment": 1e-3, "curvature": 2.0}}),
+    "hysteresis, both held": ("closed", {"hysteresis": {"moment": 1e-3, "curvature": 2.0}}),
+    "viscoelasticity": ("waved", {"viscoelasticity": {"share": 0.4, "time": 0.1}}),
+    "viscoelasticity, both held": (
+        "closed", {"viscoelasticity": {"share": 0.5, "time": 0.5}}),
     "surface_friction": ("waved", {"surface_friction": {"force": 0.08}}),
     "surface_friction, both held": ("closed", {"surface_friction": {"force": 0.08}}),
     "air_drag": ("waved", {"air_drag": {"coefficient": 0.2}}),

@@ -15,8 +15,8 @@ from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.tables import BAND, History, Law, Material, Reference, Stiffness, Surroundings
 from dlo_ros.spline import SplineBasis
 
-LINEAR = Law(0.0, np.inf, np.inf, 0.0)
-SOFT = Law(1.0, 20.0, np.inf, 0.0)
+LINEAR = Law(0.0, np.inf, np.inf, 0.0, 0.0, 1.0, 0.0, np.inf)
+SOFT = LINEAR._replace(active=1.0, half_curvature=20.0)
 
 
 @pytest.fixture
@@ -49,13 +49,14 @@ def rod():
 
 
 def material(stiff, law):
-    history = History(np.zeros((stiff.twist.size, 2)), np.zeros((stiff.twist.size, 2)))
+    nb = stiff.twist.size
+    history = History(np.zeros((nb, 2)), np.zeros((nb, 2)), np.zeros((0, 6)))
     nothing = np.zeros((0, 3))
     around = Surroundings(
         0.0, 1.0, nothing, 0.0, np.zeros(0, np.int64), np.zeros((0, 4)), np.zeros(0), nothing, 0.0,
         nothing,
     )  # fmt: skip
-    return Material(stiff, 1.0, stiff.bend_rest, law, around, history)
+    return Material(stiff, 1.0, stiff.bend_rest, law, around, history, 0.0, 0.0)
 
 
 def evaluate(rule, stiff, ref, q, law=LINEAR):

@@ -53,6 +53,11 @@ CASES = [
      {"plasticity": {"yield_curvature": 3.0, "hardening": 0.3}}, KINKED),
     ("effects.plasticity.hardening",
      {"plasticity": {"yield_curvature": 3.0, "hardening": 0.3}}, KINKED),
+    ("effects.viscoelasticity.share", {"viscoelasticity": {"share": 0.0, "time": 0.1}}, SMOOTH),
+    ("effects.viscoelasticity.share", {"viscoelasticity": {"share": 0.4, "time": 0.1}}, SMOOTH),
+    ("effects.viscoelasticity.time", {"viscoelasticity": {"share": 0.4, "time": 0.05}}, SMOOTH),
+    ("effects.hysteresis.moment", {"hysteresis": {"moment": 2e-3, "curvature": 2.0}}, KINKED),
+    ("effects.hysteresis.curvature", {"hysteresis": {"moment": 2e-3, "curvature": 2.0}}, KINKED),
     ("effects.surface_friction.force", {"surface_friction": {"force": 0.05}}, KINKED),
     ("effects.air_drag.coefficient", {"air_drag": {"coefficient": 0.02}}, SMOOTH),
     ("effects.internal_damping.relaxation_time",
@@ -121,6 +126,8 @@ def test_derivatives_agree_with_differences(same_steps, name, effects, slack, sp
     for k, instant in enumerate(("at rest", "moving", "at the end")):
         if ("obstacle" in name or "wall" in name) and (k > 0 or space):
             continue  # in motion it knocks, and in space it slides off
+        if "hysteresis" in name and space and k > 0:
+            continue  # the tangent is not symmetric where the plane of bending turns
         scale = np.abs(expected[k]).max()
         if scale < 1e-7 * np.abs(expected).max():
             continue

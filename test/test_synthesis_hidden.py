@@ -377,6 +377,8 @@ def test_every_effect_changes_what_is_measured(name, plain):
         "stiffness_gradient": {"change": 0.5},
         "nonlinear_stiffness": {"half_curvature": 15.0},
         "plasticity": {"yield_curvature": 4.0, "hardening": 0.3},
+        "hysteresis": {"moment": 1e-3, "curvature": 0.5},
+        "viscoelasticity": {"share": 0.4, "time": 0.1},
         "surface_friction": {"force": 0.05},
         "air_drag": {"coefficient": 0.05},
         "quadratic_drag": {"coefficient": 0.3},
@@ -394,7 +396,6 @@ def test_every_effect_changes_what_is_measured(name, plain):
         "gusts": {"force": 0.05},
         "stiffness_drift": {"rate": 0.2},
         "camera_creep": {"x": 0.004},
-        "bending_hysteresis": {"moment": 1.0, "width": 0.5},
     }[name]
     blocks = ({name: values}, None) if name in EFFECTS else (None, {name: values})
     made, truth = experiment(*blocks), run(*blocks)

@@ -126,7 +126,9 @@ def test_what_a_fit_sees_of_a_ratio_is_its_logarithm():
 def test_only_impacts_leave_no_derivatives():
     assert nonsmooth() == ("obstacle", "wall")
     rough = {name for name, effect in effects().items() if not effect.smooth}
-    assert rough == {"obstacle", "nonlinear_stiffness", "plasticity", "surface_friction", "wall"}
+    assert rough == {
+        "obstacle", "nonlinear_stiffness", "plasticity", "surface_friction", "wall", "hysteresis",
+    }  # fmt: skip
 
 
 def test_what_an_effect_acts_on_is_found_from_what_it_overrides():

@@ -71,6 +71,10 @@ class Body:
         half_curvature: curvature at which the tangent bending stiffness has halved [1/m].
         yield_curvature: elastic curvature past which bending yields [1/m].
         hardening: tangent bending stiffness past the yield over that before it, 0 to 1.
+        relaxing: share of the bending stiffness that relaxes, and the time in which it does [s];
+            None: none.
+        inner_friction: largest moment of friction within the DLO [N m], and the change of curvature
+            within which it turns over [1/m]; None: there is none.
         friction: Coulomb friction with the board per length [N/m]; None: the board is not touched.
         pegs: that the DLO may touch.
         walls: likewise.
@@ -97,6 +101,8 @@ class Body:
     half_curvature: float = math.inf
     yield_curvature: float = math.inf
     hardening: float = 0.0
+    relaxing: tuple[float, float] | None = None
+    inner_friction: tuple[float, float] | None = None
     friction: float | None = None
     pegs: list[Peg] = field(default_factory=list)
     walls: list[Wall] = field(default_factory=list)

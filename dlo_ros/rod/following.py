@@ -10,7 +10,7 @@ from dlo_ros.rod import assembly, forces, material
 from dlo_ros.rod.moving import another, assign
 from dlo_ros.rod.plane import PLANAR
 from dlo_ros.rod.stepping import frame_at, remembered
-from dlo_ros.rod.system import matter_of
+from dlo_ros.rod.system import lagging, matter_of, untouched
 from dlo_ros.rod.tables import History
 from dlo_ros.rod.varying import add, rise, shift, shift_frame
 
@@ -67,40 +67,47 @@ def turned(system, q, old, matter, response, varying, rhs, by_frame):
 
 
 @linked()
-def _remember(system, q, other, old, varying, d_q, d_other):
+def _remember(system, q, other, old, h, fresh, varying, d_q, d_other):
     """Let the internal variables vary along.
 
     Args:
         q, other: shape and strains after the step.
         old: the state before it.
+        h, fresh: see `follow`.
         d_q, d_other: their derivatives, shape (P, n, d) and (P, nb, 3).
     """
-    if old.history.plastic.shape[0] + old.history.anchor.shape[0] == 0:
+    past = old.history
+    if past.plastic.shape[0] + past.anchor.shape[0] + past.inner.shape[0] == 0:
         return
     above, below, before = another(old).history, another(old).history, varying.history
     shifted, strained = np.empty(q.shape), np.empty(other.shape)
     for a in range(varying.step.size):
         for side in range(2):
             d = varying.step[a] if side == 0 else -varying.step[a]
-            plastic, anchor = old.history.plastic.copy(), old.history.anchor.copy()
-            shift(plastic, old.history.plastic, d, before.plastic[a])
-            shift(anchor, old.history.anchor, d, before.anchor[a])
-            matter = matter_of(system, 1 + 2 * a + side, 1.0, History(plastic, anchor))
+            plastic, anchor, inner = past.plastic.copy(), past.anchor.copy(), past.inner.copy()
+            shift(plastic, past.plastic, d, before.plastic[a])
+            shift(anchor, past.anchor, d, before.anchor[a])
+            shift(inner, past.inner, d, before.inner[a])
+            matter = matter_of(system, 1 + 2 * a + side, 1.0, History(plastic, anchor, inner))
+            matter = untouched(matter) if fresh else lagging(matter, h)
             shift(shifted, q, d, d_q[a])
             shift(strained, other, d, d_other[a])
             remembered(shifted, strained, system.rule, matter, above if side == 0 else below)
         d = varying.step[a]
         rise(above.plastic, below.plastic, d, before.plastic[a])
         rise(above.anchor, below.anchor, d, before.anchor[a])
+        rise(above.inner, below.inner, d, before.inner[a])
 
 
 @linked()
-def follow(system, q, other, old, varying, d_q, grad_s, grad_o, by_frame):
+def follow(system, q, other, old, h, fresh, varying, d_q, grad_s, grad_o, by_frame):
     """Let what follows the shape vary along: strains, transported frame, internal variables.
 
     Args:
         q, other: shape and strains after the step.
         old: the state before it.
+        h: length of the step [s], 0 to an equilibrium.
+        fresh: whether the DLO starts there, see `resting.settle`.
         varying: derivatives; those of frame, strains and history are changed.
         d_q: derivatives of the shape, shape (P, n, d).
         grad_s, grad_o: derivatives of the strains, see `assembly.assemble`.
@@ -110,7 +117,7 @@ def follow(system, q, other, old, varying, d_q, grad_s, grad_o, by_frame):
     if q.shape[1] != PLANAR:
         add(d_other.ravel(), 1.0, by_frame.ravel())
         _frames(system, q, old, varying, d_q)
-    _remember(system, q, other, old, varying, d_q, d_other)
+    _remember(system, q, other, old, h, fresh, varying, d_q, d_other)
     assign(varying.stretch_before, varying.stretch)
     assign(varying.other_before, varying.other)
     assign(varying.stretch, d_stretch)

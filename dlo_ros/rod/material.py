@@ -10,6 +10,13 @@ vector x against its rest value:
                B / (1 + (x_e / half)^2)
 
 so that both are exact where there is one curvature only, and isotropic otherwise.
+
+Internal friction adds a moment M z, where z follows the curvature towards its direction of change,
+
+    dz = (n - z) |dx| / w,    n = dx / |dx|
+
+(Dahl, A solid friction model, 1968), which is integrated exactly along the straight way from one
+step's curvature to the next. What relaxes is in the stiffness already, see `stepping.damped`.
 """
 
 from __future__ import annotations
@@ -122,6 +129,54 @@ def respond(stretch, other, weight, material, out):
     if material.law.active != 0.0:
         # The stiffness above contains damping; only its elastic share follows the law.
         energy += _beyond(other, weight, material, out)
+    if material.law.slide != 0.0:
+        energy += _rub(other, weight, material, out)
+    return energy
+
+
+@njit(inline="always")
+def rubbed(d1, d2, z1, z2, turn):
+    """Internal friction after a change of curvature.
+
+    Args:
+        d1, d2: change of curvature [1/m].
+        z1, z2: moment before, over its largest.
+        turn: see `Law`.
+
+    Returns:
+        The moment, its derivatives by the change (11, 12, 22) [m] and its work [1/m], over the
+        largest moment. The derivative is made symmetric, which it is in one plane.
+    """
+    size = np.sqrt(d1 * d1 + d2 * d2)
+    if size < 1e-12 * turn:
+        return z1, z2, 1.0 / turn, 0.0, 1.0 / turn, z1 * d1 + z2 * d2
+    keep, n1, n2 = np.exp(-size / turn), d1 / size, d2 / size
+    gone = -np.expm1(-size / turn)
+    g1, g2, across = (n1 - z1) * keep / turn, (n2 - z2) * keep / turn, gone / size
+    return (
+        z1 + gone * (n1 - z1), z2 + gone * (n2 - z2),
+        g1 * n1 + across * n2 * n2,
+        0.5 * (g1 * n2 + g2 * n1) - across * n1 * n2,
+        g2 * n2 + across * n1 * n1,
+        size - (1.0 - n1 * z1 - n2 * z2) * turn * gone,
+    )  # fmt: skip
+
+
+@njit()
+def _rub(other, weight, material, out):
+    """Add the moment of internal friction, its tangent; returns its work [J]."""
+    inner, law, energy = material.history.inner, material.law, 0.0
+    for e in range(weight.size):
+        z1, z2, t11, t12, t22, work = rubbed(
+            other[e, 0] - inner[e, 4], other[e, 1] - inner[e, 5], inner[e, 2], inner[e, 3],
+            law.turn,
+        )  # fmt: skip
+        out.bend[e, 0] += law.slide * z1
+        out.bend[e, 1] += law.slide * z2
+        out.bend_tangent[e, 0] += law.slide * t11
+        out.bend_tangent[e, 1] += law.slide * t12
+        out.bend_tangent[e, 2] += law.slide * t22
+        energy += weight[e] * law.slide * work
     return energy
 
 
@@ -146,11 +201,21 @@ def _beyond(other, weight, material, out):
 
 @linked()
 def remember(other, material, out):
-    """Write the plastic curvature (nb, 2) that strains leave behind to out."""
-    plastic = material.history.plastic
+    """Write what bending remembers of a motion to strains `other` to out, see `History`."""
+    plastic, inner = material.history.plastic, material.history.inner
+    for e in range(inner.shape[0]):
+        z1, z2, _, _, _, _ = rubbed(
+            other[e, 0] - inner[e, 4], other[e, 1] - inner[e, 5], inner[e, 2], inner[e, 3],
+            material.law.turn,
+        )  # fmt: skip
+        for c in range(2):
+            change = other[e, c] - inner[e, 4 + c]
+            out.inner[e, c] = material.keep * inner[e, c] + material.gain * change
+            out.inner[e, 4 + c] = other[e, c]
+        out.inner[e, 2], out.inner[e, 3] = z1, z2
     if material.law.active != 0.0:
         for e in range(other.shape[0]):
             x1 = other[e, 0] - material.bend_rest[e, 0]
             x2 = other[e, 1] - material.bend_rest[e, 1]
             p1, p2 = yielded(x1, x2, plastic[e, 0], plastic[e, 1], material.law)
-            out[e, 0], out[e, 1] = p1, p2
+            out.plastic[e, 0], out.plastic[e, 1] = p1, p2

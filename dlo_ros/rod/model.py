@@ -162,18 +162,26 @@ class RodModel:
         body = self.body
         active = float(body.half_curvature < INACTIVE or body.yield_curvature < INACTIVE)
         share = min(max(body.hardening, 0.0), 0.999)
-        return Law(active, body.half_curvature, body.yield_curvature, share / (1.0 - share))
+        relaxing, lasting = body.relaxing or (0.0, 1.0)
+        slide, turn = body.inner_friction or (0.0, np.inf)
+        return Law(
+            active, body.half_curvature, body.yield_curvature, share / (1.0 - share), relaxing,
+            lasting, slide * body.lengthening, turn,
+        )  # fmt: skip
 
     @property
     def plain(self) -> bool:
         """Whether the rod is all that its stiffness, mass, drag and loads say.
 
-        It does not soften or yield, touches nothing, slips through no grip, and no drag grows with
-        the square of speed.
+        It does not soften, yield, relax or rub within itself, touches nothing, slips through no
+        grip, and no drag grows with the square of speed.
         """
         body = self.body
         touching = body.friction is not None or bool(body.pegs) or bool(body.walls)
-        return self.law.active == 0.0 and not (touching or body.slip or body.quadratic_drag)
+        inner = self.law.relaxing != 0.0 or self.law.slide != 0.0
+        return self.law.active == 0.0 and not (
+            touching or inner or body.slip or body.quadratic_drag
+        )
 
     @cached_property
     def planar(self) -> bool:
@@ -207,10 +215,14 @@ class RodModel:
         )  # fmt: skip
 
     @cached_property
-    def remembers(self) -> tuple[int, int]:
-        """For how many points plastic curvature and anchors of friction are kept."""
-        nb = self.rule.weight.size
-        return nb if self.law.active != 0.0 else 0, nb if self.body.friction is not None else 0
+    def remembers(self) -> tuple[int, int, int]:
+        """For how many points each part of a `History` is kept."""
+        nb, body = self.rule.weight.size, self.body
+        inner = body.relaxing is not None or body.inner_friction is not None
+        return (
+            nb if self.law.active != 0.0 else 0, nb if body.friction is not None else 0,
+            nb if inner else 0,
+        )  # fmt: skip
 
     @cached_property
     def gram(self) -> FloatArray:

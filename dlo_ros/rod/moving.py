@@ -59,6 +59,7 @@ def commit(new, state):
     assign(state.other_before, new.other_before)
     assign(state.history.plastic, new.history.plastic)
     assign(state.history.anchor, new.history.anchor)
+    assign(state.history.inner, new.history.inner)
 
 
 @linked()
@@ -73,5 +74,7 @@ def another(state):
         ),
         state.frames.copy(), state.stretch.copy(), state.stretch_before.copy(),
         state.other.copy(), state.other_before.copy(),
-        History(state.history.plastic.copy(), state.history.anchor.copy()),
+        History(
+            state.history.plastic.copy(), state.history.anchor.copy(), state.history.inner.copy()
+        ),
     )  # fmt: skip

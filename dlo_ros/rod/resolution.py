@@ -129,7 +129,7 @@ class _Path:
         published = SplineBasis(settings.rod.control_points, settings.rod.length)
         state = rest_state(stamps[0], model.basis.projection(published) @ shape, model)
         # What bending and friction remember has no counterpart in another basis.
-        lift = near is not None and model.remembers == (0, 0)
+        lift = near is not None and not any(model.remembers)
         yield
         states = []
         for k, stamp in enumerate(stamps):

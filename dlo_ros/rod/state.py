@@ -71,20 +71,27 @@ def rest_state(stamp: int, q: FloatArray, model: RodModel) -> State:
     reference, frames = twist_free(q, model.basis, model.points)
     now = strains_of(q, model, reference)
     zero = np.zeros((model.basis.control_points, DOF))
-    history = fresh_history(q, model)
+    history = fresh_history(q, now, model)
     return State(stamp, q, zero, zero, zero, reference, frames, now, now, history)
 
 
-def fresh_history(q: FloatArray, model: RodModel) -> History:
-    """The history of a DLO that was never bent too far and feels no friction, in the shape q."""
-    yielding, touching = model.remembers
+def fresh_history(q: FloatArray, now: Strains, model: RodModel) -> History:
+    """The history of a DLO that was never bent too far and feels no friction.
+
+    Args:
+        q, now: its shape, shape (n, 4), and the strains there.
+    """
+    yielding, touching, lagging = model.remembers
     anchor = rest_anchor(q, model.rule) if touching else np.zeros((0, 2))
-    return History(np.zeros((yielding, 2)), anchor)
+    inner = np.zeros((lagging, 6))
+    if lagging:
+        inner[:, 4:] = now.other[:, :2]
+    return History(np.zeros((yielding, 2)), anchor, inner)
 
 
 def with_history(state: State, model: RodModel) -> State:
     """The state, with what bending and friction of this model remember: fresh where it has none."""
-    fresh, old = fresh_history(state.q, model), state.history
+    fresh, old = fresh_history(state.q, state.strains, model), state.history
     history = History(*(a if a.shape == b.shape else b for a, b in zip(old, fresh, strict=True)))
     return replace(state, history=history)
 
@@ -119,6 +126,6 @@ def refined(state: State, model: RodModel, finer: RodModel) -> State:
     now = strains_of(q, finer, reference)
     return State(
         state.stamp, q, change @ state.velocity, change @ state.acceleration,
-        change @ state.auxiliary, reference, frames, now, now, fresh_history(q, finer),
+        change @ state.auxiliary, reference, frames, now, now, fresh_history(q, now, finer),
         0.0, state.next_step,
     )  # fmt: skip

@@ -25,7 +25,7 @@ from dlo_ros.spline import FloatArray
 
 TOLERANCE = 1e-9
 # A rod that is elastic and touches nothing.
-LINEAR = Law(0.0, np.inf, np.inf, 0.0)
+LINEAR = Law(0.0, np.inf, np.inf, 0.0, 0.0, 1.0, 0.0, np.inf)
 FREE = Surroundings(
     0.0, 1.0, np.zeros((0, 3)), 0.0, np.zeros(0, np.int64), np.zeros((0, 4)), np.zeros(0),
     np.zeros((0, 3)), 0.0, np.zeros((0, 3)),
@@ -35,7 +35,7 @@ STRONGEST, WEAKEST = 10.0, 1e-4
 APPROACH = 10  # steps to what is held
 SLOWEST = 0.9  # of the pull: smaller reductions are not tried
 STRAIGHT = 0.05  # of the length: radius of gyration that the bending stiffness stands for
-NO_HISTORY = History(np.zeros((0, 2)), np.zeros((0, 2)))
+NO_HISTORY = History(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros((0, 6)))
 
 
 @dataclass(frozen=True)
@@ -131,9 +131,11 @@ def _unstable_directions(
 
 
 def matter_of(model: RodModel, history: History) -> Material:
-    """The material without damping, for compiled code."""
+    """The material at rest, for compiled code; what may relax has done so."""
+    left = 1.0 - model.law.relaxing
+    stiffness = model.stiffness._replace(bend=left * model.stiffness.bend)
     return Material(
-        model.stiffness, 1.0, model.stiffness.bend_rest, model.law, model.surroundings, history
+        stiffness, left, stiffness.bend_rest, model.law, model.surroundings, history, 0.0, 0.0
     )
 
 
@@ -179,7 +181,9 @@ def relax_stretch(model: RodModel, boundary: Boundary, held: Held, q: FloatArray
         """From q; None where Newton's method does not converge."""
         pull = weak * stiffest / length**2
         bend = np.full_like(soft.bend, weak * stiffest * (STRAIGHT * length) ** 2)
-        matter = Material(soft._replace(bend=bend), 1.0, curvature, LINEAR, FREE, NO_HISTORY)
+        matter = Material(
+            soft._replace(bend=bend), 1.0, curvature, LINEAR, FREE, NO_HISTORY, 0.0, 0.0
+        )
         target, found = given.q + share * (held.target - given.q), q.copy()
         iterations, _ = solver.implicit_step(
             found, target, boundary.fixed, boundary.pins, boundary.pin_values(held),

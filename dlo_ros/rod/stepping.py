@@ -15,7 +15,16 @@ from dlo_ros.rod.constraints import back_substitute
 from dlo_ros.rod.material import remember
 from dlo_ros.rod.moving import LAST, NEXT, TIME, assign
 from dlo_ros.rod.surroundings import drag_along, towed
-from dlo_ros.rod.system import ITSELF, drawn, growth, inertia_of, matter_of, residual, targets
+from dlo_ros.rod.system import (
+    ITSELF,
+    drawn,
+    growth,
+    inertia_of,
+    lagging,
+    matter_of,
+    residual,
+    targets,
+)
 from dlo_ros.rod.tables import Material
 
 RHO = 0.6  # spectral radius at infinity; above 0.8 the stiff stretch blows up (numerics.md)
@@ -46,20 +55,26 @@ def damped(system, k, imposed, state, h):
     # Material that slips in is no strain.
     slip = c0 * now + c1 * growth(imposed, k, time)
     slip += c2 * growth(imposed, k, time - state.clock[LAST])
-    matter = matter_of(system, k, now, state.history)
-    s, damping = matter.stiffness, 1.0 + t_r * c0
+    matter = lagging(matter_of(system, k, now, state.history), h)
+    s, damping, relaxed = matter.stiffness, 1.0 + t_r * c0, matter.damping
+    inner, bending = state.history.inner, relaxed + matter.gain + t_r * c0
     for e in range(s.stretch.size):
         past = c1 * state.stretch[e] + c2 * state.stretch_before[e] - slip
         s.stretch[e] *= damping
         s.stretch_rest[e] = (s.stretch_rest[e] - t_r * past) / damping
         for c in range(2):
-            past = c1 * state.other[e, c] + c2 * state.other_before[e, c]
-            s.bend[e, c] *= damping
-            s.bend_rest[e, c] = (s.bend_rest[e, c] - t_r * past) / damping
+            past = t_r * (c1 * state.other[e, c] + c2 * state.other_before[e, c])
+            if matter.gain != 0.0:
+                past += matter.keep * inner[e, c] - matter.gain * inner[e, 4 + c]
+            s.bend[e, c] *= bending / relaxed
+            s.bend_rest[e, c] = (relaxed * s.bend_rest[e, c] - past) / bending
         past = c1 * state.other[e, 2] + c2 * state.other_before[e, 2]
         s.twist[e] *= damping
         s.twist_rest[e] = (s.twist_rest[e] - t_r * past) / damping
-    m = Material(s, damping, matter.bend_rest, matter.law, matter.around, matter.history)
+    m = Material(
+        s, bending, matter.bend_rest, matter.law, matter.around, matter.history, matter.keep,
+        matter.gain,
+    )  # fmt: skip
     if m.around.brake == 0.0:
         return m
     return drawn(m, _towed(system.rule, now * m.around.brake, state, h))
@@ -185,7 +200,7 @@ def frame_at(q, rule, ref, out):
 @linked()
 def remembered(q, other, rule, matter, out):
     """Write the history after a motion to q with strains `other` to out."""
-    remember(other, matter, out.plastic)
+    remember(other, matter, out)
     drag_along(q, rule, matter.around, matter.history.anchor, out.anchor)
 
 

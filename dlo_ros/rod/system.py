@@ -79,8 +79,9 @@ def growth(imposed, k, time):
 
 @linked()
 def matter_of(system, k, factor, history):
-    """The material of variant k without damping, its free length multiplied by a factor.
+    """The material of variant k at rest, its free length multiplied by a factor.
 
+    There is no damping, and what may relax has done so.
     Over the same material coordinate curvature is a property of the shape; stretch and twist count
     per unit of the new length.
     """
@@ -89,34 +90,57 @@ def matter_of(system, k, factor, history):
         np.empty(nb), np.empty(nb), np.empty((nb, 2)), np.empty((nb, 2)), np.empty(nb),
         np.empty(nb),
     )  # fmt: skip
+    law, a = system.law, system.around
+    left = 1.0 - law.relaxing[k]
     for e in range(nb):
         stiffness.stretch[e] = s.stretch[k, e] / factor
         stiffness.stretch_rest[e] = factor * (1.0 + s.stretch_rest[k, e]) - 1.0
         for c in range(2):
-            stiffness.bend[e, c] = factor * s.bend[k, e, c]
+            stiffness.bend[e, c] = left * factor * s.bend[k, e, c]
             stiffness.bend_rest[e, c] = s.bend_rest[k, e, c]
         stiffness.twist[e] = s.twist[k, e] / factor
         stiffness.twist_rest[e] = factor * s.twist_rest[k, e]
-    law, a = system.law, system.around
     return Material(
-        stiffness, 1.0, s.bend_rest[k],
-        Law(law.active[k], law.half_curvature[k], law.yield_curvature[k], law.hardening[k]),
+        stiffness, left, s.bend_rest[k],
+        Law(
+            law.active[k], law.half_curvature[k], law.yield_curvature[k], law.hardening[k],
+            law.relaxing[k], law.lasting[k], law.slide[k], law.turn[k],
+        ),
         Surroundings(
             a.friction[k], a.creep[k], a.pegs[k], a.contact[k], a.span, a.b, a.weight, a.walls[k],
             a.brake[k], np.zeros((0, 3)),
         ),
-        history,
+        history, 0.0, 0.0,
     )  # fmt: skip
 
 
 @linked()
 def untouched(m):
-    """The material without friction, which a DLO at its start has not felt yet."""
-    a = m.around
+    """The material without friction, inner or outer, which a DLO at its start has not felt yet."""
+    a, w = m.around, m.law
+    law = Law(
+        w.active, w.half_curvature, w.yield_curvature, w.hardening, w.relaxing, w.lasting, 0.0,
+        np.inf,
+    )  # fmt: skip
     around = Surroundings(
         0.0, a.creep, a.pegs, a.contact, a.span, a.b, a.weight, a.walls, a.brake, a.tow
     )
-    return Material(m.stiffness, m.damping, m.bend_rest, m.law, around, m.history)
+    return Material(m.stiffness, m.damping, m.bend_rest, law, around, m.history, 0.0, 0.0)
+
+
+@linked()
+def lagging(m, h):
+    """The material whose history is brought over a step of length h; none: it is at rest.
+
+    The moment of what relaxes is exact for a curvature that changes steadily over the step.
+    """
+    if m.law.relaxing == 0.0 or h == 0.0:
+        return m
+    keep = np.exp(-h / m.law.lasting)
+    gain = m.law.relaxing * (1.0 - keep) * m.law.lasting / h
+    return Material(
+        m.stiffness, m.damping, m.bend_rest, m.law, m.around, m.history, keep, gain
+    )  # fmt: skip
 
 
 @linked()
@@ -126,7 +150,9 @@ def drawn(m, tow):
     around = Surroundings(
         a.friction, a.creep, a.pegs, a.contact, a.span, a.b, a.weight, a.walls, a.brake, tow
     )
-    return Material(m.stiffness, m.damping, m.bend_rest, m.law, around, m.history)
+    return Material(
+        m.stiffness, m.damping, m.bend_rest, m.law, around, m.history, m.keep, m.gain
+    )  # fmt: skip
 
 
 @linked()

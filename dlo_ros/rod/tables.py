@@ -54,6 +54,10 @@ class Law(NamedTuple):
     half_curvature: float  # [1/m] infinite: linear
     yield_curvature: float  # [1/m] infinite: elastic
     hardening: float  # h: hardening modulus over bending stiffness
+    relaxing: float  # share of the bending stiffness that relaxes
+    lasting: float  # [s] time in which it does
+    slide: float  # largest moment of internal friction [N m]
+    turn: float  # [1/m] change of curvature within which that moment turns over
 
 
 class Response(NamedTuple):
@@ -90,6 +94,8 @@ class History(NamedTuple):
 
     plastic: FloatArray  # (nb, 2) plastic curvature [1/m]
     anchor: FloatArray  # (nb, 2) x and z where friction with the board is free of force [m]
+    inner: FloatArray  # (nb, 6) two components each: moment of what relaxes over the bending
+    # stiffness [1/m], moment of internal friction over its largest, curvature then [1/m]
 
 
 class Material(NamedTuple):
@@ -101,6 +107,8 @@ class Material(NamedTuple):
     law: Law
     around: Surroundings
     history: History  # before
+    keep: float  # share of what has not relaxed that is left at the end of the step; 0 at rest
+    gain: float  # what is added to that over the change of curvature; 0 at rest
 
 
 class Reference(NamedTuple):

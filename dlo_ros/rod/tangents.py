@@ -205,9 +205,10 @@ def _compiled(
             pair.append(any(map(_differ, commands[-1], commands[0])))
         moves.append(any(pair) or systems[-1].reach != systems[-2].reach)
         steps.append(chosen.step)
-    # A slip or a quadratic drag of zero may be a parameter, too.
+    # A slip or a drag of zero may be a parameter, too.
     body = model.body
-    special = not model.plain or body.slip is not None or body.quadratic_drag is not None
+    own = (body.slip, body.quadratic_drag, body.relaxing, body.inner_friction)
+    special = not model.plain or any(x is not None for x in own)
     system, step = stacked(systems), np.array(steps, dtype=np.float64)
     return Compiled(
         system, stacked_imposed(commands), step, np.array(moves, dtype=np.float64),

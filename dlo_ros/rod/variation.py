@@ -199,7 +199,7 @@ def vary(system, imposed, old, new, varying):
         turned(system, q, old, matter, response, varying, forced, by_frame)
     _solve(system, band, rhs, increments, gaps)
     d_q = rhs.reshape((count, q.shape[0], q.shape[1]))
-    follow(system, q, new.other, old, varying, d_q, grad_s, grad_o, by_frame)
+    follow(system, q, new.other, old, h, False, varying, d_q, grad_s, grad_o, by_frame)
     q_star, v_star, lag = extrapolated(
         varying.q, varying.velocity, varying.acceleration, varying.auxiliary, h
     )
@@ -259,7 +259,7 @@ def vary_rest(system, imposed, before, rest, history, fresh, varying):
         rest.frames, rest.stretch, rest.stretch_before, rest.other, rest.other_before, history,
     )  # fmt: skip
     unturned = np.zeros((count, rule.weight.size, 3))
-    follow(system, q, rest.other, start, varying, d_q, grad_s, grad_o, unturned)
+    follow(system, q, rest.other, start, 0.0, fresh, varying, d_q, grad_s, grad_o, unturned)
     if fresh and history.anchor.shape[0] > 0:
         shifted = np.empty(q.shape)
         for a in range(count):

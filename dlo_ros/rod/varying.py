@@ -72,6 +72,7 @@ def shift_state(target, state, v, a, d):
     shift(target.other_before, state.other_before, d, v.other_before[a])
     shift(target.history.plastic, state.history.plastic, d, v.history.plastic[a])
     shift(target.history.anchor, state.history.anchor, d, v.history.anchor[a])
+    shift(target.history.inner, state.history.inner, d, v.history.inner[a])
     if state.q.shape[1] != PLANAR:
         shift_frame(target.reference, state.reference, v.reference, a, d)
 

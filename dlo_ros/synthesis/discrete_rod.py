@@ -80,6 +80,9 @@ class DiscreteRod:
         yield_curvature: elastic curvature beyond which the rest curvature follows [1/m].
         hardening: tangent stiffness past the yield, over that before it, 0 to 1.
         hysteresis: largest moment of a hysteretic bending element, over B [1/m].
+        friction_moment: largest moment of that element in all vertices alike, added to it [N m].
+        relaxing: share of the bending stiffness that relaxes.
+        lasting: time in which it does [s].
         hysteresis_width: change of curvature over which that moment turns round [1/m].
         friction: largest friction with the board of the nodes [N], shape (N + 1,).
         pegs: x, z [m] and the distance of the DLO's axis at contact [m], shape (m, 3).
@@ -102,6 +105,9 @@ class DiscreteRod:
     yield_curvature: float = np.inf
     hardening: float = 0.0
     hysteresis: float = 0.0
+    friction_moment: float = 0.0
+    relaxing: float = 0.0
+    lasting: float = 1.0
     hysteresis_width: float = 1.0
     friction: FloatArray = field(default_factory=lambda: np.zeros(0))
     pegs: FloatArray = field(default_factory=lambda: NO_PEGS)
@@ -191,7 +197,7 @@ class DiscreteRod:
     def linear(self) -> bool:
         """Whether moment and curvature are proportional, without any history."""
         bounds = np.array([self.half_curvature, self.yield_curvature])
-        return bool(np.all(np.isinf(bounds))) and not self.hysteresis
+        return bool(np.all(np.isinf(bounds))) and not (self.hysteresis or self.friction_moment)
 
     @property
     def usual_force(self) -> float:
@@ -236,7 +242,7 @@ class DiscreteRod:
             limit=k * yields * v,
             hardening=k * share / (1.0 - share),
             plastic=np.zeros_like(v) if history is None else history.plastic,
-            drag=self.hysteresis * self.bending_stiffness,
+            drag=self.hysteresis * self.bending_stiffness + self.friction_moment,
             width=self.hysteresis_width * v,
             drag_state=np.zeros_like(v) if history is None else history.drag_state,
             turn=np.zeros_like(v) if history is None else history.turn,

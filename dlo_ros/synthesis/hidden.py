@@ -75,6 +75,8 @@ EFFECTS: Mapping[str, Mapping[str, Key]] = {
         "yield_curvature": Key("1/m", 0.0, 1e6),
         "hardening": Key("", 0.0, 1.0),
     },
+    "hysteresis": {"moment": Key("N m", 0.0, 1e3), "curvature": Key("1/m", 1e-6, 1e6)},
+    "viscoelasticity": {"share": Key("", 0.0, 0.95), "time": Key("s", 1e-4, 1e6)},
     "surface_friction": {"force": Key("N/m", 0.0, 1e3)},
     "air_drag": {"coefficient": Key("N s/m^2", -1e3, 1e3)},
     "quadratic_drag": {"coefficient": Key("N s^2/m^3", 0.0, 1e4)},
@@ -106,10 +108,6 @@ FOREIGN: Mapping[str, Mapping[str, Key]] = {
         "x": Key("m/s", -10.0, 10.0, 0.0),
         "z": Key("m/s", -10.0, 10.0, 0.0),
         "angle": Key("rad/s", -10.0, 10.0, 0.0),
-    },
-    "bending_hysteresis": {
-        "moment": Key("1/m", 0.0, 1e6),
-        "width": Key("1/m", 1e-6, 1e6),
     },
 }
 """Effects that the interface has no name for; the block `foreign` of an experiment holds them."""

@@ -105,8 +105,10 @@ def build_rod(
     if "obstacle" in hidden:
         x, z, radius = (hidden.number("obstacle", key) for key in ("x", "z", "radius"))
         rod.pegs = np.array([[x, z, radius + 0.5 * settings.rod.diameter]])
-    rod.hysteresis = hidden.number("bending_hysteresis", "moment")
-    rod.hysteresis_width = hidden.number("bending_hysteresis", "width", 1.0)
+    rod.friction_moment = hidden.number("hysteresis", "moment")
+    rod.hysteresis_width = hidden.number("hysteresis", "curvature", 1.0)
+    rod.relaxing = hidden.number("viscoelasticity", "share")
+    rod.lasting = hidden.number("viscoelasticity", "time", 1.0)
     return rod
 
 

@@ -103,6 +103,8 @@ class Simulation:
             # What yields on the way into the first shape stays; hysteresis begins with it.
             yield_to(self._law._replace(drag=np.zeros_like(rod.mass)), self._strains[1])
         self._anchor = self.x.copy()
+        # What relaxes has flowed as far as the rod is bent.
+        self._flow = self._flow_before = self._strains[1] - rod.rest_turn
 
     def rod_at(self, time: float) -> DiscreteRod:
         """The rod at a time [s]."""
@@ -111,7 +113,8 @@ class Simulation:
     def settle(self) -> FloatArray:
         """Bring the rod to the stable equilibrium under the present boundary, downhill from here.
 
-        It comes without friction and hysteresis, whose forces begin with the motion. Bending beyond
+        It comes without friction and hysteresis, whose forces begin with the motion, and what may
+        relax has done so. Bending beyond
         the yield is taken as one steady path from the straight rod to the first shape.
 
         Returns:
@@ -128,7 +131,9 @@ class Simulation:
         edges = len(full.lengths)
         for every in (max(edges // 20, 1), max(edges // 60, 1), 1):
             keep = np.union1d(np.arange(0, edges, every), [*boundary.positions, edges])
-            rod = replace(full.coarsened(keep), hysteresis=0.0)
+            rod = full.coarsened(keep)
+            relaxed = (1.0 - rod.relaxing) * rod.bending_stiffness
+            rod = replace(rod, hysteresis=0.0, friction_moment=0.0, bending_stiffness=relaxed)
             where = {int(np.searchsorted(keep, i)): p for i, p in boundary.positions.items()}
             x = self.x[keep]
             softest = rod.softest_stretch() if every > 1 else 1.0
@@ -174,6 +179,12 @@ class Simulation:
         ):
             damped.append(k + d * rod.relaxation_time * c0)
             held_back.append(f - d * rod.relaxation_time * (c2 * before - c1 * now))
+        # A dashpot's angle v in series with a spring: tau dv/dt = (turn - rest) - v.
+        flowing = 1.0 + c0 * rod.lasting
+        behind = rod.rest_turn + rod.lasting * (c2 * self._flow_before - c1 * self._flow)
+        if rod.relaxing:
+            weaker = dampers[1] * rod.relaxing / flowing
+            damped[1], held_back[1] = damped[1] - weaker, held_back[1] - weaker * behind
         boundary = self.boundary(time)
         law = rod.bending_law(self._law)
         friction = no_friction()
@@ -208,6 +219,8 @@ class Simulation:
         self._v_before, self.v = self.v, c0 * x + past_x
         self._strains_before = self._strains
         self._strains = rod_kernels.strains(x, rod.lengths, boundary.clamps)
+        self._flow_before = self._flow
+        self._flow = (self._strains[1] - behind) / flowing
         self._law = law
         if law.active:
             yield_to(law, self._strains[1])

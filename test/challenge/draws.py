@@ -142,6 +142,17 @@ def plasticity(rng: np.random.Generator, scene: Scene) -> Drawn:
     )
 
 
+def hysteresis(rng: np.random.Generator, scene: Scene) -> Drawn:
+    turn = float(rng.uniform(0.1, 0.4) * scene.curvature)
+    unit = scene.weight * scene.length**2
+    return Drawn(lambda s: {"moment": s * unit, "curvature": turn}, 1e-3, 0.3)
+
+
+def viscoelasticity(rng: np.random.Generator, scene: Scene) -> Drawn:
+    time = float(np.exp(rng.uniform(np.log(0.05), np.log(2.0))))
+    return Drawn(lambda s: {"share": s, "time": time}, 0.02, 0.85)
+
+
 def surface_friction(rng: np.random.Generator, scene: Scene) -> Drawn:
     return Drawn(lambda s: {"force": s * scene.weight}, 2e-3, 0.5)
 
@@ -272,11 +283,6 @@ def camera_creep(rng: np.random.Generator, scene: Scene) -> Drawn:
     return Drawn(lambda s: {"x": float(s * np.cos(a)), "z": float(s * np.sin(a))}, 2e-4, 0.02)
 
 
-def bending_hysteresis(rng: np.random.Generator, scene: Scene) -> Drawn:
-    width = float(rng.uniform(0.1, 0.4) * scene.curvature)
-    return Drawn(lambda s: {"moment": s * scene.curvature, "width": width}, 0.01, 1.0)
-
-
 NAMED: dict[str, Draw] = {
     f.__name__: f
     for f in (
@@ -290,6 +296,8 @@ NAMED: dict[str, Draw] = {
         stiffness_gradient,
         nonlinear_stiffness,
         plasticity,
+        hysteresis,
+        viscoelasticity,
         surface_friction,
         air_drag,
         quadratic_drag,
@@ -309,7 +317,5 @@ SET_UP: dict[str, Draw] = {f.__name__: f for f in (clamp_offset, camera_shift)}
 asked for by name."""
 """Effects of the interface."""
 
-OTHERS: dict[str, Draw] = {
-    f.__name__: f for f in (gusts, stiffness_drift, camera_creep, bending_hysteresis)
-}
+OTHERS: dict[str, Draw] = {f.__name__: f for f in (gusts, stiffness_drift, camera_creep)}
 """Effects that no name of the interface fits."""

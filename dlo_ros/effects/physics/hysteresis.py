@@ -1,0 +1,49 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Friction within the DLO: strands or a sheath that rub where it is bent."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from dlo_ros.effects.base import Body, Effect, Scene, Start, quantity
+
+MOMENTS = (0.01, 0.05)  # of weight per length L^2, from which one is looked for
+TURNS = (0.1, 0.4)  # likewise, of the curvatures that occur
+
+
+@dataclass(frozen=True)
+class Hysteresis(Effect):
+    """Dahl friction in bending, beside the elastic moment.
+
+    A moment of at most `moment` that turns over exponentially within a change of `curvature`; small
+    bends feel it as a stiffness moment / curvature. The first shape is free of it.
+    """
+
+    name: ClassVar[str] = "hysteresis"
+    title: ClassVar[str] = "friction within the DLO"
+    phrase: ClassVar[str] = "the DLO's strands rub on each other where it is bent"
+    smooth: ClassVar[bool] = False
+    batched: ClassVar[bool] = False
+
+    moment: float = quantity(0.0, "N m", 0.0, 100.0, "largest moment of the friction", natural=0.05)
+    curvature: float = quantity(
+        1.0, "1/m", 1e-3, 1e4, "change of curvature within which it turns over", natural=1.0
+    )
+
+    def shape_body(self, body: Body) -> None:
+        """See the base class."""
+        body.inner_friction = (self.moment, self.curvature)
+
+    @classmethod
+    def starts(cls, scene: Scene) -> list[Start]:
+        """A little and much of it, which turns over fast and slowly."""
+        keys, weight = ("moment", "curvature"), scene.rope.unit("N m")
+        return [
+            Start(
+                cls.name, {keys[0]: moment * weight, keys[1]: turn * scene.curvature}, keys, keys,
+                neutral=False,
+            )
+            for moment in MOMENTS
+            for turn in TURNS
+        ]  # fmt: skip

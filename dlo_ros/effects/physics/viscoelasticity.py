@@ -1,0 +1,44 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Part of the bending stiffness relaxes: a polymer that creeps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from dlo_ros.effects.base import Body, Effect, Scene, Start, quantity
+
+TIMES = (0.03, 0.3, 3.0)  # [s] from which one is looked for
+MOST = 0.9  # share that may relax: something must hold the DLO up
+
+
+@dataclass(frozen=True)
+class Viscoelasticity(Effect):
+    """Standard linear solid in bending: `share` of the stiffness relaxes within `time`.
+
+    Young's modulus is that of fast motion; a DLO at rest, also at its start, has 1 - share of it.
+    """
+
+    name: ClassVar[str] = "viscoelasticity"
+    title: ClassVar[str] = "creep"
+    phrase: ClassVar[str] = "part of the DLO's stiffness gives way with time"
+    batched: ClassVar[bool] = False
+
+    share: float = quantity(
+        0.0, "", 0.0, MOST, "of the bending stiffness that relaxes", natural=0.3
+    )
+    time: float = quantity(
+        1.0, "s", 1e-3, 1e4, "in which it relaxes", natural=1.0, search=(1e-2, 100.0)
+    )
+
+    def shape_body(self, body: Body) -> None:
+        """See the base class."""
+        body.relaxing = (self.share, self.time)
+
+    @classmethod
+    def starts(cls, scene: Scene) -> list[Start]:
+        """Nothing, with a short, a middle and a long time."""
+        return [
+            Start(cls.name, {"share": 0.0, "time": time}, ("share",), ("share", "time"))
+            for time in TIMES
+        ]

@@ -1,0 +1,135 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Which effects can be told apart in which manipulation: `python -m challenge.confusion`.
+
+For each pair the log evidence for an effect A that is there over another one, B, whose size is
+fitted instead, in shapes with white noise. A is so strong that it leaves a residual of one standard
+deviation of the noise in each number after E/mu and the dampings have been fitted. To first order
+in the sizes of A and B the log evidence is half the squared residual that B leaves over that of the
+noise, which is half the count of numbers for a B that imitates nothing of A.
+"""
+
+import argparse
+from dataclasses import replace
+
+import numpy as np
+
+from challenge import manipulations
+from dlo_ros.command import NANOSECONDS, Motion
+from dlo_ros.observation import Observation
+from dlo_ros.parameters import SimulationParameters
+from dlo_ros.rod.simulation import Simulation
+from dlo_ros.spline import SplineBasis
+from dlo_ros.synthesis.experiment import START_STAMP, read_experiment
+
+LENGTH, SPANS, FRAMES = 0.4, 28, 61
+RATE = 20.0  # shapes a second
+SMALL = 0.03  # of the values below: sizes to first order
+ROPE = {
+    "rod": {"length": LENGTH, "diameter": 0.005, "young_modulus": 2e7, "density": 1500.0},
+    "damping": {"air_drag": 0.02, "relaxation_time": 0.006},
+}
+EFFECTS = {
+    "clamp_compliance": {"start": 6.0},
+    "clamp_angle": {"start": 0.3},
+    "connector": {"mass": 0.006, "extent": 0.06},
+    "point_mass": {"mass": 0.006, "position": LENGTH},
+    "quadratic_drag": {"coefficient": 0.05},
+    "air_drag": {"coefficient": 0.05},
+    "viscoelasticity, 0.1 s": {"share": 0.4, "time": 0.1},
+    "viscoelasticity, 2 s": {"share": 0.4, "time": 2.0},
+    "internal_damping": {"relaxation_time": 0.05},
+    "hysteresis": {"moment": 3e-3, "curvature": 1.0},
+    "surface_friction": {"force": 0.03},
+    "clamp_slip": {"length": 0.02},
+    "clamp_slip, onset": {"length": 0.02, "onset": 1.5},
+    "length_error": {"difference": 0.02},
+    "stiffness_gradient": {"change": 0.5},
+    "intrinsic_curvature": {"curvature": 1.0},
+}
+PLACES = ("position", "extent", "time", "onset", "curvature of a turn")
+"""Keys that say where or when, not how much."""
+
+
+def shapes(made, effects, **changes) -> np.ndarray:
+    """Control points x, z of the published spline at FRAMES instants, as one vector."""
+    rod = replace(made.truth.rod, **{k: v for k, v in changes.items() if k == "young_modulus"})
+    damping = replace(
+        made.truth.damping, **{k: v for k, v in changes.items() if k != "young_modulus"}
+    )
+    settings = replace(
+        made.truth, rod=rod, damping=damping, simulation=SimulationParameters(tolerance=2e-5)
+    ).with_effects(effects)
+    simulation = Simulation(settings, Motion([made.command]), spans=SPANS)
+    basis = SplineBasis(rod.control_points, rod.length)
+    way = np.concatenate(
+        [[0.0], np.cumsum(np.linalg.norm(np.diff(made.initial_shape, axis=0), axis=1))]
+    )
+    first = np.zeros((basis.control_points, 4))
+    for k, axis in enumerate((0, 2)):
+        first[:, axis] = np.interp(
+            basis.greville / rod.length * way[-1], way, made.initial_shape[:, k]
+        )
+    stamps = [START_STAMP + round(k / RATE * NANOSECONDS) for k in range(FRAMES)]
+    simulation.start([Observation(stamps[0], first)], stamps[-1])
+    found = [simulation.prediction(), *simulation.advance_through(stamps[1:])]
+    return np.array([p.control_points[:, [0, 2]] for p in found]).ravel()
+
+
+def traces(made) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """What E and the dampings change of the shapes, as columns, and what each effect does."""
+    plain = shapes(made, {})
+    truth = made.truth
+    material = [
+        shapes(made, {}, young_modulus=1.01 * truth.rod.young_modulus) - plain,
+        shapes(made, {}, air_drag=1.1 * truth.damping.air_drag) - plain,
+        shapes(made, {}, relaxation_time=1.1 * truth.damping.relaxation_time) - plain,
+    ]
+    found = {}
+    for label, values in EFFECTS.items():
+        name = label.partition(",")[0]
+        sized = {
+            k: v if k in PLACES or (name, k) == ("hysteresis", "curvature") else SMALL * v
+            for k, v in values.items()
+        }
+        bare = {k: 0.0 if sized[k] != v else v for k, v in values.items()}
+        # A plug of no mass is stiff all the same: its mass is what is told.
+        found[label] = shapes(made, {name: sized}) - shapes(made, {name: bare})
+    return np.column_stack(material), found
+
+
+def rest(columns: np.ndarray, trace: np.ndarray) -> np.ndarray:
+    """What a linear fit of the columns leaves of a trace."""
+    columns = columns / np.linalg.norm(columns, axis=0)
+    return trace - columns @ np.linalg.lstsq(columns, trace, rcond=1e-9)[0]
+
+
+def matrix(made) -> tuple[list[str], np.ndarray]:
+    """Labels, and the log evidence for the row's effect over the column's."""
+    material, found = traces(made)
+    labels = list(found)
+    result = np.zeros((len(labels), len(labels)))
+    for i, a in enumerate(labels):
+        left = rest(material, found[a])
+        for j, b in enumerate(labels):
+            both = rest(np.column_stack([material, found[b]]), found[a])
+            share = float(both @ both) / max(float(left @ left), 1e-300)
+            result[i, j] = 0.5 * len(left) * share if i != j else 0.0
+    return labels, result
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="challenge.confusion", description=__doc__)
+    parser.add_argument("--seed", type=int, default=0)
+    arguments = parser.parse_args()
+    for kind in (manipulations.swing, manipulations.wave, manipulations.u_shape):
+        manipulation = kind(np.random.default_rng(arguments.seed))
+        tree = {"parameters": ROPE, "duration": manipulations.DURATION}
+        made = read_experiment(tree | manipulation.tree(LENGTH), kind.__name__, "confusion")
+        labels, found = matrix(made)
+        print(f"\n{kind.__name__}\n" + " " * 24 + " ".join(f"{k:>5}" for k in range(len(labels))))
+        for k, (label, row) in enumerate(zip(labels, found, strict=True)):
+            print(f"{k:>2} {label:<21}" + " ".join(f"{v:5.0f}" for v in row))
+
+
+if __name__ == "__main__":
+    main()
