@@ -22,7 +22,7 @@ DLO that is held at one end and seen short is one whose other end is hidden."""
 TRACKING_LENGTH_LIMIT = 0.03  # of the length at the last frame
 LARGEST_RESIDUAL = 1.0  # [widths] between measured points and spline
 
-SHARPEST = 0.8  # [rad] over its own width that a DLO bends; a rope seldom bends by half of that
+SHARPEST = 0.55  # [rad] over its own width that a DLO bends: a radius of 1.8 widths
 
 SATURATED = 0.5  # share of pixels that are all white or all black, beyond which that is the reason
 BRIGHTEST, DARKEST = 253, 2  # [grey levels]

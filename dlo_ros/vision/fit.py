@@ -28,6 +28,7 @@ CLAMP_STD = 0.25  # [widths] how well a clamp's position is trusted against the 
 CLAMP_DIRECTION_STD = 0.05  # [rad]
 POINT_STD_FLOOR = 0.027  # [px] systematic errors of sampling that scatter does not show
 MOST_BESIDE = 3.0  # [px] root mean square, beyond which the published spline rather slides along
+LEFT_ASIDE = 0.2  # [widths] between a profile's middle and the fine curve: that is no measurement
 ALONG_WEIGHT = 0.01  # of deviations along the DLO in the published spline, against 1 across it
 UNSEEN_WEIGHT = 0.05  # of bridged parts in the published spline, against 1
 SCALE_STD = 0.01  # relative error of lengths by camera, pose and L
@@ -272,6 +273,10 @@ def _publish(
     Neighbouring profiles share pixels, so their errors are correlated: the scatter of block means
     is measured instead of being derived from that of single profiles.
     """
+    # What the robust curve has left aside is something else beside the DLO.
+    kept = np.abs(across) <= LEFT_ASIDE * located.width * scale
+    if np.count_nonzero(kept) >= 2:
+        p, u, across = p[kept], u[kept], across[kept]
     length = p[-1] - p[0]
     size = max(1.0, located.width / located.spacing, length / MOST_POINTS)
     block = np.floor((p - p[0]) / size).astype(np.int64)

@@ -19,6 +19,7 @@ from dlo_ros.command import Motion
 from dlo_ros.errors import VisionError
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray, SplineBasis
+from dlo_ros.vision.bridges import check_bridges
 from dlo_ros.vision.camera import Camera
 from dlo_ros.vision.centring import centred
 from dlo_ros.vision.chains import find_chains
@@ -191,6 +192,7 @@ class Observer:
                 break
         assert self._found is not None
         check(*self._found, ends, self.camera, self.basis.length)
+        check_bridges(image, result.pixels, result.pixels_seen, result.width)
         return result
 
     def _measure(
@@ -282,15 +284,18 @@ class Observer:
             check(fit, located, ends, self.camera, self.basis.length)
         if last is not None:
             check_change(fit.seen_length, last.seen_length)
-        self._remember(stamp, fit, located, ends)
         board = np.column_stack([fit.curve[:, 0], np.zeros(len(fit.curve)), fit.curve[:, 1]])
+        pixels = self.camera.project(board)
+        if final:
+            check_bridges(image, pixels, fit.curve_seen, located.width)
+        self._remember(stamp, fit, located, ends)
         return VisionResult(
             fit.observation,
             fit.residual,
             fit.residual_px,
             fit.fraction_seen,
             fit.seen_length,
-            self.camera.project(board),
+            pixels,
             fit.curve_seen,
             located.width,
             located.contrast,

@@ -1,0 +1,58 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""What lies under a part of the course where the DLO was not seen."""
+
+import numpy as np
+import pytest
+from vision_scenes import Scene, bow, render, to_board
+from vision_stress import judge
+
+from dlo_ros.errors import VisionError
+from dlo_ros.vision.bridges import check_bridges
+from dlo_ros.vision.credibility import SHARPEST, sharpest_turn
+
+
+def course(scene, aside):
+    """The true course, moved aside by some widths along a middle part that was not seen."""
+    curve = bow()
+    pixels = scene.camera().project(to_board(curve))[::4]
+    seen = np.ones(len(pixels), dtype=bool)
+    part = slice(220, 270)
+    seen[part] = False
+    tangent = np.gradient(pixels, axis=0)
+    normal = np.column_stack([-tangent[:, 1], tangent[:, 0]])
+    normal /= np.hypot(*normal.T)[:, None]
+    bump = np.zeros(len(pixels))
+    bump[part] = np.sin(np.linspace(0.0, np.pi, 50)) ** 0.5
+    return render(curve, scene), pixels + aside * scene.width_px * bump[:, None] * normal, seen
+
+
+def test_a_course_over_bare_board_is_refused():
+    picture, pixels, seen = course(Scene(), 2.5)
+    with pytest.raises(VisionError, match=r"widths of bare board"):
+        check_bridges(picture, pixels, seen, 10.0)
+
+
+@pytest.mark.parametrize("aside", [0.0, 2.5])
+def test_a_bridge_below_something_stands(aside):
+    scene = Scene()
+    picture, pixels, seen = course(scene, aside)
+    low, high = pixels[~seen].min(axis=0) - 25, pixels[~seen].max(axis=0) + 25
+    picture[int(low[1]) : int(high[1]), int(low[0]) : int(high[0])] = (80, 160, 190)
+    check_bridges(picture, pixels, seen, 10.0)
+    # On the DLO itself nothing is bare, though for some reason it was not seen.
+    if not aside:
+        check_bridges(render(bow(), scene), pixels, seen, 10.0)
+
+
+def test_what_lies_beside_the_rope_is_no_point_of_it():
+    # Near its end the rope touches itself beside a hole.
+    assert judge(82058, "issue", "start")[1] == "right"
+
+
+def test_a_course_with_a_corner_is_sharper_than_a_rope_bends():
+    corner = np.vstack(
+        [np.linspace([0.0, 0.0], [0.1, 0.0], 50), np.linspace([0.1, 0], [0.1, 0.1], 50)]
+    )
+    angle = np.linspace(0.0, np.pi, 100)
+    bend = 3.0 * 0.004 * np.column_stack([np.cos(angle), np.sin(angle)])
+    assert sharpest_turn(bend, 0.004) < SHARPEST < sharpest_turn(corner, 0.004)
