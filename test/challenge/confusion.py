@@ -46,7 +46,7 @@ EFFECTS = {
     "stiffness_gradient": {"change": 0.5},
     "intrinsic_curvature": {"curvature": 1.0},
 }
-PLACES = ("position", "extent", "time", "onset", "curvature of a turn")
+PLACES = ("position", "extent", "time", "onset")
 """Keys that say where or when, not how much."""
 
 
@@ -99,6 +99,7 @@ def traces(made) -> tuple[np.ndarray, dict[str, np.ndarray]]:
 
 def rest(columns: np.ndarray, trace: np.ndarray) -> np.ndarray:
     """What a linear fit of the columns leaves of a trace."""
+    columns = columns[:, columns.any(axis=0)]
     columns = columns / np.linalg.norm(columns, axis=0)
     return trace - columns @ np.linalg.lstsq(columns, trace, rcond=1e-9)[0]
 
@@ -110,6 +111,9 @@ def matrix(made) -> tuple[list[str], np.ndarray]:
     result = np.zeros((len(labels), len(labels)))
     for i, a in enumerate(labels):
         left = rest(material, found[a])
+        if not left.any():
+            result[i] = np.nan  # it does not show here
+            continue
         for j, b in enumerate(labels):
             both = rest(np.column_stack([material, found[b]]), found[a])
             share = float(both @ both) / max(float(left @ left), 1e-300)

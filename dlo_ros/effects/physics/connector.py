@@ -11,17 +11,17 @@ from dlo_ros.command import END
 from dlo_ros.effects.base import Body, Effect, Scene, Start, quantity
 
 RIGID = 1e3  # bending stiffness of the plug over the DLO's, which leaves 1e-3 of the DLO's own bend
-EXTENTS = (0.05, 0.15)  # of the length, from which a plug is looked for
-HEAVY = 0.5  # likewise, of the rope's mass
+EXTENTS = (0.05, 0.12)  # of the length, from which a plug is looked for
+LIGHT, HEAVY = 0.02, 0.5  # likewise, of the rope's mass
 
 
 @dataclass(frozen=True)
 class Connector(Effect):
     """A rigid end piece from u = L - extent to L, whose mass is spread evenly over it.
 
-    The mass comes on top of the DLO's own there. Two point masses stand for the plug's: at half the
-    mass each and extent / sqrt(12) beside its middle they have its weight, its centre of mass and
-    its moment of inertia.
+    An end that is held is held at the plug's tip. The mass comes on top of the DLO's own there. Two
+    point masses stand for the plug's: at half the mass each and extent / sqrt(12) beside its middle
+    they have its weight, its centre of mass and its moment of inertia.
     """
 
     name: ClassVar[str] = "connector"
@@ -42,14 +42,20 @@ class Connector(Effect):
 
     @classmethod
     def starts(cls, scene: Scene) -> list[Start]:
-        """A short and a long plug of about half the rope's mass, where the end is free."""
-        if END in scene.held:
-            return []
-        keys = ("mass", "extent")
-        return [
+        """A short and a long plug, of no mass where the end is free, and one of half the rope's.
+
+        At a free end that nothing weighs down a rigid end shows hardly: it counts as nothing. Where
+        the end is held, too, it does not.
+        """
+        keys, length = ("mass", "extent"), scene.rope.length
+        free = END not in scene.held
+        mass = 0.0 if free else LIGHT * scene.rope.mass
+        found = [
             Start(
-                cls.name, {"mass": HEAVY * scene.rope.mass, "extent": share * scene.rope.length},
-                (), keys, neutral=False,
+                cls.name, {"mass": mass, "extent": share * length}, keys[:1] if free else (), keys,
+                neutral=free,
             )
             for share in EXTENTS
         ]  # fmt: skip
+        heavy = {"mass": HEAVY * scene.rope.mass, "extent": EXTENTS[-1] * length}
+        return [*found, Start(cls.name, heavy, (), keys, neutral=False, form="heavy")]
