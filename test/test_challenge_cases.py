@@ -23,6 +23,12 @@ CASES = {
     "intrinsic_curvature": (1, "single", ("intrinsic_curvature",)),
     "point_mass": (1, "single", ("point_mass",)),
     "obstacle": (7106, "single", ("obstacle",)),
+    **{
+        name: (2001, "single", (name,))
+        for name in ("quadratic_drag", "viscoelasticity", "hysteresis", "clamp_slip")
+    },
+    "connector": (2002, "single", ("connector",)),
+    "clamp_compliance": (2003, "single", ("clamp_compliance",)),
     "gusts": (1, "foreign", ("gusts",)),
     "camera_creep": (2, "foreign", ("camera_creep",)),
     "nothing": (2, "none", ()),
