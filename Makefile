@@ -17,11 +17,11 @@ COMPILED := $(VENV)/.compiled
 
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: setup docs reference audit demo real picture examples paper bench challenge field fuzz faults soak coverage test test-quick test-slow test-report lint clean lock help
+.PHONY: setup docs reference audit demo real picture examples paper bench challenge field observer fuzz faults soak coverage test test-quick test-slow test-report lint clean lock help
 
 help:
 	@sed -n 's/^# //p' Makefile | head -3
-	@echo "also: setup, docs, reference, real, examples, paper, bench, challenge, fuzz, faults, soak, coverage, test-quick, test-slow, test-report, lint, picture, lock, clean"
+	@echo "also: setup, docs, reference, real, examples, paper, bench, challenge, field, observer, fuzz, faults, soak, coverage, test-quick, test-slow, test-report, lint, picture, lock, clean"
 
 setup: $(COMPILED)
 
@@ -73,6 +73,13 @@ challenge: $(COMPILED)
 field: $(COMPILED)
 	cd test && PYTHONPATH=. ../$(BIN)/python -m field.evaluate \
 		--first $(or $(FIRST),1000) --count $(or $(COUNT),20)
+
+# What the observer finds in rendered pictures, COUNT of each set from seed FIRST.
+observer: $(COMPILED)
+	$(BIN)/python test/vision_ends.py $(or $(COUNT),40) $(or $(FIRST),0)
+	@for set in "issue" "issue --ends none" other "other --ends none" "dark --ends start" "cell --ends start" absent; do \
+		echo "set $$set"; $(BIN)/python test/vision_stress.py $(or $(COUNT),40) $(or $(FIRST),0) --set $$set || exit 1; \
+	done
 
 # The documentation as pages, build/docs/index.html; a warning is an error.
 docs: $(INSTALLED)

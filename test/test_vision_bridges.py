@@ -56,3 +56,17 @@ def test_a_course_with_a_corner_is_sharper_than_a_rope_bends():
     angle = np.linspace(0.0, np.pi, 100)
     bend = 3.0 * 0.004 * np.column_stack([np.cos(angle), np.sin(angle)])
     assert sharpest_turn(bend, 0.004) < SHARPEST < sharpest_turn(corner, 0.004)
+
+
+def test_a_dark_rope_on_dark_cloth_is_right_or_silent():
+    found = [judge(seed, "dark", "start") for seed in range(83000, 83012)]
+    assert sum(verdict == "wrong" for _, verdict, _ in found) <= 2
+    assert sum(verdict == "right" for _, verdict, _ in found) >= 7
+    assert judge(83000, "dark", "start")[1] == "silent"  # with its shadow it is 5.3 mm wide
+
+
+@pytest.mark.long
+def test_a_rope_in_a_robots_cell_is_right_or_silent():
+    found = [judge(seed, "cell", "start")[1] for seed in range(83100, 83112)]
+    assert found.count("right") >= 10
+    assert found.count("wrong") <= 1

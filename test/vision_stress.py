@@ -1,12 +1,13 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Rendered pictures that are hard on purpose: occlusion, faint ropes, shadows, blur, clutter.
 
-    python test/vision_stress.py [COUNT [FIRST_SEED]] [--set issue|other|absent]
+    python test/vision_stress.py [COUNT [FIRST_SEED]] [--set issue|other|dark|cell|absent]
                                  [--ends both|start|none] [--disturb] [--wrong FOLDER]
 
 prints how many were found rightly, wrongly, or not at all with the reason. Every picture is a first
 detection: nothing is known of the frame before. The set `issue` is the one of this file, `other`
-and `absent` (no rope at all) are those of vision_kinds.py. With --disturb the clamps, the length
+and `absent` (no rope at all) are those of vision_kinds.py, `dark` and `cell` those of
+vision_cells.py. With --disturb the clamps, the length
 and the diameter are off by what they are in practice; --wrong keeps pictures of what was found
 wrongly.
 """
@@ -146,6 +147,12 @@ def picture_of(which, seed):
     if which == "other":
         kind, curve, scene = vision_kinds.make_other(seed)
         return kind, curve, scene, vision_kinds.finish(render(curve, scene), scene, curve)
+    if which in ("dark", "cell"):
+        import vision_cells
+
+        make_one = vision_cells.make_dark if which == "dark" else vision_cells.make_cell
+        kind, curve, scene = make_one(seed)
+        return kind, curve, scene, render(curve, scene)
     kind, curve, scene = vision_kinds.make_absent(seed)
     return kind, curve, scene, render(None, scene)
 
@@ -202,7 +209,9 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
     parser.add_argument("count", type=int, nargs="?", default=80)
     parser.add_argument("first", type=int, nargs="?", default=0)
-    parser.add_argument("--set", choices=("issue", "other", "absent"), default="issue")
+    parser.add_argument(
+        "--set", choices=("issue", "other", "dark", "cell", "absent"), default="issue"
+    )
     parser.add_argument("--ends", choices=("both", "start", "none"), default="both")
     parser.add_argument("--disturb", action="store_true")
     parser.add_argument("--wrong", type=Path, metavar="FOLDER")

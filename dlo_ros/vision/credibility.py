@@ -19,6 +19,9 @@ LEAST_SEEN = 0.55  # share of the length that must be seen
 LENGTH_LIMITS = ((0.03, 0.03), (0.1, 0.05), (0.12, 0.12))
 """By how much of L what is seen may be too short or too long where no end, one or both are held. A
 DLO that is held at one end and seen short is one whose other end is hidden."""
+WIDEST = 1.35  # diameters that a DLO may look wide, where the file's diameter is 12 % too small
+FAINT = 60.0  # [grey levels] a DLO of less contrast may not differ from its own shadow,
+WIDEST_FAINT = 1.16  # so that this is the limit: with its shadow it looks at least 1.17 wide
 TRACKING_LENGTH_LIMIT = 0.03  # of the length at the last frame
 LARGEST_RESIDUAL = 1.0  # [widths] between measured points and spline
 
@@ -33,7 +36,9 @@ EDGES = 99.8  # [%] what is meant by the sharpest edges of a picture
 LOOKED_AT = 100  # rows of a picture that are looked at
 
 
-def check(fit: Fit, located: Located, ends: EndPoses, camera: Camera, length: float) -> None:
+def check(
+    fit: Fit, located: Located, ends: EndPoses, camera: Camera, length: float, diameter: float
+) -> None:
     """Refuse what is not credible.
 
     Args:
@@ -42,10 +47,17 @@ def check(fit: Fit, located: Located, ends: EndPoses, camera: Camera, length: fl
         ends: the clamps.
         camera: that took the picture.
         length: of the DLO, L [m].
+        diameter: of the DLO [m].
 
     Raises:
         VisionError: with the reason.
     """
+    faint = located.contrast < FAINT
+    if fit.width > diameter * (WIDEST_FAINT if faint else WIDEST):
+        raise VisionError(
+            f"what looks like the DLO is {1000 * fit.width:.3g} mm wide, rod.diameter is "
+            f"{1000 * diameter:.3g} mm; its shadow may have been taken for it"
+        )
     if fit.fraction_seen < LEAST_SEEN:
         raise VisionError(
             f"only {100 * fit.fraction_seen:.0f} % of the DLO is visible, at least "

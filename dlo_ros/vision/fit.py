@@ -32,6 +32,7 @@ LEFT_ASIDE = 0.2  # [widths] between a profile's middle and the fine curve: that
 ALONG_WEIGHT = 0.01  # of deviations along the DLO in the published spline, against 1 across it
 UNSEEN_WEIGHT = 0.05  # of bridged parts in the published spline, against 1
 SCALE_STD = 0.01  # relative error of lengths by camera, pose and L
+FEWEST_POINTS = 7  # of the centreline: over so many the scatter is judged
 MOST_POINTS = 250  # published points of the centreline
 
 
@@ -282,6 +283,8 @@ def _publish(
     block = np.floor((p - p[0]) / size).astype(np.int64)
     number = np.bincount(block)
     enough = number >= max(1.0, 0.5 * size)
+    if np.count_nonzero(enough) < FEWEST_POINTS:
+        raise VisionError("hardly anything of the DLO is visible")
 
     def mean(values: FloatArray) -> FloatArray:
         total = np.bincount(block, values)

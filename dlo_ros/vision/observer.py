@@ -191,7 +191,7 @@ class Observer:
             if np.max(moved) < 0.5 * result.width:
                 break
         assert self._found is not None
-        check(*self._found, ends, self.camera, self.basis.length)
+        check(*self._found, ends, self.camera, self.basis.length, self.settings.rod.diameter)
         check_bridges(image, result.pixels, result.pixels_seen, result.width)
         return result
 
@@ -281,7 +281,7 @@ class Observer:
         fit = fit_spline(located, self.camera, self.basis, stamp, ends.start, ends.end, found)
         self._found = fit, located
         if final:
-            check(fit, located, ends, self.camera, self.basis.length)
+            check(fit, located, ends, self.camera, rod.length, rod.diameter)
         if last is not None:
             check_change(fit.seen_length, last.seen_length)
         board = np.column_stack([fit.curve[:, 0], np.zeros(len(fit.curve)), fit.curve[:, 1]])
