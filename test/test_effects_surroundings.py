@@ -9,7 +9,7 @@ from rods import PAPER, SECOND, Nothing, command, held_start, settled, straight
 
 from dlo_ros.command import Motion
 from dlo_ros.observation import Observation
-from dlo_ros.parameters import DampingParameters
+from dlo_ros.parameters import DampingParameters, Settings
 from dlo_ros.rod import dynamics, forces
 from dlo_ros.rod.material import room
 from dlo_ros.rod.resolution import build
@@ -140,6 +140,25 @@ def shapes_of(settings, imposed, stamps):
     simulation = Simulation(settings, Motion([imposed]), spans=14)
     simulation.start([Observation(stamps[0], first)])
     return np.array([p.control_points[:, :3] for p in simulation.advance_through(stamps[1:])])
+
+
+def test_a_shape_observed_beyond_the_table_is_not_thrown_off():
+    """Seen lying a radius too deep, it goes on lying."""
+    radius = 0.5 * ROD.diameter
+    table = {"effects.wall.offset": -0.05, "simulation.start": "observed"}
+    settings = Settings.from_mapping({**PAPER.flat(), **table})
+    basis = SplineBasis(ROD.control_points, ROD.length)
+    s = np.clip(basis.greville / (0.5 * ROD.length), 0.0, 1.0)
+    first = np.zeros((basis.control_points, 4))
+    first[:, 0] = 0.97 * basis.greville
+    first[:, 2] = -0.05 * s**2 * (3.0 - 2.0 * s)
+    simulation = Simulation(settings, Motion([held_start()]), spans=SPANS)
+    simulation.start([Observation(0, first)])
+    for k in range(1, 11):
+        shape = simulation.advance(k * SECOND // 20).control_points[:, :3]
+        height = basis.evaluate(shape, U)[:, 2] + 0.05 - radius
+        assert height.min() > -0.1 * radius
+        assert height[-1] < 5.0 * radius
 
 
 @pytest.mark.parametrize("began", [0, SECOND // 2])

@@ -160,6 +160,21 @@ def reachable(model: RodModel, held: Held, boundary: Boundary) -> None:
             )
 
 
+def before_walls(model: RodModel, boundary: Boundary, q: FloatArray) -> FloatArray:
+    """The shape q (n, 4) with what is free of it led back to the free side of all walls.
+
+    A shape is observed with errors and may lie beyond a wall by the DLO's radius; the contact would
+    throw the DLO off. A spline lies within the hull of its control points.
+    """
+    result = np.array(q)
+    free = ~boundary.fixed.reshape(-1, DOF)[:, 0]
+    for x, z, offset in model.surroundings.walls:
+        deep = np.minimum(x * result[:, 0] + z * result[:, 2] - offset, 0.0) * free
+        result[:, 0] -= deep * x
+        result[:, 2] -= deep * z
+    return result
+
+
 def relax_stretch(model: RodModel, boundary: Boundary, held: Held, q: FloatArray) -> FloatArray:
     """The nearest shape that is held as commanded and not stretched.
 
@@ -170,7 +185,7 @@ def relax_stretch(model: RodModel, boundary: Boundary, held: Held, q: FloatArray
     weak together: a compression by a share e of the length is held straight while e^2 is less than
     4 `pull` `bend` (beam on an elastic foundation).
     """
-    given = rest_state(0, q, model)
+    given = rest_state(0, before_walls(model, boundary, q), model)
     curvature = np.ascontiguousarray(given.strains.other[:, :2])
     soft = model.stiffness._replace(bend_rest=curvature, twist=0.0 * model.stiffness.twist + 1.0)
     stiffest, length = float(soft.stretch.mean()), model.basis.length
@@ -207,4 +222,4 @@ def relax_stretch(model: RodModel, boundary: Boundary, held: Held, q: FloatArray
             ratio = ratio**0.5
         else:
             best, weak = found, ratio * weak
-    return best
+    return before_walls(model, boundary, best)
