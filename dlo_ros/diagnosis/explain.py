@@ -8,16 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dlo_ros.diagnosis.causes import (
-    Proposal,
-    Search,
-    Step,
-    fitted,
-    freed,
-    promised,
-    search,
-    without,
-)
+from dlo_ros.diagnosis.causes import Search, Step, fitted, promised, search, without
+from dlo_ros.diagnosis.proposals import Proposal, freed
 from dlo_ros.effects import quantities
 from dlo_ros.inference.joint import Evaluation, evaluate, settled
 from dlo_ros.inference.measured import Recording

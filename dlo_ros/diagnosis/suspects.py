@@ -13,20 +13,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dlo_ros.diagnosis.causes import (
+from dlo_ros.diagnosis.causes import pinned
+from dlo_ros.diagnosis.contact import glimpsed
+from dlo_ros.diagnosis.explain import NAMED, beyond, certain, material_err
+from dlo_ros.diagnosis.pegs import sight
+from dlo_ros.diagnosis.proposals import (
     Proposal,
     added,
     columns,
     joined,
     linear_prior,
-    pinned,
     proposal_of,
     sheets,
     with_sheet,
 )
-from dlo_ros.diagnosis.contact import glimpsed
-from dlo_ros.diagnosis.explain import NAMED, beyond, certain, material_err
-from dlo_ros.diagnosis.pegs import sight
 from dlo_ros.effects import Scene
 from dlo_ros.errors import DloError
 from dlo_ros.identification.pieces import LONG, SHORT, Pieces

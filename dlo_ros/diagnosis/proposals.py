@@ -1,0 +1,230 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Proposals: what might be a cause, and what the linearised posterior promises of it.
+
+A proposal frees a number of the set-up from its tolerance, or adds an effect at one of the places
+where it is looked for. Nothing is fitted here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dlo_ros.diagnosis.candidates import starts
+from dlo_ros.effects import Scene, Start
+from dlo_ros.inference import priors
+from dlo_ros.inference.joint import Evaluation, Field, Simulated
+from dlo_ros.inference.parameter import Parameter, ParametricModel
+from dlo_ros.inference.priors import SLAB
+from dlo_ros.inference.spectrum import spectrum
+from dlo_ros.inference.variances import Posterior, fit_variances
+from dlo_ros.parameters import Settings
+from dlo_ros.spline import FloatArray
+
+VARIANCE_ITERATIONS = 8
+"""Iterations of the error variances for a promise."""
+AMPLITUDE_STD = 1.5
+"""Prior standard deviation of the amplitude of an effect that acts from a finite size on."""
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """Something that might be a cause.
+
+    Args:
+        effect: its name.
+        form: tells variants of one effect apart.
+        start: of an effect that is added; None: a number of the set-up is freed.
+        parameters: with the priors of a cause; all that are fitted.
+        columns: names of those in which the effect is linear at first.
+    """
+
+    effect: str
+    form: str
+    start: Start | None
+    parameters: tuple[Parameter, ...]
+    columns: tuple[str, ...]
+
+    @property
+    def label(self) -> str:
+        """For people."""
+        return f"{self.effect} ({self.form})" if self.form else self.effect
+
+
+@dataclass(frozen=True)
+class Promise:
+    """The expectation of the linearised posterior for a proposal.
+
+    Args:
+        gain: in log evidence.
+        begin: the model with the proposal where it begins.
+        model: where it promises most, from which the fit starts.
+    """
+
+    proposal: Proposal
+    gain: float
+    begin: ParametricModel
+    model: ParametricModel
+
+
+def freed(model: ParametricModel) -> list[Proposal]:
+    """Numbers of the set-up that leave their tolerance, those of one place together."""
+    groups: dict[tuple[str, str], list[Parameter]] = {}
+    for p in model.parameters:
+        if p.effect and p.tolerated:
+            key = p.key.partition("[")[0]
+            several = p.effect.startswith("clamp")  # each clamp by itself
+            groups.setdefault((p.effect, key if several else ""), []).append(p)
+    return [
+        Proposal(effect, form, None, tuple(p.freed(SLAB) for p in ps), tuple(p.name for p in ps))
+        for (effect, form), ps in groups.items()
+    ]
+
+
+def added(model: ParametricModel, scene: Scene) -> list[Proposal]:
+    """Effects that the set-up does not contain, where they are looked for."""
+    result = []
+    for start in starts(scene):
+        present = model.settings.effects.get(start.effect, {})
+        if any(key in present for key in start.fitted):
+            continue  # the set-up has it, see `freed`
+        result.append(proposal_of(model.settings, start))
+    return result
+
+
+def proposal_of(settings: Settings, start: Start) -> Proposal:
+    """An effect that is added where it is looked for."""
+    fitted, names = priors.cause(settings, start)
+    return Proposal(start.effect, start.form or _place(start), start, fitted, names)
+
+
+def _place(start: Start) -> str:
+    place = start.block.get("position", start.block.get("centre"))
+    return f"at {place:.3g} m" if isinstance(place, float) and start.neutral else ""
+
+
+Extra = dict[int, tuple[FloatArray, ...]]
+"""Derivatives by what a proposal adds, per recording (F, Q, K), by the proposal's identity."""
+
+
+def sheets(proposals: Sequence[Proposal]) -> list[list[Proposal]]:
+    """Added effects that share a simulation: those that do nothing at first, one of each kind."""
+    waiting = [p for p in proposals if p.start is not None]
+    result = [[p] for p in waiting if p.start is not None and not p.start.neutral]
+    neutral = [p for p in waiting if p.start is not None and p.start.neutral]
+    while neutral:
+        sheet: list[Proposal] = []
+        for p in neutral:
+            if p.effect not in {s.effect for s in sheet}:
+                sheet.append(p)
+        neutral = [p for p in neutral if p not in sheet]
+        result.append(sheet)
+    return result
+
+
+def with_sheet(
+    model: ParametricModel, sheet: Sequence[Proposal]
+) -> tuple[ParametricModel, tuple[str, ...]]:
+    """The model with the effects of a sheet, and the parameters of which derivatives are wanted."""
+    names: list[str] = []
+    for p in sheet:
+        assert p.start is not None
+        model = model.extended(p.effect, dict(p.start.block), p.parameters)
+        names += p.columns if p.start.neutral else ()
+    return model, tuple(names)
+
+
+def columns(at: Evaluation, sheet: Sequence[Proposal], found: Simulated) -> Extra:
+    """Derivatives by what each proposal of a sheet adds; its whole change where it has none.
+
+    Args:
+        found: the simulation of `with_sheet`.
+    """
+    result: Extra = {}
+    first = 0
+    for p in sheet:
+        if p.start is not None and not p.start.neutral:
+            result[id(p)] = tuple(
+                (here[0] - there[0])[:, None, :]
+                for here, there in zip(at.fields, found.fields, strict=True)
+            )
+            continue
+        last = first + len(p.columns)
+        result[id(p)] = tuple(j[:, first:last] for _, j in found.fields)
+        first = last
+    return result
+
+
+def joined(fields: Sequence[Field], extra: Sequence[FloatArray]) -> tuple[Field, ...]:
+    """Residuals with further derivatives."""
+    return tuple(
+        (r, np.concatenate([j, c], axis=1)) for (r, j), c in zip(fields, extra, strict=True)
+    )
+
+
+def linear_prior(settings: Settings, proposal: Proposal) -> tuple[FloatArray, FloatArray]:
+    """Prior offset and precision of what an added effect is linear in at first.
+
+    Of one that starts from a finite size that is the amplitude of its whole change.
+    """
+    if proposal.start is None or not proposal.start.neutral:
+        return np.zeros(1), np.array([AMPLITUDE_STD**-2])
+    linear = tuple(p for p in proposal.parameters if p.name in proposal.columns)
+    block = {proposal.effect: dict(proposal.start.block)}
+    own = ParametricModel(settings.with_effects(block), linear)
+    return own.offset(), own.precision()
+
+
+def promise_of(at: Evaluation, proposal: Proposal, extra: Extra) -> Promise:
+    """The linearised gain of a proposal.
+
+    Args:
+        extra: contains the proposal, unless it frees a number of the set-up.
+    """
+    if proposal.start is None:
+        model = at.model.with_prior(proposal.parameters)
+        found = _posterior(at, at.fields, model.offset(), model.precision())
+        gain = found.evidence - at.posterior.evidence
+        return Promise(proposal, gain, model, model.at(model.theta() + found.step))
+    offset, precision = linear_prior(at.model.settings, proposal)
+    found = _posterior(
+        at, joined(at.fields, extra[id(proposal)]), np.append(at.model.offset(), offset),
+        np.append(at.model.precision(), precision),
+    )  # fmt: skip
+    count = len(at.model.parameters)
+    step, amount = found.step[:count], found.step[count:]
+    gain = found.evidence - at.posterior.evidence
+    if not proposal.start.neutral and amount[0] <= 0.0:
+        return Promise(proposal, 0.0, at.model, at.model)
+    model = at.model.extended(proposal.effect, dict(proposal.start.block), proposal.parameters)
+    if not proposal.start.neutral:
+        share = min(1.0 / amount[0], 1.0)
+        return Promise(proposal, gain, model, model.at(_moved(model, at.model, share * step)))
+    theta = _moved(model, at.model, step)
+    linear = [p.name for p in proposal.parameters if p.name in proposal.columns]
+    for name, x in zip(linear, amount, strict=True):
+        theta[model.index(name)] += x
+    return Promise(proposal, gain, model, model.at(theta))
+
+
+def _moved(model: ParametricModel, before: ParametricModel, step: FloatArray) -> FloatArray:
+    """Values of a larger model where those of a smaller one have moved."""
+    theta = model.theta()
+    for name, x in zip(before.names, step, strict=True):
+        theta[model.index(name)] += x
+    return theta
+
+
+def _posterior(
+    at: Evaluation, fields: Sequence[Field], offset: FloatArray, precision: FloatArray
+) -> Posterior:
+    n = at.model.settings.rod.control_points
+    same = len(offset) == len(at.model.parameters)
+    spectra = at.spectra if same else tuple(spectrum(r, j, n) for r, j in fields)
+    _, found = fit_variances(
+        spectra, offset, precision, at.model.settings.rod.length, at.variances,
+        VARIANCE_ITERATIONS,
+    )  # fmt: skip
+    return found
