@@ -27,6 +27,7 @@ CASES = {
         name: (2001, "single", (name,))
         for name in ("quadratic_drag", "viscoelasticity", "hysteresis", "clamp_slip")
     },
+    "clamp_slip at one moment": (2002, "single", ("clamp_slip",)),
     "connector": (2002, "single", ("connector",)),
     "clamp_compliance": (2003, "single", ("clamp_compliance",)),
     "gusts": (1, "foreign", ("gusts",)),
