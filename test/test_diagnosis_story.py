@@ -63,6 +63,11 @@ def test_how_wrong_why_and_what_is_gained():
     assert "Load extended.yaml" in gain and "5000 +- 12 m^2/s^2" in gain
 
 
+def test_a_cause_that_changes_nothing_on_other_data_is_told_as_that():
+    (_, why, _) = answers(case(causes=[replace(MASS, share=0.0)]))
+    assert why.endswith("On data that were not used the simulation is as near without it.")
+
+
 def test_rivals_are_told_as_one_of_them():
     (_, why, _) = answers(case(causes=[replace(MASS, rivals=("constant_force", "clamp_angle"))]))
     assert why.startswith("One of these three is certain, and the data cannot tell which: a mass")

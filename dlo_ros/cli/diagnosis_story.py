@@ -234,7 +234,11 @@ def _cause(effect: NamedEffect) -> str:
     else:
         text = f"Certain: {own}{numbers}."
     if effect.share is not None:
-        text += f" It makes {percent(effect.share)} of what the simulation is off."
+        text += (
+            f" It makes {percent(effect.share)} of what the simulation is off."
+            if effect.share > 0.0
+            else " On data that were not used the simulation is as near without it."
+        )
     return text
 
 
