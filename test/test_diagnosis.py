@@ -106,7 +106,8 @@ def test_every_effect_is_looked_for():
     assert found.clamps == ("start",)
     # Damping that is a guess is fitted anyway, and cannot be exceeded.
     guessed = starts(replace(found, clamps=(), known=()))
-    assert {s.effect for s in guessed} == names - {"air_drag", "internal_damping", "clamp_angle"}
+    clamps = {"clamp_angle", "clamp_compliance"}
+    assert {s.effect for s in guessed} == names - clamps - {"air_drag", "internal_damping"}
     assert not [s for s in starts(found, present=("point_mass",)) if s.effect == "point_mass"]
 
 
