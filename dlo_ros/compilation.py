@@ -174,15 +174,18 @@ class BackgroundCompilation:
 
     def poll(self) -> CompilationProgress:
         """How far the compilation is; takes less than a millisecond."""
+        error = ""
+        if not self._done and not self._error and self._workers:
+            error = self._failure()
+        # Looked at after the workers: the last may have ended with its work done just now.
         if not self._done and self._complete():
             self._done = True
             self.stop()
         if self._done:
             return CompilationProgress(True, 1.0, 0.0)
-        if not self._error and self._workers:
-            self._error = self._failure()
-            if self._error:
-                self.stop()
+        if error:
+            self._error = error
+            self.stop()
         fraction = self._fraction()
         return CompilationProgress(False, fraction, self._remaining(fraction), self._error)
 

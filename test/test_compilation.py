@@ -197,6 +197,22 @@ def test_a_failure_is_told_in_a_line(folder, begin, stage, reason):
     assert told == [compilation.BEGINNING]
 
 
+def test_a_worker_that_ends_between_two_looks_has_done_its_work(folder, begin, monkeypatch):
+    one = begin("slow")
+    until(lambda: begun(folder))
+    failure = one._failure
+
+    def ends_now():
+        (folder / "go").touch()
+        for worker in one._workers:
+            worker.wait(PATIENCE)
+        return failure()
+
+    monkeypatch.setattr(one, "_failure", ends_now)
+    progress = one.poll()
+    assert progress.done and not progress.error
+
+
 def test_no_process_can_be_started(folder, monkeypatch):
     monkeypatch.setattr(compilation, "WORKER", ("/no/such/program",))
     one = BackgroundCompilation(("slow",))
