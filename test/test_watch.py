@@ -124,12 +124,12 @@ def test_the_identifiers_thread_tells_of_it(monkeypatch):
         for imposed in recording.commands:
             thread.command(imposed)
         for observation in recording.observations:
-            thread.observe(observation)
-            time.sleep(0.01)
+            thread.observe(observation)  # at once: it looks at all of them, not at the first
         deadline = time.monotonic() + 240.0
         while time.monotonic() < deadline:
             outcomes += thread.take()
-            if outcomes and outcomes[-1].suspicion and outcomes[-1].suspicion.suspects:
+            suspicion = outcomes[-1].suspicion if outcomes else None
+            if suspicion and suspicion.suspects and suspicion.suspects.found:
                 break
             time.sleep(0.05)
     finally:
