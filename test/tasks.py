@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What the tests give to worker processes; importing it costs these nothing."""
+"""Tasks that the tests give to worker processes; importing the module costs these nothing."""
 
 import os
 from pathlib import Path

@@ -83,7 +83,7 @@ def test_where_a_rod_rests_is_chosen_by_its_history():
         for k in range(len(path)):
             state = settle(model, boundary, state, imposed, k * SECOND).state
         heights[name] = state.q[-1, 2]
-    # What was bent more stays bent more: friction holds back the way to the clamp's angle.
+    # The DLO that was bent more stays bent more: friction holds back the way to the clamp's angle.
     assert heights["never"] - heights["above"] > 0.002
     assert heights["below"] - heights["never"] > 0.002
 
@@ -111,7 +111,7 @@ def test_the_moment_of_a_bent_rod_relaxes(time):
     settings = damped.with_effects({"viscoelasticity": {"share": share, "time": time}})
     after = np.array([0.5, 1.0, 2.0, 6.0])
     moments, state = still_arc(settings, [0.0, kappa], [0.0, ramp], after)
-    # Of a ramp, exactly.
+    # The response to a ramp is exact.
     left = np.exp(-(after - ramp) / time) * (1.0 - np.exp(-ramp / time)) * time / ramp
     np.testing.assert_allclose(moments, B * kappa * (1.0 - share + share * left), rtol=2e-3)
     assert state.strains.other[:, 0].mean() == pytest.approx(kappa, rel=2e-3)

@@ -21,6 +21,7 @@ from dlo_ros.diagnosis.proposals import (
     added,
     columns,
     freed,
+    pinned,
     promise_of,
     sheets,
     with_sheet,
@@ -29,7 +30,7 @@ from dlo_ros.effects import Scene
 from dlo_ros.errors import SimulationError
 from dlo_ros.inference.joint import Evaluation, evaluate, fit, misfit, simulate
 from dlo_ros.inference.measured import Recording
-from dlo_ros.inference.parameter import Parameter, ParametricModel
+from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.priors import SLAB
 from dlo_ros.inference.variances import posterior
 
@@ -43,7 +44,7 @@ NEAR = 0.3
 """Proposals that are simulated in a step, those that promise most, and their share of the best
 promise: a promise is linear, and no better than that."""
 SHARES = (1.0, 0.5)
-"""Of the way to what is promised, that are simulated."""
+"""Shares of the way to the promised model that are simulated."""
 TRIALS = 3
 """Proposals that are fitted, those that come nearest in a simulation."""
 FIRST_ITERATIONS, FIT_ITERATIONS = 4, 12
@@ -145,11 +146,6 @@ def without(
         return None
     nearest = min(begun, key=lambda e: misfit(e, at))
     return fit(nearest, recordings, FIT_ITERATIONS)
-
-
-def pinned(p: Parameter) -> Parameter:
-    """A parameter that is held at its prior's centre."""
-    return replace(p, std=1e-6 * p.std)
 
 
 def _best_of(

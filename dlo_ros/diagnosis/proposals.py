@@ -8,7 +8,7 @@ where it is looked for. Nothing is fitted here.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -81,6 +81,11 @@ def freed(model: ParametricModel) -> list[Proposal]:
         Proposal(effect, form, None, tuple(p.freed(SLAB) for p in ps), tuple(p.name for p in ps))
         for (effect, form), ps in groups.items()
     ]
+
+
+def pinned(p: Parameter) -> Parameter:
+    """A parameter that is held at its prior's centre."""
+    return replace(p, std=1e-6 * p.std)
 
 
 def added(model: ParametricModel, scene: Scene) -> list[Proposal]:

@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dlo_ros.diagnosis.causes import pinned
 from dlo_ros.diagnosis.contact import glimpsed
 from dlo_ros.diagnosis.explain import NAMED, beyond, certain, material_err
 from dlo_ros.diagnosis.pegs import sight
@@ -23,6 +22,7 @@ from dlo_ros.diagnosis.proposals import (
     columns,
     joined,
     linear_prior,
+    pinned,
     proposal_of,
     sheets,
     with_sheet,
@@ -40,6 +40,7 @@ from dlo_ros.inference.joint import (
     judged,
     least,
     linearly_fitted,
+    moved,
 )
 from dlo_ros.inference.measured import Recording, measured
 from dlo_ros.inference.parameter import ParametricModel
@@ -64,12 +65,12 @@ WEIGHED = 12
 CLEARER = 0.8
 """Share of what the set-up leaves, below which a suspect comes: the model is linear only."""
 ASTRAY = 0.2
-"""Of the picture that is off most, from which one may come after a hit."""
+"""Share of the largest error of a picture, from which one may come after a hit."""
 
 
 @dataclass(frozen=True)
 class Suspects:
-    """What a motion shows beyond E, mu and damping.
+    """Errors of a motion that E, mu and damping leave, and effects that would explain them.
 
     Args:
         err: mean distance that E, mu and damping leave [m].
@@ -122,14 +123,13 @@ class Hypothesis:
     def evidence(self, settings: Settings) -> float:
         """Log marginal likelihood, with correlated errors."""
         n, length = settings.rod.control_points, settings.rod.length
-        left = [(r - np.einsum("fpk,p->fk", j, self.step), j) for r, j in self.fields]
-        spectra = [spectrum(r, j, n) for r, j in left]
+        spectra = [spectrum(r, j, n) for r, j in moved(self.fields, self.step)]
         _, found = fit_variances(spectra, self.offset - self.step, self.precision, length)
         return found.evidence
 
 
 def suspects(past: Manipulation, settings: Settings, spans: int, noise: float) -> Pieces[Suspects]:
-    """What the present motion shows.
+    """Effects that the present motion makes suspect.
 
     A suspect does clearly better than a set-up within its tolerances, alone or beside it.
 

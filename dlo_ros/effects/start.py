@@ -60,3 +60,12 @@ class Scene:
     curvature: float
     known: tuple[str, ...] = ()
     reach: tuple[float, float, float] | None = None
+
+
+def at_clamps(effect: str, scene: Scene) -> list[Start]:
+    """Starts of an effect with a number for each clamp: each clamp alone, and both."""
+    found = [Start(effect, {end: 0.0}, (end,), (end,), form=end) for end in scene.clamps]
+    if len(found) == 2:
+        both = dict.fromkeys(scene.clamps, 0.0)
+        found.append(Start(effect, both, tuple(both), tuple(both), form="both"))
+    return found

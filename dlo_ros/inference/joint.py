@@ -131,6 +131,11 @@ def field(
     return residual, jacobian
 
 
+def moved(fields: Sequence[Field], step: FloatArray) -> tuple[Field, ...]:
+    """Residuals where a step of the parameters (P,) leads, as if the model were linear."""
+    return tuple((r - np.einsum("fpk,p->fk", j, step), j) for r, j in fields)
+
+
 def least(
     fields: Sequence[Field], offset: FloatArray, precision: FloatArray
 ) -> tuple[FloatArray, float]:
@@ -149,12 +154,11 @@ def least(
     count = sum(r.size for r, _ in fields)
     step = np.zeros(len(offset))
     for _ in range(LEAST_ITERATIONS):
-        left = [r - np.einsum("fpk,p->fk", j, step) for r, j in fields]
-        variance = sum(float(np.sum(r**2)) for r in left) / count
+        variance = sum(float(np.sum(r**2)) for r, _ in moved(fields, step)) / count
         lhs = power / variance + np.diag(precision)
         step = np.asarray(np.linalg.solve(lhs, pull / variance + precision * offset))
-    left = [r - np.einsum("fpk,p->fk", j, step) for r, j in fields]
-    return step, float(np.mean([np.linalg.norm(r, axis=1).mean() for r in left]))
+    left = [np.linalg.norm(r, axis=1).mean() for r, _ in moved(fields, step)]
+    return step, float(np.mean(left))
 
 
 def evaluate(
@@ -279,7 +283,7 @@ def linearly_fitted(at: Evaluation) -> Evaluation:
     step, _ = least(at.fields, at.model.offset(), at.model.precision())
     model = at.model.at(at.model.theta() + step)
     step = model.theta() - at.model.theta()  # within ranges
-    fields = tuple((r - np.einsum("fpk,p->fk", j, step), j) for r, j in at.fields)
+    fields = moved(at.fields, step)
     err = tuple(np.linalg.norm(r, axis=1) for r, _ in fields)
     return judged(model, Simulated(fields, err, at.predicted))
 

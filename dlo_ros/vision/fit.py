@@ -274,7 +274,7 @@ def _publish(
     Neighbouring profiles share pixels, so their errors are correlated: the scatter of block means
     is measured instead of being derived from that of single profiles.
     """
-    # What the robust curve has left aside is something else beside the DLO.
+    # A point that the robust curve has left aside lies on something else beside the DLO.
     kept = np.abs(across) <= LEFT_ASIDE * located.width * scale
     if np.count_nonzero(kept) >= 2:
         p, u, across = p[kept], u[kept], across[kept]

@@ -116,7 +116,7 @@ class Sections:
         """Log odds of each cross-section, of a visible DLO and of the bare board, over anything."""
         whole = self.fit(strip)
         visible = self._visible(whole)
-        # Beside a hole, or something else on one side, one half will do.
+        # One half of a section is enough beside a hole or another thing on one side.
         half = round(HALF * strip.shape[1])
         for part in (slice(half), slice(-half, None)):
             visible = np.maximum(visible, self._visible(self.fit(strip, part)) - ONE_SIDED)

@@ -76,7 +76,7 @@ def shapes(made, effects, **changes) -> np.ndarray:
 
 
 def traces(made) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """What E and the dampings change of the shapes, as columns, and what each effect does."""
+    """Changes of the shapes by E and the dampings, as columns, and by each effect."""
     plain = shapes(made, {})
     truth = made.truth
     material = [
@@ -98,7 +98,7 @@ def traces(made) -> tuple[np.ndarray, dict[str, np.ndarray]]:
 
 
 def rest(columns: np.ndarray, trace: np.ndarray) -> np.ndarray:
-    """What a linear fit of the columns leaves of a trace."""
+    """Rest of a trace after a linear fit of the columns."""
     columns = columns[:, columns.any(axis=0)]
     columns = columns / np.linalg.norm(columns, axis=0)
     return trace - columns @ np.linalg.lstsq(columns, trace, rcond=1e-9)[0]

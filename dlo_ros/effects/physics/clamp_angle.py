@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from dlo_ros.command import CONTROL_POINT, END, START, Command
 from dlo_ros.effects.base import Effect, Scene, Start, quantity
-from dlo_ros.effects.start import Block
+from dlo_ros.effects.start import Block, at_clamps
 
 CAREFUL = math.radians(3.0)  # [rad] to which a clamp is lined up by eye
 
@@ -58,8 +58,4 @@ class ClampAngle(Effect):
     @classmethod
     def starts(cls, scene: Scene) -> list[Start]:
         """Each clamp alone, and both."""
-        found = [Start(cls.name, {end: 0.0}, (end,), (end,), form=end) for end in scene.clamps]
-        if len(found) == 2:
-            both = dict.fromkeys(scene.clamps, 0.0)
-            found.append(Start(cls.name, both, tuple(both), tuple(both), form="both"))
-        return found
+        return at_clamps(cls.name, scene)

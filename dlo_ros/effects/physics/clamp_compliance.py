@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from dlo_ros.effects.base import Body, Effect, Scene, Start, quantity
+from dlo_ros.effects.start import at_clamps
 
 NATURAL = (
     0.3  # of 1/(weight per length L^2): the rope's own weight, held level, turns it by 0.15 rad
@@ -42,8 +43,4 @@ class ClampCompliance(Effect):
     @classmethod
     def starts(cls, scene: Scene) -> list[Start]:
         """Each clamp alone, and both."""
-        found = [Start(cls.name, {end: 0.0}, (end,), (end,), form=end) for end in scene.clamps]
-        if len(found) == 2:
-            both = dict.fromkeys(scene.clamps, 0.0)
-            found.append(Start(cls.name, both, tuple(both), tuple(both), form="both"))
-        return found
+        return at_clamps(cls.name, scene)
