@@ -107,6 +107,14 @@ class SimulationParameters:
 
 
 @dataclass(frozen=True)
+class LimitParameters:
+    """What the DLO bears: bend radius [m] and tension [N]; 0 where there is no limit."""
+
+    bend_radius: float = 0.0
+    tension: float = 0.0
+
+
+@dataclass(frozen=True)
 class DiagnosisParameters:
     """What difference between model and DLO matters."""
 
@@ -139,6 +147,7 @@ class Settings:
     damping: DampingParameters = field(default_factory=DampingParameters)
     camera: CameraPose = field(default_factory=CameraPose)
     simulation: SimulationParameters = field(default_factory=SimulationParameters)
+    limits: LimitParameters = field(default_factory=LimitParameters)
     diagnosis: DiagnosisParameters = field(default_factory=DiagnosisParameters)
     vision: VisionParameters = field(default_factory=VisionParameters)
     image_transport: str = "auto"
@@ -197,6 +206,7 @@ class Settings:
             simulation=SimulationParameters(**groups["simulation"]),
             effects=effects,
             tolerances=tolerances,
+            limits=LimitParameters(**groups["limits"]),
             diagnosis=DiagnosisParameters(**groups["diagnosis"]),
             vision=VisionParameters(**groups["vision"]),
             **top,

@@ -37,7 +37,10 @@ INPUTS = (
 SEEN = ("dlo/observed", "dlo/observed_points")
 INTERRUPTED = (-2, 130)
 """Statuses of a process that Ctrl-C has ended."""
-MADE = ("predicted", "err", "young_modulus", "density", "metrics", "markers", "overlay")
+MADE = (
+    "predicted", "force_start", "force_end", "tension", "min_bend_radius", "err", "young_modulus",
+    "density", "metrics", "markers", "overlay",
+)  # fmt: skip
 IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 NO_CAMERA = ("/dlo/overlay", "/image_mask")
 """Images of a recording that the observer finds no DLO in."""

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -14,6 +14,7 @@ from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.inference.err import shape_error
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
+from dlo_ros.rod.reactions import Loading
 from dlo_ros.rod.simulation import Simulation
 from dlo_ros.spline import FloatArray, SplineBasis
 
@@ -49,6 +50,7 @@ class Forecast:
         spans: knot spans of the simulation.
         resolution_error: the simulation's own error, over L; NaN where it was not judged.
         stable: whether the equilibrium that it starts from is stable.
+        loadings: what the DLO and its grips bear, F of them; none where that was not asked for.
     """
 
     stamps: np.ndarray
@@ -59,6 +61,7 @@ class Forecast:
     spans: int
     resolution_error: float
     stable: bool = True
+    loadings: tuple[Loading, ...] = ()
 
 
 @lru_cache(maxsize=32)
@@ -75,6 +78,7 @@ def forecast(
     parameters: Sequence[str] = (),
     spans: int | None = None,
     last_stamp: int | None = None,
+    loads: bool = False,
 ) -> Forecast:
     """Simulate a manipulation from its first observed shape and compare at every observed stamp.
 
@@ -82,13 +86,14 @@ def forecast(
         parameters: of which derivatives are wanted, see `dlo_ros.rod.tangents`.
         spans: knot spans; default: as simulation.tolerance asks.
         last_stamp: leave out later observations [ns].
+        loads: whether forces, tension and bend radius are wanted.
 
     Raises:
         InputError: no observation, or observations that do not fit the settings.
         SimulationError: the motion cannot be simulated.
     """
     try:
-        return _forecast(manipulation, settings, parameters, spans, last_stamp)
+        return _forecast(manipulation, settings, parameters, spans, last_stamp, loads)
     except SimulationError as err:
         raise SimulationError(f"{manipulation.name}: {err}") from err
 
@@ -99,10 +104,11 @@ def _forecast(
     parameters: Sequence[str],
     spans: int | None,
     last_stamp: int | None,
+    loads: bool,
 ) -> Forecast:
     observations = seen_until(manipulation, last_stamp)
     motion = motion_of(manipulation)
-    simulation = Simulation(settings, motion, parameters=parameters, spans=spans)
+    simulation = Simulation(settings, motion, parameters=parameters, spans=spans, loads=loads)
     simulation.start(observations[:2], observations[-1].stamp)
     if settings.simulation.start == "moving":
         observations = observations[1:]
@@ -111,7 +117,7 @@ def _forecast(
     predictions = first + later
     changes = [p.sensitivity for p in predictions if p.sensitivity is not None]
     judged = simulation.resolution
-    return compared(
+    found = compared(
         observations,
         np.array([p.control_points for p in predictions]),
         np.array(changes) if changes else None,
@@ -120,6 +126,7 @@ def _forecast(
         judged.error if judged else np.nan,
         stable=simulation.stable,
     )
+    return replace(found, loadings=tuple(p.loading for p in predictions if p.loading is not None))
 
 
 def seen_until(manipulation: Manipulation, last_stamp: int | None) -> list[Observation]:

@@ -12,6 +12,7 @@ from dlo_ros.errors import DloError
 from dlo_ros.nodes import qos
 from dlo_ros.nodes.base import JUMP_BACK, DloNode
 from dlo_ros.nodes.commands import CommandSubscription
+from dlo_ros.nodes.loads import LoadPublisher
 from dlo_ros.nodes.markers import Markers
 from dlo_ros.nodes.messages import ROS_MESSAGES
 from dlo_ros.nodes.runtime import run
@@ -77,6 +78,7 @@ class SimulatorNode(DloNode):
         self._retry_at = 0.0
         self._told = self.settings
         self._publisher = self.publisher(topics.PREDICTED, qos.RELIABLE)
+        self._loads = LoadPublisher(self)
         self._markers = Markers(self, "predicted", (1.0, 0.5, 0.0))
         self._command_subscription = CommandSubscription(self, self._on_command)
         self.subscribe(topics.OBSERVED, self._on_observed, qos.RELIABLE)
@@ -227,6 +229,8 @@ class SimulatorNode(DloNode):
         self.health.count("predictions")
         self.health.values["computing time [ms]"] = 1000.0 * (time.monotonic() - began)
         self._markers.spline(prediction.stamp, prediction.control_points)
+        if prediction.loading is not None:
+            self._loads.publish(prediction.stamp, prediction.loading)
 
     def _wait_after(self, began: float, least: float = 0.0) -> None:
         """Try again only after as long as what failed took, where that is long."""

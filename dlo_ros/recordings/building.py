@@ -16,6 +16,7 @@ import numpy as np
 from dlo_ros.command import NANOSECONDS, Command
 from dlo_ros.errors import InputError
 from dlo_ros.observation import CentrelinePoints
+from dlo_ros.recordings import topics
 from dlo_ros.recordings.bag import TYPESTORE
 from dlo_ros.recordings.images import CameraInfo, Image
 from dlo_ros.spline import FloatArray
@@ -155,6 +156,55 @@ def float_message(factory: MessageFactory, value: float) -> Any:
     if not math.isfinite(value):
         raise InputError(f"{value} is not finite")
     return factory.make("std_msgs/msg/Float64", data=float(value))
+
+
+def wrench_message(
+    factory: MessageFactory, stamp: int, frame_id: str, force: FloatArray, torque: FloatArray
+) -> Any:
+    """geometry_msgs/WrenchStamped of a force [N] and a torque [N m], shape (3,) each.
+
+    Raises:
+        InputError: a number is not finite.
+    """
+    if not (np.all(np.isfinite(force)) and np.all(np.isfinite(torque))):
+        raise InputError("a force or a torque is not finite")
+    wrench = factory.make(
+        "geometry_msgs/msg/Wrench",
+        force=_vector(factory, "Vector3", force),
+        torque=_vector(factory, "Vector3", torque),
+    )
+    return factory.make(
+        "geometry_msgs/msg/WrenchStamped", header=header(factory, stamp, frame_id), wrench=wrench
+    )
+
+
+def load_messages(
+    factory: MessageFactory,
+    stamp: int,
+    frame_id: str,
+    *,
+    tension: float,
+    bend_radius: float,
+    wrenches: Sequence[tuple[FloatArray, FloatArray] | None],
+) -> dict[str, Any]:
+    """What a DLO and its grips bear, as messages by topic.
+
+    Args:
+        tension: largest [N].
+        bend_radius: smallest [m].
+        wrenches: force [N] and torque [N m] of the grips at start and end; None: that end is free.
+
+    Raises:
+        InputError: a number is not finite.
+    """
+    result = {
+        topics.TENSION: float_message(factory, tension),
+        topics.MIN_BEND_RADIUS: float_message(factory, bend_radius),
+    }
+    for topic, wrench in zip((topics.FORCE_START, topics.FORCE_END), wrenches, strict=True):
+        if wrench is not None:
+            result[topic] = wrench_message(factory, stamp, frame_id, *wrench)
+    return result
 
 
 def metric_message(

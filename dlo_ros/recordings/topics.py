@@ -11,6 +11,10 @@ COMMAND = "dlo/command"
 OBSERVED = "dlo/observed"
 OBSERVED_POINTS = "dlo/observed_points"
 PREDICTED = "dlo/predicted"
+FORCE_START = "dlo/force_start"
+FORCE_END = "dlo/force_end"
+TENSION = "dlo/tension"
+MIN_BEND_RADIUS = "dlo/min_bend_radius"
 ERR = "dlo/err"
 YOUNG_MODULUS = "dlo/young_modulus"
 DENSITY = "dlo/density"
@@ -27,6 +31,10 @@ TYPES: dict[str, str] = {
     OBSERVED: "geometry_msgs/msg/PoseArray",
     OBSERVED_POINTS: "sensor_msgs/msg/PointCloud2",
     PREDICTED: "geometry_msgs/msg/PoseArray",
+    FORCE_START: "geometry_msgs/msg/WrenchStamped",
+    FORCE_END: "geometry_msgs/msg/WrenchStamped",
+    TENSION: "std_msgs/msg/Float64",
+    MIN_BEND_RADIUS: "std_msgs/msg/Float64",
     ERR: "std_msgs/msg/Float64",
     YOUNG_MODULUS: "std_msgs/msg/Float64",
     DENSITY: "std_msgs/msg/Float64",
@@ -34,6 +42,9 @@ TYPES: dict[str, str] = {
     MARKERS: "visualization_msgs/msg/MarkerArray",
     OVERLAY: "sensor_msgs/msg/Image",
 }
+
+LOADS = (FORCE_START, FORCE_END, TENSION, MIN_BEND_RADIUS)
+"""What the DLO and its grips bear, beside each predicted spline."""
 
 IMAGE_TYPES = (TYPES[IMAGE], TYPES[COMPRESSED])
 CAMERA_TYPES = (*IMAGE_TYPES, TYPES[CAMERA_INFO])

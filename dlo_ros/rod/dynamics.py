@@ -48,6 +48,8 @@ def follow(
     command: Command,
     stamps: Sequence[int],
     parameters: Sequence[str] = (),
+    *,
+    speeds: bool = False,
 ) -> Track:
     """Integrate through stamps with steps that keep the error within simulation.tolerance.
 
@@ -56,6 +58,7 @@ def follow(
         command: as it was commanded; the model's effects are applied to it.
         parameters: by which sensitivities are wanted, see `tangents`; those of the state are
             carried along.
+        speeds: whether the velocities at the stamps are wanted.
 
     Raises:
         SimulationError: a step does not converge however small it is.
@@ -63,7 +66,7 @@ def follow(
     """
     true = true_command(model, command)
     flat = in_plane(model, state, true)
-    if flat and not parameters and in_lanes(model, boundary):
+    if flat and not parameters and not speeds and in_lanes(model, boundary):
         tracks = sets_of(model, boundary).follow([state], command, stamps)
         if tracks.failures:
             raise SimulationError(tracks.failures[0])

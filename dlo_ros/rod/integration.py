@@ -34,7 +34,7 @@ class Track:
     Args:
         state: at the last stamp.
         shapes: control points of the simulation's basis at every stamp, shape (S, n, 4).
-        speeds: their velocities; zero where no sensitivities were asked for.
+        speeds: their velocities; zero where neither these nor sensitivities were asked for.
         derivatives: with respect to the logarithms of the P parameters, shape (S, P, n, 4).
         steps: taken, rejected ones included.
     """

@@ -85,7 +85,7 @@ class LiveSimulation:
 
     def _start_again(self, simulation: Simulation) -> bool:
         """Whether the run could be repeated from its start to where it is."""
-        again = Simulation(self.settings, self.motion)
+        again = Simulation(self.settings, self.motion, loads=True)
         try:
             again.start(self._first)
             again.advance(simulation.stamp)
@@ -101,7 +101,7 @@ class LiveSimulation:
         Raises:
             InputError, SimulationError: see `Simulation.start`; nothing is changed then.
         """
-        simulation = Simulation(self.settings, self.motion)
+        simulation = Simulation(self.settings, self.motion, loads=True)
         simulation.start(observations)
         self._simulation = simulation
         self._first = tuple(observations)

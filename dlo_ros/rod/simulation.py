@@ -20,10 +20,12 @@ from dlo_ros.rod.camera import Camera
 from dlo_ros.rod.checks import possible, steady
 from dlo_ros.rod.course import Course
 from dlo_ros.rod.grips import HELD
+from dlo_ros.rod.integration import Track
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.packing import nothing_varies, true_command
 from dlo_ros.rod.planar import in_plane
 from dlo_ros.rod.prediction import Prediction
+from dlo_ros.rod.reactions import Loading, dense, loadings, loadings_in_plane
 from dlo_ros.rod.state import (
     State,
     refined,
@@ -49,6 +51,7 @@ class Simulation:
         motion: the imposed motion; commands may be added while the simulation runs.
         parameters: by which derivatives are wanted, named as in `tangents`.
         spans: knot spans of the simulation; default: as many as simulation.tolerance needs.
+        loads: whether predictions say what the DLO and its grips bear.
 
     Raises:
         InputError: an unknown parameter is asked for.
@@ -61,6 +64,7 @@ class Simulation:
         *,
         parameters: Sequence[str] = (),
         spans: int | None = None,
+        loads: bool = False,
     ) -> None:
         for name in parameters:
             tangent(settings, name)
@@ -68,7 +72,7 @@ class Simulation:
         self.motion = motion
         self.published = SplineBasis(settings.rod.control_points, settings.rod.length)
         self.parameters = tuple(parameters)
-        self._spans = spans
+        self._spans, self._loads = spans, loads
         self._course = Course(motion)
         self._camera = Camera(settings, self.parameters)
         self.resolution: resolution.Resolution | None = None
@@ -245,29 +249,52 @@ class Simulation:
             command = course.begin(state.stamp, command, state.q, model.basis)
             course.following = command
             # In space the twist angle of a shape needs its whole state, so stops come one by one.
-            at_once = [stops] if in_plane(model, state, command) else [[s] for s in stops]
-            for leg in at_once:
+            together = in_plane(model, state, command) and (
+                not self._loads or (model.plain and dense([state.stamp, *stops]))
+            )
+            made: list[State] = []
+            for leg in [stops] if together else [[s] for s in stops]:
                 for stop in leg:
                     reachable(model, hold(model, boundary, state, command, stop), boundary)
-                track = dynamics.follow(model, boundary, state, command, leg, self.parameters)
+                before, several = state, len(leg) > 1
+                track = dynamics.follow(
+                    model, boundary, state, command, leg, self.parameters,
+                    speeds=self._loads and several,
+                )  # fmt: skip
                 state = track.state
-                wanted = [k for k, stop in enumerate(leg) if stop in stamps]
-                if len(leg) == 1:
-                    predictions += [self._published(state, model) for _ in wanted]
-                else:
-                    down = self.published.projection(model.basis)
-                    predictions += [
-                        self._seen(
-                            leg[k],
-                            down @ track.shapes[k],
-                            down,
-                            track.speeds[k],
-                            track.derivatives[k],
-                        )
-                        for k in wanted
-                    ]
+                if several:
+                    predictions += self._along(model, boundary, before, leg, track, stamps)
+                elif leg[0] in stamps:
+                    made.append(state)
+            borne = loadings(model, boundary, made, command) if self._loads and made else None
+            for k, one in enumerate(made):
+                predictions.append(self._published(one, model, borne[k] if borne else None))
         self.state, self.model, self.boundary, self._course = state, model, boundary, course
         return predictions
+
+    def _along(
+        self, model: RodModel, boundary: Boundary, before: State, stops: Sequence[int],
+        track: Track, stamps: Sequence[int],
+    ) -> list[Prediction]:  # fmt: skip
+        """Predictions at those of a track's stops in the plane that are stamps [ns].
+
+        Args:
+            before: the state in which the track began.
+        """
+        borne: Sequence[Loading | None] = [None] * len(stops)
+        if self._loads:
+            times = (np.array([before.stamp, *stops]) - before.stamp) / NANOSECONDS
+            shapes = np.concatenate([before.q[None], track.shapes])
+            speeds = np.concatenate([before.velocity[None], track.speeds])
+            borne = loadings_in_plane(model, boundary, times, shapes, speeds)[1:]
+        down, wanted = self.published.projection(model.basis), set(stamps)
+        return [
+            self._seen(
+                stop, down @ track.shapes[k], down, track.speeds[k], track.derivatives[k], borne[k]
+            )
+            for k, stop in enumerate(stops)
+            if stop in wanted
+        ]
 
     def _legs(self, now: int, stamps: Sequence[int]) -> list[list[int]]:
         """The stamps in groups that one command rules each, its last stop where it ends."""
@@ -323,31 +350,36 @@ class Simulation:
 
     def prediction(self) -> Prediction:
         """The present shape in the published basis."""
-        return self._published(self._started(), self.model)
+        state, command = self._started(), self._course.following
+        borne = None
+        if self._loads and command is not None:
+            borne = loadings(self.model, self.boundary, [state], command)[0]
+        return self._published(state, self.model, borne)
 
-    def _published(self, state: State, model: RodModel) -> Prediction:
+    def _published(self, state: State, model: RodModel, borne: Loading | None = None) -> Prediction:
         down = self.published.projection(model.basis)
         derivative = None if state.sensitivity is None else state.sensitivity.q
         shape = state.q.copy()
         shape[:, 3] = twist_angle(state, model)
-        return self._seen(state.stamp, down @ shape, down, state.velocity, derivative)
+        return self._seen(state.stamp, down @ shape, down, state.velocity, derivative, borne)
 
     def _seen(
         self, stamp: int, shape: FloatArray, down: FloatArray, velocity: FloatArray,
-        derivative: FloatArray | None,
+        derivative: FloatArray | None, borne: Loading | None = None,
     ) -> Prediction:  # fmt: skip
         """A shape (n, 4) in the published basis, as and when the camera measures it.
 
         Args:
             down: projection onto the published basis.
             velocity, derivative: in the simulation's basis, shape (m, 4) and (P, m, 4).
+            borne: see `Prediction.loading`.
         """
         stamp, seen = stamp + self._camera.later, self._camera.measured(shape)
         if not self.parameters or derivative is None:
-            return Prediction(stamp, seen)
+            return Prediction(stamp, seen, loading=borne)
         change = np.einsum("ij,pjc->pic", down, derivative[:, :, :3])
         speed = (down @ velocity)[:, :3]
-        return Prediction(stamp, seen, self._camera.sensitivity(shape, speed, change))
+        return Prediction(stamp, seen, self._camera.sensitivity(shape, speed, change), borne)
 
     def update(self, settings: Settings) -> None:
         """Change material, damping, gravity, effects or tolerance while the simulation runs.

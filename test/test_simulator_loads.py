@@ -1,0 +1,109 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""The live simulator tells what the DLO does to its grip, and raises the alarm."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from live_graph import Client, Process, to_ros
+
+from dlo_ros.command import Command
+from dlo_ros.demo.network import free_domain
+from dlo_ros.nodes.qos import LATCHED
+from dlo_ros.parameters import LimitParameters, Settings
+from dlo_ros.recordings import BAG_MESSAGES, command_message, spline_message, topics
+from dlo_ros.spline import SplineBasis
+
+pytestmark = pytest.mark.live
+
+N = 10
+ROD = Settings.from_mapping(
+    {
+        "rod.length": 0.4,
+        "rod.diameter": 0.004,
+        "rod.young_modulus": 1e7,
+        "rod.density": 2000.0,
+        "simulation.tolerance": 0.001,
+    }
+)
+WEIGHT = ROD.rod.linear_density * 9.81 * ROD.rod.length
+DOWN = [0.0, np.sin(np.pi / 4), 0.0, np.cos(np.pi / 4)]
+
+
+def held_down(stamp=0, times=(0.0,), names=("start",)):
+    """A clamp that holds the DLO's start downwards, at rest or moved to the right and back."""
+    count = len(times)
+    position = np.zeros((count, 1, 3))
+    position[1::2, 0, 0] = 0.05
+    rotation = np.tile(DOWN, (count, 1, 1))
+    nothing = np.full((count, 1, 3), np.nan)
+    return Command(stamp, names, np.array(times), position, rotation, nothing, N)
+
+
+@pytest.fixture(scope="module")
+def graph(tmp_path_factory):
+    """A simulator that runs from a hanging DLO, and a client that hears it."""
+    folder = tmp_path_factory.mktemp("loads")
+    params = folder / "params.yaml"
+    ROD.dump(params)
+    domain = free_domain()
+    node = Process(
+        folder, "simulator", "--ros-args", "--params-file", str(params), domain=domain
+    )  # fmt: skip
+    client = Client(domain)
+    try:
+        client.wait_for_ready("simulator")
+        for topic in (*topics.LOADS, topics.PREDICTED):
+            client.hear(topic, 100)
+        command = client.publisher(topics.COMMAND, LATCHED)
+        observed = client.publisher(topics.OBSERVED)
+        command.publish(to_ros(command_message(BAG_MESSAGES, held_down())))
+        shape = np.zeros((N, 4))
+        shape[:, 2] = -SplineBasis(N, ROD.rod.length).greville
+
+        def predicted():
+            stamp = time.time_ns()
+            observed.publish(to_ros(spline_message(BAG_MESSAGES, stamp, "board", shape)))
+            client.spin(0.2)
+            return client.heard[f"/{topics.PREDICTED}"]
+
+        client.until(predicted, what="predictions")
+        yield client
+        assert node.interrupt() == 0, node.said
+    finally:
+        client.close()
+        node.process.kill()
+
+
+def statuses(client):
+    heard = client.hear("/diagnostics", kind="diagnostic_msgs/msg/DiagnosticArray")
+    return [s for m in heard for s in m.status if s.name.startswith("simulator:")]
+
+
+def test_forces_come_with_predictions_and_limits_raise_the_alarm(graph):
+    forces = graph.hear(topics.FORCE_START)
+    graph.until(lambda: len(forces) >= 20, what="forces")
+    shapes = {(m.header.stamp.sec, m.header.stamp.nanosec) for m in graph.hear(topics.PREDICTED)}
+    last = forces[-1]
+    assert last.header.frame_id == "board"
+    assert (last.header.stamp.sec, last.header.stamp.nanosec) in shapes
+    assert last.wrench.force.z == pytest.approx(WEIGHT, rel=1e-3)
+    assert graph.hear(topics.TENSION)[-1].data == pytest.approx(WEIGHT, rel=1e-3)
+    assert np.isfinite(graph.hear(topics.MIN_BEND_RADIUS)[-1].data)
+    assert graph.hear(topics.FORCE_END) == []
+    assert graph.set("simulator", limits__tension=-1.0).successful is False
+    assert graph.set("simulator", limits__tension=0.5 * WEIGHT).successful
+
+    def alarm():
+        return [s for s in statuses(graph) if s.level == DiagnosticStatus.ERROR]
+
+    graph.until(alarm, what="the alarm")
+    assert "is beyond limits.tension" in alarm()[-1].message
+    assert graph.set("simulator", limits__tension=LimitParameters().tension).successful
+    graph.until(lambda: statuses(graph)[-1].level == DiagnosticStatus.OK, what="all is well")
