@@ -15,7 +15,7 @@ from dlo_ros.parameters import DampingParameters, RodParameters, Settings
 from dlo_ros.recordings.read import read_recording
 from dlo_ros.synthesis.experiment import START_STAMP, read_experiment
 from dlo_ros.synthesis.geometry import Geometry
-from dlo_ros.synthesis.hidden import EFFECTS, FOREIGN, Hidden, read_effects, turned
+from dlo_ros.synthesis.hidden import EFFECTS, FOREIGN, Hidden, read_effects
 from dlo_ros.synthesis.hidden_rod import build_rod, change
 from dlo_ros.synthesis.rod_laws import press
 from dlo_ros.synthesis.rod_simulation import Boundary, Simulation
@@ -48,6 +48,12 @@ def experiment(effects=None, foreign=None, **changes):
     if effects:
         tree["parameters"]["effects"] = effects
     return read_experiment(tree | {"foreign": foreign}, "test", "test.yaml")
+
+
+def turned(points, angle):
+    """Points x, z turned about the origin from x towards -z by an angle [rad], shape (..., 2)."""
+    c, s = np.cos(angle), np.sin(angle)
+    return points @ np.array([[c, -s], [s, c]])
 
 
 def run(effects=None, foreign=None, edges=80, **changes):
@@ -168,8 +174,8 @@ def test_tilted_gravity_is_the_turned_experiment():
     expected = turned(run().nodes, angle)
     np.testing.assert_allclose(tilted.nodes, expected, atol=1e-7)
     # From x towards -z: gravity along -z comes to point towards -x.
-    gravity = Hidden({"gravity_tilt": {"angle": 0.1}}).gravity(np.array([0.0, -9.81]))
-    np.testing.assert_allclose(gravity, [-9.81 * np.sin(0.1), -9.81 * np.cos(0.1)])
+    gravity = Hidden({"gravity_tilt": {"angle": 0.1}}).gravity(np.array([0.0, 0.0, -9.81]))
+    np.testing.assert_allclose(gravity, [-9.81 * np.sin(0.1), 0.0, -9.81 * np.cos(0.1)])
 
 
 def test_camera_turns_and_shrinks_what_is_measured(plain):
@@ -368,6 +374,7 @@ def test_every_effect_changes_what_is_measured(name, plain):
     """From the experiment file to the measured points, with values as one might meet them."""
     values = {
         "intrinsic_curvature": {"curvature": [1.0, -1.0]},
+        "anisotropy": {"ratio": 3.0, "angle": 0.5},
         "clamp_angle": {"start": 0.05},
         "clamp_compliance": {"start": 4.0},
         "connector": {"mass": 0.005, "extent": 0.05},
@@ -438,8 +445,8 @@ BAD = [
     ({"clamp_angle": {}}, "is empty; give start, end"),
     ({"gravity_tilt": {"angle": [0.1, 0.2]}}, "angle is .0.1, 0.2.; give a number"),
     ({"intrinsic_curvature": {"curvature": []}}, "give 1 numbers"),
-    ({"clamp_offset": {"start": 0.01}}, "start is 0.01; give 2 numbers"),
-    ({"clamp_offset": {"start": [0.01]}}, "give 2 numbers"),
+    ({"clamp_offset": {"start": 0.01}}, "start is 0.01; give 2 or 3 numbers"),
+    ({"clamp_offset": {"start": [0.01]}}, "give 2 or 3 numbers"),
     ({"length_error": {"difference": -0.3}}, "effects leave 0.1 m of a rope of 0.4 m"),
 ]
 

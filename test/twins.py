@@ -55,6 +55,19 @@ PINNED = {
     },
 }
 
+# In space: both ends clamped, one led aside, swung out of the plane and turned about the rope.
+TWISTED = {
+    "initial_shape": [[0.0, 0.0, 0.0], [0.08, 0.02, -0.1], [0.2, 0.05, -0.12], [0.3, 0.05, 0.0]],
+    "motion": {
+        "start": [{"time": 0.0, "position": [0.0, 0.0, 0.0], "angle": 0.6}],
+        "end": [
+            {"time": 0.05, "position": [0.3, 0.05, 0.0], "angle": -0.6, "swing": 0.3},
+            {"time": 0.6, "position": [0.22, -0.06, 0.04], "angle": -0.9, "swing": -0.4,
+             "turn": 3.0},
+        ],
+    },
+}  # fmt: skip
+
 
 @dataclass(frozen=True)
 class Apart:

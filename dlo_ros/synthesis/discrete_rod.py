@@ -314,10 +314,10 @@ def lay_along(curve: ArrayLike, rod: DiscreteRod) -> FloatArray:
     """Nodes spread along a rough curve in proportion to their material coordinate.
 
     Args:
-        curve: x and z [m], shape (m, 2), m at least 2.
+        curve: x and z [m], shape (m, 2), m at least 2; in space x, y and z, shape (m, 3).
 
     Returns:
-        Nodes [m], shape (N + 1, 2), to be settled.
+        Nodes [m], shape (N + 1, 2) or (N + 1, 3), to be settled.
 
     Raises:
         InputError: the curve has no length.
@@ -327,7 +327,7 @@ def lay_along(curve: ArrayLike, rod: DiscreteRod) -> FloatArray:
     if not s[-1] > 0.0:
         raise InputError("the curve that the rope is laid along has no length")
     at = rod.u / rod.u[-1] * s[-1]
-    return np.column_stack([np.interp(at, s, points[:, c]) for c in range(2)])
+    return np.column_stack([np.interp(at, s, column) for column in points.T])
 
 
 def centreline(rod: DiscreteRod | FloatArray, x: FloatArray, u: ArrayLike) -> FloatArray:
@@ -335,12 +335,14 @@ def centreline(rod: DiscreteRod | FloatArray, x: FloatArray, u: ArrayLike) -> Fl
 
     Args:
         rod: the rod, or material coordinates of its nodes [m], shape (N + 1,).
-        x: nodes [m], shape (N + 1, 2).
+        x: nodes [m], shape (N + 1, 2), or (N + 1, 3) in space.
         u: material coordinates [m], shape (m,).
 
     Returns:
-        Points in the board frame [m], shape (m, 3), y = 0.
+        Points in the board frame [m], shape (m, 3), y = 0 in the plane.
     """
     nodes = rod.u if isinstance(rod, DiscreteRod) else rod
     plane = CubicSpline(nodes, x)(np.asarray(u, dtype=np.float64))
+    if plane.shape[1] == 3:
+        return np.asarray(plane)
     return np.column_stack([plane[:, 0], np.zeros(len(plane)), plane[:, 1]])

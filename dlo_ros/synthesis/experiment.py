@@ -8,12 +8,13 @@
     guess:               # what params.yaml says instead
       rod: {young_modulus: 1000000.0}
     duration: 3.0        # s
-    initial_shape: [[x, z], ...]   # rough curve along which the rope is laid before it settles [m]
+    initial_shape: [[x, z], ...]   # rough curve along which the rope is laid before it settles [m];
+                                   # in space [[x, y, z], ...]
     motion:              # names of dlo/command; what is not named is free
       control_point_1:
         - {time: 0.0, position: [x, y, z]}
       end:
-        - {time: 0.0, position: [x, y, z], angle: 0.0}
+        - {time: 0.0, position: [x, y, z], angle: 0.0, swing: 0.0, turn: 0.0}
     camera: {...}        # intrinsics, see `look.SimulatedCamera`
     look: {...}          # see `look.Look`
     measurement: {...}   # see `look.Measurement`
@@ -24,7 +25,10 @@ with `length_error` the rope is longer than `rod.length`, and with `camera_scale
 `camera_rotation` the camera stands elsewhere than `camera` says. `guess` has no effects unless it
 names some.
 
-`angle` is the direction of growing u at a clamp, positive from x towards -z [rad].
+`angle` is the direction of growing u at a clamp, positive from x towards -z [rad]. In space the
+clamp is then swung about its own z axis, out of the plane towards +y, by `swing`, and at last
+turned about the rope by `turn`, which twists it (full turns add up). All three change linearly
+between the points. Whatever leaves the plane y = 0 makes the whole experiment one in space.
 """
 
 from __future__ import annotations
@@ -36,6 +40,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from dlo_ros.command import END, NANOSECONDS, START, Command
 from dlo_ros.errors import CommandError, InputError, ParameterError
@@ -56,7 +61,11 @@ FOLDER = "config/experiments"
 
 EFFECTS = EFFECTS_PREFIX.rstrip(".")
 
+ANGLES = ("angle", "swing", "turn")  # of a clamp: about its y, then z, then x axis
+
 REACH = 1e3  # [m] positions further away are typing errors
+FLAT = 1e-9  # [m], [m/s^2] beside the plane y = 0 that is rounding
+TURN = 1.5  # [rad] by which a clamp may turn between two points of a command, for slerp
 
 
 @dataclass(frozen=True)
@@ -68,7 +77,7 @@ class Experiment:
         truth: parameters of the simulated rope, and the camera's stated pose, without effects.
         guess: parameters that the parameter file beside the bag gives.
         duration: from the first image to the last [s].
-        initial_shape: rough curve x, z [m], shape (m, 2).
+        initial_shape: rough curve x, z [m], shape (m, 2), or x, y, z, shape (m, 3).
         command: imposed motion; its stamp is the start of the recording.
         camera: intrinsics and quality.
         look: of board and rope.
@@ -91,6 +100,18 @@ class Experiment:
     def camera_pose(self) -> CameraPose:
         """Where the camera really stands; `truth.camera` is where it is said to stand."""
         return self.hidden.camera(self.truth.camera)
+
+    @property
+    def spatial(self) -> bool:
+        """Whether anything leaves the plane y = 0."""
+        command, shape = self.command, self.initial_shape
+        return bool(
+            command.off_plane > FLAT
+            or not command.turns_in_plane
+            or (shape.shape[1] == 3 and np.abs(shape[:, 1]).max() > FLAT)
+            or abs(self.truth.gravity[1]) > FLAT
+            or self.hidden.sideways
+        )
 
     @property
     def stamps(self) -> list[int]:
@@ -132,8 +153,6 @@ def read_experiment(tree: Any, name: str, where: str) -> Experiment:
         guess = Settings.from_mapping({**parameters, **override})
     except ParameterError as err:
         raise InputError(f"{where}: {err}") from err
-    if abs(truth.gravity[1]) > 1e-9:
-        raise InputError(f"{where}: gravity has a y component; the simulated rope moves in y = 0")
     experiment = Experiment(
         name=name,
         truth=truth,
@@ -209,10 +228,13 @@ def _check_effects(experiment: Experiment, where: str) -> None:
 
 
 def _curve(top: Section) -> FloatArray:
-    points = top.required("initial_shape", "a rough curve, a list of [x, z] in m")
+    points = top.required("initial_shape", "a rough curve, a list of [x, z] or [x, y, z] in m")
     if not isinstance(points, list) or len(points) < 2:
-        raise InputError(f"{top.where}: initial_shape must be a list of at least two [x, z]")
-    return np.array([top.check_all(p, "initial_shape", 2, -REACH, REACH) for p in points])
+        raise InputError(
+            f"{top.where}: initial_shape must be a list of at least two [x, z] or [x, y, z]"
+        )
+    axes = 3 if isinstance(points[0], (list, tuple)) and len(points[0]) == 3 else 2
+    return np.array([top.check_all(p, "initial_shape", axes, -REACH, REACH) for p in points])
 
 
 def _motion(section: Section, truth: Settings) -> Command:
@@ -228,13 +250,11 @@ def _motion(section: Section, truth: Settings) -> Command:
             entry = Section(point, f"{section.where}: {name}")
             times.append(entry.number("time", 0.0, 0.0, 1e5))
             position = entry.required("position", "[x, y, z] in m")
-            x, y, z = entry.check_all(position, "position", 3, -REACH, REACH)
-            if abs(y) > 1e-9:
-                raise InputError(f"{entry.where}: y is {y:g} m; the simulated rope moves in y = 0")
-            clamp = name in (START, END)
-            if clamp:
+            row = [*entry.check_all(position, "position", 3, -REACH, REACH), 0.0, 0.0, 0.0]
+            if name in (START, END):
                 entry.required("angle", "the clamp's direction in rad")
-            rows.append([x, z, entry.number("angle", 0.0, -1e3, 1e3) if clamp else 0.0])
+                row[3:] = (entry.number(key, 0.0, -1e3, 1e3) for key in ANGLES)
+            rows.append(row)
             entry.finish()
         if any(b <= a for a, b in pairwise(times)):
             raise InputError(f"{section.where}: the times of {name} must grow")
@@ -244,10 +264,9 @@ def _motion(section: Section, truth: Settings) -> Command:
     positions = np.zeros((len(every), len(names), 3))
     rotations = np.zeros((len(every), len(names), 4))
     for k, (at, values) in enumerate(tracks):
-        positions[:, k, 0] = np.interp(every, at, values[:, 0])
-        positions[:, k, 2] = np.interp(every, at, values[:, 1])
-        half = 0.5 * np.interp(every, at, values[:, 2])
-        rotations[:, k, 1], rotations[:, k, 3] = np.sin(half), np.cos(half)
+        between = np.column_stack([np.interp(every, at, column) for column in values.T])
+        positions[:, k] = between[:, :3]
+        rotations[:, k] = Rotation.from_euler("YZX", between[:, 3:]).as_quat()
     try:
         return Command(
             stamp=START_STAMP,
@@ -267,8 +286,11 @@ def _refined(times: FloatArray, tracks: list[tuple[list[float], FloatArray]]) ->
     """Times between which no clamp turns so far that slerp would take the other way round."""
     result = [times[:1]]
     for a, b in pairwise(times):
-        turns = [np.ptp(np.interp([a, b], t, rows[:, 2])) for t, rows in tracks]
-        pieces = int(np.ceil(max(turns, default=0.0) / 1.5)) or 1
+        turns = [
+            sum(np.ptp(np.interp([a, b], t, angles)) for angles in rows[:, 3:].T)
+            for t, rows in tracks
+        ]
+        pieces = int(np.ceil(max(turns, default=0.0) / TURN)) or 1
         result.append(np.linspace(a, b, pieces + 1)[1:])
     return np.concatenate(result)
 

@@ -28,16 +28,17 @@ def stiffness_drift(rate: float) -> Change:
     return change
 
 
-def gusts(force: float, correlation_time: float, seed: int) -> Change:
+def gusts(force: float, correlation_time: float, seed: int, axes: int = 2) -> Change:
     """A random force, smooth in time and along the rope, that rises from nothing at the start.
 
     Args:
         force: root mean square of each component of the force per length [N/m].
         correlation_time: within which the force changes [s].
         seed: of the random numbers.
+        axes: coordinates of a node: 2 in the plane, 3 in space.
     """
     rng = np.random.default_rng(seed)
-    size = (SHAPES, TONES, 2)
+    size = (SHAPES, TONES, axes)
     tones = rng.uniform(0.0, 1.0 / correlation_time, size)  # [rad/s]
     phases = rng.uniform(0.0, 2.0 * np.pi, size)
     # The mean square of cos^2 is 1/2 in time and, but for the uniform shape, 1/2 along the rope.
@@ -45,7 +46,7 @@ def gusts(force: float, correlation_time: float, seed: int) -> Change:
 
     def change(rod: DiscreteRod, time: float) -> DiscreteRod:
         rise = 1.0 - np.exp(-((time / correlation_time) ** 2))
-        amplitudes = rise * weights * np.cos(tones * time + phases).sum(axis=1)  # (SHAPES, 2)
+        amplitudes = rise * weights * np.cos(tones * time + phases).sum(axis=1)  # (SHAPES, axes)
         along = np.cos(np.pi * np.outer(rod.u / rod.u[-1], np.arange(SHAPES)))  # (N + 1, SHAPES)
         return replace(rod, force=rod.force + rod.vertex_lengths[:, None] * (along @ amplitudes))
 

@@ -24,6 +24,7 @@ Values = Mapping[str, float | tuple[float, ...]]
 Effects = Mapping[str, Values]
 
 PI = float(np.pi)
+ENDS = ("start", "end")
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,8 @@ class Key:
         lower, upper: range, both ends allowed.
         default: where it is not given; None means that it must be.
         listed: whether a list of numbers is allowed as well.
-        count: how many numbers must be given as a list, each `default` where none is; 0: one.
+        counts: how many numbers must be given as a list, zeros where none is; 1 stands for a number
+            by itself; empty: one number.
     """
 
     unit: str
@@ -43,25 +45,33 @@ class Key:
     upper: float
     default: float | None = None
     listed: bool = False
-    count: int = 0
+    counts: tuple[int, ...] = ()
 
+
+ONE_OR_TURN = (1, 3)
+"""An angle about +y, or a rotation vector about x, y and z."""
 
 EFFECTS: Mapping[str, Mapping[str, Key]] = {
     "intrinsic_curvature": {
         "curvature": Key("1/m", -1e3, 1e3, 0.0, listed=True),
         "kink": Key("rad", -PI, PI, 0.0),
         "position": Key("m", 0.0, 1e2, 0.0),
+        "across": Key("1/m", -1e3, 1e3, 0.0, listed=True),
     },
-    "clamp_angle": {"start": Key("rad", -PI, PI, 0.0), "end": Key("rad", -PI, PI, 0.0)},
+    "anisotropy": {"ratio": Key("", 1e-3, 1e3), "angle": Key("rad", -PI, PI, 0.0)},
+    "clamp_angle": {
+        "start": Key("rad", -PI, PI, 0.0, counts=ONE_OR_TURN),
+        "end": Key("rad", -PI, PI, 0.0, counts=ONE_OR_TURN),
+    },
     "clamp_offset": {
-        "start": Key("m", -1e2, 1e2, 0.0, count=2),
-        "end": Key("m", -1e2, 1e2, 0.0, count=2),
+        "start": Key("m", -1e2, 1e2, 0.0, counts=(2, 3)),
+        "end": Key("m", -1e2, 1e2, 0.0, counts=(2, 3)),
     },
     "clamp_compliance": {
         "start": Key("rad/(N m)", 0.0, 1e6, 0.0),
         "end": Key("rad/(N m)", 0.0, 1e6, 0.0),
     },
-    "gravity_tilt": {"angle": Key("rad", -PI, PI)},
+    "gravity_tilt": {"angle": Key("rad", -PI, PI, 0.0), "across": Key("rad", -PI, PI, 0.0)},
     "point_mass": {"mass": Key("kg", 0.0, 1e3), "position": Key("m", 0.0, 1e2)},
     "connector": {"mass": Key("kg", 0.0, 1e3), "extent": Key("m", 0.0, 1e2)},
     "stiff_segment": {
@@ -85,15 +95,15 @@ EFFECTS: Mapping[str, Mapping[str, Key]] = {
     "clamp_slip": {"length": Key("m", -1e2, 1e2), "onset": Key("s", -1.0, 1e4, -1.0)},
     "length_error": {"difference": Key("m", -1e2, 1e2)},
     "camera_scale": {"ratio": Key("", 0.1, 10.0)},
-    "camera_rotation": {"angle": Key("rad", -PI, PI)},
-    "camera_shift": {"x": Key("m", -1e2, 1e2, 0.0), "z": Key("m", -1e2, 1e2, 0.0)},
+    "camera_rotation": {"angle": Key("rad", -PI, PI, counts=ONE_OR_TURN)},
+    "camera_shift": {axis: Key("m", -1e2, 1e2, 0.0) for axis in "xyz"},
     "obstacle": {
         "x": Key("m", -1e2, 1e2),
         "z": Key("m", -1e2, 1e2),
         "radius": Key("m", 1e-4, 1e2),
     },
     "wall": {"offset": Key("m", -1e2, 1e2), "angle": Key("rad", -PI, PI, 0.0)},
-    "constant_force": {"x": Key("N/m", -1e3, 1e3, 0.0), "z": Key("N/m", -1e3, 1e3, 0.0)},
+    "constant_force": {axis: Key("N/m", -1e3, 1e3, 0.0) for axis in "xyz"},
 }
 """The table "Names of effects" of the interface."""
 
@@ -140,9 +150,14 @@ def read_effects(
             if rule.default is None:
                 block.required(key, f"a number [{rule.unit}]")
             value = block.raw(key, rule.default)
-            if rule.count:
-                value = (rule.default,) * rule.count if value == rule.default else value
-                values[key] = block.check_all(value, key, rule.count, rule.lower, rule.upper)
+            if rule.counts and value == 0.0:
+                values[key] = 0.0 if 1 in rule.counts else (0.0,) * rule.counts[0]
+            elif rule.counts and not (1 in rule.counts and not isinstance(value, (list, tuple))):
+                size = len(value) if isinstance(value, (list, tuple)) else 0
+                if size not in rule.counts:
+                    counts = " or ".join(str(n) for n in rule.counts)
+                    raise InputError(f"{block.where}: {key} is {value}; give {counts} numbers")
+                values[key] = block.check_all(value, key, size, rule.lower, rule.upper)
             elif rule.listed and isinstance(value, (list, tuple)):
                 size = max(len(value), 1)
                 values[key] = block.check_all(value, key, size, rule.lower, rule.upper)
@@ -178,12 +193,37 @@ class Hidden:
         return value
 
     def vector(self, name: str, key: str) -> FloatArray:
-        """Several numbers, x and z, or zeros where the effect is absent, shape (2,)."""
-        return np.array(self.effects.get(name, {}).get(key, (0.0, 0.0)), dtype=np.float64)
+        """An offset x, y, z, of which x and z may have been given alone, shape (3,)."""
+        given = self.effects.get(name, {}).get(key, (0.0, 0.0))
+        values = np.array(given, dtype=np.float64)
+        return values if len(values) == 3 else np.array([values[0], 0.0, values[1]])
+
+    def turn(self, name: str, key: str) -> FloatArray:
+        """A rotation vector about x, y, z [rad], of which y may have been given alone, (3,)."""
+        given = np.atleast_1d(self.effects.get(name, {}).get(key, 0.0))
+        return np.array(given) if len(given) == 3 else np.array([0.0, given[0], 0.0])
+
+    @property
+    def sideways(self) -> bool:
+        """Whether something makes a rope that moves in the plane y = 0 leave it."""
+        turns = [self.turn("clamp_angle", end)[[0, 2]] for end in ENDS]
+        offsets = [self.vector("clamp_offset", end)[1:2] for end in ENDS]
+        others = [
+            np.atleast_1d(self.effects.get(name, {}).get(key, 0.0))
+            for name, key in (
+                ("constant_force", "y"),
+                ("gravity_tilt", "across"),
+                ("intrinsic_curvature", "across"),
+                ("anisotropy", "angle"),
+            )
+        ]
+        return bool(np.any(np.concatenate([*turns, *offsets, *others]) != 0.0))
 
     def gravity(self, gravity: FloatArray) -> FloatArray:
-        """Gravity x, z [m/s^2], shape (2,), as it is in the board's plane."""
-        return turned(gravity, self.number("gravity_tilt", "angle"))
+        """Gravity x, y, z [m/s^2], shape (3,), as it really is."""
+        turn = np.array([self.number("gravity_tilt", "across"), 0.0, 0.0])
+        turn[1] = self.number("gravity_tilt", "angle")
+        return np.asarray(Rotation.from_rotvec(turn).apply(gravity))
 
     def measured(self, points: FloatArray, time: float = 0.0) -> FloatArray:
         """Where the camera takes points to be.
@@ -192,15 +232,14 @@ class Hidden:
             points: true ones in the board frame [m], shape (m, 3).
             time: since the start of the recording [s].
         """
+        rotation = Rotation.from_rotvec(self.turn("camera_rotation", "angle"))
         creep = time * self.number("camera_creep", "angle")
-        angle = self.number("camera_rotation", "angle") + creep
-        result = np.array(points)
-        result[:, [0, 2]] = turned(points[:, [0, 2]], angle)
+        result = (Rotation.from_rotvec([0.0, creep, 0.0]) * rotation).apply(points)
         result /= self.number("camera_scale", "ratio", 1.0)
-        for axis, key in ((0, "x"), (2, "z")):
+        for axis, key in enumerate("xyz"):
             result[:, axis] += self.number("camera_shift", key)
             result[:, axis] += time * self.number("camera_creep", key)
-        return result
+        return np.asarray(result)
 
     def camera(self, stated: CameraPose) -> CameraPose:
         """The true pose of a camera that is believed to stand at another.
@@ -209,19 +248,13 @@ class Hidden:
         (R, t). With M a rotation Q, the factor 1 / s and a shift d that is R (Q X / s + d) + t,
         which a camera at (R Q, s (R d + t)) sees at the same pixel.
         """
-        angle = self.number("camera_rotation", "angle")
+        turn = self.turn("camera_rotation", "angle")
         scale = self.number("camera_scale", "ratio", 1.0)
-        shift = np.array([self.number("camera_shift", "x"), 0.0, self.number("camera_shift", "z")])
-        if angle == 0.0 and scale == 1.0 and not shift.any():
+        shift = np.array([self.number("camera_shift", axis) for axis in "xyz"])
+        if not turn.any() and scale == 1.0 and not shift.any():
             return stated
         pose = Rotation.from_quat(stated.rotation)
-        rotation = pose * Rotation.from_rotvec([0.0, angle, 0.0])
+        rotation = pose * Rotation.from_rotvec(turn)
         x, y, z, w = (float(v) for v in rotation.as_quat())
         tx, ty, tz = (float(v) for v in scale * (pose.apply(shift) + stated.translation))
         return CameraPose(translation=(tx, ty, tz), rotation=(x, y, z, w))
-
-
-def turned(points: FloatArray, angle: float) -> FloatArray:
-    """Points x, z turned about the origin from x towards -z by an angle [rad], shape (..., 2)."""
-    c, s = np.cos(angle), np.sin(angle)
-    return np.asarray(points @ np.array([[c, -s], [s, c]]))

@@ -12,15 +12,18 @@ from dataclasses import replace
 
 import numpy as np
 
+from dlo_ros.errors import InputError
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 from dlo_ros.synthesis import foreign
 from dlo_ros.synthesis.discrete_rod import DiscreteRod, tributary_lengths
 from dlo_ros.synthesis.hidden import Hidden
 from dlo_ros.synthesis.rod_simulation import Change
+from dlo_ros.synthesis.spatial_rod import SpatialRod, in_space
 
 SUDDEN = 0.1  # [s] that a grip takes that gives way at one moment
 SAMPLES = 16  # of a property over half an edge
+PLANE_ONLY = ("plasticity", "hysteresis", "surface_friction")  # laws with a memory in one plane
 PLUG = 500.0  # bending stiffness of a connector over that of the rope; more would cost rounding
 
 
@@ -54,6 +57,33 @@ def nodes_at(settings: Settings, hidden: Hidden, pins: Sequence[float], edges: i
     return result
 
 
+def build_spatial_rod(
+    settings: Settings, hidden: Hidden, *, edges: int, pins: Sequence[float] = ()
+) -> SpatialRod:
+    """A rod in space; see `build_rod`.
+
+    Raises:
+        InputError: an effect that the rod knows in the plane alone.
+    """
+    plane_only = [name for name in PLANE_ONLY if name in hidden]
+    if plane_only:
+        raise InputError(
+            f"effects.{plane_only[0]} can be simulated in the plane y = 0 alone; leave it out, or "
+            "keep motion, gravity and the other effects in that plane"
+        )
+    plane = build_rod(settings, hidden, edges=edges, pins=pins)
+    rod = in_space(plane, settings.rod, hidden.gravity(np.array(settings.gravity)))
+    rod.force[:, 1] = rod.vertex_lengths * hidden.number("constant_force", "y")
+    u, length = rod.u * (settings.rod.length / rod.u[-1]), settings.rod.length
+    rod.second_curvature = _over_vertices(u, lambda at: _curvature(at, length, hidden, "across"))
+    ratio = hidden.number("anisotropy", "ratio", 1.0)
+    angle = hidden.number("anisotropy", "angle")
+    soft = np.array([np.cos(angle), np.sin(angle)])  # axis about which it bends more easily
+    stiff = np.array([-soft[1], soft[0]])
+    rod.section = np.outer(soft, soft) + ratio * np.outer(stiff, stiff)
+    return rod
+
+
 def build_rod(
     settings: Settings, hidden: Hidden, *, edges: int, pins: Sequence[float] = ()
 ) -> DiscreteRod:
@@ -76,7 +106,7 @@ def build_rod(
     rod = DiscreteRod.uniform(
         replace(settings.rod, length=length * grown),
         damping,
-        gravity=hidden.gravity(np.array([settings.gravity[0], settings.gravity[2]])),
+        gravity=hidden.gravity(np.array(settings.gravity))[[0, 2]],
         edges=edges,
         nodes_at=[grown * u for u in nodes_at(settings, hidden, pins, edges)],
     )
@@ -113,7 +143,7 @@ def build_rod(
 
 
 def change(
-    settings: Settings, hidden: Hidden, travelled: Callable[[float], float]
+    settings: Settings, hidden: Hidden, travelled: Callable[[float], float], axes: int = 2
 ) -> Change | None:
     """What the rod is at a time, where something of it changes by itself.
 
@@ -121,6 +151,7 @@ def change(
         settings: its parameters.
         hidden: the effects.
         travelled: fraction of the imposed points' way that is behind them at a time [s].
+        axes: coordinates of a node: 2 in the plane, 3 in space.
 
     Returns:
         None where nothing changes.
@@ -145,7 +176,7 @@ def change(
         force, tau, seed = (
             hidden.number("gusts", key) for key in ("force", "correlation_time", "seed")
         )
-        parts.append(foreign.gusts(force, tau, int(seed)))
+        parts.append(foreign.gusts(force, tau, int(seed), axes))
     if not parts:
         return None
 
@@ -203,9 +234,9 @@ def _stiffness_ratio(u: FloatArray, length: float, hidden: Hidden) -> FloatArray
     return result
 
 
-def _curvature(u: FloatArray, length: float, hidden: Hidden) -> FloatArray:
+def _curvature(u: FloatArray, length: float, hidden: Hidden, key: str = "curvature") -> FloatArray:
     """Curvature at rest [1/m], any shape; values of a list are spread evenly over the length."""
-    given = hidden.effects.get("intrinsic_curvature", {}).get("curvature", 0.0)
+    given = hidden.effects.get("intrinsic_curvature", {}).get(key, 0.0)
     values = np.atleast_1d(np.asarray(given, dtype=np.float64))
     return np.interp(u, np.linspace(0.0, length, len(values)), values)
 

@@ -141,10 +141,12 @@ class Measurement:
     Args:
         std: standard deviation of each point across the rope [m].
         spacing: distance of the measured points along the rope [m].
+        twist_std: standard deviation of each point's twist angle [rad]; 0: twist is not measured.
     """
 
     std: float = 3e-4
     spacing: float = 4e-3
+    twist_std: float = 0.0
 
     @classmethod
     def read(cls, section: Section) -> Measurement:
@@ -152,4 +154,5 @@ class Measurement:
         return cls(
             std=section.number("std", cls.std, 0.0, 1.0),
             spacing=section.number("spacing", cls.spacing, 1e-5, 1.0),
+            twist_std=section.number("twist_std", cls.twist_std, 0.0, 10.0),
         )

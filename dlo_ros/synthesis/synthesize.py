@@ -28,7 +28,7 @@ from dlo_ros.spline import FloatArray, SplineBasis
 from dlo_ros.synthesis.experiment import Experiment
 from dlo_ros.synthesis.geometry import Geometry
 from dlo_ros.synthesis.render import Renderer
-from dlo_ros.synthesis.truth import EDGES, STEP, Truth, build_simulation, simulate
+from dlo_ros.synthesis.truth import Truth, build_simulation, simulate
 
 LOG = logging.getLogger(__name__)
 
@@ -50,8 +50,8 @@ def synthesize(
     images: bool = True,
     force: bool = False,
     progress: Progress = lambda frames, _: frames,
-    edges: int = EDGES,
-    step: float = STEP,
+    edges: int | None = None,
+    step: float | None = None,
 ) -> Truth:
     """Simulate an experiment and record it.
 
@@ -62,8 +62,8 @@ def synthesize(
         images: whether a camera is rendered; otherwise the observed splines are written directly.
         force: whether an existing bag is replaced.
         progress: wraps the loop over the frames.
-        edges: of the simulated rope.
-        step: of its simulation [s].
+        edges: of the simulated rope; default as in `truth.build_simulation`.
+        step: of its simulation [s]; likewise.
 
     Returns:
         The true motion.
@@ -71,8 +71,13 @@ def synthesize(
     Raises:
         RecordingError: the bag cannot be written.
         SimulationError: the rope cannot be simulated.
-        InputError: images of a camera that moves.
+        InputError: images of a camera that moves, or of a rope that leaves the plane.
     """
+    if images and experiment.spatial:
+        raise InputError(
+            f"{experiment.name}: the rope leaves the plane y = 0, in which alone it can be drawn; "
+            "use --no-images"
+        )
     if images and "camera_creep" in experiment.hidden:
         raise InputError(
             f"{experiment.name}: no images can be made by a camera that creeps; use --no-images"
@@ -132,7 +137,8 @@ def measure(
     """What an observer would publish: points with noise across the rope, and their spline.
 
     Yields:
-        Index of the frame, the points, and control points of shape (n, 3).
+        Index of the frame, the points, and control points x, y, z [m], shape (n, 3); where twist is
+        measured the twist angle [rad] beside them, (n, 4).
     """
     rod, measurement = experiment.truth.rod, experiment.measurement
     basis = SplineBasis(rod.control_points, rod.length)
@@ -149,10 +155,18 @@ def measure(
         points = seen(u)
         tangent = seen(np.minimum(u + step, rod.length)) - seen(np.maximum(u - step, 0.0))
         tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
-        across = np.column_stack([-tangent[:, 2], np.zeros(count), tangent[:, 0]])
-        points = points + rng.normal(0.0, measurement.std, count)[:, None] * across
+        if truth.twist is None:
+            across = np.column_stack([-tangent[:, 2], np.zeros(count), tangent[:, 0]])
+            points = points + rng.normal(0.0, measurement.std, count)[:, None] * across
+        else:
+            noise = rng.normal(0.0, measurement.std, (count, 3))
+            points = points + noise - np.sum(noise * tangent, axis=1, keepdims=True) * tangent
         std = np.full(count, measurement.std)
-        yield i, CentrelinePoints(points, u, std), basis.fit(u, points)
+        spline = basis.fit(u, points)
+        if truth.twist is not None and measurement.twist_std > 0.0:
+            angle = truth.twist_angle(i, u) + rng.normal(0.0, measurement.twist_std, count)
+            spline = np.column_stack([spline, basis.fit(u, angle[:, None])])
+        yield i, CentrelinePoints(points, u, std), spline
 
 
 def parameter_text(experiment: Experiment) -> str:
@@ -175,7 +189,7 @@ def truth_text(experiment: Experiment, truth: Truth) -> str:
     shapes, errors = [], []
     for i in range(len(truth.stamps)):
         q = truth.control_points(i, basis)
-        miss = np.linalg.norm(basis.evaluate(q, u) - truth.centreline(i, u), axis=1)
+        miss = np.linalg.norm(basis.evaluate(q[:, :3], u) - truth.centreline(i, u), axis=1)
         errors.append(float(np.mean(miss)))
         shapes.append([[round(float(v), 7) for v in row] for row in q])
     flat = experiment.truth.flat()

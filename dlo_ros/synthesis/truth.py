@@ -3,23 +3,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 from scipy.linalg import cho_factor, cho_solve
+from scipy.spatial.transform import Rotation
 
 from dlo_ros.command import CONTROL_POINT, END, NANOSECONDS, START
 from dlo_ros.errors import InputError
 from dlo_ros.spline import FloatArray, SplineBasis
 from dlo_ros.synthesis.discrete_rod import DiscreteRod, centreline, lay_along
 from dlo_ros.synthesis.experiment import START_STAMP, Experiment
-from dlo_ros.synthesis.hidden_rod import build_rod, change
+from dlo_ros.synthesis.hidden_rod import build_rod, build_spatial_rod, change
 from dlo_ros.synthesis.rod_simulation import Boundary, Simulation
+from dlo_ros.synthesis.spatial_simulation import SpatialBoundary, SpatialSimulation
 
 EDGES = 300
 STEP = 5e-4  # [s]
 # Together they leave 2 to 7 micrometres of mean error in the bundled experiments.
+SPATIAL_EDGES = 150
+SPATIAL_STEP = 1e-3  # [s]
 
 
 @dataclass(frozen=True)
@@ -30,8 +35,10 @@ class Truth:
         stamps: [ns], T of them.
         rod: the discrete rod, whose nodes these are, as it is at the start.
         u: material coordinates of the nodes in the configured length [m], shape (N + 1,).
-        nodes: x and z [m], shape (T, N + 1, 2).
-        velocities: of the nodes [m/s], shape (T, N + 1, 2).
+        nodes: x and z [m], shape (T, N + 1, 2); in space x, y and z, shape (T, N + 1, 3).
+        velocities: of the nodes [m/s], likewise.
+        twist: angle against the twist-free frame at the nodes [rad], shape (T, N + 1); None in the
+            plane.
     """
 
     stamps: tuple[int, ...]
@@ -39,6 +46,7 @@ class Truth:
     u: FloatArray
     nodes: FloatArray
     velocities: FloatArray
+    twist: FloatArray | None = None
 
     def centreline(self, index: int, u: FloatArray, later: float = 0.0) -> FloatArray:
         """Points of the rope's axis in the board frame.
@@ -49,17 +57,32 @@ class Truth:
             later: instant within the exposure, after the stamp [s].
 
         Returns:
-            Points [m], shape (m, 3), y = 0.
+            Points [m], shape (m, 3), y = 0 in the plane.
         """
         return centreline(self.u, self.nodes[index] + later * self.velocities[index], u)
 
+    def twist_angle(self, index: int, u: FloatArray) -> FloatArray:
+        """Twist angle of image `index` [rad] at material coordinates [m], shape (m,)."""
+        if self.twist is None:
+            return np.zeros(len(u))
+        return np.asarray(CubicSpline(self.u, self.twist[index])(u))
+
     def control_points(self, index: int, basis: SplineBasis) -> FloatArray:
-        """Least-squares projection onto a published basis, both ends kept, shape (n, 3)."""
-        return project(basis, lambda u: self.centreline(index, u))
+        """Least-squares projection onto a published basis, both ends kept.
+
+        Returns:
+            x, y, z [m], shape (n, 3), and in space the twist angle [rad] beside them, (n, 4).
+        """
+        if self.twist is None:
+            return project(basis, lambda u: self.centreline(index, u))
+        return project(
+            basis,
+            lambda u: np.column_stack([self.centreline(index, u), self.twist_angle(index, u)]),
+        )
 
 
 def project(basis: SplineBasis, curve: Callable[[FloatArray], FloatArray]) -> FloatArray:
-    """Least-squares spline of a curve given as a function of u, both ends kept, shape (n, 3)."""
+    """Least-squares spline of a curve given as a function of u, both ends kept, shape (n, k)."""
     u, w = SplineBasis(basis.spans * 4 + 3, basis.length).quadrature()
     b, points = basis.matrix(u), curve(u)
     ends = curve(np.array([0.0, basis.length]))
@@ -97,8 +120,8 @@ class Grips:
         hidden = experiment.hidden
         self._delay = hidden.number("command_delay", "delay")
         self._turned = {
-            START: hidden.number("clamp_angle", "start"),
-            END: hidden.number("clamp_angle", "end"),
+            START: hidden.turn("clamp_angle", "start"),
+            END: hidden.turn("clamp_angle", "end"),
         }
         self._offset = {
             name: hidden.vector("clamp_offset", end)
@@ -130,57 +153,112 @@ class Grips:
         u = rod.u * (self._place[END] / rod.u[-1])
         self._nodes = {name: int(np.argmin(np.abs(u - self._place[name]))) for name in self._pins}
 
-    def boundary(self, time: float) -> Boundary:
-        """What is imposed at a time [s] since the start of the recording."""
+    def _imposed(self, time: float) -> tuple[dict[str, FloatArray], dict[str, Rotation]]:
+        """Positions [m] by name, and rotations of the clamps, at a time [s]."""
         stamp = START_STAMP + round((time - self._delay) * NANOSECONDS)
         values, rotations = self._command.sample(stamp)
         at = dict(zip(self._command.names, values, strict=True))
-        turned = dict(zip(self._command.names, rotations, strict=True))
-        directions: dict[str, float] = {}
-        for name in (START, END):
-            if name in turned:
-                directions[name] = 2.0 * float(np.arctan2(turned[name][1], turned[name][3]))
+        turned = {
+            name: Rotation.from_rotvec(self._turned[name]) * Rotation.from_quat(rotation)
+            for name, rotation in zip(self._command.names, rotations, strict=True)
+            if name in (START, END)
+        }
+        return at, turned
+
+    def _directions(
+        self, at: Mapping[str, FloatArray], turned: Mapping[str, Rotation]
+    ) -> dict[str, FloatArray]:
+        """Unit vectors along growing u at the ends whose direction is imposed, shape (3,)."""
+        result = {name: rotation.as_matrix()[:, 0] for name, rotation in turned.items()}
         for end, second in self._pairs.items():
             outward = end == f"{CONTROL_POINT}1"
             d = (at[second] - at[end]) * (1.0 if outward else -1.0)
-            if not np.linalg.norm(d) > 0.0:
+            size = np.linalg.norm(d)
+            if not size > 0.0:
                 raise InputError(f"motion: {end} and {second} coincide; they give a direction")
-            directions[START if outward else END] = float(np.arctan2(-d[2], d[0]))
-        directions = {end: angle + self._turned[end] for end, angle in directions.items()}
-        return Boundary(
-            positions={
-                self._nodes[name]: at[name][[0, 2]] + self._offset.get(name, 0.0)
-                for name in self._pins
-            },
-            start=directions.get(START),
-            end=directions.get(END),
+            name = START if outward else END
+            result[name] = Rotation.from_rotvec(self._turned[name]).apply(d / size)
+        return result
+
+    def _positions(self, at: Mapping[str, FloatArray]) -> dict[int, FloatArray]:
+        """True positions [m] of the imposed nodes, shape (3,) each."""
+        return {
+            self._nodes[name]: at[name] + self._offset.get(name, np.zeros(3)) for name in self._pins
+        }
+
+    def boundary(self, time: float) -> Boundary:
+        """What is imposed in the plane at a time [s] since the start of the recording."""
+        at, turned = self._imposed(time)
+        angles = {
+            n: float(np.arctan2(-d[2], d[0])) for n, d in self._directions(at, turned).items()
+        }
+        positions = {node: p[[0, 2]] for node, p in self._positions(at).items()}
+        return Boundary(positions, start=angles.get(START), end=angles.get(END))
+
+    def spatial_boundary(self, time: float) -> SpatialBoundary:
+        """What is imposed in space at a time [s] since the start of the recording."""
+        at, turned = self._imposed(time)
+        directions = self._directions(at, turned)
+        frames = {name: rotation.as_matrix() for name, rotation in turned.items()}
+        return SpatialBoundary(
+            self._positions(at),
+            (directions.get(START), directions.get(END)),
+            (frames.get(START), frames.get(END)),
         )
 
 
 def build_simulation(
-    experiment: Experiment, *, edges: int = EDGES, step: float = STEP
-) -> tuple[Simulation, Grips]:
+    experiment: Experiment,
+    *,
+    edges: int | None = None,
+    step: float | None = None,
+    space: bool | None = None,
+) -> tuple[Simulation | SpatialSimulation, Grips]:
     """The rope of an experiment, settled under the first imposed values.
 
     Args:
-        edges: of the discrete rod.
-        step: largest time step [s].
+        edges: of the discrete rod; default `EDGES`, in space `SPATIAL_EDGES`.
+        step: largest time step [s]; default `STEP`, in space `SPATIAL_STEP`.
+        space: whether it moves in space; default: where the experiment leaves the plane.
 
     Raises:
         SimulationError: it finds no stable equilibrium.
     """
     grips = Grips(experiment)
     settings, hidden = experiment.truth, experiment.hidden
-    rod = build_rod(settings, hidden, edges=edges, pins=grips.nodes_at)
+    if experiment.spatial if space is None else space:
+        return _build_spatial(experiment, grips, edges or SPATIAL_EDGES, step or SPATIAL_STEP)
+    rod = build_rod(settings, hidden, edges=edges or EDGES, pins=grips.nodes_at)
     grips.attach(rod)
-    x = lay_along(experiment.initial_shape, rod)
+    curve = experiment.initial_shape
+    x = lay_along(curve if curve.shape[1] == 2 else curve[:, [0, 2]], rod)
     changes = change(settings, hidden, grips.travelled)
-    simulation = Simulation(rod, grips.boundary, x, step=step, change=changes)
+    simulation = Simulation(rod, grips.boundary, x, step=step or STEP, change=changes)
     simulation.settle()
     return simulation, grips
 
 
-def simulate(simulation: Simulation, stamps: Iterable[int], length: float | None = None) -> Truth:
+def _build_spatial(
+    experiment: Experiment, grips: Grips, edges: int, step: float
+) -> tuple[SpatialSimulation, Grips]:
+    settings, hidden = experiment.truth, experiment.hidden
+    rod = build_spatial_rod(settings, hidden, edges=edges, pins=grips.nodes_at)
+    grips.attach(rod)
+    curve = experiment.initial_shape
+    if curve.shape[1] == 2:
+        curve = np.column_stack([curve[:, 0], np.zeros(len(curve)), curve[:, 1]])
+    changes = change(settings, hidden, grips.travelled, axes=3)
+    x = lay_along(curve, rod)
+    simulation = SpatialSimulation(rod, grips.spatial_boundary, x, step=step, change=changes)
+    simulation.settle()
+    return simulation, grips
+
+
+def simulate(
+    simulation: Simulation | SpatialSimulation,
+    stamps: Iterable[int],
+    length: float | None = None,
+) -> Truth:
     """Run a settled simulation over growing stamps [ns].
 
     Args:
@@ -193,13 +271,16 @@ def simulate(simulation: Simulation, stamps: Iterable[int], length: float | None
         SimulationError: a step did not converge.
     """
     stamps = tuple(stamps)
-    nodes, velocities = [], []
+    nodes, velocities, twist = [], [], []
     for stamp in stamps:
         time = (stamp - START_STAMP) / NANOSECONDS
         if time > simulation.time:
             simulation.advance(time)
         nodes.append(simulation.x)
         velocities.append(simulation.v)
+        if isinstance(simulation, SpatialSimulation):
+            twist.append(simulation.twist)
     rod = simulation.rod
     u = rod.u if length is None else rod.u * (length / rod.u[-1])
-    return Truth(stamps, rod, u, np.array(nodes), np.array(velocities))
+    angles = np.array(twist) if twist else None
+    return Truth(stamps, rod, u, np.array(nodes), np.array(velocities), angles)

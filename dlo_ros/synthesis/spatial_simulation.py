@@ -1,0 +1,477 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Equilibria and motion of the discrete elastic rod in space.
+
+As `rod_simulation` for the plane: BDF2, each step a minimum of its potential. A step's unknowns are
+the nodes and how far each edge spins about itself; directors follow the edges the short way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.linalg import LinAlgError, eig_banded, solveh_banded
+
+from dlo_ros.errors import SimulationError
+from dlo_ros.spline import FloatArray
+from dlo_ros.synthesis.discrete_rod import DiscreteRod
+from dlo_ros.synthesis.rod_simulation import Change
+from dlo_ros.synthesis.spatial_energy import (
+    DOF,
+    Drag,
+    Ends,
+    Frames,
+    Potential,
+    evaluate,
+    moved,
+    strains,
+)
+from dlo_ros.synthesis.spatial_rod import (
+    SpatialRod,
+    angle_between,
+    carried,
+    cleaned,
+    edges_of,
+    first_director,
+    twist_free,
+)
+
+MOST_ITERATIONS = 100  # of Newton's method in a step
+TRIES = 12  # of a line search
+MOST_STEPS = 4000  # on the way to an equilibrium
+SHORTEST = 1e-9  # [s] of pseudo time, below which nothing goes downhill any more
+RESTING = 1e-9  # [m] of a step that means nothing any more
+PUSHES = 3  # off unstable equilibria
+MOST_TURNS = 30  # of the end, until the first shape is free of twist
+STEP_LEFT = 1e-8  # [m], [rad] a Newton step after which the next would mean nothing
+UNTWISTED = 1e-9  # [rad] of twist between the ends that may be left at the start
+GYRATION = 0.1  # of the length: a spin counts as this displacement where one must be limited
+
+
+@dataclass(frozen=True)
+class SpatialBoundary:
+    """What is imposed at one instant.
+
+    Args:
+        positions: [m], shape (3,), of imposed nodes by their index.
+        directions: unit vector of growing u at start and end; None leaves it free.
+        turns: rotation matrix of the clamp at start and end, of which only the change counts; None:
+            the directors follow the direction without spin.
+    """
+
+    positions: Mapping[int, FloatArray]
+    directions: tuple[FloatArray | None, FloatArray | None] = (None, None)
+    turns: tuple[FloatArray | None, FloatArray | None] = (None, None)
+
+    def free(self, nodes: int) -> NDArray[np.bool_]:
+        """Which degrees of freedom are, shape (4 (N + 1),)."""
+        result = np.ones((nodes, DOF), dtype=np.bool_)
+        result[list(self.positions), :3] = False
+        result[-1, 3] = False
+        if all(d is None for d in self.directions):
+            result[0, 3] = False  # nothing holds the twist: keep the rod from spinning
+        return result.ravel()
+
+    def impose(self, x: FloatArray) -> None:
+        """Write the imposed positions into nodes x, shape (N + 1, 3)."""
+        for node, position in self.positions.items():
+            x[node] = position
+
+
+class SpatialSimulation:
+    """The rod in time; arguments and methods are those of `rod_simulation.Simulation`.
+
+    Args:
+        rod: its properties.
+        boundary: what is imposed at a time [s].
+        x: nodes [m] at the start, shape (N + 1, 3), at rest and free of twist.
+        step: largest time step [s].
+        time: start [s].
+        change: what the rod is at a time.
+    """
+
+    def __init__(
+        self,
+        rod: SpatialRod,
+        boundary: Callable[[float], SpatialBoundary],
+        x: FloatArray,
+        *,
+        step: float = 1e-3,
+        time: float = 0.0,
+        change: Change | None = None,
+    ) -> None:
+        self.rod = rod
+        self.change = change
+        self.boundary = boundary
+        self.step = step
+        self.time = time
+        self.x: FloatArray = np.array(x, dtype=np.float64)
+        self.v: FloatArray = np.zeros_like(self.x)
+        self._lay(self.boundary(time))
+        self._rest()
+
+    def rod_at(self, time: float) -> SpatialRod:
+        """The rod at a time [s]."""
+        rod: DiscreteRod = self.rod if self.change is None else self.change(self.rod, time)
+        assert isinstance(rod, SpatialRod)
+        return rod
+
+    def _lay(self, boundary: SpatialBoundary) -> None:
+        """Directors without twist along the nodes, and clamps that hold them."""
+        tangent, _ = edges_of(self.x)
+        start = tangent[0] if boundary.directions[0] is None else boundary.directions[0]
+        first = carried(first_director(start), start, tangent[0])
+        self.director = twist_free(tangent, first)
+        self._turns = boundary.turns
+        tangents, directors = np.full((2, 3), np.nan), np.full((2, 3), np.nan)
+        for end, k in enumerate((0, -1)):
+            direction = boundary.directions[end]
+            if direction is not None:
+                tangents[end] = direction
+                directors[end] = carried(self.director[k], tangent[k], direction)
+        self.ends = Ends(tangents, directors)
+        self.turned = np.zeros(2)  # how far each clamp has turned about the rod [rad]
+
+    def _rest(self) -> None:
+        """Make the history that of a rod which has been at rest."""
+        self.v = np.zeros_like(self.x)
+        self._x_before, self._v_before = self.x.copy(), np.zeros_like(self.x)
+        edges = len(self.director)
+        self._spun, self._spin, self._spin_before = (np.zeros(edges) for _ in range(3))
+        self._used_step = 0.0
+        rod = self.rod_at(self.time)
+        self._strains = strains(self._shape, rod.lengths, self.ends)
+        self._strains_before = self._strains
+        # What relaxes has flowed as far as the rod is bent.
+        self._flow = self._flow_before = self._strains[1] - rod.rest_strain
+
+    @property
+    def _shape(self) -> Frames:
+        return Frames(self.x, self.director)
+
+    @property
+    def twist(self) -> FloatArray:
+        """Twist angle at the nodes against the twist-free frame [rad], shape (N + 1,).
+
+        It begins with what the clamp at the start has turned about the rod.
+        """
+        steps = self._strains[1][:, 2]
+        edges = self.turned[0] + np.cumsum(steps[:-1])
+        inner = 0.5 * (edges[:-1] + edges[1:])
+        return np.concatenate([[self.turned[0]], inner, [edges[-1] + steps[-1]]])
+
+    def settle(self) -> FloatArray:
+        """Bring the rod to the stable equilibrium under the present boundary, downhill from here.
+
+        What may relax has done so. A clamped end takes the rod as it comes: without twist between
+        both ends.
+
+        Returns:
+            The nodes [m], shape (N + 1, 3).
+
+        Raises:
+            SimulationError: no stable equilibrium was reached.
+        """
+        boundary = self.boundary(self.time)
+        boundary.impose(self.x)
+        full = self.rod_at(self.time)
+        edges = len(full.lengths)
+        # As in the plane: a coarse rod, soft in stretch at first, buckles in long waves.
+        for every in (max(edges // 20, 1), max(edges // 60, 1), 1):
+            keep = np.union1d(np.arange(0, edges, every), [*boundary.positions, edges])
+            rod = full.coarsened(keep)
+            rod = replace(rod, bending_stiffness=(1.0 - rod.relaxing) * rod.bending_stiffness)
+            where = {int(np.searchsorted(keep, i)): p for i, p in boundary.positions.items()}
+            local = replace(boundary, positions=where)
+            coarse = SpatialSimulation(rod, partial(_always, local), self.x[keep], time=self.time)
+            softest = rod.softest_stretch() if every > 1 else 1.0
+            for factor in np.geomspace(softest, 1.0, 3 if softest < 1.0 else 1):
+                coarse._fall(replace(rod, stretch_stiffness=factor * rod.stretch_stiffness), local)
+            if every == 1:
+                coarse._untwist(rod, local)
+            self.x = CubicSpline(rod.u, coarse.x)(full.u)
+            boundary.impose(self.x)
+            self.director, self.ends = coarse.director, coarse.ends
+        self._turns, self.turned = boundary.turns, np.zeros(2)
+        self._rest()
+        return self.x
+
+    def _untwist(self, rod: SpatialRod, boundary: SpatialBoundary) -> None:
+        """Turn the end about itself until no twist is left between the ends, at rest."""
+        if not self.ends.held.all():
+            return
+        for _ in range(MOST_TURNS):
+            _, strain = strains(self._shape, rod.lengths, self.ends)
+            left = float(np.sum(strain[:, 2]))
+            if abs(left) < UNTWISTED:
+                return
+            tangent, director = self.ends.tangent[1], self.ends.director[1]
+            turned = np.cos(left) * director - np.sin(left) * np.cross(tangent, director)
+            self.ends = self.ends._replace(director=np.vstack([self.ends.director[0], turned]))
+            self._fall(rod, boundary)
+
+    def settle_here(self) -> FloatArray:
+        """Come to rest under the present boundary and twist, downhill from here.
+
+        Returns:
+            The nodes [m], shape (N + 1, 3).
+
+        Raises:
+            SimulationError: no stable equilibrium was reached.
+        """
+        self._fall(self.rod_at(self.time), self.boundary(self.time))
+        self._rest()
+        return self.x
+
+    @property
+    def energy(self) -> float:
+        """Elastic, potential and kinetic energy [J]."""
+        rod = self.rod_at(self.time)
+        potential = self._at_rest(rod, self.boundary(self.time))
+        stored, _, _ = evaluate(self._shape, np.zeros(len(rod.lengths)), potential, slopes=False)
+        moving = float(np.sum(rod.mass[:, None] * self.v**2))
+        return stored + 0.5 * (moving + float(np.sum(rod.spin_inertia * self._spin**2)))
+
+    def _at_rest(self, rod: SpatialRod, boundary: SpatialBoundary) -> Potential:
+        """What an equilibrium minimises."""
+        none = np.zeros(len(rod.lengths))
+        return Potential(
+            free=boundary.free(len(rod.mass)), lengths=rod.lengths, ends=self.ends,
+            stretch=(rod.stretch_stiffness * rod.lengths, none), **_bending(rod, self.ends),
+            spring=(np.zeros(len(rod.mass)), none), load=(rod.weight, none),
+            contact=rod.contact(), drag=None,
+        )  # fmt: skip
+
+    def _fall(self, rod: SpatialRod, boundary: SpatialBoundary) -> None:
+        """Follow the potential downhill: steps of growing pseudo time, at last Newton's."""
+        potential, none = self._at_rest(rod, boundary), np.zeros(len(rod.lengths))
+        mass = _inertia(rod)
+        rounding = 1e-12 * float(np.sum(np.abs(rod.weight))) * rod.u[-1] + 1e-16
+        limit, shape, h = 0.2 * float(np.min(rod.lengths)), self._shape, 1e-3
+        value, gradient, band = evaluate(shape, none, potential)
+        pushes, largest = 0, np.inf
+        for _ in range(MOST_STEPS):
+            change = _newton(gradient, band, mass / h**2)
+            if change is None and largest < RESTING and pushes < PUSHES:
+                # It rests where it is unstable: no way leads downhill without a push.
+                push = _softest(band, rod.u[-1])
+                if push is not None:
+                    shape, h, pushes = moved(shape, limit * push), 1e-3, pushes + 1
+                    value, gradient, band = evaluate(shape, none, potential)
+                    continue
+            if change is not None:
+                largest = _largest(change, rod.u[-1])
+                trial = moved(shape, change * (limit / max(largest, limit)))
+                after, slope, stiff = evaluate(trial, none, potential)
+                if after <= value + rounding + 1e-12 * abs(value):
+                    shape, value, gradient, band = trial, after, slope, stiff
+                    if h > 1e3 and largest < RESTING:
+                        self.x, self.director = shape
+                        return
+                    h *= 1.6
+                    continue
+            h *= 0.3
+            if h < SHORTEST:
+                break
+        raise SimulationError(
+            "the rope found no stable equilibrium from its initial shape; give a shape that sags"
+        )
+
+    def advance(self, until: float) -> FloatArray:
+        """Step to a later time [s].
+
+        Returns:
+            The nodes [m], shape (N + 1, 3).
+
+        Raises:
+            SimulationError: a step did not converge.
+        """
+        span = until - self.time
+        count = max(int(np.ceil(span / self.step - 1e-9)), 1)
+        start = self.time
+        for k in range(count):
+            self._advance_one(start + span * (k + 1) / count, span / count)
+        return self.x
+
+    def _grip(self, boundary: SpatialBoundary) -> Ends:
+        """The clamps at the end of a step; their turn about the rod is added up."""
+        tangents, directors = self.ends.tangent.copy(), self.ends.director.copy()
+        for end in range(2):
+            direction, turn, before = (
+                boundary.directions[end],
+                boundary.turns[end],
+                self._turns[end],
+            )
+            if direction is None:
+                continue
+            still = carried(directors[end], tangents[end], direction)
+            if turn is not None and before is not None:
+                held = (turn @ before.T @ directors[end])[None]
+                held = cleaned(held, direction[None])
+                self.turned[end] += angle_between(still[None], held, direction[None])[0]
+                directors[end] = held[0]
+            else:
+                directors[end] = still
+            tangents[end] = direction
+        self._turns = boundary.turns
+        return Ends(tangents, directors)
+
+    def _advance_one(self, time: float, h: float) -> None:
+        rod = self.rod_at(time)
+        # BDF2 for a step h after a step g: dy/dt = c0 y_new - c1 y + c2 y_before.
+        g = self._used_step or h
+        c0, c1, c2 = (2.0 * h + g) / (h * (h + g)), (h + g) / (h * g), h / (g * (h + g))
+        past_x = c2 * self._x_before - c1 * self.x
+        past_v = c2 * self._v_before - c1 * self.v
+        # Spins count from the present frames: it is 0 now and was -_spun a step ago.
+        past_spin = -c2 * self._spun
+        past_rate = c2 * self._spin_before - c1 * self._spin
+        boundary = self.boundary(time)
+        self.ends = self._grip(boundary)
+        edge = rod.stretch_stiffness * rod.lengths
+        lag = rod.relaxation_time
+        pulled = edge * lag * (c2 * self._strains_before[0] - c1 * self._strains[0])
+        bending = _bending(rod, self.ends)
+        stiff = bending["stiffness"]
+        history = c2 * self._strains_before[1] - c1 * self._strains[1]
+        damped = bending["stiffness"] + lag * c0 * stiff
+        held_back = bending["offset"] - lag * np.einsum("nab,nb->na", stiff, history)
+        # A dashpot's strain w in series with a share of the bending: tau dw/dt = (k - k0) - w.
+        flowing = 1.0 + c0 * rod.lasting
+        behind = rod.rest_strain + rod.lasting * (c2 * self._flow_before - c1 * self._flow)
+        if rod.relaxing:
+            weaker = stiff * (rod.relaxing / flowing)
+            weaker[:, 2] = 0.0  # bending alone relaxes
+            damped, held_back = (
+                damped - weaker,
+                held_back - np.einsum("nab,nb->na", weaker, behind),
+            )
+        drag = None
+        if np.any(rod.quadratic_drag > 0.0):
+            there = np.gradient(self.x + h * self.v, rod.u, axis=0)
+            along = there / np.linalg.norm(there, axis=1, keepdims=True)
+            drag = Drag(rod.quadratic_drag, along, past_x, c0)
+        potential = Potential(
+            free=boundary.free(len(self.x)), lengths=rod.lengths, ends=self.ends,
+            stretch=(edge * (1.0 + lag * c0), -pulled), stiffness=damped, offset=held_back,
+            softening=bending["softening"],
+            spring=(rod.mass * c0**2 + rod.drag * c0, rod.spin_inertia * c0**2),
+            load=(
+                rod.weight
+                - rod.mass[:, None] * (c0 * past_x + past_v)
+                - rod.drag[:, None] * past_x,
+                -rod.spin_inertia * (c0 * past_spin + past_rate),
+            ),
+            contact=rod.contact(), drag=drag,
+        )  # fmt: skip
+        x = self.x + h * self.v
+        boundary.impose(x)
+        guess = np.zeros((len(x), DOF))
+        guess[:, :3], guess[:-1, 3] = x - self.x, h * self._spin
+        guess.reshape(-1)[~potential.free & (np.arange(guess.size) % DOF == DOF - 1)] = 0.0
+        shape, spin = _minimise(moved(self._shape, guess.ravel()), guess[:-1, 3], potential)
+        if shape is None or not np.all(np.isfinite(shape.x)):
+            raise SimulationError(f"the discrete rod's step at {time:.4f} s did not converge")
+        self._x_before, self.x, self.director = self.x, shape.x, shape.director
+        self._v_before, self.v = self.v, c0 * self.x + past_x
+        self._spun, self._spin_before = spin, self._spin
+        self._spin = c0 * spin + past_spin
+        self._strains_before = self._strains
+        self._strains = strains(shape, rod.lengths, self.ends)
+        self._flow_before, self._flow = self._flow, (self._strains[1] - behind) / flowing
+        self._used_step = h
+        self.time = time
+
+
+def _always(boundary: SpatialBoundary, _: float) -> SpatialBoundary:
+    """The same at every time."""
+    return boundary
+
+
+def _bending(rod: SpatialRod, ends: Ends) -> dict[str, Any]:
+    """Stiffness, offset and softening of a potential without damping; a free end has none."""
+    stiffness = rod.vertex_stiffness()
+    stiffness[[0, -1]] *= ends.held[:, None, None]
+    rest = rod.rest_strain
+    softening = None
+    if np.isfinite(rod.half_curvature):
+        softening = (stiffness, rest, rod.half_curvature * rod.vertex_lengths)
+    return {
+        "stiffness": stiffness,
+        "offset": np.einsum("nab,nb->na", stiffness, rest),
+        "softening": softening,
+    }
+
+
+def _inertia(rod: SpatialRod) -> FloatArray:
+    """What hinders each degree of freedom on the way to an equilibrium, shape (4 (N + 1),)."""
+    result = np.repeat(rod.mass[:, None], DOF, axis=1)
+    result[:, 3] *= (GYRATION * rod.u[-1]) ** 2
+    return result.ravel()
+
+
+def _largest(change: FloatArray, length: float) -> float:
+    """The largest displacement of a change [m], spins by `GYRATION`."""
+    by = np.abs(change.reshape(-1, DOF))
+    return float(max(by[:, :3].max(), GYRATION * length * by[:, 3].max()))
+
+
+def _newton(gradient: FloatArray, band: FloatArray, shift: FloatArray) -> FloatArray | None:
+    """Newton's direction with a shift of the Hessian's diagonal; None where it is not definite."""
+    shifted = band.copy()
+    shifted[0] += shift
+    try:
+        return np.asarray(solveh_banded(shifted, -gradient, lower=True, check_finite=False))
+    except LinAlgError:
+        return None
+
+
+def _softest(band: FloatArray, length: float) -> FloatArray | None:
+    """The way out of an unstable equilibrium, 1 m at most; None where the Hessian is definite."""
+    lowest, mode = eig_banded(band, lower=True, select="i", select_range=(0, 0))
+    if not lowest[0] < 0.0:
+        return None
+    way = mode[:, 0] * np.sign(mode[np.argmax(np.abs(mode[:, 0])), 0])  # the same in every run
+    return np.asarray(way / _largest(way, length))
+
+
+def _minimise(shape: Frames, spin: FloatArray, p: Potential) -> tuple[Frames | None, FloatArray]:
+    """Newton's method for one implicit step; no shape where it did not converge."""
+    kinked = p.softening is not None or p.contact.active or p.drag is not None
+    length = float(np.sum(p.lengths))
+    limit = 0.5 * float(np.min(p.lengths))
+    stiffest = np.repeat(p.spring[0][:, None], DOF, axis=1)
+    stiffest[:, 3] *= (GYRATION * length) ** 2
+    share = 0.0
+    known = None
+    for _ in range(MOST_ITERATIONS):
+        _, gradient, band = evaluate(shape, spin, p) if known is None else known
+        known = None
+        change = _newton(gradient, band, share * stiffest.ravel())
+        if change is None:
+            share = max(4.0 * share, 1.0)
+            continue
+        largest = _largest(change, length)
+        scale = min(1.0, limit / max(largest, 1e-300))
+        after, turned = moved(shape, scale * change), spin + scale * change[3:-1:DOF]
+        if kinked and largest > STEP_LEFT:
+            # Where a law bends sharply the full step may go too far: the slope along the
+            # direction must not come out of it steeper than half of what it was, upwards.
+            slope = float(gradient @ change)
+            for _ in range(TRIES):
+                known = evaluate(after, turned, p)
+                then = float(known[1] @ change)
+                if then <= -0.5 * slope:
+                    break
+                scale *= min(max(slope / (slope - then), 0.1), 0.9)
+                after, turned = moved(shape, scale * change), spin + scale * change[3:-1:DOF]
+        shape, spin = after, turned
+        if largest <= STEP_LEFT and share == 0.0:
+            return shape, spin
+        share = 0.0 if share < 1e-3 else 0.1 * share
+    return None, spin
