@@ -17,11 +17,11 @@ COMPILED := $(VENV)/.compiled
 
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: setup docs reference audit demo real picture examples paper bench challenge field observer fuzz faults soak coverage test test-quick test-slow test-report lint clean lock help
+.PHONY: setup docs reference audit demo real picture examples paper bench challenge field observer fuzz faults soak coverage test test-quick test-slow test-report test-export lint clean lock help
 
 help:
 	@sed -n 's/^# //p' Makefile | head -3
-	@echo "also: setup, docs, reference, real, examples, paper, bench, challenge, field, observer, fuzz, faults, soak, coverage, test-quick, test-slow, test-report, lint, picture, lock, clean"
+	@echo "also: setup, docs, reference, real, examples, paper, bench, challenge, field, observer, fuzz, faults, soak, coverage, test-quick, test-slow, test-report, test-export, lint, picture, lock, clean"
 
 setup: $(COMPILED)
 
@@ -135,6 +135,11 @@ test-quick: $(COMPILED)
 # Needs chromium or google-chrome on PATH.
 test-report: $(COMPILED)
 	$(BIN)/python -m pytest -m browser test/test_browser.py test/test_report.py
+
+# Exported cables in the simulators themselves, which are installed beside ours.
+test-export: $(COMPILED)
+	$(BIN)/pip install --quiet --no-build-isolation --editable '.[export]'
+	$(BIN)/python -m pytest test/test_export.py test/test_export_mujoco.py
 
 test-slow: $(COMPILED)
 	$(BIN)/python -m pytest -m slow

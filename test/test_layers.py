@@ -25,7 +25,7 @@ LAYERS = (
     ("vision",),
     ("inference",),
     ("identification", "synthesis"),
-    ("diagnosis",),
+    ("diagnosis", "export"),
     ("nodes",),
     ("demo", "compile"),
     ("cli",),

@@ -111,6 +111,11 @@ EXECUTABLES: tuple[Executable, ...] = (
         "--params params.yaml --output build/diagnosis recording_1 recording_2",
     ),
     Executable(
+        "export",
+        "the cable for MuJoCo, with its measured error there",
+        "--params build/estimate/estimate.yaml --format mjcf-chain --output cable.xml",
+    ),
+    Executable(
         "play",
         "plays a bag onto live topics, with /clock",
         "--rate 0.5 recording",

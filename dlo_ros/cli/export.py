@@ -1,0 +1,226 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""`export --params FILE --format FORMAT --output FILE`: the cable for another simulator."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from dlo_ros import __version__
+from dlo_ros.cli.loading import load_manipulation, prepare
+from dlo_ros.errors import InputError, SimulationError
+from dlo_ros.export import mujoco_run
+from dlo_ros.export.draws import described, draw, read_knowledge, statement
+from dlo_ros.export.fidelity import (
+    DEFAULT_ELEMENTS,
+    Choice,
+    Fidelity,
+    choose,
+    first_chain,
+    longest_step,
+)
+from dlo_ros.export.formats import FORMATS, Format
+from dlo_ros.export.grips import pinned
+from dlo_ros.export.said import unsaid
+from dlo_ros.export.scenes import Scene, recorded_scene, standard_scene
+from dlo_ros.files import write_text
+from dlo_ros.inference.forecast import Manipulation
+from dlo_ros.parameters import Settings
+
+MAX_ERR = 0.01  # of the length, that the other simulator may be off by default
+MOST_SAMPLES = 100_000
+FINER = 10.0  # times finer than the allowed error is the rod against which is held
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The arguments of the tool."""
+    parser.add_argument(
+        "--params", type=Path, required=True, metavar="FILE", help="parameter file of the DLO"
+    )
+    parser.add_argument(
+        "--format", choices=tuple(FORMATS), required=True,
+        help="; ".join(f"{name}: {f.title}" for name, f in FORMATS.items()),
+    )  # fmt: skip
+    parser.add_argument("--output", type=Path, required=True, metavar="FILE", help="file to write")
+    parser.add_argument(
+        "--max-err", type=float, default=MAX_ERR, metavar="SHARE",
+        help="how far the other simulator may be from the rod, static and moving, of the length; "
+        "default: %(default)s",
+    )  # fmt: skip
+    parser.add_argument(
+        "--bag", type=Path, metavar="BAG",
+        help="recording whose grips and motion are taken, and with which the file is compared, too",
+    )  # fmt: skip
+    parser.add_argument(
+        "--sample", type=int, metavar="N",
+        help="write N plausible cables as well, numbered, for domain randomisation",
+    )  # fmt: skip
+    parser.add_argument(
+        "--estimate", type=Path, metavar="FILE",
+        help="estimate.json of identify: how well E/mu and the other numbers are known",
+    )  # fmt: skip
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Export; returns the exit status.
+
+    Raises:
+        DloError: an input or the output is unusable, or the DLO cannot be simulated.
+    """
+    form, output = FORMATS[arguments.format], arguments.output
+    _check(arguments)
+    full = Settings.load(arguments.params)
+    known = read_knowledge(full, arguments.estimate)
+    left_out = unsaid(full, form.says)
+    fine = _finer(left_out.settings, arguments.max_err)
+    manipulation = load_manipulation(arguments.bag, full) if arguments.bag else None
+    prepare()
+    scenes = _scenes(manipulation, fine, full)
+    mujoco = mujoco_run.installed()
+    told, choice = _chosen(mujoco, form, scenes, fine, arguments.max_err)
+    chain = first_chain(scenes[0], fine, choice.elements)
+    lines = [
+        *told,
+        *form.approximations(chain),
+        *left_out.lines,
+        *(f"{name} is left out: only the ends are held" for name in pinned(scenes[0].command)),
+    ]
+    names = [output, *_numbered(output, arguments.sample or 0)]
+    cables = [fine, *draw(fine, known, arguments.sample or 0)]
+    for number, (name, cable) in enumerate(zip(names, cables, strict=True)):
+        head = _head(arguments.params, form, cable, number, statement(full, known), choice, lines)
+        text = form.write(
+            first_chain(scenes[0], cable, choice.elements), step=choice.step, comment=head
+        )
+        write_text(name, text)
+    _tell(output, form, choice, statement(full, known), lines, names)
+    return 0
+
+
+def _check(arguments: argparse.Namespace) -> None:
+    if not (math.isfinite(arguments.max_err) and 0.0 < arguments.max_err < 1.0):
+        raise InputError(f"--max-err is {arguments.max_err:g}; it must be between 0 and 1")
+    if arguments.sample is not None and not 0 < arguments.sample <= MOST_SAMPLES:
+        raise InputError(f"--sample is {arguments.sample}; it must be 1 to {MOST_SAMPLES}")
+    if arguments.output.is_dir():
+        raise InputError(f"{arguments.output}: is a folder; give the name of a file")
+    if not arguments.output.absolute().parent.is_dir():
+        raise InputError(f"{arguments.output}: its folder does not exist; make it first")
+
+
+def _finer(settings: Settings, max_err: float) -> Settings:
+    """Settings whose simulation is finer than the error that is asked for."""
+    simulation = settings.simulation
+    tolerance = min(simulation.tolerance, max_err / FINER)
+    return replace(settings, simulation=replace(simulation, tolerance=tolerance))
+
+
+def _scenes(manipulation: Manipulation | None, settings: Settings, full: Settings) -> list[Scene]:
+    """The recording's motion where there is one, and the standard one unless that says it all."""
+    if manipulation is None:
+        return [standard_scene(settings)]
+    scene = recorded_scene(manipulation, settings, full)
+    return [scene] if scene.moves and scene.settled else [scene, standard_scene(settings)]
+
+
+def _chosen(
+    mujoco: Any | None, form: Format, scenes: Sequence[Scene], settings: Settings, max_err: float
+) -> tuple[list[str], Choice]:
+    """The resolution, and what is to be said of how it was found."""
+    default = Choice(
+        DEFAULT_ELEMENTS, longest_step(first_chain(scenes[0], settings, DEFAULT_ELEMENTS))
+    )
+    if mujoco is None:
+        return [
+            "nothing was run: MuJoCo is not installed (pip install 'dlo_ros[export]'), "
+            f"so it has {DEFAULT_ELEMENTS} elements"
+        ], default
+    told = []
+    if form.plugin and not mujoco_run.has_plugin(mujoco, form.plugin):
+        return [
+            f"nothing was run: MuJoCo {mujoco.__version__} has no {form.plugin} (3.17 is the last "
+            f"that has it; mjcf-chain needs none), so it has {DEFAULT_ELEMENTS} elements"
+        ], default
+    if not form.run:
+        told.append(
+            f"{form.simulator} was not run: the same chain in MuJoCo {mujoco.__version__} stands "
+            "for it"
+        )
+    found = choose(mujoco, scenes, settings, plugin=bool(form.plugin), max_err=max_err)
+    if found is None:
+        raise SimulationError("MuJoCo's cable blows up with every time step that was tried")
+    if found.worst > max_err:
+        told.append(
+            f"WARNING: {100 * max_err:g} % of the length is not reached; this is the best that "
+            "was tried"
+        )
+    return told, found
+
+
+def _numbered(output: Path, count: int) -> list[Path]:
+    """Names of the plausible cables."""
+    width = max(len(str(count)), 3)
+    return [
+        output.with_name(f"{output.stem}_{k:0{width}d}{output.suffix}") for k in range(1, count + 1)
+    ]
+
+
+def _head(
+    params: Path, form: Format, cable: Settings, number: int, known: str, choice: Choice,
+    lines: Sequence[str],
+) -> str:  # fmt: skip
+    """What stands at the top of a file."""
+    which = f"Plausible cable {number}, drawn around {params}" if number else f"Cable of {params}"
+    result = [
+        f"{which}, exported by dlo_ros {__version__} as {form.title}.",
+        f"Use: {form.use}",
+        *described(cable),
+        known,
+        _resolution(choice),
+        *(_fidelity(f) for f in choice.achieved),
+        *lines,
+    ]
+    return "\n".join(result)
+
+
+def _resolution(choice: Choice) -> str:
+    return f"{choice.elements} elements, time step {choice.step:g} s"
+
+
+def _fidelity(found: Fidelity) -> str:
+    """The errors of a scene, as a line."""
+    parts = []
+    if math.isfinite(found.static):
+        parts.append(f"at rest {100 * found.static:.2g} %")
+    if math.isfinite(found.largest):
+        parts.append(
+            f"moving {100 * found.mean:.2g} % in the mean, {100 * found.largest:.2g} % at most"
+        )
+    text = f"ERR against the rod of dlo_ros, of the length ({found.scene}): {'; '.join(parts)}"
+    if math.isfinite(found.seconds):
+        text += f"; MuJoCo takes {1e3 * found.seconds:.3g} ms for a second"
+    if math.isfinite(found.recorded):
+        text += (
+            f"; ERR against the recording {1e3 * found.recorded:.2f} mm, of the rod "
+            f"{1e3 * found.rod_recorded:.2f} mm"
+        )
+    return text
+
+
+def _tell(
+    output: Path, form: Format, choice: Choice, known: str, lines: Sequence[str],
+    names: Sequence[Path],
+) -> None:  # fmt: skip
+    print(f"{output}: {form.title}, {_resolution(choice)}")
+    for found in choice.achieved:
+        print(_fidelity(found))
+    print(known)
+    for line in lines:
+        print(line)
+    if len(names) > 1:
+        print(f"{len(names) - 1} plausible cables: {names[1]} to {names[-1].name}")
+    print(f"use: {form.use.replace('FILE', repr(str(output)))}")

@@ -1,0 +1,185 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""How many elements an exported cable needs: MuJoCo is run and held against the rod."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from dlo_ros.errors import SimulationError
+from dlo_ros.export.chain import Chain, build_chain
+from dlo_ros.export.mjcf import mjcf
+from dlo_ros.export.mujoco_run import MujocoCable
+from dlo_ros.export.scenes import Scene
+from dlo_ros.inference.err import shape_error
+from dlo_ros.parameters import Settings
+
+ELEMENTS = (8, 12, 16, 20, 24, 32, 40, 50, 64, 80, 100, 128)  # that are tried
+STEPS = (2e-3, 1e-3, 5e-4, 2e-4, 1e-4, 5e-5)  # [s] that are tried
+DEFAULT_ELEMENTS = 32  # where no simulator can be run
+WORTH = 0.8  # of the error that a shorter step must leave to be worth its time
+BOUND = 3.0  # step times highest frequency: longer ones blow up (2 without damping)
+PATIENCE = 240.0  # [s] of processor time after which no more is tried
+
+
+@dataclass(frozen=True)
+class Fidelity:
+    """How far MuJoCo's cable is from the rod, errors over L.
+
+    Args:
+        scene: name of the motion.
+        static: ERR at rest; NaN where the motion does not begin at rest.
+        mean, largest: ERR in the mean over the motion and at most; NaN without a motion.
+        recorded: mean ERR against what was observed [m]; NaN without a recording.
+        rod_recorded: the same of the rod [m].
+        seconds: processor time of MuJoCo for each simulated second [s]; NaN without a motion.
+    """
+
+    scene: str
+    static: float
+    mean: float
+    largest: float
+    recorded: float
+    rod_recorded: float
+    seconds: float
+
+    @property
+    def worst(self) -> float:
+        """The larger of both errors, over L."""
+        return float(np.nanmax([self.static, self.largest]))
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A resolution.
+
+    Args:
+        elements: joints.
+        step: time step [s].
+        achieved: for each scene; empty: nothing was run.
+    """
+
+    elements: int
+    step: float
+    achieved: tuple[Fidelity, ...] = ()
+
+    @property
+    def worst(self) -> float:
+        """The largest error, over L; infinite where nothing was run."""
+        return max((f.worst for f in self.achieved), default=math.inf)
+
+
+def first_chain(scene: Scene, settings: Settings, elements: int) -> Chain:
+    """The chain with which a scene begins, for a cable that may be another than the scene's."""
+    return build_chain(settings, scene.command, scene.stamps[0], scene.fine, scene.first, elements)
+
+
+def longest_step(chain: Chain) -> float:
+    """The longest step of `STEPS` with which an undamped chain is stable [s].
+
+    The highest frequency of a chain's bending is 4 sqrt(k / (m h^2)).
+    """
+    stiff = float(chain.bend.max()) / (chain.line_density * chain.cell**3)
+    stable = 2.0 / (4.0 * math.sqrt(stiff))
+    return next((step for step in STEPS if step < stable), STEPS[-1])
+
+
+def choose(
+    mujoco: Any, scenes: Sequence[Scene], settings: Settings, *, plugin: bool, max_err: float
+) -> Choice | None:
+    """The coarsest cable that follows the rod.
+
+    Args:
+        mujoco: the module.
+        scenes: motions, at least one.
+        settings: of the cable, the scenes' own.
+        plugin: whether the cable is that of MuJoCo's plugin.
+        max_err: largest error over L that is allowed.
+
+    Returns:
+        That choice, else the most accurate one that was tried; None where all blew up.
+    """
+    best: Choice | None = None
+    began = time.process_time()
+    for elements in ELEMENTS:
+        before = math.inf
+        for step in _steps(scenes, settings, elements):
+            if time.process_time() - began > PATIENCE:
+                return best
+            try:
+                achieved = tuple(
+                    measure(mujoco, scene, settings, elements, step, plugin=plugin)
+                    for scene in scenes
+                )
+            except SimulationError:
+                continue
+            found = Choice(elements, step, achieved)
+            if best is None or found.worst < best.worst:
+                best = found
+            if found.worst <= max_err:
+                return found
+            if found.worst > WORTH * before:
+                break
+            before = found.worst
+    return best
+
+
+def _steps(scenes: Sequence[Scene], settings: Settings, elements: int) -> Iterator[float]:
+    """Steps that may be stable."""
+    chain = first_chain(scenes[0], settings, elements)
+    stiff = float(chain.bend.max()) / (chain.line_density * chain.cell**3)
+    for step in STEPS:
+        if step * 4.0 * math.sqrt(stiff) < BOUND:
+            yield step
+
+
+def measure(
+    mujoco: Any, scene: Scene, settings: Settings, elements: int, step: float, *, plugin: bool
+) -> Fidelity:
+    """Run a scene in MuJoCo and compare.
+
+    Raises:
+        SimulationError: it blows up.
+    """
+    chain = first_chain(scene, settings, elements)
+    cable = MujocoCable(mujoco, mjcf(chain, plugin=plugin, step=step, comment=""), chain)
+    static = mean = largest = seconds = math.nan
+    if scene.soon is not None:
+        soon = build_chain(
+            settings, scene.command, scene.stamps[0], scene.fine, scene.soon, elements
+        )
+        cable.throw(soon)
+    if scene.settled:
+        cable.settle()
+    first = cable.shape(scene.basis)
+    if scene.settled:
+        static = shape_error(first, scene.shapes[0], scene.basis) / scene.basis.length
+    shapes = first[None]
+    if scene.moves:
+        followed = cable.follow(scene.pose, scene.stamps[0], scene.stamps[1:], scene.basis)
+        shapes, seconds = np.concatenate([shapes, followed.shapes]), followed.seconds
+        err = _errors(shapes, scene.shapes, scene) / scene.basis.length
+        mean, largest = float(err.mean()), float(err.max())
+    recorded = rod_recorded = math.nan
+    if scene.observed is not None and scene.camera is not None:
+        recorded, rod_recorded = (
+            float(_errors(_measured(scene, s), scene.observed, scene).mean())
+            for s in (shapes, scene.shapes)
+        )
+    return Fidelity(scene.name, static, mean, largest, recorded, rod_recorded, seconds)
+
+
+def _errors(a: np.ndarray, b: np.ndarray, scene: Scene) -> np.ndarray:
+    return np.array([shape_error(x, y, scene.basis) for x, y in zip(a, b, strict=True)])
+
+
+def _measured(scene: Scene, shapes: np.ndarray) -> np.ndarray:
+    """Shapes (F, n, 3) as the camera sees them."""
+    assert scene.camera is not None
+    zero = np.zeros((shapes.shape[1], 1))
+    return np.array([scene.camera.measured(np.hstack([s, zero]))[:, :3] for s in shapes])

@@ -1,0 +1,54 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""The formats of `export`, in one table."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+from dlo_ros.export import mjcf
+from dlo_ros.export.chain import Chain
+
+Write = Callable[..., str]
+
+
+@dataclass(frozen=True)
+class Format:
+    """One format.
+
+    Args:
+        title: what it is.
+        simulator: that reads it.
+        write: makes the text of a chain; arguments `step` [s] and `comment`.
+        says: fields of `dlo_ros.effects.Body` that it can say.
+        approximations: what it says by something else, one line each.
+        plugin: the plugin of MuJoCo that it needs; empty: none.
+        run: whether MuJoCo runs the file itself; otherwise the same chain stands for it.
+        use: how the file is loaded, one line.
+    """
+
+    title: str
+    simulator: str
+    write: Write
+    says: frozenset[str]
+    approximations: Callable[[Chain], tuple[str, ...]]
+    plugin: str
+    run: bool
+    use: str
+
+
+LOAD = (
+    "mujoco.MjModel.from_xml_path(FILE); keyframe 0 is its shape at rest; grips move by "
+    "data.mocap_pos and data.mocap_quat"
+)
+FORMATS: dict[str, Format] = {
+    "mjcf": Format(
+        "MJCF with the plugin for cables", "MuJoCo", partial(mjcf.mjcf, plugin=True), mjcf.SAYS,
+        partial(mjcf.approximations, plugin=True), mjcf.PLUGIN, True, LOAD,
+    ),
+    "mjcf-chain": Format(
+        "MJCF as a chain of ball joints", "MuJoCo", partial(mjcf.mjcf, plugin=False), mjcf.SAYS,
+        partial(mjcf.approximations, plugin=False), "", True, LOAD,
+    ),
+}  # fmt: skip

@@ -1,0 +1,100 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""What of a model a format can say, from what each effect changes; the rest is told by name."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+
+from dlo_ros.effects import Body, Effect, build
+from dlo_ros.parameters import EFFECTS_PREFIX, Settings
+from dlo_ros.rod.model import STANDARD_GRAVITY
+from dlo_ros.spline import SplineBasis
+
+
+def body_fields(names: str) -> frozenset[str]:
+    """Fields of `Body` by their names, with spaces between."""
+    found = frozenset(names.split())
+    assert found <= {field.name for field in fields(Body)}
+    return found
+
+
+CHAIN = body_fields(
+    "bend bend_rest line_density relaxation_time gravity masses kinks grip_compliance lengthening"
+)
+"""Fields of `Body` that every chain of links with elastic joints has."""
+POINTS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])  # that a camera may move
+
+
+@dataclass(frozen=True)
+class Unsaid:
+    """What a format leaves out.
+
+    Args:
+        settings: the model without the effects that are left out.
+        lines: one for each thing that is left out or stands for another, each with its name.
+    """
+
+    settings: Settings
+    lines: tuple[str, ...]
+
+
+def unsaid(settings: Settings, says: frozenset[str]) -> Unsaid:
+    """What a format cannot say of a model.
+
+    Args:
+        settings: the parameter file.
+        says: fields of `Body` that it can say; those that are not named count as not said, so that
+            no new effect is lost silently.
+    """
+    kept, lines = dict(settings.effects), []
+    for effect in build(settings.effects):
+        missing = sorted(_changed(settings, effect) - says)
+        seen = _measures(effect)
+        if not missing and not seen:
+            continue
+        why = (
+            "a chain of links has no such thing" if missing else "it is the camera's or the clock's"
+        )
+        called = f"{EFFECTS_PREFIX}{effect.name} ({effect.called()})"
+        lines.append(f"{called} is left out: {why}")
+        del kept[effect.name]
+    damping = settings.damping
+    if damping.air_drag > 0.0 and "air_drag" not in says:
+        lines.append(f"damping.air_drag, {damping.air_drag:g} N s/m^2, is left out")
+    stretch = _stretch(settings)
+    lines.append(f"stretch: links are rigid; hanging straight the DLO is {stretch:.2g} % longer")
+    return Unsaid(replace(settings, effects=kept), tuple(lines))
+
+
+def _changed(settings: Settings, effect: Effect) -> set[str]:
+    """Fields of the rod that an effect changes."""
+    basis = SplineBasis(settings.rod.control_points, settings.rod.length)
+    before = settings.with_effects({}).body(basis)
+    after = copy.deepcopy(before)
+    effect.shape_body(after)
+    return {
+        field.name
+        for field in fields(Body)
+        if field.name != "basis"
+        and not _same(getattr(before, field.name), getattr(after, field.name))
+    }
+
+
+def _same(a: Any, b: Any) -> bool:
+    return np.array_equal(a, b) if isinstance(a, np.ndarray) else bool(a == b)
+
+
+def _measures(effect: Effect) -> bool:
+    """Whether it changes how or when the DLO is seen."""
+    return effect.later() != 0.0 or not np.array_equal(effect.measured(POINTS), POINTS)
+
+
+def _stretch(settings: Settings) -> float:
+    """By how much a DLO that hangs from one end is longer by its own weight [%]."""
+    rod = settings.rod
+    weight = rod.linear_density * STANDARD_GRAVITY * rod.length
+    return 100.0 * 0.5 * weight / (rod.young_modulus * rod.area)

@@ -1,0 +1,130 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Exported cables in MuJoCo, against closed forms and the rod; `make test-export` installs it."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from elastica import Cantilever
+
+from dlo_ros.cli.main import main
+from dlo_ros.export import mujoco_run
+from dlo_ros.export.fidelity import first_chain, measure
+from dlo_ros.export.mjcf import PLUGIN, mjcf
+from dlo_ros.export.mujoco_run import MujocoCable
+from dlo_ros.export.scenes import standard_scene
+from dlo_ros.parameters import RodParameters, Settings
+
+mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: make test-export")
+FORMS = [
+    False,
+    pytest.param(
+        True,
+        marks=pytest.mark.skipif(
+            not mujoco_run.has_plugin(mujoco, PLUGIN), reason="this MuJoCo has no plugin for cables"
+        ),
+    ),
+]
+STIFF = RodParameters(0.4, 0.004, 5e7, 2500.0)
+
+
+def settled(settings, elements, plugin, step=5e-4):
+    scene = standard_scene(settings)
+    chain = first_chain(scene, settings, elements)
+    cable = MujocoCable(mujoco, mjcf(chain, plugin=plugin, step=step, comment=""), chain)
+    cable.settle()
+    return cable.shape(scene.basis), scene.basis
+
+
+@pytest.mark.parametrize("plugin", FORMS)
+def test_a_stiff_cantilever_sags_as_the_closed_form_says(plugin):
+    rod = replace(STIFF, young_modulus=5e9)
+    shape, _ = settled(Settings(rod), 16, plugin, step=1e-4)
+    weight = rod.linear_density * 9.81
+    assert np.isclose(-shape[-1, 2], weight * 0.4**4 / (8.0 * rod.bending_stiffness), rtol=0.01)
+
+
+@pytest.mark.parametrize("plugin", FORMS)
+def test_a_heavy_cantilever_is_the_elastica(plugin):
+    shape, basis = settled(Settings(STIFF), 32, plugin)
+    weight = STIFF.linear_density * 9.81
+    heavy = Cantilever(
+        0.4, lambda s: np.full_like(s, STIFF.bending_stiffness), STIFF.young_modulus * STIFF.area,
+        lambda s: (np.zeros_like(s), -weight * (0.4 - s)),
+    )  # fmt: skip
+    s = np.linspace(0.0, 0.4, 41)
+    apart = np.linalg.norm(basis.evaluate(shape, s)[:, [0, 2]] - heavy.solve(s), axis=1)
+    assert apart.mean() < 0.001 * 0.4
+
+
+@pytest.mark.parametrize("plugin", FORMS)
+def test_it_follows_the_rod_with_all_that_a_chain_can_have(plugin):
+    effects = {
+        "stiffness_gradient": {"change": 1.0},
+        "intrinsic_curvature": {"curvature": (3.0, 0.0, -4.0)},
+        "point_mass": {"mass": 0.004, "position": 0.25},
+        "quadratic_drag": {"coefficient": 0.05},
+        "air_drag": {"coefficient": 0.02},
+        "clamp_angle": {"start": 0.2},
+        "clamp_offset": {"start": (0.01, 0.02)},
+        "gravity_tilt": {"angle": 0.1},
+    }
+    settings = replace(Settings(STIFF), effects=effects)
+    scene = standard_scene(settings)
+    found = measure(mujoco, scene, settings, 16, 5e-4, plugin=plugin)
+    assert found.static < 0.005 and found.largest < 0.007
+    # Each of these counts: without it the same chain is clearly further off.
+    for name in ("stiffness_gradient", "intrinsic_curvature", "point_mass", "gravity_tilt"):
+        less = replace(settings, effects={k: v for k, v in effects.items() if k != name})
+        assert measure(mujoco, scene, less, 16, 5e-4, plugin=plugin).largest > 0.008, name
+
+
+def test_air_drags_links_as_it_does_the_rod():
+    """A light rope in thick air: the swing after the motion dies away alike."""
+    effects = {"air_drag": {"coefficient": 0.2}}
+    settings = replace(Settings(STIFF), effects=effects)
+    scene = standard_scene(settings)
+    assert measure(mujoco, scene, settings, 16, 5e-4, plugin=False).largest < 0.007
+    thin = replace(settings, effects={})
+    assert measure(mujoco, scene, thin, 16, 5e-4, plugin=False).largest > 0.03
+
+
+@pytest.mark.parametrize("plugin", FORMS)
+def test_the_tool_reaches_what_is_asked_for_and_writes_it(plugin, tmp_path, capsys):
+    params, out = tmp_path / "params.yaml", tmp_path / "cable.xml"
+    Settings(STIFF).dump(params)
+    form = "mjcf" if plugin else "mjcf-chain"
+    call = ["export", "--params", str(params), "--format", form, "--output", str(out)]
+    assert main([*call, "--max-err", "0.01"]) == 0
+    said = capsys.readouterr().out
+    at_rest, mean, most = map(
+        float,
+        re.search(
+            r"at rest ([\d.]+) %; moving ([\d.]+) % in the mean, ([\d.]+) % at most", said
+        ).groups(),
+    )
+    assert at_rest <= 1.0 and mean <= most <= 1.0
+    assert f"at rest {at_rest:.2g} %" in out.read_text()
+    model = mujoco.MjModel.from_xml_path(str(out))  # as a user would
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    mujoco.mj_step(model, data, 200)
+    assert np.all(np.isfinite(data.qpos))
+
+
+def test_a_goal_out_of_reach_is_told(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("dlo_ros.export.fidelity.ELEMENTS", (8,))
+    params = tmp_path / "params.yaml"
+    Settings(STIFF).dump(params)
+    call = [
+        "export",
+        "--params",
+        str(params),
+        "--format",
+        "mjcf-chain",
+        "--output",
+        str(tmp_path / "c.xml"),
+    ]
+    assert main([*call, "--max-err", "0.0001"]) == 0
+    assert "WARNING: 0.01 % of the length is not reached" in capsys.readouterr().out
