@@ -7,6 +7,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from cables import BASIS, ROD, chain_of, held, straight
 from scipy.spatial.transform import Rotation
 
 from dlo_ros.cli.main import main
@@ -14,40 +15,13 @@ from dlo_ros.command import Command
 from dlo_ros.effects import Body, build, effects
 from dlo_ros.errors import InputError
 from dlo_ros.export import mujoco_run
-from dlo_ros.export.chain import STIFFEST, build_chain
+from dlo_ros.export.chain import STIFFEST
 from dlo_ros.export.draws import draw, read_knowledge, statement
 from dlo_ros.export.formats import FORMATS
 from dlo_ros.export.mjcf import SAYS, mjcf
 from dlo_ros.export.said import unsaid
-from dlo_ros.parameters import RodParameters, Settings
+from dlo_ros.parameters import Settings
 from dlo_ros.rod.model import RodModel
-from dlo_ros.spline import SplineBasis
-
-ROD = RodParameters(0.4, 0.004, 5e7, 2500.0, control_points=12)
-BASIS = SplineBasis(12, ROD.length)
-
-
-def held(names=("start",), position=(0.0, 0.0, 0.0), angle=0.0):
-    """A command that holds clamps still, all turned by an angle about y."""
-    k = len(names)
-    rotation = Rotation.from_rotvec([0.0, angle, 0.0]).as_quat()
-    return Command(
-        0, tuple(names), np.zeros(1), np.tile(position, (1, k, 1)), np.tile(rotation, (1, k, 1)),
-        np.full((1, k, 3), np.nan), 12,
-    )  # fmt: skip
-
-
-def straight(position=(0.0, 0.0, 0.0), angle=0.0):
-    along = Rotation.from_rotvec([0.0, angle, 0.0]).apply([1.0, 0.0, 0.0])
-    shape = np.zeros((12, 4))
-    shape[:, :3] = np.asarray(position) + BASIS.greville[:, None] * along
-    return shape
-
-
-def chain_of(effects=None, joints=10, command=None, shape=None, **changes):
-    settings = replace(Settings(replace(ROD, **changes)), effects=effects or {})
-    shape = straight() if shape is None else shape
-    return build_chain(settings, command or held(), 0, BASIS, shape, joints)
 
 
 def test_the_links_have_the_rods_mass_and_tile_its_length():

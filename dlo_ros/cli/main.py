@@ -112,7 +112,7 @@ EXECUTABLES: tuple[Executable, ...] = (
     ),
     Executable(
         "export",
-        "the cable for MuJoCo, with its measured error there",
+        "the cable for MuJoCo, MJX, Gazebo, Isaac Sim or Newton, with its measured error",
         "--params build/estimate/estimate.yaml --format mjcf-chain --output cable.xml",
     ),
     Executable(

@@ -94,6 +94,17 @@ class Chain:
         mass, thick = self.mass(link), self.diameter**2 / 16.0
         return 2.0 * mass * thick, mass * ((stop - begin) ** 2 / 12.0 + thick)
 
+    def loaded(self, link: int) -> tuple[float, FloatArray, FloatArray]:
+        """Mass [kg], centre (3,) [m] and inertia about it (3, 3) of a link with its masses."""
+        begin, stop = self.extent(link)
+        along, across = self.inertia(link)
+        parts = [(self.mass(link), 0.5 * (begin + stop))]
+        parts += [(mass, place) for mass, at, place in self.masses if at == link]
+        whole = sum(mass for mass, _ in parts)
+        centre = sum(mass * place for mass, place in parts) / whole
+        across += sum(mass * (place - centre) ** 2 for mass, place in parts)
+        return whole, np.array([centre, 0.0, 0.0]), np.diag([along, across, across])
+
     @property
     def poses(self) -> list[Pose]:
         """Of the links when the motion begins, N + 1 of them."""

@@ -160,7 +160,7 @@ def measure(
     if scene.settled:
         static = shape_error(first, scene.shapes[0], scene.basis) / scene.basis.length
     shapes = first[None]
-    if scene.moves:
+    if len(scene.stamps) > 1:
         followed = cable.follow(scene.pose, scene.stamps[0], scene.stamps[1:], scene.basis)
         shapes, seconds = np.concatenate([shapes, followed.shapes]), followed.seconds
         err = _errors(shapes, scene.shapes, scene) / scene.basis.length

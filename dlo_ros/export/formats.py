@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
-from dlo_ros.export import mjcf
+from dlo_ros.export import mjcf, newton, sdf, usd
 from dlo_ros.export.chain import Chain
 
 Write = Callable[..., str]
@@ -50,5 +50,17 @@ FORMATS: dict[str, Format] = {
     "mjcf-chain": Format(
         "MJCF as a chain of ball joints", "MuJoCo", partial(mjcf.mjcf, plugin=False), mjcf.SAYS,
         partial(mjcf.approximations, plugin=False), "", True, LOAD,
+    ),
+    "sdf": Format(
+        "SDF as a chain of universal joints", "Gazebo", sdf.sdf, sdf.SAYS, sdf.approximations, "",
+        False, "gz sim FILE; or copy its <model> into a world",
+    ),
+    "usd": Format(
+        "USD text with physics", "Isaac Sim", usd.usd, usd.SAYS, usd.approximations, "", False,
+        "open FILE, or add it as a reference; its name should end in .usda",
+    ),
+    "newton": Format(
+        "Python script for Newton", "Newton", newton.newton, newton.SAYS, newton.approximations, "",
+        False, "python FILE --cpu; or import it: build() adds the cable to a ModelBuilder",
     ),
 }  # fmt: skip
