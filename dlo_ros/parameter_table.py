@@ -163,7 +163,17 @@ PARAMETERS: tuple[Parameter, ...] = (
         "kg/m^3",
         0.0,
         1e5,
-        nodes=("identifier",),
+        nodes=MODEL,
+    ),
+    Parameter(
+        "rod.specific_modulus_std",
+        "double",
+        0.0,
+        "standard deviation of E/mu as it was identified, for the band of a rehearsal; 0: unknown",
+        "m^2/s^2",
+        0.0,
+        1e12,
+        nodes=("simulator",),
     ),
     Parameter(
         "rod.diameter_std",
@@ -223,7 +233,7 @@ PARAMETERS: tuple[Parameter, ...] = (
         "N s/m^2",
         0.0,
         1e3,
-        nodes=("identifier",),
+        nodes=MODEL,
     ),
     Parameter(
         "damping.relaxation_time",
@@ -243,7 +253,7 @@ PARAMETERS: tuple[Parameter, ...] = (
         "s",
         0.0,
         10.0,
-        nodes=("identifier",),
+        nodes=MODEL,
     ),
     Parameter(
         "camera.translation",

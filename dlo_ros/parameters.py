@@ -44,6 +44,7 @@ class RodParameters:
     density: float
     poisson_ratio: float = 0.33
     density_std: float = 0.0
+    specific_modulus_std: float = 0.0
     diameter_std: float = 0.0
     length_std: float = 0.0
     control_points: int = 10

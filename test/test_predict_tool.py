@@ -97,3 +97,75 @@ def test_predict_refuses_a_limit_that_is_none(recording, tmp_path, capsys):
     assert main([*words, str(recording)]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert "limits.tension is -1 N" in line
+
+
+MOTION = """
+start:
+  - {time: 0.0, position: [0.0, 0.0, 0.0], direction: [0, 0, -1]}
+  - {time: 1.0, position: [0.1, 0.05, 0.0], direction: [0.3, 0, -1]}
+"""
+
+
+def tried(tmp_path, *words, motion=MOTION, name="motion.yaml", **values):
+    """Exit status of `predict --command`."""
+    (tmp_path / name).write_text(motion)
+    params = tmp_path / "params.yaml"
+    Settings.from_mapping({**ROD.flat(), **values}).dump(params)
+    out = tmp_path / "out"
+    return out, main(
+        ["predict", "--params", str(params), "--output", str(out), "--command",
+         str(tmp_path / name), *words]
+    )  # fmt: skip
+
+
+def test_a_motion_is_tried_without_a_bag(tmp_path, capsys):
+    out, status = tried(tmp_path, **{"rod.specific_modulus_std": 500.0, "limits.tension": 0.05})
+    said = capsys.readouterr().out
+    assert status == 0
+    shapes = messages(out, topics.PREDICTED)
+    assert len(shapes) == 51 == len(messages(out, topics.FORCE_START))
+    stamps = [m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for m in shapes]
+    (command,) = messages(out, topics.COMMAND)
+    assert stamps[0] == command.header.stamp.sec * 10**9
+    assert np.diff(stamps) == pytest.approx(2e7) and len(command.points) == 2
+    assert shapes[-1].poses[0].position.y == pytest.approx(0.05, abs=1e-6)
+    first, band, tension, grips, alarm = said.splitlines()
+    assert "51 predicted splines of 1.00 s" in first
+    assert "standard deviations move the DLO by" in band
+    assert "largest tension" in tension and "force of a grip" in grips
+    assert "beyond limits.tension" in alarm
+
+
+def test_an_estimate_gives_the_band(tmp_path, capsys):
+    estimate = tmp_path / "estimate.json"
+    estimate.write_text('{"information": {"matrix": [[400.0,-400,0,0],[-400,400,0,0],[0,0,9,0],'
+                        "[0,0,0,9]]}}")  # fmt: skip
+    assert tried(tmp_path, "--estimate", str(estimate))[1] == 0
+    assert "move the DLO by" in capsys.readouterr().out
+    estimate.write_text("{}")
+    assert tried(tmp_path, "--estimate", str(estimate), "--force")[1] == 2
+    assert "estimate.json: holds no information" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "motion", "expected"),
+    [
+        (["bag"], MOTION, "either a BAG or --command"),
+        (["--start", "moving"], MOTION, "--start is for BAG"),
+        ([], "middle: [{position: [0, 0, 0]}]", "motion.yaml: names 'middle'"),
+        ([], MOTION.replace("0.1, 0.05", "0.9, 0.05").replace("1.0,", "0.0005,"), "jumps"),
+        ([], MOTION.replace("time: 1.0", "time: 9000.0"), "too long"),
+    ],
+)
+def test_what_cannot_be_tried_is_refused_in_one_line(tmp_path, capsys, words, motion, expected):
+    out, status = tried(tmp_path, *words, motion=motion)
+    assert status == 2 and not out.exists()
+    (line,) = capsys.readouterr().err.splitlines()
+    assert expected in line
+
+
+def test_neither_bag_nor_command(tmp_path, capsys):
+    ROD.dump(tmp_path / "params.yaml")
+    words = ["predict", "--params", str(tmp_path / "params.yaml"), "--output", str(tmp_path / "o")]
+    assert main(words) == 2
+    assert "either a BAG or --command" in capsys.readouterr().err

@@ -107,3 +107,46 @@ def test_forces_come_with_predictions_and_limits_raise_the_alarm(graph):
     assert "is beyond limits.tension" in alarm()[-1].message
     assert graph.set("simulator", limits__tension=LimitParameters().tension).successful
     graph.until(lambda: statuses(graph)[-1].level == DiagnosticStatus.OK, what="all is well")
+
+
+def test_a_motion_is_tried_while_the_simulation_runs(graph):
+    shapes = graph.hear(topics.REHEARSAL)  # with the usual depth of 10
+    predicted = graph.hear(topics.PREDICTED)
+    ask = graph.publisher(topics.REHEARSAL_COMMAND)
+    begin = len(predicted)
+    ask.publish(to_ros(command_message(BAG_MESSAGES, held_down(0, (0.0, 1.0, 2.0)))))
+    asked = time.time_ns()
+    graph.until(lambda: len(shapes) >= 101, what="the rehearsal")
+    stamps = np.array([m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for m in shapes])
+    assert abs(stamps[0] - asked) < 10**9  # zero means the moment of receipt
+    assert len(stamps) == 101 and np.diff(stamps) == pytest.approx(2e7, abs=2.0)
+    tips = np.array([m.poses[0].position.x for m in shapes])
+    assert tips[50] == pytest.approx(0.05, abs=2e-3) and abs(tips[-1]) < 2e-3
+    # Meanwhile the simulation has gone on, at its rate and under its own command.
+    graph.spin(0.5)
+    times = [m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec for m in predicted[begin:]]
+    assert np.diff(times) == pytest.approx(0.02, abs=1e-6)
+    assert all(abs(m.poses[0].position.x) < 1e-6 for m in predicted)
+
+    def told():
+        return {v.key: v.value for s in statuses(graph)[-1:] for v in s.values}
+
+    graph.until(lambda: told().get("rehearsals") == "1", what="the diagnostics")
+    values = told()
+    assert float(values["rehearsal tension [N]"]) > WEIGHT
+    assert float(values["rehearsal force start [N]"]) > WEIGHT
+    assert float(values["rehearsal bend radius [m]"]) < 4.0
+    assert values["rehearsal band [mm]"] == "-"  # no standard deviation is stated
+
+    # What is malformed is refused whole, and said.
+    ask.publish(to_ros(command_message(BAG_MESSAGES, held_down(names=("start",)))))
+    graph.until(lambda: len(shapes) >= 102, what="the shape at rest")
+    wrong = to_ros(command_message(BAG_MESSAGES, held_down()))
+    wrong.joint_names = ["middle"]
+    ask.publish(wrong)
+    graph.until(
+        lambda: any("dlo/rehearsal_command names 'middle'" in s.message for s in statuses(graph)),
+        what="the refusal",
+    )
+    graph.spin(0.3)
+    assert len(shapes) == 102

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from dlo_ros.cli.loading import prepare
+from dlo_ros.cli.loading import load_information, prepare
 from dlo_ros.cli.progress import progress_bar
 from dlo_ros.cli.results import add_results_folder, check_results_folder
 from dlo_ros.command import CONTROL_POINT, END, START, Command
@@ -103,7 +103,9 @@ def run(arguments: argparse.Namespace) -> int:
     _check(arguments)
     workspace = _workspace(arguments, settings)
     noise = Noise(std=arguments.noise)
-    known = _known(arguments.estimate, settings)
+    known = None
+    if arguments.estimate is not None:
+        known = search_information(settings) + load_information(arguments.estimate)
     names = arguments.experiments or BUNDLED
     plans = [experiment_plan(load_experiment(find_experiment(n)), settings) for n in names]
     prepare()
@@ -153,28 +155,6 @@ def _workspace(arguments: argparse.Namespace, settings: Settings) -> Workspace:
     half = 0.5 * settings.rod.length
     x0, x1, z0, z1 = arguments.bounds or (-half, half, -half, half)
     return Workspace((x0, x1), (z0, z1), speed=arguments.speed, duration=arguments.duration)
-
-
-def _known(path: Path | None, settings: Settings) -> FloatArray | None:
-    """Information from earlier recordings; None where there are none.
-
-    Raises:
-        InputError: the file is no estimate.json that holds it.
-    """
-    if path is None:
-        return None
-    try:
-        tree = json.loads(path.read_text())
-        told = np.array(tree["information"]["matrix"], dtype=float)
-    except OSError as err:
-        raise InputError(f"{path}: cannot be read ({err.strerror})") from err
-    except (ValueError, KeyError, TypeError) as err:
-        raise InputError(
-            f"{path}: holds no information on parameters; give an estimate.json of identify"
-        ) from err
-    if told.shape != (4, 4) or not np.all(np.isfinite(told)):
-        raise InputError(f"{path}: information.matrix is no 4 by 4 matrix")
-    return np.asarray(search_information(settings) + told)
 
 
 def experiment_plan(experiment: Experiment, settings: Settings) -> Plan:

@@ -8,6 +8,7 @@ import hashlib
 import json
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ from dlo_ros.effects.physics.gravity_tilt import GravityTilt
 from dlo_ros.effects.registry import STD
 from dlo_ros.errors import InputError
 from dlo_ros.files import write_text
-from dlo_ros.identification.estimate import searchable
+from dlo_ros.identification.estimate import Estimate, searchable
 from dlo_ros.identification.offline import Identification, identify
 from dlo_ros.identification.posterior import Sample, bootstrap, sample
 from dlo_ros.inference.forecast import Manipulation
@@ -234,7 +235,14 @@ def write_results(
     text = json.dumps(tree(found, sampled, redrawn), indent=2, allow_nan=False)
     write_text(output / "estimate.json", text + "\n")
     comment = "Estimated by dlo_ros identify; nodes and tools load this file as it is."
-    write_text(output / "estimate.yaml", found.estimate.settings.text(comment))
+    write_text(output / "estimate.yaml", _estimated(found.estimate).text(comment))
     before = [r.before for r in found.recordings]
     shown = report(settings, found, recordings, before)
     write_identification_report(output / "report.html", shown)
+
+
+def _estimated(estimate: Estimate) -> Settings:
+    """The estimate as a parameter file, with the standard deviation of E/mu."""
+    std = estimate.specific_modulus_std or 0.0
+    rod = replace(estimate.settings.rod, specific_modulus_std=std)
+    return replace(estimate.settings, rod=rod)

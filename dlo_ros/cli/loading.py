@@ -4,18 +4,20 @@
 from __future__ import annotations
 
 import argparse
+import json
 import logging
 import sys
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 from rich.console import Console
 from rich.progress import track
 
 from dlo_ros.cli.observe import observe_recording
 from dlo_ros.command import Motion
 from dlo_ros.compilation import compile_first
-from dlo_ros.errors import RecordingError
+from dlo_ros.errors import InputError, RecordingError
 from dlo_ros.inference.forecast import Manipulation
 from dlo_ros.observation import Observation
 from dlo_ros.parameter_table import TABLE
@@ -23,6 +25,7 @@ from dlo_ros.parameters import Settings
 from dlo_ros.recordings.read import read_recording
 from dlo_ros.rod.compile import compile_kernels
 from dlo_ros.rod.orientation import all_along, runs_backwards
+from dlo_ros.spline import FloatArray
 
 LOG = logging.getLogger(__name__)
 
@@ -49,6 +52,29 @@ def load_settings(arguments: argparse.Namespace) -> Settings:
     if arguments.start is None:
         return settings
     return replace(settings, simulation=replace(settings.simulation, start=arguments.start))
+
+
+def load_information(path: Path) -> FloatArray:
+    """What recordings have told of the logarithms of the material, shape (4, 4).
+
+    Args:
+        path: estimate.json of `identify`.
+
+    Raises:
+        InputError: the file is no estimate.json that holds it.
+    """
+    try:
+        tree = json.loads(path.read_text())
+        told = np.array(tree["information"]["matrix"], dtype=float)
+    except OSError as err:
+        raise InputError(f"{path}: cannot be read ({err.strerror})") from err
+    except (ValueError, KeyError, TypeError) as err:
+        raise InputError(
+            f"{path}: holds no information on parameters; give an estimate.json of identify"
+        ) from err
+    if told.shape != (4, 4) or not np.all(np.isfinite(told)):
+        raise InputError(f"{path}: information.matrix is no 4 by 4 matrix")
+    return told
 
 
 def prepare() -> None:

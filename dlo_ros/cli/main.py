@@ -92,7 +92,7 @@ EXECUTABLES: tuple[Executable, ...] = (
     ),
     Executable(
         "predict",
-        "offline: a bag's commands in, predicted splines out, and how far from the observed ones",
+        "offline: a bag's commands, or a motion from a file, in; predicted splines and forces out",
         "--params params.yaml --output predicted.mcap recording",
     ),
     Executable(

@@ -1,28 +1,42 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""`predict --params FILE --output OUT.mcap BAG`: simulates a bag's commands."""
+"""`predict --params FILE --output OUT.mcap BAG`: simulates a bag's commands.
+
+With `--command FILE` instead of a bag it simulates a motion that nobody has made yet.
+"""
 
 from __future__ import annotations
 
 import argparse
+import time
 from pathlib import Path
 
 import numpy as np
 
-from dlo_ros.cli.loading import add_model_arguments, load_manipulation, load_settings, prepare
+from dlo_ros.cli.loading import (
+    add_model_arguments,
+    load_information,
+    load_manipulation,
+    load_settings,
+    prepare,
+)
 from dlo_ros.command import NANOSECONDS
-from dlo_ros.errors import InputError
+from dlo_ros.errors import InputError, SimulationError
+from dlo_ros.identification.estimate import stated_covariance, told_covariance
 from dlo_ros.inference.forecast import forecast
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.building import (
     BAG_MESSAGES,
+    command_message,
     float_message,
     load_messages,
     spline_message,
 )
+from dlo_ros.recordings.command_file import read_command_file
 from dlo_ros.recordings.write import BagWriter, copy_topics
 from dlo_ros.rod.extremes import Extremes
 from dlo_ros.rod.reactions import Loading
+from dlo_ros.rod.rehearsal import at_rest, rehearse, stamps_of
 from dlo_ros.spline import FloatArray
 
 MADE = (topics.PREDICTED, *topics.LOADS, topics.ERR)
@@ -31,8 +45,18 @@ MADE = (topics.PREDICTED, *topics.LOADS, topics.ERR)
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The arguments of the tool."""
-    parser.add_argument("bag", type=Path, metavar="BAG", help="recording with commands")
+    parser.add_argument(
+        "bag", type=Path, nargs="?", metavar="BAG", help="recording with commands and shapes"
+    )
     add_model_arguments(parser)
+    parser.add_argument(
+        "--command", type=Path, metavar="FILE",
+        help="instead of BAG: a motion to try, YAML or CSV; the DLO hangs at rest where it begins",
+    )  # fmt: skip
+    parser.add_argument(
+        "--estimate", type=Path, metavar="FILE",
+        help="estimate.json of identify, for the band of --command; default: as --params states",
+    )  # fmt: skip
     parser.add_argument(
         "--output", type=Path, required=True, metavar="OUT.mcap", help="bag to write"
     )
@@ -45,7 +69,18 @@ def run(arguments: argparse.Namespace) -> int:
     Raises:
         DloError: an input or the output is unusable, or the motion cannot be simulated.
     """
+    if (arguments.bag is None) == (arguments.command is None):
+        raise InputError("give either a BAG or --command FILE")
+    if arguments.command is None and arguments.estimate is not None:
+        raise InputError("--estimate is for the band of --command; BAG has none")
+    if arguments.command is not None and arguments.start is not None:
+        raise InputError("--start is for BAG; with --command the DLO starts at rest")
     settings = load_settings(arguments)
+    return _try(arguments, settings) if arguments.bag is None else _follow(arguments, settings)
+
+
+def _follow(arguments: argparse.Namespace, settings: Settings) -> int:
+    """Predict a recording."""
     bag, output = arguments.bag, arguments.output
     if output.exists() and bag.exists() and output.resolve() == bag.resolve():
         raise InputError(f"{output}: is the input; give the output another name")
@@ -56,7 +91,7 @@ def run(arguments: argparse.Namespace) -> int:
         found = forecast(manipulation, settings, loads=True)
         copy_topics(bag, writer, exclude=(*MADE, *_images()))
         for k, stamp in enumerate(int(stamp) for stamp in found.stamps):
-            write_prediction(writer, settings, stamp, found.predicted[k], found.loadings[k])
+            _write(writer, settings, stamp, found.predicted[k], found.loadings[k])
             writer.write(topics.ERR, float_message(BAG_MESSAGES, float(found.err[k])), stamp)
     own = 1e3 * found.resolution_error * settings.rod.length
     accuracy = "" if np.isnan(own) else f" (the simulation's own error is {own:.2g} mm)"
@@ -71,7 +106,37 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def write_prediction(
+def _try(arguments: argparse.Namespace, settings: Settings) -> int:
+    """Predict a motion from a file."""
+    command = read_command_file(arguments.command, settings)
+    if arguments.estimate is None:
+        covariance = stated_covariance(settings)
+    else:
+        covariance = told_covariance(settings, load_information(arguments.estimate))
+    stamps = stamps_of(command, command.stamp, settings.simulation.rate)
+    with BagWriter(arguments.output, force=arguments.force) as writer:
+        prepare()
+        try:
+            began = time.process_time()
+            simulation = at_rest(settings, command, covariance, stamps[-1])
+            found = rehearse(simulation, stamps, covariance)
+            took = time.process_time() - began
+        except SimulationError as err:
+            raise SimulationError(f"{arguments.command}: {err}") from err
+        writer.write(topics.COMMAND, command_message(BAG_MESSAGES, command), stamps[0])
+        for k, stamp in enumerate(stamps):
+            _write(writer, settings, stamp, found.shapes[k], found.loadings[k])
+    seconds = (stamps[-1] - stamps[0]) / NANOSECONDS
+    print(
+        f"{arguments.output}: {len(stamps)} predicted splines of {seconds:.2f} s, "
+        f"in {took:.2f} s of computing"
+    )
+    for line in found.sentences(settings.limits):
+        print(line)
+    return 0
+
+
+def _write(
     writer: BagWriter, settings: Settings, stamp: int, shape: FloatArray, loading: Loading
 ) -> None:
     """Write a predicted spline (n, 4) at a stamp [ns], and what the DLO and its grips bear."""

@@ -133,6 +133,36 @@ def known_information(settings: Settings, *, weighed: bool) -> FloatArray:
     return np.diag(known)
 
 
+def stated_covariance(settings: Settings) -> FloatArray | None:
+    """Covariance (4, 4) of the logarithms from the standard deviations that a file states.
+
+    E/mu is known by itself, so an error of the density, at that E/mu, is one of E, too.
+
+    Returns:
+        None where the file states none.
+    """
+    rod, damping = settings.rod, settings.damping
+    result = np.zeros((4, 4))
+    for std, value, direction in (
+        (rod.specific_modulus_std, rod.specific_modulus, (1.0, 0.0, 0.0, 0.0)),
+        (rod.density_std, rod.density, (1.0, 1.0, 0.0, 0.0)),
+        (damping.air_drag_std, damping.air_drag, (0.0, 0.0, 1.0, 0.0)),
+        (damping.relaxation_time_std, damping.relaxation_time, (0.0, 0.0, 0.0, 1.0)),
+    ):
+        if std > 0.0 and value > 0.0:
+            result += (std / value) ** 2 * np.outer(direction, direction)
+    return result if result.any() else None
+
+
+def told_covariance(settings: Settings, information: FloatArray) -> FloatArray:
+    """Covariance (4, 4) of the logarithms after recordings, guesses included.
+
+    Args:
+        information: that they have told, shape (4, 4), as in estimate.json.
+    """
+    return _inverse(information + search_information(settings))
+
+
 def search_information(settings: Settings) -> FloatArray:
     """Information (4, 4) that guides the search: what is known, and weakly the guesses."""
     known = np.diag(known_information(settings, weighed=True))

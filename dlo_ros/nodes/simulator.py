@@ -15,6 +15,7 @@ from dlo_ros.nodes.commands import CommandSubscription
 from dlo_ros.nodes.loads import LoadPublisher
 from dlo_ros.nodes.markers import Markers
 from dlo_ros.nodes.messages import ROS_MESSAGES
+from dlo_ros.nodes.rehearsal import Rehearsing
 from dlo_ros.nodes.runtime import run
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
@@ -79,6 +80,7 @@ class SimulatorNode(DloNode):
         self._told = self.settings
         self._publisher = self.publisher(topics.PREDICTED, qos.RELIABLE)
         self._loads = LoadPublisher(self)
+        self._rehearsing = Rehearsing(self, self._simulation)
         self._markers = Markers(self, "predicted", (1.0, 0.5, 0.0))
         self._command_subscription = CommandSubscription(self, self._on_command)
         self.subscribe(topics.OBSERVED, self._on_observed, qos.RELIABLE)
@@ -88,6 +90,11 @@ class SimulatorNode(DloNode):
         self._say_what_is_missing()
         self.prepare(("rod",), compile_kernels)
 
+    def destroy_node(self) -> None:
+        """Leave the graph."""
+        self._rehearsing.stop()
+        super().destroy_node()
+
     def begin(self) -> None:
         """Start from what has come meanwhile."""
         self._try_to_start()
@@ -95,10 +102,12 @@ class SimulatorNode(DloNode):
     def reset(self) -> None:
         """Start afresh from the next observed shape; the command still holds."""
         self._observations.clear()
+        self._rehearsing.forget()
         self._stop()
 
     def restart(self, now: int) -> None:
         """Time went back: what was simulated or seen beyond is forgotten."""
+        self._rehearsing.forget()
         limit = now + round(JUMP_BACK * NANOSECONDS)
         self._observations = [o for o in self._observations if o.stamp <= limit]
         if not self._simulation.started or self._next > limit:

@@ -15,6 +15,8 @@ FORCE_START = "dlo/force_start"
 FORCE_END = "dlo/force_end"
 TENSION = "dlo/tension"
 MIN_BEND_RADIUS = "dlo/min_bend_radius"
+REHEARSAL_COMMAND = "dlo/rehearsal_command"
+REHEARSAL = "dlo/rehearsal"
 ERR = "dlo/err"
 YOUNG_MODULUS = "dlo/young_modulus"
 DENSITY = "dlo/density"
@@ -35,6 +37,8 @@ TYPES: dict[str, str] = {
     FORCE_END: "geometry_msgs/msg/WrenchStamped",
     TENSION: "std_msgs/msg/Float64",
     MIN_BEND_RADIUS: "std_msgs/msg/Float64",
+    REHEARSAL_COMMAND: "trajectory_msgs/msg/MultiDOFJointTrajectory",
+    REHEARSAL: "geometry_msgs/msg/PoseArray",
     ERR: "std_msgs/msg/Float64",
     YOUNG_MODULUS: "std_msgs/msg/Float64",
     DENSITY: "std_msgs/msg/Float64",

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -83,6 +84,20 @@ class Course:
                     began=self.began,
                 )  # fmt: skip
                 self.standing_in[id(command)] = command, counted
+
+    def legs(self, now: int, stamps: Sequence[int]) -> list[list[int]]:
+        """The stamps in groups that one command rules each, its last stop where it ends."""
+        if not stamps:
+            return []
+        changes = sorted(c.stamp for c in self.motion.commands if now < c.stamp < stamps[-1])
+        legs = []
+        for until in [*changes, stamps[-1]]:
+            leg = [s for s in stamps if now < s <= until]
+            if not leg or leg[-1] < until:
+                leg.append(until)
+            legs.append(leg)
+            now = until
+        return [leg for leg in legs if leg]
 
     def begin(self, stamp: int, command: Command, q: FloatArray, basis: SplineBasis) -> Command:
         """The command (as `at` gave it) as it is followed from a stamp [ns] on.

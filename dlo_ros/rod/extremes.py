@@ -43,6 +43,20 @@ class Extremes:
         sizes = [_size(getattr(x, end)) for x in self.loadings]
         return int(np.argmax(sizes)) if max(sizes) >= 0.0 else None
 
+    @property
+    def numbers(self) -> dict[str, float | None]:
+        """The extremes by name and unit; None for the force of an end that stays free."""
+        result: dict[str, float | None] = {
+            "tension [N]": self.loadings[self.pulled].tension,
+            "bend radius [m]": self.loadings[self.bent].bend_radius,
+        }
+        for end in ("start", "end"):
+            k = self.held(end)
+            result[f"force {end} [N]"] = (
+                None if k is None else _size(getattr(self.loadings[k], end))
+            )
+        return result
+
     def sentences(self, limits: LimitParameters) -> list[str]:
         """What there is to tell, a line each: extremes, then the limits that are near or passed."""
         pulled, bent = self.loadings[self.pulled], self.loadings[self.bent]

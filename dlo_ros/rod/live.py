@@ -13,6 +13,7 @@ from dlo_ros.errors import CommandError, DloError, InputError, SimulationError
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.prediction import Prediction
+from dlo_ros.rod.rehearsal import Fork
 from dlo_ros.rod.simulation import Simulation
 
 LOG = logging.getLogger(__name__)
@@ -128,6 +129,11 @@ class LiveSimulation:
             raise
         self._held = False
         return prediction
+
+    def rehearsing(self, command: Command, parameters: Sequence[str]) -> Fork | None:
+        """A fork under a command that is tried, see `rehearsal.Fork`; None before the start."""
+        simulation = self._simulation
+        return None if simulation is None else Fork.of(simulation, command, parameters)
 
     def update(self, settings: Settings) -> None:
         """Change parameters while running.

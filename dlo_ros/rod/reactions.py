@@ -19,6 +19,7 @@ import numpy as np
 from dlo_ros.command import NANOSECONDS, Command
 from dlo_ros.rod.boundary import Boundary
 from dlo_ros.rod.external import ExternalForces
+from dlo_ros.rod.integration import Track
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.packing import imposed_of, true_command
 from dlo_ros.rod.resultants import Instants, Stresses, cross, dot
@@ -115,28 +116,32 @@ def instants_of(states: Sequence[State], growth: tuple[float, float] = (1.0, 0.0
     )  # fmt: skip
 
 
-def loadings_in_plane(
-    model: RodModel, boundary: Boundary, times: FloatArray, q: FloatArray, velocity: FloatArray
+def loadings_along(
+    model: RodModel, boundary: Boundary, before: State, stamps: Sequence[int], track: Track
 ) -> list[Loading]:
     """What a plain rod in the plane y = 0 bears at dense instants of its motion.
 
     Args:
         model: a rod that is `plain`.
-        times: [s], shape (S,), at least two.
-        q, velocity: control points and their velocities, shape (S, n, 4).
+        before: the state in which the track began.
+        stamps: of the track [ns], S of them.
+        track: shapes and speeds at the stamps.
     """
-    count, nb = len(times), len(model.points)
-    acceleration = np.gradient(velocity, times, axis=0)
+    times = (np.array([before.stamp, *stamps]) - before.stamp) / NANOSECONDS
+    speeds = np.concatenate([before.velocity[None], track.speeds])
+    acceleration = np.gradient(speeds, times, axis=0)[1:]
+    count, nb = len(stamps), len(model.points)
     director = np.broadcast_to(np.array([0.0, 1.0, 0.0]), (count, nb, 3))
     nothing = History(np.zeros((count, 0, 2)), np.zeros((count, 0, 2)), np.zeros((count, 0, 6)))
     now = Instants(
-        q, velocity, acceleration, director, np.zeros((count, nb)), nothing, (1.0, 0.0)
+        track.shapes, track.speeds, acceleration, director, np.zeros((count, nb)), nothing,
+        (1.0, 0.0),
     )  # fmt: skip
     return balance_of(model, boundary).loadings(now)
 
 
 def dense(stamps: Sequence[int]) -> bool:
-    """Whether stamps [ns] are near enough for `loadings_in_plane`."""
+    """Whether stamps [ns] are near enough for `loadings_along`."""
     return len(stamps) > 1 and bool(np.diff(stamps).max() <= DENSE * NANOSECONDS)
 
 

@@ -20,12 +20,11 @@ from dlo_ros.rod.camera import Camera
 from dlo_ros.rod.checks import possible, steady
 from dlo_ros.rod.course import Course
 from dlo_ros.rod.grips import HELD
-from dlo_ros.rod.integration import Track
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.packing import nothing_varies, true_command
 from dlo_ros.rod.planar import in_plane
 from dlo_ros.rod.prediction import Prediction
-from dlo_ros.rod.reactions import Loading, dense, loadings, loadings_in_plane
+from dlo_ros.rod.reactions import Loading, dense, loadings, loadings_along
 from dlo_ros.rod.state import (
     State,
     refined,
@@ -196,10 +195,16 @@ class Simulation:
         """The simulated instant, as it is seen [ns]."""
         return self._started().stamp + self._camera.later
 
-    def fork(self, settings: Settings) -> Simulation:
-        """An independent simulation that goes on from the present state with other parameters."""
+    def fork(self, settings: Settings, motion: Motion | None = None) -> Simulation:
+        """An independent simulation that goes on from the present state with other parameters.
+
+        Args:
+            motion: imposed from here on; default: the same. One of its own suits another thread.
+        """
         twin = copy(self)
         twin._course = self._course.another()
+        if motion is not None:
+            twin.motion = twin._course.motion = motion
         twin.update(settings)
         return twin
 
@@ -240,7 +245,7 @@ class Simulation:
         stamps = [stamp - self._camera.later for stamp in stamps]
         predictions: list[Prediction] = []
         course = self._course.another()
-        for stops in self._legs(state.stamp, stamps):
+        for stops in course.legs(state.stamp, stamps):
             command = course.at(max(stops[0] - 1, state.stamp), slips=self.settings.slips)
             held = boundary.names
             if command.names != held:
@@ -257,58 +262,23 @@ class Simulation:
                 for stop in leg:
                     reachable(model, hold(model, boundary, state, command, stop), boundary)
                 before, several = state, len(leg) > 1
-                track = dynamics.follow(
-                    model, boundary, state, command, leg, self.parameters,
-                    speeds=self._loads and several,
-                )  # fmt: skip
+                asked = (model, boundary, state, command, leg, self.parameters)
+                track = dynamics.follow(*asked, speeds=self._loads and several)
                 state = track.state
-                if several:
-                    predictions += self._along(model, boundary, before, leg, track, stamps)
-                elif leg[0] in stamps:
-                    made.append(state)
-            borne = loadings(model, boundary, made, command) if self._loads and made else None
-            for k, one in enumerate(made):
-                predictions.append(self._published(one, model, borne[k] if borne else None))
+                if not several:
+                    made += [state] * (leg[0] in stamps)
+                    continue
+                borne = loadings_along(model, boundary, before, leg, track) if self._loads else []
+                down = self.published.projection(model.basis)
+                for k, stop in enumerate(leg):
+                    if stop in stamps:
+                        seen = down @ track.shapes[k], down, track.speeds[k], track.derivatives[k]
+                        predictions.append(self._seen(stop, *seen, borne[k] if borne else None))
+            borne = loadings(model, boundary, made, command) if self._loads and made else []
+            for one in made:
+                predictions.append(self._published(one, model, borne.pop(0) if borne else None))
         self.state, self.model, self.boundary, self._course = state, model, boundary, course
         return predictions
-
-    def _along(
-        self, model: RodModel, boundary: Boundary, before: State, stops: Sequence[int],
-        track: Track, stamps: Sequence[int],
-    ) -> list[Prediction]:  # fmt: skip
-        """Predictions at those of a track's stops in the plane that are stamps [ns].
-
-        Args:
-            before: the state in which the track began.
-        """
-        borne: Sequence[Loading | None] = [None] * len(stops)
-        if self._loads:
-            times = (np.array([before.stamp, *stops]) - before.stamp) / NANOSECONDS
-            shapes = np.concatenate([before.q[None], track.shapes])
-            speeds = np.concatenate([before.velocity[None], track.speeds])
-            borne = loadings_in_plane(model, boundary, times, shapes, speeds)[1:]
-        down, wanted = self.published.projection(model.basis), set(stamps)
-        return [
-            self._seen(
-                stop, down @ track.shapes[k], down, track.speeds[k], track.derivatives[k], borne[k]
-            )
-            for k, stop in enumerate(stops)
-            if stop in wanted
-        ]
-
-    def _legs(self, now: int, stamps: Sequence[int]) -> list[list[int]]:
-        """The stamps in groups that one command rules each, its last stop where it ends."""
-        if not stamps:
-            return []
-        changes = sorted(c.stamp for c in self.motion.commands if now < c.stamp < stamps[-1])
-        legs = []
-        for until in [*changes, stamps[-1]]:
-            leg = [s for s in stamps if now < s <= until]
-            if not leg or leg[-1] < until:
-                leg.append(until)
-            legs.append(leg)
-            now = until
-        return [leg for leg in legs if leg]
 
     def _regrip(self, state: State, command: Command) -> tuple[State, RodModel, Boundary]:
         """The state with the boundary conditions of a command that holds other things."""
@@ -350,10 +320,9 @@ class Simulation:
 
     def prediction(self) -> Prediction:
         """The present shape in the published basis."""
-        state, command = self._started(), self._course.following
-        borne = None
+        state, command, borne = self._started(), self._course.following, None
         if self._loads and command is not None:
-            borne = loadings(self.model, self.boundary, [state], command)[0]
+            (borne,) = loadings(self.model, self.boundary, [state], command)
         return self._published(state, self.model, borne)
 
     def _published(self, state: State, model: RodModel, borne: Loading | None = None) -> Prediction:

@@ -1,0 +1,130 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""`dlo/rehearsal_command` in, `dlo/rehearsal` out: a motion is tried while the simulation runs."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import replace
+from typing import Any
+
+from dlo_ros.command import NANOSECONDS, Command
+from dlo_ros.errors import CommandError, InputError
+from dlo_ros.identification.estimate import stated_covariance
+from dlo_ros.nodes import qos
+from dlo_ros.nodes.base import DloNode
+from dlo_ros.nodes.messages import ROS_MESSAGES
+from dlo_ros.nodes.rehearsal_thread import WAITING, Answer, RehearsalThread, Request
+from dlo_ros.recordings import topics
+from dlo_ros.recordings.building import spline_message
+from dlo_ros.recordings.messages import read_command
+from dlo_ros.rod.live import LiveSimulation
+from dlo_ros.rod.rehearsal import at_rest, rehearse, stamps_of, varied_by
+from dlo_ros.spline import FloatArray
+
+PERIOD = 0.02
+"""Seconds of wall time between two bursts of an answer."""
+BURST = 8
+"""Splines of an answer that are published at once: subscribers with the usual depth of 10 lose
+none; 5 s at 50 Hz are out in 0.6 s."""
+AHEAD = 60.0
+"""Seconds that a rehearsal may begin after now; until then the DLO is simulated, too."""
+
+
+class Rehearsing:
+    """Takes motions to try, and publishes what comes of them.
+
+    Args:
+        node: the simulator.
+        simulation: the running one, which is only read.
+    """
+
+    def __init__(self, node: DloNode, simulation: LiveSimulation) -> None:
+        self._node, self._simulation = node, simulation
+        self._thread = RehearsalThread()
+        self._outgoing: deque[tuple[int, FloatArray]] = deque()
+        self._publisher = node.publisher(topics.REHEARSAL, qos.DEEP)
+        node.subscribe(topics.REHEARSAL_COMMAND, self._on_command, qos.RELIABLE)
+        node.every(PERIOD, self._tick)
+
+    def forget(self) -> None:
+        """Drop what waits."""
+        self._thread.forget()
+        self._outgoing.clear()
+
+    def stop(self) -> None:
+        """End the thread."""
+        self._thread.stop()
+
+    def _on_command(self, message: Any) -> None:
+        node, settings = self._node, self._node.settings
+        if not node.ready:
+            raise InputError(f"{topics.REHEARSAL_COMMAND}: the node is not ready yet")
+        now = node.now()
+        try:
+            command = read_command(message, settings, now)
+        except CommandError as err:
+            text = str(err).replace(topics.COMMAND, topics.REHEARSAL_COMMAND, 1)
+            raise CommandError(f"{text}; it is refused") from err
+        if not self._thread.ask(self._request(command, now)):
+            raise InputError(
+                f"{topics.REHEARSAL_COMMAND}: {WAITING} motions wait already; this one is refused"
+            )
+        node.health.solved(topics.REHEARSAL_COMMAND)
+        node.health.count("rehearsal commands")
+
+    def _request(self, command: Command, now: int) -> Request:
+        """What to simulate: from the present state on, or from rest before there is one."""
+        settings = self._node.settings
+        covariance = stated_covariance(settings)
+        ahead = (command.stamp - now) / NANOSECONDS
+        if ahead > AHEAD:
+            raise InputError(
+                f"{topics.REHEARSAL_COMMAND} begins {ahead:.0f} s from now; at most {AHEAD:.0f} s "
+                "can be simulated until then; leave its stamp zero to begin now"
+            )
+        rate = settings.simulation.rate
+        fork = self._simulation.rehearsing(command, varied_by(covariance))
+        if fork is None:
+            stamps = stamps_of(command, command.stamp, rate)
+            return Request(
+                lambda: at_rest(settings, command, covariance, stamps[-1]),
+                lambda simulation: rehearse(simulation, stamps, covariance),
+            )
+        # What has passed of it is over; until it begins the present command goes on.
+        stamps = stamps_of(command, max(command.stamp, fork.stamp), rate)
+        return Request(fork.prepared, lambda simulation: rehearse(simulation, stamps, covariance))
+
+    def _tick(self) -> None:
+        for _ in range(min(BURST, len(self._outgoing))):
+            stamp, shape = self._outgoing.popleft()
+            frame = self._node.settings.frame_id
+            self._publisher.publish(spline_message(ROS_MESSAGES, stamp, frame, shape))
+        if self._outgoing:
+            return
+        answer = self._thread.take()
+        if answer is not None:
+            self._tell(answer)
+
+    def _tell(self, answer: Answer) -> None:
+        """Say what came of a motion, and begin to publish it."""
+        health, found = self._node.health, answer.found
+        if found is None:
+            health.warn("rehearsal", f"rehearsal: {answer.problem}")
+            return
+        self._outgoing.extend(zip(found.stamps, found.shapes, strict=True))
+        health.solved("rehearsal")
+        health.count("rehearsals")
+        seconds = (found.stamps[-1] - found.stamps[0]) / NANOSECONDS
+        limits = self._node.settings.limits
+        alarms = found.extremes.alarms(limits)
+        told = found.sentences(replace(limits, tension=0.0, bend_radius=0.0))
+        self._node.get_logger().info(
+            f"rehearsal of {seconds:.2f} s in {answer.took:.2f} s: {'; '.join(told)}"
+        )
+        for alarm in alarms:
+            health.warn("rehearsal", f"rehearsal: {alarm}")
+        values = health.values
+        values["rehearsal computing time [s]"] = answer.took
+        values["rehearsal band [mm]"] = None if found.std is None else 1e3 * float(found.std.max())
+        for key, number in found.extremes.numbers.items():
+            values[f"rehearsal {key}"] = number
