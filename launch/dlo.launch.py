@@ -38,8 +38,8 @@ SEEN = ("dlo/observed", "dlo/observed_points")
 INTERRUPTED = (-2, 130)
 """Statuses of a process that Ctrl-C has ended."""
 MADE = (
-    "predicted", "force_start", "force_end", "tension", "min_bend_radius", "rehearsal", "err",
-    "young_modulus", "density", "metrics", "markers", "overlay",
+    "predicted", "force_start", "force_end", "tension", "min_bend_radius", "rehearsal_command",
+    "rehearsal", "err", "young_modulus", "density", "metrics", "markers", "overlay",
 )  # fmt: skip
 IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 NO_CAMERA = ("/dlo/overlay", "/image_mask")
