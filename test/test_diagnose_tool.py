@@ -16,6 +16,7 @@ from dlo_ros.diagnosis import Diagnosis, Fitted, Gain, NamedEffect, Number, Trie
 from dlo_ros.diagnosis.relations import Pattern, Relation, Relations
 from dlo_ros.parameters import Settings
 from dlo_ros.report.force import force_arrows
+from dlo_ros.report.loads import LoadRow
 
 pytestmark = pytest.mark.long
 
@@ -67,7 +68,8 @@ def found(frames=12, n=10):
 
 
 def test_results_are_what_the_interface_says(tmp_path):
-    write_results(tmp_path / "out", KNOWN, found())
+    loads = (LoadRow("one", 0.5, 0.03, 0.6, None),)
+    write_results(tmp_path / "out", KNOWN, found(), loads)
     report = json.loads((tmp_path / "out" / "report.json").read_text())
     assert set(report) == {
         "verdict", "effects", "noise_floor", "baseline", "extended", "gain", "candidates",
@@ -86,6 +88,7 @@ def test_results_are_what_the_interface_says(tmp_path):
     loaded = Settings.load(tmp_path / "out" / "extended.yaml")
     assert loaded.effects["intrinsic_curvature"]["curvature"] == (0.5, 1.0)
     page = (tmp_path / "out" / "report.html").read_text()
+    assert "What the DLO and its grips bore" in page
     for words in ("curvature at rest", "direction of a clamp", "load per length", "Turn the clamp.",
                   "A remark.", "1.0 mm off", "What the residual goes along with",
                   "so does the bending of the DLO", "too slowly to be judged",

@@ -75,6 +75,7 @@ def test_identify_writes_estimate_parameters_and_report(folder, tmp_path, capsys
     assert "E/mu" in report
     assert "Residuals along the DLO" in report
     assert "predicted at first" in report
+    assert "What the DLO and its grips bore" in report and "smallest bend radius" in report
     assert "http" not in report.replace("http://www.w3.org", "")
     out = capsys.readouterr().out
     assert "E/mu" in out

@@ -6,6 +6,8 @@ import pytest
 
 from dlo_ros.errors import ParameterError
 from dlo_ros.parameters import LimitParameters, Settings
+from dlo_ros.report.identification import IdentificationReport, identification_page
+from dlo_ros.report.loads import LoadRow, loads_table
 from dlo_ros.rod.extremes import Extremes
 from dlo_ros.rod.limits import strained
 from dlo_ros.rod.reactions import Loading, Wrench
@@ -75,3 +77,13 @@ def test_extremes_tell_what_where_and_when():
 def test_a_free_straight_dlo_has_no_grips_and_no_radius():
     (line,) = Extremes([bearing(0.0, 4e5)], [0.0]).sentences(LimitParameters(bend_radius=0.02))
     assert "infinite (straight)" in line
+
+
+def test_reports_show_what_was_borne():
+    rows = (LoadRow("lift <1>", 1.234, 0.0567, 2.5, None), LoadRow("rest", 0.1, 4e5, None, 0.1))
+    shown = loads_table(rows)
+    assert "lift &lt;1&gt;" in shown and "1.23" in shown and "56.7" in shown and "straight" in shown
+    report = IdentificationReport("t", "h", (), (), loads=rows)
+    assert "What the DLO and its grips bore" in identification_page(report)
+    bare = IdentificationReport("t", "h", (), ())
+    assert "grips bore" not in identification_page(bare)

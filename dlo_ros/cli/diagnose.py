@@ -9,6 +9,7 @@ from pathlib import Path
 
 from dlo_ros.cli.diagnosis_output import summary, write_results
 from dlo_ros.cli.loading import add_model_arguments, load_manipulation, load_settings, prepare
+from dlo_ros.cli.loads import borne
 from dlo_ros.cli.progress import progress_bar
 from dlo_ros.cli.results import add_results_folder, check_results_folder, written
 from dlo_ros.diagnosis import diagnose
@@ -62,7 +63,8 @@ def run(arguments: argparse.Namespace) -> int:
             progress=progress,
         )
     with written(output):
-        write_results(output, settings, found)
+        loads = borne([*recordings, *holdout], found.extended.settings)
+        write_results(output, settings, found, loads)
     for line in summary(found, settings.rod.length, output):
         print(line)
     print(f"\n{output / 'report.html'} shows all of it with pictures, report.json is for programs.")

@@ -32,25 +32,29 @@ from dlo_ros.report.diagnosis import (
     SetupRow,
     write_diagnosis_report,
 )  # fmt: skip
+from dlo_ros.report.loads import LoadRow
 
 EXTENDED = "extended.yaml"
 WIDTH = 98
 """Columns of the terminal that are used."""
 
 
-def write_results(output: Path, settings: Settings, found: Diagnosis) -> None:
+def write_results(
+    output: Path, settings: Settings, found: Diagnosis, loads: Sequence[LoadRow] = ()
+) -> None:
     """Write report.json, extended.yaml and report.html into a folder.
 
     Args:
         output: the folder, made where it is missing.
         settings: the initial guess.
         found: the result.
+        loads: what the DLO bore in the recordings.
     """
     output.mkdir(parents=True, exist_ok=True)
     write_text(output / "report.json", json.dumps(tree(found), indent=2, allow_nan=False) + "\n")
     comment = "Extended by dlo_ros diagnose; nodes and tools load this file as it is."
     write_text(output / EXTENDED, found.extended.settings.text(comment))
-    write_diagnosis_report(output / "report.html", report(found, settings.rod.length))
+    write_diagnosis_report(output / "report.html", report(found, settings.rod.length, loads))
 
 
 def tree(found: Diagnosis) -> dict[str, Any]:
@@ -178,7 +182,7 @@ def _parameters(effect: NamedEffect) -> list[FoundParameter]:
     return rows
 
 
-def report(found: Diagnosis, length: float) -> DiagnosisReport:
+def report(found: Diagnosis, length: float, loads: Sequence[LoadRow] = ()) -> DiagnosisReport:
     """What report.html shows."""
     told = story(found, length, f"{EXTENDED} (beside this page)")
     remarks = list(found.remarks)
@@ -227,6 +231,7 @@ def report(found: Diagnosis, length: float) -> DiagnosisReport:
         ),
         told.setup,
         tuple(SearchStep(t.step, t.name, t.gain, t.err, t.outcome) for t in found.trace),
+        tuple(loads),
     )  # fmt: skip
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from dlo_ros.cli.loads import borne
 from dlo_ros.cli.results import QUANTITIES
 from dlo_ros.effects import quantities
 from dlo_ros.identification.offline import Identification
@@ -219,6 +220,7 @@ def report(
         noise_floor=found.noise_floor,
         remarks=tuple(remarks(found)),
         ellipses=tuple(_ellipses(found)),
+        loads=borne(recordings, estimate.settings),
     )  # fmt: skip
 
 

@@ -15,6 +15,7 @@ from dlo_ros.report.elements import (
     table,
 )  # fmt: skip
 from dlo_ros.report.force import FORCE_CAPTION, force_arrows, force_maps
+from dlo_ros.report.loads import LoadRow, loads_table
 from dlo_ros.report.maps import field_maps
 from dlo_ros.report.page import Section, page, write_page
 from dlo_ros.report.player import ShapeFrame, player
@@ -187,6 +188,7 @@ class DiagnosisReport:
         headline: the result in a sentence.
         questions: what a person asks first.
         extends: whether the extended model is another than the plain one.
+        loads: what the DLO bore in the recordings, by the extended model.
     """
 
     headline: str
@@ -203,6 +205,7 @@ class DiagnosisReport:
     structures: tuple[ResidualStructure, ...] = ()
     setup: tuple[SetupRow, ...] = ()
     trace: tuple[SearchStep, ...] = ()
+    loads: tuple[LoadRow, ...] = ()
 
 
 def write_diagnosis_report(path: Path | str, report: DiagnosisReport) -> None:
@@ -227,6 +230,9 @@ def diagnosis_page(report: DiagnosisReport) -> str:
     sections.append(Section("What to record next", paragraph(report.advice)))
     if report.remarks:
         sections.append(Section("Remarks", "".join(map(paragraph, report.remarks))))
+    if report.loads:
+        body = loads_table(report.loads)
+        sections.append(Section("What the DLO and its grips bore", body))
     if report.structures:
         body = "".join(_structure(s) for s in report.structures) + paragraph(FORETELLS)
         sections.append(Section("What the residual goes along with", body))

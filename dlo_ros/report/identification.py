@@ -19,6 +19,7 @@ from dlo_ros.report.elements import (
     paragraph,
     table,
 )
+from dlo_ros.report.loads import LoadRow, loads_table
 from dlo_ros.report.page import Section, page, write_page
 from dlo_ros.report.player import ShapeFrame, player
 from dlo_ros.report.plots import Level, LinePlot, Series, line_plot
@@ -101,6 +102,7 @@ class IdentificationReport:
         noise_floor: the ERR that a perfect model would have [m]; None where not known.
         remarks: sentences for the reader, such as what the data cannot tell.
         ellipses: pairs of parameters and their common uncertainty; may be empty.
+        loads: what the DLO bore in the recordings; may be empty.
     """
 
     title: str
@@ -112,6 +114,7 @@ class IdentificationReport:
     noise_floor: float | None = None
     remarks: tuple[str, ...] = ()
     ellipses: tuple[Ellipse, ...] = ()
+    loads: tuple[LoadRow, ...] = ()
 
 
 def write_identification_report(path: Path | str, report: IdentificationReport) -> None:
@@ -142,6 +145,8 @@ def identification_page(report: IdentificationReport) -> str:
         sections.append(Section("Parameters over time", _tracks(report)))
     if report.recordings:
         sections.append(Section("Recordings", _recordings(report)))
+    if report.loads:
+        sections.append(Section("What the DLO and its grips bore", loads_table(report.loads)))
     return page(report.title, summary, sections)
 
 

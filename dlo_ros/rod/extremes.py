@@ -51,11 +51,13 @@ class Extremes:
             "bend radius [m]": self.loadings[self.bent].bend_radius,
         }
         for end in ("start", "end"):
-            k = self.held(end)
-            result[f"force {end} [N]"] = (
-                None if k is None else _size(getattr(self.loadings[k], end))
-            )
+            result[f"force {end} [N]"] = self.largest_force(end)
         return result
+
+    def largest_force(self, end: str) -> float | None:
+        """Of the grip at `start` or `end` [N]; None: that end stays free."""
+        k = self.held(end)
+        return None if k is None else _size(getattr(self.loadings[k], end))
 
     def sentences(self, limits: LimitParameters) -> list[str]:
         """What there is to tell, a line each: extremes, then the limits that are near or passed."""

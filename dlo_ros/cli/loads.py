@@ -1,0 +1,33 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""What a model says that the DLO bore in recordings, for the reports."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+
+import numpy as np
+
+from dlo_ros.errors import DloError
+from dlo_ros.inference.forecast import Manipulation, forecast
+from dlo_ros.parameters import Settings
+from dlo_ros.report.loads import LoadRow
+from dlo_ros.rod.extremes import Extremes
+
+
+def borne(recordings: Sequence[Manipulation], settings: Settings) -> tuple[LoadRow, ...]:
+    """A row for each recording that can be simulated with these settings."""
+    rows = []
+    for recording in recordings:
+        with suppress(DloError):
+            found = forecast(recording, settings, loads=True)
+            times = 1e-9 * (found.stamps - found.stamps[0]).astype(np.float64)
+            extremes = Extremes(found.loadings, times.tolist())
+            pulled, bent = extremes.loadings[extremes.pulled], extremes.loadings[extremes.bent]
+            rows.append(
+                LoadRow(
+                    recording.name, pulled.tension, bent.bend_radius,
+                    extremes.largest_force("start"), extremes.largest_force("end"),
+                )
+            )  # fmt: skip
+    return tuple(rows)

@@ -1,0 +1,56 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""What the DLO and its grips bore in each recording, as a table."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from dlo_ros.report.elements import UNKNOWN, number, paragraph, table
+
+LONGEST_RADIUS = 1e3
+"""Bend radius [m] beyond which a DLO is told to be straight."""
+WORDS = (
+    "What the model says the DLO and its grips bore at most, at the pictures' instants. A grip's "
+    "force is what it exerts on the DLO. The simulator publishes the same live, with an alarm "
+    "beyond limits.tension and limits.bend_radius."
+)
+
+
+@dataclass(frozen=True)
+class LoadRow:
+    """One recording.
+
+    Args:
+        name: of the bag.
+        tension: largest [N].
+        bend_radius: smallest [m].
+        start, end: largest force of the grip there [N]; None where that end is free.
+    """
+
+    name: str
+    tension: float
+    bend_radius: float
+    start: float | None
+    end: float | None
+
+
+def loads_table(rows: Sequence[LoadRow]) -> str:
+    """The table with its words."""
+    head = [
+        "recording", "largest tension", "smallest bend radius", "force of the grip at u = 0",
+        "at u = L",
+    ]  # fmt: skip
+    cells = [
+        [r.name, number(r.tension, "N"), _radius(r.bend_radius), _force(r.start), _force(r.end)]
+        for r in rows
+    ]
+    return table(head, cells) + paragraph(WORDS)
+
+
+def _radius(radius: float) -> str:
+    return "straight" if radius > LONGEST_RADIUS else number(1e3 * radius, "mm")
+
+
+def _force(force: float | None) -> str:
+    return UNKNOWN if force is None else number(force, "N")
