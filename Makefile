@@ -138,8 +138,8 @@ test-report: $(COMPILED)
 
 # Exported cables in the simulators themselves, which are installed beside ours.
 test-export: $(COMPILED)
-	$(BIN)/pip install --quiet --no-build-isolation --editable '.[export]' 'usd-core>=24.8'
-	$(BIN)/python -m pytest test/test_export.py test/test_export_formats.py test/test_export_mujoco.py
+	$(BIN)/pip install --quiet --no-build-isolation --editable '.[export,parquet]' 'usd-core>=24.8'
+	$(BIN)/python -m pytest test/test_export.py test/test_export_formats.py test/test_export_mujoco.py test/test_import_export.py
 
 test-slow: $(COMPILED)
 	$(BIN)/python -m pytest -m slow

@@ -67,10 +67,10 @@ def test_a_tilted_clamp_points_as_its_tangent(example, settings, tmp_path):
     ("name", "text", "words"),
     [
         ("trial0.csv", None, "cannot be read"),
-        ("trial0.csv", "u,x,z\n0,0,0\n", "its first line must be u_m,x_m,z_m"),
-        ("trial0.csv", "u_m,x_m,z_m\n0,0,0\n1.5,one,0\n", "needs four lines or more of numbers"),
+        ("trial0.csv", "u,x,z\n0,0,0\n", "its first line has no u_m, x_m, z_m"),
+        ("trial0.csv", "u_m,x_m,z_m\n0,0,0\n1.5,one,0\n", "line 3: x_m is 'one', no number"),
         ("trial0.csv", "u_m,x_m,z_m\n0,0,0\n.5,0,0\n1,0,0\n1.2,0,0\n", "u ends at 1.2 m"),
-        ("clamps.csv", "trial,end,x_m,z_m,tangent_x,tangent_z\n", "start and end are needed"),
+        ("clamps.csv", "trial,end,x_m,z_m,tangent_x,tangent_z\n", "has no line but the first"),
     ],
 )
 def test_what_is_no_measurement_is_refused(example, settings, tmp_path, name, text, words):

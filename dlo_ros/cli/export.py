@@ -1,5 +1,8 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""`export --params FILE --format FORMAT --output FILE`: the cable for another simulator."""
+"""`export --params FILE --format FORMAT --output FILE`: the cable for another simulator.
+
+With `--recording BAG` it is the recording that is written, as tables.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from dlo_ros import __version__
+from dlo_ros.cli.export_recording import TABLES, write_recordings
 from dlo_ros.cli.loading import load_manipulation, prepare
 from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.export import mujoco_run
@@ -42,8 +46,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--params", type=Path, required=True, metavar="FILE", help="parameter file of the DLO"
     )
     parser.add_argument(
-        "--format", choices=tuple(FORMATS), required=True,
-        help="; ".join(f"{name}: {f.title}" for name, f in FORMATS.items()),
+        "--format", choices=(*FORMATS, *TABLES), required=True,
+        help="; ".join(f"{name}: {f.title}" for name, f in FORMATS.items())
+        + f"; with --recording {', '.join(TABLES)}",
     )  # fmt: skip
     parser.add_argument("--output", type=Path, required=True, metavar="FILE", help="file to write")
     parser.add_argument(
@@ -63,6 +68,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--estimate", type=Path, metavar="FILE",
         help="estimate.json of identify: how well E/mu and the other numbers are known",
     )  # fmt: skip
+    parser.add_argument(
+        "--recording", type=Path, action="append", metavar="BAG",
+        help="write this recording instead of the cable, into the folder of --output: csv, or "
+        "parquet in LeRobot's layout, where each --recording is an episode",
+    )  # fmt: skip
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -71,6 +81,8 @@ def run(arguments: argparse.Namespace) -> int:
     Raises:
         DloError: an input or the output is unusable, or the DLO cannot be simulated.
     """
+    if arguments.recording or arguments.format in TABLES:
+        return write_recordings(arguments)
     form, output = FORMATS[arguments.format], arguments.output
     _check(arguments)
     full = Settings.load(arguments.params)

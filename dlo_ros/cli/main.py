@@ -111,6 +111,11 @@ EXECUTABLES: tuple[Executable, ...] = (
         "--params params.yaml --output build/diagnosis recording_1 recording_2",
     ),
     Executable(
+        "import",
+        "recordings of other robots, CSV or LeRobot's Parquet, in; a bag out",
+        "--format csv --params params.yaml --output recording tables",
+    ),
+    Executable(
         "export",
         "the cable for MuJoCo, MJX, Gazebo, Isaac Sim or Newton, with its measured error",
         "--params build/estimate/estimate.yaml --format mjcf-chain --output cable.xml",

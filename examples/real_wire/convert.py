@@ -3,15 +3,15 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 
 import numpy as np
 
 from dlo_ros.command import Command
 from dlo_ros.errors import InputError
+from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
-from dlo_ros.recordings import BAG_MESSAGES, BagWriter, command_message, spline_message, topics
+from dlo_ros.recordings.tables import numbers, rows_of, write_bag
 from dlo_ros.spline import FloatArray, SplineBasis
 
 STAMP = 1_750_000_000_000_000_000  # [ns] of every shape; when they were taken is not known
@@ -40,10 +40,7 @@ def convert(folder: Path, trial: str, settings: Settings, output: Path) -> None:
         [basis.fit(u, points), np.zeros(basis.control_points)]
     )  # no twist was seen
     command = clamps(folder / "clamps.csv", trial, settings)
-    with BagWriter(output, force=True) as writer:
-        writer.write(topics.COMMAND, command_message(BAG_MESSAGES, command), STAMP)
-        observed = spline_message(BAG_MESSAGES, STAMP, settings.frame_id, shape)
-        writer.write(topics.OBSERVED, observed, STAMP)
+    write_bag(output, settings, [command], [Observation(STAMP, shape)], force=True)
 
 
 def read_points(path: Path) -> tuple[FloatArray, FloatArray]:
@@ -52,8 +49,9 @@ def read_points(path: Path) -> tuple[FloatArray, FloatArray]:
     Raises:
         InputError: it cannot be read, holds no table of numbers, or u does not grow.
     """
-    table = np.array([[r["u_m"], r["x_m"], r["z_m"]] for r in _rows(path, "u_m,x_m,z_m")])
-    if len(table) < 4 or not np.all(np.isfinite(table)) or not np.all(np.diff(table[:, 0]) > 0.0):
+    columns = ("u_m", "x_m", "z_m")
+    table = numbers(path, rows_of(path, columns), columns)
+    if len(table) < 4 or not np.all(np.diff(table[:, 0]) > 0.0):
         raise InputError(f"{path}: needs four lines or more of numbers, with growing u_m")
     return table[:, 0], np.column_stack([table[:, 1], np.zeros(len(table)), table[:, 2]])
 
@@ -64,36 +62,19 @@ def clamps(path: Path, trial: str, settings: Settings) -> Command:
     Raises:
         InputError: it cannot be read, or does not have both ends of the trial.
     """
-    header = "trial,end,x_m,z_m,tangent_x,tangent_z"
-    rows = {r["end"]: r for r in _rows(path, header) if r["trial"] == trial}
+    columns = ("x_m", "z_m", "tangent_x", "tangent_z")
+    table = rows_of(path, ("trial", "end", *columns))
+    values = numbers(path, table, columns)
+    rows = {r["end"]: v for r, v in zip(table, values, strict=True) if r["trial"] == trial}
     if set(rows) != set(ENDS):
         raise InputError(
             f"{path}: has {', '.join(rows) or 'nothing'} of {trial}; start and end are needed"
         )
-    positions = [[rows[e]["x_m"], 0.0, rows[e]["z_m"]] for e in ENDS]
+    positions = [[rows[e][0], 0.0, rows[e][1]] for e in ENDS]
     # Turned about y, from x towards -z, so that its x axis is the tangent.
-    angles = [np.arctan2(-rows[e]["tangent_z"], rows[e]["tangent_x"]) for e in ENDS]
+    angles = [np.arctan2(-rows[e][3], rows[e][2]) for e in ENDS]
     rotations = [[0.0, np.sin(a / 2.0), 0.0, np.cos(a / 2.0)] for a in angles]
     return Command(
         STAMP, ENDS, np.zeros(1), np.array([positions]), np.array([rotations]),
         np.full((1, 2, 3), np.nan), settings.rod.control_points, settings.frame_id,
     )  # fmt: skip
-
-
-def _rows(path: Path, header: str) -> list[dict[str, float | str]]:
-    """Lines of a table; what is a number is one."""
-    try:
-        with path.open(newline="") as file:
-            reader = csv.DictReader(file)
-            if ",".join(reader.fieldnames or ()) != header:
-                raise InputError(f"{path}: its first line must be {header}")
-            return [{k: _number(v) for k, v in row.items()} for row in reader]
-    except OSError as err:
-        raise InputError(f"{path}: cannot be read ({err.strerror})") from err
-
-
-def _number(text: str | None) -> float | str:
-    try:
-        return float(text or "nan")
-    except ValueError:
-        return text or ""

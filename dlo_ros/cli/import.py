@@ -1,0 +1,59 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""`import --format FORMAT --params FILE --output BAG INPUT ...`: recordings of others as bags."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from dlo_ros.errors import InputError
+from dlo_ros.parameters import Settings
+from dlo_ros.recordings.lerobot import read_lerobot
+from dlo_ros.recordings.tables import read_csv, write_bag
+
+FORMATS = {
+    "csv": "files or a folder as export --recording writes them",
+    "parquet": "the folder of a data set in LeRobot's layout",
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The arguments of the tool."""
+    parser.add_argument("inputs", type=Path, nargs="+", metavar="INPUT", help="what is read")
+    parser.add_argument(
+        "--format", choices=tuple(FORMATS), required=True,
+        help="; ".join(f"{name}: {words}" for name, words in FORMATS.items()),
+    )  # fmt: skip
+    parser.add_argument(
+        "--params", type=Path, required=True, metavar="FILE", help="parameter file of the DLO"
+    )
+    parser.add_argument("--output", type=Path, required=True, metavar="BAG", help="bag to write")
+    parser.add_argument(
+        "--episode", type=int, default=0, metavar="N",
+        help="which episode of a data set, from 0; default: %(default)s",
+    )  # fmt: skip
+    parser.add_argument("--force", action="store_true", help="replace an existing bag")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Import; returns the exit status.
+
+    Raises:
+        InputError: an input or the output is unusable.
+    """
+    settings = Settings.load(arguments.params)
+    if arguments.format == "csv":
+        commands, observations = read_csv(arguments.inputs, settings)
+    else:
+        if len(arguments.inputs) != 1:
+            raise InputError("--format parquet takes one folder; each episode becomes a bag")
+        if arguments.episode < 0:
+            raise InputError(f"--episode is {arguments.episode}; episodes count from 0")
+        commands, observations = read_lerobot(arguments.inputs[0], settings, arguments.episode)
+    write_bag(arguments.output, settings, commands, observations, force=arguments.force)
+    points = sum(o.points is not None for o in observations)
+    print(
+        f"{arguments.output}: {len(observations)} observed splines, {points} with measured points, "
+        f"{len(commands)} commands"
+    )
+    return 0

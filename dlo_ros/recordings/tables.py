@@ -1,0 +1,297 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""A recording as tables of numbers: CSV files in a folder, and a bag from what was read.
+
+`observed.csv` has a line for each observed spline, `command.csv` one for each imposed pose at each
+time of each command, `points.csv` one for each measured point. Positions are in metres in the
+frame `frame_id`, angles in radians, stamps in nanoseconds (`stamp_ns`) or seconds (`time_s`).
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from dlo_ros.command import NANOSECONDS, Command
+from dlo_ros.errors import InputError
+from dlo_ros.files import write_text
+from dlo_ros.observation import CentrelinePoints, Observation
+from dlo_ros.parameters import Settings
+from dlo_ros.recordings import topics
+from dlo_ros.recordings.building import (
+    BAG_MESSAGES,
+    STD_ALONG,
+    command_message,
+    points_message,
+    spline_message,
+)
+from dlo_ros.recordings.messages import stamp_of
+from dlo_ros.recordings.write import BagWriter
+from dlo_ros.spline import FloatArray
+
+STAMP, TIME = "stamp_ns", "time_s"
+COORDINATES = ("x", "y", "z", "theta")
+POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")
+VELOCITY = ("vx", "vy", "vz")
+POINT = ("u", "x", "y", "z", "std")
+OBSERVED_FILE, COMMAND_FILE, POINTS_FILE = "observed.csv", "command.csv", "points.csv"
+ORIGIN = 1_750_000_000 * NANOSECONDS
+"""Stamp [ns] of the time 0 where times count from the beginning of a recording."""
+LONGEST = 1e6  # [s] longest recording; later times are those of a clock
+Row = Mapping[str, str]
+
+
+def rows_of(path: Path, needed: Sequence[str]) -> list[dict[str, str]]:
+    """The lines of a CSV file by the names in its first line.
+
+    Raises:
+        InputError: it cannot be read, has no line, or lacks a column.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            reader = csv.DictReader(file, restval="")
+            missing = [name for name in needed if name not in (reader.fieldnames or ())]
+            if missing:
+                raise InputError(
+                    f"{path}: its first line has no {', '.join(missing)}; it must name "
+                    f"{', '.join(needed)}"
+                )
+            rows = [{str(k): v for k, v in row.items() if k is not None} for row in reader]
+    except OSError as err:
+        raise InputError(f"{path}: cannot be read ({err.strerror})") from err
+    except (UnicodeDecodeError, csv.Error) as err:
+        raise InputError(f"{path}: is no CSV file in UTF-8 ({err})") from err
+    if not rows:
+        raise InputError(f"{path}: has no line but the first")
+    return rows
+
+
+def numbers(path: Path, rows: Sequence[Row], names: Sequence[str]) -> FloatArray:
+    """Columns as numbers, shape (rows, names).
+
+    Raises:
+        InputError: one is no finite number; with its line and column.
+    """
+    result = np.empty((len(rows), len(names)))
+    for k, row in enumerate(rows):
+        for j, name in enumerate(names):
+            try:
+                result[k, j] = float(row[name])
+            except ValueError:
+                result[k, j] = math.nan
+            if not math.isfinite(result[k, j]):
+                raise InputError(f"{path}: line {k + 2}: {name} is '{row[name]}', no number")
+    return result
+
+
+def stamps(path: Path, rows: Sequence[Row]) -> list[int]:
+    """Stamps of lines [ns]; times from the beginning of a recording are given a date.
+
+    Raises:
+        InputError: there is neither `stamp_ns` nor `time_s`, or one is no number.
+    """
+    if STAMP in rows[0]:
+        try:
+            return [int(row[STAMP]) for row in rows]
+        except ValueError as err:
+            raise InputError(f"{path}: {STAMP} must be whole numbers of nanoseconds") from err
+    if TIME not in rows[0]:
+        raise InputError(f"{path}: its first line has neither {STAMP} nor {TIME}")
+    seconds = numbers(path, rows, (TIME,))[:, 0]
+    before = ORIGIN if np.abs(seconds).max() < LONGEST else 0
+    return [before + round(s * NANOSECONDS) for s in seconds.tolist()]
+
+
+def spline_columns(control_points: int) -> list[str]:
+    """Names of a spline's numbers: `control_point_1.x` and so on."""
+    return [f"control_point_{k}.{c}" for k in range(1, control_points + 1) for c in COORDINATES]
+
+
+def read_csv(
+    inputs: Sequence[Path], settings: Settings
+) -> tuple[tuple[Command, ...], tuple[Observation, ...]]:
+    """Commands and observed splines of CSV files, or of a folder that has them.
+
+    Args:
+        inputs: files, told apart by their columns, or folders.
+        settings: whose control points and frame they have.
+
+    Raises:
+        InputError: a file is unusable, or there are no splines or no commands.
+    """
+    commands: list[Command] = []
+    observations: dict[int, Observation] = {}
+    points: dict[int, CentrelinePoints] = {}
+    for path in _files(inputs):
+        columns = set(rows_of(path, ())[0])
+        if "name" in columns:
+            commands += _commands(path, settings)
+        elif set(POINT) <= columns:
+            points.update(_points(path))
+        else:
+            for observation in _observations(path, settings):
+                observations[observation.stamp] = observation
+    named = ", ".join(map(str, inputs))
+    if not observations:
+        raise InputError(f"{named}: no file has observed splines, as {OBSERVED_FILE} of export has")
+    if not commands:
+        raise InputError(f"{named}: no file has commands, as {COMMAND_FILE} of export has")
+    seen = [
+        replace(observations[stamp], points=points.get(stamp)) for stamp in sorted(observations)
+    ]
+    return tuple(sorted(commands, key=lambda c: c.stamp)), tuple(seen)
+
+
+def _files(inputs: Sequence[Path]) -> list[Path]:
+    found = []
+    for path in inputs:
+        if path.is_dir():
+            held = [path / n for n in (OBSERVED_FILE, COMMAND_FILE, POINTS_FILE)]
+            held = [p for p in held if p.exists()]
+            if not held:
+                raise InputError(f"{path}: has neither {OBSERVED_FILE} nor {COMMAND_FILE}")
+            found += held
+        else:
+            found.append(path)
+    return found
+
+
+def _observations(path: Path, settings: Settings) -> list[Observation]:
+    names = spline_columns(settings.rod.control_points)
+    rows = rows_of(path, names)
+    more = spline_columns(settings.rod.control_points + 1)[-1]
+    if more in rows[0]:
+        raise InputError(
+            f"{path}: has more control points than rod.control_points, "
+            f"{settings.rod.control_points}"
+        )
+    values = numbers(path, rows, names).reshape(len(rows), -1, len(COORDINATES))
+    return [Observation(s, v) for s, v in zip(stamps(path, rows), values, strict=True)]
+
+
+def _points(path: Path) -> dict[int, CentrelinePoints]:
+    rows = rows_of(path, POINT)
+    along = STD_ALONG in rows[0]
+    values = numbers(path, rows, (*POINT, STD_ALONG) if along else POINT)
+    at = np.array(stamps(path, rows))
+    found = {}
+    for stamp in np.unique(at):
+        own = values[at == stamp]
+        found[int(stamp)] = CentrelinePoints(
+            own[:, 1:4], own[:, 0], own[:, 4], own[:, 5] if along else None
+        )
+    return found
+
+
+def _commands(path: Path, settings: Settings) -> list[Command]:
+    """Lines of one `command` number, or of one stamp where there is none, are one command."""
+    rows = rows_of(path, ("name", *POSE))
+    at, after = _starts(path, rows)
+    values = numbers(path, rows, POSE)
+    fast = np.full((len(rows), 3), math.nan)
+    for k, row in enumerate(rows):
+        if all(row.get(name, "") for name in VELOCITY):
+            fast[k] = numbers(path, [row], VELOCITY)[0]
+    commands = []
+    for stamp in sorted(set(at)):
+        own = [k for k, s in enumerate(at) if s == stamp]
+        names = list(dict.fromkeys(rows[k]["name"] for k in own))
+        times = sorted({float(after[k]) for k in own})
+        index = {(float(after[k]), rows[k]["name"]): k for k in own}
+        if len(index) != len(own) or len(own) != len(names) * len(times):
+            raise InputError(
+                f"{path}: the command at {stamp / NANOSECONDS:.3f} s must have one line for each "
+                f"of {', '.join(names)} at each of its times"
+            )
+        grid = np.array([[index[time, name] for name in names] for time in times])
+        places, turns = np.split(values[grid], [3], axis=2)
+        n, frame_id = settings.rod.control_points, settings.frame_id
+        imposed = tuple(names)
+        commands.append(
+            Command(stamp, imposed, np.array(times), places, turns, fast[grid], n, frame_id)
+        )
+    return commands
+
+
+def _starts(path: Path, rows: Sequence[Row]) -> tuple[list[int], FloatArray]:
+    """Stamp of each line's command [ns], and the line's time from there [s]."""
+    at = stamps(path, rows)
+    if "time_from_start" in rows[0]:
+        return at, numbers(path, rows, ("time_from_start",))[:, 0]
+    first = min(at)
+    return [first] * len(rows), np.array([(s - first) / NANOSECONDS for s in at])
+
+
+def write_csv(
+    folder: Path, commands: Sequence[Command], observations: Sequence[Observation]
+) -> None:
+    """Write a recording as CSV files into a folder.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    n = len(observations[0].control_points)
+    table = [[o.stamp, *o.control_points.ravel().tolist()] for o in observations]
+    _write(folder / OBSERVED_FILE, [STAMP, *spline_columns(n)], table)
+    lines: list[list[object]] = []
+    for c in commands:
+        for i, time in enumerate(c.times):
+            for k, name in enumerate(c.names):
+                speed = c.velocities[i, k]
+                shown = speed.tolist() if np.all(np.isfinite(speed)) else [""] * 3
+                pose = [*c.positions[i, k].tolist(), *c.rotations[i, k].tolist()]
+                lines.append([c.stamp, float(time), name, *pose, *shown])
+    _write(folder / COMMAND_FILE, [STAMP, "time_from_start", "name", *POSE, *VELOCITY], lines)
+    clouds = [(o.stamp, o.points) for o in observations if o.points is not None]
+    if clouds:
+        along = all(p.std_along is not None for _, p in clouds)
+        measured: list[list[object]] = []
+        for stamp, p in clouds:
+            columns = [p.u, *p.positions.T, p.std, *([p.std_along] if along else [])]
+            measured += [[stamp, *row.tolist()] for row in np.column_stack(columns)]
+        _write(folder / POINTS_FILE, [STAMP, *POINT, *([STD_ALONG] if along else [])], measured)
+
+
+def _write(path: Path, header: Sequence[str], lines: Sequence[Sequence[object]]) -> None:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(header)
+    writer.writerows(lines)
+    write_text(path, text.getvalue())
+
+
+def write_bag(
+    output: Path,
+    settings: Settings,
+    commands: Sequence[Command],
+    observations: Sequence[Observation],
+    *,
+    force: bool = False,
+) -> None:
+    """Write commands and observed splines as a bag that every tool reads.
+
+    Args:
+        output: the bag.
+        settings: whose frame they are in.
+        commands: by growing stamp.
+        observations: by growing stamp.
+        force: whether an older bag is replaced.
+
+    Raises:
+        InputError: it cannot be written, or a number is unusable.
+    """
+    with BagWriter(output, force=force) as writer:
+        messages = [(topics.COMMAND, command_message(BAG_MESSAGES, c)) for c in commands]
+        for o in observations:
+            shape = spline_message(BAG_MESSAGES, o.stamp, settings.frame_id, o.control_points)
+            messages.append((topics.OBSERVED, shape))
+            if o.points is not None:
+                cloud = points_message(BAG_MESSAGES, o.stamp, settings.frame_id, o.points)
+                messages.append((topics.OBSERVED_POINTS, cloud))
+        for topic, message in sorted(messages, key=lambda m: stamp_of(m[1])):
+            writer.write(topic, message, stamp_of(message))
