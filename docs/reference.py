@@ -89,7 +89,7 @@ def all_effects() -> str:
         for q in effect.quantities():
             kind = "double or double[]" if q.array else "double"
             if q.counts:
-                kind = " or ".join(f"double[{n}]" for n in q.counts)
+                kind = " or ".join(f"double[{n}]" if n > 1 else "double" for n in q.counts)
             std = (
                 ""
                 if q.tolerance is None

@@ -478,7 +478,7 @@ NAMES = {
     "internal_damping", "command_delay", "clamp_slip", "length_error", "camera_scale",
     "camera_rotation", "obstacle", "constant_force", "clamp_offset", "camera_shift",
     "clamp_compliance", "connector", "quadratic_drag", "wall",
-    "hysteresis", "viscoelasticity",
+    "hysteresis", "viscoelasticity", "anisotropy",
 }  # fmt: skip
 
 

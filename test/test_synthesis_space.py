@@ -1,22 +1,30 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Experiments in space: files, hidden effects, recordings; the spline rod moves as they do."""
 
-import copy
+from dataclasses import replace
 from functools import cache
 
+import cv2
 import numpy as np
 import pytest
 import yaml
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 from twins import CLOSED, TWISTED, WAVED, compare, tree
 
+from dlo_ros.cli import synthesize as tool
 from dlo_ros.cli.main import main
 from dlo_ros.errors import InputError
+from dlo_ros.parameters import CameraPose
 from dlo_ros.recordings.read import read_recording
 from dlo_ros.spline import SplineBasis
 from dlo_ros.synthesis.experiment import find_experiment, load_experiment, read_experiment
+from dlo_ros.synthesis.geometry import Geometry
 from dlo_ros.synthesis.hidden import Hidden
 from dlo_ros.synthesis.hidden_rod import build_spatial_rod
+from dlo_ros.synthesis.look import DepthSensor, Look, SimulatedCamera
+from dlo_ros.synthesis.spatial_render import SpatialRenderer
 from dlo_ros.synthesis.synthesize import synthesize
 from dlo_ros.synthesis.truth import build_simulation, simulate
 
@@ -150,14 +158,14 @@ def test_camera_in_space():
     np.testing.assert_allclose(pixels(stated, seen), pixels(true, points), atol=1e-12)
 
 
+def shortened(seconds):
+    return replace(load_experiment(find_experiment("twisted")), duration=seconds)
+
+
 def test_the_twisted_experiment_is_recorded_with_its_twist(tmp_path):
-    made = load_experiment(find_experiment("twisted"))
+    made = shortened(0.3)
     assert made.spatial
-    short = copy.copy(made)
-    object.__setattr__(short, "duration", 0.3)
-    with pytest.raises(InputError, match="use --no-images"):
-        synthesize(short, tmp_path / "pictures")
-    truth = synthesize(short, tmp_path / "bag", images=False, edges=40, step=4e-3)
+    truth = synthesize(made, tmp_path / "bag", images=False, edges=40, step=4e-3)
     written = yaml.safe_load((tmp_path / "bag" / "truth.yaml").read_text())
     shapes = np.array(written["control_points"])
     assert shapes.shape == (len(truth.stamps), 10, 4)
@@ -171,12 +179,138 @@ def test_the_twisted_experiment_is_recorded_with_its_twist(tmp_path):
     assert np.abs(truth.twist[-1]).max() > 0.5
 
 
-def test_the_tool_writes_it(tmp_path, capsys):
+def images_in(bag):
+    """Messages of a bag by topic."""
+    found = {}
+    with AnyReader([bag], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
+        for connection, _, data in reader.messages():
+            message = reader.deserialize(data, connection.msgtype)
+            found.setdefault(connection.topic, []).append(message)
+    return found
+
+
+def test_two_cameras_write_topics_of_their_own(tmp_path):
+    truth = synthesize(shortened(0.04), tmp_path / "bag", edges=30, step=5e-3)
+    found = images_in(tmp_path / "bag")
+    written = yaml.safe_load((tmp_path / "bag" / "truth.yaml").read_text())
+    for name in ("left", "right"):
+        pictures = found[f"/{name}/image_raw/compressed"]
+        assert len(pictures) == len(found[f"/{name}/camera_info"]) == 2
+        picture = cv2.imdecode(pictures[0].data, cv2.IMREAD_COLOR)
+        camera, pose = load_experiment(find_experiment("twisted")).cameras[name]
+        assert picture.shape == (720, 1280, 3)
+        np.testing.assert_allclose(written["cameras"][name]["true"]["translation"],
+                                   pose.translation)  # fmt: skip
+        pixels = Geometry(camera, pose).project(truth.centreline(0, np.linspace(0.02, 0.38, 40)))
+        column, row = np.rint(pixels).astype(int).T
+        rope = picture[row, column].mean()
+        beside = picture[row - 12, column - 12].mean()
+        assert rope < 0.6 * beside
+
+
+def test_depth_is_written_beside_the_picture(tmp_path):
+    tree_ = yaml.safe_load(find_experiment("twisted").read_text())
+    del tree_["cameras"]
+    tree_ |= {"duration": 0.01, "depth": {"std": 0.001, "holes": 0.0}}
+    made = read_experiment(tree_, "depth", "depth.yaml")
+    synthesize(made, tmp_path / "bag", edges=30, step=5e-3)
+    found = images_in(tmp_path / "bag")
+    (image,) = found["/depth/image_raw"]
+    assert image.encoding == "16UC1" and (image.height, image.width) == (1080, 1920)
+    assert len(found["/image_raw/compressed"]) == len(found["/depth/camera_info"]) == 1
+    with pytest.raises(InputError, match="leave cameras or depth out"):
+        read_experiment(tree_ | {"cameras": {"one": {"translation": [0, 0, 1],
+                        "rotation": [0, 0, 0, 1]}}}, "d", "d.yaml")  # fmt: skip
+
+
+@pytest.mark.parametrize(("change", "message"), [
+    ({"cameras": {"left/1": {}}}, "'left/1' is no name for a topic"),
+    ({"cameras": {"left": {"rotation": [0, 0, 0, 1]}}}, "'translation' is missing"),
+    ({"cameras": {"left": {"translation": [0, 0, 1], "rotation": [0, 0, 0, 2]}}}, "allowed is -1"),
+    ({"cameras": {"left": {"translation": [0, 0, 1], "rotation": [0, 0, 0, 0.5]}}}, "no unit"),
+    ({"cameras": {"left": {"translation": [0, 0, 1], "rotation": [0, 0, 0, 1], "hue": 1}}},
+     "'hue' is unknown"),
+    ({"depth": {"noise": 1}}, "'noise' is unknown"),
+    ({"motion": {"end": [{"time": 0, "position": [0, 0, 0], "angle": 0, "roll": 1}]}},
+     "'roll' is unknown; known are angle"),
+])  # fmt: skip
+def test_bad_experiments_in_space_say_what_is_wrong(change, message):
+    with pytest.raises(InputError, match=message):
+        read_experiment(tree(TWISTED, {}, 0.1) | change, "t", "t.yaml")
+
+
+def test_a_rope_behind_the_board_cannot_be_drawn(tmp_path):
+    made = shortened(0.01)
+    near = replace(made, look=replace(made.look, board_distance=0.01))
+    with pytest.raises(InputError, match=r"behind the board; look.board_distance is 0.01 m"):
+        synthesize(near, tmp_path / "bag", edges=30, step=5e-3)
+
+
+EYE = CameraPose(translation=(0.0, 0.0, 1.2), rotation=(np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)))
+SMALL = SimulatedCamera(width=320, height=240, focal_length=(600.0, 600.0),
+                        principal_point=(159.5, 119.5), noise=0.0, blur=0.0)  # fmt: skip
+
+
+def loop():
+    """A loop whose later strand crosses 0.1 m before the earlier one, and its u."""
+    s = np.linspace(0.0, 1.0, 801)
+    line = np.column_stack(
+        [0.1 * np.sin(2.2 * np.pi * s), 0.1 - 0.2 * s, 0.08 * np.sin(4.4 * np.pi * s + 0.3)]
+    )
+    size = np.linalg.norm(np.diff(line, axis=0), axis=1)
+    return line, np.concatenate([[0.0], np.cumsum(size)])
+
+
+def test_the_rope_is_drawn_where_it_projects_and_hides_itself_by_depth():
+    line, u = loop()
+    renderer = SpatialRenderer(Geometry(SMALL, EYE), Look(hole_diameter=0.0), 0.008, 0.25, 0)
+    seen = renderer.layers(line, u)
+    whole = np.column_stack([np.interp(seen.u, u, c) for c in line.T])
+    pixels = renderer.geometry.project(whole)
+    row, column = np.divmod(seen.pixel, SMALL.width)
+    away = np.column_stack([column, row]) - pixels
+    width = 600.0 * 0.004 / seen.depth
+    np.testing.assert_allclose(np.linalg.norm(away, axis=1), np.abs(seen.across) * width, atol=0.51)
+    assert np.linalg.norm(away, axis=1).max() < 0.5 + width.max() + 0.51
+    assert abs(np.sum(away * seen.cover[:, None], axis=0) / seen.cover.sum()).max() < 0.02
+    crossing = np.nonzero(seen.rank == 1)[0]
+    assert len(crossing) > 10
+    assert np.all(seen.pixel[crossing] == seen.pixel[crossing - 1])
+    assert np.all(seen.depth[crossing] < seen.depth[crossing - 1] - 0.02)
+    picture = renderer.frame([line], u).astype(float).mean(axis=2)
+    assert picture.reshape(-1)[seen.pixel[seen.cover > 0.99]].mean() < 0.6 * np.median(picture)
+
+
+def test_depth_has_holes_mixed_pixels_and_noise():
+    line, u = loop()
+    renderer = SpatialRenderer(Geometry(SMALL, EYE), Look(), 0.008, 0.25, 0)
+    sensor = DepthSensor(std=0.002, holes=0.05, mixed=0.5, thin=1.5)
+    depth = renderer.depth(line, u, sensor).astype(float) / 1000.0
+    seen = renderer.layers(line, u)
+    far = np.ones(depth.size, dtype=bool)
+    far[seen.pixel] = False
+    board = depth.reshape(-1)[far]
+    assert np.mean(board == 0.0) == pytest.approx(0.05, abs=0.01)
+    assert board[board > 0.0].mean() == pytest.approx(1.45, abs=1e-3)
+    assert board[board > 0.0].std() == pytest.approx(0.002, rel=0.1)
+    nearest = np.append(np.diff(seen.pixel) != 0, True)
+    whole = nearest & (seen.cover == 1.0)
+    found = depth.reshape(-1)[seen.pixel[whole]]
+    surface = seen.depth[whole] - 0.004 * np.sqrt(1.0 - seen.across[whole] ** 2)
+    there = found > 0.0
+    assert (found - surface)[there].std() == pytest.approx(0.002, rel=0.3)
+    assert abs((found - surface)[there].mean()) < 3e-4
+    edge = depth.reshape(-1)[seen.pixel[nearest & (seen.cover < 0.9) & (seen.cover > 0.1)]]
+    assert 0.2 < np.mean(edge == 0.0) < 0.8  # half of them and those that are thin
+    between = (edge > 1.32) & (edge < 1.44)
+    assert between.mean() > 0.05
+
+
+def test_the_tool_writes_it(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(tool, "compile_first", lambda *_: None)
     small = yaml.safe_load(find_experiment("twisted").read_text()) | {"duration": 0.1}
     (tmp_path / "small.yaml").write_text(yaml.safe_dump(small))
     output = str(tmp_path / "bag")
-    assert main(["synthesize", str(tmp_path / "small.yaml"), "--output", output]) == 2
-    assert "--no-images" in capsys.readouterr().err
     arguments = ["synthesize", str(tmp_path / "small.yaml"), "--no-images", "--output", output]
     assert main(arguments) == 0
     assert "4 observed splines" in capsys.readouterr().out

@@ -76,7 +76,8 @@ def label(name: str, count: int = 1) -> str:
     words = [title(effect)]
     q = _quantity(effect, key)
     known = effects().get(effect)
-    if q is not None and known is not None and len(known.quantities()) > 1:
+    of_plane = [] if known is None else [other for other in known.quantities() if not other.spatial]
+    if q is not None and (len(of_plane) > 1 or q.spatial):
         words.append(q.description.split(":")[0].split(",")[0])
     if index:
         words.append(_component(q, int(index.rstrip("]")), count))

@@ -56,7 +56,8 @@ class Body:
         basis: of the simulation, over the configured length L.
         points: material coordinates of the quadrature points [m], shape (nb,).
         weight: their weights [m], shape (nb,); the cells of this width tile the DLO.
-        bend: bending stiffness about both material directors [N m^2], shape (nb, 2).
+        bend: bending stiffness about both principal axes of the section [N m^2], shape (nb, 2).
+        section_angle: from the first material director to the first principal axis [rad].
         bend_rest: curvature at rest about them [1/m], shape (nb, 2); in the board's plane the
             first director is +y.
         twist_rest: twist at rest [rad/m], shape (nb,).
@@ -107,6 +108,7 @@ class Body:
     pegs: list[Peg] = field(default_factory=list)
     walls: list[Wall] = field(default_factory=list)
     quadratic_drag: float | None = None
+    section_angle: float = 0.0
     lengthening: float = 1.0
     slip: float | None = None
     slip_onset: float | None = None
@@ -139,6 +141,26 @@ class Body:
                 f"effects.length_error and effects.clamp_slip leave {least:g} m of a DLO of "
                 f"{self.length:g} m; at least {SHORTEST * self.length:g} m must be left"
             )
+
+        if self.bend_matrix[:, 2].any() and (
+            math.isfinite(self.half_curvature) or math.isfinite(self.yield_curvature)
+        ):
+            raise ParameterError(
+                f"effects.anisotropy.angle is {self.section_angle:g} rad, and the DLO softens or "
+                "yields; give the angle 0 there, or leave effects.nonlinear_stiffness and "
+                "effects.plasticity out"
+            )
+
+    @property
+    def bend_matrix(self) -> FloatArray:
+        """Bending stiffness about the material directors, 11, 22 and 12 [N m^2], shape (nb, 3)."""
+        if self.section_angle == 0.0:
+            return np.column_stack([self.bend, np.zeros(len(self.bend))])
+        c, s = math.cos(self.section_angle), math.sin(self.section_angle)
+        soft, stiff = self.bend.T
+        return np.column_stack(
+            [c * c * soft + s * s * stiff, s * s * soft + c * c * stiff, c * s * (soft - stiff)]
+        )
 
     @property
     def length(self) -> float:
@@ -293,7 +315,12 @@ class Effect:
         They are always open within their tolerances where the joint model is fitted; empty: an
         effect that a careful set-up does not have.
         """
-        return {q.name: q.nothing for q in cls.quantities()} if cls.in_setup else {}
+        return {q.name: q.nothing for q in cls.seen_in(scene)} if cls.in_setup else {}
+
+    @classmethod
+    def seen_in(cls, scene: Scene) -> tuple[Quantity, ...]:
+        """The parameters, those alone that act in the board's plane where recordings stay there."""
+        return tuple(q for q in cls.quantities() if scene.spatial or not q.spatial)
 
     @classmethod
     def starts(cls, scene: Scene) -> list[Start]:
@@ -303,9 +330,9 @@ class Effect:
         effect begins neutral, one that is not with its natural sizes to either side. What is added
         to a damping is not looked for where that damping is a guess, which is fitted anyway.
         """
-        keys = cls.quantities()
+        keys = cls.seen_in(scene)
         neutral = {q.name: q.nothing for q in keys if not q.geometric}
-        if any(q.adds_to and q.adds_to not in scene.known for q in keys):
+        if not neutral or any(q.adds_to and q.adds_to not in scene.known for q in keys):
             return []
         local = any(q.role == "place" and q.unit == "m" for q in keys)
         found = []
@@ -335,4 +362,4 @@ def _beginning(q: Quantity, rope: RopeScale, place: float, side: float) -> Value
     if q.geometric or not side:
         return q.nothing
     value = q.plausible_for(rope, side)
-    return (value,) * q.counts[0] if q.counts else value
+    return q.filled(value)

@@ -21,6 +21,7 @@ ON_THE_ROPE = (0.0, 1.0)
 """Range of a place, of the length."""
 ALONG_THE_ROPE = (0.02, 0.6)
 """Range of an extent, of the length: shorter ones act like a point, longer ones like the whole."""
+VECTOR, NORMAL = 3, 1  # numbers of a vector in the board's frame, and which of them is across it
 LEAST_DRAG = 1e-3  # [s/m] of the weight per length: unit of a drag where none is configured
 LEAST_TIME = 1e-4  # [s] unit of a relaxation time where none is configured
 MOST_REMOVED = 0.99  # share of a configured damping that an effect may take away
@@ -72,8 +73,9 @@ class Quantity:
         lower, upper: range, both ends allowed.
         description: a few words.
         array: whether several values, equally spaced along u, may be given.
-        counts: numbers of values that must be given, such as the components of a vector; empty:
-            one value, or any number of an array.
+        counts: numbers of values that must be given, such as the components of a vector, the first
+            as long as nothing is said; 1 is a number by itself; empty: one value, or any number of
+            an array.
         role: what kind of number it is.
         tolerance: standard deviation within which a set-up is as careful people build it, in units
             of the rope (of the logarithm for a ratio); None: there is no such thing.
@@ -84,6 +86,8 @@ class Quantity:
             relaxation_time; empty: none.
         stated_by: parameter of the file that states the tolerance where it is positive, besides
             `effects.NAME.KEY_std`; empty: none.
+        spatial: whether it makes a DLO leave the board's plane, or is seen only outside of it: it
+            is then left alone where recordings stay there.
     """
 
     name: str
@@ -100,6 +104,7 @@ class Quantity:
     search: tuple[float, float] | None = None
     adds_to: str = ""
     stated_by: str = ""
+    spatial: bool = False
 
     @property
     def bracketed(self) -> str:
@@ -127,7 +132,23 @@ class Quantity:
     @property
     def nothing(self) -> float | tuple[float, ...]:
         """The neutral value in the form in which it must be given."""
-        return (self.neutral,) * self.counts[0] if self.counts else self.neutral
+        return self.filled(self.neutral)
+
+    def filled(self, value: float) -> float | tuple[float, ...]:
+        """The same value for all numbers that must be given."""
+        count = self.counts[0] if self.counts else 1
+        return (value,) * count if count > 1 else value
+
+    def sideways(self, index: int | None, count: int) -> bool:
+        """Whether one of the numbers acts out of the board's plane.
+
+        Args:
+            index: of the number; None: it is the only one.
+            count: how many there are.
+        """
+        if not self.counts or index is None or count != VECTOR:
+            return self.spatial
+        return self.spatial or (index == NORMAL) != (self.unit == "rad")
 
     def scale(self, rope: RopeScale) -> float:
         """Size of the unit of the rope in which tolerance, natural and search are given [SI]."""
@@ -195,12 +216,13 @@ def quantity(
     search: tuple[float, float] | None = None,
     adds_to: str = "",
     stated_by: str = "",
+    spatial: bool = False,
 ) -> Any:
     """A dataclass field that is a parameter of an effect; see `Quantity`.
 
     Args:
         neutral, unit, lower, upper, description, array, counts, tolerance, natural, search,
-            adds_to, stated_by: as there.
+            adds_to, stated_by, spatial: as there.
         role: as there; default: `angle` in radians, else `size`.
 
     Raises:
@@ -215,9 +237,10 @@ def quantity(
         "unit": unit, "lower": lower, "upper": upper, "description": description, "array": array,
         "counts": counts, "role": role or ("angle" if unit == "rad" else "size"),
         "tolerance": tolerance, "natural": natural, "search": search, "adds_to": adds_to,
-        "stated_by": stated_by,
+        "stated_by": stated_by, "spatial": spatial,
     }  # fmt: skip
-    return field(default=(neutral,) * counts[0] if counts else neutral, metadata=data)
+    several = bool(counts) and counts[0] > 1
+    return field(default=(neutral,) * counts[0] if several else neutral, metadata=data)
 
 
 def described(made: Field[Any]) -> Quantity:

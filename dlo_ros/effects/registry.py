@@ -76,7 +76,7 @@ def check(name: str, key: str, value: Any) -> float | tuple[float, ...]:
         )
     q = known[key]
     several = isinstance(value, (list, tuple))
-    if q.counts and not (several and len(value) in q.counts):
+    if q.counts and (len(value) if several else 1) not in q.counts:
         counts = " or ".join(str(n) for n in q.counts)
         raise ParameterError(f"{where} is {value!r}; it must be {counts} numbers{q.bracketed}")
     if several:

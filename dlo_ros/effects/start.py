@@ -6,10 +6,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
 from dlo_ros.effects.quantity import RopeScale
+from dlo_ros.spline import FloatArray
 
 Value = float | tuple[float, ...]
 Block = Mapping[str, Value]
+
+TURNS = (1, 3)
+"""Numbers of a rotation: an angle about the board's y axis, or a rotation vector."""
 
 PLACES = (0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 1.0)
 """Places at which a local effect is looked for, of the length."""
@@ -52,6 +58,7 @@ class Scene:
         curvature: 90th percentile of the largest curvature of each frame [1/m].
         known: dampings of the parameter file (air_drag, relaxation_time) that are no guesses.
         reach: smallest and largest x, smallest z of the shapes [m]; None: not known.
+        spatial: whether they leave the board's plane, and what acts across it counts.
     """
 
     rope: RopeScale
@@ -60,12 +67,22 @@ class Scene:
     curvature: float
     known: tuple[str, ...] = ()
     reach: tuple[float, float, float] | None = None
+    spatial: bool = False
 
 
-def at_clamps(effect: str, scene: Scene) -> list[Start]:
-    """Starts of an effect with a number for each clamp: each clamp alone, and both."""
-    found = [Start(effect, {end: 0.0}, (end,), (end,), form=end) for end in scene.clamps]
+def rotation_vector(angle: float | tuple[float, ...]) -> FloatArray:
+    """The rotation about x, y, z [rad], shape (3,), of an angle about y or of all three."""
+    return np.array(angle if isinstance(angle, tuple) else (0.0, angle, 0.0), dtype=np.float64)
+
+
+def at_clamps(effect: str, scene: Scene, nothing: Value = 0.0) -> list[Start]:
+    """Starts of an effect with a number for each clamp: each clamp alone, and both.
+
+    Args:
+        nothing: the value of a clamp at which it does nothing.
+    """
+    found = [Start(effect, {end: nothing}, (end,), (end,), form=end) for end in scene.clamps]
     if len(found) == 2:
-        both = dict.fromkeys(scene.clamps, 0.0)
+        both = dict.fromkeys(scene.clamps, nothing)
         found.append(Start(effect, both, tuple(both), tuple(both), form="both"))
     return found

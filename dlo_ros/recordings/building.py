@@ -12,6 +12,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dlo_ros.command import NANOSECONDS, Command
 from dlo_ros.errors import InputError
@@ -352,6 +353,22 @@ def image_message(factory: MessageFactory, stamp: int, frame_id: str, picture: I
         is_bigendian=0,
         step=int(picture.shape[1]) * (1 if grey else 3),
         data=factory.octets(np.ascontiguousarray(picture, dtype=np.uint8).tobytes()),
+    )
+
+
+def depth_message(
+    factory: MessageFactory, stamp: int, frame_id: str, depth: NDArray[np.uint16]
+) -> Any:
+    """sensor_msgs/Image of depths [mm], 0 where there is none, shape (height, width)."""
+    return factory.make(
+        "sensor_msgs/msg/Image",
+        header=header(factory, stamp, frame_id),
+        height=int(depth.shape[0]),
+        width=int(depth.shape[1]),
+        encoding="16UC1",
+        is_bigendian=0,
+        step=int(depth.shape[1]) * 2,
+        data=factory.octets(np.ascontiguousarray(depth, dtype="<u2").tobytes()),
     )
 
 

@@ -65,7 +65,7 @@ def follow(
         CommandError: the command gives an end no direction.
     """
     true = true_command(model, command)
-    flat = in_plane(model, state, true)
+    flat = in_plane(model, state, true, parameters)
     if flat and not parameters and not speeds and in_lanes(model, boundary):
         tracks = sets_of(model, boundary).follow([state], command, stamps)
         if tracks.failures:
@@ -99,7 +99,7 @@ def with_consistent_acceleration(
         parameters: see `follow`.
     """
     true = true_command(model, command)
-    flat = in_plane(model, state, true)
+    flat = in_plane(model, state, true, parameters)
     moving = moving_of(state, true, flat=flat)
 
     def acceleration(changed: RodModel, asked: Command) -> FloatArray:

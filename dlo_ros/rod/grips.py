@@ -74,6 +74,28 @@ def _turn(frame, quaternion):
     frame[THETA] += change
 
 
+@linked()
+def align(frame, base):
+    """Express the frame of an end against that of another run, carried to its tangent.
+
+    An end's frame comes from the first shape the short way; two runs whose clamps differ come there
+    by two ways, between which frames turn about the tangent.
+
+    Args:
+        frame: (FRAME,), changed.
+        base: of the other run, (FRAME,).
+
+    Returns:
+        By how much the twist angle grows [rad].
+    """
+    tangent, director, own = frame[TANGENT:DIRECTOR], np.empty(3), frame[DIRECTOR:BODY].copy()
+    carry(base[DIRECTOR:BODY], base[TANGENT:DIRECTOR], tangent, director)
+    angle = np.arctan2(np.dot(own, np.cross(tangent, director)), np.dot(own, director))
+    frame[DIRECTOR:BODY] = director
+    frame[THETA] += angle
+    return angle
+
+
 @njit()
 def _find(kinds, kind):
     """Which of the imposed things is of a kind; -1: none."""

@@ -119,10 +119,12 @@ def respond(stretch, other, weight, material, out):
         x3 = other[e, 2] - stiff.twist_rest[e]
         out.tension[e], out.torque[e] = stiff.stretch[e] * x0, stiff.twist[e] * x3
         out.pull[e] = out.tension[e]
-        out.bend[e, 0], out.bend[e, 1] = stiff.bend[e, 0] * x1, stiff.bend[e, 1] * x2
+        both = stiff.bend[e, 2]
+        out.bend[e, 0] = stiff.bend[e, 0] * x1 + both * x2
+        out.bend[e, 1] = both * x1 + stiff.bend[e, 1] * x2
         out.stretch_tangent[e], out.twist_tangent[e] = stiff.stretch[e], stiff.twist[e]
         out.bend_tangent[e, 0], out.bend_tangent[e, 2] = stiff.bend[e, 0], stiff.bend[e, 1]
-        out.bend_tangent[e, 1] = 0.0
+        out.bend_tangent[e, 1] = both
         energy += 0.5 * weight[e] * (
             out.tension[e] * x0 + out.bend[e, 0] * x1 + out.bend[e, 1] * x2 + out.torque[e] * x3
         )  # fmt: skip

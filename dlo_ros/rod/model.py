@@ -148,7 +148,7 @@ class RodModel:
         return Stiffness(
             stretch=np.full(nb, rod.young_modulus * rod.area / longer),
             stretch_rest=np.full(nb, longer - 1.0),
-            bend=longer * body.bend,
+            bend=longer * body.bend_matrix,
             bend_rest=body.bend_rest,
             twist=np.full(nb, twist / longer),
             twist_rest=self.span_twists(longer * body.twist_rest)
@@ -187,7 +187,12 @@ class RodModel:
     def planar(self) -> bool:
         """Whether rest strains and loads lie in the plane y = 0."""
         stiff = self.stiffness
-        return not (stiff.bend_rest[:, 1].any() or stiff.twist_rest.any() or self.load[:, 1].any())
+        return not (
+            stiff.bend_rest[:, 1].any()
+            or stiff.bend[:, 2].any()
+            or stiff.twist_rest.any()
+            or self.load[:, 1].any()
+        )
 
     @cached_property
     def surroundings(self) -> Surroundings:

@@ -131,7 +131,7 @@ def nothing_varies(state: State, count: int, *, flat: bool = False) -> Varying:
         return np.zeros((count, *shape))
 
     d = 2 if flat else 4
-    stiffness = Stiffness(zeros(nb), zeros(nb), zeros(nb, 2), zeros(nb, 2), zeros(nb), zeros(nb))
+    stiffness = Stiffness(zeros(nb), zeros(nb), zeros(nb, 3), zeros(nb, 2), zeros(nb), zeros(nb))
     rates = Rates(stiffness, zeros(n, 4), zeros(n, 4), zeros(n, 4), zeros(n, d), zeros())
     return Varying(
         zeros(), zeros(), rates, 0.0, zeros(n, d), zeros(n, d), zeros(n, d), zeros(n, d),

@@ -7,12 +7,15 @@ States keep their spatial form: they are reduced for the compiled code and expan
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from dlo_ros.command import Command
 from dlo_ros.kernel_cache import njit
 from dlo_ros.rod.grips import DIRECTOR
 from dlo_ros.rod.model import RodModel
+from dlo_ros.rod.parameter_names import sideways
 from dlo_ros.rod.state import State
 from dlo_ros.rod.tables import Reference
 from dlo_ros.spline import FloatArray
@@ -21,11 +24,19 @@ IN_PLANE = [0, 2]  # x and z of x, y, z, theta
 ROUNDING = 1e-12
 
 
-def in_plane(model: RodModel, state: State, command: Command) -> bool:
-    """Whether motion, rest strains and loads all lie in the plane y = 0."""
+def in_plane(
+    model: RodModel, state: State, command: Command, parameters: Sequence[str] = ()
+) -> bool:
+    """Whether motion, rest strains and loads all lie in the plane y = 0.
+
+    Args:
+        command: as it truly is.
+        parameters: by which derivatives are wanted; one that acts across the plane leaves it.
+    """
     slack = ROUNDING * model.basis.length
     return bool(
         model.planar
+        and not any(sideways(model.settings, name) for name in parameters)
         and command.off_plane <= slack
         and command.turns_in_plane
         and _lies_flat(

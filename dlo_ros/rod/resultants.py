@@ -133,11 +133,14 @@ class Stresses:
             longer, history: see `Instants`.
         """
         model, law = self._model, self._model.law
-        stiff = longer * model.stiffness.bend
+        stiff, both = longer * model.stiffness.bend[:, :2], longer * model.stiffness.bend[:, 2:]
         x = kappa - model.stiffness.bend_rest
-        result = stiff * ((1.0 - law.relaxing) * x + model.body.relaxation_time * rate)
+        strain = (1.0 - law.relaxing) * x + model.body.relaxation_time * rate
         if history.inner.shape[1]:
-            result += stiff * history.inner[..., :2] + law.slide * history.inner[..., 2:4]
+            strain = strain + history.inner[..., :2]
+        result = stiff * strain + both * strain[..., ::-1]
+        if history.inner.shape[1]:
+            result += law.slide * history.inner[..., 2:4]
         if law.active != 0.0:
             elastic = x - history.plastic
             mean = stiff.mean(axis=-1, keepdims=True)

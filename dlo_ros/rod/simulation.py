@@ -109,7 +109,7 @@ class Simulation:
         at_rest = rest_state(first.stamp, lift @ shape, model)
         yield
         if mode == "equilibrium":
-            flat = in_plane(model, at_rest, true_command(model, command))
+            flat = in_plane(model, at_rest, true_command(model, command), self.parameters)
             compiled(model, boundary, command, self.parameters, flat=flat)  # is kept
             yield
             found = settle(
@@ -254,7 +254,7 @@ class Simulation:
             command = course.begin(state.stamp, command, state.q, model.basis)
             course.following = command
             # In space the twist angle of a shape needs its whole state, so stops come one by one.
-            together = in_plane(model, state, command) and (
+            together = in_plane(model, state, command, self.parameters) and (
                 not self._loads or (model.plain and dense([state.stamp, *stops]))
             )
             made: list[State] = []

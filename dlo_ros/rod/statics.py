@@ -86,7 +86,7 @@ def settle(
     """
     reachable(model, hold(model, boundary, state, command, stamp), boundary)
     true = true_command(model, command)
-    flat = in_plane(model, state, true)
+    flat = in_plane(model, state, true, parameters)
     rod = compiled(model, boundary, command, parameters, flat=flat)
     before, rest = (moving_of(state, true, flat=flat) for _ in range(2))
     time = (stamp - true.stamp) / NANOSECONDS
@@ -195,7 +195,8 @@ def relax_stretch(model: RodModel, boundary: Boundary, held: Held, q: FloatArray
     def relaxed(q: FloatArray, weak: float, share: float) -> FloatArray | None:
         """From q; None where Newton's method does not converge."""
         pull = weak * stiffest / length**2
-        bend = np.full_like(soft.bend, weak * stiffest * (STRAIGHT * length) ** 2)
+        bend = weak * stiffest * (STRAIGHT * length) ** 2 * np.array([1.0, 1.0, 0.0])
+        bend = np.tile(bend, (len(soft.bend), 1))
         matter = Material(
             soft._replace(bend=bend), 1.0, curvature, LINEAR, FREE, NO_HISTORY, 0.0, 0.0
         )

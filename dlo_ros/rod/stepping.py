@@ -68,6 +68,7 @@ def damped(system, k, imposed, state, h):
                 past += matter.keep * inner[e, c] - matter.gain * inner[e, 4 + c]
             s.bend[e, c] *= bending / relaxed
             s.bend_rest[e, c] = (relaxed * s.bend_rest[e, c] - past) / bending
+        s.bend[e, 2] *= bending / relaxed
         past = c1 * state.other[e, 2] + c2 * state.other_before[e, 2]
         s.twist[e] *= damping
         s.twist_rest[e] = (s.twist_rest[e] - t_r * past) / damping

@@ -87,7 +87,7 @@ def matter_of(system, k, factor, history):
     """
     s, nb = system.stiffness, system.rule.weight.size
     stiffness = Stiffness(
-        np.empty(nb), np.empty(nb), np.empty((nb, 2)), np.empty((nb, 2)), np.empty(nb),
+        np.empty(nb), np.empty(nb), np.empty((nb, 3)), np.empty((nb, 2)), np.empty(nb),
         np.empty(nb),
     )  # fmt: skip
     law, a = system.law, system.around
@@ -95,6 +95,7 @@ def matter_of(system, k, factor, history):
     for e in range(nb):
         stiffness.stretch[e] = s.stretch[k, e] / factor
         stiffness.stretch_rest[e] = factor * (1.0 + s.stretch_rest[k, e]) - 1.0
+        stiffness.bend[e, 2] = left * factor * s.bend[k, e, 2]
         for c in range(2):
             stiffness.bend[e, c] = left * factor * s.bend[k, e, c]
             stiffness.bend_rest[e, c] = s.bend_rest[k, e, c]

@@ -41,7 +41,7 @@ class Stiffness(NamedTuple):
 
     stretch: FloatArray  # (nb,) [N]
     stretch_rest: FloatArray  # (nb,)
-    bend: FloatArray  # (nb, 2) [N m^2]
+    bend: FloatArray  # (nb, 3) 11, 22, 12 [N m^2]
     bend_rest: FloatArray  # (nb, 2) [1/m]
     twist: FloatArray  # (nb,) [N m^2]
     twist_rest: FloatArray  # (nb,) [rad/m]

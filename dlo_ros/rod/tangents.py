@@ -9,7 +9,6 @@ A parameter is named as in the parameter file: `young_modulus`, `density`, `air_
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -27,6 +26,7 @@ from dlo_ros.rod import grips
 from dlo_ros.rod.boundary import Boundary
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.packing import imposed_of, parts_of, stacked, stacked_imposed, true_command
+from dlo_ros.rod.parameter_names import parsed
 from dlo_ros.rod.system import System
 from dlo_ros.rod.tables import Stiffness
 from dlo_ros.rod.varying import Rates, Varying
@@ -115,7 +115,7 @@ def _displaced(command: Command, end: str, what: str, amount: float) -> Command:
 
 def varied(settings: Settings, name: str, amount: float) -> Settings:
     """The settings with one number of an effect, `effects.NAME.KEY[i]`, changed by an amount."""
-    effect, key, index = _parsed(name)
+    effect, key, index = parsed(name)
     effects = {k: dict(v) for k, v in settings.effects.items()}
     old: Any = effects[effect][key]  # a number, or as many as there are indices
     if index is None:
@@ -126,21 +126,13 @@ def varied(settings: Settings, name: str, amount: float) -> Settings:
 
 
 def _effect_tangent(settings: Settings, name: str) -> Tangent:
-    effect, key, index = _parsed(name)
+    effect, key, index = parsed(name)
     value: Any = settings.effects[effect][key]  # a number, or as many as there are indices
     size = abs(value if index is None else value[index])
     quantity = quantities(effect)[key]
     natural = settings.scale.unit(quantity.unit) if quantity.unit in ("m", "1/m") else 1.0
     step = STEP * (size if size > 0.0 else natural)
     return Tangent(name, step, lambda s, c, d: (varied(s, name, d), c))
-
-
-def _parsed(name: str) -> tuple[str, str, int | None]:
-    """Effect, key and index of `effects.NAME.KEY[i]`."""
-    found = re.fullmatch(r"effects\.(\w+)\.(\w+)(?:\[(\d+)\])?", name)
-    assert found is not None  # it is among the known names
-    effect, key, index = found.groups()
-    return effect, key, None if index is None else int(index)
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from dlo_ros.kernel_linking import linked
 from dlo_ros.rod import banded, forces, material, solver, surroundings
 from dlo_ros.rod.constraints import back_substitute, eliminate
 from dlo_ros.rod.following import follow, turned
+from dlo_ros.rod.grips import align
 from dlo_ros.rod.moving import LAST, TIME, Moving, another, assign
 from dlo_ros.rod.plane import PLANAR
 from dlo_ros.rod.stepping import (
@@ -97,6 +98,15 @@ def _stresses(system, old, new, varying, h, a, stress_s, stress_o):
             stress_o[e, c] = d_modulus * (new.other[e, c] - rest + t_r * rate) + modulus * (
                 d_t * rate + t_r * past - d_rest
             )
+        modulus, d_modulus = base.bend[0, e, 2], more.bend[a, e, 2]
+        if modulus == 0.0 and d_modulus == 0.0:
+            continue
+        for c in range(2):  # each curvature by the moment about the other director
+            rate = c0 * new.other[e, c] + c1 * old.other[e, c] + c2 * old.other_before[e, c]
+            past = c1 * varying.other[a, e, c] + c2 * varying.other_before[a, e, c]
+            strain = new.other[e, c] - base.bend_rest[0, e, c] + t_r * rate
+            d_strain = d_t * rate + t_r * past - more.bend_rest[a, e, c]
+            stress_o[e, 1 - c] += d_modulus * strain + modulus * d_strain
 
 
 @linked()
@@ -250,6 +260,9 @@ def vary_rest(system, imposed, before, rest, history, fresh, varying):
                 rhs[a, i] -= share * (pull[i] + elastic[i])
             if varying.moves[a] != 0.0:
                 _, target, gap = targets(system, k, imposed, time, before, varying.frames[a, side])
+                if q.shape[1] != PLANAR:
+                    for end in range(2):
+                        target[-end, 3] += align(varying.frames[a, side, end], rest.frames[end])
                 add(increments[a], share, target.ravel())
                 add(gaps[a], share, gap)
     _solve(system, band, rhs, increments, gaps)

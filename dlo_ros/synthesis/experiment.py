@@ -16,6 +16,8 @@
       end:
         - {time: 0.0, position: [x, y, z], angle: 0.0, swing: 0.0, turn: 0.0}
     camera: {...}        # intrinsics, see `look.SimulatedCamera`
+    cameras: {NAME: {translation: [...], rotation: [...], ...}}   # several; keys as in `camera`
+    depth: {...}         # a depth sensor beside the one camera, see `look.DepthSensor`
     look: {...}          # see `look.Look`
     measurement: {...}   # see `look.Measurement`
     foreign: {...}       # effects that no parameter file names, see `hidden.FOREIGN`
@@ -34,7 +36,7 @@ between the points. Whatever leaves the plane y = 0 makes the whole experiment o
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -51,7 +53,7 @@ from dlo_ros.share import shared_file
 from dlo_ros.spline import FloatArray
 from dlo_ros.synthesis.hidden import FOREIGN, Hidden, read_effects
 from dlo_ros.synthesis.hidden_rod import true_length
-from dlo_ros.synthesis.look import Look, Measurement, SimulatedCamera
+from dlo_ros.synthesis.look import DepthSensor, Look, Measurement, SimulatedCamera
 from dlo_ros.synthesis.sections import Section
 
 START_STAMP = 1_760_000_000 * NANOSECONDS
@@ -64,6 +66,7 @@ EFFECTS = EFFECTS_PREFIX.rstrip(".")
 ANGLES = ("angle", "swing", "turn")  # of a clamp: about its y, then z, then x axis
 
 REACH = 1e3  # [m] positions further away are typing errors
+UNIT = 1e-3  # by which the length of a quaternion may differ from 1
 FLAT = 1e-9  # [m], [m/s^2] beside the plane y = 0 that is rounding
 TURN = 1.5  # [rad] by which a clamp may turn between two points of a command, for slerp
 
@@ -83,6 +86,8 @@ class Experiment:
         look: of board and rope.
         measurement: noise where no images are made.
         hidden: effects that the truth has beside its parameters.
+        cameras: several cameras by name, each with its stated pose; empty: the one camera.
+        depth: the sensor beside the one camera; None: there is none.
     """
 
     name: str
@@ -95,6 +100,8 @@ class Experiment:
     look: Look
     measurement: Measurement
     hidden: Hidden = field(default_factory=Hidden)
+    cameras: Mapping[str, tuple[SimulatedCamera, CameraPose]] = field(default_factory=dict)
+    depth: DepthSensor | None = None
 
     @property
     def camera_pose(self) -> CameraPose:
@@ -167,7 +174,11 @@ def read_experiment(tree: Any, name: str, where: str) -> Experiment:
             effects=read_effects(effects, f"{where}: {EFFECTS}"),
             foreign=read_effects(top.raw("foreign"), f"{where}: foreign", FOREIGN),
         ),
+        cameras=_cameras(top),
+        depth=_finished(DepthSensor.read, top.block("depth")) if "depth" in top else None,
     )
+    if experiment.cameras and experiment.depth is not None:
+        raise InputError(f"{where}: depth is that of the one camera; leave cameras or depth out")
     top.finish()
     _check_effects(experiment, where)
     _check_reach(experiment.command, true_length(truth, experiment.hidden), where)
@@ -177,6 +188,27 @@ def read_experiment(tree: Any, name: str, where: str) -> Experiment:
 def _finished(read: Any, section: Section) -> Any:
     result = read(section)
     section.finish()
+    return result
+
+
+def _cameras(top: Section) -> dict[str, tuple[SimulatedCamera, CameraPose]]:
+    """The block `cameras`; their pictures come at the rate of `camera`."""
+    section, rate = top.block("cameras"), SimulatedCamera.read(top.block("camera")).rate
+    result = {}
+    for name in section.names:
+        if not name.isidentifier():
+            raise InputError(f"{section.where}: '{name}' is no name for a topic; use letters, _")
+        block = section.block(name)
+        for key in ("translation", "rotation"):
+            block.required(key, "the pose of the board in the camera, as in `camera` of parameters")
+        x, y, z = block.numbers("translation", (0.0, 0.0, 0.0), -REACH, REACH)
+        rotation = np.array(block.numbers("rotation", (0.0, 0.0, 0.0, 1.0), -1.0, 1.0))
+        if abs(np.linalg.norm(rotation) - 1.0) > UNIT:
+            raise InputError(f"{block.where}: rotation is no unit quaternion (x, y, z, w)")
+        qx, qy, qz, qw = (float(v) for v in rotation / np.linalg.norm(rotation))
+        camera = replace(SimulatedCamera.read(block), rate=rate)
+        block.finish()
+        result[name] = camera, CameraPose(translation=(x, y, z), rotation=(qx, qy, qz, qw))
     return result
 
 

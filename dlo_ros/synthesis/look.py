@@ -97,6 +97,8 @@ class Look:
         strand_contrast: darkness of the grooves between strands, 0 to 1.
         pin_colour: of the pins that hold the rope.
         pin_diameter: of their heads, in diameters of the rope; 0 for none.
+        board_distance: y of the board's surface, where several cameras, a depth sensor or a rope in
+            space are drawn; else it is the rope's radius.
     """
 
     board_colour: Colour = (214.0, 221.0, 226.0)
@@ -110,6 +112,7 @@ class Look:
     strand_contrast: float = 0.45
     pin_colour: Colour = (150.0, 146.0, 140.0)
     pin_diameter: float = 0.6
+    board_distance: float = 0.25
 
     @classmethod
     def read(cls, section: Section) -> Look:
@@ -131,6 +134,36 @@ class Look:
             strand_contrast=section.number("strand_contrast", cls.strand_contrast, 0.0, 1.0),
             pin_colour=colour("pin_colour", cls.pin_colour),
             pin_diameter=section.number("pin_diameter", cls.pin_diameter, 0.0, 20.0),
+            board_distance=section.number("board_distance", cls.board_distance, 1e-3, 1e2),
+        )
+
+
+@dataclass(frozen=True)
+class DepthSensor:
+    """How a depth sensor beside the camera measures.
+
+    Args:
+        std: standard deviation of each pixel's depth [m].
+        holes: share of all pixels without a depth.
+        mixed: share of the pixels at the rope's edges whose depth lies between rope and board; the
+            others there see the board.
+        thin: half width of a rope [px] of which a seventh of the pixels is lost, more of thinner
+            ones; 0: none.
+    """
+
+    std: float = 2e-3
+    holes: float = 0.01
+    mixed: float = 0.7
+    thin: float = 1.5
+
+    @classmethod
+    def read(cls, section: Section) -> DepthSensor:
+        """From the block `depth` of an experiment file."""
+        return cls(
+            std=section.number("std", cls.std, 0.0, 1.0),
+            holes=section.number("holes", cls.holes, 0.0, 1.0),
+            mixed=section.number("mixed", cls.mixed, 0.0, 1.0),
+            thin=section.number("thin", cls.thin, 0.0, 1e3),
         )
 
 

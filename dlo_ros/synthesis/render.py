@@ -36,9 +36,17 @@ class Renderer:
         look: of board and rope.
         diameter: of the rope [m].
         seed: of texture and noise.
+        behind: y of the board's surface [m]; None: one radius behind the plane y = 0.
     """
 
-    def __init__(self, geometry: Geometry, look: Look, diameter: float, seed: int) -> None:
+    def __init__(
+        self,
+        geometry: Geometry,
+        look: Look,
+        diameter: float,
+        seed: int,
+        behind: float | None = None,
+    ) -> None:
         self.geometry = geometry
         self.look = look
         self.radius = 0.5 * diameter
@@ -47,10 +55,10 @@ class Renderer:
         self._plane: Float32Array = geometry.on_plane(rays, 0.0).astype(np.float32)
         centre = self._plane[geometry.camera.height // 2, geometry.camera.width // 2 :][:2, 0]
         self._pixel = float(abs(centre[1] - centre[0]))  # [m] in the middle of the image
-        self._light = self._lighting()
-        board = self._board(geometry.on_plane(rays, self.radius))
-        self._sharp = board * self._light[..., None]
-        self._background = np.clip(self._blurred(self._sharp), 0, 255).astype(np.uint8)
+        self.light = self._lighting()
+        board = self._board(geometry.on_plane(rays, self.radius if behind is None else behind))
+        self.board = board * self.light[..., None]
+        self._background = np.clip(self._blurred(self.board), 0, 255).astype(np.uint8)
         camera = geometry.camera
         shape = (camera.height + NOISE_TILE, camera.width + NOISE_TILE, 3)
         noise = self._rng.standard_normal(shape, dtype=np.float32) * np.float32(camera.noise)
@@ -80,6 +88,10 @@ class Renderer:
             mean = layers[0] if len(layers) == 1 else np.mean(layers, axis=0)
             picture[region] = np.clip(self._blurred(mean), 0, 255).astype(np.uint8)
         return self._noisy(picture)
+
+    def finished(self, picture: Float32Array) -> Image:
+        """A sharp picture (H, W, 3) with the lens's blur and the sensor's noise."""
+        return self._noisy(np.clip(self._blurred(picture), 0, 255).astype(np.uint8))
 
     def spacing(self, length: float) -> FloatArray:
         """Material coordinates [m] that sample a rope of a length [m] closely enough to draw it."""
@@ -157,7 +169,7 @@ class Renderer:
         region: tuple[slice, slice],
     ) -> Float32Array:
         """The board's region with the rope, its shadow and the pins, before the lens's blur."""
-        picture = self._sharp[region].copy()
+        picture = self.board[region].copy()
         plane = np.ascontiguousarray(self._plane[region])
         shape = picture.shape[:2]
         across = np.full(shape, FAR, dtype=np.float32)
@@ -176,19 +188,19 @@ class Renderer:
         tangent = np.diff(line, axis=0)
         tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
         normal = np.column_stack([-tangent[:, 1], tangent[:, 0]])[segment[near]]
-        light = self._light[region][near][:, None]
+        light = self.light[region][near][:, None]
         beyond = np.maximum(-v, v - u[-1]) / self._pixel
         end = np.clip(0.5 - beyond, 0.0, 1.0)
         cover = np.clip((1.0 - np.abs(s)) * (self.radius / self._pixel) + 0.5, 0.0, 1.0) * end
         distance = np.hypot(s - normal @ SHADOW_SHIFT, np.maximum(beyond, 0.0) / 4.0)
         shade = 1.0 - self.look.shadow * np.clip(1.0 - distance / SHADOW_REACH, 0.0, 1.0) ** 1.5
         board = picture[near] * shade[:, None]
-        rope = self._rope_colour(s, v, normal) * light
+        rope = self.rope_colour(s, v, normal) * light
         picture[near] = board + cover[:, None] * (rope - board)
-        self._draw_pins(picture, plane, corner, line, pixels, u, held, self._light[region])
+        self._draw_pins(picture, plane, corner, line, pixels, u, held, self.light[region])
         return picture
 
-    def _rope_colour(self, s: FloatArray, v: FloatArray, normal: FloatArray) -> FloatArray:
+    def rope_colour(self, s: FloatArray, v: FloatArray, normal: FloatArray) -> FloatArray:
         """Colour of a twisted rope at s radii across and v [m] along its axis, shape (m, 3)."""
         look = self.look
         angle = np.arcsin(np.clip(s, -1.0, 1.0))

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
@@ -22,21 +21,23 @@ from dlo_ros.recordings.building import (
     points_message,
     spline_message,
 )
-from dlo_ros.recordings.images import CameraInfo
 from dlo_ros.recordings.write import BagWriter
 from dlo_ros.spline import FloatArray, SplineBasis
 from dlo_ros.synthesis.experiment import Experiment
 from dlo_ros.synthesis.geometry import Geometry
+from dlo_ros.synthesis.pictures import (
+    BLUR_INSTANTS,
+    CAMERA_FRAME,
+    camera_info,
+    record_pictures,
+    warn_out_of_sight,
+)
 from dlo_ros.synthesis.render import Renderer
 from dlo_ros.synthesis.truth import Truth, build_simulation, simulate
 
-LOG = logging.getLogger(__name__)
-
+POSE = ("translation", "rotation")  # of the board in a camera
 LEAD = NANOSECONDS // 100
 """How long before its stamp the command is logged [ns], so that it is played first."""
-
-CAMERA_FRAME = "camera"
-BLUR_INSTANTS = 8
 
 Progress = Callable[[Iterable[int], int], Iterable[int]]
 """Wraps the loop over the frames, given how many there are; rich.progress.track does."""
@@ -71,13 +72,8 @@ def synthesize(
     Raises:
         RecordingError: the bag cannot be written.
         SimulationError: the rope cannot be simulated.
-        InputError: images of a camera that moves, or of a rope that leaves the plane.
+        InputError: images of a camera that moves, or of a rope behind the board.
     """
-    if images and experiment.spatial:
-        raise InputError(
-            f"{experiment.name}: the rope leaves the plane y = 0, in which alone it can be drawn; "
-            "use --no-images"
-        )
     if images and "camera_creep" in experiment.hidden:
         raise InputError(
             f"{experiment.name}: no images can be made by a camera that creeps; use --no-images"
@@ -89,15 +85,17 @@ def synthesize(
         command = command_message(BAG_MESSAGES, experiment.command)
         writer.write(topics.COMMAND, command, experiment.command.stamp - LEAD)
         frames = progress(range(len(truth.stamps)), len(truth.stamps))
-        if images:
+        if images and (experiment.spatial or experiment.cameras or experiment.depth):
+            record_pictures(experiment, truth, writer, frames, seed)
+        elif images:
             camera = experiment.camera
             geometry = Geometry(camera, experiment.camera_pose)
             instants = BLUR_INSTANTS if camera.exposure > 0.0 else 1
             within = camera.exposure * ((np.arange(instants) + 0.5) / instants - 0.5)
-            _warn_out_of_sight(geometry, truth)
+            warn_out_of_sight(geometry, truth)
             renderer = Renderer(geometry, experiment.look, experiment.truth.rod.diameter, seed)
             u = renderer.spacing(experiment.truth.rod.length)
-            info = camera_info(experiment)
+            info = camera_info(camera, CAMERA_FRAME)
             for i in frames:
                 stamp = truth.stamps[i]
                 lines = [truth.centreline(i, u, later=float(dt)) for dt in within]
@@ -116,19 +114,6 @@ def synthesize(
         writer.write_text("params.yaml", parameter_text(experiment))
         writer.write_text("truth.yaml", truth_text(experiment, truth))
     return truth
-
-
-def camera_info(experiment: Experiment) -> CameraInfo:
-    """Intrinsics of the simulated camera."""
-    camera = experiment.camera
-    return CameraInfo(
-        width=camera.width,
-        height=camera.height,
-        distortion_model=camera.model,
-        d=camera.distortion,
-        k=tuple(float(v) for v in camera.matrix.ravel()),
-        frame_id=CAMERA_FRAME,
-    )
 
 
 def measure(
@@ -210,23 +195,17 @@ def truth_text(experiment: Experiment, truth: Truth) -> str:
                 name: {k: list(v) if isinstance(v, tuple) else v for k, v in values.items()}
                 for name, values in effects.items()
             }
+    if experiment.cameras:
+        tree["cameras"] = {
+            name: {
+                "stated": {key: list(getattr(pose, key)) for key in POSE},
+                "true": {key: list(getattr(experiment.hidden.camera(pose), key)) for key in POSE},
+            }
+            for name, (_, pose) in experiment.cameras.items()
+        }
     tree["specific_modulus"] = rod.specific_modulus
     tree["stamps"] = list(truth.stamps)
     tree["projection_error"] = [round(e, 8) for e in errors]
     head = yaml.safe_dump(tree, sort_keys=False)
     body = yaml.safe_dump({"control_points": shapes}, default_flow_style=None, width=100)
     return f"# Truth of a simulated experiment; SI units, stamps in ns.\n{head}{body}"
-
-
-def _warn_out_of_sight(geometry: Geometry, truth: Truth) -> None:
-    """Say when the rope leaves the picture, since nothing would show it afterwards."""
-    u = np.linspace(0.0, truth.u[-1], 100)
-    size = np.array([geometry.camera.width, geometry.camera.height]) - 1
-    for i, stamp in enumerate(truth.stamps):
-        pixels = geometry.project(truth.centreline(i, u))
-        if np.any((pixels < 0) | (pixels > size)):
-            LOG.warning(
-                "the rope leaves the picture %.2f s after the start; move the camera",
-                (stamp - truth.stamps[0]) / NANOSECONDS,
-            )
-            return

@@ -16,7 +16,7 @@ CAREFUL = 0.005  # of the length, to which the board's origin is found in a pict
 
 @dataclass(frozen=True)
 class CameraShift(Effect):
-    """Shift of the measured shapes in the board's plane: measured minus true position."""
+    """Shift of the measured shapes: measured minus true position; y is across the board."""
 
     name: ClassVar[str] = "camera_shift"
     title: ClassVar[str] = "camera shift"
@@ -25,10 +25,13 @@ class CameraShift(Effect):
 
     x: float = quantity(0.0, "m", -1.0, 1.0, "of the measured shapes, along x", tolerance=CAREFUL)
     z: float = quantity(0.0, "m", -1.0, 1.0, "of the measured shapes, along z", tolerance=CAREFUL)
+    y: float = quantity(
+        0.0, "m", -1.0, 1.0, "of the measured shapes, along y", tolerance=CAREFUL, spatial=True
+    )
 
     @property
     def _shift(self) -> FloatArray:
-        return np.array([self.x, 0.0, self.z])
+        return np.array([self.x, self.y, self.z])
 
     def measured(self, points: FloatArray) -> FloatArray:
         """See the base class."""

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from dlo_ros.command import CONTROL_POINT, END, START, Command
 from dlo_ros.effects.base import Effect, Scene, Start, quantity
-from dlo_ros.effects.start import Block, at_clamps
+from dlo_ros.effects.start import TURNS, Block, at_clamps, rotation_vector
 
 CAREFUL = math.radians(3.0)  # [rad] to which a clamp is lined up by eye
 
@@ -20,8 +20,9 @@ CAREFUL = math.radians(3.0)  # [rad] to which a clamp is lined up by eye
 class ClampAngle(Effect):
     """True minus commanded direction of the DLO in its clamps, positive from x towards -z.
 
-    The ends stay where they are commanded. It acts on `start` and `end`, and on second control
-    points that give a direction; an end whose direction is free has no clamp.
+    Three numbers are a rotation vector about the board's x, y and z. The ends stay where they are
+    commanded. It acts on `start` and `end`, and on second control points that give a direction; an
+    end whose direction is free has no clamp.
     """
 
     name: ClassVar[str] = "clamp_angle"
@@ -29,8 +30,14 @@ class ClampAngle(Effect):
     phrase: ClassVar[str] = "a clamp points in another direction than the command says"
     in_setup: ClassVar[bool] = True
 
-    start: float = quantity(0.0, "rad", -1.6, 1.6, "at the start", tolerance=CAREFUL)
-    end: float = quantity(0.0, "rad", -1.6, 1.6, "at the end", tolerance=CAREFUL)
+    start: float | tuple[float, ...] = quantity(
+        0.0, "rad", -1.6, 1.6, "at the start: about y, or about x, y, z", counts=TURNS,
+        tolerance=CAREFUL,
+    )  # fmt: skip
+    end: float | tuple[float, ...] = quantity(
+        0.0, "rad", -1.6, 1.6, "at the end: about y, or about x, y, z", counts=TURNS,
+        tolerance=CAREFUL,
+    )  # fmt: skip
 
     def impose(self, command: Command) -> Command:
         """See the base class."""
@@ -41,7 +48,7 @@ class ClampAngle(Effect):
             (self.end, END, f"{CONTROL_POINT}{last}", f"{CONTROL_POINT}{last - 1}"),
         )
         for angle, clamp, tip, second in ends:
-            turn = Rotation.from_rotvec([0.0, angle, 0.0])
+            turn = Rotation.from_rotvec(rotation_vector(angle))
             for k, name in enumerate(command.names):
                 if name == clamp:
                     rotations[:, k] = (turn * Rotation.from_quat(rotations[:, k])).as_quat()
@@ -53,9 +60,9 @@ class ClampAngle(Effect):
     @classmethod
     def setup(cls, scene: Scene) -> Block:
         """See the base class; an end that is free has no clamp."""
-        return dict.fromkeys(scene.clamps, 0.0)
+        return dict.fromkeys(scene.clamps, (0.0,) * TURNS[1] if scene.spatial else 0.0)
 
     @classmethod
     def starts(cls, scene: Scene) -> list[Start]:
         """Each clamp alone, and both."""
-        return at_clamps(cls.name, scene)
+        return at_clamps(cls.name, scene, (0.0,) * TURNS[1] if scene.spatial else 0.0)

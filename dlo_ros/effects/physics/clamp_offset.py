@@ -53,7 +53,7 @@ class ClampOffset(Effect):
     @classmethod
     def setup(cls, scene: Scene) -> Block:
         """See the base class; an end that is free has no offset."""
-        return dict.fromkeys(scene.held, (0.0,) * len(IN_PLANE))
+        return dict.fromkeys(scene.held, (0.0,) * AXES[scene.spatial])
 
     @classmethod
     def starts(cls, scene: Scene) -> list[Start]:

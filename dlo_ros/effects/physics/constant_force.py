@@ -13,7 +13,7 @@ SLIGHT = 0.02  # of the weight: draught of a room in which nobody feels any
 
 @dataclass(frozen=True)
 class ConstantForce(Effect):
-    """Uniform force per length in the board's plane."""
+    """Uniform force per length; y leaves the board's plane."""
 
     name: ClassVar[str] = "constant_force"
     title: ClassVar[str] = "even force"
@@ -22,7 +22,8 @@ class ConstantForce(Effect):
 
     x: float = quantity(0.0, "N/m", -100.0, 100.0, "along x", tolerance=SLIGHT)
     z: float = quantity(0.0, "N/m", -100.0, 100.0, "along z", tolerance=SLIGHT)
+    y: float = quantity(0.0, "N/m", -100.0, 100.0, "along y", tolerance=SLIGHT, spatial=True)
 
     def shape_body(self, body: Body) -> None:
         """See the base class."""
-        body.force += [self.x, 0.0, self.z]
+        body.force += [self.x, self.y, self.z]

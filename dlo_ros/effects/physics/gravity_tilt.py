@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""The board does not hang plumb: gravity is turned in its plane."""
+"""The board does not hang plumb: gravity is turned in its plane, in space also out of it."""
 
 from __future__ import annotations
 
@@ -7,12 +7,18 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
+from scipy.spatial.transform import Rotation
+
 from dlo_ros.effects.base import Body, Effect, quantity
 
 
 @dataclass(frozen=True)
 class GravityTilt(Effect):
-    """Rotation of gravity about +y, the board's normal, positive from x towards -z."""
+    """Rotation of gravity about +y, the board's normal, positive from x towards -z.
+
+    In space also about +x, positive from y towards z: the board leans over. Both together are one
+    rotation about the axis (across, angle, 0), by its length.
+    """
 
     name: ClassVar[str] = "gravity_tilt"
     title: ClassVar[str] = "tilt of the board"
@@ -25,8 +31,17 @@ class GravityTilt(Effect):
         tolerance=math.radians(1.0),
     )  # fmt: skip
 
+    across: float = quantity(
+        0.0, "rad", -3.2, 3.2, "rotation of gravity out of that plane",
+        tolerance=math.radians(1.0), spatial=True,
+    )  # fmt: skip
+
     def shape_body(self, body: Body) -> None:
         """See the base class."""
+        if self.across:
+            turn = Rotation.from_rotvec([self.across, self.angle, 0.0])
+            body.gravity[:] = turn.apply(body.gravity)
+            return
         c, s = math.cos(self.angle), math.sin(self.angle)
         x, y, z = body.gravity
         body.gravity[:] = [c * x + s * z, y, c * z - s * x]

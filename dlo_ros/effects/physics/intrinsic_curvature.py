@@ -18,11 +18,13 @@ SETUP_VALUES = 5  # along the DLO, of the curvature that every cable has from it
 
 @dataclass(frozen=True)
 class IntrinsicCurvature(Effect):
-    """A curvature at rest, in the board's plane.
+    """A curvature at rest, in the board's plane; in space also across it.
 
     Positive where the tangent turns from x towards -z with growing u. One number is constant along
     the DLO, several are equally spaced along u with straight lines between. A kink turns the
-    tangent by its angle, spread over the knot spans beside its position.
+    tangent by its angle, spread over the knot spans beside its position. `curvature` is about the
+    first material director, which is +y where the DLO begins in the plane, `across` about the
+    second, tangent x first; both turn with the DLO where it is twisted.
     """
 
     name: ClassVar[str] = "intrinsic_curvature"
@@ -37,12 +39,17 @@ class IntrinsicCurvature(Effect):
     )  # fmt: skip
     kink: float = quantity(0.0, "rad", -3.0, 3.0, "angle of a kink")
     position: float = quantity(0.0, "m", 0.0, 100.0, "where the kink is, u", role="place")
+    across: float | tuple[float, ...] = quantity(
+        0.0, "1/m", -200.0, 200.0, "the same about the second director", array=True,
+        tolerance=0.5, spatial=True,
+    )  # fmt: skip
 
     def shape_body(self, body: Body) -> None:
         """See the base class."""
-        values = np.atleast_1d(np.asarray(self.curvature, dtype=np.float64))
-        at = np.linspace(0.0, body.length, len(values))
-        body.bend_rest[:, 0] += np.interp(body.points, at, values)
+        for director, given in enumerate((self.curvature, self.across)):
+            values = np.atleast_1d(np.asarray(given, dtype=np.float64))
+            at = np.linspace(0.0, body.length, len(values))
+            body.bend_rest[:, director] += np.interp(body.points, at, values)
         if self.kink:
             body.within("intrinsic_curvature.position", self.position)
             body.kinks.append((self.kink, self.position))
@@ -50,7 +57,8 @@ class IntrinsicCurvature(Effect):
     @classmethod
     def setup(cls, scene: Scene) -> Block:
         """See the base class: the set of a coil, which changes slowly along the DLO."""
-        return {"curvature": (0.0,) * SETUP_VALUES}
+        even = (0.0,) * SETUP_VALUES
+        return {"curvature": even, "across": even} if scene.spatial else {"curvature": even}
 
     @classmethod
     def starts(cls, scene: Scene) -> list[Start]:
@@ -63,4 +71,7 @@ class IntrinsicCurvature(Effect):
         for place in INNER_PLACES:
             block = {"kink": 0.0, "position": place * scene.rope.length}
             found.append(Start(cls.name, block, ("kink",), tuple(block), form="kink"))
+        if scene.spatial:
+            both = {"curvature": 0.0, "across": 0.0}
+            found.append(Start(cls.name, both, tuple(both), tuple(both), form="both planes"))
         return found

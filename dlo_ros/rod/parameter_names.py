@@ -1,0 +1,27 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""What the name of an effect's number, `effects.NAME.KEY` or `effects.NAME.KEY[i]`, stands for."""
+
+from __future__ import annotations
+
+import re
+
+from dlo_ros.effects import quantities
+from dlo_ros.parameters import EFFECTS_PREFIX, Settings
+
+
+def parsed(name: str) -> tuple[str, str, int | None]:
+    """Effect, key and index of a known name; no index where the key has one number."""
+    found = re.fullmatch(r"effects\.(\w+)\.(\w+)(?:\[(\d+)\])?", name)
+    assert found is not None  # it is among the known names
+    effect, key, index = found.groups()
+    return effect, key, None if index is None else int(index)
+
+
+def sideways(settings: Settings, name: str) -> bool:
+    """Whether a parameter of sensitivities, see `tangents`, acts out of the plane y = 0."""
+    if not name.startswith(EFFECTS_PREFIX):
+        return False
+    effect, key, index = parsed(name)
+    value = settings.effects[effect][key]
+    count = len(value) if isinstance(value, tuple) else 1
+    return quantities(effect)[key].sideways(index, count)
