@@ -106,7 +106,7 @@ def plausible(name):
         value = q.plausible_for(rope, 1.0)
         if q.role in ("place", "extent") and q.unit == "m":
             value = 0.3 * ROD.length if q.role == "place" else 0.2 * ROD.length
-        values[q.name] = (value,) * q.counts[0] if q.counts else value
+        values[q.name] = q.filled(value)
     if name == "intrinsic_curvature":
         values["kink"] = 0.2
     return {name: values}
