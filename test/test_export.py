@@ -240,6 +240,13 @@ def test_draws_have_the_spread_that_is_known(tmp_path):
     assert "not said" in statement(settings, read_knowledge(settings, None))
 
 
+def test_the_parameter_files_own_std_is_an_interval_too():
+    settings = Settings(replace(ROD, specific_modulus_std=400.0))
+    known = read_knowledge(settings, None)
+    assert np.isclose(known.ratio_std, 0.02, rtol=0.01)
+    assert "95 % interval 1.923e+04 to 2.08e+04" in statement(settings, known)
+
+
 @pytest.mark.parametrize(
     "text", ["{", "{}", '{"information": {"matrix": [[1]]}}', '{"information": 3}']
 )

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 from elastica import Cantilever
 
+from dlo_ros.cli.loading import load_manipulation
 from dlo_ros.cli.main import main
 from dlo_ros.export import mujoco_run
 from dlo_ros.export.fidelity import first_chain, measure
 from dlo_ros.export.mjcf import PLUGIN, mjcf
 from dlo_ros.export.mujoco_run import MujocoCable
-from dlo_ros.export.scenes import standard_scene
+from dlo_ros.export.scenes import recorded_scene, standard_scene
 from dlo_ros.parameters import RodParameters, Settings
 
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: make test-export")
@@ -111,6 +112,30 @@ def test_the_tool_reaches_what_is_asked_for_and_writes_it(plugin, tmp_path, caps
     mujoco.mj_resetDataKeyframe(model, data, 0)
     mujoco.mj_step(model, data, 200)
     assert np.all(np.isfinite(data.qpos))
+
+
+REAL = {
+    "hanging_loop/white/trial0": (6.0e6, "equilibrium", 40, 2e-3),
+    "cable_swing/black_short_unweighted/dynamic_fixed_base": (9.4e6, "moving", 16, 5e-4),
+}
+"""Recordings, their E [Pa] as `identify` finds it, their start, elements and time step [s]."""
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", sorted(REAL))
+def test_measured_cables(shared_data, name):
+    modulus, start, elements, step = REAL[name]
+    bag = shared_data / name
+    settings = Settings.load(bag.parent / "params.yaml")
+    settings = replace(
+        settings,
+        rod=replace(settings.rod, young_modulus=modulus),
+        simulation=replace(settings.simulation, start=start),
+    )
+    scene = recorded_scene(load_manipulation(bag, settings), settings, settings)
+    found = measure(mujoco, scene, settings, elements, step, plugin=False)
+    assert found.worst < 0.01
+    assert abs(found.recorded - found.rod_recorded) < 0.01 * settings.rod.length
 
 
 def test_a_goal_out_of_reach_is_told(tmp_path, capsys, monkeypatch):

@@ -21,6 +21,7 @@ from dlo_ros.spline import FloatArray
 NOBODY = np.array([1.0, 0.3, 1.0, 1.0])
 """Standard deviations of the logarithms of E, mu and both dampings where nobody knows them: E by a
 factor of three, the density by a third, dampings by a factor of three, to stay plausible."""
+RATIO = np.array([1.0, -1.0, 0.0, 0.0])  # E/mu among the logarithms
 TWO_SIDED = 1.96  # standard deviations to each side of a 95 % interval
 SEED = 22  # of the draws: the same call gives the same cables
 
@@ -42,12 +43,11 @@ class Knowledge:
     @property
     def ratio_std(self) -> float:
         """Relative standard deviation of E/mu."""
-        step = np.array([1.0, -1.0, 0.0, 0.0])
-        return math.sqrt(max(float(step @ self.covariance @ step), 0.0))
+        return math.sqrt(max(float(RATIO @ self.covariance @ RATIO), 0.0))
 
 
 def read_knowledge(settings: Settings, estimate: Path | None) -> Knowledge:
-    """What estimate.json and the parameter file's standard deviations say.
+    """What estimate.json, or without it the parameter file's standard deviations say.
 
     Raises:
         InputError: the file is no estimate.json of `identify`.
@@ -66,6 +66,10 @@ def read_knowledge(settings: Settings, estimate: Path | None) -> Knowledge:
             raise InputError(f"{estimate}: is no estimate.json of identify") from err
         if told.shape != (4, 4) or not np.all(np.isfinite(told)):
             raise InputError(f"{estimate}: its information is no matrix of four by four numbers")
+    rod = settings.rod
+    if estimate is None and rod.specific_modulus_std > 0.0:  # as identify writes it
+        along = rod.specific_modulus / rod.specific_modulus_std * RATIO
+        told = np.outer(along, along)
     whole = information + told + np.diag(NOBODY**-2)
     absent = ~np.isfinite(logarithms(settings))  # a damping of zero stays what it is
     whole[np.ix_(absent, absent)] += 1e12 * np.eye(int(absent.sum()))
