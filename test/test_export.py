@@ -146,6 +146,12 @@ def test_a_new_field_of_the_rod_counts_as_not_said():
     assert "effects.point_mass (mass on the DLO) is left out" in unsaid(settings, hidden).lines[0]
 
 
+def test_a_flat_section_is_told_also_where_it_lies_level():
+    settings = replace(Settings(ROD), effects={"anisotropy": {"ratio": 3.0}})
+    found = unsaid(settings, SAYS)
+    assert "effects.anisotropy (" in found.lines[0] and not found.settings.effects
+
+
 def test_stretch_is_told_with_its_size():
     [line] = unsaid(Settings(ROD), SAYS).lines
     weight = RodModel(Settings(ROD), BASIS).line_load[:, 2].sum()

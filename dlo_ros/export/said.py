@@ -26,6 +26,7 @@ CHAIN = body_fields(
     "bend bend_rest line_density relaxation_time gravity masses kinks grip_compliance lengthening"
 )
 """Fields of `Body` that every chain of links with elastic joints has."""
+SECTION = "section_angle"  # field of a section with two bending stiffnesses
 POINTS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])  # that a camera may move
 
 
@@ -76,7 +77,9 @@ def _changed(settings: Settings, effect: Effect) -> set[str]:
     before = settings.with_effects({}).body(basis)
     after = copy.deepcopy(before)
     effect.shape_body(after)
-    return {
+    # Two bending stiffnesses are a flat section, which is no less than where its axes are.
+    flat = {SECTION} if not np.array_equal(*after.bend.T) else set()
+    return flat | {
         field.name
         for field in fields(Body)
         if field.name != "basis"
