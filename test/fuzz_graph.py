@@ -189,7 +189,8 @@ class Graph:
         report = node.health.error
 
         def error(kind: str, message: str) -> None:
-            self.problems.append(f"{node.get_name()}: {kind}: {message}")
+            if not kind.startswith("limits."):  # an alarm is no defect
+                self.problems.append(f"{node.get_name()}: {kind}: {message}")
             report(kind, message)
 
         node.health.error = error

@@ -40,9 +40,9 @@ GROWTH = 250 * 2**20
 """Bytes that the process may grow by after the first tenth: some messages are a million numbers."""
 
 KINDS = (
-    "clock", "clock", "clock", "command", "command", "wild", "spline", "spline", "spline",
-    "predicted", "predicted", "points", "points", "image", "compressed", "camera_info", "mask",
-    "service", "parameters", "parameters", "time",
+    "clock", "clock", "clock", "command", "command", "wild", "rehearsal", "tried",
+    "spline", "spline", "spline", "predicted", "predicted", "points", "points", "image",
+    "compressed", "camera_info", "mask", "service", "parameters", "parameters", "time",
 )  # fmt: skip
 NAMES = (
     *(p.name for p in PARAMETERS),
@@ -71,6 +71,8 @@ def deliver(draw: Any, graph: Graph) -> str:
     topic, message = {
         "command": lambda: (topics.COMMAND, good.command(stamp, variant)),
         "wild": lambda: (topics.COMMAND, wild(draw, good.command(stamp, 1))),
+        "rehearsal": lambda: (topics.REHEARSAL_COMMAND, good.command(stamp, variant)),
+        "tried": lambda: (topics.REHEARSAL_COMMAND, wild(draw, good.command(stamp, 1))),
         "spline": lambda: (topics.OBSERVED, good.spline(stamp, 0.002 * variant)),
         "predicted": lambda: (topics.PREDICTED, good.spline(stamp, 0.001 * variant)),
         "points": lambda: (topics.OBSERVED_POINTS, good.points(stamp)),

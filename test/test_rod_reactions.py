@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from dlo_ros.command import Command, Motion
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import RodParameters, Settings
-from dlo_ros.rod.reactions import STRAIGHT, balance_of, growth_of, instants_of, loadings
+from dlo_ros.rod.reactions import STRAIGHT, _Held, balance_of, growth_of, instants_of, loadings
 from dlo_ros.rod.resolution import build
 from dlo_ros.rod.simulation import Simulation
 from dlo_ros.rod.statics import settle
@@ -345,3 +345,13 @@ def test_what_is_not_asked_for_is_not_computed():
     simulation.start([Observation(SECOND, shape)])
     assert simulation.prediction().loading is None
     assert simulation.advance(SECOND + 1_000_000).loading is None
+
+
+def test_pins_that_hold_the_same_share_it():
+    """Of a DLO that is pinned twice at one place the clamp bears what it does with one pin."""
+    mass, held = np.diag([2.0, 1.0, 1.0]), np.array([True, False, False])
+    pin = np.array([[0.0, 1.0, 0.0]])
+    once, twice = (_Held.of(mass, held, np.repeat(pin, k, axis=0)) for k in (1, 2))
+    assert twice.reactions == pytest.approx(once.reactions)
+    forces = [x.free(np.ones((1, 3, 1)), np.zeros((1, 3, 1)))[1].sum() for x in (once, twice)]
+    assert forces[0] == pytest.approx(forces[1]) == pytest.approx(1.0)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,9 +16,11 @@ from live_graph import Client, Process, to_ros
 
 from dlo_ros.command import Command
 from dlo_ros.demo.network import free_domain
+from dlo_ros.nodes.loads import LoadPublisher
 from dlo_ros.nodes.qos import LATCHED
 from dlo_ros.parameters import LimitParameters, Settings
 from dlo_ros.recordings import BAG_MESSAGES, command_message, spline_message, topics
+from dlo_ros.rod.reactions import Loading, Wrench
 from dlo_ros.spline import SplineBasis
 
 pytestmark = pytest.mark.live
@@ -150,3 +153,18 @@ def test_a_motion_is_tried_while_the_simulation_runs(graph):
     )
     graph.spin(0.3)
     assert len(shapes) == 102
+
+
+def test_forces_that_are_not_finite_are_said_and_not_sent():
+    sent, said = [], []
+    publisher = SimpleNamespace(publish=sent.append)
+    health = SimpleNamespace(values={}, warn=lambda kind, text: said.append(text))
+    node = SimpleNamespace(settings=ROD, health=health, publisher=lambda *_: publisher)
+    loads = LoadPublisher(node)
+    loads.publish(1, Loading(None, None, float("nan"), 0.0, 1.0, 0.0))
+    assert sent == [] and "not finite" in said[0]
+    wrench = Wrench(np.zeros(3), np.full(3, np.inf))
+    loads.publish(1, Loading(wrench, None, 1.0, 0.0, 1.0, 0.0))
+    assert sent == [] and len(said) == 2
+    loads.publish(1, Loading(None, None, 1.0, 0.0, 1.0, 0.0))
+    assert len(sent) == 2 and len(said) == 2

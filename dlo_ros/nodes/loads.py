@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dlo_ros.errors import InputError
 from dlo_ros.nodes import qos
 from dlo_ros.nodes.base import DloNode
 from dlo_ros.nodes.messages import ROS_MESSAGES
@@ -26,9 +27,14 @@ class LoadPublisher:
     def publish(self, stamp: int, loading: Loading) -> None:
         """Publish what belongs to a prediction at a stamp [ns]; nothing for an end that is free.
 
-        Raises:
-            InputError: a number is not finite; nothing is published then.
+        Where a number is not finite nothing is published, and that is said.
         """
+        try:
+            self._publish(stamp, loading)
+        except InputError as err:
+            self._node.health.warn("forces", f"forces are not published: {err}")
+
+    def _publish(self, stamp: int, loading: Loading) -> None:
         messages = load_messages(
             ROS_MESSAGES, stamp, self._node.settings.frame_id, tension=loading.tension,
             bend_radius=loading.bend_radius, wrenches=loading.wrenches,

@@ -294,7 +294,10 @@ class _Held:
         right[:rows, :n] = -one[free]
         right[:rows, n:] = -mass[np.ix_(free, held)] @ one[held]
         right[rows:, n:] = pins - pins[:, held] @ one[held]
-        solved = np.linalg.solve(matrix, right)
+        try:
+            solved = np.linalg.solve(matrix, right)
+        except np.linalg.LinAlgError:  # pins that hold the same twice; any sharing is right
+            solved = np.linalg.lstsq(matrix, right, rcond=None)[0]
         motion = np.zeros((n + m, 2 * n))
         motion[:n][free], motion[n:] = solved[:rows], solved[rows:]
         motion[:n, n:][held] = one[held]

@@ -94,8 +94,11 @@ def rehearse(
         raise InputError(
             f"a rehearsal of {len(stamps)} instants is too long; at most {LONGEST} are simulated"
         )
-    first = [simulation.advance(stamps[0])]
-    predictions = first + simulation.advance_through(list(stamps[1:]))
+    try:
+        first = [simulation.advance(stamps[0])]
+        predictions = first + simulation.advance_through(list(stamps[1:]))
+    except ZeroDivisionError as err:  # of compiled code: points that give a direction coincide
+        raise SimulationError("the motion folds the DLO so sharply that it breaks") from err
     std = None
     if covariance is not None:
         rows = [MATERIAL.index(name) for name in simulation.parameters]
