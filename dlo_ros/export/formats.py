@@ -40,7 +40,7 @@ class Format:
 
 LOAD = (
     "mujoco.MjModel.from_xml_path(FILE); keyframe 0 is its shape at rest; grips move by "
-    "data.mocap_pos and data.mocap_quat"
+    "data.mocap_pos and data.mocap_quat, a little at each step"
 )
 FORMATS: dict[str, Format] = {
     "mjcf": Format(
