@@ -225,6 +225,7 @@ EFFECTS = {
     "slip": {"clamp_slip": {"length": 0.03}},
     "curved": {"intrinsic_curvature": {"curvature": 3.0}},
     "compliant": {"clamp_compliance": {"start": 3.0, "end": 3.0}},
+    "flat": {"anisotropy": {"ratio": 0.5, "angle": 0.4}},
     "long": {"length_error": {"difference": -0.01}},
     "anything": {"point_mass": {"mass": 0.02, "position": 0.1},
                  "stiff_segment": {"centre": 0.2, "extent": 0.1, "ratio": 2.0}},
