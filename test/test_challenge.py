@@ -27,7 +27,9 @@ def run(tree, edges=60, step=4e-3):
 
 
 def test_every_effect_can_be_drawn():
-    assert set(NAMED) | set(SET_UP) == set(EFFECTS) and set(OTHERS) == set(FOREIGN)
+    drawn = set(NAMED) | set(SET_UP)
+    assert drawn == set(EFFECTS) - {"anisotropy"}  # which does nothing in the plane
+    assert set(OTHERS) == set(FOREIGN)
 
 
 @pytest.mark.long
