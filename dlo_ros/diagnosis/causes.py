@@ -22,13 +22,13 @@ from dlo_ros.diagnosis.proposals import (
     columns,
     freed,
     pinned,
-    promise_of,
+    promises,
     sheets,
     with_sheet,
 )
-from dlo_ros.effects import Scene
+from dlo_ros.effects import Start
 from dlo_ros.errors import SimulationError
-from dlo_ros.inference.joint import Evaluation, evaluate, fit, misfit, simulate
+from dlo_ros.inference.joint import Evaluation, borrowed, evaluate, fit, misfit, simulate
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.priors import SLAB
@@ -49,6 +49,19 @@ TRIALS = 3
 """Proposals that are fitted, those that come nearest in a simulation."""
 FIRST_ITERATIONS, FIT_ITERATIONS = 4, 12
 """Iterations of each proposal, and of the best of them."""
+
+
+@dataclass(frozen=True)
+class Offer:
+    """Effects that might be added to a model, each simulated where it is looked for.
+
+    Args:
+        proposals: of effects that the model does not contain.
+        extra: what each of them changes, see `proposals.columns`.
+    """
+
+    proposals: tuple[Proposal, ...]
+    extra: Extra
 
 
 @dataclass(frozen=True)
@@ -78,34 +91,42 @@ class Search:
         at: the joint model with all causes.
         causes: in the order in which they were found.
         trace: every candidate of every step.
+        offer: what else might be a cause; None where it was not asked for any more.
     """
 
     at: Evaluation
     causes: tuple[Proposal, ...]
     trace: tuple[Step, ...]
+    offer: Offer | None
 
 
-def search(at: Evaluation, recordings: Sequence[Recording], scene: Scene, enough: float) -> Search:
+def search(
+    at: Evaluation, recordings: Sequence[Recording], begun: Sequence[Start], enough: float
+) -> Search:
     """Add causes one by one, that which raises the log evidence most first.
 
     Args:
         at: the joint model with its set-up within tolerance, fitted.
+        begun: effects that might be added, where they are looked for.
         enough: ERR [m] below which nothing is looked for.
     """
     causes: list[Proposal] = []
     dropped: set[str] = set()
     trace: list[Step] = []
+    offer: Offer | None = None
     while len(causes) < MOST_CAUSES and at.mean_err > enough:
         known = {c.label for c in causes} | {c.effect for c in causes if c.start is not None}
         known |= dropped
         number = len(causes) + 1
-        promises = promised(at, recordings, scene)
-        promises = [p for p in promises if not {p.proposal.label, p.proposal.effect} & known]
-        found, steps = _best_of(number, at, promises, recordings)
+        offer = offered(at, recordings, begun)
+        candidates = [
+            p for p in promised(at, offer) if not {p.proposal.label, p.proposal.effect} & known
+        ]
+        found, steps = _best_of(number, at, candidates, recordings)
         trace += steps
         if found is None:
             break
-        at, causes = found[0], [*causes, found[1]]
+        at, causes, offer = found[0], [*causes, found[1]], None
         for cause in reversed(causes):
             bare = without(at, cause, recordings)
             if bare is None or at.posterior.evidence - bare.posterior.evidence >= WORTH:
@@ -114,7 +135,7 @@ def search(at: Evaluation, recordings: Sequence[Recording], scene: Scene, enough
             trace.append(Step(number, cause.label, loss, bare.mean_err, "returned: not needed"))
             at, causes = bare, [c for c in causes if c is not cause]
             dropped.add(cause.label)
-    return Search(at, tuple(causes), tuple(trace))
+    return Search(at, tuple(causes), tuple(trace), offer)
 
 
 def without(
@@ -139,13 +160,13 @@ def without(
     begun: list[Evaluation] = []
     for model in begins:
         try:
-            begun.append(evaluate(model, recordings))
+            begun.append(borrowed(at, model, recordings))
         except SimulationError as err:
             LOG.info("without %s: %s", cause.label, err)
     if not begun:
         return None
     nearest = min(begun, key=lambda e: misfit(e, at))
-    return fit(nearest, recordings, FIT_ITERATIONS)
+    return fit(nearest, recordings, FIT_ITERATIONS, fresh=False)
 
 
 def _best_of(
@@ -216,18 +237,9 @@ def fitted(
         return None
 
 
-def promised(
-    at: Evaluation, recordings: Sequence[Recording], scene: Scene, *, smooth: bool = False
-) -> list[Promise]:
-    """The promises of all proposals, best first.
-
-    Args:
-        smooth: whether only those that are linear at first.
-    """
-    proposals = [
-        p for p in (*freed(at.model), *added(at.model, scene))
-        if not smooth or p.start is None or p.start.neutral
-    ]  # fmt: skip
+def offered(at: Evaluation, recordings: Sequence[Recording], begun: Sequence[Start]) -> Offer:
+    """Simulate every effect that might be added to a model."""
+    proposals = added(at.model, begun)
     extra: Extra = {}
     for sheet in sheets(proposals):
         model, names = with_sheet(at.model, sheet)
@@ -235,5 +247,18 @@ def promised(
             extra |= columns(at, sheet, simulate(model, recordings, names))
         except SimulationError as err:
             LOG.info("%s: %s", ", ".join(p.label for p in sheet), err)
-    found = [promise_of(at, p, extra) for p in proposals if p.start is None or id(p) in extra]
-    return sorted(found, key=lambda p: -p.gain)
+    return Offer(tuple(p for p in proposals if id(p) in extra), extra)
+
+
+def promised(at: Evaluation, offer: Offer, *, smooth: bool = False) -> list[Promise]:
+    """The promises of all proposals, best first.
+
+    Args:
+        offer: of the same model, or of one with more causes, which differs by little.
+        smooth: whether only those that are linear at first.
+    """
+    proposals = [
+        p for p in (*freed(at.model), *offer.proposals)
+        if not smooth or p.start is None or p.start.neutral
+    ]  # fmt: skip
+    return sorted(promises(at, proposals, offer.extra), key=lambda p: -p.gain)

@@ -17,7 +17,7 @@ from dlo_ros.diagnosis.evaluation import Evaluation, evaluate
 from dlo_ros.diagnosis.explain import Explanation, departures, material_err
 from dlo_ros.diagnosis.findings import Findings, is_immaterial, outcome
 from dlo_ros.diagnosis.fitting import fit, renewed
-from dlo_ros.diagnosis.joint_outcome import Learned, learn
+from dlo_ros.diagnosis.joint_outcome import Learned, learn, lesson
 from dlo_ros.diagnosis.model import Model
 from dlo_ros.diagnosis.noise import noise_floor
 from dlo_ros.diagnosis.outcome import Diagnosis
@@ -49,8 +49,8 @@ REFORMED = 12.0
 PAIR = 2
 """Effects of a pair: where more are away from neutral for certain, no pair is looked for."""
 CLEARLY_BETTER = 0.7
-"""ERR of the joint model over that of the best single effect, below which many small errors are at
-work rather than one of another kind."""
+"""ERR of the joint model over that of models with less in them, below which many small errors are
+at work rather than one of another kind."""
 FIRST_SHARE = 0.9
 """Of the structure before, that a single effect must go below to be one of a pair."""
 
@@ -205,7 +205,8 @@ def _search(
         if found.decision.verdict == "adequate" and _misses(plain, learned, given):
             # Too few shapes for a test, and yet far from them.
             progress("fitting the joint model", 0.5)
-            found = _beside(found, learn(beginning, count, at.model.settings, given), plain)
+            begun = lesson(beginning, count, at.model.settings, given)
+            found = _beside(found, learn(begun, given) if begun else None, plain)
         if found.joint is not None:
             return plain, found
         progress("judging the damping", 0.0)
@@ -247,21 +248,35 @@ def _explain(
         found = decide.explanations(candidates, most)
         return kept_aside(found[0].candidate if found else plain)
 
+    given = team.problem.given
+    faint = plain.structure < decide.FAINT
+    immaterial = faint or is_immaterial(plain, given)
+    progress("fitting the joint model", 0.0)
+    begun = None
+    if not immaterial:
+        begun = lesson(beginning, len(recordings), plain.at.model.settings, given)
+    joint = None
+    if begun is not None and departures(begun.prepared.setup) > PAIR:
+        # No single effect does what several do: none is looked for by itself first.
+        joint = learn(begun, given, hits(team, plain.at, plain.at.model.effects))
+        if joint is not None and _takes_over(joint.explanation, [plain]):
+            judge = kept_aside(plain)
+            return Findings(decide.Decision("unexplained", None), judge, joint=joint)
     known = plain.at.model.effects
     prospects = screened(plain.at, known)
     promise, by_chance = alarm(prospects)
     if promise < by_chance and decide.excusable(plain.at.residuals):
         return Findings(decide.Decision("adequate", None), kept_aside(plain))
-    faint = plain.structure < decide.FAINT
     singles = search(team, plain.at, prospects, progress, most, thorough=not faint)
     judge = judge_of(singles)
     explained = _explained(plain, singles, (), most, judge)
     if explained is not None:
         return Findings(explained, judge, tuple(singles))
-    if faint or is_immaterial(plain, team.problem.given):
+    if immaterial:
         return Findings(decide.Decision("adequate", None), judge, tuple(singles))
-    progress("fitting the joint model", 0.5)
-    joint = learn(beginning, len(recordings), plain.at.model.settings, team.problem.given)
+    if begun is not None and joint is None:
+        progress("fitting the joint model", 0.5)
+        joint = learn(begun, given)
     if joint is not None and _takes_over(joint.explanation, singles):
         return Findings(decide.Decision("unexplained", None), judge, tuple(singles), joint=joint)
     pairs: list[Candidate] = []
@@ -340,14 +355,18 @@ def _beside(found: Findings, joint: Learned | None, plain: Candidate) -> Finding
     return replace(found, joint=joint)
 
 
-def _takes_over(joint: Explanation, singles: Sequence[Candidate]) -> bool:
-    """Whether more than two things are wrong for certain, and the joint model shows them."""
-    if departures(joint) <= PAIR:
+def _takes_over(joint: Explanation, others: Sequence[Candidate]) -> bool:
+    """Whether more than two things are wrong for certain, and the joint model shows them.
+
+    Args:
+        others: models with less in them.
+    """
+    if departures(joint.at, joint.proposals) <= PAIR:
         return False
     if joint.at.mean_err < joint.material_err:
         return True
-    single = min((aside.mean(c.at.err) or np.inf for c in singles), default=np.inf)
-    return joint.at.mean_err < CLEARLY_BETTER * single
+    least = min((aside.mean(c.at.err) or np.inf for c in others), default=np.inf)
+    return joint.at.mean_err < CLEARLY_BETTER * least
 
 
 def _other_pegs(

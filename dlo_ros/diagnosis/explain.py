@@ -8,9 +8,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dlo_ros.diagnosis.causes import Search, Step, fitted, promised, search, without
+from dlo_ros.diagnosis.candidates import starts
+from dlo_ros.diagnosis.causes import (
+    Offer,
+    Search,
+    Step,
+    fitted,
+    offered,
+    promised,
+    search,
+    without,
+)
 from dlo_ros.diagnosis.proposals import Proposal, freed
-from dlo_ros.effects import quantities
+from dlo_ros.effects import Scene, Start, quantities
 from dlo_ros.inference.joint import Evaluation, evaluate, settled
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import split_name
@@ -83,8 +93,23 @@ class Explanation:
     trace: tuple[Step, ...]
 
 
-def explain(recordings: Sequence[Recording], plain: Settings, given: Settings) -> Explanation:
-    """Fit the joint model and look for causes.
+@dataclass(frozen=True)
+class Prepared:
+    """Recordings with the joint model's set-up fitted to them, before any cause is looked for.
+
+    Args:
+        recordings: to learn from.
+        scene: what the recordings look like.
+        setup: the fit.
+    """
+
+    recordings: Sequence[Recording]
+    scene: Scene
+    setup: Evaluation
+
+
+def prepare(recordings: Sequence[Recording], plain: Settings, given: Settings) -> Prepared:
+    """Fit the set-up within its tolerances.
 
     Args:
         recordings: to learn from.
@@ -98,12 +123,27 @@ def explain(recordings: Sequence[Recording], plain: Settings, given: Settings) -
     here = scene(plain, names, [r.observed for r in recordings])
     model = joint_model(plain, given, here)
     at = settled(evaluate(model, recordings), recordings)
-    found = search(at, recordings, here, material_err(0.0, given))
+    return Prepared(recordings, here, at)
+
+
+def explain(prepared: Prepared, given: Settings, pegs: Sequence[Start] = ()) -> Explanation:
+    """Look for causes beyond a set-up.
+
+    Args:
+        given: the parameter file.
+        pegs: that the DLO may have hit.
+
+    Raises:
+        SimulationError: the joint model cannot be simulated.
+    """
+    recordings = prepared.recordings
+    begun = (*starts(prepared.scene), *pegs)
+    found = search(prepared.setup, recordings, begun, material_err(0.0, given))
     # Judged in the end: what a cause does to a DLO looks like an error of the camera before.
     own = own_err(found.at, recordings)
     matters = material_err(own, given)
-    causes = _named(found, recordings, names, matters)
-    return Explanation(at, found.at, causes, own, matters, found.causes, found.trace)
+    causes = _named(found, recordings, begun, matters)
+    return Explanation(prepared.setup, found.at, causes, own, matters, found.causes, found.trace)
 
 
 def material_err(own: float, given: Settings) -> float:
@@ -141,13 +181,13 @@ def mean_length(sizes: FloatArray) -> float:
 
 
 def _named(
-    found: Search, recordings: Sequence[Recording], names: Sequence[str], material: float
+    found: Search, recordings: Sequence[Recording], begun: Sequence[Start], material: float
 ) -> tuple[Cause, ...]:
     """Causes without which the best model is clearly worse; numbers of the set-up are no less.
 
     What lies within its tolerance is none where all that it explains is immaterial.
     """
-    at = found.at
+    at, offer = found.at, found.offer
     result = []
     for group in (*found.causes, *beyond(at)):
         if not certain(at, group):
@@ -160,7 +200,8 @@ def _named(
             continue
         if bare.mean_err < material and not _beyond(at, group):
             continue
-        rivals = _rivals(at, bare, group, recordings, names)
+        offer = offer or offered(at, recordings, begun)
+        rivals = _rivals(at, bare, group, recordings, offer)
         names_ = tuple(p.name for p in group.parameters)
         result.append(Cause(group.effect, names_, rivals, loss, bare.mean_err))
     return _merged(result)
@@ -213,29 +254,32 @@ def certain(at: Evaluation, group: Proposal) -> bool:
     return float(off @ np.linalg.solve(spread, off)) > CERTAIN**2 * len(k)
 
 
-def departures(found: Explanation) -> int:
-    """Number of causes and notable parts of the set-up that are away from neutral for certain."""
-    added = [c for c in found.proposals if c.start is not None]
-    at = found.at
+def departures(at: Evaluation, causes: Sequence[Proposal] = ()) -> int:
+    """Number of causes and notable parts of the set-up that are away from neutral for certain.
+
+    Args:
+        at: the joint model.
+        causes: that have been added to it or freed.
+    """
+    acting = [c for c in causes if c.start is not None]
     tolerated = replace(
         at.model,
         parameters=tuple(replace(p, tolerated=bool(p.effect)) for p in at.model.parameters),
     )
-    own = {p.name for c in added for p in c.parameters}
+    own = {p.name for c in acting for p in c.parameters}
     parts = [g for g in freed(tolerated) if not own & set(g.columns)]
-    return len(added) + sum(certain(at, g) and _beyond(at, g, NOTABLE) for g in parts)
+    return len(acting) + sum(certain(at, g) and _beyond(at, g, NOTABLE) for g in parts)
 
 
 def _rivals(
     at: Evaluation, bare: Evaluation, group: Proposal, recordings: Sequence[Recording],
-    names: Sequence[str],
+    offer: Offer,
 ) -> tuple[str, ...]:  # fmt: skip
     """Effects that explain the data as well where a group is at neutral."""
-    here = scene(bare.model.settings, names, bare.predicted)
     missing = at.posterior.evidence - bare.posterior.evidence - RIVAL
     result: list[str] = []
     fits = 0
-    for promise in promised(bare, recordings, here, smooth=True):
+    for promise in promised(bare, offer, smooth=True):
         effect = promise.proposal.effect
         if effect == group.effect or effect in result or promise.gain < missing:
             continue

@@ -12,14 +12,14 @@ from dlo_ros.diagnosis import aside, judging
 from dlo_ros.diagnosis.advice import REPEAT, SETTLED
 from dlo_ros.diagnosis.decide import Verdict
 from dlo_ros.diagnosis.evaluation import evaluate as held_against
-from dlo_ros.diagnosis.explain import Cause, Explanation, explain
+from dlo_ros.diagnosis.explain import Cause, Explanation, Prepared, explain, prepare
 from dlo_ros.diagnosis.model import Model
 from dlo_ros.diagnosis.outcome import Diagnosis, Fitted, NamedEffect, Number, SetupNumber, Tried
 from dlo_ros.diagnosis.relations import relations, sentences
 from dlo_ros.diagnosis.search import Candidate
 from dlo_ros.diagnosis.start import Beginning, drafts
 from dlo_ros.diagnosis.views import views
-from dlo_ros.effects import effects, quantities
+from dlo_ros.effects import Start, effects, quantities
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.estimate import UNBOUNDED
 from dlo_ros.inference.joint import Evaluation, evaluate, fit, simulate
@@ -55,12 +55,28 @@ class Learned:
     foretelling: tuple[ParametricModel, ParametricModel]
 
 
-def learn(beginning: Beginning, count: int, plain: Settings, given: Settings) -> Learned | None:
-    """Explain what is not held out; None where the joint model cannot be simulated.
+@dataclass(frozen=True)
+class Lesson:
+    """The recordings that the joint model is to learn from, with its set-up fitted to them.
+
+    Args:
+        recordings: all of the beginning's.
+        count: of those, from the first, that may be learned from.
+        spare: one of them that is held out all the same; None: none is.
+        prepared: what is learned from, and the set-up.
+    """
+
+    recordings: Sequence[Recording]
+    count: int
+    spare: int | None
+    prepared: Prepared
+
+
+def lesson(beginning: Beginning, count: int, plain: Settings, given: Settings) -> Lesson | None:
+    """What there is to learn; None where the joint model cannot be simulated.
 
     Held out are the recordings after the first `count`, or one of several; nothing is selected by
-    them. Where all are needed to find causes, the values alone are learned from their beginnings,
-    to foretell their ends.
+    them.
 
     Args:
         count: recordings that may be learned from.
@@ -68,11 +84,7 @@ def learn(beginning: Beginning, count: int, plain: Settings, given: Settings) ->
         given: the parameter file.
     """
     recordings = beginning.recordings
-    frames = [len(r.times) for r in recordings]
-    masks = [np.full(f, k >= count) for k, f in enumerate(frames)]
     spare = _spare(recordings) if len(recordings) == count else None
-    if spare is not None:
-        masks[spare][:] = True
     chosen = [k for k in range(count) if k != spare]
     learned = [recordings[k] for k in chosen]
     residuals, predicted = (
@@ -82,12 +94,31 @@ def learn(beginning: Beginning, count: int, plain: Settings, given: Settings) ->
         learned, replace(beginning.at, residuals=tuple(residuals), predicted=tuple(predicted))
     )
     try:
-        found = explain(rough, plain, given)
+        return Lesson(recordings, count, spare, prepare(rough, plain, given))
+    except SimulationError:
+        return None
+
+
+def learn(lesson: Lesson, given: Settings, pegs: Sequence[Start] = ()) -> Learned | None:
+    """Explain what is not held out; None where the joint model cannot be simulated.
+
+    Where all recordings are needed to find causes, the values alone are learned from their
+    beginnings, to foretell their ends.
+
+    Args:
+        given: the parameter file.
+        pegs: that the DLO may have hit.
+    """
+    recordings, count, spare = lesson.recordings, lesson.count, lesson.spare
+    frames = [len(r.times) for r in recordings]
+    masks = [np.full(f, k >= count or k == spare) for k, f in enumerate(frames)]
+    try:
+        found = explain(lesson.prepared, given, pegs)
         models = found.setup, found.at
         if len(recordings) == count and spare is None and min(frames) >= FEWEST:
             masks = [np.arange(f) >= (aside.TRAINED + 0.1) * (f - 1) for f in frames]
             stops = [int(aside.TRAINED * (f - 1)) + 1 for f in frames]
-            begun = [r.until(stop) for r, stop in zip(learned, stops, strict=True)]
+            begun = [r.until(s) for r, s in zip(lesson.prepared.recordings, stops, strict=True)]
             models = _refitted(found.setup, begun), _refitted(found.at, begun)
     except SimulationError:
         return None
@@ -111,7 +142,7 @@ def joint_outcome(
     """Measure on what is held out, fit the model to everything, and put all together."""
     found, recordings = learned.explanation, beginning.recordings
     first = recordings[: len(plain.at.residuals)]
-    base_setup, final = _refitted(found.setup, first), _refitted(found.at, first)
+    final = _refitted(found.at, first)
     before, seen_before = _errors(ParametricModel(plain.at.model.settings, ()), recordings, learned)
     setup, _ = _errors(learned.foretelling[0], recordings, learned)
     after, seen_after = _errors(learned.foretelling[1], recordings, learned)
@@ -123,7 +154,7 @@ def joint_outcome(
             (aside.mean(after), found.at.mean_err),
         )
     )
-    verdict = _verdict(base_setup.mean_err, final.mean_err, found)
+    verdict = _verdict(_mean_err(found.setup, first), final.mean_err, found)
     explained = (errs[0] or 0.0) - found.own_err
     base = held_against(plain.at.model, first, given, derivatives=False)
     ours = held_against(Model(final.model.settings, ()), first, given, derivatives=False)
@@ -170,6 +201,14 @@ def _refitted(at: Evaluation, recordings: Sequence[Recording]) -> Evaluation:
         return at
 
 
+def _mean_err(at: Evaluation, recordings: Sequence[Recording]) -> float:
+    """Mean ERR [m] of a model on recordings."""
+    try:
+        return float(np.mean([e.mean() for e in simulate(at.model, recordings, ()).err]))
+    except SimulationError:
+        return at.mean_err
+
+
 Errors = list[FloatArray] | None
 
 
@@ -188,7 +227,7 @@ def _errors(
 
 
 def _verdict(setup: float, after: float, found: Explanation) -> Verdict:
-    """The verdict by the ERR [m] of the set-up and of the full model, fitted to everything."""
+    """The verdict by the ERR [m] of the set-up and of the full model on everything."""
     if setup < found.material_err:
         return "adequate"
     if found.causes and after < found.material_err:

@@ -12,13 +12,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dlo_ros.diagnosis.candidates import starts
-from dlo_ros.effects import Scene, Start
+from dlo_ros.effects import Start
 from dlo_ros.inference import priors
 from dlo_ros.inference.joint import Evaluation, Field, Simulated
 from dlo_ros.inference.parameter import Parameter, ParametricModel
 from dlo_ros.inference.priors import SLAB
-from dlo_ros.inference.spectrum import spectrum
+from dlo_ros.inference.spectrum import Spectrum, spectrum
 from dlo_ros.inference.variances import Posterior, fit_variances
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
@@ -88,10 +87,10 @@ def pinned(p: Parameter) -> Parameter:
     return replace(p, std=1e-6 * p.std)
 
 
-def added(model: ParametricModel, scene: Scene) -> list[Proposal]:
+def added(model: ParametricModel, begun: Sequence[Start]) -> list[Proposal]:
     """Effects that the set-up does not contain, where they are looked for."""
     result = []
-    for start in starts(scene):
+    for start in begun:
         present = model.settings.effects.get(start.effect, {})
         if any(key in present for key in start.fitted):
             continue  # the set-up has it, see `freed`
@@ -182,20 +181,48 @@ def linear_prior(settings: Settings, proposal: Proposal) -> tuple[FloatArray, Fl
     return own.offset(), own.precision()
 
 
-def promise_of(at: Evaluation, proposal: Proposal, extra: Extra) -> Promise:
-    """The linearised gain of a proposal.
+def promises(at: Evaluation, proposals: Sequence[Proposal], extra: Extra) -> list[Promise]:
+    """The linearised gain of each proposal.
 
     Args:
-        extra: contains the proposal, unless it frees a number of the set-up.
+        extra: contains the proposals, but for those that free a number of the set-up.
     """
-    if proposal.start is None:
-        model = at.model.with_prior(proposal.parameters)
-        found = _posterior(at, at.fields, model.offset(), model.precision())
-        gain = found.evidence - at.posterior.evidence
-        return Promise(proposal, gain, model, model.at(model.theta() + found.step))
+    adding = [p for p in proposals if p.start is not None]
+    spectra = at.spectra
+    if adding:
+        n = at.model.settings.rod.control_points
+        wide = joined(
+            at.fields,
+            [np.concatenate(x, axis=1) for x in zip(*(extra[id(p)] for p in adding), strict=True)],
+        )
+        spectra = tuple(spectrum(r, j, n) for r, j in wide)
+    own = len(at.model.parameters)
+    first, result = own, []
+    for p in proposals:
+        if p.start is None:
+            result.append(_freed(at, p))
+            continue
+        last = first + extra[id(p)][0].shape[1]
+        pick = [*range(own), *range(first, last)]
+        result.append(_added(at, p, tuple(s.chosen(pick) for s in spectra)))
+        first = last
+    return result
+
+
+def _freed(at: Evaluation, proposal: Proposal) -> Promise:
+    """The promise of numbers of the set-up that leave their tolerance."""
+    model = at.model.with_prior(proposal.parameters)
+    found = _posterior(at, at.spectra, model.offset(), model.precision())
+    gain = found.evidence - at.posterior.evidence
+    return Promise(proposal, gain, model, model.at(model.theta() + found.step))
+
+
+def _added(at: Evaluation, proposal: Proposal, spectra: Sequence[Spectrum]) -> Promise:
+    """The promise of an effect, with what it changes as last columns of the spectra."""
+    assert proposal.start is not None
     offset, precision = linear_prior(at.model.settings, proposal)
     found = _posterior(
-        at, joined(at.fields, extra[id(proposal)]), np.append(at.model.offset(), offset),
+        at, spectra, np.append(at.model.offset(), offset),
         np.append(at.model.precision(), precision),
     )  # fmt: skip
     count = len(at.model.parameters)
@@ -223,11 +250,8 @@ def _moved(model: ParametricModel, before: ParametricModel, step: FloatArray) ->
 
 
 def _posterior(
-    at: Evaluation, fields: Sequence[Field], offset: FloatArray, precision: FloatArray
+    at: Evaluation, spectra: Sequence[Spectrum], offset: FloatArray, precision: FloatArray
 ) -> Posterior:
-    n = at.model.settings.rod.control_points
-    same = len(offset) == len(at.model.parameters)
-    spectra = at.spectra if same else tuple(spectrum(r, j, n) for r, j in fields)
     _, found = fit_variances(
         spectra, offset, precision, at.model.settings.rod.length, at.variances,
         VARIANCE_ITERATIONS,

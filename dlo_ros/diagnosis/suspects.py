@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dlo_ros.diagnosis.candidates import starts
 from dlo_ros.diagnosis.contact import glimpsed
 from dlo_ros.diagnosis.explain import NAMED, beyond, certain, material_err
 from dlo_ros.diagnosis.pegs import sight
@@ -228,7 +229,7 @@ def _proposals(at: Evaluation, recording: Recording, view: Scene) -> list[Propos
     )
     pegs = [proposal_of(at.model.settings, start) for start in glimpsed(seen)]
     result: list[Proposal] = []
-    for p in (*added(at.model, view), *pegs):
+    for p in (*added(at.model, starts(view)), *pegs):
         smooth = p.start is not None and p.start.neutral
         if smooth or sum(p.effect == other.effect for other in result) < AT_MOST:
             result.append(p)

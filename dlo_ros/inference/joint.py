@@ -18,8 +18,9 @@ from dlo_ros.inference.variances import Posterior, Variances, fit_variances
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 
-LONGEST_STEP = 1.5
-"""Change of a parameter in one iteration, in prior standard deviations or logarithms."""
+LONGEST_STEP, LONGER = 1.5, 2.0
+"""Change of a parameter in the first iteration, in prior standard deviations or logarithms, and by
+what it may grow where the gain was foretold."""
 TRIES = 6
 DAMPING, HARDER, EASIER = 1e-4, 30.0, 0.1
 """Marquardt's damping at first, and what a failed and a good step make of it."""
@@ -188,26 +189,41 @@ def judged(
 
 
 def fit(
-    start: Evaluation, recordings: Sequence[Recording], iterations: int, *, white: bool = False
-) -> Evaluation:
+    start: Evaluation, recordings: Sequence[Recording], iterations: int, *, white: bool = False,
+    fresh: bool = True,
+) -> Evaluation:  # fmt: skip
     """Levenberg-Marquardt with variances that are fitted anew in each iteration.
+
+    Derivatives cost several simulations: they are kept as long as they foretell what a step gains.
 
     Args:
         white: whether all that is left counts as white noise: far from the optimum a fit must not
             take for an error of the model what its parameters can explain.
+        fresh: whether the derivatives are those of the start, not borrowed.
     """
-    at, damping = start, DAMPING
+    at, way = start, _Way(DAMPING, LONGEST_STEP)
     for _ in range(iterations):
-        better, damping = _improved(at, recordings, damping, white)
-        if better is None:
+        found = _improved(at, recordings, way, white, TRIES if fresh else 1)
+        way, sure = found.way, fresh or found.foretold
+        if found.at is None and fresh:
             break
-        gain, least = _gain(at, better, white), CONVERGED
-        if white:
-            least = WHITE_CONVERGED * misfit(at, at, white=white)
-        at = better
-        if gain < least:
-            break
-    return at
+        if found.at is not None:
+            gain = _gain(at, found.at, white)
+            least = WHITE_CONVERGED * misfit(at, at, white=white) if white else CONVERGED
+            at, fresh = found.at, False
+            if gain < least and sure:
+                break
+        if not found.foretold:
+            at, fresh = _differentiated(at, recordings), True
+    return at if fresh else _differentiated(at, recordings)
+
+
+def _differentiated(at: Evaluation, recordings: Sequence[Recording]) -> Evaluation:
+    """The same with derivatives where it is; where there are none, with those from before."""
+    try:
+        return evaluate(at.model, recordings, at.variances)
+    except SimulationError:
+        return at
 
 
 def settled(start: Evaluation, recordings: Sequence[Recording]) -> Evaluation:
@@ -246,36 +262,68 @@ def misfit(at: Evaluation, judge: Evaluation, *, white: bool = False) -> float:
     return 0.5 * (value + float(at.model.precision() @ at.model.offset() ** 2))
 
 
+@dataclass(frozen=True)
+class _Way:
+    """How far a step may go: Marquardt's damping, and the longest step; see `LONGEST_STEP`."""
+
+    damping: float
+    longest: float
+
+
+@dataclass(frozen=True)
+class _Improvement:
+    """One iteration of a fit.
+
+    Args:
+        at: what is better, with the derivatives from before; None where nothing is.
+        way: for the next one.
+        foretold: whether the derivatives foretold the gain.
+    """
+
+    at: Evaluation | None
+    way: _Way
+    foretold: bool
+
+
 def _improved(
-    at: Evaluation, recordings: Sequence[Recording], damping: float, white: bool
-) -> tuple[Evaluation | None, float]:
-    """One iteration: what is better, None where nothing is, and Marquardt's damping then."""
+    at: Evaluation, recordings: Sequence[Recording], way: _Way, white: bool, tries: int
+) -> _Improvement:
     model, precision = at.model, at.model.precision()
     lhs, rhs = np.diag(precision), precision * model.offset()
     for s, w in zip(at.spectra, _weights(at, white), strict=True):
         lhs, rhs = lhs + np.einsum("b,bpq->pq", w, s.hessian), rhs + w @ s.gradient
-    theta = model.theta()
-    longest = LONGEST_STEP * np.array(
-        [max(p.std, 1.0) if p.logarithmic else p.std for p in model.parameters]
-    )
-    for _ in range(TRIES):
+    theta, damping = model.theta(), way.damping
+    unit = np.array([max(p.std, 1.0) if p.logarithmic else p.std for p in model.parameters])
+    for _ in range(tries):
         step = np.asarray(np.linalg.solve(lhs + damping * np.diag(np.diag(lhs)), rhs))
         if _expected(step, lhs, rhs) < CONVERGED:
-            return None, damping
-        step *= min(1.0, 1.0 / float(np.max(np.abs(step) / longest)))
+            break
+        step *= min(1.0, way.longest / float(np.max(np.abs(step) / unit)))
         try:
-            found = simulate(model.at(theta + step), recordings)
+            trial = borrowed(at, model.at(theta + step), recordings)
         except SimulationError:
             damping *= HARDER
             continue
-        trial = judged(model.at(theta + step), found, at.variances)
         ratio = _gain(at, trial, white) / _expected(step, lhs, rhs)
         if ratio > GOOD:
-            return trial, EASIER * damping
+            return _Improvement(trial, _Way(EASIER * damping, LONGER * way.longest), True)
         if ratio > 0.0:
-            return trial, damping if ratio > POOR else damping / EASIER
+            damping = damping if ratio > POOR else damping / EASIER
+            return _Improvement(trial, _Way(damping, LONGEST_STEP), False)
         damping = max(HARDER * damping, 1e-3)
-    return None, damping
+    return _Improvement(None, _Way(damping, LONGEST_STEP), False)
+
+
+def borrowed(at: Evaluation, model: ParametricModel, recordings: Sequence[Recording]) -> Evaluation:
+    """A model held against recordings, with the derivatives of another that has all it has.
+
+    Raises:
+        SimulationError: it cannot be simulated.
+    """
+    found = simulate(model, recordings, ())
+    pick = [at.model.index(name) for name in model.names]
+    fields = tuple((r, j[:, pick]) for (r, _), (_, j) in zip(found.fields, at.fields, strict=True))
+    return judged(model, replace(found, fields=fields), at.variances)
 
 
 def linearly_fitted(at: Evaluation) -> Evaluation:
