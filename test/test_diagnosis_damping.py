@@ -58,6 +58,7 @@ def test_only_the_ratio_of_drag_and_weight_is_seen(tmp_path):
     assert found.extended.density[1] > 0.2 * found.extended.density[0]
 
 
+@pytest.mark.slow
 def test_what_is_open_stays_where_it_was_known_to_be(tmp_path):
     """E, mu and the drag scale together: the fit must not wander along what the data leave open."""
     _, recordings, settings = recorded(tmp_path, 2, "none")

@@ -177,6 +177,7 @@ def graph(monkeypatch: pytest.MonkeyPatch) -> Any:
     made.close()
 
 
+@pytest.mark.slow
 def test_nothing_that_arrives_brings_a_node_down(graph: Graph) -> None:
     """No defect, no number that is not finite, bounded memory; and all work goes on afterwards."""
     graph.works()

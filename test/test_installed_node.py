@@ -12,6 +12,7 @@ from recordings_samples import SETTINGS
 pytestmark = pytest.mark.live
 
 
+@pytest.mark.slow
 def test_an_installed_node_runs(tmp_path):
     prefix = tmp_path / "venv"
     pip_install(fresh_environment(prefix), copied_sources(tmp_path / "source"))

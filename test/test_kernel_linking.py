@@ -86,6 +86,7 @@ def said(process):
     return out.split("\n")
 
 
+@pytest.mark.slow
 def test_links_hold_in_the_process_and_from_the_cache(package):
     assert said(start(package))[0] == "25.0 repeated shifted total"
     assert said(start(package))[0] == "25.0"

@@ -505,6 +505,7 @@ def test_a_command_sent_before_a_node_started_is_not_lost(waiting):
     assert node.interrupt(times=1, number=signal.SIGTERM) == 0 and "Traceback" not in node.said
 
 
+@pytest.mark.slow
 def test_a_shape_seen_before_the_command_may_have_its_ends_swapped(waiting):
     """The observer cannot know which end is the start; the simulation must not begin there."""
     client, space = waiting.client, "/swapped"
@@ -530,6 +531,7 @@ def test_a_shape_seen_before_the_command_may_have_its_ends_swapped(waiting):
     assert node.interrupt() == 0
 
 
+@pytest.mark.slow
 def test_the_first_images_wait_for_a_command_that_is_on_its_way(waiting, tmp_path):
     """It says which end is the start, here the right one; an announced robot may stay silent."""
     scene, xz = Scene(), bow()[::-1]
@@ -622,6 +624,7 @@ def test_nodes_run_on_the_photograph(photograph):
     assert 1e-4 < changed < 0.05
 
 
+@pytest.mark.slow
 def test_the_observer_takes_whichever_transport_a_remapped_camera_publishes(waiting):
     client, camera = waiting.client, "/camera/image_raw"
     remapped = ["image_raw", "image_raw/compressed"]
@@ -650,19 +653,20 @@ def test_the_observer_takes_whichever_transport_a_remapped_camera_publishes(wait
 def test_parameters_that_are_missing_or_unusable_end_with_status_2(tmp_path):
     bad = tmp_path / "bad.yaml"
     bad.write_text("/**:\n  ros__parameters:\n    rod: {length: [1, 2\n")
+    override = "qos_overrides./dlo/markers.publisher.durability:=forever"
+    complete = ("-p", "rod.length:=0.4", "-p", "rod.diameter:=0.004")
+    unknown = Process(tmp_path, "observer", "--ros-args", *complete, "-p", override)
+    assert unknown.wait() == 2
+    line = unknown.said.splitlines()[-1]
+    assert (
+        "Traceback" not in unknown.said
+        and "dlo_ros observer: qos_overrides./dlo/markers: " in line
+        and "forever" in line
+    )
     for name in NODES:
         incomplete = Process(tmp_path, name, "--ros-args", "-p", "rod.length:=0.4")
         broken = Process(tmp_path, name, "--ros-args", "--params-file", str(bad))
-        override = "qos_overrides./dlo/markers.publisher.durability:=forever"
-        complete = ("-p", "rod.length:=0.4", "-p", "rod.diameter:=0.004")
-        unknown = Process(tmp_path, "observer", "--ros-args", *complete, "-p", override)
-        assert incomplete.wait() == 2 and broken.wait() == 2 and unknown.wait() == 2
-        line = unknown.said.splitlines()[-1]
-        assert (
-            "Traceback" not in unknown.said
-            and "dlo_ros observer: qos_overrides./dlo/markers: " in line
-            and "forever" in line
-        )
+        assert incomplete.wait() == 2 and broken.wait() == 2
         assert f"dlo_ros {name}: rod.diameter is missing" in incomplete.said
         (line,) = broken.said.splitlines()
         assert line.startswith(f"dlo_ros {name}: {bad}: is no valid YAML (line 4: ")

@@ -43,6 +43,7 @@ def test_threads_and_processes_keep_the_order():
         assert pool.map(squared, range(5)) == [0, 1, 4, 9, 16]
 
 
+@pytest.mark.slow
 def test_a_worker_that_dies_costs_no_result(tmp_path, caplog):
     pool = Processes(2)
     marker = str(tmp_path / "marker")

@@ -262,6 +262,7 @@ def test_nobody_listens(alone, splines, tmp_path):
     assert process.wait() == 0 and f"nobody listens to {topics} yet" in process.said
 
 
+@pytest.mark.slow
 def test_a_second_clock_in_the_graph_is_told_of(alone, splines, tmp_path):
     from live_graph import Process
     from rosgraph_msgs.msg import Clock
@@ -280,6 +281,7 @@ def test_a_second_clock_in_the_graph_is_told_of(alone, splines, tmp_path):
     assert "another process" not in said["/mine"] and both["/mine"].wait() == 0, said
 
 
+@pytest.mark.slow
 def test_a_node_that_never_is_ready(alone, splines, tmp_path):
     from live_graph import Process
 

@@ -131,6 +131,7 @@ def two(tmp_path_factory: pytest.TempPathFactory):
     assert set(ends.values()) == {0} and "Traceback" not in said, said
 
 
+@pytest.mark.slow
 def test_each_identifier_finds_its_own_dlo_and_keeps_its_own_simulator_in_step(two):
     client = two.client
     for side, modulus in SIDES.items():
@@ -256,6 +257,7 @@ def test_a_node_takes_another_name_and_other_topics(two, tmp_path):
         assert own.interrupt() == 0, own.said
 
 
+@pytest.mark.slow
 def test_a_recording_plays_into_a_namespace_and_beside_what_is_made_anew(tmp_path):
     with BagWriter(tmp_path / "bag") as writer:
         for k in range(3):
