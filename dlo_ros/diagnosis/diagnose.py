@@ -48,6 +48,9 @@ REFORMED = 12.0
 """Structure of the best pair over that of an explanation, up to which other forms are tried."""
 PAIR = 2
 """Effects of a pair: where more are away from neutral for certain, no pair is looked for."""
+SEVERAL = 6
+"""Parts of the set-up that are off for certain, from which causes are looked for beside it before
+single effects are: one effect alone makes up to five look so."""
 CLEARLY_BETTER = 0.7
 """ERR of the joint model over that of models with less in them, below which many small errors are
 at work rather than one of another kind."""
@@ -256,7 +259,7 @@ def _explain(
     if not immaterial:
         begun = lesson(beginning, len(recordings), plain.at.model.settings, given)
     joint = None
-    if begun is not None and departures(begun.prepared.setup) > PAIR:
+    if begun is not None and departures(begun.prepared.setup) >= SEVERAL:
         # No single effect does what several do: none is looked for by itself first.
         joint = learn(begun, given, hits(team, plain.at, plain.at.model.effects))
         if joint is not None and _takes_over(joint.explanation, [plain]):
