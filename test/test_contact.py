@@ -126,6 +126,7 @@ def test_in_space_no_peg_is_looked_for(hidden, monkeypatch):
         assert hits(team, beginning.at, ()) == []
 
 
+@pytest.mark.slow
 @pytest.mark.long
 def test_a_peg_that_does_not_help_is_not_fitted(hidden, monkeypatch):
     settings, beginning, _ = hidden
@@ -135,6 +136,7 @@ def test_a_peg_that_does_not_help_is_not_fitted(hidden, monkeypatch):
         assert hits(team, beginning.at, ()) == []
 
 
+@pytest.mark.slow
 @pytest.mark.long
 def test_where_a_peg_is_not_touched_its_place_does_not_matter(hidden):
     settings, beginning, peg = hidden
