@@ -15,12 +15,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
-from scipy.linalg import LinAlgError, eig_banded, solveh_banded
 
 from dlo_ros.errors import SimulationError
 from dlo_ros.spline import FloatArray
 from dlo_ros.synthesis.discrete_rod import DiscreteRod
 from dlo_ros.synthesis.rod_simulation import Change
+from dlo_ros.synthesis.spatial_descent import (
+    GYRATION,
+    largest_of,
+    minimise,
+    newton_direction,
+    way_out,
+)
 from dlo_ros.synthesis.spatial_energy import (
     DOF,
     Drag,
@@ -41,16 +47,12 @@ from dlo_ros.synthesis.spatial_rod import (
     twist_free,
 )
 
-MOST_ITERATIONS = 100  # of Newton's method in a step
-TRIES = 12  # of a line search
 MOST_STEPS = 4000  # on the way to an equilibrium
 SHORTEST = 1e-9  # [s] of pseudo time, below which nothing goes downhill any more
 RESTING = 1e-9  # [m] of a step that means nothing any more
 PUSHES = 3  # off unstable equilibria
 MOST_TURNS = 30  # of the end, until the first shape is free of twist
-STEP_LEFT = 1e-8  # [m], [rad] a Newton step after which the next would mean nothing
 UNTWISTED = 1e-9  # [rad] of twist between the ends that may be left at the start
-GYRATION = 0.1  # of the length: a spin counts as this displacement where one must be limited
 
 
 @dataclass(frozen=True)
@@ -256,16 +258,16 @@ class SpatialSimulation:
         value, gradient, band = evaluate(shape, none, potential)
         pushes, largest = 0, np.inf
         for _ in range(MOST_STEPS):
-            change = _newton(gradient, band, mass / h**2)
+            change = newton_direction(gradient, band, mass / h**2)
             if change is None and largest < RESTING and pushes < PUSHES:
                 # It rests where it is unstable: no way leads downhill without a push.
-                push = _softest(band, rod.u[-1])
+                push = way_out(band, rod.u[-1])
                 if push is not None:
                     shape, h, pushes = moved(shape, limit * push), 1e-3, pushes + 1
                     value, gradient, band = evaluate(shape, none, potential)
                     continue
             if change is not None:
-                largest = _largest(change, rod.u[-1])
+                largest = largest_of(change, rod.u[-1])
                 trial = moved(shape, change * (limit / max(largest, limit)))
                 after, slope, stiff = evaluate(trial, none, potential)
                 if after <= value + rounding + 1e-12 * abs(value):
@@ -374,7 +376,7 @@ class SpatialSimulation:
         guess = np.zeros((len(x), DOF))
         guess[:, :3], guess[:-1, 3] = x - self.x, h * self._spin
         guess.reshape(-1)[~potential.free & (np.arange(guess.size) % DOF == DOF - 1)] = 0.0
-        shape, spin = _minimise(moved(self._shape, guess.ravel()), guess[:-1, 3], potential)
+        shape, spin = minimise(moved(self._shape, guess.ravel()), guess[:-1, 3], potential)
         if shape is None or not np.all(np.isfinite(shape.x)):
             raise SimulationError(f"the discrete rod's step at {time:.4f} s did not converge")
         self._x_before, self.x, self.director = self.x, shape.x, shape.director
@@ -413,65 +415,3 @@ def _inertia(rod: SpatialRod) -> FloatArray:
     result = np.repeat(rod.mass[:, None], DOF, axis=1)
     result[:, 3] *= (GYRATION * rod.u[-1]) ** 2
     return result.ravel()
-
-
-def _largest(change: FloatArray, length: float) -> float:
-    """The largest displacement of a change [m], spins by `GYRATION`."""
-    by = np.abs(change.reshape(-1, DOF))
-    return float(max(by[:, :3].max(), GYRATION * length * by[:, 3].max()))
-
-
-def _newton(gradient: FloatArray, band: FloatArray, shift: FloatArray) -> FloatArray | None:
-    """Newton's direction with a shift of the Hessian's diagonal; None where it is not definite."""
-    shifted = band.copy()
-    shifted[0] += shift
-    try:
-        return np.asarray(solveh_banded(shifted, -gradient, lower=True, check_finite=False))
-    except LinAlgError:
-        return None
-
-
-def _softest(band: FloatArray, length: float) -> FloatArray | None:
-    """The way out of an unstable equilibrium, 1 m at most; None where the Hessian is definite."""
-    lowest, mode = eig_banded(band, lower=True, select="i", select_range=(0, 0))
-    if not lowest[0] < 0.0:
-        return None
-    way = mode[:, 0] * np.sign(mode[np.argmax(np.abs(mode[:, 0])), 0])  # the same in every run
-    return np.asarray(way / _largest(way, length))
-
-
-def _minimise(shape: Frames, spin: FloatArray, p: Potential) -> tuple[Frames | None, FloatArray]:
-    """Newton's method for one implicit step; no shape where it did not converge."""
-    kinked = p.softening is not None or p.contact.active or p.drag is not None
-    length = float(np.sum(p.lengths))
-    limit = 0.5 * float(np.min(p.lengths))
-    stiffest = np.repeat(p.spring[0][:, None], DOF, axis=1)
-    stiffest[:, 3] *= (GYRATION * length) ** 2
-    share = 0.0
-    known = None
-    for _ in range(MOST_ITERATIONS):
-        _, gradient, band = evaluate(shape, spin, p) if known is None else known
-        known = None
-        change = _newton(gradient, band, share * stiffest.ravel())
-        if change is None:
-            share = max(4.0 * share, 1.0)
-            continue
-        largest = _largest(change, length)
-        scale = min(1.0, limit / max(largest, 1e-300))
-        after, turned = moved(shape, scale * change), spin + scale * change[3:-1:DOF]
-        if kinked and largest > STEP_LEFT:
-            # Where a law bends sharply the full step may go too far: the slope along the
-            # direction must not come out of it steeper than half of what it was, upwards.
-            slope = float(gradient @ change)
-            for _ in range(TRIES):
-                known = evaluate(after, turned, p)
-                then = float(known[1] @ change)
-                if then <= -0.5 * slope:
-                    break
-                scale *= min(max(slope / (slope - then), 0.1), 0.9)
-                after, turned = moved(shape, scale * change), spin + scale * change[3:-1:DOF]
-        shape, spin = after, turned
-        if largest <= STEP_LEFT and share == 0.0:
-            return shape, spin
-        share = 0.0 if share < 1e-3 else 0.1 * share
-    return None, spin
