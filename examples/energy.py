@@ -53,7 +53,7 @@ def energies(model: RodModel, state: State) -> tuple[float, float]:
     spin = rod.density * 2.0 * rod.second_moment * speed[:, 3]
     kinetic = 0.5 * weight @ (rod.linear_density * speed[:, :3].sum(axis=1) + spin)
     stiff, rule = model.stiffness, model.rule
-    moduli = np.column_stack([stiff.bend, stiff.twist])
+    moduli = np.column_stack([stiff.bend[:, :2], stiff.twist])  # the section is round
     elastic = 0.5 * (rule.weight * stiff.stretch) @ state.strains.stretch**2
     elastic += 0.5 * rule.weight @ (moduli * state.strains.other**2).sum(axis=1)
     height = -(weight @ b @ state.q[:, :3] @ np.array(model.settings.gravity)) * rod.linear_density

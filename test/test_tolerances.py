@@ -37,6 +37,12 @@ TOLERANCES = {
     "surface_friction.force": 0.02 * WEIGHT,
     "constant_force.x": 0.02 * WEIGHT,
     "constant_force.z": 0.02 * WEIGHT,
+    # In space.
+    "constant_force.y": 0.02 * WEIGHT,
+    "gravity_tilt.across": math.radians(1.0),
+    "camera_shift.y": 0.005 * ROD.length,
+    "intrinsic_curvature.across": 0.5 / ROD.length,
+    "anisotropy.ratio": 0.1,
 }
 """As the pages state them, in SI units for this rope; every other number has none."""
 

@@ -43,6 +43,8 @@ CHECKED = 10
 NEAR = 0.3
 """Proposals that are simulated in a step, those that promise most, and their share of the best
 promise: a promise is linear, and no better than that."""
+WORSE = 2.0
+"""ERR over that without a proposal, from which where it promises most is no place to fit from."""
 SHARES = (1.0, 0.5)
 """Shares of the way to the promised model that are simulated."""
 TRIALS = 3
@@ -189,8 +191,9 @@ def _best_of(
     begun: list[tuple[Evaluation, Proposal]] = []
     for k, (err, promise) in enumerate(checked):
         name = promise.proposal.label
-        if k >= TRIALS:
-            trace.append(Step(number, name, promise.gain, err, "others come nearer"))
+        if k >= TRIALS or err > WORSE * at.mean_err:
+            outcome = "others come nearer" if k >= TRIALS else "makes matters worse"
+            trace.append(Step(number, name, promise.gain, err, outcome))
             continue
         found = fitted(promise.model, recordings, FIRST_ITERATIONS)
         if found is None:

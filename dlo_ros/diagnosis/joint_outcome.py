@@ -155,7 +155,7 @@ def joint_outcome(
         )
     )
     verdict = _verdict(_mean_err(found.setup, first), final.mean_err, found)
-    explained = (errs[0] or 0.0) - found.own_err
+    missed = (aside.mean(seen_before) or 0.0) - found.own_err
     base = held_against(plain.at.model, first, given, derivatives=False)
     ours = held_against(Model(final.model.settings, ()), first, given, derivatives=False)
     related_before = related_after = None
@@ -170,7 +170,7 @@ def joint_outcome(
     )
     return Diagnosis(
         verdict,
-        tuple(_effect(c, final, errs, explained) for c in found.causes),
+        tuple(_effect(c, final, found.at.mean_err, missed) for c in found.causes),
         found.own_err,
         _plain(plain, aside.mean(seen_before), aside.mean(before)),
         _fitted(final, aside.mean(seen_after), aside.mean(after)),
@@ -242,10 +242,14 @@ def _share(before: float | None, after: float | None, own: float) -> float | Non
     return float(np.clip((before - max(after, own)) / (before - own), 0.0, 1.0))
 
 
-def _effect(
-    cause: Cause, final: Evaluation, errs: tuple[float | None, ...], explained: float
-) -> NamedEffect:
-    share = (cause.err - (errs[2] or 0.0)) / explained if explained > 0.0 else None
+def _effect(cause: Cause, final: Evaluation, err: float, missed: float) -> NamedEffect:
+    """A cause with its numbers and its share.
+
+    Args:
+        err: of the full model on what was learned from [m].
+        missed: what the plain model misses there beyond the measurement's own error [m].
+    """
+    share = (cause.err - err) / missed if missed > 0.0 else None
     return NamedEffect(
         cause.effect, _numbers(cause.effect, final), cause.rivals,
         None if share is None else float(np.clip(share, 0.0, 1.0)),
