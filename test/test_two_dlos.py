@@ -149,6 +149,7 @@ def test_each_identifier_finds_its_own_dlo_and_keeps_its_own_simulator_in_step(t
         assert young / density == pytest.approx(specific, rel=0.1)
 
 
+@pytest.mark.slow
 def test_nothing_of_a_dlo_lies_outside_its_namespace(two):
     names = {name for name, _ in two.client.node.get_topic_names_and_types()}
     assert not [name for name in names if name.startswith("/dlo/")]
