@@ -185,7 +185,7 @@ def _head(
     params: Path, form: Format, cable: Settings, number: int, known: str, choice: Choice,
     lines: Sequence[str],
 ) -> str:  # fmt: skip
-    """What stands at the top of a file."""
+    """The head of a file, as text without comment marks."""
     which = f"Plausible cable {number}, drawn around {params}" if number else f"Cable of {params}"
     result = [
         f"{which}, exported by dlo_ros {__version__} as {form.title}.",

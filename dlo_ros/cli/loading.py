@@ -55,7 +55,7 @@ def load_settings(arguments: argparse.Namespace) -> Settings:
 
 
 def load_information(path: Path) -> FloatArray:
-    """What recordings have told of the logarithms of the material, shape (4, 4).
+    """Information of recordings on the logarithms of the material, shape (4, 4).
 
     Args:
         path: estimate.json of `identify`.

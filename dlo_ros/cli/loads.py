@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What a model says that the DLO bore in recordings, for the reports."""
+"""Loads of the DLO and its grips in recordings by a model, for the reports."""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ from dlo_ros.rod.rehearsal import at_rest, rehearse, stamps_of
 from dlo_ros.spline import FloatArray
 
 MADE = (topics.PREDICTED, *topics.LOADS, topics.ERR)
-"""What the tool writes itself, and does not copy from its input."""
+"""Topics that the tool writes itself, and does not copy from its input."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

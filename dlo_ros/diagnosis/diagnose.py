@@ -26,6 +26,7 @@ from dlo_ros.diagnosis.screening import Prospect, alarm, screen
 from dlo_ros.diagnosis.search import Candidate, apart, candidate, reformed, resized, search
 from dlo_ros.diagnosis.start import Beginning, begin, drafts, finer
 from dlo_ros.diagnosis.workers import Problem, Progress, Workers, workers
+from dlo_ros.effects import Start
 from dlo_ros.effects.physics.obstacle import Obstacle
 from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.identification.estimate import searchable
@@ -240,11 +241,16 @@ def _explain(
     names = imposed_names(r.manipulation for r in recordings)
     most = decide.limit(plain.structure)
 
-    def screened(at: Evaluation, present: Sequence[str]) -> list[Prospect]:
-        here = scene(at.model.settings, names, at.predicted)
+    def met(at: Evaluation, present: Sequence[str]) -> list[Start]:
         progress("looking for what was hit", 0.0)
-        begun = [*starts(here, present), *hits(team, at, present)]
-        return screen(team, at, begun, progress)
+        return hits(team, at, present)
+
+    def screened(
+        at: Evaluation, present: Sequence[str], pegs: Sequence[Start] | None = None
+    ) -> list[Prospect]:
+        here = scene(at.model.settings, names, at.predicted)
+        found = met(at, present) if pegs is None else pegs
+        return screen(team, at, [*starts(here, present), *found], progress)
 
     def judge_of(candidates: Sequence[Candidate]) -> aside.KeptAside:
         """What is kept aside goes with the best of what explains the data."""
@@ -254,19 +260,20 @@ def _explain(
     given = team.problem.given
     faint = plain.structure < decide.FAINT
     immaterial = faint or is_immaterial(plain, given)
-    progress("fitting the joint model", 0.0)
+    known = plain.at.model.effects
     begun = None
     if not immaterial:
+        progress("fitting the joint model", 0.0)
         begun = lesson(beginning, len(recordings), plain.at.model.settings, given)
-    joint = None
+    joint, pegs = None, None
     if begun is not None and departures(begun.prepared.setup) >= SEVERAL:
         # No single effect does what several do: none is looked for by itself first.
-        joint = learn(begun, given, hits(team, plain.at, plain.at.model.effects))
+        pegs = met(plain.at, known)
+        joint = learn(begun, given, pegs)
         if joint is not None and _takes_over(joint.explanation, [plain]):
             judge = kept_aside(plain)
             return Findings(decide.Decision("unexplained", None), judge, joint=joint)
-    known = plain.at.model.effects
-    prospects = screened(plain.at, known)
+    prospects = screened(plain.at, known, pegs)
     promise, by_chance = alarm(prospects)
     if promise < by_chance and decide.excusable(plain.at.residuals):
         return Findings(decide.Decision("adequate", None), kept_aside(plain))

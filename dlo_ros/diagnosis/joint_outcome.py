@@ -73,7 +73,7 @@ class Lesson:
 
 
 def lesson(beginning: Beginning, count: int, plain: Settings, given: Settings) -> Lesson | None:
-    """What there is to learn; None where the joint model cannot be simulated.
+    """The recordings to learn from, with the set-up fitted; None where it cannot be simulated.
 
     Held out are the recordings after the first `count`, or one of several; nothing is selected by
     them.

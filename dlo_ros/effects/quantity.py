@@ -135,7 +135,7 @@ class Quantity:
         return self.filled(self.neutral)
 
     def filled(self, value: float) -> float | tuple[float, ...]:
-        """The same value for all numbers that must be given."""
+        """One value, repeated for all numbers that must be given."""
         count = self.counts[0] if self.counts else 1
         return (value,) * count if count > 1 else value
 

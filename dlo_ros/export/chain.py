@@ -14,6 +14,7 @@ where joint 0 would be, half a cell before the cable's start.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -84,12 +85,12 @@ class Chain:
         return (0.5 * h if link == 0 else 0.0), (0.5 * h if link == self.joints else h)
 
     def mass(self, link: int) -> float:
-        """Of a link without what is fixed to it [kg]."""
+        """Mass of a link without what is fixed to it [kg]."""
         begin, stop = self.extent(link)
         return self.line_density * (stop - begin)
 
     def inertia(self, link: int) -> tuple[float, float]:
-        """Of a link about its own axis and across it, about its centre [kg m^2]."""
+        """Inertia of a link about its own axis and across it, about its centre [kg m^2]."""
         begin, stop = self.extent(link)
         mass, thick = self.mass(link), self.diameter**2 / 16.0
         return 2.0 * mass * thick, mass * ((stop - begin) ** 2 / 12.0 + thick)
@@ -107,7 +108,7 @@ class Chain:
 
     @property
     def poses(self) -> list[Pose]:
-        """Of the links when the motion begins, N + 1 of them."""
+        """Poses of the N + 1 links when the motion begins."""
         result = [self.root]
         for rest, turn in zip(self.rest, self.turns, strict=True):
             result.append(result[-1] @ Pose(np.array([self.cell, 0.0, 0.0]), rest * turn))
@@ -224,3 +225,15 @@ def _frames(basis: SplineBasis, shape: FloatArray, joints: int) -> Rotation:
         found.append(turn * found[-1])
     twisted = [f * Rotation.from_rotvec([t, 0.0, 0.0]) for f, t in zip(found, theta, strict=True)]
     return Rotation.concatenate(twisted)
+
+
+def part_lines(
+    chain: Chain,
+    link: Callable[[Chain, int, Pose], list[str]],
+    joint: Callable[[Chain, int], list[str]],
+    grip: Callable[[Chain, Grip], list[str]],
+) -> list[str]:
+    """Lines of a text format for all links, joints and grips, in this order."""
+    lines = [line for k, pose in enumerate(chain.poses) for line in link(chain, k, pose)]
+    lines += [line for k in range(1, chain.joints + 1) for line in joint(chain, k)]
+    return lines + [line for held in chain.grips for line in grip(chain, held)]

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What is known of a cable's numbers: intervals, and draws of plausible cables."""
+"""Knowledge of a cable's numbers: intervals, and draws of plausible cables."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ SEED = 22  # of the draws: the same call gives the same cables
 
 @dataclass(frozen=True)
 class Knowledge:
-    """What is known of the material, and of the rod's other numbers.
+    """Knowledge of the material and of the rod's other numbers.
 
     Args:
         covariance: of the logarithms of `tangents.MATERIAL`, shape (4, 4).
@@ -47,7 +47,7 @@ class Knowledge:
 
 
 def read_knowledge(settings: Settings, estimate: Path | None) -> Knowledge:
-    """What estimate.json, or without it the parameter file's standard deviations say.
+    """The knowledge in estimate.json, or in the parameter file's standard deviations without it.
 
     Raises:
         InputError: the file is no estimate.json of `identify`.

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dlo_ros.export.chain import Chain
+from dlo_ros.export.chain import Chain, part_lines
 from dlo_ros.export.grips import Grip, Pose
 from dlo_ros.export.said import CHAIN
 from dlo_ros.spline import FloatArray
@@ -51,12 +51,7 @@ def sdf(chain: Chain, *, step: float, comment: str) -> str:
         '    <model name="cable">',
         "      <self_collide>false</self_collide>",
     ]
-    for k, pose in enumerate(chain.poses):
-        lines += [f"      {line}" for line in _link(chain, k, pose)]
-    for k in range(1, chain.joints + 1):
-        lines += [f"      {line}" for line in _joint(chain, k)]
-    for grip in chain.grips:
-        lines += [f"      {line}" for line in _grip(chain, grip)]
+    lines += [f"      {line}" for line in part_lines(chain, _link, _joint, _grip)]
     return "\n".join([*lines, "    </model>", "  </world>", "</sdf>", ""])
 
 

@@ -57,6 +57,13 @@ class Boundary:
             x[node] = position
 
 
+def equal_steps(start: float, until: float, longest: float) -> list[tuple[float, float]]:
+    """Ends and sizes [s] of equal steps, one at least, from a start to a later time [s]."""
+    span = until - start
+    count = max(int(np.ceil(span / longest - 1e-9)), 1)
+    return [(start + span * (k + 1) / count, span / count) for k in range(count)]
+
+
 class Simulation:
     """The rod in time.
 
@@ -154,11 +161,8 @@ class Simulation:
         Raises:
             SimulationError: a step did not converge.
         """
-        span = until - self.time
-        count = max(int(np.ceil(span / self.step - 1e-9)), 1)
-        start = self.time
-        for k in range(count):
-            self._advance_one(start + span * (k + 1) / count, span / count)
+        for time, h in equal_steps(self.time, until, self.step):
+            self._advance_one(time, h)
         return self.x
 
     def _advance_one(self, time: float, h: float) -> None:

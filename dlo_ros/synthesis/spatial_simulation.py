@@ -19,7 +19,7 @@ from scipy.interpolate import CubicSpline
 from dlo_ros.errors import SimulationError
 from dlo_ros.spline import FloatArray
 from dlo_ros.synthesis.discrete_rod import DiscreteRod
-from dlo_ros.synthesis.rod_simulation import Change
+from dlo_ros.synthesis.rod_simulation import Change, equal_steps
 from dlo_ros.synthesis.spatial_descent import (
     GYRATION,
     largest_of,
@@ -293,11 +293,8 @@ class SpatialSimulation:
         Raises:
             SimulationError: a step did not converge.
         """
-        span = until - self.time
-        count = max(int(np.ceil(span / self.step - 1e-9)), 1)
-        start = self.time
-        for k in range(count):
-            self._advance_one(start + span * (k + 1) / count, span / count)
+        for time, h in equal_steps(self.time, until, self.step):
+            self._advance_one(time, h)
         return self.x
 
     def _grip(self, boundary: SpatialBoundary) -> Ends:
