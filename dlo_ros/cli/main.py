@@ -22,8 +22,8 @@ from dataclasses import dataclass
 from types import FrameType
 
 from dlo_ros import __version__
+from dlo_ros.dependencies import missing
 from dlo_ros.errors import DloError
-from dlo_ros.kernel_cache import NUMBA_MISSING
 
 DONE = 0
 FAILED = 1
@@ -39,9 +39,6 @@ ROS_ARGUMENTS = (
     "arguments of ROS: --params-file FILE, -p NAME:=VALUE, -r FROM:=TO, --log-level LEVEL, "
     "--enclave PATH"
 )
-
-# Besides all that end in _msgs.
-ROS_MODULES = ("ament_index_python", "builtin_interfaces", "rcl_interfaces", "rclpy", "std_srvs")
 
 
 @dataclass(frozen=True)
@@ -131,6 +128,11 @@ EXECUTABLES: tuple[Executable, ...] = (
         "config/experiments/c_shape.yaml --output build/c_shape",
     ),
     Executable(
+        "doctor",
+        "what is installed, heard and mismatched, in one page; exit status 1: something is wrong",
+        "--params params.yaml",
+    ),
+    Executable(
         "demo",
         "the main job end to end: a recording plays, the live nodes identify the rope",
         "--output build/demo",
@@ -204,14 +206,9 @@ def _guarded(executable: Executable, words: list[str]) -> int:
     except KeyboardInterrupt:
         return DONE if executable.node else INTERRUPTED
     except ModuleNotFoundError as err:
-        if (err.name or "").partition(".")[0] in ("numba", "llvmlite"):
-            return _complain(name, NUMBA_MISSING, UNUSABLE)
-        if not _belongs_to_ros(err.name or ""):
+        message = missing(err.name or "")
+        if message is None:
             return _defect(name, err)
-        message = (
-            f"{err.name} is not installed; source a ROS 2 Jazzy installation, "
-            "or pip install 'dlo_ros[ros]'"
-        )
         return _complain(name, message, UNUSABLE)
     except BrokenPipeError:
         raise
@@ -220,11 +217,6 @@ def _guarded(executable: Executable, words: list[str]) -> int:
         return _complain(name, f"{where}{err.strerror or err}", UNUSABLE)
     except Exception as err:
         return _defect(name, err)
-
-
-def _belongs_to_ros(module: str) -> bool:
-    root = module.partition(".")[0]
-    return root in ROS_MODULES or root.endswith("_msgs")
 
 
 def _defect(name: str, err: Exception) -> int:

@@ -80,7 +80,7 @@ class Listeners:
     def _look(self) -> None:
         """Find who listens, and the topics on which nodes say whether they are ready."""
         self._listening = {
-            _full_name(info)
+            full_name(info)
             for topic in self._topics
             for info in self._node.get_subscriptions_info_by_topic(topic)
         }
@@ -104,7 +104,7 @@ class Listeners:
     def _tells(self, topic: str) -> bool:
         """Whether the node that the topic is named after publishes it, latched."""
         return any(
-            _full_name(info) == topic.removesuffix(READY)
+            full_name(info) == topic.removesuffix(READY)
             and info.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
             for info in self._node.get_publishers_info_by_topic(topic)
         )
@@ -118,5 +118,6 @@ class Listeners:
             self._said["/" + status.name.partition(":")[0].lstrip("/")] = status.message
 
 
-def _full_name(info: Any) -> str:
+def full_name(info: Any) -> str:
+    """Full name of the node that an endpoint belongs to."""
     return f"{info.node_namespace.rstrip('/')}/{info.node_name}"
