@@ -9,6 +9,7 @@ process for it; a lock ends with its process, whatever ends that.
 from __future__ import annotations
 
 import fcntl
+import logging
 import os
 import subprocess
 import sys
@@ -28,6 +29,8 @@ from dlo_ros.kernel_cache import (
     require_writable,
 )
 from dlo_ros.kernel_parts import STAGES
+
+LOG = logging.getLogger(__name__)
 
 PROCESSES = 2
 """Compiling processes at a time, over all nodes; each takes half a gigabyte."""
@@ -135,6 +138,10 @@ class BackgroundCompilation:
         self._error = ""
         self._began: tuple[float, float] | None = None
         self._done = jit_disabled() or self._complete()
+        LOG.info(
+            "kernels of %s: %s, in %s",
+            ", ".join(stages), "compiled" if self._done else "to be compiled", folder,
+        )  # fmt: skip
         if not self._done:
             require_writable(folder)
 

@@ -251,9 +251,9 @@ def test_wrappers_are_those_of_the_table():
     ("line", "wanted", "unwanted"),
     [
         ("dlo_ros ident", {"identifier", "identify"}, {"demo"}),
-        ("dlo_ros play --", {"--rate", "--loop", "--no-clock"}, {"--pattern"}),
+        ("dlo_ros play --", {"--rate", "--loop", "--no-clock", "--verbose"}, {"--pattern"}),
         ("dlo_ros predict --start ", {"equilibrium", "observed", "moving"}, {"--params"}),
-        ("dlo_ros simulator --", {"--ros-args"}, {"--rate"}),
+        ("dlo_ros simulator --", {"--ros-args", "--verbose"}, {"--rate"}),
         ("dlo_ros play recording_", {"recording_1"}, {"other"}),
     ],
 )

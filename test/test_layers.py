@@ -14,7 +14,7 @@ LAYERS = (
     ("errors",),
     ("kernel_parts",),
     ("kernel_cache",),
-    ("dependencies",),
+    ("dependencies", "logs"),
     ("kernel_linking",),
     ("compilation",),
     ("__init__", "spline", "parameter_table", "interpolation", "share", "files"),

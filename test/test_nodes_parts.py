@@ -285,6 +285,32 @@ def test_warnings_from_below_reach_the_log_of_the_node(monkeypatch, capsys):
     assert "unstable" not in capsys.readouterr().err
 
 
+def test_steps_from_below_reach_the_log_of_the_node_on_request(monkeypatch, tmp_path):
+    pytest.importorskip("rclpy")
+    from dlo_ros.logs import LogChoice
+    from dlo_ros.nodes import runtime
+
+    told = []
+
+    class Node:
+        def set_level(self, level):
+            told.append(level.name)
+
+        def __getattr__(self, severity):
+            return lambda text: told.append(f"{severity}: {text}")
+
+    monkeypatch.setattr(runtime, "get_logger", lambda name: Node())
+    below = logging.getLogger("dlo_ros.rod.simulation")
+    with runtime.logging_to_ros("simulator", LogChoice(logging.DEBUG)):
+        below.debug("a")
+        below.info("b")
+    with runtime.logging_to_ros("simulator", LogChoice(logging.DEBUG, str(tmp_path / "log"))):
+        below.info("c")
+    below.info("d")
+    assert told == ["DEBUG", "debug: a", "info: b"]
+    assert (tmp_path / "log").read_text().endswith("dlo_ros.rod.simulation: c\n")
+
+
 def test_a_storm_of_commands_is_thinned_out_and_what_held_is_kept():
     from dlo_ros.command import Motion
 

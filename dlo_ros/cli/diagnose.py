@@ -10,7 +10,7 @@ from pathlib import Path
 from dlo_ros.cli.diagnosis_output import summary, write_results
 from dlo_ros.cli.loading import add_model_arguments, load_manipulation, load_settings, prepare
 from dlo_ros.cli.loads import borne
-from dlo_ros.cli.progress import progress_bar
+from dlo_ros.cli.progress import progress_bar, steps
 from dlo_ros.cli.results import add_results_folder, check_results_folder, written
 from dlo_ros.diagnosis import diagnose
 from dlo_ros.errors import InputError
@@ -51,16 +51,12 @@ def run(arguments: argparse.Namespace) -> int:
     prepare()
     with progress_bar() as bar:
         task = bar.add_task("Diagnosing", total=1.0)
-
-        def progress(text: str, share: float) -> None:
-            bar.update(task, description=text.capitalize(), completed=share)
-
         found = diagnose(
             recordings,
             settings,
             holdout,
             processes=arguments.workers or _cores(),
-            progress=progress,
+            progress=steps(bar, task),
         )
     with written(output):
         loads = borne([*recordings, *holdout], found.extended.settings)

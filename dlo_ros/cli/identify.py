@@ -16,7 +16,7 @@ import numpy as np
 
 from dlo_ros.cli.identify_results import report, summary, tree
 from dlo_ros.cli.loading import add_model_arguments, load_manipulation, load_settings, prepare
-from dlo_ros.cli.progress import progress_bar
+from dlo_ros.cli.progress import progress_bar, steps
 from dlo_ros.cli.results import add_results_folder, check_results_folder, written
 from dlo_ros.effects import quantities
 from dlo_ros.effects.measurement.length_error import LengthError
@@ -105,10 +105,7 @@ def run(arguments: argparse.Namespace) -> int:
         prepare()
         with progress_bar() as bar:
             task = bar.add_task("Identifying", total=1.0)
-
-            def progress(text: str, share: float) -> None:
-                bar.update(task, description=text.capitalize(), completed=share)
-
+            progress = steps(bar, task)
             found = identify(train, settings, validate, progress=progress, pool=pool)
             sampled, redrawn = _more(arguments, train, settings, found, pool, progress)
     with written(output):

@@ -103,6 +103,9 @@ def load_manipulation(path: Path, settings: Settings) -> Manipulation:
             swapped,
             len(observations),
         )
+    LOG.info(
+        "%s: %d commands, %d observed shapes", path, len(recording.commands), len(observations)
+    )
     usable = all_along(motion, observations, settings.rod.length)
     return Manipulation(recording.name, recording.commands, usable)
 

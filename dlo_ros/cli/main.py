@@ -11,12 +11,10 @@ from __future__ import annotations
 
 import argparse
 import importlib
-import logging
 import os
 import signal
 import sys
 import traceback
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from types import FrameType
@@ -24,6 +22,7 @@ from types import FrameType
 from dlo_ros import __version__
 from dlo_ros.dependencies import missing
 from dlo_ros.errors import DloError
+from dlo_ros.logs import HELP, OPTION, chosen, terminal_logging
 
 DONE = 0
 FAILED = 1
@@ -244,11 +243,12 @@ def parser_of(executable: Executable) -> argparse.ArgumentParser:
 
 
 def add_arguments(executable: Executable, parser: argparse.ArgumentParser) -> None:
-    """Declare an executable's own arguments."""
+    """Declare an executable's own arguments, and those that all have."""
     if executable.node:
         parser.add_argument("--ros-args", nargs=argparse.REMAINDER, default=[], help=ROS_ARGUMENTS)
     else:
         importlib.import_module(f"dlo_ros.cli.{executable.name}").add_arguments(parser)
+    parser.add_argument(OPTION, action="store_true", help=HELP)
 
 
 def _run_tool(executable: Executable, words: list[str]) -> int:
@@ -260,48 +260,13 @@ def _run_tool(executable: Executable, words: list[str]) -> int:
         return int(leaving.code or 0)
     finally:
         signal.signal(signal.SIGINT, loading)
-    logging.basicConfig(level=logging.WARNING, format="%(levelname)s: %(message)s")
-    brief = Brief()
-    for handler in logging.getLogger().handlers:
-        handler.addFilter(brief)
     before = signal.signal(signal.SIGINT, _interrupt)
     try:
-        return int(module.run(parsed))
+        with terminal_logging(chosen(parsed.verbose)):
+            return int(module.run(parsed))
     finally:
         if signal.getsignal(signal.SIGINT) is _interrupt:
             signal.signal(signal.SIGINT, before)
-        for handler in logging.getLogger().handlers:
-            handler.removeFilter(brief)
-        brief.tell()
-
-
-class Brief(logging.Filter):
-    """Lets the first few different warnings of a kind through, and counts the others."""
-
-    SHOWN = 3
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._seen: dict[tuple[str, int], Counter[str]] = {}
-        self._last: logging.LogRecord | None = None
-        self._shown = True
-
-    def filter(self, record: logging.LogRecord) -> bool:
-        """Whether a message is shown; those of one place in the code are of one kind."""
-        if record is not self._last:  # every handler asks about it
-            text = record.getMessage()
-            seen = self._seen.setdefault((record.pathname, record.lineno), Counter())
-            seen[text] += 1
-            self._last, self._shown = record, seen[text] == 1 and len(seen) <= self.SHOWN
-        return self._shown
-
-    def tell(self) -> None:
-        """Say how often the same came again, or something like it."""
-        for seen in self._seen.values():
-            first, again = next(iter(seen)), seen.total() - min(len(seen), self.SHOWN)
-            if again:
-                times = "once more" if again == 1 else f"{again} times more"
-                print(f"WARNING: {times}, this or the like: {first}", file=sys.stderr)
 
 
 def _run_node(executable: Executable, words: list[str]) -> int:

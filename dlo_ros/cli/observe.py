@@ -179,6 +179,7 @@ def observe_recording(
         try:
             yield ObservedFrame(stamp, image, camera, observer.observe(stamp, image))
         except VisionError as err:
+            LOG.info("%s: image %d ns: %s", path, stamp, err)
             yield ObservedFrame(stamp, image, camera, None, str(err))
 
 

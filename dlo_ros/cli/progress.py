@@ -3,11 +3,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import logging
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
-from rich.progress import Progress, ProgressColumn
+from rich.progress import Progress, ProgressColumn, TaskID
+
+LOG = logging.getLogger(__name__)
 
 
 @contextmanager
@@ -24,3 +27,20 @@ def progress_bar(*columns: str | ProgressColumn) -> Iterator[Progress]:
         return
     with bar:
         yield bar
+
+
+def steps(bar: Progress, task: TaskID) -> Callable[[str, float], None]:
+    """A function that is called with what is being done and the share of it that is done.
+
+    It shows both on the bar, and each step once in the log.
+    """
+    last = ""
+
+    def progress(text: str, share: float) -> None:
+        nonlocal last
+        if text != last:
+            last = text
+            LOG.info("%s", text)
+        bar.update(task, description=text.capitalize(), completed=share)
+
+    return progress

@@ -126,6 +126,7 @@ def search(
         ]
         found, steps = _best_of(number, at, candidates, recordings)
         trace += steps
+        _tell(steps)
         if found is None:
             break
         at, causes, offer = found[0], [*causes, found[1]], None
@@ -135,9 +136,17 @@ def search(
                 continue
             loss = at.posterior.evidence - bare.posterior.evidence
             trace.append(Step(number, cause.label, loss, bare.mean_err, "returned: not needed"))
+            _tell(trace[-1:])
             at, causes = bare, [c for c in causes if c is not cause]
             dropped.add(cause.label)
     return Search(at, tuple(causes), tuple(trace), offer)
+
+
+def _tell(steps: Sequence[Step]) -> None:
+    """The candidates of a step, in the log."""
+    for s in steps:
+        err = "-" if s.err is None else f"{1e3 * s.err:.3f} mm"
+        LOG.info("cause %d: %s: %+.1f, ERR %s: %s", s.step, s.name, s.gain, err, s.outcome)
 
 
 def without(

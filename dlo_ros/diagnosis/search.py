@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -19,6 +20,8 @@ from dlo_ros.effects import Start, effects
 from dlo_ros.effects.physics.obstacle import Obstacle
 from dlo_ros.inference.measured import Recording
 from dlo_ros.parameters import Settings
+
+LOG = logging.getLogger(__name__)
 
 FIRST_ITERATIONS = 1
 ROUND_ITERATIONS = 3
@@ -157,6 +160,11 @@ def search(
     for some in (*groups, rest) if thorough else groups:
         fitted, least = _fitted(team, before.model, some, progress, enough, least)
         for c in fitted:
+            known = ", ".join(before.model.effects) or "nothing"
+            LOG.info(
+                "%s %s beside %s: score %.1f, structure %.2f of the noise",
+                c.effect, c.form, known, c.score, c.structure,
+            )  # fmt: skip
             key = (c.effect, c.form)
             if key not in found or c.at.cost < found[key].at.cost:
                 found[key] = c

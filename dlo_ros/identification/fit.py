@@ -277,6 +277,7 @@ def descend(
             return fit, iteration, True
         gained = fit.cost - trial.cost
         fit = trial
+        LOG.debug("iteration %d: cost %.4f, %.4f less", iteration, fit.cost, gained)
         damping *= 0.1
         if gained < WORTHLESS * told_again and damping < 1e-2:
             return fit, iteration, True

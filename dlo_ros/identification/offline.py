@@ -199,10 +199,15 @@ def fitted(
     """
     guess, simulations = logarithms(settings), Simulations(pool or Threads())
     theta = best_start(train, settings, guess, progress, simulations)
+    LOG.info("best start: %s", _words(theta))
     fit, iterations, converged = descend(
         train, settings, guess, theta, progress, simulations, converged=ROUGHLY
     )
     ignored = seen_wrongly(fit.forecasts)
+    LOG.info(
+        "coarse fit after %d iterations: %s; %d pictures left out",
+        iterations, _words(fit.theta), sum(int(m.sum()) for m in ignored),
+    )  # fmt: skip
     if any(mask.any() for mask in ignored):
         # They have bent the search so far.
         fit, more, _ = descend(
@@ -223,6 +228,10 @@ def fitted(
             train, settings, guess, fit.theta, progress, simulations, ignored
         )
     iterations += more
+    LOG.info(
+        "fine fit after %d iterations%s: %s",
+        iterations, "" if converged else " (not converged)", _words(fit.theta),
+    )  # fmt: skip
     used = [without(f, mask) for f, mask in zip(fit.forecasts, ignored, strict=True)]
     shifts = numerical_shifts(train, fine, fit, ignored, simulations)
     told = data_information(used, with_logarithms(fine, fit.theta), shifts)
@@ -244,7 +253,10 @@ def _with_set_up(
     more = weighed(
         train, found.settings, found.theta, found.told, found.ignored, spans, given, found.shifts
     )
+    for name, (value, std) in more.values.items():
+        LOG.info("set-up: %s = %.4g +- %.2g", name, value, std)
     if not more.values:
+        LOG.info("the set-up is taken as stated")
         return replace(found, told=more.information), more.values
     fine = found.settings.with_effects(more.settings.effects)
     simulations = Simulations(pool or Threads())
@@ -255,6 +267,16 @@ def _with_set_up(
         return found, {}
     found = replace(found, fit=fit, theta=more.theta, told=more.information, settings=fine)
     return found, more.values
+
+
+def _words(theta: FloatArray) -> str:
+    """The parameters, for the log.
+
+    Args:
+        theta: ln (E, mu, c, t_r).
+    """
+    modulus, density, drag, time = np.exp(theta)
+    return f"E/mu {modulus / density:.5g} m^2/s^2, c {drag:.3g} N s/m^2, t_r {time:.3g} s"
 
 
 def _attempt(recording: Manipulation, settings: Settings) -> Forecast | None:

@@ -18,12 +18,13 @@ from typing import Any
 
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
-from rclpy.logging import get_logger
+from rclpy.logging import LoggingSeverity, get_logger
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from dlo_ros.errors import DloError
+from dlo_ros.logs import PACKAGE, WARNINGS, LogChoice, chosen, package_logging, without_option
 from dlo_ros.parameters import parameter_blocks
 
 DONE = 0
@@ -44,15 +45,29 @@ LOG = "log directory"
 
 
 class RosLog(logging.Handler):
-    """What the package's modules below the nodes warn of, in the node's log."""
+    """What the package's modules below the nodes tell, in the node's log.
 
-    def __init__(self, name: str) -> None:
-        super().__init__(logging.WARNING)
+    Args:
+        name: of the node.
+        level: of `logging`, from which messages are passed on.
+    """
+
+    def __init__(self, name: str, level: int = logging.WARNING) -> None:
+        super().__init__(level)
         self._logger = get_logger(name)
+        if level < logging.INFO:
+            self._logger.set_level(LoggingSeverity.DEBUG)
         self._last: dict[tuple[str, int], float] = {}
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Pass a message on."""
+        """Pass a message on; a warning of the same place only now and then."""
+        # rclpy refuses one place in the code that logs with two severities.
+        if record.levelno < logging.INFO:
+            self._logger.debug(record.getMessage())
+            return
+        if record.levelno < logging.WARNING:
+            self._logger.info(record.getMessage())
+            return
         place, now = (record.pathname, record.lineno), time.monotonic()
         if now - self._last.get(place, -REPEATED) >= REPEATED:
             self._last[place] = now
@@ -108,12 +123,17 @@ def ros(arguments: Sequence[str], *, interrupts: bool = True) -> Iterator[Stop]:
 
 
 @contextmanager
-def logging_to_ros(name: str) -> Iterator[None]:
-    """The package's warnings go to the log of a node."""
-    logger, handler = logging.getLogger("dlo_ros"), RosLog(name)
+def logging_to_ros(name: str, choice: LogChoice = WARNINGS) -> Iterator[None]:
+    """The package's warnings, and what was chosen besides, go to the log of a node.
+
+    Raises:
+        InputError: the chosen file cannot be written.
+    """
+    logger, handler = logging.getLogger(PACKAGE), RosLog(name, choice.shown)
     logger.addHandler(handler)
     try:
-        yield
+        with package_logging(choice):
+            yield
     finally:
         logger.removeHandler(handler)
 
@@ -150,12 +170,13 @@ def run(name: str, make: Callable[[], Any], arguments: Sequence[str] | None = No
     Returns:
         Exit status: 0 ended on request, 2 a parameter or argument is unusable.
     """
-    words = list(sys.argv[1:] if arguments is None else arguments)
+    words, verbose = without_option(list(sys.argv[1:] if arguments is None else arguments))
     try:
+        choice = chosen(verbose)
         for flag, path in pairwise(words):
             if flag == "--params-file":
                 parameter_blocks(Path(path))  # whose messages a person understands
-        with ros(words, interrupts=False) as stop, logging_to_ros(name):
+        with ros(words, interrupts=False) as stop, logging_to_ros(name, choice):
             unknown = remove_ros_args(words)
             if unknown:
                 return complain(
