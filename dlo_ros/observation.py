@@ -6,6 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dlo_ros.errors import InputError
 from dlo_ros.spline import FloatArray
@@ -52,3 +53,34 @@ class Observation:
             raise InputError(f"an observed spline has shape {shape}; (n, 4) is needed")
         if not np.all(np.isfinite(self.control_points)):
             raise InputError("an observed spline holds NaN or infinite control points")
+
+
+@dataclass(frozen=True)
+class Wrenches:
+    """Forces and torques that the grip at one end exerts on the DLO, as measured.
+
+    Args:
+        end: `start` or `end`.
+        stamps: [ns], growing, shape (k,).
+        force: along the axes of the fixed frame [N], shape (k, 3).
+        torque: likewise, about that end of the DLO [N m], shape (k, 3).
+        axes: rotation of the sensor's axes in the fixed frame, shape (k, 3, 3).
+
+    Raises:
+        InputError: shapes that differ, stamps that do not grow, a number that is not finite.
+    """
+
+    end: str
+    stamps: NDArray[np.int64]
+    force: FloatArray
+    torque: FloatArray
+    axes: FloatArray
+
+    def __post_init__(self) -> None:
+        k = len(self.stamps)
+        if not (self.force.shape == self.torque.shape == (k, 3) and self.axes.shape == (k, 3, 3)):
+            raise InputError(f"measured wrenches at the {self.end} have shapes that differ")
+        if np.any(np.diff(self.stamps) <= 0):
+            raise InputError(f"stamps of measured wrenches at the {self.end} do not grow")
+        if not (np.isfinite(self.force).all() and np.isfinite(self.torque).all()):
+            raise InputError(f"a measured wrench at the {self.end} is not finite")

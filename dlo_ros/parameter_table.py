@@ -108,6 +108,15 @@ class Parameter:
         return float(value)
 
 
+WRENCH = (
+    ("force_std", 0.0, "white noise of a measured force at a grip; 0: not known", "N", 1e6),
+    ("torque_std", 0.0, "white noise of a measured torque at a grip; 0: not known", "N m", 1e6),
+    ("force_bias_std", 0.0, "how well a force sensor's zero is known; 0: not at all", "N", 1e6),
+    ("tool_mass_std", 0.1, "how well a tared tool before the sensor is compensated", "kg", 1e3),
+    ("delay_std", 0.01, "how well forces and pictures have one clock", "s", 1.0),
+)
+"""Of sensors at the grips: name, default, description, unit, largest value."""
+
 PARAMETERS: tuple[Parameter, ...] = (
     Parameter(
         "frame_id", "string", "board", "fixed frame of all splines and commands", read_only=True
@@ -323,6 +332,10 @@ PARAMETERS: tuple[Parameter, ...] = (
         0.0,
         1e6,
         nodes=("simulator",),
+    ),
+    *(
+        Parameter(f"wrench.{name}", "double", default, text, unit, 0.0, most, nodes=("identifier",))
+        for name, default, text, unit, most in WRENCH
     ),
     Parameter(
         "diagnosis.material_err",

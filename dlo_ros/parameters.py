@@ -116,6 +116,17 @@ class LimitParameters:
 
 
 @dataclass(frozen=True)
+class WrenchParameters:
+    """How well force-torque sensors at the grips measure; a standard deviation of 0: not known."""
+
+    force_std: float = 0.0
+    torque_std: float = 0.0
+    force_bias_std: float = 0.0
+    tool_mass_std: float = 0.1
+    delay_std: float = 0.01
+
+
+@dataclass(frozen=True)
 class DiagnosisParameters:
     """What difference between model and DLO matters."""
 
@@ -149,6 +160,7 @@ class Settings:
     camera: CameraPose = field(default_factory=CameraPose)
     simulation: SimulationParameters = field(default_factory=SimulationParameters)
     limits: LimitParameters = field(default_factory=LimitParameters)
+    wrench: WrenchParameters = field(default_factory=WrenchParameters)
     diagnosis: DiagnosisParameters = field(default_factory=DiagnosisParameters)
     vision: VisionParameters = field(default_factory=VisionParameters)
     image_transport: str = "auto"
@@ -208,6 +220,7 @@ class Settings:
             effects=effects,
             tolerances=tolerances,
             limits=LimitParameters(**groups["limits"]),
+            wrench=WrenchParameters(**groups["wrench"]),
             diagnosis=DiagnosisParameters(**groups["diagnosis"]),
             vision=VisionParameters(**groups["vision"]),
             **top,

@@ -11,6 +11,8 @@ from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import SplineBasis
 from dlo_ros.synthesis import discrete_rod, rod_simulation
+from dlo_ros.synthesis.reaction import measured as sensed
+from dlo_ros.synthesis.reaction import reactions
 
 
 def spline_through(rod, nodes, basis, noise, rng):
@@ -23,8 +25,13 @@ def spline_through(rod, nodes, basis, noise, rng):
     return shape
 
 
-def swing(settings: Settings, *, seconds=2.0, rate=30.0, noise=3e-4, seed=0, edges=120):
-    """A rod clamped at its start, turned from horizontal to 60 degrees down within 0.3 s."""
+def swing(
+    settings: Settings, *, seconds=2.0, rate=30.0, noise=3e-4, seed=0, edges=120, sensor=None
+):
+    """A rod clamped at its start, turned from horizontal to 60 degrees down within 0.3 s.
+
+    With a sensor its forces and torques at the clamp, at the instants of the pictures.
+    """
     rng = np.random.default_rng(seed)
     basis = SplineBasis(settings.rod.control_points, settings.rod.length)
     rod = discrete_rod.DiscreteRod.uniform(settings.rod, settings.damping, edges=edges)
@@ -39,10 +46,11 @@ def swing(settings: Settings, *, seconds=2.0, rate=30.0, noise=3e-4, seed=0, edg
     straight = np.column_stack([rod.u, np.zeros(len(rod.u))])
     simulation = rod_simulation.Simulation(rod, boundary, straight, step=1e-3)
     simulation.settle()
-    observations = []
+    observations, borne = [], []
     for k in range(int(seconds * rate) + 1):
         if k:
             simulation.advance(k / rate)
+        borne.append(reactions(simulation) if sensor else {})
         stamp = round(k / rate * SECOND)
         observations.append(
             Observation(stamp, spline_through(rod, simulation.x, basis, noise, rng))
@@ -50,7 +58,11 @@ def swing(settings: Settings, *, seconds=2.0, rate=30.0, noise=3e-4, seed=0, edg
     times = np.linspace(0.0, 0.3, 31)
     rotations = [[[0.0, np.sin(angle(t) / 2), 0.0, np.cos(angle(t) / 2)]] for t in times]
     imposed = command(["start"], times, np.zeros((31, 3)), rotations, n=basis.control_points)
-    return Manipulation("swing", (imposed,), tuple(observations))
+    wrenches = ()
+    if sensor:
+        stamps, still = [o.stamp for o in observations], np.zeros((len(borne), 2))
+        wrenches = tuple(sensed(sensor, stamps, borne, {"start": still}, seed))
+    return Manipulation("swing", (imposed,), tuple(observations), wrenches)
 
 
 def at_rest(settings: Settings, *, frames=5, noise=3e-4, seed=0, same=True):

@@ -82,6 +82,18 @@ def tree(
         name.removeprefix(EFFECTS_PREFIX): {"value": v, "std": std, "unit": _unit(name)}
         for name, (v, std) in found.set_up.items()
     }
+    forces = None if found.fitted is None else found.fitted.forces
+    if forces is not None:
+        result["wrench"] = {
+            "messages": forces.messages,
+            "density_std": dict(
+                zip(("all", "from_change", "from_mean"), forces.relative, strict=True)
+            ),
+            "left": {
+                name: {"force": force, "torque": torque}
+                for name, (force, torque) in forces.left.items()
+            },
+        }
     if sampled is not None:
         result["posterior"] = {
             "effective_samples": sampled.effective,
@@ -123,7 +135,7 @@ def summary(found: Identification) -> list[str]:
             f"{r.name} ({ROLES[r.role]}): the simulation is {before} off with the guess, {after} "
             "with the estimate (mean distance, ERR)"
         )
-    return lines
+    return lines + forces_told(found)
 
 
 def _unit(name: str) -> str:
@@ -148,10 +160,26 @@ def _set_up(found: Identification) -> list[str]:
     ]
 
 
+def forces_told(found: Identification) -> list[str]:
+    """A sentence on what measured forces tell, and by what."""
+    forces = None if found.fitted is None else found.fitted.forces
+    if forces is None:
+        return []
+    everything, change, mean = (
+        "unknown" if s is None else f"{rounded(100.0 * s)} %" for s in forces.relative
+    )
+    return [
+        f"The forces at the grips ({forces.messages} messages) tell mu to {everything}: how they "
+        f"change, whatever the sensor's offset, to {change}; their mean, as far as "
+        f"wrench.force_bias_std goes, to {mean}."
+    ]
+
+
 def remarks(found: Identification) -> list[str]:
     """Sentences on what the recordings can and cannot tell."""
     estimate = found.estimate
     result = sentences(estimate, information(found))
+    result += forces_told(found)
     result += _set_up(found)
     if not found.converged:
         result.append("The fit has not converged; the numbers are where it stopped.")

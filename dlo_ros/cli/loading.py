@@ -107,7 +107,7 @@ def load_manipulation(path: Path, settings: Settings) -> Manipulation:
         "%s: %d commands, %d observed shapes", path, len(recording.commands), len(observations)
     )
     usable = all_along(motion, observations, settings.rod.length)
-    return Manipulation(recording.name, recording.commands, usable)
+    return Manipulation(recording.name, recording.commands, usable, recording.wrenches)
 
 
 def _observe(path: Path, settings: Settings) -> list[Observation]:

@@ -35,6 +35,7 @@ from dlo_ros.identification.fit import (
 from dlo_ros.identification.noise import noise_floor
 from dlo_ros.identification.set_up import weighed
 from dlo_ros.identification.uncertainty import data_information
+from dlo_ros.identification.wrench import Weighing, weighed_by_force
 from dlo_ros.inference.forecast import Forecast, Manipulation, forecast
 from dlo_ros.inference.parallel import Pool, Threads
 from dlo_ros.parameters import Settings
@@ -125,6 +126,8 @@ def identify(
     found = fitted(train, settings, progress, pool)
     progress("looking at the set-up", 0.9)
     found, known = _with_set_up(train, found, settings, pool)
+    progress("looking at the forces", 0.95)
+    found = _with_forces(train, found, settings, known, pool)
     settings = settings.with_effects(found.settings.effects)
     fit, theta, told = found.fit, found.theta, found.told
     estimate = summarise(settings, theta, told)
@@ -171,6 +174,7 @@ class Fitted:
         ignored: pictures of each recording that were seen wrongly.
         settings: with the tolerance that was needed.
         shifts: by which the simulation's own error may have moved theta, each (4,).
+        forces: what measured forces have told, which theta and told contain; None: there are none.
     """
 
     fit: Fit
@@ -181,6 +185,7 @@ class Fitted:
     iterations: int
     converged: bool
     shifts: Sequence[FloatArray] = ()
+    forces: Weighing | None = None
 
 
 def fitted(
@@ -277,6 +282,28 @@ def _words(theta: FloatArray) -> str:
     """
     modulus, density, drag, time = np.exp(theta)
     return f"E/mu {modulus / density:.5g} m^2/s^2, c {drag:.3g} N s/m^2, t_r {time:.3g} s"
+
+
+def _with_forces(
+    train: Sequence[Manipulation], found: Fitted, given: Settings,
+    known: Mapping[str, tuple[float, float]], pool: Pool | None,
+) -> Fitted:  # fmt: skip
+    """The fit with the forces that were measured at the grips."""
+    spans = [f.spans for f in found.fit.forecasts]
+    try:
+        forces = weighed_by_force(
+            train, found.settings, found.theta, found.told, given, spans, known, pool
+        )
+        if forces is None:
+            return found
+        simulations = Simulations(pool or Threads())
+        guess = logarithms(given)
+        fit = evaluate(train, found.settings, guess, forces.theta, simulations, found.ignored)
+    except SimulationError as err:
+        LOG.warning("measured forces are not used: %s", err)
+        return found
+    told = found.told + forces.information
+    return replace(found, fit=fit, theta=forces.theta, told=told, forces=forces)
 
 
 def _attempt(recording: Manipulation, settings: Settings) -> Forecast | None:

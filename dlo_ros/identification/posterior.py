@@ -102,7 +102,14 @@ def sample(
     inverse = np.linalg.pinv(found.fit.normal, rcond=1e-9, hermitian=True)
     off_data = gradient @ inverse.T
     off_prior = np.where(usable, theta - guess, 0.0)
-    misfit = np.einsum("kp,pq,kq->k", off_data, found.told, off_data)
+    shapes = found.told
+    off_force = np.zeros(count)
+    if found.forces is not None:
+        shapes = shapes - found.forces.information
+        off = np.where(usable, theta - found.theta, 0.0)
+        off_force = np.einsum("kp,pq,kq->k", off, found.forces.information, off)
+        off_force -= 2.0 * off @ found.forces.gradient
+    misfit = off_force + np.einsum("kp,pq,kq->k", off_data, shapes, off_data)
     misfit = misfit + np.einsum("kp,pq,kq->k", off_prior, prior, off_prior)
     proposed = np.einsum("kp,pq,kq->k", steps, found.told + prior, steps) / WIDER**2
     logs = np.where(np.isfinite(misfit), -0.5 * misfit + 0.5 * proposed, -np.inf)

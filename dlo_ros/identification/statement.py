@@ -114,8 +114,9 @@ def sentences(estimate: Estimate, information: FloatArray) -> list[str]:
     if found["specific_modulus"] and not found["density"]:
         result.append(
             "The shapes determine E/mu only: E and mu change together without changing any shape. "
-            "To know them apart, weigh the DLO and give density_std, hang a known mass on it and "
-            "state it as effects.point_mass, or give the air drag with its standard deviation."
+            "To know them apart, weigh the DLO and give density_std, measure the forces at a grip "
+            "(dlo/wrench_start, dlo/wrench_end), hang a known mass on it and state it as "
+            "effects.point_mass, or give the air drag with its standard deviation."
         )
     if not found["specific_modulus"]:
         result.append(

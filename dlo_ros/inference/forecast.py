@@ -12,7 +12,7 @@ import numpy as np
 from dlo_ros.command import Command, Motion
 from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.inference.err import shape_error
-from dlo_ros.observation import Observation
+from dlo_ros.observation import Observation, Wrenches
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.reactions import Loading
 from dlo_ros.rod.simulation import Simulation
@@ -27,11 +27,13 @@ class Manipulation:
         name: for messages and reports.
         commands: in the order of receipt.
         observations: by growing stamp, at least one.
+        wrenches: measured forces and torques of the grips, for each end that has them.
     """
 
     name: str
     commands: tuple[Command, ...]
     observations: tuple[Observation, ...]
+    wrenches: tuple[Wrenches, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -60,7 +60,7 @@ class Variances:
     def of(self, spectrum: Spectrum) -> FloatArray:
         """Variance of a number in each bin [m^2], shape (B,)."""
         p = spectrum.part
-        fading = self.fading[p] * _density(self.memory, spectrum.frequency) * spectrum.share
+        fading = self.fading[p] * density(self.memory, spectrum.frequency) * spectrum.share
         lasting = self.lasting[p] * spectrum.share + self.rough[p] * spectrum.white
         still = np.where(spectrum.frequency == 0.0, spectrum.frames, 0.0)
         return np.asarray(self.white[p] * spectrum.white + fading + still * lasting)
@@ -245,6 +245,6 @@ def _improbability(found: Variances, length: float) -> float:
     return 0.5 * float(variances) / (REPEATED_STD * length) ** 2
 
 
-def _density(memory: float, frequency: FloatArray) -> FloatArray:
+def density(memory: float, frequency: FloatArray) -> FloatArray:
     """Spectral density of an AR(1) process of unit variance."""
     return np.asarray((1.0 - memory**2) / (1.0 - 2.0 * memory * np.cos(frequency) + memory**2))

@@ -13,7 +13,7 @@ import numpy as np
 
 from dlo_ros.command import Command
 from dlo_ros.errors import InputError, RecordingError
-from dlo_ros.observation import Observation
+from dlo_ros.observation import Observation, Wrenches
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.bag import Bag, deserialise, open_bag
@@ -25,6 +25,7 @@ from dlo_ros.recordings.messages import (
     stamp_of,
     unwrap_in_time,
 )
+from dlo_ros.recordings.wrenches import read_wrenches
 
 LOG = logging.getLogger(__name__)
 
@@ -40,6 +41,7 @@ class Recording:
         observations: observed splines by growing stamp, each stamp once.
         has_images: whether the bag holds camera images.
         skipped: a line for each message that was unusable.
+        wrenches: measured forces and torques of the grips, for each end that has them.
     """
 
     name: str
@@ -48,6 +50,7 @@ class Recording:
     observations: tuple[Observation, ...]
     has_images: bool
     skipped: tuple[str, ...]
+    wrenches: tuple[Wrenches, ...] = ()
 
 
 def read_recording(
@@ -77,6 +80,10 @@ def read_recording(
         observations = _observations(bag, settings, skipped)
         if not observations and not has_images:
             _refuse(bag, topics.OBSERVED, skipped, "record it, or the camera's images")
+        try:
+            wrenches = read_wrenches(bag, settings, commands)
+        except InputError as err:
+            raise RecordingError(str(err)) from err
     for line in skipped:
         LOG.warning("%s: %s", path, line)
     return Recording(
@@ -86,6 +93,7 @@ def read_recording(
         observations=tuple(observations),
         has_images=has_images,
         skipped=tuple(skipped),
+        wrenches=tuple(wrenches),
     )
 
 

@@ -13,6 +13,8 @@ COMMAND = "dlo/command"
 OBSERVED = "dlo/observed"
 OBSERVED_POINTS = "dlo/observed_points"
 PREDICTED = "dlo/predicted"
+WRENCH_START = "dlo/wrench_start"
+WRENCH_END = "dlo/wrench_end"
 FORCE_START = "dlo/force_start"
 FORCE_END = "dlo/force_end"
 TENSION = "dlo/tension"
@@ -35,6 +37,8 @@ TYPES: dict[str, str] = {
     OBSERVED: "geometry_msgs/msg/PoseArray",
     OBSERVED_POINTS: "sensor_msgs/msg/PointCloud2",
     PREDICTED: "geometry_msgs/msg/PoseArray",
+    WRENCH_START: "geometry_msgs/msg/WrenchStamped",
+    WRENCH_END: "geometry_msgs/msg/WrenchStamped",
     FORCE_START: "geometry_msgs/msg/WrenchStamped",
     FORCE_END: "geometry_msgs/msg/WrenchStamped",
     TENSION: "std_msgs/msg/Float64",
@@ -48,6 +52,9 @@ TYPES: dict[str, str] = {
     MARKERS: "visualization_msgs/msg/MarkerArray",
     OVERLAY: "sensor_msgs/msg/Image",
 }
+
+WRENCHES = (WRENCH_START, WRENCH_END)
+"""What force-torque sensors at the grips measure."""
 
 LOADS = (FORCE_START, FORCE_END, TENSION, MIN_BEND_RADIUS)
 """What the DLO and its grips bear, beside each predicted spline."""

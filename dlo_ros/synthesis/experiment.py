@@ -20,6 +20,7 @@
     depth: {...}         # a depth sensor beside the one camera, see `look.DepthSensor`
     look: {...}          # see `look.Look`
     measurement: {...}   # see `look.Measurement`
+    wrench: {...}        # force-torque sensors at the grips, see `wrench_sensor.WrenchSensor`
     foreign: {...}       # effects that no parameter file names, see `hidden.FOREIGN`
 
 The parameters state what an experimenter knows; effects say how the truth departs from that. So
@@ -55,6 +56,7 @@ from dlo_ros.synthesis.hidden import FOREIGN, Hidden, read_effects
 from dlo_ros.synthesis.hidden_rod import true_length
 from dlo_ros.synthesis.look import DepthSensor, Look, Measurement, SimulatedCamera
 from dlo_ros.synthesis.sections import Section
+from dlo_ros.synthesis.wrench_sensor import WrenchSensor
 
 START_STAMP = 1_760_000_000 * NANOSECONDS
 """Stamp of the first image [ns], the same in every run so that bags are reproducible."""
@@ -88,6 +90,7 @@ class Experiment:
         hidden: effects that the truth has beside its parameters.
         cameras: several cameras by name, each with its stated pose; empty: the one camera.
         depth: the sensor beside the one camera; None: there is none.
+        wrench: the sensors at the grips; None: there are none.
     """
 
     name: str
@@ -102,6 +105,7 @@ class Experiment:
     hidden: Hidden = field(default_factory=Hidden)
     cameras: Mapping[str, tuple[SimulatedCamera, CameraPose]] = field(default_factory=dict)
     depth: DepthSensor | None = None
+    wrench: WrenchSensor | None = None
 
     @property
     def camera_pose(self) -> CameraPose:
@@ -177,12 +181,31 @@ def read_experiment(tree: Any, name: str, where: str) -> Experiment:
         cameras=_cameras(top),
         depth=_finished(DepthSensor.read, top.block("depth")) if "depth" in top else None,
     )
+    if "wrench" in top:
+        experiment = with_wrench(experiment, _finished(WrenchSensor.read, top.block("wrench")))
     if experiment.cameras and experiment.depth is not None:
         raise InputError(f"{where}: depth is that of the one camera; leave cameras or depth out")
     top.finish()
     _check_effects(experiment, where)
     _check_reach(experiment.command, true_length(truth, experiment.hidden), where)
     return experiment
+
+
+def with_wrench(experiment: Experiment, sensor: WrenchSensor | None = None) -> Experiment:
+    """The experiment with sensors at the grips, whose errors its parameter file states.
+
+    Args:
+        sensor: default: one with a noise of 1 % and an offset of 5 % of the rope's weight.
+    """
+    rod = experiment.truth.rod
+    if sensor is None:
+        weight = rod.linear_density * rod.length * float(np.linalg.norm(experiment.truth.gravity))
+        sensor = WrenchSensor.usual(weight, rod.length)
+    stated = replace(
+        experiment.guess.wrench, force_std=sensor.force_std, torque_std=sensor.torque_std,
+        force_bias_std=sensor.force_bias_std,
+    )  # fmt: skip
+    return replace(experiment, wrench=sensor, guess=replace(experiment.guess, wrench=stated))
 
 
 def _finished(read: Any, section: Section) -> Any:

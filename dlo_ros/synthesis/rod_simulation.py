@@ -112,6 +112,17 @@ class Simulation:
         self._anchor = self.x.copy()
         # What relaxes has flowed as far as the rod is bent.
         self._flow = self._flow_before = self._strains[1] - rod.rest_turn
+        self._potential: Potential | None = None
+
+    @property
+    def potential(self) -> Potential:
+        """What the last step has minimised; at rest, what an equilibrium minimises."""
+        if self._potential is not None:
+            return self._potential
+        boundary, rod = self.boundary(self.time), self.rod_at(self.time)
+        relaxed = (1.0 - rod.relaxing) * rod.bending_stiffness
+        held = boundary.held(len(rod.mass))
+        return replace(rod, bending_stiffness=relaxed).potential(held, boundary.clamps)
 
     def rod_at(self, time: float) -> DiscreteRod:
         """The rod at a time [s]."""
@@ -199,7 +210,7 @@ class Simulation:
             there = np.gradient(self.x + h * self.v, rod.u, axis=0)
             along = there / np.linalg.norm(there, axis=1, keepdims=True)
             wind = Wind(True, rod.quadratic_drag, along, past_x, c0)
-        potential = Potential(
+        self._potential = potential = Potential(
             held=boundary.held(len(rod.mass)),
             lengths=rod.lengths,
             clamps=boundary.clamps,

@@ -21,6 +21,7 @@ from dlo_ros.recordings.building import (
     points_message,
     spline_message,
 )
+from dlo_ros.recordings.wrenches import write_wrenches
 from dlo_ros.recordings.write import BagWriter
 from dlo_ros.spline import FloatArray, SplineBasis
 from dlo_ros.synthesis.experiment import Experiment
@@ -32,6 +33,7 @@ from dlo_ros.synthesis.pictures import (
     record_pictures,
     warn_out_of_sight,
 )
+from dlo_ros.synthesis.reaction import record
 from dlo_ros.synthesis.render import Renderer
 from dlo_ros.synthesis.truth import Truth, build_simulation, simulate
 
@@ -80,8 +82,13 @@ def synthesize(
         )
     with BagWriter(output, force) as writer:
         simulation, grips = build_simulation(experiment, edges=edges, step=step)
-        truth = simulate(simulation, experiment.stamps, experiment.truth.rod.length)
-        frame = experiment.truth.frame_id
+        length, frame = experiment.truth.rod.length, experiment.truth.frame_id
+        if experiment.wrench is None:
+            truth = simulate(simulation, experiment.stamps, length)
+        else:
+            truth, wrenches = record(experiment.wrench, simulation, experiment.stamps, length, seed)
+            for one in wrenches:
+                write_wrenches(writer, frame, one)
         command = command_message(BAG_MESSAGES, experiment.command)
         writer.write(topics.COMMAND, command, experiment.command.stamp - LEAD)
         frames = progress(range(len(truth.stamps)), len(truth.stamps))

@@ -258,6 +258,7 @@ def simulate(
     simulation: Simulation | SpatialSimulation,
     stamps: Iterable[int],
     length: float | None = None,
+    reached: Callable[[int], None] = lambda stamp: None,
 ) -> Truth:
     """Run a settled simulation over growing stamps [ns].
 
@@ -266,6 +267,7 @@ def simulate(
         stamps: [ns].
         length: configured length [m], by which the material coordinate counts; None where that is
             the rod's.
+        reached: is told each stamp when the simulation is there.
 
     Raises:
         SimulationError: a step did not converge.
@@ -276,6 +278,7 @@ def simulate(
         time = (stamp - START_STAMP) / NANOSECONDS
         if time > simulation.time:
             simulation.advance(time)
+        reached(stamp)
         nodes.append(simulation.x)
         velocities.append(simulation.v)
         if isinstance(simulation, SpatialSimulation):

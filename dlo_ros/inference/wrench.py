@@ -1,0 +1,354 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Measured forces and torques of the grips beside predicted ones, with the sensor's errors.
+
+Shapes tell ratios of E, mu and damping; every force is proportional to all of them together, so a
+measured one tells their common scale. A sensor has an offset, a mass between itself and the DLO and
+a clock of its own: these are columns with Gaussian priors, integrated out. What remains is white
+noise and an error that dies out over time, with variances by marginal likelihood as those of shapes
+(see `variances`), in the cosine transform over time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import dct
+from scipy.optimize import minimize
+
+from dlo_ros.command import CONTROL_POINT, NANOSECONDS, START, Command, Motion
+from dlo_ros.inference.variances import LONGEST_MEMORY, density
+from dlo_ros.observation import Wrenches
+from dlo_ros.parameters import Settings
+from dlo_ros.spline import FloatArray
+
+LONGEST_WINDOW = 0.05
+"""Time to either side of a shape [s] from which forces are brought to its instant: a motion of 1 Hz
+is then followed to 0.1 %."""
+QUADRATIC = 5
+"""Messages in a window from which its values follow a parabola; from three on, a line."""
+LEVER = 0.1
+"""Over L: distance at which a force sensor's errors make those of its torques where none are
+stated, and a tool's centre of mass lies."""
+LEAST_NOISE = 1e-6
+"""Smallest standard deviation over the weight; below is rounding."""
+LACKING = 0.05
+"""Prior standard deviation over the weight of what the model lacks: it is rather explained."""
+UNBIASED = 1e3
+"""Factor of the offset's prior with which the mean tells nothing."""
+SIDE = 0.01
+"""Time to either side over which a grip's acceleration is taken [s]."""
+
+
+@dataclass(frozen=True)
+class WrenchField:
+    """What was measured and predicted at one end, at F instants in C components.
+
+    Args:
+        name: recording and end, for people.
+        residual: measured minus predicted [N; N m], shape (F, C).
+        derivative: of the prediction by P logarithms, shape (F, C, P).
+        nuisances: columns in prior standard deviations, shape (F, C, Q).
+        offsets: which of the columns are constant offsets, shape (Q,).
+        torque: which components are torques, shape (C,).
+        white: stated noise of a component [N; N m], shape (C,).
+        scale: weight, and weight times length, of each component [N; N m], shape (C,).
+    """
+
+    name: str
+    residual: FloatArray
+    derivative: FloatArray
+    nuisances: FloatArray
+    offsets: NDArray[np.bool_]
+    torque: NDArray[np.bool_]
+    white: FloatArray
+    scale: FloatArray
+
+
+@dataclass(frozen=True)
+class Told:
+    """What the forces at one end tell of P logarithms, nuisances integrated out.
+
+    Args:
+        information: shape (P, P).
+        gradient: information times the step to the logarithms that fit best, shape (P,).
+        left: root mean square of what is left in each component [N; N m], shape (C,).
+    """
+
+    information: FloatArray
+    gradient: FloatArray
+    left: FloatArray
+
+
+def near(
+    measured: Wrenches, stamps: Sequence[int]
+) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+    """Measured forces and torques brought to the instants of shapes.
+
+    A parabola or line through the messages of a window, at most half the way to the next shape.
+
+    Args:
+        stamps: of the shapes [ns], F of them.
+
+    Returns:
+        Force and torque (F, 6), standard deviation of each over that of one message, (F,), and
+        which instants have messages near enough, (F,).
+    """
+    at = np.asarray(stamps, dtype=np.int64)
+    half = LONGEST_WINDOW
+    if len(at) > 1:
+        half = min(half, 0.5 * float(np.median(np.diff(at))) / NANOSECONDS)
+    table = np.hstack([measured.force, measured.torque])
+    values, share = np.zeros((len(at), 6)), np.ones(len(at))
+    found = np.zeros(len(at), dtype=bool)
+    for k, stamp in enumerate(at):
+        time = (measured.stamps - stamp) / NANOSECONDS
+        pick = np.flatnonzero(np.abs(time) <= half * (1.0 + 1e-6))
+        if len(pick) < 2 or time[pick[0]] > 0.0 or time[pick[-1]] < 0.0:
+            before, after = np.flatnonzero(time <= 0.0), np.flatnonzero(time >= 0.0)
+            if not len(before) or not len(after):
+                continue
+            # Messages that come more seldom than shapes: the neighbours' line.
+            pick = np.unique([before[-1], after[0]])
+            if time[pick[-1]] - time[pick[0]] > 2.0 * LONGEST_WINDOW:
+                continue
+        degree = 2 if len(pick) >= QUADRATIC else min(len(pick) - 1, 1)
+        powers = (time[pick] / max(float(np.abs(time[pick]).max()), 1e-9))[:, None]
+        weights = np.linalg.pinv(powers ** np.arange(degree + 1))[0]
+        values[k], share[k], found[k] = weights @ table[pick], np.linalg.norm(weights), True
+    return values, share, found
+
+
+def scatter(measured: Wrenches) -> FloatArray:
+    """White noise of one message by its third differences [N; N m], shape (6,)."""
+    table = np.hstack([measured.force, measured.torque])
+    if len(table) < 8:
+        return np.zeros(6)
+    jumps = np.diff(table, 3, axis=0) / np.sqrt(20.0)
+    return np.asarray(1.4826 * np.median(np.abs(jumps), axis=0))
+
+
+def wrench_field(
+    name: str,
+    measured: Wrenches,
+    stamps: Sequence[int],
+    predicted: FloatArray,
+    derivative: FloatArray,
+    settings: Settings,
+    commands: Sequence[Command],
+    more: Sequence[FloatArray] = (),
+) -> WrenchField | None:
+    """One end of one recording; None where nothing was measured near its shapes.
+
+    Args:
+        stamps: of the shapes [ns], F of them.
+        predicted: force and torque of the grip at these, shape (F, 6).
+        derivative: of these by P logarithms, shape (F, 6, P).
+        settings: of the DLO and its sensors.
+        commands: what was imposed.
+        more: further columns in prior standard deviations, shape (F, 6) each.
+    """
+    values, share, found = near(measured, stamps)
+    rod, stated = settings.rod, settings.wrench
+    weight = rod.linear_density * rod.length * max(float(np.linalg.norm(settings.gravity)), 1e-9)
+    size = np.abs(predicted).max(axis=0) / weight / np.array([1.0] * 3 + [rod.length] * 3)
+    active = size > 1e-6
+    if not found.any() or not active.any():
+        return None
+    times = (np.asarray(stamps) - stamps[0]) / NANOSECONDS
+    own = scatter(measured)
+    lever = LEVER * rod.length
+    if stated.force_std > 0.0:
+        lever_std = stated.torque_std / stated.force_std or lever
+        own = np.where(np.arange(6) < 3, stated.force_std, lever_std * stated.force_std)
+    elif stated.torque_std > 0.0:
+        own = np.where(np.arange(6) < 3, own, stated.torque_std)
+    bias = stated.force_bias_std
+    if bias > 0.0:
+        both = stated.force_std > 0.0 and stated.torque_std > 0.0
+        twist = bias * (stated.torque_std / stated.force_std if both else lever)
+    else:  # not known: as large as what is measured
+        force, torque = (np.sqrt(np.mean(values[found][:, p] ** 2)) for p in (_FORCE, _TORQUE))
+        bias = max(float(force), weight)
+        twist = max(float(torque), lever * bias)
+    axes = _axes(measured, stamps)
+    columns = [_placed(axes[:, :, i] * bias, None) for i in range(3)]
+    columns += [_placed(None, axes[:, :, i] * twist) for i in range(3)]
+    offsets = [True] * 6
+    if stated.delay_std > 0.0 and len(times) > 2:
+        columns.append(-stated.delay_std * np.gradient(predicted, times, axis=0))
+    if stated.tool_mass_std > 0.0:
+        columns += _tool(measured.end, axes, stamps, settings, commands, lever)
+    columns += list(more)
+    if rod.diameter_std > 0.0:  # forces tell mu D^2 and E D^4
+        shift = 2.0 * rod.diameter_std / rod.diameter
+        columns.append(shift * (derivative[:, :, 0] + derivative[:, :, 1]))
+    offsets += [False] * (len(columns) - 6)
+    usual = weight * np.array([1.0] * 3 + [rod.length] * 3)
+    white = np.maximum(own * float(np.sqrt(np.mean(share[found] ** 2))), LEAST_NOISE * usual)
+    return WrenchField(
+        name,
+        (values - predicted)[found][:, active],
+        derivative[found][:, active],
+        np.stack(columns, axis=2)[found][:, active],
+        np.array(offsets),
+        (np.arange(6) >= 3)[active],
+        white[active],
+        usual[active],
+    )
+
+
+_FORCE, _TORQUE = slice(0, 3), slice(3, 6)
+
+
+def _placed(force: FloatArray | None, torque: FloatArray | None) -> FloatArray:
+    """A column (F, 6) of its halves; None is zero."""
+    other = force if torque is None else torque
+    assert other is not None
+    zero = np.zeros_like(other)
+    return np.hstack([zero if force is None else force, zero if torque is None else torque])
+
+
+def _axes(measured: Wrenches, stamps: Sequence[int]) -> FloatArray:
+    """The sensor's axes at the shapes, shape (F, 3, 3)."""
+    nearest = np.searchsorted(measured.stamps, np.asarray(stamps))
+    return measured.axes[np.clip(nearest, 0, len(measured.stamps) - 1)]
+
+
+def _tool(
+    end: str, axes: FloatArray, stamps: Sequence[int], settings: Settings,
+    commands: Sequence[Command], lever: float,
+) -> list[FloatArray]:  # fmt: skip
+    """What a mass between sensor and DLO adds, tared at the first shape; none where it rests."""
+    motion, mass = Motion(list(commands)), settings.wrench.tool_mass_std
+    tip = f"{CONTROL_POINT}{1 if end == START else settings.rod.control_points}"
+    side, places = round(SIDE * NANOSECONDS), []
+    for stamp in stamps:
+        command = motion.at(int(stamp))
+        names = () if command is None else command.names
+        name = next((n for n in (end, tip) if n in names), None)
+        if command is None or name is None:
+            return []
+        k = names.index(name)
+        a, b, c = (command.sample(int(stamp) + s)[0][k] for s in (-side, 0, side))
+        places.append((a - 2.0 * b + c) / SIDE**2)
+    pull = np.array(places) - np.array(settings.gravity)
+    inside = np.einsum("fji,fj->fi", axes, pull)  # along the sensor's axes
+    tared = np.einsum("fij,fj->fi", axes, inside - inside[0])
+    if not np.abs(tared).max() > 1e-6:
+        return []
+    result = [mass * _placed(tared, None)]
+    for i in range(3):
+        turn = np.cross(axes[:, :, i], pull)
+        inner = np.einsum("fji,fj->fi", axes, turn)
+        turn = np.einsum("fij,fj->fi", axes, inner - inner[0])
+        result.append(mass * lever * _placed(None, turn))
+    return result
+
+
+def told(
+    field: WrenchField, offset: FloatArray, precision: FloatArray, *, only_mean: bool = False
+) -> Told:
+    """Variances of one end's errors, and what it tells with them.
+
+    Args:
+        offset: where the logarithms are expected minus where the derivatives are taken, shape (P,).
+        precision: of that expectation, shape (P, P).
+        only_mean: whether only the mean over time counts, not how forces change.
+    """
+    transformed = _Transformed.of(field)
+    variance = transformed.fitted(offset, precision)
+    if only_mean:
+        variance = np.where(np.arange(len(variance))[:, None] > 0, 1e12 * variance, variance)
+    return transformed.told(variance, field)
+
+
+def without_offsets(field: WrenchField) -> WrenchField:
+    """The same end with offsets of which nothing is known: only how forces change tells."""
+    factor = np.where(field.offsets, UNBIASED, 1.0)
+    return replace(field, nuisances=field.nuisances * factor)
+
+
+@dataclass(frozen=True)
+class _Transformed:
+    """A field in the cosine transform over time.
+
+    Args:
+        r, j, z: residual (F, C), derivative (F, C, P), nuisances (F, C, Q).
+        frequency: radians per frame, shape (F,).
+        kinds: 0 for forces, 1 for torques, shape (C,).
+        white, scale: see `WrenchField`.
+    """
+
+    r: FloatArray
+    j: FloatArray
+    z: FloatArray
+    frequency: FloatArray
+    kinds: NDArray[np.int64]
+    white: FloatArray
+    scale: FloatArray
+
+    @classmethod
+    def of(cls, field: WrenchField) -> _Transformed:
+        """Those of one end."""
+        count = len(field.residual)
+        r, j, z = (
+            np.asarray(dct(x, axis=0, norm="ortho"), dtype=np.float64)
+            for x in (field.residual, field.derivative, field.nuisances)
+        )
+        frequency = np.pi * np.arange(count) / count
+        kinds = field.torque.astype(np.int64)
+        return cls(r, j, z, frequency, kinds, field.white, field.scale)
+
+    def variance(self, x: FloatArray) -> FloatArray:
+        """Variances (F, C) of five numbers.
+
+        ln of the white part over the stated one, of forces and torques; ln of the fading part over
+        the weight, likewise; ln (1 - memory).
+        """
+        white = self.white**2 * np.exp(2.0 * x[:2])[self.kinds]
+        fading = self.scale**2 * np.exp(2.0 * x[2:4])[self.kinds]
+        memory = float(-np.expm1(x[4]))
+        return np.asarray(white + density(memory, self.frequency)[:, None] * fading)
+
+    def fitted(self, offset: FloatArray, precision: FloatArray) -> FloatArray:
+        """Variances that maximise the marginal likelihood."""
+        q = self.z.shape[2]
+        columns = np.concatenate([self.j, self.z], axis=2)
+        prior = np.zeros((len(offset) + q,) * 2)
+        prior[: len(offset), : len(offset)] = precision
+        prior[len(offset) :, len(offset) :] = np.eye(q)
+        mean = np.concatenate([offset, np.zeros(q)])
+        few = len(self.r) < 4
+
+        def cost(x: FloatArray) -> float:
+            v = self.variance(x)
+            lhs = prior + np.einsum("fcp,fcq->pq", columns / v[:, :, None], columns, optimize=True)
+            rhs = prior @ mean + np.einsum("fcp,fc->p", columns, self.r / v)
+            value = float(np.sum(np.log(v)) + np.sum(self.r**2 / v))
+            value += float(np.linalg.slogdet(lhs)[1] - rhs @ np.linalg.solve(lhs, rhs))
+            return 0.5 * value + 0.5 * float(np.sum(np.exp(2.0 * x[2:4]))) / LACKING**2
+
+        start = np.array([0.0, 0.0, np.log(1e-3), np.log(1e-3), np.log(0.1)])
+        low = np.log(1e-7)
+        bounds = [(0.0, 0.0 if few else 6.0)] * 2 + [(low, 0.0)] * 2
+        bounds += [(float(np.log1p(-LONGEST_MEMORY)), float(np.log(0.9)))]
+        found = minimize(cost, start, method="L-BFGS-B", bounds=bounds, options={"maxiter": 40})
+        return self.variance(found.x)
+
+    def told(self, v: FloatArray, field: WrenchField) -> Told:
+        """What the field tells with known variances."""
+        p = self.j.shape[2]
+        columns = np.concatenate([self.j, self.z], axis=2)
+        lhs = np.einsum("fcp,fcq->pq", columns / v[:, :, None], columns, optimize=True)
+        rhs = np.einsum("fcp,fc->p", columns, self.r / v)
+        lhs[p:, p:] += np.eye(self.z.shape[2])
+        back = np.linalg.solve(lhs[p:, p:], np.column_stack([lhs[p:, :p], rhs[p:]]))
+        information = lhs[:p, :p] - lhs[:p, p:] @ back[:, :p]
+        gradient = rhs[:p] - lhs[:p, p:] @ back[:, p]
+        left = field.residual - field.nuisances @ back[:, p]
+        return Told(
+            0.5 * (information + information.T), gradient, np.sqrt(np.mean(left**2, axis=0))
+        )

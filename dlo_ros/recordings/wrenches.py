@@ -1,0 +1,147 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Measured forces and torques of the grips, from and to bags."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from dlo_ros.command import CONTROL_POINT, END, START, Command, Motion
+from dlo_ros.errors import InputError
+from dlo_ros.observation import Wrenches
+from dlo_ros.parameters import Settings
+from dlo_ros.recordings import topics
+from dlo_ros.recordings.bag import Bag, deserialise
+from dlo_ros.recordings.building import BAG_MESSAGES, wrench_message
+from dlo_ros.recordings.messages import stamp_of
+from dlo_ros.recordings.transforms import Transforms
+from dlo_ros.recordings.write import BagWriter
+from dlo_ros.spline import FloatArray
+
+LOG = logging.getLogger(__name__)
+
+TOPICS = {START: topics.WRENCH_START, END: topics.WRENCH_END}
+MOVING = "/tf"
+"""Transforms that change."""
+
+
+def write_wrenches(writer: BagWriter, frame: str, measured: Wrenches) -> None:
+    """Write what was measured at one end in the fixed frame."""
+    topic = TOPICS[measured.end]
+    for stamp, force, torque in zip(measured.stamps, measured.force, measured.torque, strict=True):
+        message = wrench_message(BAG_MESSAGES, int(stamp), frame, force, torque)
+        writer.write(topic, message, int(stamp))
+
+
+def read_wrenches(bag: Bag, settings: Settings, commands: Sequence[Command]) -> list[Wrenches]:
+    """Measured wrenches of the ends at which there are any.
+
+    Those of the frame `frame_id` are about the end of the DLO; those of another frame, such as a
+    sensor's, are about its origin and are moved to that end.
+
+    Raises:
+        InputError: their frame's pose is not known.
+    """
+    result, transforms = [], None
+    for end, topic in TOPICS.items():
+        rows: dict[int, FloatArray] = {}
+        frames: set[str] = set()
+        wrong = 0
+        for raw in bag.messages(bag.find(topic)):
+            try:
+                message = deserialise(raw)
+                stamp, values = stamp_of(message), wrench_of(message)
+            except InputError:
+                wrong += 1
+                continue
+            if stamp in rows or not np.isfinite(values).all():
+                wrong += 1
+                continue
+            rows[stamp] = values
+            frames.add(str(message.header.frame_id))
+        if wrong:
+            LOG.warning(
+                "%s: %d of %d messages on %s are left out: not finite, or a stamp that was there",
+                bag.path, wrong, wrong + len(rows), topic,
+            )  # fmt: skip
+        if not rows:
+            continue
+        if len(frames) > 1:
+            raise InputError(f"{bag.path}: {topic} is in several frames: {', '.join(frames)}")
+        if transforms is None:
+            transforms = transforms_of(bag)
+        stamps = np.array(sorted(rows), dtype=np.int64)
+        table = np.array([rows[int(s)] for s in stamps])
+        try:
+            result.append(
+                in_fixed_frame(end, stamps, table, frames.pop(), settings, commands, transforms)
+            )
+        except InputError as err:
+            raise InputError(f"{bag.path}: {topic}: {err}") from err
+    return result
+
+
+def wrench_of(message: Any) -> FloatArray:
+    """Force and torque of a geometry_msgs/WrenchStamped, shape (6,), finite or not."""
+    f, t = message.wrench.force, message.wrench.torque
+    return np.array([f.x, f.y, f.z, t.x, t.y, t.z], dtype=np.float64)
+
+
+def transforms_of(bag: Bag) -> Transforms:
+    """All that a bag tells of frames."""
+    result = Transforms()
+    for topic, fixed in ((topics.TRANSFORMS, True), (MOVING, False)):
+        for raw in bag.messages([c for c in bag.connections if c.topic == topic]):
+            try:
+                result.add(deserialise(raw), fixed=fixed)
+            except InputError as err:
+                LOG.warning("%s: a message on %s is left out: %s", bag.path, topic, err)
+    return result
+
+
+def in_fixed_frame(
+    end: str, stamps: np.ndarray, table: FloatArray, frame: str, settings: Settings,
+    commands: Sequence[Command], transforms: Transforms,
+) -> Wrenches:  # fmt: skip
+    """Measured wrenches along the axes of `frame_id`, about the end of the DLO.
+
+    Args:
+        stamps: [ns], growing, shape (k,).
+        table: forces and torques in a frame, shape (k, 6).
+        frame: its name.
+
+    Raises:
+        InputError: the frame's pose is not known.
+    """
+    force, torque = table[:, :3], table[:, 3:]
+    axes = np.broadcast_to(np.eye(3), (len(stamps), 3, 3))
+    if frame.lstrip("/") != settings.frame_id.lstrip("/"):
+        at = [int(s) for s in stamps]
+        axes, origins = transforms.lookup(frame, settings.frame_id, at)
+        force, torque = (np.einsum("kij,kj->ki", axes, v) for v in (force, torque))
+        lever = origins - held_at(end, at, settings, commands)
+        torque = torque + np.cross(lever, force)
+    return Wrenches(end, stamps, np.ascontiguousarray(force), np.ascontiguousarray(torque), axes)
+
+
+def held_at(
+    end: str, stamps: Sequence[int], settings: Settings, commands: Sequence[Command]
+) -> FloatArray:
+    """Where an end is commanded to be at stamps [ns], shape (k, 3) [m].
+
+    Raises:
+        InputError: no command holds it.
+    """
+    tip = f"{CONTROL_POINT}{1 if end == START else settings.rod.control_points}"
+    motion, places = Motion(list(commands)), []
+    for stamp in stamps:
+        command = motion.at(stamp)
+        names = () if command is None else command.names
+        name = end if end in names else tip
+        if command is None or name not in names:
+            raise InputError(f"no command holds the {end} of the DLO, where forces are measured")
+        places.append(command.sample(stamp)[0][names.index(name)])
+    return np.array(places)

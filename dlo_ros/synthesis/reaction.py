@@ -1,0 +1,148 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Forces and torques of the grips on the discrete rod, by its own laws, and a sensor of them.
+
+A grip's force is the slope of what a time step minimises, inertia included, by the place that it
+imposes; its torque that of the bending energy by the direction that it imposes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from dlo_ros.command import END, NANOSECONDS, START
+from dlo_ros.errors import InputError
+from dlo_ros.observation import Wrenches
+from dlo_ros.spline import FloatArray
+from dlo_ros.synthesis.experiment import START_STAMP
+from dlo_ros.synthesis.rod_kernels import BANDS, elastic
+from dlo_ros.synthesis.rod_simulation import Simulation
+from dlo_ros.synthesis.rod_steps import Potential, evaluate
+from dlo_ros.synthesis.spatial_simulation import SpatialSimulation
+from dlo_ros.synthesis.truth import Truth, simulate
+from dlo_ros.synthesis.wrench_sensor import WrenchSensor
+
+TURN = 1e-5
+"""By which a clamp is turned for the derivative [rad]."""
+WITHIN = 5e-3
+"""Time to either side over which a tool's acceleration is taken [s]."""
+
+
+def reactions(simulation: Simulation) -> Mapping[str, FloatArray]:
+    """What the grips at the ends of a planar rod exert on it at its present instant.
+
+    Returns:
+        For each end that is held (`start`, `end`): force along x and z [N], and torque about +y at
+        that end [N m], shape (3,).
+    """
+    x, boundary = simulation.x, simulation.boundary(simulation.time)
+    potential = simulation.potential
+    free = potential._replace(held=np.zeros_like(potential.held))
+    gradient = np.empty_like(x)
+    evaluate(x, free, gradient, np.empty((BANDS, 2 * len(x))))
+    result = {}
+    for k, (end, node) in enumerate(((START, 0), (END, len(x) - 1))):
+        if node in boundary.positions:
+            result[end] = np.array([*gradient[node], _torque(x, potential, k)])
+    return result
+
+
+def _torque(x: FloatArray, p: Potential, end: int) -> float:
+    """Torque of the clamp at the start (0) or the end (1) [N m]; 0 where the DLO may turn there."""
+    if np.isnan(p.clamps[end]):
+        return 0.0
+    energy = []
+    for side in (TURN, -TURN):
+        clamps = p.clamps.copy()
+        clamps[end] += side
+        scratch = np.zeros_like(x), np.zeros((BANDS, 2 * len(x)))
+        energy.append(elastic(x, p.lengths, clamps, p.stiffness, p.offsets, p.law, *scratch))
+    return float(energy[0] - energy[1]) / (2.0 * TURN)
+
+
+def measured(
+    sensor: WrenchSensor,
+    stamps: Sequence[int],
+    true: Sequence[Mapping[str, FloatArray]],
+    accelerations: Mapping[str, FloatArray],
+    seed: int,
+) -> list[Wrenches]:
+    """What sensors at the grips would tell.
+
+    Args:
+        stamps: at which they are stamped [ns], T of them.
+        true: see `reactions`, at the instants that are measured.
+        accelerations: of each grip along x and z at these instants [m/s^2], shape (T, 2).
+        seed: of noise and offset.
+
+    Raises:
+        InputError: a grip holds the DLO at some instants only.
+    """
+    rng = np.random.default_rng([seed, 0x57])
+    result = []
+    for end in (START, END):
+        held = [end in now for now in true]
+        if not any(held):
+            continue
+        if not all(held):
+            raise InputError(f"wrench: the {end} is not held all the time")
+        values = np.array([now[end] for now in true])
+        values[:, :2] += sensor.tool_mass * (accelerations[end] - accelerations[end][0])
+        force, torque = np.zeros((len(stamps), 3)), np.zeros((len(stamps), 3))
+        force[:, [0, 2]], torque[:, 1] = values[:, :2], values[:, 2]
+        for array, noise, offset in (
+            (force, sensor.force_std, sensor.force_bias_std),
+            (torque, sensor.torque_std, sensor.torque_bias_std),
+        ):
+            array += rng.normal(0.0, 1.0, 3) * offset + rng.normal(0.0, 1.0, array.shape) * noise
+        axes = np.broadcast_to(np.eye(3), (len(stamps), 3, 3))
+        late = np.array(stamps, dtype=np.int64) + round(sensor.delay * NANOSECONDS)
+        result.append(Wrenches(end, late, force, torque, axes))
+    return result
+
+
+def record(
+    sensor: WrenchSensor, simulation: Simulation | SpatialSimulation, stamps: Sequence[int],
+    length: float, seed: int,
+) -> tuple[Truth, list[Wrenches]]:  # fmt: skip
+    """Run a settled planar simulation over the stamps of images, and measure at the grips.
+
+    Args:
+        stamps: of the images [ns].
+        length: configured length [m].
+        seed: of noise and offset.
+
+    Raises:
+        InputError: the rod moves in space.
+        SimulationError: a step did not converge.
+    """
+    if isinstance(simulation, SpatialSimulation):
+        raise InputError("wrench: forces at the grips are simulated in the plane y = 0 only")
+    count = int((stamps[-1] - stamps[0]) / NANOSECONDS * sensor.rate) + 1
+    instants = [stamps[0] + round(k / sensor.rate * NANOSECONDS) for k in range(count)]
+    borne: dict[int, Mapping[str, FloatArray]] = {}
+    every = sorted({*stamps, *instants})
+    truth = simulate(simulation, every, length, lambda s: borne.update({s: reactions(simulation)}))
+    kept = np.isin(every, stamps)
+    seen = replace(
+        truth, stamps=tuple(stamps), nodes=truth.nodes[kept], velocities=truth.velocities[kept]
+    )
+    measure = np.isin(every, instants)
+    moved = {
+        end: _acceleration(simulation, node, instants) if end in borne[every[0]] else np.zeros(0)
+        for end, node in ((START, 0), (END, truth.nodes.shape[1] - 1))
+    }
+    true = [borne[s] for s, m in zip(every, measure, strict=True) if m]
+    return seen, measured(sensor, instants, true, moved, seed)
+
+
+def _acceleration(simulation: Simulation, node: int, stamps: Sequence[int]) -> FloatArray:
+    """Of an imposed node along x and z [m/s^2], shape (T, 2)."""
+    places = []
+    for stamp in stamps:
+        time = (stamp - START_STAMP) / NANOSECONDS
+        near = [simulation.boundary(time + side).positions[node] for side in (-WITHIN, 0, WITHIN)]
+        places.append((near[0] - 2.0 * near[1] + near[2]) / WITHIN**2)
+    return np.array(places)
