@@ -17,7 +17,7 @@ from live_graph import Client, Process, to_ros
 from dlo_ros.command import Command
 from dlo_ros.demo.network import free_domain
 from dlo_ros.nodes.loads import LoadPublisher
-from dlo_ros.nodes.qos import LATCHED
+from dlo_ros.nodes.qos import DEEP, LATCHED
 from dlo_ros.parameters import LimitParameters, Settings
 from dlo_ros.recordings import BAG_MESSAGES, command_message, spline_message, topics
 from dlo_ros.rod.reactions import Loading, Wrench
@@ -113,7 +113,7 @@ def test_forces_come_with_predictions_and_limits_raise_the_alarm(graph):
 
 
 def test_a_motion_is_tried_while_the_simulation_runs(graph):
-    shapes = graph.hear(topics.REHEARSAL)  # with the usual depth of 10
+    shapes = graph.hear(topics.REHEARSAL, DEEP)
     predicted = graph.hear(topics.PREDICTED)
     ask = graph.publisher(topics.REHEARSAL_COMMAND)
     begin = len(predicted)
