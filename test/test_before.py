@@ -36,7 +36,7 @@ def struck(air_drag, first=0.6, far=0.15):
     return problem, candidate("", "", beginning.at, KNOWN)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_an_effect_that_a_hit_covers_is_told_from_before():
     problem, plain = struck(PAPER.damping.air_drag + DRAG)
     found = alone_before(problem, plain, ("start",), 1, silent)

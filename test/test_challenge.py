@@ -32,7 +32,7 @@ def test_every_effect_can_be_drawn():
     assert set(OTHERS) == set(FOREIGN)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_seed_says_it_all():
     first, again = (draw(3, "single", ("constant_force",), recordings=2) for _ in range(2))
     assert first == again

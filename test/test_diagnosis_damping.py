@@ -38,6 +38,7 @@ def damped(tmp_path_factory):
     return recorded(tmp_path_factory.mktemp("damped"), 3, "single", ("internal_damping",))
 
 
+@pytest.mark.slow
 def test_a_wrong_guess_is_named_where_it_is_all_that_is_missing(damped):
     challenge, recordings, settings = damped
     found = diagnose(recordings, settings)
@@ -79,6 +80,7 @@ def test_a_mass_is_known_no_better_than_the_rope(tmp_path):
     assert abs(mass.value - true) < 2.5 * mass.std
 
 
+@pytest.mark.slow
 def test_models_with_the_guess_start_where_all_else_has_followed(damped):
     _, recordings, settings = damped
     at = begin(recordings, settings).at

@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from ordinary import some_of
 from twins import CLOSED, PINNED, WAVED, compare
 
 pytestmark = pytest.mark.long
@@ -82,13 +83,19 @@ CASES = {
 }  # fmt: skip
 
 
+ORDINARY = (
+    "no effect, held at both ends", "intrinsic_curvature, kink", "clamp_angle, both",
+    "viscoelasticity", "wall", "obstacle", "many", "many, both held",
+)  # fmt: skip
+
+
 @cache
 def without(manipulation: str) -> np.ndarray:
     """The motion without any effect, points (T, m, 3)."""
     return compare(MANIPULATIONS[manipulation], {})[1]
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", some_of(CASES, ORDINARY))
 def test_it_moves_as_the_discrete_rod_does(case):
     manipulation, effects = CASES[case]
     found, _ = compare(MANIPULATIONS[manipulation], effects, plain=without(manipulation))

@@ -35,7 +35,7 @@ def no_cause(tmp_path_factory):
     return case, folder, bags[:2], own
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_e_over_mu_lies_within_its_std(no_cause):
     case, folder, bags, _ = no_cause
     settings = Settings.load(folder / "params.yaml")
@@ -48,7 +48,7 @@ def test_e_over_mu_lies_within_its_std(no_cause):
     assert found.recordings[0].err < 0.5 * settings.rod.length * 0.01
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_set_up_within_its_tolerances_is_adequate_and_told(no_cause):
     case, tmp_path, bags, own = no_cause
     report, extended = solved(tmp_path, case, bags)

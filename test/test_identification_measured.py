@@ -21,7 +21,7 @@ def found(white, numbers, factor=1.0, validate=()):
     return identify([trials[k] for k in numbers], guess, [trials[k] for k in validate])
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_trials_of_one_wire_agree_within_their_std(white):
     estimates = [found(white, [k]).estimate for k in range(3)]
     for a, b in ((0, 1), (0, 2), (1, 2)):
@@ -34,12 +34,13 @@ def test_trials_of_one_wire_agree_within_their_std(white):
         assert not estimate.identifiable["density"]
 
 
+@pytest.mark.slow
 def test_the_starting_value_does_not_matter(white):
     low, high = (found(white, [0], factor).estimate for factor in (0.1, 10.0))
     assert low.specific_modulus == pytest.approx(high.specific_modulus, rel=0.02)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_two_trials_predict_the_third_as_they_match_themselves(white):
     for out in range(3):
         result = found(white, [k for k in range(3) if k != out], validate=[out])

@@ -42,7 +42,7 @@ def colcon_prefix(source, tmp_path_factory):
     return work / "install" / "dlo_ros"
 
 
-@pytest.fixture(params=["pip", "colcon"])
+@pytest.fixture(params=["colcon", pytest.param("pip", marks=pytest.mark.slow)])
 def prefix(request):
     """Where each of the two installers put the package."""
     return request.getfixturevalue(f"{request.param}_prefix")
@@ -133,6 +133,7 @@ sys.meta_path.insert(0, NoRos())
 """
 
 
+@pytest.mark.slow
 def test_a_plain_pytest_and_colcon_leave_out_what_takes_minutes_and_a_browser():
     """`colcon test` calls pytest without a selection, and measures coverage where an extra named
     `test` asks for the plugin."""

@@ -80,6 +80,7 @@ def place(request, package, tmp_path):
     return {request.param: str(kept)}, kept / "dlo_ros"
 
 
+@pytest.mark.slow
 def test_a_changed_callee_is_compiled_anew_and_the_old_code_removed(package, place):
     variables, parent = place
     result, hits, first = answer(package, **variables)
@@ -121,6 +122,7 @@ def test_the_digest_holds_the_version_of_numba(package, monkeypatch):
     assert source_digest(package) != before
 
 
+@pytest.mark.slow
 def test_a_constant_of_another_module_is_part_of_the_machine_code(package):
     (package / "constants.py").write_text("MORE = 1\n")
     callee = "from dlo_ros.constants import MORE" + CALLEE.format(more="MORE")

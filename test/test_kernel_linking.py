@@ -111,7 +111,7 @@ def test_several_processes_compile_a_function_once(package):
     assert compiled.count("shifted") == compiled.count("repeated") == 1
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_an_exception_comes_through_links(package):
     (package / "inner.py").write_text(INNER.format(more="0.0").replace("x < 0.0", "x == 1.0"))
     call = "\nimport pytest\nwith pytest.raises(ValueError, match='negative'):\n    total(pair, 3)"

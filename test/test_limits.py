@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from ordinary import some_of
 
 from dlo_ros.command import NANOSECONDS, Command, Motion
 from dlo_ros.errors import ParameterError, SimulationError
@@ -62,8 +63,8 @@ REASONS = (
 )
 
 
-@pytest.mark.parametrize("modulus", MODULI)
-@pytest.mark.parametrize("length", LENGTHS)
+@pytest.mark.parametrize("modulus", some_of(MODULI, [1e3, 1e12]))
+@pytest.mark.parametrize("length", some_of(LENGTHS, [0.01, 100.0]))
 @pytest.mark.parametrize("diameter", DIAMETERS)
 def test_extreme_parameters_work_or_are_refused(modulus, length, diameter):
     settings = Settings.from_mapping(parameters(modulus, length, diameter))

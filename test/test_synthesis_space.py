@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 import yaml
+from ordinary import some_of
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
@@ -76,7 +77,7 @@ def without(name):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("case", IN_PLANE)
+@pytest.mark.parametrize("case", some_of(IN_PLANE, ["nothing", "wall", "clamp_slip", "kink"]))
 def test_in_the_plane_it_moves_as_the_planar_rod_does(case):
     (name, manipulation), effects = IN_PLANE[case]
     flat = motion(manipulation, effects, space=False)

@@ -55,7 +55,7 @@ def test_other_pictures_are_right_or_silent():
     assert total["wrong"] <= 1
 
 
-@pytest.mark.long
+@pytest.mark.slow
 @pytest.mark.parametrize("ends", ["both", "none"])
 def test_pictures_without_a_rope_show_none(ends):
     verdicts, reasons = tally(range(3000, 3027), "absent", ends)

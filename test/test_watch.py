@@ -57,10 +57,15 @@ def test_it_is_silent_where_there_is_nothing(name, seed):
 @pytest.mark.parametrize(
     ("name", "effects"),
     [
-        ("c_shape", {"intrinsic_curvature": {"kink": 0.6, "position": 0.15}}),
         ("c_shape", {"point_mass": {"mass": 0.006, "position": 0.3}}),
-        ("simple", {"clamp_angle": {"start": 0.25}}),
-        ("c_shape", {"surface_friction": {"force": 0.02}}),
+        *(
+            pytest.param(*dear, marks=pytest.mark.slow)
+            for dear in [
+                ("c_shape", {"intrinsic_curvature": {"kink": 0.6, "position": 0.15}}),
+                ("simple", {"clamp_angle": {"start": 0.25}}),
+                ("c_shape", {"surface_friction": {"force": 0.02}}),
+            ]
+        ),
     ],
 )
 def test_a_strong_effect_is_among_the_suspects(name, effects):
@@ -76,7 +81,7 @@ def test_a_strong_effect_is_among_the_suspects(name, effects):
 @pytest.mark.parametrize(
     "effects",
     [
-        {"clamp_angle": {"start": 0.05}},
+        pytest.param({"clamp_angle": {"start": 0.05}}, marks=pytest.mark.slow),
         {"length_error": {"difference": 0.002}, "camera_rotation": {"angle": 0.008}},
     ],
 )

@@ -21,6 +21,7 @@ from dlo_ros.diagnosis.proposals import (
     added,
     columns,
     freed,
+    linear_posterior,
     pinned,
     promises,
     sheets,
@@ -30,7 +31,7 @@ from dlo_ros.effects import Start
 from dlo_ros.errors import SimulationError
 from dlo_ros.inference.joint import Evaluation, borrowed, evaluate, fit, misfit, simulate
 from dlo_ros.inference.measured import Recording
-from dlo_ros.inference.parameter import ParametricModel
+from dlo_ros.inference.parameter import Parameter, ParametricModel
 from dlo_ros.inference.priors import SLAB
 from dlo_ros.inference.variances import posterior
 
@@ -45,6 +46,9 @@ NEAR = 0.3
 promise: a promise is linear, and no better than that."""
 WORSE = 2.0
 """ERR over that without a proposal, from which where it promises most is no place to fit from."""
+INDISPENSABLE = 10.0 * WORTH
+"""Loss of log evidence without a cause, as far as the linearised posterior tells, from which no fit
+without it is tried."""
 SHARES = (1.0, 0.5)
 """Shares of the way to the promised model that are simulated."""
 TRIALS = 3
@@ -131,6 +135,8 @@ def search(
             break
         at, causes, offer = found[0], [*causes, found[1]], None
         for cause in reversed(causes):
+            if linear_loss(at, cause) > INDISPENSABLE:
+                continue
             bare = without(at, cause, recordings)
             if bare is None or at.posterior.evidence - bare.posterior.evidence >= WORTH:
                 continue
@@ -149,6 +155,23 @@ def _tell(steps: Sequence[Step]) -> None:
         LOG.info("cause %d: %s: %+.1f, ERR %s: %s", s.step, s.name, s.gain, err, s.outcome)
 
 
+def linear_loss(at: Evaluation, cause: Proposal) -> float:
+    """Log evidence lost without a cause, by the linearised posterior; 0 where it tells nothing."""
+    if cause.start is None:
+        bare = at.model.with_prior([_tolerated(p) for p in cause.parameters])
+    elif cause.start.neutral:
+        bare = at.model.with_prior([pinned(p) for p in cause.parameters])
+    else:
+        return 0.0
+    found = linear_posterior(at, at.spectra, bare.offset(), bare.precision())
+    return at.posterior.evidence - found.evidence
+
+
+def _tolerated(p: Parameter) -> Parameter:
+    """A freed number of the set-up back within its tolerance."""
+    return replace(p, std=p.std / SLAB, tolerated=True)
+
+
 def without(
     at: Evaluation, cause: Proposal, recordings: Sequence[Recording], *, wholly: bool = False
 ) -> Evaluation | None:
@@ -160,8 +183,7 @@ def without(
     """
     names = [p.name for p in cause.parameters]
     if cause.start is None and not wholly:
-        tolerated = [replace(p, std=p.std / SLAB, tolerated=True) for p in cause.parameters]
-        return fitted(at.model.with_prior(tolerated), recordings)
+        return fitted(at.model.with_prior([_tolerated(p) for p in cause.parameters]), recordings)
     begins = [at.model.without(names)]
     if cause.start is None or cause.start.neutral:
         # Where the linearised posterior lies once the cause is at neutral.

@@ -212,7 +212,7 @@ def promises(at: Evaluation, proposals: Sequence[Proposal], extra: Extra) -> lis
 def _freed(at: Evaluation, proposal: Proposal) -> Promise:
     """The promise of numbers of the set-up that leave their tolerance."""
     model = at.model.with_prior(proposal.parameters)
-    found = _posterior(at, at.spectra, model.offset(), model.precision())
+    found = linear_posterior(at, at.spectra, model.offset(), model.precision())
     gain = found.evidence - at.posterior.evidence
     return Promise(proposal, gain, model, model.at(model.theta() + found.step))
 
@@ -221,7 +221,7 @@ def _added(at: Evaluation, proposal: Proposal, spectra: Sequence[Spectrum]) -> P
     """The promise of an effect, with what it changes as last columns of the spectra."""
     assert proposal.start is not None
     offset, precision = linear_prior(at.model.settings, proposal)
-    found = _posterior(
+    found = linear_posterior(
         at, spectra, np.append(at.model.offset(), offset),
         np.append(at.model.precision(), precision),
     )  # fmt: skip
@@ -249,9 +249,10 @@ def _moved(model: ParametricModel, before: ParametricModel, step: FloatArray) ->
     return theta
 
 
-def _posterior(
+def linear_posterior(
     at: Evaluation, spectra: Sequence[Spectrum], offset: FloatArray, precision: FloatArray
 ) -> Posterior:
+    """The posterior of a model that is linear around its values; the error variances follow."""
     _, found = fit_variances(
         spectra, offset, precision, at.model.settings.rod.length, at.variances,
         VARIANCE_ITERATIONS,
