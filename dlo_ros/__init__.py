@@ -3,7 +3,7 @@
 
 import os
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 # Linear algebra here is on small matrices, to which threads of BLAS bring nothing but waiting for
 # one another: statistics of a diagnosis take six times the processor time with two of them. What
