@@ -30,6 +30,23 @@ class CentrelinePoints:
     std_along: FloatArray | None = None
 
 
+@dataclass(frozen=True, eq=False)
+class PointList:
+    """Points of a DLO as another tracker saw them, in any order.
+
+    Args:
+        stamp: [ns].
+        positions: [m] in the board frame, shape (m, 3).
+        u: material coordinates [m], shape (m,); None where the tracker does not tell them.
+        std: standard deviation of each coordinate [m], shape (m,); None where it is not told.
+    """
+
+    stamp: int
+    positions: FloatArray
+    u: FloatArray | None = None
+    std: FloatArray | None = None
+
+
 @dataclass(frozen=True)
 class Observation:
     """An observed spline.
