@@ -170,7 +170,7 @@ def test_diagnostics_say_whose_they_are_and_that_nothing_comes_any_more(two):
         assert identifier.message.startswith("no observed splines for ")
         observer = two.status(f"{side}/observer")
         assert observer.level == DiagnosticStatus.WARN
-        assert observer.message == "waiting for image_raw and camera_info"
+        assert observer.message == "waiting for image_raw and camera_info, or dlo/points"
         values = {v.key: v.value for v in simulator.values}
         assert float(values["computing time [ms]"]) < 1000.0 and "predictions [Hz]" in values
         assert "latency [ms]" in {v.key for v in identifier.values}

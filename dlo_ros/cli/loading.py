@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.progress import track
 
 from dlo_ros.cli.observe import observe_recording
+from dlo_ros.cli.observe_points import observe_points
 from dlo_ros.command import Motion
 from dlo_ros.compilation import compile_first
 from dlo_ros.errors import InputError, RecordingError
@@ -84,7 +85,8 @@ def prepare() -> None:
 
 
 def load_manipulation(path: Path, settings: Settings) -> Manipulation:
-    """A bag's commands and observed shapes; where it has images only, the observer runs first.
+    """A bag's commands and observed shapes; where it has images or points only, the observer
+    runs first.
 
     Raises:
         RecordingError: the bag is unusable, or no image shows a credible DLO.
@@ -92,7 +94,8 @@ def load_manipulation(path: Path, settings: Settings) -> Manipulation:
     recording = read_recording(path, settings)
     observations = recording.observations
     if not observations:
-        observations = tuple(_observe(path, settings))
+        images = recording.has_images
+        observations = tuple((_observe if images else _observe_points)(path, settings))
     motion = Motion(list(recording.commands))
     swapped = sum(runs_backwards(o, motion) for o in observations)
     if swapped:
@@ -108,6 +111,18 @@ def load_manipulation(path: Path, settings: Settings) -> Manipulation:
     )
     usable = all_along(motion, observations, settings.rod.length)
     return Manipulation(recording.name, recording.commands, usable, recording.wrenches)
+
+
+def _observe_points(path: Path, settings: Settings) -> list[Observation]:
+    found, reason = [], ""
+    for each in observe_points(path, settings):
+        if each.result is None:
+            reason = each.reason
+        else:
+            found.append(each.result.observation)
+    if not found:
+        raise RecordingError(f"{path}: no list of points shows a credible DLO ({reason})")
+    return found
 
 
 def _observe(path: Path, settings: Settings) -> list[Observation]:

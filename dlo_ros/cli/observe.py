@@ -15,6 +15,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from dlo_ros.cli.observe_points import observe_points_bag
 from dlo_ros.cli.progress import progress_bar
 from dlo_ros.cli.results import check_results_folder
 from dlo_ros.command import Motion
@@ -109,11 +110,25 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.params is None:
         raise InputError(f"{bags[0]}: is a bag; give its parameter file with --params")
     settings = Settings.load(arguments.params)
+    if _only_points(bags[0]):
+        if arguments.control_points is not None or arguments.overlays is not None:
+            raise InputError(
+                f"{bags[0]}: has {topics.POINTS} and no images; --overlays and --control-points "
+                "are for images"
+            )
+        return observe_points_bag(bags[0], settings, arguments.output, force=arguments.force)
     if arguments.control_points is not None:
         settings = _with_control_points(bags[0], settings, arguments.control_points)
     return _observe_bag(
         bags[0], settings, arguments.output, arguments.overlays, force=arguments.force
     )
+
+
+def _only_points(path: Path) -> bool:
+    """Whether a bag has another tracker's points, and no images."""
+    with open_bag(path) as bag:
+        images = any(bag.holds(topic) for topic in (topics.IMAGE, topics.COMPRESSED))
+        return bag.holds(topics.POINTS) and not images
 
 
 def _with_control_points(path: Path, settings: Settings, wanted: str) -> Settings:

@@ -181,17 +181,26 @@ class DloNode(Node):
         self.get_logger().info(f"{topic} is not published, since {package} is not installed")
         return None
 
-    def subscribe(self, topic: str, callback: Callable[[Any], None], qos: QoSProfile) -> Any:
-        """A guarded subscription to one of the interface's topics, its QoS open to overrides."""
-        kind = message_class(topics.TYPES[topic])
+    def subscribe(
+        self, topic: str, callback: Callable[[Any], None], qos: QoSProfile, kind: str = ""
+    ) -> Any:
+        """A guarded subscription, its QoS open to overrides.
+
+        Args:
+            topic: one of the interface's, or another.
+            callback: is given each message.
+            qos: profile.
+            kind: type of its messages; the interface says that of its own topics.
+        """
+        message = message_class(kind or topics.TYPES[topic])
         guarded = self.guarded(topic, callback)
 
-        def receive(message: Any) -> None:
-            guarded(message)
+        def receive(received: Any) -> None:
+            guarded(received)
 
         with self._overriding(topic):
             return self.create_subscription(
-                kind, topic, receive, copy(qos), qos_overriding_options=profiles.OVERRIDES
+                message, topic, receive, copy(qos), qos_overriding_options=profiles.OVERRIDES
             )
 
     @contextmanager

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""The node `observer`: camera images in, observed splines out."""
+"""The node `observer`: camera images, or another tracker's points, in; observed splines out."""
 
 from __future__ import annotations
 
@@ -17,9 +17,10 @@ from dlo_ros.nodes.commands import CommandSubscription
 from dlo_ros.nodes.frames import Frames
 from dlo_ros.nodes.markers import Markers
 from dlo_ros.nodes.messages import ROS_MESSAGES
+from dlo_ros.nodes.points import PointsListener
 from dlo_ros.nodes.runtime import run
 from dlo_ros.nodes.transform import BoardTransform
-from dlo_ros.observation import CentrelinePoints
+from dlo_ros.observation import CentrelinePoints, Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.building import image_message, points_message, spline_message
@@ -78,12 +79,13 @@ class ObserverNode(DloNode):
         self.subscribe(topics.CAMERA_INFO, self._on_camera_info, qos.SENSOR)
         self.subscribe(topics.MASK, self._on_mask, qos.SENSOR)
         self.subscribe(topics.PREDICTED, self._on_predicted, qos.RELIABLE)
+        self._tracker = PointsListener(self, self._motion, self._publish_observation)
         self._transport = ""
         self._image_subscription: Any = None
         self._choose_transport()
         self.every(POLL, self._choose_transport)
         self.every(POLL, self._release)
-        self.health.waiting(f"{topics.IMAGE} and {topics.CAMERA_INFO}")
+        self.health.waiting(f"{topics.IMAGE} and {topics.CAMERA_INFO}, or {topics.POINTS}")
         self.prepare(("vision",), compile_kernels)
 
     def begin(self) -> None:
@@ -97,6 +99,7 @@ class ObserverNode(DloNode):
         self._frames.reset()
         if self._observer is not None:
             self._observer.reset()
+        self._tracker.reset()
 
     def restart(self, now: int) -> None:
         """Time went back: what was seen later predicts nothing, and what waits is over."""
@@ -219,15 +222,16 @@ class ObserverNode(DloNode):
             self.health.values["last image"] = str(err)
             self._publish_overlay(stamp, message, image, None, str(err))
             return
-        self._publish(stamp, result)
+        self._publish(result)
         self.health.solved("image")
         self.health.values["processing time [ms]"] = 1000.0 * (time.perf_counter() - began)
         self._frames.worked_off((self.now() - stamp) / NANOSECONDS)
         self.health.values["latency [ms]"] = 1000.0 * self._frames.latency
         self._publish_overlay(stamp, message, image, result)
 
-    def _publish(self, stamp: int, result: VisionResult) -> None:
-        observation, frame = result.observation, self.settings.frame_id
+    def _publish_observation(self, observation: Observation) -> bool:
+        """Publish an observed spline and its points; returns whether it could be."""
+        stamp, frame = observation.stamp, self.settings.frame_id
         try:
             spline = spline_message(ROS_MESSAGES, stamp, frame, observation.control_points)
             points = (
@@ -237,13 +241,22 @@ class ObserverNode(DloNode):
             )
         except InputError as err:
             self.health.warn("image", f"fit not published: {err}")
-            return
+            return False
         # The points go first, so that who wants both has them when the spline comes.
         if points is not None:
             self._points_publisher.publish(points)
         self._spline_publisher.publish(spline)
         self._markers.spline(stamp, observation.control_points)
         self.health.count("observed splines")
+        self.health.running("observing")
+        if time.monotonic() >= self._judge_at and observation.points is not None:
+            self._judge_at = time.monotonic() + JUDGED_EVERY
+            self._judge(observation.points, observation.control_points)
+        return True
+
+    def _publish(self, result: VisionResult) -> None:
+        if not self._publish_observation(result.observation):
+            return
         self.health.values.update(
             {
                 "seen [%]": 100.0 * result.fraction_seen,
@@ -255,10 +268,6 @@ class ObserverNode(DloNode):
                 "last image": "found",
             }
         )
-        self.health.running("observing")
-        if time.monotonic() >= self._judge_at and observation.points is not None:
-            self._judge_at = time.monotonic() + JUDGED_EVERY
-            self._judge(observation.points, observation.control_points)
 
     def _judge(self, points: CentrelinePoints, control_points: FloatArray) -> None:
         """Say where the published splines have too few control points, and how many would do."""

@@ -125,8 +125,26 @@ def points_message(
     if points.std_along is not None:
         columns.append(points.std_along)
         names.append(STD_ALONG)
-    table = np.column_stack(columns).astype("<f4")
-    if not np.all(np.isfinite(table)):
+    return cloud_message(factory, stamp, frame_id, names, np.column_stack(columns))
+
+
+def cloud_message(
+    factory: MessageFactory, stamp: int, frame_id: str, names: Sequence[str], table: FloatArray
+) -> Any:
+    """sensor_msgs/PointCloud2 of float fields.
+
+    Args:
+        factory: makes the message.
+        stamp: [ns].
+        frame_id: frame of the points.
+        names: of the fields.
+        table: their numbers, shape (points, names).
+
+    Raises:
+        InputError: a number that is not finite.
+    """
+    values = np.asarray(table).astype("<f4")
+    if not np.all(np.isfinite(values)):
         raise InputError("a measured point is not finite")
     fields = [
         factory.make(
@@ -138,12 +156,12 @@ def points_message(
         "sensor_msgs/msg/PointCloud2",
         header=header(factory, stamp, frame_id),
         height=1,
-        width=len(table),
+        width=len(values),
         fields=fields,
         is_bigendian=False,
         point_step=4 * len(fields),
-        row_step=4 * len(fields) * len(table),
-        data=factory.octets(table.tobytes()),
+        row_step=4 * len(fields) * len(values),
+        data=factory.octets(values.tobytes()),
         is_dense=True,
     )
 

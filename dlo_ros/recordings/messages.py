@@ -15,7 +15,7 @@ import numpy as np
 
 from dlo_ros.command import NANOSECONDS, Command, check_names
 from dlo_ros.errors import CommandError, InputError
-from dlo_ros.observation import CentrelinePoints, Observation
+from dlo_ros.observation import CentrelinePoints, Observation, PointList
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray, SplineBasis
 
@@ -178,6 +178,65 @@ def read_points(message: Any, settings: Settings) -> CentrelinePoints:
     frame = str(message.header.frame_id)
     if frame != settings.frame_id:
         raise InputError(f"{what} is in frame '{frame[:60]}'; frame_id is '{settings.frame_id}'")
+    names, table = cloud_table(message, what, ("x", "y", "z", "u", "std"), ("std_along",))
+    table = table[np.all(np.isfinite(table), axis=1)]
+    length = settings.rod.length
+    # u is a float32, so that the DLO's end may lie beyond it by rounding.
+    inside = (table[:, 3] >= -1e-6 * length) & (table[:, 3] <= length * (1.0 + 1e-6))
+    near = np.all(np.abs(table[:, :3]) <= MAX_DISTANCE, axis=1)
+    table = table[inside & near & np.all(table[:, 4:] > 0.0, axis=1)]
+    if not len(table):
+        raise InputError(
+            f"{what} has no usable point: finite, u within 0 to {length:g} m, std positive"
+        )
+    return CentrelinePoints(
+        positions=table[:, :3].copy(),
+        u=np.clip(table[:, 3], 0.0, length),
+        std=table[:, 4].copy(),
+        std_along=table[:, 5].copy() if "std_along" in names else None,
+    )
+
+
+def read_point_list(message: Any) -> PointList:
+    """Points of another tracker, of a sensor_msgs/PointCloud2 with x, y, z (and u, std).
+
+    They are in the message's own frame. Points that are not finite are left out.
+
+    Raises:
+        InputError: fields missing, sizes that contradict each other, no usable point.
+    """
+    what = "dlo/points"
+    names, table = cloud_table(message, what, ("x", "y", "z"), ("u", "std"))
+    usable = np.all(np.isfinite(table), axis=1)
+    usable &= np.all(np.abs(table[:, :3]) <= MAX_DISTANCE, axis=1)
+    columns = {name: table[:, k] for k, name in enumerate(names)}
+    if "std" in columns:
+        usable &= columns["std"] > 0.0
+    if not usable.any():
+        raise InputError(
+            f"{what} has no usable point: finite, in metres, std positive where it is given"
+        )
+    told = {name: columns[name][usable].copy() for name in ("u", "std") if name in columns}
+    return PointList(stamp_of(message), table[usable, :3].copy(), told.get("u"), told.get("std"))
+
+
+def cloud_table(
+    message: Any, what: str, needed: tuple[str, ...], optional: tuple[str, ...]
+) -> tuple[tuple[str, ...], FloatArray]:
+    """Float fields of a sensor_msgs/PointCloud2.
+
+    Args:
+        message: the cloud.
+        what: its topic, for messages.
+        needed, optional: names of fields.
+
+    Returns:
+        The needed fields' names and those of the optional ones that it has, and their numbers,
+        shape (points, names).
+
+    Raises:
+        InputError: a needed field is missing, or sizes contradict each other.
+    """
     width, height = int(message.width), int(message.height)
     step, row_step = int(message.point_step), int(message.row_step)
     if width * height > MAX_POINTS:
@@ -190,12 +249,13 @@ def read_points(message: Any, settings: Settings) -> CentrelinePoints:
         code = FLOAT_TYPES.get(int(field.datatype))
         if code is not None and 0 <= int(field.offset) <= step - int(code[1]):
             offsets.setdefault(str(field.name), (int(field.offset), order + code))
-    names: tuple[str, ...] = ("x", "y", "z", "u", "std")
-    missing = [name for name in names if name not in offsets]
+    missing = [name for name in needed if name not in offsets]
     if missing:
-        raise InputError(f"{what} lacks the float field {missing[0]}; it has x, y, z, u and std")
-    if "std_along" in offsets:
-        names += ("std_along",)
+        raise InputError(
+            f"{what} lacks the float field {missing[0]}; it has {', '.join(needed[:-1])} and "
+            f"{needed[-1]}"
+        )
+    names = needed + tuple(name for name in optional if name in offsets)
     data = np.frombuffer(message.data, dtype=np.uint8)
     if height > 1 and row_step < width * step:
         raise InputError(f"{what} has row_step {row_step}; {width} points of {step} need more")
@@ -214,23 +274,7 @@ def read_points(message: Any, settings: Settings) -> CentrelinePoints:
     )
     block = data[: rows * height].reshape(height, rows)[:, : width * step]
     cloud = np.ascontiguousarray(block).reshape(-1).view(kind)
-    table = np.column_stack([cloud[name].astype(np.float64) for name in names])
-    table = table[np.all(np.isfinite(table), axis=1)]
-    length = settings.rod.length
-    # u is a float32, so that the DLO's end may lie beyond it by rounding.
-    inside = (table[:, 3] >= -1e-6 * length) & (table[:, 3] <= length * (1.0 + 1e-6))
-    near = np.all(np.abs(table[:, :3]) <= MAX_DISTANCE, axis=1)
-    table = table[inside & near & np.all(table[:, 4:] > 0.0, axis=1)]
-    if not len(table):
-        raise InputError(
-            f"{what} has no usable point: finite, u within 0 to {length:g} m, std positive"
-        )
-    return CentrelinePoints(
-        positions=table[:, :3].copy(),
-        u=np.clip(table[:, 3], 0.0, length),
-        std=table[:, 4].copy(),
-        std_along=table[:, 5].copy() if "std_along" in offsets else None,
-    )
+    return names, np.column_stack([cloud[name].astype(np.float64) for name in names])
 
 
 def read_observation(message: Any, settings: Settings, points: Any | None = None) -> Observation:

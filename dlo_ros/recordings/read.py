@@ -40,6 +40,7 @@ class Recording:
         commands: in the order of receipt.
         observations: observed splines by growing stamp, each stamp once.
         has_images: whether the bag holds camera images.
+        has_points: whether it holds another tracker's points.
         skipped: a line for each message that was unusable.
         wrenches: measured forces and torques of the grips, for each end that has them.
     """
@@ -51,6 +52,7 @@ class Recording:
     has_images: bool
     skipped: tuple[str, ...]
     wrenches: tuple[Wrenches, ...] = ()
+    has_points: bool = False
 
 
 def read_recording(
@@ -58,8 +60,8 @@ def read_recording(
 ) -> Recording:
     """Read the commands and observed splines of a bag.
 
-    A bag without `dlo/observed` is accepted where it holds images, so that the observer can be run
-    on it; `observations` is empty then.
+    A bag without `dlo/observed` is accepted where it holds images or points of another tracker, so
+    that the observer can be run on it; `observations` is empty then.
 
     Args:
         path: rosbag2 folder.
@@ -78,8 +80,10 @@ def read_recording(
         # Which of several cameras is meant matters only to who reads the images.
         has_images = bag.holds(topics.COMPRESSED) or bag.holds(topics.IMAGE)
         observations = _observations(bag, settings, skipped)
-        if not observations and not has_images:
-            _refuse(bag, topics.OBSERVED, skipped, "record it, or the camera's images")
+        has_points = bag.holds(topics.POINTS)
+        if not (observations or has_images or has_points):
+            mend = f"record it, the camera's images, or {topics.POINTS} of another tracker"
+            _refuse(bag, topics.OBSERVED, skipped, mend)
         try:
             wrenches = read_wrenches(bag, settings, commands)
         except InputError as err:
@@ -94,6 +98,7 @@ def read_recording(
         has_images=has_images,
         skipped=tuple(skipped),
         wrenches=tuple(wrenches),
+        has_points=has_points,
     )
 
 

@@ -12,6 +12,9 @@ DEPTH_INFO = "depth/camera_info"
 COMMAND = "dlo/command"
 OBSERVED = "dlo/observed"
 OBSERVED_POINTS = "dlo/observed_points"
+POINTS = "dlo/points"
+START_POSE = "dlo/start_pose"
+END_POSE = "dlo/end_pose"
 PREDICTED = "dlo/predicted"
 WRENCH_START = "dlo/wrench_start"
 WRENCH_END = "dlo/wrench_end"
@@ -36,6 +39,9 @@ TYPES: dict[str, str] = {
     COMMAND: "trajectory_msgs/msg/MultiDOFJointTrajectory",
     OBSERVED: "geometry_msgs/msg/PoseArray",
     OBSERVED_POINTS: "sensor_msgs/msg/PointCloud2",
+    POINTS: "sensor_msgs/msg/PointCloud2",
+    START_POSE: "geometry_msgs/msg/PoseStamped",
+    END_POSE: "geometry_msgs/msg/PoseStamped",
     PREDICTED: "geometry_msgs/msg/PoseArray",
     WRENCH_START: "geometry_msgs/msg/WrenchStamped",
     WRENCH_END: "geometry_msgs/msg/WrenchStamped",
@@ -68,6 +74,9 @@ LATCHED = frozenset({COMMAND, YOUNG_MODULUS, DENSITY})
 TRANSFORMS = "/tf_static"
 TRANSFORMS_TYPE = "tf2_msgs/msg/TFMessage"
 """Transforms that hold for good, of the whole system."""
+
+MOVING_TRANSFORMS = "/tf"
+"""Transforms that change, of the whole system."""
 
 STATE = ("/clock", "/observer/ready", "/simulator/ready", "/identifier/ready")
 """Ends of the names of topics that tell what is so now; played again they would be wrong."""

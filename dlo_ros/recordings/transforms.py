@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import logging
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -12,11 +13,21 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from dlo_ros.errors import InputError
-from dlo_ros.recordings.messages import array, stamp_of
+from dlo_ros.recordings import topics
+from dlo_ros.recordings.bag import Bag, deserialise
+from dlo_ros.recordings.messages import MAX_DISTANCE, array, stamp_of
 from dlo_ros.spline import FloatArray
+
+LOG = logging.getLogger(__name__)
 
 Pose = tuple[FloatArray, FloatArray]
 """Rotation (3, 3) and origin (3,) [m] of a frame in another."""
+
+LATE = 500_000_000
+"""Nanoseconds beyond the first and the last known instant for which a pose is taken to hold."""
+
+NORM = 0.1
+"""By which a quaternion's norm may differ from 1."""
 
 
 @dataclass
@@ -34,21 +45,85 @@ class Transforms:
             fixed: whether its transforms hold for good.
 
         Raises:
-            InputError: a transform is none.
+            InputError: one of the transforms is none; the others are taken.
         """
+        wrong: InputError | None = None
         for one in message.transforms:
-            child = str(one.child_frame_id).lstrip("/")
+            child, parent = str(one.child_frame_id), str(one.header.frame_id)
             t, r = one.transform.translation, one.transform.rotation
-            turned = array((r.x, r.y, r.z, r.w), f"the rotation of {child[:60]}")
-            if not np.linalg.norm(turned) > 0.0:
-                raise InputError(f"the rotation of {child[:60]} is no quaternion")
-            pose = Rotation.from_quat(turned).as_matrix(), array((t.x, t.y, t.z), "a translation")
-            self.parents[child] = str(one.header.frame_id).lstrip("/")
-            stamps = self.stamps.setdefault(child, [])
-            poses = self.poses.setdefault(child, [])
-            at = 0 if fixed else bisect_right(stamps, stamp_of(one))
-            stamps.insert(at, 0 if fixed else stamp_of(one))
-            poses.insert(at, pose)
+            try:
+                pose = _pose(child, t, r)
+            except InputError as err:  # the others of the message are as good as ever
+                wrong = err
+                continue
+            self._take(child, parent, 0 if fixed else stamp_of(one), pose, fixed=fixed)
+        if wrong is not None:
+            raise wrong
+
+    def add_pose(self, frame: str, message: Any) -> None:
+        """Take a geometry_msgs/PoseStamped as the pose of a frame of this name.
+
+        Raises:
+            InputError: it is none.
+        """
+        pose = _pose(frame, message.pose.position, message.pose.orientation)
+        self._take(frame, str(message.header.frame_id), stamp_of(message), pose, fixed=False)
+
+    def _take(self, child: str, parent: str, stamp: int, pose: Pose, *, fixed: bool) -> None:
+        child, parent = child.lstrip("/"), parent.lstrip("/")
+        if fixed or self.parents.get(child, parent) != parent:
+            self.stamps[child], self.poses[child] = [], []
+        self.parents[child] = parent
+        stamps, poses = self.stamps.setdefault(child, []), self.poses.setdefault(child, [])
+        at = bisect_right(stamps, stamp)
+        if at and stamps[at - 1] == stamp:
+            return
+        stamps.insert(at, stamp)
+        poses.insert(at, pose)
+
+    def forget(self, until: int | None = None) -> None:
+        """Drop what moved until a stamp [ns], but for the last before it; None: all of it."""
+        for child, stamps in list(self.stamps.items()):
+            if stamps == [0]:
+                continue
+            if until is None:
+                del self.stamps[child], self.poses[child], self.parents[child]
+                continue
+            old = max(bisect_right(stamps, until) - 1, 0)
+            del stamps[:old], self.poses[child][:old]
+
+    def check(self, frame: str, fixed: str, stamp: int) -> None:
+        """Refuse an instant [ns] at which a frame's pose in another is not known.
+
+        Raises:
+            InputError: nothing connects the two, or what does ends before it or begins after it.
+        """
+        up, down = self._joined(frame, fixed)
+        for name in (*up, *down):
+            first, last = self.stamps[name][0], self.stamps[name][-1]
+            away = max(first - stamp, stamp - last)
+            if first != 0 and away > LATE:
+                when = "ends {} before" if stamp > last else "begins {} after"
+                raise InputError(
+                    f"the transform of '{name[:60]}' in '{self.parents[name][:60]}' "
+                    f"{when.format(f'{away / 1e9:.2f} s')} the instant for which it is needed; "
+                    "look at what publishes it, and whether its clock is that of the others"
+                )
+
+    def instants(self, frame: str, fixed: str) -> list[int]:
+        """Stamps [ns] at which a frame's pose in another is told anew, while all of it is known.
+
+        Empty where all that joins them holds for good.
+
+        Raises:
+            InputError: nothing connects the two.
+        """
+        up, down = self._joined(frame, fixed)
+        moving = [self.stamps[name] for name in (*up, *down) if self.stamps[name] != [0]]
+        if not moving:
+            return []
+        first, last = max(s[0] for s in moving), min(s[-1] for s in moving)
+        return sorted({s for stamps in moving for s in stamps if first <= s <= last})
 
     def lookup(
         self, frame: str, fixed: str, stamps: Sequence[int]
@@ -61,6 +136,14 @@ class Transforms:
         Raises:
             InputError: nothing connects the two.
         """
+        up, down = self._joined(frame, fixed)
+        rotations, origins = self._chain(up, stamps)
+        base, zero = self._chain(down, stamps)
+        back = base.transpose(0, 2, 1)
+        return back @ rotations, np.einsum("kij,kj->ki", back, origins - zero)
+
+    def _joined(self, frame: str, fixed: str) -> tuple[list[str], list[str]]:
+        """The frames between each of two and what joins them."""
         up, down = self._way(frame.lstrip("/")), self._way(fixed.lstrip("/"))
         root = next((name for name in up if name in down), None)
         if root is None:
@@ -69,10 +152,7 @@ class Transforms:
                 f"no transform leads from '{frame[:60]}' to '{fixed}' (frames on /tf and "
                 f"/tf_static: {known}); record them, or measure in '{fixed}'"
             )
-        rotations, origins = self._chain(up[: up.index(root)], stamps)
-        base, zero = self._chain(down[: down.index(root)], stamps)
-        back = base.transpose(0, 2, 1)
-        return back @ rotations, np.einsum("kij,kj->ki", back, origins - zero)
+        return up[: up.index(root)], down[: down.index(root)]
 
     def _way(self, frame: str) -> list[str]:
         """A frame and all above it."""
@@ -104,3 +184,36 @@ class Transforms:
         turned = a * Rotation.from_rotvec(share * (a.inv() * b).as_rotvec())
         origins = np.array([p[1] for p in poses])
         return turned.as_matrix(), (1.0 - share) * origins[before] + share * origins[after]
+
+
+def _pose(frame: str, position: Any, rotation: Any) -> Pose:
+    """A pose of a message.
+
+    Raises:
+        InputError: a number is not finite, a place is far away, or the quaternion is not of norm 1.
+    """
+    turned = array(
+        (rotation.x, rotation.y, rotation.z, rotation.w), f"the rotation of {frame[:60]}"
+    )
+    norm = float(np.linalg.norm(turned))
+    if abs(norm - 1.0) > NORM:
+        raise InputError(
+            f"the rotation of {frame[:60]} has norm {norm:.3g}; "
+            "a unit quaternion x, y, z, w is needed"
+        )
+    place = array((position.x, position.y, position.z), f"the position of {frame[:60]}")
+    if float(np.abs(place).max()) > MAX_DISTANCE:
+        raise InputError(f"{frame[:60]} is more than {MAX_DISTANCE:g} m away; metres are meant")
+    return Rotation.from_quat(turned).as_matrix(), place
+
+
+def transforms_of(bag: Bag) -> Transforms:
+    """All that a bag tells of frames."""
+    result = Transforms()
+    for topic, fixed in ((topics.TRANSFORMS, True), (topics.MOVING_TRANSFORMS, False)):
+        for raw in bag.messages([c for c in bag.connections if c.topic == topic]):
+            try:
+                result.add(deserialise(raw), fixed=fixed)
+            except InputError as err:
+                LOG.warning("%s: a message on %s is left out: %s", bag.path, topic, err)
+    return result

@@ -17,15 +17,13 @@ from dlo_ros.recordings import topics
 from dlo_ros.recordings.bag import Bag, deserialise
 from dlo_ros.recordings.building import BAG_MESSAGES, wrench_message
 from dlo_ros.recordings.messages import stamp_of
-from dlo_ros.recordings.transforms import Transforms
+from dlo_ros.recordings.transforms import Transforms, transforms_of
 from dlo_ros.recordings.write import BagWriter
 from dlo_ros.spline import FloatArray
 
 LOG = logging.getLogger(__name__)
 
 TOPICS = {START: topics.WRENCH_START, END: topics.WRENCH_END}
-MOVING = "/tf"
-"""Transforms that change."""
 
 
 def write_wrenches(writer: BagWriter, frame: str, measured: Wrenches) -> None:
@@ -88,18 +86,6 @@ def wrench_of(message: Any) -> FloatArray:
     """Force and torque of a geometry_msgs/WrenchStamped, shape (6,), finite or not."""
     f, t = message.wrench.force, message.wrench.torque
     return np.array([f.x, f.y, f.z, t.x, t.y, t.z], dtype=np.float64)
-
-
-def transforms_of(bag: Bag) -> Transforms:
-    """All that a bag tells of frames."""
-    result = Transforms()
-    for topic, fixed in ((topics.TRANSFORMS, True), (MOVING, False)):
-        for raw in bag.messages([c for c in bag.connections if c.topic == topic]):
-            try:
-                result.add(deserialise(raw), fixed=fixed)
-            except InputError as err:
-                LOG.warning("%s: a message on %s is left out: %s", bag.path, topic, err)
-    return result
 
 
 def in_fixed_frame(

@@ -1,0 +1,84 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Another tracker's points (`dlo/points`) in, observed splines out."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+from dlo_ros.command import NANOSECONDS, Motion
+from dlo_ros.errors import InputError, VisionError
+from dlo_ros.nodes import qos
+from dlo_ros.nodes.base import DloNode
+from dlo_ros.nodes.transform_listener import TransformListener
+from dlo_ros.observation import Observation
+from dlo_ros.parameters import Settings
+from dlo_ros.recordings import topics
+from dlo_ros.recordings.messages import stamp_of
+from dlo_ros.recordings.point_lists import points_on_board
+from dlo_ros.vision.point_observer import PointObserver
+
+
+class PointsListener:
+    """Observes the DLO in each list of points.
+
+    Args:
+        node: which subscribes.
+        motion: the imposed motion, as it is known so far.
+        publish: is given each observation; returns whether it could be published.
+    """
+
+    def __init__(
+        self, node: DloNode, motion: Motion, publish: Callable[[Observation], bool]
+    ) -> None:
+        self._node, self._motion, self._publish = node, motion, publish
+        self._listener = TransformListener(node)
+        self._settings: Settings | None = None
+        self._observer: PointObserver | None = None
+        node.subscribe(topics.POINTS, self._on_points, qos.SENSOR)
+
+    def reset(self) -> None:
+        """Forget the last shape."""
+        if self._observer is not None:
+            self._observer.reset()
+
+    def _on_points(self, message: Any) -> None:
+        node = self._node
+        if not node.ready:
+            node.health.count("points before the node was ready")
+            return
+        stamp = stamp_of(message)
+        node.check_stamp(stamp, topics.POINTS)
+        if node.is_earlier(stamp):
+            return
+        node.health.count("lists of points")
+        began = time.perf_counter()
+        settings = node.settings
+        if self._observer is None or settings != self._settings:
+            self._observer, self._settings = PointObserver(settings, self._motion), settings
+        try:
+            seen = points_on_board(message, settings, self._listener.transforms)
+        except InputError as err:
+            missing = "" if self._listener.available else " (tf2_msgs is not installed)"
+            node.health.warn(topics.POINTS, f"{err}{missing}")
+            return
+        try:
+            result = self._observer.observe(seen)
+        except VisionError as err:
+            node.health.warn(topics.POINTS, f"no DLO found in {topics.POINTS}: {err}")
+            return
+        if not self._publish(result.observation):
+            return
+        node.health.solved(topics.POINTS)
+        node.health.values.update(
+            {
+                "points [mm]": 1000.0 * result.std,
+                "points beside the DLO [%]": 100.0 * result.outliers,
+                "seen [%]": 100.0 * result.fraction_seen,
+                "length seen [m]": result.seen_length,
+                "tracked": result.tracked,
+                "processing time [ms]": 1000.0 * (time.perf_counter() - began),
+                "latency [ms]": 1000.0 * (node.now() - stamp) / NANOSECONDS,
+            }
+        )

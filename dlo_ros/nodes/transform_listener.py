@@ -1,0 +1,63 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""The transforms of a running system, from /tf and /tf_static."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+from dlo_ros.command import NANOSECONDS
+from dlo_ros.nodes.base import DloNode
+from dlo_ros.nodes.messages import installed
+from dlo_ros.recordings import topics
+from dlo_ros.recordings.transforms import Transforms
+
+KEPT = 10 * NANOSECONDS
+"""Nanoseconds for which poses are remembered, as tf2 does."""
+
+DEPTH = 100
+"""Messages that may wait: robots publish each of their joints."""
+
+
+class TransformListener:
+    """Poses of frames as they are told.
+
+    Args:
+        node: which subscribes; it says where tf2_msgs is missing.
+        heard: is called after each message.
+    """
+
+    def __init__(self, node: DloNode, heard: Callable[[], None] = lambda: None) -> None:
+        self.transforms = Transforms()
+        self._node, self._heard = node, heard
+        self.available = installed(topics.TRANSFORMS_TYPE)
+        if not self.available:
+            return
+        moving = QoSProfile(
+            history=HistoryPolicy.KEEP_LAST, depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE
+        )
+        kind = topics.TRANSFORMS_TYPE
+        fixed = QoSProfile(  # several may publish there, each its own message
+            history=HistoryPolicy.KEEP_LAST, depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE,
+            durability=DurabilityPolicy.TRANSIENT_LOCAL,
+        )  # fmt: skip
+        node.subscribe(topics.TRANSFORMS, self._on_fixed, fixed, kind)
+        node.subscribe(topics.MOVING_TRANSFORMS, self._on_moving, moving, kind)
+
+    def _on_fixed(self, message: Any) -> None:
+        self.take(message, fixed=True)
+
+    def _on_moving(self, message: Any) -> None:
+        self.take(message, fixed=False)
+
+    def take(self, message: Any, *, fixed: bool) -> None:
+        """Take a tf2_msgs/TFMessage."""
+        try:
+            self.transforms.add(message, fixed=fixed)
+        finally:
+            now = self._node.now()
+            if now:
+                self.transforms.forget(now - KEPT)
+            self._heard()
