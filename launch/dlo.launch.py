@@ -33,6 +33,9 @@ INPUTS = (
     "camera_info",
     "image_mask",
     "dlo/command",
+    "dlo/points",
+    "dlo/start_pose",
+    "dlo/end_pose",
 )
 SEEN = ("dlo/observed", "dlo/observed_points")
 INTERRUPTED = (-2, 130)

@@ -190,6 +190,9 @@ def test_a_node_needs_all_that_its_policy_allows_and_nothing_else(two, node):
     assert names(graph.get_publisher_names_and_types_by_node) == policy.publish - missing
     # Of the two transports of images one at a time is subscribed.
     other = {"/left/image_raw/compressed"} if node == "observer" else set()
+    # Where points or commands come in other frames.
+    on_demand = {"/tf", "/tf_static"}
+    other |= on_demand & policy.subscribe
     assert names(graph.get_subscriber_names_and_types_by_node) == policy.subscribe - other
     assert other <= policy.subscribe
     assert names(graph.get_service_names_and_types_by_node) == policy.reply

@@ -17,6 +17,7 @@ from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.messages import stamp_of
 from dlo_ros.recordings.point_lists import points_on_board
+from dlo_ros.recordings.transforms import Transforms
 from dlo_ros.vision.point_observer import PointObserver
 
 
@@ -33,7 +34,7 @@ class PointsListener:
         self, node: DloNode, motion: Motion, publish: Callable[[Observation], bool]
     ) -> None:
         self._node, self._motion, self._publish = node, motion, publish
-        self._listener = TransformListener(node)
+        self._listener: TransformListener | None = None
         self._settings: Settings | None = None
         self._observer: PointObserver | None = None
         node.subscribe(topics.POINTS, self._on_points, qos.SENSOR)
@@ -58,9 +59,10 @@ class PointsListener:
         if self._observer is None or settings != self._settings:
             self._observer, self._settings = PointObserver(settings, self._motion), settings
         try:
-            seen = points_on_board(message, settings, self._listener.transforms)
+            seen = points_on_board(message, settings, self._transforms(message))
         except InputError as err:
-            missing = "" if self._listener.available else " (tf2_msgs is not installed)"
+            known = self._listener is None or self._listener.available
+            missing = "" if known else " (tf2_msgs is not installed)"
             node.health.warn(topics.POINTS, f"{err}{missing}")
             return
         try:
@@ -82,3 +84,10 @@ class PointsListener:
                 "latency [ms]": 1000.0 * (node.now() - stamp) / NANOSECONDS,
             }
         )
+
+    def _transforms(self, message: Any) -> Transforms:
+        """Those that are known; they are listened to from the first list of another frame on."""
+        foreign = str(message.header.frame_id).lstrip("/") != self._node.settings.frame_id
+        if self._listener is None and foreign:
+            self._listener = TransformListener(self._node)
+        return Transforms() if self._listener is None else self._listener.transforms
