@@ -11,14 +11,22 @@ import pytest
 import recordings_samples as samples
 from measured import swing
 from rods import PAPER, command
+from test_diagnose_tool import found as some_diagnosis
 
+from dlo_ros.cli.identify_results import remarks, tree
+from dlo_ros.diagnosis.force_scale import with_forces
+from dlo_ros.diagnosis.outcome import Fitted, NamedEffect, Number
 from dlo_ros.errors import InputError, RecordingError
-from dlo_ros.identification import identify
+from dlo_ros.identification import OnlineEstimator, identify
+from dlo_ros.identification.design import Plan, outlook
+from dlo_ros.identification.force_scale import grip_wrenches, with_scale
+from dlo_ros.inference.forecast import forecast
 from dlo_ros.inference.wrench import WrenchField, near, scatter, told, without_offsets, wrench_field
 from dlo_ros.observation import Wrenches
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import BAG_MESSAGES, read_recording
 from dlo_ros.recordings.building import transform_message, wrench_message
+from dlo_ros.spline import SplineBasis
 from dlo_ros.synthesis import discrete_rod, rod_simulation
 from dlo_ros.synthesis.experiment import find_experiment, load_experiment, with_wrench
 from dlo_ros.synthesis.reaction import reactions
@@ -215,18 +223,97 @@ def known(sensor: WrenchSensor, factor: float = 1.0) -> Settings:
     return replace(PAPER.with_material(2e7, 2000.0 * factor), wrench=stated)
 
 
-def test_shapes_and_forces_tell_both_e_and_mu():
-    sensor = WrenchSensor.usual(WEIGHT, LENGTH)
-    measured = swing(PAPER, seconds=1.5, sensor=sensor, seed=2)
-    found = identify([measured], known(sensor))
-    estimate, forces = found.estimate, found.fitted.forces
+SENSOR = WrenchSensor.usual(WEIGHT, LENGTH)
+
+
+@pytest.fixture(scope="module")
+def swinging():
+    return swing(PAPER, seconds=1.5, sensor=SENSOR, seed=2)
+
+
+def both_known(estimate) -> bool:
+    """Whether E and mu are determined, right to 5 %, and within their standard deviations."""
     assert all(estimate.identifiable.values())
     for name in ("young_modulus", "density"):
         true, std = getattr(PAPER.rod, name), getattr(estimate, f"{name}_std")
         assert getattr(estimate, name) == pytest.approx(true, rel=0.05)
         assert abs(getattr(estimate, name) - true) < 3.5 * std and std < 0.05 * true
-    everything, change, mean = forces.relative
+    return True
+
+
+def test_shapes_and_forces_tell_both_e_and_mu(swinging):
+    found = identify([swinging], known(SENSOR))
+    assert both_known(found.estimate)
+    everything, change, mean = found.fitted.forces.relative
     assert everything <= min(change, mean) and 0.02 < mean < 0.1
+    said = " ".join(remarks(found))
+    assert "The forces at the grips (46 messages) tell mu to" in said
+    told_json = tree(found)["wrench"]
+    assert told_json["messages"] == 46 and told_json["density_std"]["all"] == everything
+    assert told_json["left"]["swing, start"]["force"] < 0.02 * WEIGHT
+
+
+def test_live_forces_tell_both_e_and_mu(swinging):
+    estimator = OnlineEstimator(known(SENSOR), budget=np.inf)
+    for imposed in swinging.commands:
+        estimator.set_command(imposed)
+    (felt,) = swinging.wrenches
+    for k, observation in enumerate(swinging.observations):
+        values = np.concatenate([felt.force[k], felt.torque[k]])
+        estimator.forces.add(felt.end, int(felt.stamps[k]), values)
+        estimator.observe(observation)
+    assert both_known(estimator.estimate)
+    estimator.reset()
+    assert not estimator.estimate.identifiable["density"]
+
+
+def test_the_scale_of_all_forces_leaves_every_shape(swinging):
+    effects = {"point_mass": {"mass": 0.004, "position": 0.3}, "clamp_compliance": {"start": 0.5}}
+    heavy = PAPER.with_effects(effects)
+    scaled = with_scale(heavy, np.log(2.0))
+    assert scaled.rod.density == 2.0 * heavy.rod.density
+    assert scaled.effects["point_mass"] == {"mass": 0.008, "position": 0.3}
+    assert scaled.effects["clamp_compliance"]["start"] == 0.25
+    few = replace(swinging, observations=swinging.observations[:8], wrenches=())
+    a, b = (forecast(few, s, spans=14, loads=True) for s in (heavy, scaled))
+    np.testing.assert_allclose(a.predicted, b.predicted, atol=2e-4 * LENGTH)
+    single, double = (grip_wrenches(f.loadings, "start")[:, 2] for f in (a, b))
+    np.testing.assert_allclose(double, 2.0 * single, rtol=0.01)
+
+
+def test_a_diagnosis_takes_the_scale_of_its_forces(swinging):
+    """Of a model that is right but for the scale of all its forces."""
+    light = with_scale(PAPER, np.log(0.8))
+    rod = light.rod
+    model = Fitted(
+        light, (rod.young_modulus, None), (rod.density, None),
+        (rod.specific_modulus, 0.01 * rod.specific_modulus), None, None,
+    )  # fmt: skip
+    mass = NamedEffect("point_mass", {"mass": Number(0.008, None, "kg")}, ())
+    found = replace(some_diagnosis(), effects=(mass,), baseline=model, extended=model)
+    few = replace(swinging, observations=swinging.observations[:20])
+    told_by_force = with_forces(found, [few], known(SENSOR), ["more"])
+    for part in (told_by_force.baseline, told_by_force.extended):
+        assert part.density[0] == pytest.approx(PAPER.rod.density, rel=0.05)
+        assert part.young_modulus[0] == pytest.approx(PAPER.rod.young_modulus, rel=0.05)
+        assert 0.0 < part.density[1] < part.young_modulus[1] * rod.density / rod.young_modulus
+        assert part.settings.rod.density == part.density[0]
+    (effect,) = told_by_force.effects
+    assert effect.parameters["mass"].value == pytest.approx(0.01, rel=0.05)
+    assert "more" in told_by_force.remarks and "tell mu to" in told_by_force.remarks[-1]
+    without = with_forces(found, [replace(few, wrenches=())], known(SENSOR))
+    assert without.extended == model
+
+
+def test_a_sensor_counts_in_the_design_of_experiments():
+    imposed = command(["start"], [0.0, 0.5], [[[0.0] * 3], [[0.05, 0.0, 0.05]]])
+    shape = np.zeros((10, 4))
+    shape[:, 0] = SplineBasis(10, LENGTH).greville
+    plan = Plan("lift", imposed, shape, 0.6, 15.0)
+    blind = outlook(plan, PAPER, hypotheses=(1.0,))
+    felt = outlook(plan, replace(known(SENSOR), rod=PAPER.rod), hypotheses=(1.0,))
+    assert blind.std["density"] > 0.25  # the guess
+    assert felt.std["density"] < 0.03 and felt.gain > blind.gain + 2.0
 
 
 @pytest.mark.slow

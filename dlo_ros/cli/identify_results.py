@@ -11,6 +11,7 @@ import numpy as np
 from dlo_ros.cli.loads import borne
 from dlo_ros.cli.results import QUANTITIES
 from dlo_ros.effects import quantities
+from dlo_ros.identification.force_scale import words as force_words
 from dlo_ros.identification.offline import Identification
 from dlo_ros.identification.posterior import Sample
 from dlo_ros.identification.statement import correlations, knowledge, rounded, sentences
@@ -165,14 +166,7 @@ def forces_told(found: Identification) -> list[str]:
     forces = None if found.fitted is None else found.fitted.forces
     if forces is None:
         return []
-    everything, change, mean = (
-        "unknown" if s is None else f"{rounded(100.0 * s)} %" for s in forces.relative
-    )
-    return [
-        f"The forces at the grips ({forces.messages} messages) tell mu to {everything}: how they "
-        f"change, whatever the sensor's offset, to {change}; their mean, as far as "
-        f"wrench.force_bias_std goes, to {mean}."
-    ]
+    return [force_words(forces.relative, forces.messages)]
 
 
 def remarks(found: Identification) -> list[str]:

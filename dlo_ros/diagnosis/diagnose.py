@@ -17,6 +17,7 @@ from dlo_ros.diagnosis.evaluation import Evaluation, evaluate
 from dlo_ros.diagnosis.explain import Explanation, departures, material_err
 from dlo_ros.diagnosis.findings import Findings, is_immaterial, outcome
 from dlo_ros.diagnosis.fitting import fit, renewed
+from dlo_ros.diagnosis.force_scale import with_forces
 from dlo_ros.diagnosis.joint_outcome import Learned, learn, lesson
 from dlo_ros.diagnosis.model import Model
 from dlo_ros.diagnosis.noise import noise_floor
@@ -91,8 +92,7 @@ def diagnose(
     unused = left_out(beginning)
     if found.joint is not None:
         progress("measuring the gain", 1.0)
-        told = outcome(beginning, plain, found, given)
-        return replace(told, remarks=(*told.remarks, *unused))
+        return with_forces(outcome(beginning, plain, found, given), recordings, given, unused)
     missed = _missed(plain, found, beginning.recordings[:count], given)
     if missed is not None:
         progress("fitting the plain model anew", 0.0)
@@ -109,8 +109,7 @@ def diagnose(
         except SimulationError as err:
             LOG.info("not refined: %s", err)
     progress("measuring the gain", 1.0)
-    told = outcome(beginning, plain, found, given)
-    return replace(told, remarks=(*told.remarks, *unused))
+    return with_forces(outcome(beginning, plain, found, given), recordings, given, unused)
 
 
 def _missed(

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dlo_ros.command import NANOSECONDS, Command
+from dlo_ros.command import END, NANOSECONDS, START, Command
 from dlo_ros.effects.physics.gravity_tilt import GravityTilt
 from dlo_ros.effects.physics.intrinsic_curvature import IntrinsicCurvature
 from dlo_ros.errors import SimulationError
@@ -26,9 +26,11 @@ from dlo_ros.identification.estimate import (
     search_information,
     with_logarithms,
 )
+from dlo_ros.identification.force_scale import grip_wrenches
 from dlo_ros.identification.uncertainty import STRETCH_STIFFNESS, strain
 from dlo_ros.inference.forecast import Forecast, Manipulation, forecast, whitening
-from dlo_ros.observation import Observation
+from dlo_ros.inference.wrench import expected, wrench_field
+from dlo_ros.observation import Observation, Wrenches
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.tangents import MATERIAL
 from dlo_ros.spline import FloatArray, SplineBasis
@@ -198,6 +200,7 @@ def outlook(
         places.append(len(sets))
         sets += _around(with_logarithms(settings, theta), noise)
     found = forecast_each(recording, sets, spans=spans)
+    forces = _felt(plan, settings, spans)
     gains, nominal, told = [], None, np.zeros((4, 4))
     for factor, at in zip(hypotheses, places, strict=True):
         group = [f for f in found[at : at + len(sets) // len(places)] if f is not None]
@@ -205,7 +208,7 @@ def outlook(
             gains.append(0.0)
             continue
         derivative = _differences(group)
-        here = information(derivative, settings, noise)
+        here = information(derivative, settings, noise) + forces
         gains.append(_gain(before, here))
         if factor == 1.0:
             nominal, told = replace(group[0], derivative=derivative[:, : len(MATERIAL)]), here
@@ -220,6 +223,36 @@ def outlook(
     shift = displacement(nominal, settings)
     response = float(shift.mean()) / settings.rod.length
     return Outlook(plan, float(np.mean(gains)), std, response, told, nominal)
+
+
+def _felt(plan: Plan, settings: Settings, spans: int | None) -> FloatArray:
+    """What a sensor of known noise at one grip would tell, (4, 4): of mu, where E/mu is known.
+
+    It is that at the start, or at the end where the start is free. With every picture one message.
+    """
+    told = np.zeros((len(MATERIAL), len(MATERIAL)))
+    if not settings.wrench.force_std > 0.0:
+        return told
+    recording = plan.manipulation()
+    try:
+        found = forecast(recording, settings, spans=spans, loads=True)
+    except SimulationError:
+        return told
+    for end in (START, END):
+        predicted = grip_wrenches(found.loadings, end)
+        if predicted is None:
+            continue
+        stamps = np.array([int(s) for s in found.stamps])
+        axes = np.broadcast_to(np.eye(3), (len(stamps), 3, 3))
+        measured = Wrenches(end, stamps, predicted[:, :3], predicted[:, 3:], axes)
+        field = wrench_field(
+            plan.name, measured, [int(s) for s in stamps], predicted, predicted[:, :, None],
+            settings, [plan.command],
+        )  # fmt: skip
+        if field is not None:
+            told[1, 1] = float(expected(field)[0, 0])
+        return told
+    return told
 
 
 def _around(settings: Settings, noise: Noise) -> list[Settings]:

@@ -35,6 +35,7 @@ from dlo_ros.identification.estimate import (
     with_logarithms,
     within_noise,
 )
+from dlo_ros.identification.online_forces import Forces
 from dlo_ros.identification.pieces import LONG, SHORT, Pieces, Worker, short
 from dlo_ros.identification.rivals import best_rival
 from dlo_ros.identification.running import Judgement, Known, Linearised, Run
@@ -104,6 +105,7 @@ class OnlineEstimator:
         self._stale = False  # whether the past is simulated with a motion that was not the true one
         self._retry = 0  # observations before which a relinearisation need not be tried again
         self._known = Known(search_information(self._initial), self._guess)
+        self.forces = Forces(self._initial)
         self._pending = list(TRIALS)
         self._told = np.zeros((4, 4))  # by the present run, when it was last judged
         self._judged: tuple[Run | None, int] = (None, 0)
@@ -210,6 +212,12 @@ class OnlineEstimator:
         yield from self._relinearise(rival)
         if elapsed >= SETTLED:
             yield from self._resolve()
+        run = self._run
+        settings, spans = run.simulation.settings, run.simulation.model.basis.spans
+        yield from self.forces.weigh(
+            run, tuple(self._past), self._motion.commands, self._known,
+            lambda: self._started(settings, spans, loads=True),
+        )  # fmt: skip
 
     def _current(self) -> FloatArray:
         theta = logarithms(self._estimate.settings)
@@ -244,11 +252,14 @@ class OnlineEstimator:
             LOG.warning("the past cannot be simulated with the new estimate: %s", err)
             return None
 
-    def _started(self, settings: Settings, spans: int) -> Pieces[Simulation]:
-        """A simulation with sensitivities where the past begins."""
+    def _started(
+        self, settings: Settings, spans: int, *, loads: bool = False
+    ) -> Pieces[Simulation]:
+        """A simulation where the past begins, with sensitivities, or with loads instead."""
         if self._anchor is not None:
-            return self._anchor.fork(settings)
-        simulation = Simulation(settings, self._motion, parameters=MATERIAL, spans=spans)
+            return self._anchor.fork(settings, loads=loads)
+        names = () if loads else MATERIAL
+        simulation = Simulation(settings, self._motion, parameters=names, spans=spans, loads=loads)
         for _ in simulation.starting(self._past[:2], self._past[-1].stamp):
             yield SHORT
         return simulation
@@ -357,7 +368,7 @@ class OnlineEstimator:
         linear = self._known.linear(at, step)
         stuck = not linear and run.used < self._retry
         theta = at.theta if stuck else at.theta + step
-        information = self._told + self._known.summary
+        information = self._told + self._known.summary + self._known.forces
         low, high = self._guess - np.log(1e4), self._guess + np.log(1e4)
         theta = np.where(np.isfinite(self._guess), np.clip(theta, low, high), self._guess)
         estimate = summarise(self._initial, theta, information)
@@ -381,6 +392,8 @@ class OnlineEstimator:
         self._known.summary = FORGETTING * self._known.summary + self._told
         self._told = np.zeros((4, 4))
         self._known.centre = theta
+        self._known.forces = FORGETTING * self._known.forces
+        self.forces.fold()
         self._past = []
         self._anchor = run.simulation.fork(with_logarithms(self._initial, theta))
         simulation = self._anchor.fork(self._anchor.settings)

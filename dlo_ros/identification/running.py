@@ -100,6 +100,7 @@ class Known:
         guess: logarithms beforehand, -inf for a damping of zero.
         summary: information (4, 4) from before the window, about `centre`.
         repeats: how often residuals tell the same.
+        forces: information (4, 4) of measured forces, about `felt`.
     """
 
     prior: FloatArray
@@ -107,17 +108,20 @@ class Known:
     summary: FloatArray = field(default_factory=lambda: np.zeros((4, 4)))
     centre: FloatArray = field(default_factory=lambda: np.zeros(4))
     repeats: float = 1.0
+    forces: FloatArray = field(default_factory=lambda: np.zeros((4, 4)))
+    felt: FloatArray = field(default_factory=lambda: np.zeros(4))
 
     def step(self, at: Linearised) -> FloatArray:
         """From where a problem is linearised towards its minimum, not too far at once, (4,)."""
         usable = np.isfinite(self.guess)
         off = np.where(usable, at.theta - self.guess, 0.0)
         old = np.where(usable, at.theta - self.centre, 0.0)
+        felt = np.where(usable, at.theta - self.felt, 0.0)
         step = np.zeros(4)
         for _ in range(2):  # how noisy the residuals are is known better after the first step
             scale = at.scale(step) / self.repeats
-            lhs = scale * at.normal + self.prior + self.summary
-            rhs = scale * at.gradient - self.prior @ off - self.summary @ old
+            lhs = scale * at.normal + self.prior + self.summary + self.forces
+            rhs = scale * at.gradient - self.prior @ off - self.summary @ old - self.forces @ felt
             step = np.where(usable, np.linalg.solve(lhs, rhs), 0.0)
         return np.asarray(step * min(1.0, LONGEST_STEP / max(float(np.abs(step).max()), 1e-300)))
 

@@ -22,6 +22,7 @@ from dlo_ros.identification.estimate import (
     search_information,
     with_logarithms,
 )
+from dlo_ros.identification.force_scale import grip_wrenches
 from dlo_ros.inference.forecast import Forecast, Manipulation, forecast
 from dlo_ros.inference.parallel import Pool, Threads
 from dlo_ros.inference.parameter import value_of, with_value
@@ -172,6 +173,9 @@ def _fields(
                 )  # fmt: skip
                 continue
             derivative, more = _differences(group, measured.end, at, len(set_up))
+            # Forces tell mu D^2 and E D^4.
+            shift = 2.0 * sensed.rod.diameter_std / sensed.rod.diameter
+            more.append(shift * (derivative[:, :, 0] + derivative[:, :, MU]))
             found = wrench_field(
                 f"{recording.name}, {measured.end}", measured, [int(s) for s in here.stamps],
                 predicted, derivative, sensed, recording.commands, more,
@@ -222,12 +226,7 @@ def _borne(task: tuple[Manipulation, Settings, int]) -> Forecast | None:
 
 def _wrench(found: Forecast | None, end: str) -> FloatArray | None:
     """Force and torque of the grip at an end, shape (F, 6); None where it holds nothing."""
-    if found is None:
-        return None
-    grips = [getattr(loading, end) for loading in found.loadings]
-    if not grips or any(g is None for g in grips):
-        return None
-    return np.array([np.concatenate([g.force, g.torque]) for g in grips])
+    return None if found is None else grip_wrenches(found.loadings, end)
 
 
 def _differences(

@@ -182,9 +182,6 @@ def wrench_field(
     if stated.tool_mass_std > 0.0:
         columns += _tool(measured.end, axes, stamps, settings, commands, lever)
     columns += list(more)
-    if rod.diameter_std > 0.0:  # forces tell mu D^2 and E D^4
-        shift = 2.0 * rod.diameter_std / rod.diameter
-        columns.append(shift * (derivative[:, :, 0] + derivative[:, :, 1]))
     offsets += [False] * (len(columns) - 6)
     usual = weight * np.array([1.0] * 3 + [rod.length] * 3)
     white = np.maximum(own * float(np.sqrt(np.mean(share[found] ** 2))), LEAST_NOISE * usual)
@@ -246,6 +243,13 @@ def _tool(
         turn = np.einsum("fij,fj->fi", axes, inner - inner[0])
         result.append(mass * lever * _placed(None, turn))
     return result
+
+
+def expected(field: WrenchField) -> FloatArray:
+    """Information (P, P) of forces with their stated noise alone, before they are measured."""
+    transformed = _Transformed.of(field)
+    variance = np.broadcast_to(field.white**2, field.residual.shape)
+    return transformed.told(variance, field).information
 
 
 def told(
@@ -313,6 +317,21 @@ class _Transformed:
         memory = float(-np.expm1(x[4]))
         return np.asarray(white + density(memory, self.frequency)[:, None] * fading)
 
+    def _slopes(self, x: FloatArray, by: FloatArray) -> FloatArray:
+        """Derivatives by the five numbers, from those by the variances (F, C)."""
+        memory = float(-np.expm1(x[4]))
+        fading = self.scale**2 * np.exp(2.0 * x[2:4])[self.kinds]
+        shape = density(memory, self.frequency)[:, None]
+        cosine = np.cos(self.frequency)
+        below = 1.0 - 2.0 * memory * cosine + memory**2
+        rate = -2.0 * memory * below - (1.0 - memory**2) * (2.0 * memory - 2.0 * cosine)
+        rate = (rate / below**2)[:, None]
+        each = 2.0 * by * self.white**2 * np.exp(2.0 * x[:2])[self.kinds]
+        other = 2.0 * by * shape * fading
+        kinds = [self.kinds == k for k in (0, 1)]
+        parts = [float(e[:, k].sum()) for e in (each, other) for k in kinds]
+        return np.array([*parts, -(1.0 - memory) * float(np.sum(by * rate * fading))])
+
     def fitted(self, offset: FloatArray, precision: FloatArray) -> FloatArray:
         """Variances that maximise the marginal likelihood."""
         q = self.z.shape[2]
@@ -323,19 +342,31 @@ class _Transformed:
         mean = np.concatenate([offset, np.zeros(q)])
         few = len(self.r) < 4
 
-        def cost(x: FloatArray) -> float:
+        flat = columns.reshape(-1, len(prior))
+        r = self.r.ravel()
+
+        def cost(x: FloatArray) -> tuple[float, FloatArray]:
             v = self.variance(x)
-            lhs = prior + np.einsum("fcp,fcq->pq", columns / v[:, :, None], columns, optimize=True)
-            rhs = prior @ mean + np.einsum("fcp,fc->p", columns, self.r / v)
-            value = float(np.sum(np.log(v)) + np.sum(self.r**2 / v))
-            value += float(np.linalg.slogdet(lhs)[1] - rhs @ np.linalg.solve(lhs, rhs))
-            return 0.5 * value + 0.5 * float(np.sum(np.exp(2.0 * x[2:4]))) / LACKING**2
+            weighted = flat / v.ravel()[:, None]
+            lhs = prior + weighted.T @ flat
+            rhs = prior @ mean + weighted.T @ r
+            inverse = np.linalg.inv(lhs)
+            best = inverse @ rhs
+            value = float(np.sum(np.log(v)) + r**2 @ (1.0 / v.ravel()))
+            value += float(np.linalg.slogdet(lhs)[1] - rhs @ best)
+            left = (r - flat @ best) ** 2 + np.einsum("kp,kp->k", flat @ inverse, flat)
+            slope = self._slopes(x, 0.5 * (1.0 / v - left.reshape(v.shape) / v**2))
+            lacking = np.exp(2.0 * x[2:4]) / LACKING**2
+            slope[2:4] += lacking
+            return 0.5 * value + 0.5 * float(lacking.sum()), slope
 
         start = np.array([0.0, 0.0, np.log(1e-3), np.log(1e-3), np.log(0.1)])
         low = np.log(1e-7)
         bounds = [(0.0, 0.0 if few else 6.0)] * 2 + [(low, 0.0)] * 2
         bounds += [(float(np.log1p(-LONGEST_MEMORY)), float(np.log(0.9)))]
-        found = minimize(cost, start, method="L-BFGS-B", bounds=bounds, options={"maxiter": 40})
+        found = minimize(
+            cost, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": 40}
+        )
         return self.variance(found.x)
 
     def told(self, v: FloatArray, field: WrenchField) -> Told:

@@ -62,6 +62,14 @@ IMAGES = QoSProfile(
 )
 """Subscription to the images themselves: a moment in which the machine is busy loses none."""
 
+FORCES = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=200,
+    reliability=ReliabilityPolicy.BEST_EFFORT,
+    durability=DurabilityPolicy.VOLATILE,
+)
+"""Subscription to force-torque sensors, which send up to a thousand messages a second."""
+
 CLOCK = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
     depth=1,

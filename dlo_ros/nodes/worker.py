@@ -18,6 +18,7 @@ from dlo_ros.identification.estimate import Estimate
 from dlo_ros.identification.online import OnlineEstimator
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
+from dlo_ros.spline import FloatArray
 
 SWITCH = 2e-4
 """Seconds after which the estimator's thread lets the node's callbacks run; by default Python takes
@@ -46,6 +47,17 @@ class Outcome(NamedTuple):
     suspicion: Suspicion | None = None
 
 
+class Felt(NamedTuple):
+    """Forces and torques (6,) [N; N m] that were measured at an end, with their stamps [ns]."""
+
+    end: str
+    stamps: tuple[int, ...]
+    values: tuple[FloatArray, ...]
+
+
+Task = Settings | Command | Observation | Felt
+
+
 class EstimatorThread:
     """Feeds an `OnlineEstimator`, once it is started.
 
@@ -57,7 +69,7 @@ class EstimatorThread:
     def __init__(self, settings: Settings, ready: Callable[[], None]) -> None:
         self._ready = ready
         self._changed = threading.Condition()
-        self._tasks: deque[Settings | Command | Observation] = deque([settings])
+        self._tasks: deque[Task] = deque([settings])
         self._outcomes: deque[Outcome] = deque(maxlen=WAITING)
         self._generation = 0
         self._stopping = False
@@ -95,6 +107,10 @@ class EstimatorThread:
                 self.dropped += len(left_out)
         self._put(observation)
 
+    def feel(self, felt: Felt) -> None:
+        """Take measured forces."""
+        self._put(felt)
+
     def restart(self, settings: Settings) -> None:
         """Start afresh with these settings; what waits is dropped."""
         with self._changed:
@@ -118,7 +134,7 @@ class EstimatorThread:
         if self._thread.is_alive():
             self._thread.join(timeout=2.0)
 
-    def _put(self, task: Settings | Command | Observation) -> None:
+    def _put(self, task: Task) -> None:
         with self._changed:
             self._tasks.append(task)
             self._changed.notify()
@@ -149,6 +165,9 @@ class EstimatorThread:
                     estimator, watch = OnlineEstimator(task), Watch()
                 elif estimator is not None and isinstance(task, Command):
                     estimator.set_command(task)
+                elif estimator is not None and isinstance(task, Felt):
+                    for stamp, values in zip(task.stamps, task.values, strict=True):
+                        estimator.forces.add(task.end, stamp, values)
                 elif estimator is not None and isinstance(task, Observation):
                     newest = task.stamp
                     estimator.observe(task)

@@ -195,13 +195,17 @@ class Simulation:
         """The simulated instant, as it is seen [ns]."""
         return self._started().stamp + self._camera.later
 
-    def fork(self, settings: Settings, motion: Motion | None = None) -> Simulation:
+    def fork(
+        self, settings: Settings, motion: Motion | None = None, *, loads: bool | None = None
+    ) -> Simulation:
         """An independent simulation that goes on from the present state with other parameters.
 
         Args:
             motion: imposed from here on; default: the same. One of its own suits another thread.
+            loads: as in the class; default: as here.
         """
         twin = copy(self)
+        twin._loads = self._loads if loads is None else loads
         twin._course = self._course.another()
         if motion is not None:
             twin.motion = twin._course.motion = motion

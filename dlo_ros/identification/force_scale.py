@@ -1,0 +1,192 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""The common scale of all forces of a model that shapes have determined but for that scale.
+
+E, mu, the drag and every force of an effect may be multiplied by one number without any shape being
+another. Forces measured at the grips tell it without a further simulation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dlo_ros.command import Command
+from dlo_ros.effects import quantities
+from dlo_ros.identification.estimate import UNBOUNDED
+from dlo_ros.identification.pieces import LONG, Pieces, exhausted
+from dlo_ros.identification.statement import rounded
+from dlo_ros.inference.wrench import WrenchField, told, without_offsets, wrench_field
+from dlo_ros.observation import Wrenches
+from dlo_ros.parameters import Settings
+from dlo_ros.rod.reactions import Loading
+from dlo_ros.spline import FloatArray
+
+POWERS = {
+    "kg": 1.0, "N/m": 1.0, "N m": 1.0, "N s/m^2": 1.0, "N s^2/m^3": 1.0, "rad/(N m)": -1.0,
+}  # fmt: skip
+"""Power of the scale with which a number of an effect goes, by its unit; others stay."""
+ITERATIONS = 20
+CLOSE = 1e-4
+"""Change of the scale's logarithm at which the iteration ends."""
+LONGEST_STEP = 2.0
+LEAST = 1e-6
+"""Information beforehand on the logarithm of the scale: next to none."""
+
+
+@dataclass(frozen=True)
+class Borne:
+    """Forces that were measured and predicted at one end.
+
+    Args:
+        name: recording and end, for people.
+        measured: what the sensor told.
+        stamps: of the shapes [ns], F of them.
+        predicted: force and torque of the grip at these, shape (F, 6).
+        commands: what was imposed.
+    """
+
+    name: str
+    measured: Wrenches
+    stamps: tuple[int, ...]
+    predicted: FloatArray
+    commands: tuple[Command, ...]
+
+
+@dataclass(frozen=True)
+class Scale:
+    """The common scale of all forces over the model's.
+
+    Args:
+        log: its logarithm.
+        information: on it.
+        std: of its logarithm with everything; from how forces change alone; from their mean alone.
+    """
+
+    log: float
+    information: float
+    std: tuple[float, float, float]
+
+    @property
+    def relative(self) -> tuple[float | None, float | None, float | None]:
+        """The three standard deviations; None where that leaves it unknown."""
+        a, b, c = (s if s < UNBOUNDED else None for s in self.std)
+        return a, b, c
+
+
+def grip_wrenches(loadings: Sequence[Loading], end: str) -> FloatArray | None:
+    """Force and torque of the grip at an end, shape (F, 6); None where it holds nothing."""
+    grips = [getattr(loading, end) for loading in loadings]
+    if not grips or any(g is None for g in grips):
+        return None
+    return np.array([np.concatenate([g.force, g.torque]) for g in grips])
+
+
+def borne_along(
+    name: str, loadings: Sequence[Loading], stamps: Sequence[int], wrenches: Sequence[Wrenches],
+    commands: Sequence[Command],
+) -> list[Borne]:  # fmt: skip
+    """What was measured at the ends, beside what the DLO bears at stamps [ns]."""
+    result = []
+    for measured in wrenches:
+        predicted = grip_wrenches(loadings, measured.end)
+        if predicted is not None:
+            label = f"{name}, {measured.end}"
+            result.append(Borne(label, measured, tuple(stamps), predicted, tuple(commands)))
+    return result
+
+
+def scale_of(
+    borne: Sequence[Borne], settings: Settings, *, known: float = 0.0, diameter_std: float = 0.0
+) -> Scale | None:
+    """The scale that forces tell; None where none was measured near a shape.
+
+    Args:
+        settings: of the parameter file, by whose weight offsets are judged.
+        known: information beforehand on the logarithm of the scale, that it is 0.
+        diameter_std: standard deviation of the DLO's diameter over the diameter.
+    """
+    return exhausted(scale_in_pieces(borne, settings, known=known, diameter_std=diameter_std))
+
+
+def scale_in_pieces(
+    borne: Sequence[Borne], settings: Settings, *, known: float = 0.0, diameter_std: float = 0.0
+) -> Pieces[Scale | None]:
+    """As `scale_of`, piece by piece for who must not wait."""
+    log, information = 0.0, 0.0
+    fields: list[WrenchField] = []
+    prior = np.array([[known + LEAST]])
+    for _ in range(ITERATIONS):
+        yield LONG
+        fields = _fields(borne, settings, float(np.exp(log)), diameter_std)
+        if not fields:
+            return None
+        information, gradient = 0.0, -float(prior[0, 0]) * log
+        for one in fields:
+            yield LONG
+            found = told(one, np.array([-log]), prior)
+            information += float(found.information[0, 0])
+            gradient += float(found.gradient[0])
+        step = gradient / (information + float(prior[0, 0]))
+        log += float(np.clip(step, -LONGEST_STEP, LONGEST_STEP))
+        if abs(step) < CLOSE:
+            break
+    parts = [information, 0.0, 0.0]
+    for one in fields:
+        yield LONG
+        parts[1] += float(told(without_offsets(one), np.array([-log]), prior).information[0, 0])
+        yield LONG
+        parts[2] += float(told(one, np.array([-log]), prior, only_mean=True).information[0, 0])
+    everything, change, mean = ((known + LEAST + max(i, 0.0)) ** -0.5 for i in parts)
+    return Scale(log, information, (everything, change, mean))
+
+
+def _fields(
+    borne: Sequence[Borne], settings: Settings, scale: float, diameter_std: float
+) -> list[WrenchField]:
+    """Measured and predicted forces with the derivative by the scale's logarithm."""
+    result = []
+    for b in borne:
+        predicted = scale * b.predicted
+        found = wrench_field(
+            b.name, b.measured, b.stamps, predicted, predicted[:, :, None], settings, b.commands,
+            [2.0 * diameter_std * predicted],
+        )  # fmt: skip
+        if found is not None:
+            result.append(found)
+    return result
+
+
+def with_scale(settings: Settings, log: float) -> Settings:
+    """The settings with all forces multiplied by exp(log): every shape stays as it is."""
+    factor = float(np.exp(log))
+    rod, damping = settings.rod, settings.damping
+    effects: dict[str, dict[str, float | tuple[float, ...]]] = {}
+    for name, block in settings.effects.items():
+        effects[name] = {}
+        for key, value in block.items():
+            by = factor ** POWERS.get(quantities(name)[key].unit, 0.0)
+            effects[name][key] = (
+                tuple(by * v for v in value) if isinstance(value, tuple) else by * value
+            )
+    return replace(
+        settings.with_effects(effects),
+        rod=replace(rod, young_modulus=factor * rod.young_modulus, density=factor * rod.density),
+        damping=replace(damping, air_drag=factor * damping.air_drag),
+    )
+
+
+def words(std: tuple[float | None, float | None, float | None], messages: int) -> str:
+    """A sentence on what measured forces tell of mu, and by what.
+
+    Args:
+        std: relative, with everything, from change alone, from the mean alone; None: unknown.
+        messages: that were measured.
+    """
+    everything, change, mean = ("nothing" if s is None else f"{rounded(100.0 * s)} %" for s in std)
+    return (
+        f"The forces at the grips ({messages} messages) tell mu to {everything}: how they change, "
+        f"whatever the sensor's offset, to {change}; their mean, as far as wrench.force_bias_std "
+        f"goes, to {mean}."
+    )
