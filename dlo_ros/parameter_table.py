@@ -393,6 +393,15 @@ PARAMETERS: tuple[Parameter, ...] = (
         nodes=("observer",),
     ),
     Parameter(
+        "vision.depth",
+        "string",
+        "auto",
+        "whether depth images aligned with the one camera are used where they are published",
+        choices=("auto", "off"),
+        nodes=("observer",),
+        read_only=True,
+    ),
+    Parameter(
         "image_transport",
         "string",
         "auto",

@@ -11,6 +11,7 @@ import yaml
 
 from dlo_ros.effects import quantities
 from dlo_ros.effects.registry import tolerance_of
+from dlo_ros.parameter_cameras import of_cameras, unit
 from dlo_ros.parameter_table import TABLE, Value
 
 
@@ -50,5 +51,7 @@ def _written(value: Any) -> str:
 def _unit(name: str) -> str:
     if name in TABLE:
         return TABLE[name].unit
+    if of_cameras(name):
+        return unit(name)
     effect, _, key = name.removeprefix("effects.").partition(".")
     return quantities(effect)[tolerance_of(effect, key) or key].unit

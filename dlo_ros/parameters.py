@@ -20,14 +20,15 @@ from dlo_ros.effects.registry import STD, check_tolerance, tolerance_of
 from dlo_ros.effects.registry import check as check_effect
 from dlo_ros.errors import ParameterError
 from dlo_ros.files import END, HEADER, read_yaml, write_text
+from dlo_ros.parameter_cameras import CameraPose as CameraPose
+from dlo_ros.parameter_cameras import Vector as Vector
+from dlo_ros.parameter_cameras import check_rotation, flat_cameras, of_cameras, read_cameras
 from dlo_ros.parameter_table import PARAMETERS, TABLE, Value
 from dlo_ros.parameter_text import parameter_lines
 from dlo_ros.spline import SplineBasis
 
 LOG = logging.getLogger(__name__)
 
-Vector = tuple[float, float, float]
-Quaternion = tuple[float, float, float, float]
 Quadruple = tuple[float, float, float, float]
 
 EFFECTS_PREFIX = PREFIX
@@ -91,14 +92,6 @@ class DampingParameters:
 
 
 @dataclass(frozen=True)
-class CameraPose:
-    """Pose of the board frame in the camera's optical frame (x right, y down, z forward)."""
-
-    translation: Vector = (0.0, 0.0, 1.2)
-    rotation: Quaternion = (0.70710678, 0.0, 0.0, 0.70710678)
-
-
-@dataclass(frozen=True)
 class SimulationParameters:
     """How the simulation is discretised, started and published."""
 
@@ -142,6 +135,7 @@ class VisionParameters:
     colour_high: Vector = (180.0, 255.0, 255.0)
     mask: str = ""
     empty_board: str = ""
+    depth: str = "auto"
 
 
 @dataclass(frozen=True)
@@ -150,7 +144,7 @@ class Settings:
 
     `effects` are the values of those that the model contains; `tolerances` ("clamp_angle.start":
     std) what the file states of how well a set-up was made, also of effects that the model does not
-    contain, see `tolerance`.
+    contain, see `tolerance`; `cameras` the poses of several by name, empty where there is but one.
     """
 
     rod: RodParameters
@@ -168,6 +162,7 @@ class Settings:
     simulator_node: str = "simulator"
     effects: Values = field(default_factory=dict)
     tolerances: Mapping[str, float] = field(default_factory=dict)
+    cameras: Mapping[str, CameraPose] = field(default_factory=dict)
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any], node: str | None = None) -> Settings:
@@ -203,10 +198,7 @@ class Settings:
                 effects.setdefault(name, {})[part] = check_effect(name, part, values[key])
         rotation = checked["camera.rotation"]
         assert isinstance(rotation, tuple)
-        if not 0.9 < math.hypot(*rotation) < 1.1:
-            raise ParameterError(
-                f"camera.rotation is {list(rotation)}; it must be a unit quaternion x y z w"
-            )
+        check_rotation(rotation, "camera.rotation")  # type: ignore[arg-type]
         groups: dict[str, dict[str, Any]] = {}
         top: dict[str, Any] = {}
         for name, value in checked.items():
@@ -219,6 +211,7 @@ class Settings:
             simulation=SimulationParameters(**groups["simulation"]),
             effects=effects,
             tolerances=tolerances,
+            cameras=read_cameras(values),
             limits=LimitParameters(**groups["limits"]),
             wrench=WrenchParameters(**groups["wrench"]),
             diagnosis=DiagnosisParameters(**groups["diagnosis"]),
@@ -293,7 +286,7 @@ class Settings:
                 result[f"{EFFECTS_PREFIX}{effect}.{key}"] = number
         for key, std in self.tolerances.items():
             result[f"{EFFECTS_PREFIX}{key}{STD}"] = std
-        return result
+        return result | flat_cameras(self.cameras)
 
     @property
     def scale(self) -> RopeScale:
@@ -375,7 +368,7 @@ def read_parameter_file(path: Path) -> dict[str, Any]:
         _flatten("", block, values)
     groups = {name.split(".")[0] for name in TABLE if "." in name}
     for name in values:
-        if name in TABLE or name.startswith(EFFECTS_PREFIX):
+        if name in TABLE or name.startswith(EFFECTS_PREFIX) or of_cameras(name):
             continue
         # Other nodes' parameters may stand beside ours; what looks like one of ours is told of.
         near = get_close_matches(name, TABLE, n=1, cutoff=0.85)

@@ -18,6 +18,7 @@ from policies import read_policy
 from dlo_ros.cli.main import EXECUTABLES, parser_of
 from dlo_ros.dependencies import DEPENDENCIES
 from dlo_ros.effects import effects
+from dlo_ros.parameter_cameras import CAMERAS
 from dlo_ros.parameter_table import TABLE
 from dlo_ros.recordings import topics
 
@@ -115,7 +116,7 @@ def test_every_option_in_the_pages_exists():
 
 def test_every_parameter_and_effect_in_the_pages_exists():
     known = {f"effects.{n}.{q.name}" for n, e in effects().items() for q in e.quantities()}
-    known |= {f"effects.{name}" for name in effects()} | set(TABLE)
+    known |= {f"effects.{name}" for name in effects()} | set(TABLE) | {CAMERAS}
     groups = "rod|damping|camera|simulation|vision|effects"
     foreign = {"effects.wet_rope", "effects.NAME"}  # of the example, and a placeholder
     for page in PAGES:

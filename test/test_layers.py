@@ -18,7 +18,7 @@ LAYERS = (
     ("kernel_linking",),
     ("compilation",),
     ("__init__", "spline", "parameter_table", "interpolation", "share", "files"),
-    ("command", "observation"),
+    ("command", "observation", "parameter_cameras"),
     ("effects",),
     ("parameter_text",),
     ("parameters",),

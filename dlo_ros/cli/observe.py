@@ -9,13 +9,14 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 
 from dlo_ros.cli.observe_points import observe_points_bag
+from dlo_ros.cli.observe_space import ObservedFrame, observe_together, watches_space
 from dlo_ros.cli.progress import progress_bar
 from dlo_ros.cli.results import check_results_folder
 from dlo_ros.command import Motion
@@ -28,6 +29,7 @@ from dlo_ros.recordings.bag import open_bag
 from dlo_ros.recordings.building import BAG_MESSAGES, points_message, spline_message
 from dlo_ros.recordings.images import Image
 from dlo_ros.recordings.read import iterate_images, iterate_masks, read_recording
+from dlo_ros.recordings.several import count_images
 from dlo_ros.recordings.write import BagWriter, copy_topics
 from dlo_ros.vision.camera import Camera
 from dlo_ros.vision.control_points import (
@@ -46,25 +48,6 @@ LOG = logging.getLogger(__name__)
 BAG_SUFFIXES = (".mcap", ".db3")
 MOST_CONTROL_POINTS = 60  # with which shapes are looked at before their number is chosen
 CHOSEN_BY, CHOSEN_EVERY = 20, 3  # images that choose it, and every how many one is taken
-
-
-@dataclass(frozen=True, eq=False)
-class ObservedFrame:
-    """One image of a recording.
-
-    Args:
-        stamp: [ns].
-        image: BGR.
-        camera: that took it.
-        result: what was found, None where nothing credible was.
-        reason: why nothing was found.
-    """
-
-    stamp: int
-    image: Image
-    camera: Camera
-    result: VisionResult | None
-    reason: str = ""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -176,6 +159,10 @@ def observe_recording(
     motion = Motion()
     for command in recording.commands:
         motion.add(command)
+    if watches_space(Path(path), settings):
+        _prepare()
+        yield from observe_together(Path(path), settings, motion, on_skip)
+        return
     observer: Observer | None = None
     known = None
     masks = iterate_masks(path, on_skip)
@@ -192,17 +179,17 @@ def observe_recording(
             mask, coming = coming[1], next(masks, None)
         observer.mask = mask
         try:
-            yield ObservedFrame(stamp, image, camera, observer.observe(stamp, image))
+            result, reason = observer.observe(stamp, image), ""
         except VisionError as err:
             LOG.info("%s: image %d ns: %s", path, stamp, err)
-            yield ObservedFrame(stamp, image, camera, None, str(err))
+            result, reason = None, str(err)
+        yield ObservedFrame(stamp, {"": (image, camera, result)}, reason)
 
 
 def _observe_bag(
     path: Path, settings: Settings, output: Path, overlays: Path | None, force: bool
 ) -> int:
-    with open_bag(path) as bag:
-        total = sum(c.msgcount for c in bag.find(topics.COMPRESSED) or bag.find(topics.IMAGE))
+    total = count_images(path, next(iter(settings.cameras), ""))
     if overlays is not None:
         overlays.mkdir(parents=True, exist_ok=True)
     if output.exists() and path.exists() and output.resolve() == path.resolve():
@@ -210,6 +197,7 @@ def _observe_bag(
     frame_id = settings.frame_id
     reasons: Counter[str] = Counter()
     found: list[VisionResult] = []
+    offsets: list[float] = []
     with (
         BagWriter(output, force=force) as writer,
         progress_bar() as progress,
@@ -217,15 +205,14 @@ def _observe_bag(
         task = progress.add_task("Observing", total=total)
         for frame in observe_recording(path, settings):
             progress.advance(task)
-            if overlays is not None:
+            offsets.append(frame.offset)
+            for name, (image, camera, result) in frame.views.items() if overlays else ():
                 picture = draw_overlay(
-                    frame.image,
-                    frame.camera,
-                    settings.rod.length,
-                    frame.result,
-                    message=frame.reason,
+                    image, camera, settings.rod.length, result, message=frame.reason
                 )
-                _write_image(overlays / f"{path.name}_{frame.stamp}.png", picture)
+                end = f"_{name}" if name else ""
+                assert overlays is not None
+                _write_image(overlays / f"{path.name}_{frame.stamp}{end}.png", picture)
             if frame.result is None:
                 reasons[frame.reason] += 1
                 continue
@@ -248,6 +235,11 @@ def _observe_bag(
         f"{seen:.0f} % of it seen, {length:.4g} m long (rod.length {settings.rod.length:.4g} m), "
         f"spline within {residual:.2f} mm (median)"
     )
+    if settings.cameras:
+        print(
+            f"  stamps of the cameras' images {1000 * np.median(offsets):.1f} ms apart (median; "
+            f"largest {1000 * max(offsets):.1f} ms)"
+        )
     for reason, count in reasons.most_common(5):
         print(f"  {count} without: {reason}")
     advice = _advice(found, settings)

@@ -20,6 +20,7 @@ from rclpy.parameter import Parameter as RosParameter
 from dlo_ros.effects import quantities
 from dlo_ros.effects.registry import STD
 from dlo_ros.errors import DloError, ParameterError
+from dlo_ros.parameter_cameras import CAMERAS, DESCRIPTION, flat_cameras, of_cameras
 from dlo_ros.parameter_table import PARAMETERS, TABLE, Parameter, Value
 from dlo_ros.parameters import EFFECTS_PREFIX, Settings
 
@@ -45,7 +46,7 @@ def declare(node: Node, name: str) -> Settings:
         if key.startswith(FOREIGN):
             continue
         node.undeclare_parameter(key)
-        if key in TABLE or key.startswith(EFFECTS_PREFIX):
+        if key in TABLE or key.startswith(EFFECTS_PREFIX) or of_cameras(key):
             given[key] = _plain(parameter.value)
         else:
             node.get_logger().warning(f"unknown parameter {key} is ignored")
@@ -72,6 +73,12 @@ def declare(node: Node, name: str) -> Settings:
         q = quantities(effect)[key]
         text = f"tolerance of effects.{name}, a standard deviation{q.bracketed}"
         _declare_effect(node, f"{name}{STD}", std, text, "0 or positive")
+    for key, value in flat_cameras(settings.cameras).items():
+        text = "cameras that watch the DLO together" if key == CAMERAS else DESCRIPTION
+        described = ParameterDescriptor(
+            description=text, dynamic_typing=True, read_only=key == CAMERAS
+        )
+        node.declare_parameter(key, list(value), described, ignore_override=True)
     return settings
 
 

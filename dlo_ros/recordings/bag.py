@@ -75,6 +75,9 @@ class Bag:
             RecordingError: several namespaces have it, or it is of another type.
         """
         found = [c for c in self.connections if topics.is_topic(c.topic, topic) and c.msgcount]
+        if topic in (topics.IMAGE, topics.CAMERA_INFO):
+            # A depth image is no picture, though its topic ends like one's.
+            found = [c for c in found if not topics.is_topic(c.topic, f"depth/{topic}")]
         names = sorted({c.topic for c in found})
         sibling = near.removesuffix(topics.relative(near) or "") + topic
         preferred = next((n for n in (sibling, f"/{topic}") if n in names), None)
@@ -84,11 +87,11 @@ class Bag:
                 "split the bag by namespace, one DLO a bag"
             )
         found = [c for c in found if preferred in (None, c.topic)]
-        wrong = next((c for c in found if c.msgtype != topics.TYPES[topic]), None)
+        needed = topics.type_of(topic)
+        wrong = next((c for c in found if c.msgtype != needed), None)
         if wrong is not None:
             raise RecordingError(
-                f"{self.path}: {wrong.topic} is of type {wrong.msgtype}; "
-                f"{topics.TYPES[topic]} is needed"
+                f"{self.path}: {wrong.topic} is of type {wrong.msgtype}; {needed} is needed"
             )
         return found
 

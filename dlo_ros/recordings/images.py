@@ -19,6 +19,7 @@ from dlo_ros.errors import InputError
 from dlo_ros.recordings.messages import array
 
 Image = NDArray[np.uint8]
+DepthImage = NDArray[np.float32]
 
 MAX_PIXELS = 100_000_000
 """Larger images are refused before any memory is taken for them."""
@@ -40,6 +41,13 @@ CONVERSIONS: dict[str, tuple[int, int | None]] = {
     "bayer_grbg8": (1, cv2.COLOR_BayerGB2BGR),
 }
 """Bytes per pixel and OpenCV conversion to BGR of each encoding of sensor_msgs/Image."""
+
+DEPTHS: dict[str, tuple[str, float]] = {
+    "16UC1": ("u2", 1e-3),
+    "mono16": ("u2", 1e-3),
+    "32FC1": ("f4", 1.0),
+}
+"""Type of a depth image's numbers and their unit [m] by encoding (REP 118)."""
 
 DISTORTION_COEFFICIENTS = {"plumb_bob": (4, 5), "rational_polynomial": (8, 12, 14)}
 
@@ -151,6 +159,32 @@ def _read_raw(message: Any) -> Image:
     if encoding.startswith("bayer") and min(width, height) < 4:
         raise InputError(f"image of {width} x {height} pixels is too small for {encoding}")
     return np.asarray(cv2.cvtColor(pixels, conversion), dtype=np.uint8)
+
+
+def read_depth(message: Any) -> DepthImage:
+    """Depths of a sensor_msgs/Image [m], NaN where there is none, shape (height, width).
+
+    Raises:
+        InputError: unknown encoding or sizes that contradict each other.
+    """
+    width, height, step = int(message.width), int(message.height), int(message.step)
+    encoding = str(message.encoding)
+    if encoding not in DEPTHS:
+        raise InputError(
+            f"depth image has encoding '{encoding[:40]}'; known are {', '.join(DEPTHS)}"
+        )
+    kind, unit = DEPTHS[encoding]
+    number = np.dtype((">" if message.is_bigendian else "<") + kind)
+    _check_size(width, height)
+    data = np.frombuffer(message.data, dtype=np.uint8)
+    if step < width * number.itemsize or data.size != step * height:
+        raise InputError(
+            f"depth image has {data.size} bytes and step {step}; {height} rows of {width} pixels "
+            f"of {encoding} are something else"
+        )
+    rows = np.ascontiguousarray(data.reshape(height, step)[:, : width * number.itemsize])
+    depth = rows.view(number).astype(np.float32) * np.float32(unit)
+    return np.where(np.isfinite(depth) & (depth > 0.0), depth, np.float32(np.nan))
 
 
 def decode(data: bytes) -> Image:

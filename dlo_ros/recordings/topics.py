@@ -82,6 +82,16 @@ STATE = ("/clock", "/observer/ready", "/simulator/ready", "/identifier/ready")
 """Ends of the names of topics that tell what is so now; played again they would be wrong."""
 
 
+def of_camera(name: str, topic: str) -> str:
+    """A topic of one of several cameras; that of the one camera where the name is empty."""
+    return f"{name}/{topic}" if name else topic
+
+
+def type_of(topic: str) -> str:
+    """Message type of a topic of the interface, also of one of several cameras."""
+    return TYPES[topic if topic in TYPES else relative(topic) or topic]
+
+
 def is_topic(full_name: str, topic: str) -> bool:
     """Whether a full name such as `/left/dlo/observed` is the topic in some namespace."""
     return full_name.lstrip("/") == topic or full_name.endswith("/" + topic)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -163,7 +164,8 @@ def measure(
 
 def parameter_text(experiment: Experiment) -> str:
     """The parameter file beside the bag: what an experimenter would know, E and mu guessed."""
-    return experiment.guess.text(
+    cameras = {name: stated for name, (_, stated) in experiment.cameras.items()}
+    return replace(experiment.guess, cameras=cameras).text(
         f"Parameters for the simulated experiment '{experiment.name}'.\n"
         "What was really simulated stands in truth.yaml."
     )

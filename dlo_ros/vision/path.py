@@ -32,6 +32,20 @@ COST_LIMIT_PER_WIDTH = 0.02
 AMBIGUITY = 2.0  # a second path that is dearer by less makes the first doubtful
 
 
+@dataclass(frozen=True)
+class LengthRule:
+    """What lengths a course may have, as shares of the DLO's.
+
+    Args:
+        shortest, longest: beyond these a course is none.
+        std: how well the length is expected to agree; infinite where it tells nothing.
+    """
+
+    shortest: float = 1.0 - LENGTH_LIMIT
+    longest: float = 1.0 + LENGTH_LIMIT
+    std: float = LENGTH_STD
+
+
 @dataclass(frozen=True, eq=False)
 class ClampPixel:
     """A clamp in the picture: position [px] and unit direction of growing u, shapes (2,).
@@ -80,6 +94,7 @@ class PathSearch:
         length: of the DLO, in the unit of the plane.
         plane: where lengths are true.
         start, end: clamps where they are known, in pixels of the bar map.
+        rule: what lengths a course may have.
     """
 
     def __init__(
@@ -90,12 +105,13 @@ class PathSearch:
         plane: PlaneGrid,
         start: ClampPixel | None,
         end: ClampPixel | None,
+        rule: LengthRule = LengthRule(),
     ) -> None:
         for clamp in (start, end):
             if clamp is not None:
                 chains = split_at(chains, clamp.position, bars.width)
         self.chains, self.bars, self.length, self.plane = chains, bars, length, plane
-        self.start, self.end = start, end
+        self.start, self.end, self.rule = start, end, rule
         self._linker = Linker(chains, bars, plane)
         self.ends = self._linker.ends
         self.lengths = np.array([self._measure(c.points) for c in chains])
@@ -110,6 +126,17 @@ class PathSearch:
 
         Raises:
             VisionError: no path of about the right length, or two that are equally good.
+        """
+        return self.candidates(most=1)[0]
+
+    def candidates(self, most: int) -> list[Path]:
+        """The best paths that run differently, the best one first.
+
+        Args:
+            most: of them; 1 refuses pictures in which a second one is equally good.
+
+        Raises:
+            VisionError: no path of about the right length, or too many that are equally good.
         """
         if not self.chains:
             raise VisionError("nothing in the picture looks like a DLO of the expected width")
@@ -134,9 +161,9 @@ class PathSearch:
             closing, rest = self._close(partial.chains[-1])
             total = partial.length + rest
             covered = sum(float(self.lengths[state // 2]) for state in partial.chains)
-            right = abs(total / self.length - 1.0) < LENGTH_LIMIT
+            right = self.rule.shortest < total / self.length < self.rule.longest
             if np.isfinite(closing) and right and covered > LEAST_COVERED * total:
-                penalty = 0.5 * ((total / self.length - 1.0) / LENGTH_STD) ** 2
+                penalty = 0.5 * ((total / self.length - 1.0) / self.rule.std) ** 2
                 complete.append((cost + closing + penalty, partial))
                 least = min(least, complete[-1][0])
             used = {state // 2 for state in partial.chains}
@@ -144,7 +171,7 @@ class PathSearch:
                 if state // 2 in used:
                     continue
                 length = partial.length + gap + float(self.lengths[state // 2])
-                if length > (1.0 + LENGTH_LIMIT) * self.length:
+                if length > self.rule.longest * self.length:
                     continue
                 counter += 1
                 new = _Partial(cost + link, length, (*partial.chains, state))
@@ -160,12 +187,17 @@ class PathSearch:
         best_points = self._path(*best).points  # about 1 px apart
         if best[0] > COST_LIMIT + COST_LIMIT_PER_WIDTH * len(best_points) / self.bars.width:
             raise VisionError("the only course of the right length bends and jumps too much")
+        kept = [best]
         for cost, partial in complete[1:]:
-            if cost - best[0] < AMBIGUITY and self._differ(best[1], partial):
-                raise VisionError(
-                    "two courses of the DLO are equally plausible (an ambiguous crossing or gap)"
-                )
-        return self._path(best[0], best[1])
+            if cost - best[0] < AMBIGUITY and all(self._differ(p, partial) for _, p in kept):
+                kept.append((cost, partial))
+                if len(kept) > most:
+                    number = "two" if most == 1 else "many"
+                    raise VisionError(
+                        f"{number} courses of the DLO are equally plausible "
+                        "(an ambiguous crossing or gap)"
+                    )
+        return [self._path(*one) for one in kept]
 
     def _beginnings(self) -> list[tuple[float, float, int]]:
         """Cost, length and first chain of the paths to start with."""

@@ -1,0 +1,103 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Runs the observer in space on a recording of several cameras, or of one with depth images."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from dlo_ros.command import Motion
+from dlo_ros.errors import VisionError
+from dlo_ros.parameters import Settings
+from dlo_ros.recordings.images import CameraInfo, Image
+from dlo_ros.recordings.several import has_depth, iterate_together
+from dlo_ros.vision.camera import Camera
+from dlo_ros.vision.result import VisionResult
+from dlo_ros.vision.space import SpaceObserver
+from dlo_ros.vision.space.observer import Frame
+
+LOG = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, eq=False)
+class ObservedFrame:
+    """One image of a recording, or those of several cameras of one instant.
+
+    Args:
+        stamp: of the first one [ns].
+        views: image (BGR), the camera that took it, and what was found, None where nothing credible
+            was; by the camera's name, which is empty for the only one.
+        reason: why nothing was found.
+        offset: largest difference of the stamps [s].
+    """
+
+    stamp: int
+    views: Mapping[str, tuple[Image, Camera, VisionResult | None]]
+    reason: str = ""
+    offset: float = 0.0
+
+    @property
+    def image(self) -> Image:
+        """The first camera's."""
+        return next(iter(self.views.values()))[0]
+
+    @property
+    def camera(self) -> Camera:
+        """The first camera."""
+        return next(iter(self.views.values()))[1]
+
+    @property
+    def result(self) -> VisionResult | None:
+        """What the first camera showed; the observation is that of all."""
+        return next(iter(self.views.values()))[2]
+
+
+def watches_space(path: Path, settings: Settings) -> bool:
+    """Whether a recording is one of several cameras, or of one whose depth images are used."""
+    return bool(settings.cameras) or (settings.vision.depth == "auto" and has_depth(path))
+
+
+def observe_together(
+    path: Path, settings: Settings, motion: Motion, on_skip: Callable[[str], None]
+) -> Iterator[ObservedFrame]:
+    """Run the observer in space on a recording, one instant after the other.
+
+    Args:
+        path: rosbag2 folder with the images and camera_infos.
+        settings: parameter file of the recording.
+        motion: the commands.
+        on_skip: is told one line for each unusable image.
+
+    Raises:
+        DloError: the bag or a camera_info is unusable.
+    """
+    poses = dict(settings.cameras) or {"": settings.camera}
+    observer: SpaceObserver | None = None
+    known: list[CameraInfo] = []
+    depth = not settings.cameras
+    for images in iterate_together(path, list(poses), depth=depth, on_skip=on_skip):
+        infos = [images[name].info for name in poses]
+        if observer is None or infos != known:
+            cameras = {
+                name: Camera.from_info(
+                    info.k, info.d, info.distortion_model, info.width, info.height, poses[name]
+                )
+                for name, info in zip(poses, infos, strict=True)
+            }
+            observer, known = SpaceObserver(settings, cameras, motion), infos
+        frames = {name: Frame(i.stamp, i.image, i.depth) for name, i in images.items()}
+        stamps = [frame.stamp for frame in frames.values()]
+        found: Mapping[str, VisionResult] = {}
+        reason = ""
+        try:
+            found = observer.observe(frames).views
+        except VisionError as err:
+            reason = str(err)
+            LOG.info("%s: images at %d ns: %s", path, next(iter(frames.values())).stamp, err)
+        views = {
+            name: (frames[name].image, observer.cameras[name], found.get(name)) for name in poses
+        }
+        offset = (max(stamps) - min(stamps)) * 1e-9
+        yield ObservedFrame(frames[next(iter(poses))].stamp, views, reason, offset)

@@ -1,0 +1,175 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""A first shape in space from centrelines of which nothing is known but their order.
+
+Two centrelines are matched as a whole by dynamic programming: both run along the same DLO, and a
+point of one lies on the epipolar line of its partner. What is left open where the DLO runs along
+epipolar lines is decided by an even advance on both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dlo_ros.spline import FloatArray, SplineBasis
+from dlo_ros.vision.camera import Camera
+from dlo_ros.vision.space.view import focal_length
+
+SAMPLES = 160  # points of a centreline that are matched
+FARTHEST = 12.0  # [px] a larger distance from the epipolar line costs no more
+WAITING = 0.4  # [px^2] cost of a step along one centreline alone
+ROUGH_SPANS = 9  # of the spline through the matched points
+ROUGH_SMOOTHING = 1e-7  # of the third derivative's square, against that of the points' distance
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """An ordered centreline in a picture: undistorted, normalised points, shape (m, 2)."""
+
+    camera: Camera
+    rays: FloatArray
+
+    def sampled(self, count: int) -> FloatArray:
+        """Equally spaced points, shape (count, 2)."""
+        steps = np.hypot(*np.diff(self.rays, axis=0).T)
+        s = np.concatenate([[0.0], np.cumsum(steps)])
+        at = np.linspace(0.0, s[-1], count)
+        return np.column_stack([np.interp(at, s, column) for column in self.rays.T])
+
+    def backwards(self) -> Course:
+        """The same from its end."""
+        return Course(self.camera, self.rays[::-1])
+
+
+@dataclass(frozen=True, eq=False)
+class Match:
+    """Two or more centrelines matched.
+
+    Args:
+        points: of the DLO in space, equally spaced in what was matched [m], shape (m, 3).
+        distance: root mean square distance from the epipolar lines [px], far ones cut.
+    """
+
+    points: FloatArray
+    distance: float
+
+    @property
+    def length(self) -> float:
+        """Of the polyline [m]."""
+        return float(np.sum(np.linalg.norm(np.diff(self.points, axis=0), axis=1)))
+
+
+def align(cost: FloatArray, waiting: float) -> tuple[NDArray[np.int64], NDArray[np.int64], float]:
+    """The cheapest monotone way from the first to the last cell of a table.
+
+    Args:
+        cost: of each pair, shape (n, m).
+        waiting: cost of a step along one side alone.
+
+    Returns:
+        Indices of the pairs on both sides, and the mean cost of a pair.
+    """
+    n, m = cost.shape
+    total = np.empty((n, m))
+    total[0] = np.cumsum(cost[0] + waiting) - waiting
+    for i in range(1, n):
+        down = total[i - 1] + waiting
+        down[1:] = np.minimum(down[1:], total[i - 1, :-1])
+        # Steps along the row: total_j = min over k <= j of down_k + sum of costs k..j.
+        run = np.cumsum(cost[i] + waiting)
+        before = run - cost[i] - waiting
+        total[i] = np.minimum.accumulate(down - before) + run - waiting
+    i, j = n - 1, m - 1
+    first, second = [i], [j]
+    while i or j:
+        if i == 0:
+            j -= 1
+        elif j == 0:
+            i -= 1
+        else:
+            steps = (total[i - 1, j - 1], total[i - 1, j] + waiting, total[i, j - 1] + waiting)
+            k = int(np.argmin(steps))
+            i, j = i - (k != 2), j - (k != 1)
+        first.append(i)
+        second.append(j)
+    a, b = np.array(first[::-1]), np.array(second[::-1])
+    return a, b, float(np.mean(cost[a, b]))
+
+
+def match(courses: Sequence[Course]) -> Match:
+    """Match the first centreline with each other one, and triangulate all together.
+
+    Args:
+        courses: of one instant, all from the same end, two or more.
+    """
+    reference = courses[0]
+    rays = [course.sampled(SAMPLES) for course in courses]
+    shares = [np.linspace(0.0, 1.0, SAMPLES)]
+    worst = 0.0
+    for course, other in zip(courses[1:], rays[1:], strict=True):
+        distance = _epipolar(reference.camera, rays[0], course.camera, other)
+        cost = np.minimum(distance, FARTHEST) ** 2
+        i, j, mean = align(cost, WAITING)
+        worst = max(worst, mean)
+        # Both sides advance: the parameter is the mean of both shares.
+        along = 0.5 * (i + j) / (SAMPLES - 1.0)
+        shares[0] = (
+            _increasing(np.interp(np.arange(SAMPLES), i, along)) if len(shares) == 1 else shares[0]
+        )
+        inner = np.interp(np.arange(SAMPLES), j, i.astype(float))
+        shares.append(np.interp(inner, np.arange(SAMPLES), shares[0]))
+    basis = SplineBasis(ROUGH_SPANS + 3, 1.0)
+    k = basis.control_points
+    third = basis.matrix((np.arange(basis.spans) + 0.5) / basis.spans, 3)
+    smooth = ROUGH_SMOOTHING * np.kron(third.T @ third, np.eye(3))
+    scale = np.ones(len(courses) * SAMPLES)
+    for _ in range(2):  # the second time distances count in the picture, not in space
+        matrix, right = smooth.copy(), np.zeros(3 * k)
+        depths = []
+        for number, (course, q, share) in enumerate(zip(courses, rays, shares, strict=True)):
+            b = basis.matrix(share)
+            own = slice(number * SAMPLES, (number + 1) * SAMPLES)
+            rotation, translation = course.camera.rotation, course.camera.translation
+            for axis in (0, 1):
+                # x - q_x z = 0 of the point in the camera's frame
+                direction = rotation[axis] - q[:, [axis]] * rotation[2]
+                rows = (b[:, :, None] * direction[:, None, :]).reshape(SAMPLES, -1)
+                offset = translation[axis] - q[:, axis] * translation[2]
+                matrix += (rows * scale[own, None]).T @ rows
+                right -= (rows * scale[own, None]).T @ offset
+            depths.append((b, rotation, translation))
+        points = np.linalg.solve(matrix, right).reshape(k, 3)
+        z = np.concatenate([b @ points @ r[2] + t[2] for b, r, t in depths])
+        scale = 1.0 / np.maximum(np.abs(z), 1e-2) ** 2
+    at = np.linspace(0.0, 1.0, 2 * SAMPLES)
+    return Match(basis.evaluate(points, at), float(np.sqrt(worst)))
+
+
+def _increasing(values: FloatArray) -> FloatArray:
+    """Values that grow a little at least, from 0 to 1."""
+    steps = np.maximum(np.diff(values), 1e-6)
+    total = np.concatenate([[0.0], np.cumsum(steps)])
+    return np.asarray(total / total[-1])
+
+
+def _epipolar(one: Camera, rays: FloatArray, other: Camera, others: FloatArray) -> FloatArray:
+    """Distance of each of the other camera's points from the epipolar line of each of the first's.
+
+    Returns:
+        [px] of the other camera, shape (n, m).
+    """
+    rotation = other.rotation @ one.rotation.T
+    base = other.translation - rotation @ one.translation
+    lines = np.cross(base, np.column_stack([rays, np.ones(len(rays))]) @ rotation.T)
+    lines /= np.maximum(np.hypot(lines[:, 0], lines[:, 1]), 1e-12)[:, None]
+    seen = np.column_stack([others, np.ones(len(others))])
+    return np.asarray(focal_length(other) * np.abs(lines @ seen.T))
+
+
+def coordinates(points: FloatArray, length: float) -> FloatArray:
+    """Material coordinates of a polyline's points, by their share of its length [m], shape (m,)."""
+    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    return np.asarray(s * (length / max(float(s[-1]), 1e-12)))

@@ -1,0 +1,74 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Normal equations of a spline in space: weighted rows are summed as they come."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dlo_ros.spline import FloatArray
+
+
+class NormalEquations:
+    """Sums of weighted rows; the unknowns are x y z of each control point, and others after them.
+
+    Args:
+        control_points: k.
+        others: numbers besides.
+    """
+
+    def __init__(self, control_points: int, others: int) -> None:
+        size = 3 * control_points + others
+        self.matrix = np.zeros((size, size))
+        self.right = np.zeros(size)
+
+    def add(self, rows: FloatArray, residual: FloatArray, weight: FloatArray) -> None:
+        """Add observations.
+
+        Args:
+            rows: derivatives of the residuals by the first unknowns, shape (m, at most all)
+            residual: shape (m,).
+            weight: one over the variance, shape (m,).
+        """
+        size = rows.shape[1]
+        weighted = rows * weight[:, None]
+        self.matrix[:size, :size] += weighted.T @ rows
+        self.right[:size] -= weighted.T @ residual
+
+    def add_prior(self, first: int, values: FloatArray, std: float) -> None:
+        """Add that unknowns are 0 to within a std.
+
+        Args:
+            first: index of the first one.
+            values: of them now, shape (m,).
+            std: of each.
+        """
+        own = np.arange(first, first + len(values))
+        self.matrix[own, own] += std**-2
+        self.right[own] -= values * std**-2
+
+    def add_roughness(self, derivative: FloatArray, points: FloatArray, weight: float) -> None:
+        """Add that a derivative vanishes in all three coordinates.
+
+        Args:
+            derivative: of the spline, shape (m, k).
+            points: control points [m], shape (k, 3).
+            weight: of each, one over the variance.
+        """
+        square = weight * (derivative.T @ derivative)
+        for axis in range(3):
+            own = slice(axis, 3 * len(points), 3)
+            self.matrix[own, own] += square
+            self.right[own] -= square @ points[:, axis]
+
+
+def rows_of(b: FloatArray, direction: FloatArray) -> FloatArray:
+    """Derivative of direction . (b @ points) by the points.
+
+    Args:
+        b: values of the basis, shape (m, k).
+        direction: shape (m, 3).
+
+    Returns:
+        Shape (m, 3 k).
+    """
+    return np.asarray((b[:, :, None] * direction[:, None, :]).reshape(len(b), -1))

@@ -1,0 +1,83 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""From the fine spline to what is published: control points, and points with their std."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dlo_ros.errors import VisionError
+from dlo_ros.observation import CentrelinePoints, Observation
+from dlo_ros.spline import FloatArray, SplineBasis
+from dlo_ros.vision.fit import FEWEST_POINTS, UNSEEN_WEIGHT
+from dlo_ros.vision.material import std_along
+from dlo_ros.vision.space.clamps import Clamps
+from dlo_ros.vision.space.reprojection import CLAMP_STD, SHARED_STD, TIP_STD
+from dlo_ros.vision.space.result import SpaceFit
+from dlo_ros.vision.space.view import View
+from dlo_ros.vision.strip import Mask
+
+DENSE = 401  # points by which the published spline is fitted
+PER_SPAN = 1.0  # published points in a knot span of the fine spline: more would not be independent
+
+
+def publish(
+    stamp: int, fit: SpaceFit, basis: SplineBasis, seen: Mask, end_stds: tuple[float, float]
+) -> Observation:
+    """The published spline and the points behind it.
+
+    The std of a point is the root mean square of those in the two directions across the DLO; that
+    along it is the std of u.
+
+    Args:
+        stamp: of the pictures [ns].
+        fit: the fine spline.
+        basis: of the published spline.
+        seen: which of equal steps of u anything was seen of.
+        end_stds: how well start and end are known along the DLO [m]; infinite where they are not.
+
+    Raises:
+        VisionError: hardly anything was seen.
+    """
+    length = basis.length
+    u = np.linspace(0.0, length, DENSE)
+    weights = np.where(_at(seen, u, length), 1.0, UNSEEN_WEIGHT)
+    weights[[0, -1]] = 0.05 * DENSE
+    control_points = np.zeros((basis.control_points, 4))
+    control_points[:, :3] = basis.fit(u, fit.basis.evaluate(fit.points, u), weights)
+    count = max(FEWEST_POINTS + 1, round(PER_SPAN * fit.basis.spans)) + 1
+    at = np.linspace(0.0, length, count)
+    at = at[_at(seen, at, length)]
+    if len(at) < FEWEST_POINTS:
+        raise VisionError("hardly anything of the DLO is visible")
+    covariance, tangent = fit.covariance_at(at), fit.tangents(at)
+    along = np.einsum("ma,mab,mb->m", tangent, covariance, tangent)
+    across = np.maximum(np.trace(covariance, axis1=1, axis2=2) - along, 0.0) / 2.0
+    shift = np.zeros((2, 2))
+    shift[[0, 1], [0, 1]] = [1.0 / max(std, 1e-9) ** 2 for std in end_stds]
+    shift += np.array([[1.0, -1.0], [-1.0, 1.0]]) / (SHARED_STD * length) ** 2
+    # Where neither end is known nothing is; a DLO's length bounds it.
+    shift += np.eye(2) / length**2
+    ends = std_along(at, length, np.asarray(np.linalg.inv(shift)), 0.0)
+    points = CentrelinePoints(
+        fit.basis.evaluate(fit.points, at), at, np.sqrt(across), np.hypot(ends, np.sqrt(across))
+    )
+    return Observation(stamp, control_points, points)
+
+
+def end_stds(views: Sequence[View], clamps: Clamps, diameter: float) -> tuple[float, float]:
+    """How well start and end are known along the DLO [m], by clamps or by the views' tips."""
+    result = []
+    for k, clamp in enumerate(clamps):
+        shown = sum(view.tips[k] is not None for view in views)
+        weight = shown / (TIP_STD * diameter) ** 2
+        weight += 0.0 if clamp is None else 1.0 / (CLAMP_STD * diameter) ** 2
+        result.append(1.0 / np.sqrt(weight) if weight > 0.0 else np.inf)
+    return float(result[0]), float(result[1])
+
+
+def _at(seen: Mask, u: FloatArray, length: float) -> Mask:
+    """Whether the DLO was seen at material coordinates [m]."""
+    step = np.clip((u / length * len(seen)).astype(np.int64), 0, len(seen) - 1)
+    return np.asarray(seen[step], dtype=np.bool_)

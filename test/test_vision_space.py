@@ -1,0 +1,359 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""The observer in space: the fit through several views, what it states, and when it is silent."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+from scipy.spatial import cKDTree
+
+from dlo_ros.cli.main import main
+from dlo_ros.errors import InputError, ParameterError, VisionError
+from dlo_ros.parameters import CameraPose, RodParameters, Settings, VisionParameters
+from dlo_ros.recordings.building import BAG_MESSAGES, depth_message
+from dlo_ros.recordings.images import read_depth
+from dlo_ros.recordings.read import read_recording
+from dlo_ros.recordings.synchronisation import ApproximateTime
+from dlo_ros.spline import SplineBasis
+from dlo_ros.synthesis.experiment import find_experiment
+from dlo_ros.vision.camera import Camera
+from dlo_ros.vision.profile import Located
+from dlo_ros.vision.space import SpaceObserver
+from dlo_ros.vision.space.credibility import check
+from dlo_ros.vision.space.depth import profile_depths
+from dlo_ros.vision.space.matching import Course, align, coordinates, match
+from dlo_ros.vision.space.observer import Frame
+from dlo_ros.vision.space.reprojection import ClampPose, Prior, fit_views
+from dlo_ros.vision.space.view import View
+
+LENGTH, DIAMETER = 0.4, 0.004
+FINE = SplineBasis(36, LENGTH)
+K = np.array([[1500.0, 0.0, 639.5], [0.0, 1500.0, 359.5], [0.0, 0.0, 1.0]])
+
+
+def pose(x):
+    """A camera at (x, -1.2, 0) that looks along the board's y."""
+    return CameraPose((-x, 0.0, 1.2), (2**-0.5, 0.0, 0.0, 2**-0.5))
+
+
+def camera(x):
+    return Camera(K, (), 1280, 720, pose(x))
+
+
+LEFT, RIGHT = camera(0.0), camera(0.3)
+
+
+def rope(direction=(1.0, 0.0, 0.0), bulge=0.05):
+    """Control points of a curve of the length that bends in space."""
+    t = np.linspace(0.0, 1.0, 2001)
+    along = np.array(direction) / np.linalg.norm(direction)
+    beside = np.array([along[2], 0.0, -along[0]])
+    points = np.outer(0.9 * (t - 0.5), along) * LENGTH
+    points += np.outer(bulge * np.sin(2 * np.pi * t), beside)
+    points[:, 1] += bulge * np.cos(3.0 * t)
+    for _ in range(3):  # to the length, parametrised by it
+        size = np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
+        points *= LENGTH / size
+    points[:, 0] += 0.15
+    return FINE.fit(coordinates(points, LENGTH), points)
+
+
+def view(of, points, rng, std=0.1, low=0.0, high=LENGTH, count=100, dt=0.0, depth=None):
+    """What a camera measures of a curve, with noise across it."""
+    u = np.linspace(low, high, count)
+    place, ahead = (of.rays(of.project(FINE.evaluate(points, at))) for at in (u, u + 1e-4))
+    ahead[-1] = 2 * place[-1] - of.rays(of.project(FINE.evaluate(points, u[-1:] - 1e-4)))[0]
+    tangent = ahead - place
+    tangent /= np.hypot(*tangent.T)[:, None]
+    normal = np.column_stack([-tangent[:, 1], tangent[:, 0]])
+    rays = place + (std / 1500.0) * rng.normal(size=(count, 1)) * normal
+    start = np.clip(u + 0.004 * np.sin(9 * u / LENGTH), 0.0, LENGTH)
+    z = None
+    if depth is not None:
+        z = (FINE.evaluate(points, u) @ of.rotation.T + of.translation)[:, 2]
+        z = z + depth * rng.normal(size=count)
+    return View(of, of.project(np.zeros((count, 3))), rays, tangent, start, 5.0, dt, depth=z)
+
+
+def away(fit, points):
+    """Distances of the fitted curve from the true one at 34 places [m], and their stated std."""
+    u = np.linspace(0.0, LENGTH, 34)
+    truth = FINE.evaluate(points, np.linspace(0.0, LENGTH, 4001))
+    found = FINE.evaluate(fit.points, u)
+    covariance, tangent = fit.covariance_at(u), fit.tangents(u)
+    along = np.einsum("ma,mab,mb->m", tangent, covariance, tangent)
+    across = np.trace(covariance, axis1=1, axis2=2) - along
+    return cKDTree(truth).query(found)[0], np.sqrt(0.5 * across)
+
+
+def clamps(points):
+    d = FINE.evaluate(points, [0.0, LENGTH], 1)
+    d /= np.linalg.norm(d, axis=1, keepdims=True)
+    return ClampPose(points[0], d[0]), ClampPose(points[-1], d[1])
+
+
+def fitted(views, points, rng, **known):
+    start = points + np.column_stack([0.003 * np.sin(np.arange(36.0)), np.full(36, 0.01),
+                                      np.zeros(36)])  # fmt: skip
+    return fit_views(views, FINE, start, Prior(DIAMETER, clamps(points), **known))
+
+
+def test_two_views_find_the_curve_and_its_std():
+    inside, missed = [], []
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        points = rope((1.0, 0.0, 0.6), 0.03 + 0.004 * seed)
+        views = [view(c, points, rng) for c in (LEFT, RIGHT)]
+        fit = fitted(views, points, rng)
+        check(views, fit, clamps(points), DIAMETER)
+        distance, std = away(fit, points)
+        inside.append(np.mean(distance < 2.448 * std))
+        missed.append(distance)
+    assert 0.9 <= np.mean(inside) <= 0.995
+    assert np.sqrt(np.mean(np.square(missed))) < 6e-4
+
+
+def test_std_grows_along_the_epipolar_line_and_where_one_view_is_alone():
+    rng = np.random.default_rng(1)
+    across, along = rope((0.2, 0.0, 1.0), 0.01), rope((1.0, 0.0, 0.0), 0.002)
+    stds = []
+    for points in (across, along):
+        fit = fitted([view(c, points, rng) for c in (LEFT, RIGHT)], points, rng)
+        stds.append(np.median(away(fit, points)[1]))
+    assert stds[1] > 3.0 * stds[0]
+    alone = fitted([view(LEFT, across, rng), view(RIGHT, across, rng, high=0.6 * LENGTH, count=60)],
+                   across, rng)  # fmt: skip
+    distance, std = away(alone, across)
+    assert std[28] > 3.0 * std[10]
+    assert np.mean(distance < 2.448 * std) > 0.9
+
+
+def test_wrong_points_in_one_view_do_not_move_the_curve():
+    rng = np.random.default_rng(2)
+    points = rope((1.0, 0.0, 0.6))
+    views = [view(c, points, rng) for c in (LEFT, RIGHT)]
+    rays = views[1].rays.copy()
+    rays[40:46] += 6.0 / 1500.0
+    views[1] = replace(views[1], rays=rays)
+    fit = fitted(views, points, rng)
+    check(views, fit, clamps(points), DIAMETER)
+    assert away(fit, points)[0].max() < 2.5e-3
+    assert np.all(fit.weights[1][40:46] < 0.1)
+
+
+def test_views_of_different_shapes_are_refused():
+    rng = np.random.default_rng(3)
+    points, other = rope((1.0, 0.0, 0.6)), rope((1.0, 0.0, 0.6), 0.035)
+    views = [view(LEFT, points, rng), view(RIGHT, other, rng)]
+    with pytest.raises(VisionError, match=r"do not show one DLO|is .* m long|from its clamp"):
+        check(views, fitted(views, points, rng), clamps(points), DIAMETER)
+
+
+def test_one_view_alone_is_refused():
+    rng = np.random.default_rng(4)
+    points = rope((1.0, 0.0, 0.6))
+    views = [view(LEFT, points, rng), view(RIGHT, points, rng, high=0.3 * LENGTH, count=30)]
+    with pytest.raises(VisionError, match=r"two views share only 3. %"):
+        check(views, fitted(views, points, rng), clamps(points), DIAMETER)
+
+
+def test_stamps_apart_are_allowed_for():
+    rng = np.random.default_rng(5)
+    points, dt = rope((1.0, 0.0, 0.6)), 0.01
+    speed = np.tile([0.0, 0.0, 0.3], (36, 1))
+    views = [view(LEFT, points, rng), view(RIGHT, points + dt * speed, rng, dt=dt)]
+    known = fitted(views, points, rng, velocity=speed, speed_std=0.02)
+    assert away(known, points)[0].max() < 1.5e-3
+    unknown = fitted(views, points, rng, speed_std=0.3)
+    distance, std = away(unknown, points)
+    assert np.median(std) > 1.5 * np.median(away(known, points)[1])
+    assert np.mean(distance < 2.448 * std) > 0.9
+
+
+def test_depth_in_the_same_fit():
+    rng = np.random.default_rng(6)
+    points = rope((1.0, 0.0, 0.6))
+    one = view(LEFT, points, rng, depth=1.5e-3)
+    one.depth[20:24] = np.nan
+    one.depth[50:53] += 0.1  # mixed pixels: the board behind it
+    fit = fitted([one], points, rng)
+    check([one], fit, clamps(points), DIAMETER)
+    distance, std = away(fit, points)
+    assert np.sqrt(np.mean(distance**2)) < 1e-3
+    assert np.mean(distance < 2.448 * std) > 0.9
+
+
+def test_courses_match_without_clamps():
+    points = rope((1.0, 0.0, 0.6))
+    u = np.linspace(0.0, LENGTH, 300)
+    truth = FINE.evaluate(points, u)
+    courses = [Course(c, c.rays(c.project(truth))) for c in (LEFT, RIGHT)]
+    right = match(courses)
+    assert right.distance < 1.0
+    assert right.length == pytest.approx(LENGTH, rel=0.02)
+    assert cKDTree(truth).query(right.points)[0].max() < 8e-3
+    assert match([courses[0], courses[1].backwards()]).distance > 4.0
+
+
+def test_alignment_is_monotone_and_cheapest():
+    cost = np.full((4, 5), 9.0)
+    way = [(0, 0), (1, 1), (1, 2), (2, 3), (3, 4)]
+    for cell in way:
+        cost[cell] = 0.0
+    i, j, mean = align(cost, 0.1)
+    assert list(zip(i, j, strict=True)) == way
+    assert mean == 0.0
+
+
+def test_depth_is_read_in_the_core_and_of_the_axis():
+    image = np.full((40, 60), 1.5, dtype=np.float32)
+    image[17:24] = 1.2  # a rope 7 px wide; its edges are mixed
+    image[[17, 23]] = 1.35
+    image[20, 10:20] = np.nan
+    x = np.arange(5.0, 55.0)
+    curve = np.column_stack([x, np.full(50, 20.0)])
+    n = np.tile([0.0, 1.0], (50, 1))
+    one = np.ones(50)
+    located = Located(curve, n, 0 * one, one > 0, one, 7.0, 90.0, np.zeros(3), 1.0, 0.1, 0.1)
+    depth = profile_depths(image, located, 2e-3)
+    assert np.all(np.abs(depth - 1.202) < 3e-4)
+    image[15:26, 30:] = 0.0
+    assert np.isnan(profile_depths(image, located, 2e-3)[-10:]).all()
+
+
+def test_depth_messages():
+    data = np.array([[1200, 0], [65535, 900]], dtype=np.uint16)
+    message = depth_message(BAG_MESSAGES, 1, "camera", data)
+    depth = read_depth(message)
+    assert depth[0, 0] == pytest.approx(1.2)
+    assert np.isnan(depth[0, 1])
+    message.encoding = "bgr8"
+    with pytest.raises(InputError, match="16UC1"):
+        read_depth(message)
+
+
+def test_images_meet_by_approximate_stamps():
+    together = ApproximateTime(["left", "right"])
+    period, sets = 33_000_000, []
+    for k in range(20):
+        sets += together.add("left", k * period, f"l{k}")
+        if k != 7:  # one image of the right camera is lost
+            sets += together.add("right", k * period + 6_000_000, f"r{k}")
+    sets += together.rest()
+    assert [(s["left"][1], s["right"][1]) for s in sets] == [
+        (f"l{k}", f"r{k}") for k in range(20) if k != 7
+    ]
+    assert together.unmatched == 1
+
+
+def test_a_camera_that_stops_blocks_nothing():
+    together = ApproximateTime(["left", "right"])
+    for k in range(100):
+        assert together.add("left", k * 10_000_000, k) == []
+    found = together.add("right", 99 * 10_000_000, 99)
+    assert [s["left"][1] for s in found] == [99]
+    assert together.unmatched > 90
+
+
+ROD = {"rod.length": 0.4, "rod.diameter": 0.004, "rod.young_modulus": 1e6, "rod.density": 1e3}
+POSE = {"translation": [0.0, 0.0, 1.2], "rotation": [2**-0.5, 0.0, 0.0, 2**-0.5]}
+BOTH = {f"camera_{n}.{k}": v for n in ("left", "right") for k, v in POSE.items()}
+
+
+def test_cameras_in_the_parameter_file(tmp_path):
+    settings = Settings.from_mapping({**ROD, "vision.cameras": ["left", "right"], **BOTH})
+    assert list(settings.cameras) == ["left", "right"]
+    settings.dump(tmp_path / "p.yaml")
+    assert Settings.load(tmp_path / "p.yaml") == settings
+    assert "vision.cameras" not in Settings.from_mapping(ROD).flat()
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"camera_right.rotation": [1.0, 1.0, 0.0, 0.0]}, "camera_right.rotation .* unit"),
+        ({"camera_right.translation": [1.0]}, "camera_right.translation has 1"),
+        ({"vision.cameras": "left"}, "must be names"),
+        ({"vision.cameras": ["left", "right", "left"]}, "twice"),
+        ({"vision.cameras": ["left", "a b", "right"]}, "letters"),
+        ({"vision.cameras": ["left", "right", "top"]}, "camera_top.translation is missing"),
+        ({"vision.cameras": ["left"]}, "has one name"),
+        ({"camera_top.translation": [0.0, 0.0, 1.0]}, "does not name 'top'"),
+        ({"vision.depth": "on"}, "auto | off"),
+    ],
+)
+def test_unusable_cameras_are_refused(changed, message):
+    given = {**ROD, "vision.cameras": ["left", "right"], **BOTH, **changed}
+    with pytest.raises(ParameterError, match=message):
+        Settings.from_mapping(given)
+
+
+def test_hints_of_one_picture_are_refused_for_several_cameras():
+    rod = RodParameters(LENGTH, DIAMETER, 1e6, 1e3)
+    settings = Settings(rod, vision=VisionParameters(region=(1.0, 1.0, 50.0, 50.0)))
+    with pytest.raises(InputError, match=r"vision\.region"):
+        SpaceObserver(settings, {"left": LEFT, "right": RIGHT})
+
+
+def test_empty_pictures_say_which_camera_sees_nothing():
+    settings = Settings(RodParameters(LENGTH, DIAMETER, 1e6, 1e3))
+    observer = SpaceObserver(settings, {"left": LEFT, "right": RIGHT})
+    empty = np.full((720, 1280, 3), 200, dtype=np.uint8)
+    frames = {name: Frame(1, empty) for name in ("left", "right")}
+    with pytest.raises(VisionError, match="left: nothing"):
+        observer.observe(frames)
+    with pytest.raises(VisionError, match="no picture of camera right"):
+        observer.observe({"left": frames["left"]})
+
+
+def short(tmp_path, change=lambda tree: None):
+    tree = yaml.safe_load(find_experiment("twisted").read_text())
+    tree["duration"] = 0.1
+    change(tree)
+    (tmp_path / "short.yaml").write_text(yaml.safe_dump(tree))
+    assert main(["synthesize", str(tmp_path / "short.yaml"), "--output", str(tmp_path / "in")]) == 0
+
+
+def observed_error(tmp_path):
+    """Largest distance of the observed points from the true spline [m], by picture."""
+    settings = Settings.load(tmp_path / "in" / "params.yaml")
+    truth = yaml.safe_load((tmp_path / "in" / "truth.yaml").read_text())
+    basis = SplineBasis(settings.rod.control_points, settings.rod.length)
+    observations = read_recording(tmp_path / "out", settings).observations
+    u = np.linspace(0.0, basis.length, 4001)
+    shapes = dict(zip(truth["stamps"], truth["control_points"], strict=True))
+    return [
+        cKDTree(basis.evaluate(np.array(shapes[o.stamp])[:, :3], u)).query(o.points.positions)[0]
+        for o in observations
+    ], observations
+
+
+@pytest.mark.long
+def test_observe_finds_a_rope_in_two_cameras_pictures(tmp_path, capsys):
+    short(tmp_path)
+    call = ["observe", "--params", str(tmp_path / "in" / "params.yaml"), str(tmp_path / "in")]
+    call += ["--output", str(tmp_path / "out"), "--overlays", str(tmp_path / "overlays")]
+    assert main(call) == 0
+    assert "stamps of the cameras' images 0.0 ms apart" in capsys.readouterr().out
+    errors, observations = observed_error(tmp_path)
+    assert len(errors) == 4
+    assert np.sqrt(np.mean(np.concatenate(errors) ** 2)) < 5e-4
+    assert all(o.points.std_along is not None for o in observations)
+    names = {path.stem.rsplit("_", 1)[1] for path in (tmp_path / "overlays").iterdir()}
+    assert names == {"left", "right"}
+
+
+@pytest.mark.slow
+def test_observe_uses_depth(tmp_path):
+    def one_camera(tree):
+        left = tree.pop("cameras")["left"]
+        tree["parameters"]["camera"] = {k: left.pop(k) for k in ("translation", "rotation")}
+        tree["camera"] = {"rate": 30.0, **left}
+        tree["depth"] = {"std": 0.002}
+
+    short(tmp_path, one_camera)
+    call = ["observe", "--params", str(tmp_path / "in" / "params.yaml"), str(tmp_path / "in")]
+    assert main([*call, "--output", str(tmp_path / "out")]) == 0
+    errors, _ = observed_error(tmp_path)
+    assert np.sqrt(np.mean(np.concatenate(errors) ** 2)) < 1e-3
