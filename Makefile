@@ -1,5 +1,6 @@
 # make demo    the main job end to end on a recording that is made on the spot
 # make test    style, types and tests
+# make doctor  what is installed, heard and mismatched
 # Both set up .venv by themselves, from requirements.lock; a second run finds it done.
 
 PYTHON ?= python3
@@ -17,10 +18,10 @@ COMPILED := $(VENV)/.compiled
 
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: setup docs reference audit demo real picture examples paper bench challenge field observer fuzz faults soak coverage test test-quick test-slow test-report test-export lint clean lock help
+.PHONY: setup doctor docs reference audit demo real picture examples paper bench challenge field observer fuzz faults soak coverage test test-quick test-slow test-report test-export lint clean lock help
 
 help:
-	@sed -n 's/^# //p' Makefile | head -3
+	@sed -n 's/^# //p' Makefile | head -4
 	@echo "also: setup, docs, reference, real, examples, paper, bench, challenge, field, observer, fuzz, faults, soak, coverage, test-quick, test-slow, test-report, test-export, lint, picture, lock, clean"
 
 setup: $(COMPILED)
@@ -41,6 +42,10 @@ $(COMPILED): $(INSTALLED) $(wildcard dlo_ros/interpolation.py dlo_ros/kernel_*.p
 # It compiles while the recording is made.
 demo: $(INSTALLED)
 	$(BIN)/dlo_ros demo --output $(DEMO_OUTPUT) $(if $(BAG),--bag $(BAG)) $(if $(PARAMS),--params $(PARAMS))
+
+# What is installed, what is heard of running nodes, what does not match, and what to do.
+doctor: $(INSTALLED)
+	$(BIN)/dlo_ros doctor $(if $(PARAMS),--params $(PARAMS))
 
 # The README's pictures, from the results of both.
 picture: demo real

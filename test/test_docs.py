@@ -80,14 +80,70 @@ def test_a_nodes_page_names_its_topics_and_services(node):
                 assert topics.TYPES[name].replace("/msg/", "/") == kind, name
 
 
-LINK = re.compile(r"\]\(([^)#\s]+)(?:#[^)]*)?\)")
+LINK = re.compile(r"\]\(([^)\s]+)\)")
+EVERY_PAGE = [
+    path
+    for path in sorted(ROOT.rglob("*.md"))
+    if not {"build", "install", "log"} & set(path.relative_to(ROOT).parts)
+    and not any(part.startswith(".") for part in path.relative_to(ROOT).parts)
+]
+"""Those that are no part of the documentation, such as a README of an example, too."""
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(ROOT)))
+def prose(page):
+    """A page without what is code, in which brackets are no links."""
+    lines = [line for line in page.read_text().splitlines() if not line.startswith("    ")]
+    text = re.sub(r"^```.*?^```", "", "\n".join(lines), flags=re.DOTALL | re.MULTILINE)
+    return re.sub(r"`[^`\n]*`", "", text)
+
+
+def anchors(page):
+    """What a heading of a page is called in a link to it."""
+    headings = re.findall(r"^#+ (.*)$", page.read_text(), re.MULTILINE)
+    return {re.sub(r"[^\w -]", "", h.lower()).strip().replace(" ", "-") for h in headings}
+
+
+def broken(page):
+    """Links of a page that lead nowhere."""
+    for link in LINK.findall(prose(page)):
+        if link.startswith(("http://", "https://")):
+            continue
+        target, _, anchor = link.partition("#")
+        there = page.parent / target if target else page
+        if not there.exists() or (anchor and anchor not in anchors(there)):
+            yield link
+
+
+@pytest.mark.parametrize("page", EVERY_PAGE, ids=lambda p: str(p.relative_to(ROOT)))
 def test_links_lead_somewhere(page):
-    for target in LINK.findall(page.read_text()):
-        if not target.startswith(("http://", "https://", "#")):
-            assert (page.parent / target).exists(), target
+    assert not list(broken(page))
+
+
+def test_every_kind_of_broken_link_is_noticed(tmp_path):
+    page, other = tmp_path / "page.md", tmp_path / "other.md"
+    other.write_text("# A title, with words\n")
+    good = ("[a](other.md)", "[b](other.md#a-title-with-words)", "[c](#here)", "[d](https://x.y)")
+    bad = ("[e](none.md)", "[f](other.md#none)", "[g](#nowhere)", "![h](none.png)")
+    code = ("    x[0](1)", "`y[0](2)`")
+    page.write_text("\n".join(["# Here", *good, *bad, *code]))
+    assert list(broken(page)) == ["none.md", "other.md#none", "#nowhere", "none.png"]
+    assert len(EVERY_PAGE) > len(PAGES) and set(PAGES) <= set(EVERY_PAGE)
+    assert sum(len(LINK.findall(prose(p))) for p in EVERY_PAGE) > 100
+
+
+def test_files_that_the_changelog_and_the_sources_name_exist():
+    """Those of docs/, config/, examples/, launch/ and test/, as words."""
+    texts = [ROOT / "CHANGELOG.rst", ROOT / "Makefile", ROOT / "package.xml"]
+    texts += [*(ROOT / "dlo_ros").rglob("*.py"), *EVERY_PAGE]
+    named = re.compile(r"(?<![\w/.<-])((?:docs|config|examples|launch|test)/[\w/.-]*\w\.\w+)")
+    found = {(path, name) for path in texts for name in named.findall(path.read_text())}
+    assert len(found) > 50
+    missing = [
+        (str(path.relative_to(ROOT)), name)
+        for path, name in found
+        if not (ROOT / name).exists() and "NAME" not in name  # a placeholder
+    ]
+    assert not missing
 
 
 def commands(text):

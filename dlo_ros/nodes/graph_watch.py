@@ -31,7 +31,7 @@ LOOK = 0.3
 """Seconds between two looks at who is there."""
 
 CLOCK_TYPE = "rosgraph_msgs/msg/Clock"
-TRANSFORMS = {"/tf": qos.SENSOR, "/tf_static": qos.LATCHED}
+TRANSFORMS = {topics.MOVING_TRANSFORMS: qos.SENSOR, topics.TRANSFORMS: qos.LATCHED}
 HEARD = (
     topics.OBSERVED,
     topics.OBSERVED_POINTS,
