@@ -9,11 +9,15 @@ from pathlib import Path
 from dlo_ros.errors import InputError
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings.lerobot import read_lerobot
+from dlo_ros.recordings.point_tables import read_point_tables, write_points_bag
+from dlo_ros.recordings.ros1 import import_ros1
 from dlo_ros.recordings.tables import read_csv, write_bag
 
 FORMATS = {
     "csv": "files or a folder as export --recording writes them",
     "parquet": "the folder of a data set in LeRobot's layout",
+    "points": "CSV or Parquet files with a line for each point of another tracker",
+    "ros1": "ROS 1 bags of one recording",
 }
 
 
@@ -32,6 +36,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--episode", type=int, default=0, metavar="N",
         help="which episode of a data set, from 0; default: %(default)s",
     )  # fmt: skip
+    parser.add_argument(
+        "--topic", action="append", default=[], metavar="OURS=THEIRS",
+        help="ros1: which of the bag's topics is which of ours, such as dlo/points=/tracker/cloud",
+    )  # fmt: skip
     parser.add_argument("--force", action="store_true", help="replace an existing bag")
 
 
@@ -42,6 +50,12 @@ def run(arguments: argparse.Namespace) -> int:
         InputError: an input or the output is unusable.
     """
     settings = Settings.load(arguments.params)
+    if arguments.topic and arguments.format != "ros1":
+        raise InputError("--topic is for --format ros1")
+    if arguments.format == "ros1":
+        return _ros1(arguments)
+    if arguments.format == "points":
+        return _points(arguments, settings)
     if arguments.format == "csv":
         commands, observations = read_csv(arguments.inputs, settings)
     else:
@@ -56,4 +70,26 @@ def run(arguments: argparse.Namespace) -> int:
         f"{arguments.output}: {len(observations)} observed splines, {points} with measured points, "
         f"{len(commands)} commands"
     )
+    return 0
+
+
+def _points(arguments: argparse.Namespace, settings: Settings) -> int:
+    commands, lists = read_point_tables(arguments.inputs, settings)
+    write_points_bag(arguments.output, settings, commands, lists, force=arguments.force)
+    count = sum(len(each.positions) for each in lists)
+    print(
+        f"{arguments.output}: {len(lists)} lists of {count / len(lists):.0f} points in the mean, "
+        f"{len(commands)} commands"
+    )
+    return 0
+
+
+def _ros1(arguments: argparse.Namespace) -> int:
+    told = dict(text.partition("=")[::2] for text in arguments.topic)
+    if not all(told.values()):
+        raise InputError("--topic is written OURS=THEIRS, such as dlo/points=/tracker/cloud")
+    names, left = import_ros1(arguments.inputs, arguments.output, told, force=arguments.force)
+    print(f"{arguments.output}: {', '.join(f'{a} from {b}' for b, a in sorted(names.items()))}")
+    if left:
+        print(f"  not taken: {', '.join(left)}")
     return 0

@@ -130,7 +130,7 @@ def read_csv(
     for path in _files(inputs):
         columns = set(rows_of(path, ())[0])
         if "name" in columns:
-            commands += _commands(path, settings)
+            commands += read_commands(path, settings)
         elif set(POINT) <= columns:
             points.update(_points(path))
         else:
@@ -188,7 +188,7 @@ def _points(path: Path) -> dict[int, CentrelinePoints]:
     return found
 
 
-def _commands(path: Path, settings: Settings) -> list[Command]:
+def read_commands(path: Path, settings: Settings) -> list[Command]:
     """Lines of one `command` number, or of one stamp where there is none, are one command."""
     rows = rows_of(path, ("name", *POSE))
     at, after = _starts(path, rows)
