@@ -32,6 +32,8 @@ WHITE_CONVERGED = 0.05
 """Gain over the whole misfit, at which a fit ends that takes all that is left for white noise."""
 WHITE_ITERATIONS, ITERATIONS = 20, 12
 """Iterations with all that is left as white noise, and with correlated errors after that."""
+SECANTS = 3
+"""Steps in a row that may correct the derivatives instead of differentiating the simulation."""
 LEAST_ITERATIONS = 3
 """Iterations of the noise in a linear fit."""
 
@@ -194,27 +196,33 @@ def fit(
 ) -> Evaluation:  # fmt: skip
     """Levenberg-Marquardt with variances that are fitted anew in each iteration.
 
-    Derivatives cost several simulations: they are kept as long as they foretell what a step gains.
+    Derivatives cost several simulations: they are kept as long as they foretell what a step gains,
+    and corrected by what a step did where they nearly do.
 
     Args:
         white: whether all that is left counts as white noise: far from the optimum a fit must not
             take for an error of the model what its parameters can explain.
         fresh: whether the derivatives are those of the start, not borrowed.
     """
-    at, way = start, _Way(DAMPING, LONGEST_STEP)
+    at, way, secants = start, _Way(DAMPING, LONGEST_STEP), 0
     for _ in range(iterations):
         found = _improved(at, recordings, way, white, TRIES if fresh else 1)
         way, sure = found.way, fresh or found.foretold
         if found.at is None and fresh:
             break
+        before = at
         if found.at is not None:
             gain = _gain(at, found.at, white)
             least = WHITE_CONVERGED * misfit(at, at, white=white) if white else CONVERGED
             at, fresh = found.at, False
             if gain < least and sure:
                 break
-        if not found.foretold:
-            at, fresh = _differentiated(at, recordings), True
+        if found.foretold:
+            continue
+        if found.at is not None and secants < SECANTS:
+            at, secants = _corrected(before, at), secants + 1
+        else:
+            at, fresh, secants = _differentiated(at, recordings), True, 0
     return at if fresh else _differentiated(at, recordings)
 
 
@@ -224,6 +232,23 @@ def _differentiated(at: Evaluation, recordings: Sequence[Recording]) -> Evaluati
         return evaluate(at.model, recordings, at.variances)
     except SimulationError:
         return at
+
+
+def _corrected(before: Evaluation, at: Evaluation) -> Evaluation:
+    """The derivatives corrected by what the last step did (Broyden, 1965, the good method)."""
+    step = at.model.theta() - before.model.theta()
+    along = step / _unit(at.model) ** 2
+    along /= along @ step
+    fields = []
+    for (r0, j), (r1, _) in zip(before.fields, at.fields, strict=True):
+        missed = r0 - r1 - np.einsum("fpk,p->fk", j, step)
+        fields.append((r1, j + along[:, None] * missed[:, None, :]))
+    return judged(at.model, Simulated(tuple(fields), at.err, at.predicted), at.variances)
+
+
+def _unit(model: ParametricModel) -> FloatArray:
+    """Prior standard deviations; at least one of a logarithm."""
+    return np.array([max(p.std, 1.0) if p.logarithmic else p.std for p in model.parameters])
 
 
 def settled(start: Evaluation, recordings: Sequence[Recording]) -> Evaluation:
@@ -293,7 +318,7 @@ def _improved(
     for s, w in zip(at.spectra, _weights(at, white), strict=True):
         lhs, rhs = lhs + np.einsum("b,bpq->pq", w, s.hessian), rhs + w @ s.gradient
     theta, damping = model.theta(), way.damping
-    unit = np.array([max(p.std, 1.0) if p.logarithmic else p.std for p in model.parameters])
+    unit = _unit(model)
     for _ in range(tries):
         step = np.asarray(np.linalg.solve(lhs + damping * np.diag(np.diag(lhs)), rhs))
         if _expected(step, lhs, rhs) < CONVERGED:

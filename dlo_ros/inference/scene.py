@@ -17,6 +17,10 @@ from dlo_ros.spline import FloatArray, SplineBasis
 DAMPING = MATERIAL[2:]
 """The parameters of `Settings.damping`."""
 
+OUT_OF_PLANE = 0.01
+"""Root mean square of y, over L, from which a DLO leaves the board's plane: a tracker's noise does
+not make that much."""
+
 
 def imposed_names(recordings: Iterable[Manipulation]) -> list[str]:
     """Everything that any command of some recordings imposes."""
@@ -55,5 +59,6 @@ def scene(settings: Settings, names: Sequence[str], predicted: Sequence[FloatArr
         held=imposed(0, 1),
         curvature=float(np.percentile(np.concatenate(largest), 90.0)),
         reach=(reached[:, 0].min(), reached[:, 0].max(), reached[:, 2].min()),
+        spatial=bool(reached[:, 1].std() > OUT_OF_PLANE * length),
         known=tuple(n for n in DAMPING if getattr(settings.damping, f"{n}_std") > 0.0),
     )
