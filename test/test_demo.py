@@ -430,7 +430,7 @@ def demo(tmp_path):
             process.communicate(timeout=30)
 
 
-def children_of(pid, count, seconds=30.0):
+def children_of(pid, count, seconds=120.0):
     """Process ids of the nodes that a demo has started, by their names."""
     deadline = time.monotonic() + seconds
     while time.monotonic() < deadline:

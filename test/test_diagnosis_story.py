@@ -55,7 +55,7 @@ def test_how_wrong_why_and_what_is_gained():
     assert "0.10 mm off; less than 0.20 mm does not matter" in wrong
     assert why == (
         "Certain: a mass is fixed to the DLO (mass 31 +- 2 g, at u = 250 +- 4 mm). "
-        "It makes 71 % of what the simulation is off."
+        "It accounts for 71 % of the simulation's error."
     )
     assert "2.4 mm before, 0.63 mm after, 74 % less (95 % interval 60 to 81 %)" in gain
     assert "still more than the 0.20 mm that do not matter" in gain
@@ -78,16 +78,17 @@ def test_rivals_are_told_as_one_of_them():
 def test_what_nothing_explains_is_told_as_that():
     made = case("unexplained")
     assert headline(made).endswith("this is part of why: mass on the DLO.")
-    assert "What is left (0.63 mm) no cause that is known here explains." in answers(made)[1]
+    assert (
+        "The remaining error (0.63 mm) is explained by no cause that is known here."
+        in answers(made)[1]
+    )
     bare = case("unexplained", causes=())
     assert headline(bare).endswith("no cause that is known here is certain.")
-    assert "What is wrong (2.4 mm) no cause" in answers(bare)[1]
+    assert "The error (2.4 mm) is explained by no cause" in answers(bare)[1]
     assert "Nothing is added" in answers(bare)[2]
     fitted = case("unexplained", causes=(), setup=SETUP)
-    assert (
-        "the set-up within its tolerances is a part. The rest (0.63 mm) no cause"
-        in (answers(fitted)[1])
-    )
+    told = answers(fitted)[1]
+    assert "the set-up within its tolerances explains a part. The rest (0.63 mm) is" in told
     assert "it holds the set-up as fitted" in answers(fitted)[2]
 
 

@@ -1,11 +1,14 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """E/mu from a motion in space with twist, simulated by the independent rod."""
 
+import numpy as np
 import pytest
 import yaml
 from ordinary import some_of
 
 from dlo_ros.identification import identify
+from dlo_ros.inference.scene import scene
+from dlo_ros.parameters import Settings
 from dlo_ros.recordings.read import read_recording
 from dlo_ros.synthesis.experiment import find_experiment, read_experiment
 from dlo_ros.synthesis.synthesize import synthesize
@@ -13,15 +16,53 @@ from dlo_ros.synthesis.synthesize import synthesize
 pytestmark = pytest.mark.long
 
 
-@pytest.mark.parametrize("factor", some_of([1.0 / 30.0, 30.0], [30.0]))
-def test_the_ratio_is_found_from_thirty_times_off(factor, tmp_path):
+def recorded(folder, factor, effects, seconds):
+    """A recording of the independent rod, and its experiment: the guess of E is off by a factor."""
     tree = yaml.safe_load(find_experiment("twisted").read_text())
     true = tree["parameters"]["rod"]["young_modulus"]
     tree["guess"] = {"rod": {"young_modulus": factor * true, "density": 2000.0}}
-    made = read_experiment(tree | {"duration": 1.5}, "space", "space.yaml")
-    synthesize(made, tmp_path / "bag", images=False, edges=60, step=4e-3)
-    found = identify([read_recording(tmp_path / "bag", made.guess)], made.guess).estimate
+    tree["parameters"]["effects"] = effects
+    made = read_experiment(tree | {"duration": seconds}, "space", "space.yaml")
+    synthesize(made, folder / "bag", images=False, edges=60, step=4e-3)
+    return read_recording(folder / "bag", made.guess), made
+
+
+@pytest.mark.parametrize("factor", some_of([1.0 / 30.0, 30.0], [30.0]))
+def test_the_ratio_is_found_from_thirty_times_off(factor, tmp_path):
+    recording, made = recorded(tmp_path, factor, {}, 1.5)
+    found = identify([recording], made.guess).estimate
     ratio = made.truth.rod.specific_modulus
     assert found.specific_modulus == pytest.approx(ratio, rel=0.02)
     assert abs(found.specific_modulus - ratio) < 4.0 * found.specific_modulus_std
     assert found.density_std is None  # a motion alone tells E/mu
+
+
+@pytest.mark.slow
+def test_a_set_up_that_is_off_in_space_is_found_with_it(tmp_path):
+    off = {
+        "clamp_angle": {"start": [0.05, 0.03, -0.04], "end": [0.02, -0.04, 0.03]},
+        "camera_rotation": {"angle": [0.005, 0.01, -0.006]},
+        "gravity_tilt": {"angle": 0.01, "across": 0.02},
+    }
+    recording, made = recorded(tmp_path, 3.0, off, 3.0)
+    found = identify([recording], made.guess)
+    assert found.estimate.specific_modulus == pytest.approx(
+        made.truth.rod.specific_modulus, rel=0.02
+    )
+    for name, true in (("clamp_angle.end", off["clamp_angle"]["end"]),
+                       ("camera_rotation.angle", off["camera_rotation"]["angle"])):  # fmt: skip
+        for k, value in enumerate(true):
+            told, std = found.set_up[f"effects.{name}[{k}]"]
+            assert abs(told - value) < max(3.0 * std, 0.002)
+
+
+@pytest.mark.parametrize(("aside", "spatial"), [(0.0, False), (0.003, False), (0.03, True)])
+def test_shapes_out_of_the_board_s_plane_make_a_scene_in_space(aside, spatial):
+    rod = {"length": 0.4, "diameter": 0.004, "young_modulus": 1e7, "density": 2000.0}
+    settings = Settings.from_mapping({f"rod.{name}": value for name, value in rod.items()})
+    n = settings.rod.control_points
+    shapes = np.zeros((20, n, 4))
+    shapes[..., 0] = np.linspace(0.0, 0.4, n)
+    shapes[..., 2] = -0.1 * np.sin(np.linspace(0.0, 3.0, n))
+    shapes[..., 1] = np.random.default_rng(0).normal(0.0, aside, (20, n))
+    assert scene(settings, ["start"], [shapes]).spatial == spatial

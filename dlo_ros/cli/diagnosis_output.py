@@ -225,7 +225,7 @@ def report(found: Diagnosis, length: float, loads: Sequence[LoadRow] = ()) -> Di
             )
             for model, r in (
                 ("The plain model", found.relations_before),
-                ("What is left with the best extension", found.relations_after),
+                ("The residual with the best extension", found.relations_after),
             )
             if r is not None and r.pattern is not None
         ),

@@ -213,10 +213,12 @@ def _why(found: Diagnosis) -> tuple[str, ...]:
             )
     elif found.verdict == "unexplained":
         left = found.extended.err_holdout if extends(found) else _error(found)
-        beside = "What is left" if told else "Nothing is certain. What is wrong"
+        beside = "The remaining error" if told else "Nothing is certain. The error"
         if not told and extends(found):
-            beside = "No cause is certain; the set-up within its tolerances is a part. The rest"
-        told.append(f"{beside} ({mm(left)}) no cause that is known here explains.")
+            beside = (
+                "No cause is certain; the set-up within its tolerances explains a part. The rest"
+            )
+        told.append(f"{beside} ({mm(left)}) is explained by no cause that is known here.")
     return tuple(told)
 
 
@@ -235,7 +237,7 @@ def _cause(effect: NamedEffect) -> str:
         text = f"Certain: {own}{numbers}."
     if effect.share is not None:
         text += (
-            f" It makes {percent(effect.share)} of what the simulation is off."
+            f" It accounts for {percent(effect.share)} of the simulation's error."
             if effect.share > 0.0
             else " On data that were not used the simulation is as near without it."
         )

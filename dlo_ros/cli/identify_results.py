@@ -181,15 +181,15 @@ def remarks(found: Identification) -> list[str]:
         left_out = sum(int(mask.sum()) for mask in found.fitted.ignored)
         if left_out:
             result.append(
-                "1 picture was seen wrongly and does not count in the fit."
+                "1 picture deviates grossly and does not count in the fit."
                 if left_out == 1
-                else f"{left_out} pictures were seen wrongly and do not count in the fit."
+                else f"{left_out} pictures deviate grossly and do not count in the fit."
             )
     for r in found.recordings:
         if r.err is not None and r.noise_floor is not None and r.err > MISSED * r.noise_floor:
             result.append(
                 f"{r.name}: ERR is {r.err / r.noise_floor:.1f} times what noise alone would give. "
-                "Something else is at work, and what it does is partly laid to the parameters; "
+                "Something else is at work, and part of its effect is absorbed by the parameters; "
                 "`diagnose` looks for it."
             )
     errors = [

@@ -19,9 +19,9 @@ from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 
 TRAINED = 0.6
-"""Of a recording, that comes before a span kept aside; a tenth between them is neither."""
+"""Share of a recording before the span that is held out; a tenth between them is neither."""
 FORESEEN = 0.3
-"""Units of the noise to which a recording must be foreseen to be kept aside whole."""
+"""Largest prediction error, in units of the noise, of a recording that is held out whole."""
 BLOCK = 10
 DRAWS = 500
 STEPS = 3

@@ -20,13 +20,13 @@ from dlo_ros.rod.boundary import Boundary
 from dlo_ros.spline import DEGREE, FloatArray, SplineBasis
 
 FINER = 2
-"""Times the knot spans of what was observed."""
+"""Knot spans of the beam over those of the observed spline."""
 STRETCH = 1e4
-"""Of the stretching stiffness over B / L^2: stiff, but no cause of rounding."""
+"""Stretching stiffness over B / L^2: stiff, but no cause of rounding errors."""
 PIN = 100.0
 """Stiffness of what holds a point, over the largest of the beam."""
 LEAST_TENSION = -8.0
-"""Of B / L^2: a little more than what buckles would make the linear beam meaningless."""
+"""Least tension over B / L^2: a little less would make the linear beam buckle."""
 
 
 @dataclass(frozen=True)

@@ -21,9 +21,9 @@ from dlo_ros.errors import SimulationError
 from dlo_ros.inference.scene import scene
 
 SHARES = (0.5, 0.25)
-"""Of each recording, from its first picture."""
+"""Shares of each recording, from its first picture, that are looked at alone."""
 CALMER = 0.5
-"""Of the structure that the plain model leaves of everything, that it may leave of them."""
+"""Largest residual structure of these beginnings over that of the whole."""
 ITERATIONS = 6
 MOST = 2
 

@@ -26,22 +26,22 @@ from dlo_ros.spline import FloatArray
 
 EFFECT = Obstacle.name
 RADII = (0.012, 0.006, 0.024)
-"""Of pegs that are tried, from a nail to a pipe [m]; the fit finds the true one."""
+"""Radii of the pegs that are tried, from a nail to a pipe [m]; the fit finds the true one."""
 OFF_BOARD = 0.02
-"""Of the length, from which a motion is one in space."""
+"""Distance from the board over the length, from which a motion is one in space."""
 LEFT = 0.3
-"""Of the pictures that go astray, that a peg may leave to something else."""
+"""Largest share of the deviating pictures that a peg need not explain."""
 AS_LIKELY = 0.05
-"""Of them, by which a place may be worse than the best."""
+"""Share of the deviating pictures by which a place may explain fewer than the best."""
 SIMULATED, APART = 20, 0.02
 """Places that are simulated, and how far from each other at least, over the length."""
 NEAREST, NEAR, NEARER = 3, 0.05, 0.006
-"""Best of them near which others are simulated, how near, and how far from each other."""
+"""Number of best places near which others are simulated, how near, and how far from each other."""
 HELPS = 0.8
-"""Of what the recordings that go astray leave without a peg, that the best one may leave."""
+"""Largest residual with the best peg over that without one, of the deviating recordings."""
 FITTED = 3
 STEP, LARGER = 0.01, 0.3
-"""Of the length, and of the logarithm of the radius, that a search downhill begins with."""
+"""First steps of a search downhill: over the length, and of the logarithm of the radius."""
 EVALUATIONS = 40
 ITERATIONS = 6
 BEGUN = 2

@@ -25,8 +25,8 @@ from dlo_ros.parameters import Settings
 
 ITERATIONS = 10
 ENOUGH = 1.1
-"""Of the structure that both leave, that one damping may leave to be named alone, where neither
-explains the data."""
+"""Largest residual structure of one damping over that of both, with which it is named alone where
+neither explains the data."""
 
 
 @dataclass(frozen=True)

@@ -22,11 +22,13 @@ FAINT = 0.9
 """Structure up to which it counts as none, too, unless one cause takes nearly all of it away: it
 raises ERR by a third, and another simulation of the same rope may differ as much."""
 FAINT_LEFT = 0.33
-"""Of faint structure, that its cause may leave."""
+"""Largest residual structure of the cause of a faint one, over the structure before."""
 EXPLAINED = 0.75
-"""The same for what an effect that was added may leave; it has been fitted to what it explains."""
+"""Largest residual structure of an explanation, in units of the noise of one frame; an effect that
+was added has been fitted to what it explains."""
 SHARE_LEFT = 0.025
-"""Of the structure before, that the right cause may leave: laws of real DLOs are not quite ours."""
+"""Largest residual structure of the right cause, over the structure before: the laws of real DLOs
+are not quite ours."""
 MOST_LEFT = 2.0
 """Structure above which nothing counts as explained, whatever it was before."""
 AS_GOOD = 0.6
@@ -36,11 +38,11 @@ SURE = 3.0
 CONFIRMED = 1.5
 """ERR on what is kept aside, over the best one's, with which an explanation still holds."""
 SUSPECTED = 2.0
-"""The same, with which it stays a suspect where nothing explains the data."""
+"""Largest ERR on held-out data, over the best one's, of a suspect where nothing explains them."""
 SUSPECTS = 8
-"""Of what comes nearest, that may be suspects."""
+"""Largest number of suspects."""
 SURE_LEFT = 0.35
-"""Of ERR before, that a model may leave of which parts are certain."""
+"""Largest ERR over that before, of a model that explains a part for certain."""
 SURE_SHARE = 0.4
 """ERR, and that on what is kept aside, over those of everything that lacks an effect."""
 TINY = 1e-12

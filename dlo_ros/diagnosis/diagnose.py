@@ -43,7 +43,7 @@ NEAREST = 4
 REFINED = 4
 """Iterations with a simulation that has been refined."""
 MISSED = 0.8
-"""Of the structure that the plain model leaves, below which another plain model takes its place."""
+"""Residual structure over the plain model's, below which another plain model takes its place."""
 BASES = 3
 """Best single effects to which a second one is added."""
 REFORMED = 12.0
@@ -57,7 +57,7 @@ CLEARLY_BETTER = 0.7
 """ERR of the joint model over that of models with less in them, below which many small errors are
 at work rather than one of another kind."""
 FIRST_SHARE = 0.9
-"""Of the structure before, that a single effect must go below to be one of a pair."""
+"""Residual structure over that without the effect, below which an effect may be one of a pair."""
 
 
 def diagnose(

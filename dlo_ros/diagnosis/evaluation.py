@@ -21,10 +21,10 @@ from dlo_ros.spline import FloatArray
 BOUNDLESS = 1e100
 """Derivatives that say nothing, and of which squares no longer are numbers."""
 SAME = 1e-6
-"""Of the length, by which shapes may differ where an effect without derivatives does nothing."""
+"""Largest difference of shapes over the length, where one without derivatives does nothing."""
 TINY = 1e-30
 DIFFERENCE = 0.01
-"""Of a parameter's natural size, for differences."""
+"""Step of a difference over the parameter's natural size."""
 
 
 @dataclass(frozen=True)

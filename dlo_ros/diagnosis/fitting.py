@@ -29,10 +29,10 @@ CONTINUED = 1e-7
 """Marquardt's damping of a fit at first, and of one that is continued."""
 UNDAMPED = 1e-9
 DAMPED, LEAST_DAMPING = 100.0, 1e-4
-"""By which it grows with a step that has failed, and to which at least."""
+"""Factor by which the damping grows after a step that has failed, and its least value then."""
 TRIES = 5
 LARGEST_STEP = 2.0
-"""Of a parameter in one iteration, in natural units."""
+"""Largest change of a parameter in one iteration, in natural units."""
 
 
 @dataclass(frozen=True)

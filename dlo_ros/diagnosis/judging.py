@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Whether something is left over, and how well a model predicts what it has not seen."""
+"""Whether residuals have structure, and how well a model predicts what it has not seen."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 
 SPANS = 3
-"""Into which a single recording is cut to keep one aside."""
+"""Number of spans into which a single recording is cut to hold one out."""
 GAP = 0.1
-"""Of a span that is left out at either side, so that spans do not know of one another [share]."""
+"""Share of a span that is left out at either side, so that spans do not know of one another."""
 DRAWS = 400
 FEW = 60
 """Pictures below which neighbouring ones may resemble each other by chance."""
 BLOCKS = 6
-"""Of a recording, over which the spread of a comparison is taken."""
+"""Blocks of a recording over which the spread of a comparison is taken."""
 
 
 def structure(residuals: Sequence[FloatArray]) -> float:
@@ -128,7 +128,7 @@ def compare(a: Sequence[FloatArray], b: Sequence[FloatArray]) -> Comparison:
 
 
 def description(at: Evaluation) -> str:
-    """Where and when the most is left over, in a sentence."""
+    """Where and when the residual is largest, in a sentence."""
     power = [np.mean(r**2, axis=1) for r in at.residuals]
     k = int(np.argmax([float(np.mean(p)) for p in power]))
     half = at.residuals[k].shape[1] // 2
@@ -139,4 +139,6 @@ def description(at: Evaluation) -> str:
     time = ("at the beginning", "in the middle", "towards the end")[
         int(np.argmax([float(np.sum(part)) for part in np.array_split(power[k], 3)]))
     ]
-    return f"Most is left over in recording {k + 1}, {place} of the DLO, {time} of the motion."
+    return (
+        f"The residual is largest in recording {k + 1}, {place} of the DLO, {time} of the motion."
+    )

@@ -16,9 +16,9 @@ TRIED = 150
 """Places in a recording."""
 STATIONS = 60
 BENT = 0.5
-"""Of what a picture is off at most along the DLO, from which a station may have been pushed."""
+"""Deviation of a station over the largest of its picture, from which it may have been pushed."""
 RESIZED = (0.7, 1.4)
-"""Of its radius, that a fitted peg is tried with anew."""
+"""Multiples of its radius from which a fitted peg is fitted anew."""
 TOUCHING = 20
 """Points that were seen nearest to a peg, which tell on which side of it the DLO lies."""
 SLACK = 1.5e-3

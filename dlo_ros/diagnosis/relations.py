@@ -33,17 +33,18 @@ PATTERNS = 6
 SURE = 0.01
 """Chance among Gaussian surrogates at which a relation is told."""
 SHIFTED = 0.02
-"""The same among shifted residuals: a single recording has no more shifts than frames."""
+"""Chance among shifted residuals at which a relation is told: a single recording has no more shifts
+than frames."""
 LEAST_SHARE = 0.05
-"""Of what repeats and does not drift, for which a relation is told."""
+"""Least share of the repeating, not drifting residual, for which a relation is told."""
 ALIKE = 0.8
-"""Of the best input's share, from which another cannot be told from it."""
+"""Share over the best input's, from which another input cannot be told from it."""
 MOST = 3
 """Inputs that are told one after the other."""
 LEFT = 0.03
-"""Of an input's variation that must be left without drift, to judge it."""
+"""Least share of an input's variation that is no drift, to judge the input."""
 SPANS = 4
-"""Of a single recording, each of which is foretold from the others."""
+"""Number of spans of a single recording, each of which is foretold from the others."""
 
 
 @dataclass(frozen=True)

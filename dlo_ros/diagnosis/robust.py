@@ -20,7 +20,7 @@ from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 
 TYPICAL = 3.0
-"""Of the noise: pictures that are further off count ever less (Cauchy's law)."""
+"""Deviation in units of the noise, from which pictures count ever less (Cauchy's law)."""
 UNDISTURBED = 0.1
 """Share of the pictures that must be right, for the others to count as disturbed."""
 QUIET, LOUDER = 0.3, 1.5
@@ -32,7 +32,7 @@ SHORTER = 0.3
 SETTLED = 0.01
 DAMPING = 1e-4
 FIRST_PARTS = (1.0, 0.12, 0.25, 0.5)
-"""Of each recording: what was right at first may tell what it was, before anything was hit."""
+"""Shares of each recording, from its beginning, that are fitted first: before anything was hit."""
 LEAST_FRAMES = 5
 PART_ITERATIONS = 6
 

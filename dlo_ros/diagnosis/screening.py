@@ -31,14 +31,14 @@ from dlo_ros.spline import FloatArray
 LOG = logging.getLogger(__name__)
 
 SHARES = (1.0, 0.4, 0.1)
-"""Of the step that the linear test promises, which are tried."""
+"""Shares of the step of the linear test that are tried."""
 GOOD_STEP = 0.5
-"""Of the promised gain, with which a step needs not be shortened."""
+"""Gain over the promised one, from which a step needs not be shortened."""
 OTHER_PLACE = 0.7
 """Share of the best gain from which another beginning of the same effect is tried, too."""
 DRAWS = 400
 AT_LEAST = 0.05
-"""Of the squared residuals, that a beginning away from neutral is believed to leave."""
+"""Least share of the squared residuals that a beginning away from neutral is believed to leave."""
 
 
 @dataclass(frozen=True)

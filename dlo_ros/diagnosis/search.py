@@ -30,9 +30,9 @@ MORE_ITERATIONS = 8
 PROMISING = 4.0
 """Excess over the noise, against the best candidate's, up to which a fit is carried on."""
 FALLING = 0.5
-"""Of its excess, that a fit leaves in one round to be carried on in any case."""
+"""Excess of a fit over that one round before, below which it is carried on in any case."""
 SETTLED = 0.95
-"""The same of a fit that has come to its end."""
+"""Excess of a fit over that one round before, from which it has come to its end."""
 FAR = 10.0
 """Structure over that of an explanation, from which the coarse simulation tells enough."""
 CARRIED = 3
@@ -45,7 +45,7 @@ SECONDS = 6
 """Effects, by what one simulation of each leaves, that are fitted beside another; the right one has
 been among the first four."""
 PLACES = 3
-"""Among the effects, by what they promise, that make every form of a jumping one worth a fit."""
+"""Rank of an effect without derivatives, by its promise, up to which every form of it is fitted."""
 AS_PROMISING = 3.0
 """Squared residuals over the best trial's, up to which further forms of an effect are fitted."""
 

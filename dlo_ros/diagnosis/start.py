@@ -23,35 +23,36 @@ from dlo_ros.spline import DEGREE, FloatArray
 LOG = logging.getLogger(__name__)
 
 FACTORS = (1.0, 0.3, 3.0, 0.1, 10.0, 0.03, 30.0)
-"""Of E, from which the fit may start: far away a shape may lie on another branch."""
+"""Multiples of E from which the fit may start: far away a shape may lie on another branch."""
 VALLEYS = 3
 VALLEY_ITERATIONS = 6
-"""Of those, the best from which fits are tried, until one leaves little, and their iterations."""
+"""Largest number of these starts that are fitted, until a residual is small; their iterations."""
 FINENESS = 0.1
-"""Of the noise of one frame, that the simulation's own error may be."""
+"""Largest error of the simulation itself, over the noise of one frame."""
 OWN_SHARE = 0.0015
-"""The same of what the model leaves over, where that is more: nothing finer than this is judged."""
+"""Largest error of the simulation itself, over the model's residual, where that is more than the
+noise allows: nothing finer is judged."""
 OWN_MATTERS = 0.3
-"""Of what a model leaves over, that the simulation's own error may be."""
+"""Error of the simulation itself over the model's residual, from which it matters."""
 ROUNDS = 2
 SPACE_ROUNDS = 5
 WORTH = 0.7
-"""Of the error with fewer knot spans, below which more of them are worth their time."""
+"""Error over that with fewer knot spans, below which more of them are worth their time."""
 TIME_ROUNDS = 2
 TIME_GAIN = 9.0
-"""By which the error falls with a tenth of the tolerance."""
+"""Factor by which the error falls with a tenth of the tolerance."""
 DRAFT_SPANS = 2
-"""Times the knot spans of what was observed, of a draft's simulation."""
+"""Knot spans of a draft's simulation over those of the observed spline."""
 DRAFT_TOLERANCE = 1e-3
 DRAFT_ERROR = 0.5
-"""Of a draft against the fine simulation, in units of the noise."""
+"""Largest error of a draft against the fine simulation, in units of the noise."""
 DRAFT_FRAMES = 800
 LEAST_FRAMES = 100
-"""Of all recordings, and of one, that a draft goes through."""
+"""Frames that a draft goes through: most of all recordings together, least of one."""
 SHOWN = 0.25
-"""Of the squared residuals, that it must go through."""
+"""Share of the squared residuals that a draft must go through."""
 DRAFT_SHARE = 0.05
-"""Of what the plain model leaves over, up to which the error of a draft does not matter."""
+"""Error of a draft over the plain model's residual, up to which it does not matter."""
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from dlo_ros.spline import FloatArray
 
 SURROGATES = 800
 ENVELOPE = 0.2
-"""Of a recording, over which the size of its residual is smoothed."""
+"""Share of a recording over which the size of its residual is smoothed."""
 
 
 def chances(

@@ -5,7 +5,7 @@ Nobody measures to a degree how a cable leaves its clamp, hangs a camera perfect
 length to a tenth of a per cent, and shapes show it: left out, it is laid to E/mu. So two models are
 weighed by their evidence: the set-up exactly as stated, and every number of it open within its
 tolerance. The estimate is that of the likelier one, the covariance that of both (Hoeting et al.,
-Bayesian model averaging: a tutorial, 1999). In space the set-up is taken as exact.
+Bayesian model averaging: a tutorial, 1999).
 """
 
 from __future__ import annotations
@@ -89,8 +89,6 @@ def weighed(
         replace(_seen(r, mask, settings), spans=s, tolerance=settings.simulation.tolerance)
         for r, mask, s in zip(train, ignored, spans, strict=True)
     ]
-    if not all(r.planar for r in recordings):
-        return exact  # in space the open set-up takes minutes
     names = imposed_names(train)
     there = with_logarithms(settings, theta)
     model = joint_model(there, given, scene(there, names, [r.observed for r in recordings]))

@@ -4,11 +4,13 @@
 from __future__ import annotations
 
 import math
-from bisect import bisect_left
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from operator import itemgetter
 
+from dlo_ros.identification.estimate import IDENTIFIED
 from dlo_ros.inference.err import shape_error
+from dlo_ros.nodes.pairing import interpolated
 from dlo_ros.spline import FloatArray, SplineBasis
 
 YOUNG_MODULUS = "young_modulus"
@@ -22,13 +24,6 @@ UNITS: Mapping[str, str] = {
     SPECIFIC_MODULUS: "m^2/s^2",
 }
 SYMBOLS: Mapping[str, str] = {YOUNG_MODULUS: "E", DENSITY: "mu", SPECIFIC_MODULUS: "E/mu"}
-
-# An estimate is determined by the data where its relative standard deviation is below this.
-IDENTIFIABLE = 0.25
-
-
-LARGEST_GAP = 100_000_000
-"""Time [ns] between two predictions over which a shape is still interpolated."""
 
 
 @dataclass(frozen=True)
@@ -104,25 +99,11 @@ class Heard:
         if said in ("yes", "no"):
             return said == "yes"
         sample = self.estimate()
-        return sample is not None and sample.std[name] < IDENTIFIABLE * abs(sample.values[name])
+        return sample is not None and sample.std[name] < IDENTIFIED * abs(sample.values[name])
 
     def predicted_at(self, stamp: int) -> FloatArray | None:
-        """The predicted control points at a stamp [ns], between the two nearest.
-
-        None where predictions are missing: outside them, or in a gap.
-        """
-        if stamp in self.predicted:
-            return self.predicted[stamp]
-        stamps = sorted(self.predicted)
-        after = bisect_left(stamps, stamp)
-        if after in (0, len(stamps)):
-            return None
-        a, b = stamps[after - 1], stamps[after]
-        if b - a > LARGEST_GAP:
-            return None
-        share = (stamp - a) / (b - a)
-        result: FloatArray = (1.0 - share) * self.predicted[a] + share * self.predicted[b]
-        return result
+        """The predicted control points at a stamp [ns]; None where predictions are missing."""
+        return interpolated(sorted(self.predicted.items(), key=itemgetter(0)), stamp)
 
     def errors(self, length: float) -> dict[int, float]:
         """ERR of eq. (10) [m] by the stamp [ns] of the observed spline, by growing stamp.

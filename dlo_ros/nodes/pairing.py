@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from bisect import bisect_left, bisect_right, insort
 from collections import deque
+from collections.abc import Sequence
 from operator import itemgetter
 
 import numpy as np
@@ -71,7 +72,7 @@ class Pairing:
             if not self._predictions or stamp > self._predictions[-1][0]:
                 still.append((stamp, observed))
                 continue
-            predicted = self._at(stamp)
+            predicted = interpolated(self._predictions, stamp)
             if predicted is None:
                 self.missed += 1
             else:
@@ -79,25 +80,36 @@ class Pairing:
         self._waiting = still
         return found
 
-    def _at(self, stamp: int) -> FloatArray | None:
-        """Prediction at a stamp, of third order in time where neighbours allow."""
-        after = bisect_left(self._predictions, stamp, key=itemgetter(0))
-        if self._predictions[after][0] == stamp:
-            return self._predictions[after][1]
-        if after == 0:
-            return None
-        around = self._predictions[max(after - 2, 0) : after + 2]
-        inner = [s for s, _ in self._predictions[after - 1 : after + 1]]
-        if inner[1] - inner[0] > GAP * NANOSECONDS:
-            return None
-        around = [(s, q) for s, q in around if abs(s - stamp) <= GAP * NANOSECONDS]
-        # Lagrange's polynomial; linear interpolation at 50 Hz would be wrong by up to a * 50 us^2,
-        # half a millimetre at 1 g.
-        t = np.array([(s - stamp) / NANOSECONDS for s, _ in around])
-        weights = [
-            np.prod([t[j] / (t[j] - t[i]) for j in range(len(t)) if j != i]) for i in range(len(t))
-        ]
-        result = np.zeros_like(around[0][1])
-        for weight, (_, q) in zip(weights, around, strict=True):
-            result += weight * q
-        return result
+
+def interpolated(predictions: Sequence[tuple[int, FloatArray]], stamp: int) -> FloatArray | None:
+    """The prediction at a stamp, of third order in time where neighbours allow.
+
+    Args:
+        predictions: stamps [ns], growing, and control points, shape (n, 4).
+        stamp: [ns].
+
+    Returns:
+        None where predictions are missing: outside of them, or in a gap.
+    """
+    after = bisect_left(predictions, stamp, key=itemgetter(0))
+    if after == len(predictions):
+        return None
+    if predictions[after][0] == stamp:
+        return predictions[after][1]
+    if after == 0:
+        return None
+    around = predictions[max(after - 2, 0) : after + 2]
+    inner = [s for s, _ in predictions[after - 1 : after + 1]]
+    if inner[1] - inner[0] > GAP * NANOSECONDS:
+        return None
+    around = [(s, q) for s, q in around if abs(s - stamp) <= GAP * NANOSECONDS]
+    # Lagrange's polynomial; linear interpolation at 50 Hz would be wrong by up to a * 50 us^2,
+    # half a millimetre at 1 g.
+    t = np.array([(s - stamp) / NANOSECONDS for s, _ in around])
+    weights = [
+        np.prod([t[j] / (t[j] - t[i]) for j in range(len(t)) if j != i]) for i in range(len(t))
+    ]
+    result = np.zeros_like(around[0][1])
+    for weight, (_, q) in zip(weights, around, strict=True):
+        result += weight * q
+    return result

@@ -34,7 +34,7 @@ CERTAIN = (
     "Certain is what everything without it explains far worse, and what is far from nothing by its "
     "own uncertainty. Where causes do as well as one another, one of them acts."
 )
-ROLES = {"train": "used for the fit", "holdout": "kept aside, all or part of it"}
+ROLES = {"train": "used for the fit", "holdout": "not used for the fit, all or part of it"}
 
 
 @dataclass(frozen=True)
@@ -378,10 +378,10 @@ def _ranking(report: DiagnosisReport) -> str:
     ]
     text = paragraph(
         "Score: minus twice the log likelihood with which each part of the data is predicted from "
-        "the others (lower is better). Left over: what repeats from picture to picture, over the "
-        "noise."
+        "the others (lower is better). Repeating residual: what stays the same from picture "
+        "to picture, over the noise."
     )
-    shown = table(["effect", "score", "left over", "ERR kept aside"], rows) + text
+    shown = table(["effect", "score", "repeating residual", "ERR, data not used"], rows) + text
     return f"<details><summary>{len(rows)} candidates, the best first</summary>{shown}</details>"
 
 
