@@ -329,6 +329,10 @@ def test_images_under_another_name():
         images={"/camera/image_raw": kind},
     )  # fmt: skip
     one(connections(graph), "-r /image_raw:=/camera/image_raw", "dlo.launch.py")
+    drawn = replace(graph, images={"/dlo/overlay": kind})  # the observer's own
+    assert not bad(connections(drawn))
+    depth = replace(graph, images={"/a/depth/image_raw": kind, "/b/color": kind})
+    one(connections(depth), "there is /b/color")
     heard = replace(graph, topics={**graph.topics, "/image_raw": (Endpoint("/c", kind, True),)})
     assert not bad(connections(heard))
 
@@ -366,6 +370,13 @@ def test_nodes_that_disagree():
     one(nodes(replace(HEALTHY, nodes=(*NODES[:1], other))), "rod.length", "0.5", "0.4")
     second = replace(other, name="/right/simulator")  # another DLO
     assert not bad(nodes(replace(HEALTHY, nodes=(*NODES, second))))
+
+
+def test_nodes_that_were_started_with_another_file():
+    settings = Settings.load(DEFAULT)
+    longer = replace(settings, rod=replace(settings.rod, length=0.5))
+    found = nodes(HEALTHY, longer)
+    one(found, "rod.length is 0.4", "0.5 in the parameter file", level=Level.WARNING)
 
 
 def simulated(*, follow=True, **more):

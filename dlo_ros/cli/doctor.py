@@ -111,7 +111,7 @@ def judge(graph: Graph, settings: Settings | None) -> dict[str, list[Finding]]:
     from dlo_ros.doctor.times_and_frames import clocks, frames
 
     return {
-        "Nodes": nodes(graph),
+        "Nodes": nodes(graph, settings),
         "Topics": connections(graph),
         "Clock and frames": [*clocks(graph), *frames(graph, settings)],
     }

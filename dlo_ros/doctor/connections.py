@@ -15,6 +15,12 @@ OWN = "dlo/"
 SENDERS = (topics.OBSERVED, topics.PREDICTED)
 """Topics with one publisher for each DLO: of two, every other shape is another's."""
 
+DRAWN = (topics.OVERLAY, topics.MASK)
+"""Images that no camera takes."""
+
+DEPTH = "depth"
+"""Part of the names of depth images, which are no help where the picture is wanted."""
+
 
 def connections(graph: Graph) -> list[Finding]:
     """Findings about all topics that were seen."""
@@ -106,7 +112,8 @@ def _alone(graph: Graph, name: str) -> list[Finding]:
     listeners = [e.node for e in graph.subscriptions(name) if e.node in ours]
     if own not in (topics.IMAGE, topics.COMPRESSED) or not listeners or graph.publishers(name):
         return []
-    others = sorted(n for n in graph.images if n != name)
+    cameras = (n for n in graph.images if n != name and topics.relative(n) not in DRAWN)
+    others = sorted(cameras, key=lambda n: (DEPTH in n, n))
     if not others:
         return []
     raw = others[0].removesuffix("/compressed")

@@ -3,18 +3,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from itertools import groupby
+from typing import TYPE_CHECKING
 
 from dlo_ros.doctor.finding import Finding, ok, warning, wrong
 from dlo_ros.doctor.graph import WATCHED, Graph, NodeState
+
+if TYPE_CHECKING:
+    from dlo_ros.parameters import Settings
 
 OK, WARN, ERROR = 0, 1, 2
 """Levels of a diagnostics status; STALE is 3."""
 
 
-def nodes(graph: Graph) -> list[Finding]:
-    """Findings about each node, and about those of one namespace together."""
+def nodes(graph: Graph, settings: Settings | None = None) -> list[Finding]:
+    """Findings about each node, and about those of one namespace together.
+
+    Args:
+        graph: what was seen.
+        settings: parameter file that the nodes should go by, None for none.
+    """
     if not graph.nodes:
         return [
             warning(
@@ -25,7 +34,7 @@ def nodes(graph: Graph) -> list[Finding]:
     by_name = sorted(graph.nodes, key=lambda n: n.name)
     found = [_state(node) for node in by_name]
     for _, group in groupby(by_name, key=lambda n: n.namespace):
-        found += _disagreement(list(group))
+        found += _disagreement(list(group), settings)
     return found
 
 
@@ -44,15 +53,23 @@ def _state(node: NodeState) -> Finding:
     return warning(said)
 
 
-def _disagreement(group: Iterable[NodeState]) -> list[Finding]:
-    """Parameters that differ between the nodes of one DLO."""
-    group = list(group)
+def _disagreement(group: Sequence[NodeState], settings: Settings | None) -> list[Finding]:
+    """Parameters that differ between the nodes of one DLO, or from the parameter file."""
     found = []
+    stated = {} if settings is None else settings.flat()
     for name in WATCHED:
         values = {n.name: n.parameters[name] for n in group if name in n.parameters}
         if len(set(values.values())) > 1:
             who = ", ".join(f"{node}: {value}" for node, value in values.items())
             found.append(
                 wrong(f"{name} differs ({who})", "start all nodes with the same parameter file")
+            )
+        elif values and name in stated and stated[name] not in values.values():
+            found.append(
+                warning(
+                    f"{name} is {next(iter(values.values()))} in {', '.join(values)}, "
+                    f"{stated[name]} in the parameter file",
+                    "start the nodes with that file, or another namespace is meant",
+                )
             )
     return found
