@@ -14,6 +14,7 @@ from rods import PAPER, command
 from test_diagnose_tool import found as some_diagnosis
 
 from dlo_ros.cli.identify_results import remarks, tree
+from dlo_ros.cli.main import main
 from dlo_ros.diagnosis.force_scale import with_forces
 from dlo_ros.diagnosis.outcome import Fitted, NamedEffect, Number
 from dlo_ros.errors import InputError, RecordingError
@@ -108,6 +109,23 @@ def test_wrenches_check_themselves():
         Wrenches("start", stamps, rows, rows, axes)
     with pytest.raises(InputError, match="shapes that differ"):
         Wrenches("start", np.array([1, 2]), rows[:1], rows, axes)
+
+
+def test_forces_go_through_tables_and_back(tmp_path, capsys):
+    samples.SETTINGS.dump(tmp_path / "params.yaml")
+    path = bag(tmp_path, [wrench(k, force=(0.5 * k, 2.0, 3.0)) for k in range(3)])
+    both = ["--params", str(tmp_path / "params.yaml"), "--format", "csv"]
+    tables, again = str(tmp_path / "tables"), str(tmp_path / "again")
+    assert main(["export", *both, "--recording", str(path), "--output", tables]) == 0
+    assert main(["import", *both, "--output", again, tables]) == 0
+    assert "3 measured forces" in capsys.readouterr().out
+    (first,), (second,) = (read_recording(p, samples.SETTINGS).wrenches for p in (path, again))
+    for name in ("stamps", "force", "torque"):
+        np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
+    table = tmp_path / "tables" / "wrench.csv"
+    table.write_text(table.read_text().replace("end,0.5", "tip,0.5"))
+    assert main(["import", *both, "--force", "--output", again, tables]) == 2
+    assert "end is 'tip'; it must be start or end" in capsys.readouterr().err
 
 
 # The truth's own reactions

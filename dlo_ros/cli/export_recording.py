@@ -10,6 +10,7 @@ from dlo_ros.errors import InputError
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings.lerobot import library, write_lerobot
 from dlo_ros.recordings.tables import OBSERVED_FILE, write_csv
+from dlo_ros.recordings.wrench_table import write_wrench_table
 
 TABLES = ("csv", "parquet")
 
@@ -44,6 +45,7 @@ def write_recordings(arguments: argparse.Namespace) -> int:
     if arguments.format == "csv":
         output.mkdir(parents=True, exist_ok=True)
         write_csv(output, recordings[0].commands, recordings[0].observations)
+        write_wrench_table(output, recordings[0].wrenches)
     else:
         episodes = [(r.commands, r.observations) for r in recordings]
         write_lerobot(output, episodes, settings)

@@ -7,11 +7,13 @@ import argparse
 from pathlib import Path
 
 from dlo_ros.errors import InputError
+from dlo_ros.observation import Wrenches
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings.lerobot import read_lerobot
 from dlo_ros.recordings.point_tables import read_point_tables, write_points_bag
 from dlo_ros.recordings.ros1 import import_ros1
 from dlo_ros.recordings.tables import read_csv, write_bag
+from dlo_ros.recordings.wrench_table import read_wrench_tables
 
 FORMATS = {
     "csv": "files or a folder as export --recording writes them",
@@ -56,19 +58,21 @@ def run(arguments: argparse.Namespace) -> int:
         return _ros1(arguments)
     if arguments.format == "points":
         return _points(arguments, settings)
+    wrenches: tuple[Wrenches, ...] = ()
     if arguments.format == "csv":
         commands, observations = read_csv(arguments.inputs, settings)
+        wrenches = read_wrench_tables(arguments.inputs)
     else:
         if len(arguments.inputs) != 1:
             raise InputError("--format parquet takes one folder; each episode becomes a bag")
         if arguments.episode < 0:
             raise InputError(f"--episode is {arguments.episode}; episodes count from 0")
         commands, observations = read_lerobot(arguments.inputs[0], settings, arguments.episode)
-    write_bag(arguments.output, settings, commands, observations, force=arguments.force)
+    write_bag(arguments.output, settings, commands, observations, wrenches, force=arguments.force)
     points = sum(o.points is not None for o in observations)
     print(
         f"{arguments.output}: {len(observations)} observed splines, {points} with measured points, "
-        f"{len(commands)} commands"
+        f"{len(commands)} commands, {sum(len(w.stamps) for w in wrenches)} measured forces"
     )
     return 0
 

@@ -12,8 +12,10 @@ from dlo_ros.parameters import Settings
 from dlo_ros.recordings import open_bag, topics
 
 # What a camera and a robot would publish; what nodes made of it is made anew.
-INPUTS = (topics.IMAGE, topics.COMPRESSED, topics.CAMERA_INFO, topics.COMMAND)
-SPLINES = (topics.OBSERVED, topics.OBSERVED_POINTS, topics.COMMAND)
+INPUTS = (
+    topics.IMAGE, topics.COMPRESSED, topics.CAMERA_INFO, topics.COMMAND, *topics.WRENCHES,
+)  # fmt: skip
+SPLINES = (topics.OBSERVED, topics.OBSERVED_POINTS, topics.COMMAND, *topics.WRENCHES)
 
 
 @dataclass(frozen=True)

@@ -2,8 +2,9 @@
 """A recording as tables of numbers: CSV files in a folder, and a bag from what was read.
 
 `observed.csv` has a line for each observed spline, `command.csv` one for each imposed pose at each
-time of each command, `points.csv` one for each measured point. Positions are in metres in the
-frame `frame_id`, angles in radians, stamps in nanoseconds (`stamp_ns`) or seconds (`time_s`).
+time of each command, `points.csv` one for each measured point, `wrench.csv` (`wrench_table`) one
+for each measured force. Positions are in metres in the frame `frame_id`, angles in radians, stamps
+in nanoseconds (`stamp_ns`) or seconds (`time_s`).
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ import numpy as np
 from dlo_ros.command import NANOSECONDS, Command
 from dlo_ros.errors import InputError
 from dlo_ros.files import write_text
-from dlo_ros.observation import CentrelinePoints, Observation
+from dlo_ros.observation import CentrelinePoints, Observation, Wrenches
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.building import (
@@ -31,6 +32,7 @@ from dlo_ros.recordings.building import (
     spline_message,
 )
 from dlo_ros.recordings.messages import stamp_of
+from dlo_ros.recordings.wrenches import wrench_messages
 from dlo_ros.recordings.write import BagWriter
 from dlo_ros.spline import FloatArray
 
@@ -39,7 +41,9 @@ COORDINATES = ("x", "y", "z", "theta")
 POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")
 VELOCITY = ("vx", "vy", "vz")
 POINT = ("u", "x", "y", "z", "std")
+WRENCH = ("end", "fx", "fy", "fz", "tx", "ty", "tz")
 OBSERVED_FILE, COMMAND_FILE, POINTS_FILE = "observed.csv", "command.csv", "points.csv"
+WRENCH_FILE = "wrench.csv"
 ORIGIN = 1_750_000_000 * NANOSECONDS
 """Stamp [ns] of the time 0 where times count from the beginning of a recording."""
 LONGEST = 1e6  # [s] longest recording; later times are those of a clock
@@ -127,13 +131,13 @@ def read_csv(
     commands: list[Command] = []
     observations: dict[int, Observation] = {}
     points: dict[int, CentrelinePoints] = {}
-    for path in _files(inputs):
+    for path in files(inputs):
         columns = set(rows_of(path, ())[0])
         if "name" in columns:
             commands += read_commands(path, settings)
         elif set(POINT) <= columns:
             points.update(_points(path))
-        else:
+        elif not set(WRENCH) <= columns:  # see `wrench_table`
             for observation in _observations(path, settings):
                 observations[observation.stamp] = observation
     named = ", ".join(map(str, inputs))
@@ -147,11 +151,16 @@ def read_csv(
     return tuple(sorted(commands, key=lambda c: c.stamp)), tuple(seen)
 
 
-def _files(inputs: Sequence[Path]) -> list[Path]:
+def files(inputs: Sequence[Path]) -> list[Path]:
+    """The CSV files that are meant, those of a folder by their names.
+
+    Raises:
+        InputError: a folder has none.
+    """
     found = []
     for path in inputs:
         if path.is_dir():
-            held = [path / n for n in (OBSERVED_FILE, COMMAND_FILE, POINTS_FILE)]
+            held = [path / n for n in (OBSERVED_FILE, COMMAND_FILE, POINTS_FILE, WRENCH_FILE)]
             held = [p for p in held if p.exists()]
             if not held:
                 raise InputError(f"{path}: has neither {OBSERVED_FILE} nor {COMMAND_FILE}")
@@ -237,7 +246,7 @@ def write_csv(
     """
     n = len(observations[0].control_points)
     table = [[o.stamp, *o.control_points.ravel().tolist()] for o in observations]
-    _write(folder / OBSERVED_FILE, [STAMP, *spline_columns(n)], table)
+    write_table(folder / OBSERVED_FILE, [STAMP, *spline_columns(n)], table)
     lines: list[list[object]] = []
     for c in commands:
         for i, time in enumerate(c.times):
@@ -246,7 +255,7 @@ def write_csv(
                 shown = speed.tolist() if np.all(np.isfinite(speed)) else [""] * 3
                 pose = [*c.positions[i, k].tolist(), *c.rotations[i, k].tolist()]
                 lines.append([c.stamp, float(time), name, *pose, *shown])
-    _write(folder / COMMAND_FILE, [STAMP, "time_from_start", "name", *POSE, *VELOCITY], lines)
+    write_table(folder / COMMAND_FILE, [STAMP, "time_from_start", "name", *POSE, *VELOCITY], lines)
     clouds = [(o.stamp, o.points) for o in observations if o.points is not None]
     if clouds:
         along = all(p.std_along is not None for _, p in clouds)
@@ -254,10 +263,17 @@ def write_csv(
         for stamp, p in clouds:
             columns = [p.u, *p.positions.T, p.std, *([p.std_along] if along else [])]
             measured += [[stamp, *row.tolist()] for row in np.column_stack(columns)]
-        _write(folder / POINTS_FILE, [STAMP, *POINT, *([STD_ALONG] if along else [])], measured)
+        write_table(
+            folder / POINTS_FILE, [STAMP, *POINT, *([STD_ALONG] if along else [])], measured
+        )
 
 
-def _write(path: Path, header: Sequence[str], lines: Sequence[Sequence[object]]) -> None:
+def write_table(path: Path, header: Sequence[str], lines: Sequence[Sequence[object]]) -> None:
+    """Write a CSV file.
+
+    Raises:
+        InputError: it cannot be written.
+    """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(header)
@@ -270,16 +286,18 @@ def write_bag(
     settings: Settings,
     commands: Sequence[Command],
     observations: Sequence[Observation],
+    wrenches: Sequence[Wrenches] = (),
     *,
     force: bool = False,
 ) -> None:
-    """Write commands and observed splines as a bag that every tool reads.
+    """Write commands, observed splines and measured forces as a bag that every tool reads.
 
     Args:
         output: the bag.
         settings: whose frame they are in.
         commands: by growing stamp.
         observations: by growing stamp.
+        wrenches: of the ends at which there are any.
         force: whether an older bag is replaced.
 
     Raises:
@@ -293,5 +311,7 @@ def write_bag(
             if o.points is not None:
                 cloud = points_message(BAG_MESSAGES, o.stamp, settings.frame_id, o.points)
                 messages.append((topics.OBSERVED_POINTS, cloud))
+        for one in wrenches:
+            messages += wrench_messages(settings.frame_id, one)
         for topic, message in sorted(messages, key=lambda m: stamp_of(m[1])):
             writer.write(topic, message, stamp_of(message))

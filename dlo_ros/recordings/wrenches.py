@@ -28,10 +28,15 @@ TOPICS = {START: topics.WRENCH_START, END: topics.WRENCH_END}
 
 def write_wrenches(writer: BagWriter, frame: str, measured: Wrenches) -> None:
     """Write what was measured at one end in the fixed frame."""
+    for topic, message in wrench_messages(frame, measured):
+        writer.write(topic, message, stamp_of(message))
+
+
+def wrench_messages(frame_id: str, measured: Wrenches) -> list[tuple[str, Any]]:
+    """Messages of a bag, with their topics, of forces measured at one end, in the fixed frame."""
     topic = TOPICS[measured.end]
-    for stamp, force, torque in zip(measured.stamps, measured.force, measured.torque, strict=True):
-        message = wrench_message(BAG_MESSAGES, int(stamp), frame, force, torque)
-        writer.write(topic, message, int(stamp))
+    rows = zip(measured.stamps, measured.force, measured.torque, strict=True)
+    return [(topic, wrench_message(BAG_MESSAGES, int(s), frame_id, f, t)) for s, f, t in rows]
 
 
 def read_wrenches(bag: Bag, settings: Settings, commands: Sequence[Command]) -> list[Wrenches]:

@@ -1,0 +1,58 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Measured forces of the grips as a CSV file: a line for each message, in the frame `frame_id`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from dlo_ros.command import END, START
+from dlo_ros.errors import InputError
+from dlo_ros.observation import Wrenches
+from dlo_ros.recordings.tables import STAMP, WRENCH, WRENCH_FILE, files, numbers, rows_of, stamps
+from dlo_ros.recordings.tables import write_table as write
+
+
+def read_wrench_tables(inputs: Sequence[Path]) -> tuple[Wrenches, ...]:
+    """Measured forces in CSV files, or in folders that have them; none where there are none.
+
+    Raises:
+        InputError: a file is unusable.
+    """
+    rows: dict[str, dict[int, np.ndarray]] = {}
+    for path in files(inputs):
+        lines = rows_of(path, ())
+        if not set(WRENCH) <= set(lines[0]):
+            continue
+        values = numbers(path, lines, WRENCH[1:])
+        for k, (stamp, line) in enumerate(zip(stamps(path, lines), lines, strict=True)):
+            if line["end"] not in (START, END):
+                raise InputError(
+                    f"{path}: line {k + 2}: end is '{line['end']}'; it must be {START} or {END}"
+                )
+            rows.setdefault(line["end"], {})[stamp] = values[k]
+    result = []
+    for end, own in rows.items():
+        at = np.array(sorted(own), dtype=np.int64)
+        table = np.array([own[int(s)] for s in at])
+        axes = np.broadcast_to(np.eye(3), (len(at), 3, 3))
+        result.append(Wrenches(end, at, table[:, :3], table[:, 3:], axes))
+    return tuple(result)
+
+
+def write_wrench_table(folder: Path, measured: Sequence[Wrenches]) -> None:
+    """Write measured forces into a folder, where there are any.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    lines: list[list[object]] = []
+    for one in measured:
+        table = np.hstack([one.force, one.torque])
+        lines += [
+            [int(s), one.end, *row.tolist()] for s, row in zip(one.stamps, table, strict=True)
+        ]
+    if lines:
+        write(folder / WRENCH_FILE, [STAMP, *WRENCH], lines)
