@@ -22,6 +22,12 @@ SHORTEST = 1.5  # widths; a shorter chain is noise
 SHARP_TURN = 1.0  # [rad] over two widths: no bend of a DLO, so the chain is cut there
 GOES_ON = 0.3  # share of a ridge's strength that it has at least nearly a width further on
 END_SPAN = 2.0  # widths over which direction and curvature at a chain's end are measured
+# Tracing stops where no ridge point within two pixels lies ahead and points the same way.
+LEAST_AHEAD = 0.6  # cosine of the angle between the way so far and the step: 53 degrees
+LEAST_ALIKE = 0.8  # cosine of the angle between the way so far and the ridge there: 37 degrees
+TURN_COST, ASIDE_COST = 3.0, 2.0  # of one minus these cosines, beside a step's length [px]
+INERTIA = 0.6  # weight of the way so far against the ridge's direction, in the next way
+OWN_HALF_WIDTH = 0.75  # along the way [px]; neighbours within it belong to the same ridge
 
 
 @dataclass(frozen=True, eq=False)
@@ -294,15 +300,15 @@ def _trace(
                             continue
                         distance = distances[dy + 2, dx + 2]
                         ahead = (dx * tx + dy * ty) / distance
-                        if ahead < 0.6:
+                        if ahead < LEAST_AHEAD:
                             continue
                         ox, oy = directions[other, 0], directions[other, 1]
                         same = ox * tx + oy * ty
                         if same < 0.0:
                             ox, oy, same = -ox, -oy, -same
-                        if same < 0.8:
+                        if same < LEAST_ALIKE:
                             continue
-                        cost = distance + 3.0 * (1.0 - same) + 2.0 * (1.0 - ahead)
+                        cost = distance + TURN_COST * (1.0 - same) + ASIDE_COST * (1.0 - ahead)
                         if cost < least:
                             least = cost
                             best = other
@@ -310,7 +316,8 @@ def _trace(
                 if best < 0:
                     break
                 used[best] = True
-                tx, ty = 0.6 * tx + 0.4 * bx, 0.6 * ty + 0.4 * by
+                tx = INERTIA * tx + (1.0 - INERTIA) * bx
+                ty = INERTIA * ty + (1.0 - INERTIA) * by
                 norm = math.sqrt(tx * tx + ty * ty)
                 tx, ty = tx / norm, ty / norm
                 # Neighbours beside the step belong to the same ridge.
@@ -319,7 +326,7 @@ def _trace(
                         y, x = rows[best] + dy, columns[best] + dx
                         if 0 <= y < height and 0 <= x < width:
                             beside = index[y, x]
-                            if beside >= 0 and abs(dx * tx + dy * ty) < 0.75:
+                            if beside >= 0 and abs(dx * tx + dy * ty) < OWN_HALF_WIDTH:
                                 used[beside] = True
                 if side == 0:
                     forward[lengths[0]] = best
