@@ -38,6 +38,8 @@ def test_what_is_wrong_in_a_live_graph_is_found(tmp_path):
         view = GraphWatch(doctor)
 
         def told():
+            """What is found now; each look asks for all endpoints and costs some time."""
+            robot.spin(0.5)
             view.look()
             sections = judge(view.graph("rmw", 1.0), None)
             return " ".join(f"{f.text} {f.remedy}" for s in sections.values() for f in s)

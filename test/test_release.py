@@ -64,7 +64,7 @@ def without(name, *words):
 
 @pytest.mark.parametrize(
     ("name", "words"),
-    [("numba", ["simulator"]), ("rosbags", ["play", "recording"]), ("rich", ["identify"])],
+    [("numba", ["simulator"]), ("rosbags", ["play", "recording"])],
 )
 def test_who_lacks_a_library_is_told_how_to_get_it(name, words):
     done = without(name, *words)
