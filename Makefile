@@ -82,6 +82,9 @@ field: $(COMPILED)
 # What the observer finds in rendered pictures, COUNT of each set from seed FIRST.
 observer: $(COMPILED)
 	$(BIN)/python test/vision_ends.py $(or $(COUNT),40) $(or $(FIRST),0)
+	$(BIN)/python test/vision_space_accuracy.py 4 $(or $(FIRST),0)
+	$(BIN)/python test/vision_space_accuracy.py 1 $(or $(FIRST),0) --late 8
+	$(BIN)/python test/vision_space_accuracy.py 2 $(or $(FIRST),0) --depth
 	@for set in "issue" "issue --ends none" other "other --ends none" "dark --ends start" "cell --ends start" absent; do \
 		echo "set $$set"; $(BIN)/python test/vision_stress.py $(or $(COUNT),40) $(or $(FIRST),0) --set $$set || exit 1; \
 	done

@@ -31,6 +31,7 @@ INPUTS = (
     "image_raw",
     "image_raw/compressed",
     "camera_info",
+    "depth/image_raw",
     "image_mask",
     "dlo/command",
     "dlo/points",

@@ -165,7 +165,7 @@ class DloNode(Node):
 
     def publisher(self, topic: str, qos: QoSProfile, kind: str = "") -> Any:
         """A publisher, its QoS open to overrides; the interface says the type of its own topics."""
-        message = message_class(kind or topics.TYPES[topic])
+        message = message_class(kind or topics.type_of(topic))
         with self._overriding(topic):
             # A copy, since rclpy writes the overrides into the profile that it is given.
             return self.create_publisher(
@@ -174,7 +174,7 @@ class DloNode(Node):
 
     def optional_publisher(self, topic: str, qos: QoSProfile, kind: str = "") -> Any | None:
         """As `publisher`; None, which is said, where the package of its messages is missing."""
-        wanted = kind or topics.TYPES[topic]
+        wanted = kind or topics.type_of(topic)
         if installed(wanted):
             return self.publisher(topic, qos, kind)
         package = wanted.partition("/")[0]
@@ -192,7 +192,7 @@ class DloNode(Node):
             qos: profile.
             kind: type of its messages; the interface says that of its own topics.
         """
-        message = message_class(kind or topics.TYPES[topic])
+        message = message_class(kind or topics.type_of(topic))
         guarded = self.guarded(topic, callback)
 
         def receive(received: Any) -> None:

@@ -20,6 +20,7 @@ from dlo_ros.nodes.messages import ROS_MESSAGES
 from dlo_ros.nodes.points import PointsListener
 from dlo_ros.nodes.runtime import run
 from dlo_ros.nodes.transform import BoardTransform
+from dlo_ros.nodes.views import ViewsListener
 from dlo_ros.observation import CentrelinePoints, Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
@@ -76,16 +77,25 @@ class ObserverNode(DloNode):
         self._transform = BoardTransform(self)
         self._markers = Markers(self, "observed", (0.2, 0.9, 0.3))
         self._command_subscription = CommandSubscription(self, self._on_command)
-        self.subscribe(topics.CAMERA_INFO, self._on_camera_info, qos.SENSOR)
+        self._views = ViewsListener(self, self._motion, self._publish, self._prediction)
+        if not self._views.cameras:
+            self.subscribe(topics.CAMERA_INFO, self._on_camera_info, qos.SENSOR)
         self.subscribe(topics.MASK, self._on_mask, qos.SENSOR)
         self.subscribe(topics.PREDICTED, self._on_predicted, qos.RELIABLE)
         self._tracker = PointsListener(self, self._motion, self._publish_observation)
         self._transport = ""
         self._image_subscription: Any = None
-        self._choose_transport()
-        self.every(POLL, self._choose_transport)
+        if self._views.cameras:
+            self._views.poll()
+        else:
+            self._choose_transport()
+            self.every(POLL, self._choose_transport)
+        self.every(POLL, self._views.poll)
         self.every(POLL, self._release)
-        self.health.waiting(f"{topics.IMAGE} and {topics.CAMERA_INFO}, or {topics.POINTS}")
+        images = " and ".join(
+            topics.of_camera(name, topics.IMAGE) for name in self._views.cameras or ("",)
+        )
+        self.health.waiting(f"{images} and {topics.CAMERA_INFO}, or {topics.POINTS}")
         self.prepare(("vision",), compile_kernels)
 
     def begin(self) -> None:
@@ -99,6 +109,7 @@ class ObserverNode(DloNode):
         self._frames.reset()
         if self._observer is not None:
             self._observer.reset()
+        self._views.reset()
         self._tracker.reset()
 
     def restart(self, now: int) -> None:
@@ -110,6 +121,7 @@ class ObserverNode(DloNode):
     def apply(self, settings: Settings) -> None:
         """Take a changed pose of the camera (and all else) over."""
         self._transform.update()
+        self._views.build()
         self._build()
 
     def check_settings(self, settings: Settings) -> None:
@@ -141,6 +153,7 @@ class ObserverNode(DloNode):
         self._motion.add(command)
         del self._motion.commands[:-500]
         self._release()
+        self._views.release()
 
     def _on_predicted(self, message: Any) -> None:
         shape = read_spline(message, self.settings, topics.PREDICTED)
@@ -178,6 +191,9 @@ class ObserverNode(DloNode):
         self._observer.mask = self._mask
 
     def _on_image(self, message: Any) -> None:
+        if self._views.has_depth:
+            self._views.take(message, self._info, self._overlay_publisher)
+            return
         if not self.ready:
             self.health.count("images before the node was ready")
             return
@@ -282,6 +298,12 @@ class ObserverNode(DloNode):
         missed = 1000.0 * misfit(points, control_points, length)
         self.health.values["control points"] = f"{n} miss it by {missed:.2f} mm; {enough}"
 
+    def _prediction(self, stamp: int) -> FloatArray | None:
+        """Predicted control points at about a stamp [ns], where there are any."""
+        if self._predicted and abs(stamp - self._predicted[0]) <= RECENT * NANOSECONDS:
+            return self._predicted[1]
+        return None
+
     def _publish_overlay(
         self,
         stamp: int,
@@ -292,9 +314,7 @@ class ObserverNode(DloNode):
     ) -> None:
         if self._observer is None or not self._overlay_publisher.get_subscription_count():
             return
-        predicted: FloatArray | None = None
-        if self._predicted and abs(stamp - self._predicted[0]) <= RECENT * NANOSECONDS:
-            predicted = self._predicted[1]
+        predicted = self._prediction(stamp)
         length = self.settings.rod.length
         picture = draw_overlay(image, self._observer.camera, length, result, predicted, problem)
         frame = str(message.header.frame_id)

@@ -32,6 +32,7 @@ MARKERS = "dlo/markers"
 OVERLAY = "dlo/overlay"
 
 TYPES: dict[str, str] = {
+    DEPTH: "sensor_msgs/msg/Image",
     IMAGE: "sensor_msgs/msg/Image",
     COMPRESSED: "sensor_msgs/msg/CompressedImage",
     CAMERA_INFO: "sensor_msgs/msg/CameraInfo",

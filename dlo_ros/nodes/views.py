@@ -1,0 +1,233 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Images of several cameras, or of one with depth, in; the DLO in space out."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any
+
+from dlo_ros.command import NANOSECONDS, Motion
+from dlo_ros.errors import VisionError
+from dlo_ros.nodes import qos
+from dlo_ros.nodes.base import DloNode
+from dlo_ros.nodes.messages import ROS_MESSAGES
+from dlo_ros.recordings import topics
+from dlo_ros.recordings.building import image_message
+from dlo_ros.recordings.images import CameraInfo, read_camera_info, read_depth, read_image
+from dlo_ros.recordings.messages import stamp_of
+from dlo_ros.recordings.several import DEPTH
+from dlo_ros.recordings.synchronisation import ApproximateTime
+from dlo_ros.spline import FloatArray
+from dlo_ros.vision.camera import Camera
+from dlo_ros.vision.overlay import draw_overlay
+from dlo_ros.vision.result import VisionResult
+from dlo_ros.vision.space import SpaceObserver
+from dlo_ros.vision.space.observer import Frame
+
+PATIENCE = 0.5
+"""Seconds that the first images wait for the command, where somebody publishes it."""
+
+HELD = 10
+"""Sets of images that may wait so; the oldest are dropped."""
+
+DEPTH_FRESH = 1.0
+"""Seconds for which a depth image keeps the camera's images waiting for the next one."""
+
+Images = dict[str, tuple[int, Any]]
+
+
+class ViewsListener:
+    """Observes the DLO in the images of each instant.
+
+    Args:
+        node: which subscribes.
+        motion: the imposed motion, as it is known so far.
+        publish: is given what each instant showed.
+        predicted: gives the predicted control points at about a stamp [ns], or None.
+    """
+
+    def __init__(
+        self,
+        node: DloNode,
+        motion: Motion,
+        publish: Callable[[VisionResult], None],
+        predicted: Callable[[int], FloatArray | None],
+    ) -> None:
+        self._node, self._motion = node, motion
+        self._publish, self._predicted = publish, predicted
+        self.cameras = tuple(node.settings.cameras)
+        self._infos: dict[str, CameraInfo] = {}
+        self._observer: SpaceObserver | None = None
+        self._together: ApproximateTime[Any] = ApproximateTime(self.cameras or ("", DEPTH))
+        self._held: deque[Images] = deque(maxlen=HELD)
+        self._hold_until = 0.0
+        self._last_depth = -DEPTH_FRESH
+        self._transports: dict[str, tuple[str, Any]] = {}
+        self._overlays: dict[str, Any] = {}
+        for name in self.cameras:
+            topic = topics.of_camera(name, topics.CAMERA_INFO)
+            node.subscribe(topic, partial(self._on_info, name), qos.SENSOR)
+            overlay = topics.of_camera(name, topics.OVERLAY)
+            self._overlays[name] = node.publisher(overlay, qos.RELIABLE)
+        if not self.cameras and node.settings.vision.depth == "auto":
+            node.subscribe(topics.DEPTH, self._on_depth, qos.IMAGES)
+
+    def reset(self) -> None:
+        """Forget the last shape and what waits."""
+        self._together.clear()
+        self._held.clear()
+        if self._observer is not None:
+            self._observer.reset()
+
+    def build(self) -> None:
+        """Take changed settings over with the next images."""
+        self._observer = None
+
+    def poll(self) -> None:
+        """Choose transports as they are published; look at what has waited long enough."""
+        for name in self.cameras:
+            self._choose_transport(name)
+        self.release()
+
+    @property
+    def has_depth(self) -> bool:
+        """Whether depth images of the one camera come."""
+        return time.monotonic() - self._last_depth < DEPTH_FRESH
+
+    def take(self, message: Any, info: CameraInfo | None, overlay: Any) -> None:
+        """An image of the one camera, which comes with depth."""
+        self._overlays[""] = overlay
+        if info is not None and self._infos.get("") != info:
+            self._infos[""] = info
+            self.build()
+        self._on_image("", message)
+
+    def _choose_transport(self, name: str) -> None:
+        """Subscribe to raw or compressed images of a camera; compressed if both are published."""
+        node, wanted = self._node, self._node.settings.image_transport
+        compressed = topics.of_camera(name, topics.COMPRESSED)
+        raw = topics.of_camera(name, topics.IMAGE)
+        chosen, subscription = self._transports.get(name, ("", None))
+        if wanted == "auto":
+            wanted = "compressed" if node.is_published(compressed) else "raw"
+            if not node.is_published(compressed) and not node.is_published(raw):
+                wanted = chosen or "raw"
+        if wanted == chosen:
+            return
+        if subscription is not None:
+            node.destroy_subscription(subscription)
+        topic = compressed if wanted == "compressed" else raw
+        made = node.subscribe(topic, partial(self._on_image, name), qos.IMAGES)
+        self._transports[name] = wanted, made
+
+    def _on_info(self, name: str, message: Any) -> None:
+        info = read_camera_info(message)
+        self._node.health.solved(topics.of_camera(name, topics.CAMERA_INFO))
+        if self._infos.get(name) != info:
+            self._infos[name] = info
+            self.build()
+
+    def _on_depth(self, message: Any) -> None:
+        if self._node.ready and not self._node.is_earlier(stamp_of(message)):
+            self._last_depth = time.monotonic()
+            self._add(DEPTH, message)
+
+    def _on_image(self, name: str, message: Any) -> None:
+        node = self._node
+        if not node.ready:
+            node.health.count("images before the node was ready")
+            return
+        if not node.is_earlier(stamp_of(message)):
+            node.health.count("images")
+            self._add(name, message)
+
+    def _add(self, name: str, message: Any) -> None:
+        stamp = stamp_of(message)
+        self._node.check_stamp(stamp, "image")
+        for images in self._together.add(name, stamp, message):
+            self._held.append(images)
+        self._node.health.values["images without partner"] = self._together.unmatched
+        self.release()
+
+    def release(self) -> None:
+        """Look at the images that wait, once the command is there or overdue."""
+        if self._held and not self._motion.commands and self._node.is_published(topics.COMMAND):
+            now = time.monotonic()
+            if not self._hold_until:
+                self._hold_until = now + PATIENCE
+            if now < self._hold_until:
+                return
+        while self._held:
+            self._node.guarded("image", self._see)(self._held.popleft())
+
+    def _build(self) -> SpaceObserver | None:
+        poses = dict(self._node.settings.cameras) or {"": self._node.settings.camera}
+        missing = [name for name in poses if name not in self._infos]
+        if missing:
+            for name in missing:
+                topic = topics.of_camera(name, topics.CAMERA_INFO)
+                self._node.health.warn(topic, f"images come, but no usable {topic} yet")
+            return None
+        cameras = {
+            name: Camera.from_info(
+                info.k, info.d, info.distortion_model, info.width, info.height, poses[name]
+            )
+            for name, info in ((name, self._infos[name]) for name in poses)
+        }
+        return SpaceObserver(self._node.settings, cameras, self._motion)
+
+    def _see(self, images: Images) -> None:
+        began = time.perf_counter()
+        node = self._node
+        if self._observer is None:
+            self._observer = self._build()
+        observer = self._observer
+        if observer is None:
+            return
+        depth = read_depth(images[DEPTH][1]) if DEPTH in images else None
+        frames = {
+            name: Frame(stamp, read_image(message), depth)
+            for name, (stamp, message) in images.items()
+            if name != DEPTH
+        }
+        stamps = [stamp for stamp, _ in images.values()]
+        node.health.values["stamps apart [ms]"] = 1e3 * (max(stamps) - min(stamps)) / NANOSECONDS
+        found: Mapping[str, VisionResult] = {}
+        problem = ""
+        try:
+            result = observer.observe(frames)
+            found = result.views
+        except VisionError as err:
+            problem = str(err)
+            node.health.warn("image", f"no DLO found: {err}")
+            node.health.values["last image"] = problem
+        else:
+            self._publish(next(iter(found.values())))
+            node.health.solved("image")
+            node.health.values["seen by several [%]"] = 100.0 * result.seen_by_several
+            node.health.values["processing time [ms]"] = 1e3 * (time.perf_counter() - began)
+            node.health.values["latency [ms]"] = 1e3 * (node.now() - min(stamps)) / NANOSECONDS
+        self._draw(observer, images, frames, found, problem)
+
+    def _draw(
+        self,
+        observer: SpaceObserver,
+        images: Images,
+        frames: Mapping[str, Frame],
+        found: Mapping[str, VisionResult],
+        problem: str,
+    ) -> None:
+        for name, frame in frames.items():
+            publisher = self._overlays[name]
+            if not publisher.get_subscription_count():
+                continue
+            length = self._node.settings.rod.length
+            picture = draw_overlay(
+                frame.image, observer.cameras[name], length, found.get(name),
+                self._predicted(frame.stamp), problem,
+            )  # fmt: skip
+            frame_id = str(images[name][1].header.frame_id)
+            publisher.publish(image_message(ROS_MESSAGES, frame.stamp, frame_id, picture))

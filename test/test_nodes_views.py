@@ -1,0 +1,154 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""The node's images of several cameras, and of one with depth, without processes."""
+
+from collections import Counter
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from dlo_ros.command import Motion
+from dlo_ros.errors import VisionError
+from dlo_ros.parameters import Settings
+from dlo_ros.recordings.building import (
+    BAG_MESSAGES,
+    camera_info_message,
+    depth_message,
+    image_message,
+)
+from dlo_ros.recordings.images import CameraInfo, read_camera_info
+
+ROD = {"rod.length": 0.4, "rod.diameter": 0.004, "rod.young_modulus": 1e6, "rod.density": 1e3}
+POSE = {"translation": [0.0, 0.0, 1.2], "rotation": [2**-0.5, 0.0, 0.0, 2**-0.5]}
+BOTH = {f"camera_{n}.{k}": v for n in ("left", "right") for k, v in POSE.items()}
+INFO = CameraInfo(64, 48, "plumb_bob", (0.0,) * 5, (90.0, 0, 31.5, 0, 90.0, 23.5, 0, 0, 1.0), "eye")
+MS = 1_000_000
+
+
+class FakeNode:
+    """What a listener needs of a node; messages are delivered by hand."""
+
+    ready = True
+
+    def __init__(self, **values):
+        self.settings = Settings.from_mapping({**ROD, **values})
+        self.published, self.topics, self.warnings = {"dlo/command"}, {}, []
+        self.counts = Counter()
+        self.health = SimpleNamespace(
+            values={}, solved=lambda what: None, warn=lambda what, text: self.warnings.append(text),
+            count=lambda what: self.counts.update([what]),
+        )  # fmt: skip
+
+    def subscribe(self, topic, callback, qos):
+        self.topics[topic] = callback
+        return topic
+
+    def destroy_subscription(self, topic):
+        del self.topics[topic]
+
+    def publisher(self, topic, qos):
+        sent = []
+        return SimpleNamespace(sent=sent, publish=sent.append, get_subscription_count=lambda: 1)
+
+    def is_published(self, topic):
+        return topic in self.published
+
+    def is_earlier(self, stamp):
+        return False
+
+    def check_stamp(self, stamp, what):
+        pass
+
+    def now(self):
+        return 0
+
+    def guarded(self, what, callback):
+        return callback
+
+
+class FakeObserver:
+    """Takes frames down, and finds nothing."""
+
+    def __init__(self, settings, cameras, motion):
+        self.cameras, self.seen = cameras, []
+
+    def observe(self, frames):
+        self.seen.append(frames)
+        raise VisionError("the views do not show one DLO")
+
+    def reset(self):
+        pass
+
+
+@pytest.fixture
+def listener(monkeypatch):
+    views = pytest.importorskip("dlo_ros.nodes.views")
+    monkeypatch.setattr(views, "SpaceObserver", FakeObserver)
+
+    def make(**values):
+        node = FakeNode(**values)
+        motion = Motion()
+        motion.commands.append(None)
+        return node, views.ViewsListener(node, motion, lambda result: None, lambda stamp: None)
+
+    return make
+
+
+def image(stamp):
+    return image_message(BAG_MESSAGES, stamp, "eye", np.zeros((48, 64, 3), dtype=np.uint8))
+
+
+def info(stamp=0):
+    return camera_info_message(BAG_MESSAGES, stamp, INFO)
+
+
+def test_images_of_two_cameras_go_to_the_observer_in_pairs(listener):
+    node, views = listener(**{"vision.cameras": ["left", "right"]}, **BOTH)
+    node.published |= {"left/image_raw", "right/image_raw/compressed"}
+    views.poll()
+    assert {"left/image_raw", "right/image_raw/compressed"} <= set(node.topics)
+    node.published.add("right/image_raw")
+    node.published.discard("right/image_raw/compressed")
+    views.poll()
+    assert "right/image_raw" in node.topics and "right/image_raw/compressed" not in node.topics
+    node.topics["left/image_raw"](image(100 * MS))
+    node.topics["right/image_raw"](image(103 * MS))
+    assert any("right/camera_info" in text for text in node.warnings)
+    for name in ("left", "right"):
+        node.topics[f"{name}/camera_info"](info())
+    node.topics["left/image_raw"](image(133 * MS))
+    node.topics["right/image_raw"](image(136 * MS))
+    (frames,) = views._observer.seen
+    assert {n: f.stamp for n, f in frames.items()} == {"left": 133 * MS, "right": 136 * MS}
+    assert node.health.values["stamps apart [ms]"] == 3.0
+    assert node.health.values["last image"] == "the views do not show one DLO"
+    assert all(len(views._overlays[name].sent) == 2 - 1 for name in ("left", "right"))
+
+
+def test_depth_joins_the_images_of_the_one_camera(listener):
+    node, views = listener()
+    assert not views.has_depth
+    depth = depth_message(BAG_MESSAGES, 50 * MS, "eye", np.full((48, 64), 1200, dtype=np.uint16))
+    node.topics["depth/image_raw"](depth)
+    assert views.has_depth
+    overlay = node.publisher("dlo/overlay", None)
+    views.take(image(50 * MS), read_camera_info(info()), overlay)
+    (frames,) = views._observer.seen
+    assert frames[""].depth[0, 0] == pytest.approx(1.2)
+    assert len(overlay.sent) == 1
+    off, _ = listener(**{"vision.depth": "off"})
+    assert not off.topics
+
+
+def test_images_wait_for_the_command(listener):
+    node, views = listener(**{"vision.cameras": ["left", "right"]}, **BOTH)
+    views.poll()
+    for name in ("left", "right"):
+        node.topics[f"{name}/camera_info"](info())
+    views._motion.commands.clear()
+    for name in ("left", "right"):
+        node.topics[f"{name}/image_raw"](image(MS))
+    assert views._observer is None
+    views._motion.commands.append(None)
+    views.release()
+    assert len(views._observer.seen) == 1
