@@ -119,6 +119,24 @@ class WrenchParameters:
     delay_std: float = 0.01
 
 
+Offset = tuple[float, float, float, float, float, float, float]
+NO_OFFSET: Offset = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class CommandParameters:
+    """Where the imposed motion comes from.
+
+    Offsets are the clamp's pose in its frame: x y z [m], quaternion x y z w, x along growing u.
+    """
+
+    source: str = "topic"
+    start_frame: str = ""
+    end_frame: str = ""
+    start_offset: Offset = NO_OFFSET
+    end_offset: Offset = NO_OFFSET
+
+
 @dataclass(frozen=True)
 class DiagnosisParameters:
     """What difference between model and DLO matters."""
@@ -154,6 +172,7 @@ class Settings:
     camera: CameraPose = field(default_factory=CameraPose)
     simulation: SimulationParameters = field(default_factory=SimulationParameters)
     limits: LimitParameters = field(default_factory=LimitParameters)
+    command: CommandParameters = field(default_factory=CommandParameters)
     wrench: WrenchParameters = field(default_factory=WrenchParameters)
     diagnosis: DiagnosisParameters = field(default_factory=DiagnosisParameters)
     vision: VisionParameters = field(default_factory=VisionParameters)
@@ -199,6 +218,7 @@ class Settings:
         rotation = checked["camera.rotation"]
         assert isinstance(rotation, tuple)
         check_rotation(rotation, "camera.rotation")  # type: ignore[arg-type]
+        _check_command(checked)
         groups: dict[str, dict[str, Any]] = {}
         top: dict[str, Any] = {}
         for name, value in checked.items():
@@ -213,6 +233,7 @@ class Settings:
             tolerances=tolerances,
             cameras=read_cameras(values),
             limits=LimitParameters(**groups["limits"]),
+            command=CommandParameters(**groups["command"]),
             wrench=WrenchParameters(**groups["wrench"]),
             diagnosis=DiagnosisParameters(**groups["diagnosis"]),
             vision=VisionParameters(**groups["vision"]),
@@ -311,6 +332,27 @@ class Settings:
     def with_material(self, young_modulus: float, density: float) -> Settings:
         """The same settings with another E [Pa] and mu [kg/m^3]."""
         return replace(self, rod=replace(self.rod, young_modulus=young_modulus, density=density))
+
+
+def _check_command(values: Mapping[str, Value]) -> None:
+    """Refuse sources of the motion that name no frame, or offsets that turn by no rotation.
+
+    Raises:
+        ParameterError: which parameter, and what it must be.
+    """
+    for name in ("command.start_offset", "command.end_offset"):
+        offset = values[name]
+        assert isinstance(offset, tuple)
+        if not 0.9 < math.hypot(*offset[3:]) < 1.1:
+            raise ParameterError(
+                f"{name} is {list(offset)}; its last four must be a unit quaternion x y z w"
+            )
+    named = values["command.start_frame"] or values["command.end_frame"]
+    if values["command.source"] == "tf" and not named:
+        raise ParameterError(
+            "command.source is 'tf'; give command.start_frame or command.end_frame, the frame of "
+            "/tf that holds that end"
+        )
 
 
 def tolerance(settings: Settings, name: str) -> float | None:

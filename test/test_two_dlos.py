@@ -191,7 +191,7 @@ def test_a_node_needs_all_that_its_policy_allows_and_nothing_else(two, node):
     # Of the two transports of images one at a time is subscribed.
     other = {"/left/image_raw/compressed"} if node == "observer" else set()
     # Where points or commands come in other frames.
-    on_demand = {"/tf", "/tf_static"}
+    on_demand = {"/tf", "/tf_static", "/left/dlo/start_pose", "/left/dlo/end_pose"}
     other |= on_demand & policy.subscribe
     assert names(graph.get_subscriber_names_and_types_by_node) == policy.subscribe - other
     assert other <= policy.subscribe

@@ -16,6 +16,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 
 from dlo_ros.command import Command
 from dlo_ros.nodes.base import DloNode
+from dlo_ros.nodes.frame_commands import FrameCommands
 from dlo_ros.nodes.messages import message_class
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.messages import read_command, stamp_of
@@ -29,6 +30,8 @@ POLL = 0.2
 
 class CommandSubscription:
     """Well-formed commands of `dlo/command`, as if each came once and in the order of receipt.
+
+    With `command.source` tf or pose they are made of the robot's frames instead.
 
     One that the executor hands over too late is followed by those that it was before, once more.
 
@@ -44,6 +47,9 @@ class CommandSubscription:
         self._seen: deque[tuple[int, int]] = deque(maxlen=64)
         self._taken: list[tuple[int, Command]] = []
         self._early: Any = None
+        if node.settings.command.source != "topic":
+            self._frames = FrameCommands(node, callback)
+            return
         self._subscribe(DurabilityPolicy.VOLATILE)
         node.every(POLL, self._poll)
 

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -26,12 +25,11 @@ class TransformListener:
 
     Args:
         node: which subscribes; it says where tf2_msgs is missing.
-        heard: is called after each message.
     """
 
-    def __init__(self, node: DloNode, heard: Callable[[], None] = lambda: None) -> None:
+    def __init__(self, node: DloNode) -> None:
         self.transforms = Transforms()
-        self._node, self._heard = node, heard
+        self._node = node
         self.available = installed(topics.TRANSFORMS_TYPE)
         if not self.available:
             return
@@ -60,4 +58,3 @@ class TransformListener:
             now = self._node.now()
             if now:
                 self.transforms.forget(now - KEPT)
-            self._heard()

@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 
 from dlo_ros.command import Command
-from dlo_ros.errors import InputError, RecordingError
+from dlo_ros.errors import CommandError, InputError, RecordingError
 from dlo_ros.observation import Observation, Wrenches
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.bag import Bag, deserialise, open_bag
+from dlo_ros.recordings.frame_commands import commands_from_frames
 from dlo_ros.recordings.images import CameraInfo, Image, read_camera_info, read_image
 from dlo_ros.recordings.messages import (
     read_command,
@@ -74,7 +75,13 @@ def read_recording(
     path = Path(path)
     skipped: list[str] = []
     with open_bag(path) as bag:
-        commands = _commands(bag, settings, skipped)
+        try:
+            commands = _commands(bag, settings, skipped)
+        except CommandError as err:
+            if require_command:
+                raise RecordingError(str(err)) from err
+            skipped.append(str(err))
+            commands = []
         if require_command and not commands:
             _refuse(bag, topics.COMMAND, skipped, "record the imposed motion on it")
         # Which of several cameras is meant matters only to who reads the images.
@@ -196,6 +203,8 @@ def _camera_infos(bag: Bag, image_topic: str) -> tuple[list[int], list[CameraInf
 
 
 def _commands(bag: Bag, settings: Settings, skipped: list[str]) -> list[Command]:
+    if settings.command.source != "topic":
+        return commands_from_frames(bag, settings, skipped)
     commands = []
     for raw in bag.messages(bag.find(topics.COMMAND)):
         try:

@@ -66,6 +66,8 @@ class Transforms:
         Raises:
             InputError: it is none.
         """
+        if not stamp_of(message):
+            raise InputError(f"a pose on {frame[:60]} has no stamp; when it was so must be said")
         pose = _pose(frame, message.pose.position, message.pose.orientation)
         self._take(frame, str(message.header.frame_id), stamp_of(message), pose, fixed=False)
 

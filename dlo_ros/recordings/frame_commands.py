@@ -1,0 +1,132 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""The imposed motion from a robot's frames (`command.source`: tf) or poses (pose).
+
+A frame, and the clamp's offset in it, give the clamp's pose in `frame_id` at the instants at which
+the robot tells it; between them it is interpolated as in any command.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from dlo_ros.command import END, NANOSECONDS, START, Command
+from dlo_ros.errors import CommandError, InputError
+from dlo_ros.parameters import Offset, Settings
+from dlo_ros.recordings import topics
+from dlo_ros.recordings.bag import Bag, deserialise
+from dlo_ros.recordings.transforms import Transforms, transforms_of
+from dlo_ros.spline import FloatArray
+
+CLOSEST = NANOSECONDS // 1000
+"""Instants closer than this [ns] are one: robots tell each joint by itself."""
+
+POSES = {START: topics.START_POSE, END: topics.END_POSE}
+
+
+def clamp_frames(settings: Settings) -> dict[str, tuple[str, Offset]]:
+    """Frame of each end that the settings say is held, and the clamp's offset in it.
+
+    A pose is kept as the pose of a frame that is called as its topic.
+    """
+    own = settings.command
+    offsets = {START: own.start_offset, END: own.end_offset}
+    if own.source == "pose":
+        return {end: (topic, offsets[end]) for end, topic in POSES.items()}
+    named = {START: own.start_frame, END: own.end_frame}
+    return {end: (frame, offsets[end]) for end, frame in named.items() if frame}
+
+
+def instants(
+    transforms: Transforms, frames: dict[str, tuple[str, Offset]], fixed: str
+) -> list[int]:
+    """Stamps [ns] at which all clamps' poses are known and one is told anew.
+
+    Empty where nothing moves.
+
+    Raises:
+        InputError: nothing connects a frame with the board.
+    """
+    told = [transforms.instants(frame, fixed) for frame, _ in frames.values()]
+    moving = [stamps for stamps in told if stamps]
+    if not moving:
+        return []
+    first, last = max(s[0] for s in moving), min(s[-1] for s in moving)
+    result: list[int] = []
+    for stamp in sorted({s for stamps in moving for s in stamps if first <= s <= last}):
+        if not result or stamp - result[-1] >= CLOSEST:
+            result.append(stamp)
+    return result
+
+
+def command_of(
+    transforms: Transforms,
+    frames: dict[str, tuple[str, Offset]],
+    stamps: list[int],
+    settings: Settings,
+) -> Command:
+    """The command that moves the clamps as the frames move.
+
+    Args:
+        transforms: that join the frames to the board.
+        frames: see `clamp_frames`, at least one.
+        stamps: growing [ns], at least one.
+        settings: whose `frame_id` is the board.
+
+    Raises:
+        InputError: nothing connects a frame with the board.
+    """
+    places, turns = [], []
+    for frame, offset in frames.values():
+        rotation, origin = transforms.lookup(frame, settings.frame_id, stamps)
+        shift, turn = np.array(offset[:3]), Rotation.from_quat(offset[3:])
+        places.append(origin + np.einsum("kij,j->ki", rotation, shift))
+        turns.append((Rotation.from_matrix(rotation) * turn).as_quat())
+    positions: FloatArray = np.stack(places, axis=1)
+    return Command(
+        stamp=stamps[0],
+        names=tuple(frames),
+        times=(np.array(stamps, dtype=np.int64) - stamps[0]) / NANOSECONDS,
+        positions=positions,
+        rotations=np.stack(turns, axis=1),
+        velocities=np.full(positions.shape, np.nan),
+        control_points=settings.rod.control_points,
+        frame_id=settings.frame_id,
+    )
+
+
+def commands_from_frames(bag: Bag, settings: Settings, skipped: list[str]) -> list[Command]:
+    """The commands of a bag with a robot's frames or poses: one, or none.
+
+    Args:
+        bag: an open bag.
+        settings: with `command.source` tf or pose.
+        skipped: is given a line for each message that is unusable.
+
+    Raises:
+        CommandError: a frame is not there; what is, and what would mend it.
+    """
+    transforms, frames = transforms_of(bag), clamp_frames(settings)
+    if settings.command.source == "pose":
+        for end, topic in POSES.items():
+            found = bag.find(topic)
+            if not found:
+                del frames[end]
+            for raw in bag.messages(found):
+                try:
+                    transforms.add_pose(topic, deserialise(raw))
+                except InputError as err:
+                    skipped.append(f"{raw.topic} at {raw.stamp / 1e9:.3f} s skipped: {err}")
+        usable = {end: f for end, f in frames.items() if f[0] in transforms.parents}
+        if not usable:
+            wanted = f"command.source is 'pose': {bag.path} has no usable message on"
+            last = f" ({skipped[-1]})" if skipped else ""
+            raise CommandError(f"{wanted} {topics.START_POSE} or {topics.END_POSE}{last}")
+        frames = usable
+    try:
+        stamps = instants(transforms, frames, settings.frame_id)
+        return [command_of(transforms, frames, stamps or [bag.start], settings)]
+    except InputError as err:
+        raise CommandError(
+            f"{bag.path}: command.source is '{settings.command.source}': {err}"
+        ) from err

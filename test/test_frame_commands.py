@@ -1,0 +1,156 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""The imposed motion from a robot's frames and poses in a bag; and what is refused."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from point_lists import SETTINGS, bent, tracked
+from scipy.spatial.transform import Rotation
+
+from dlo_ros.cli.main import main
+from dlo_ros.errors import ParameterError, RecordingError
+from dlo_ros.parameters import CommandParameters, Settings
+from dlo_ros.recordings import topics
+from dlo_ros.recordings.building import BAG_MESSAGES, cloud_message, header, transform_message
+from dlo_ros.recordings.read import read_recording
+from dlo_ros.recordings.write import BagWriter
+
+BEGIN = 1_750_000_000_000_000_000
+STEP = 10_000_000
+COUNT = 50
+OFFSET = (0.0, 0.01, 0.1, *Rotation.from_rotvec([0.0, -np.pi / 2.0, 0.0]).as_quat().tolist())
+"""The gripper's z axis points along the DLO, 0.1 m before the flange."""
+BASE = (np.array([0.3, 0.2, -0.1]), Rotation.from_rotvec([0.0, 0.0, 0.7]))
+"""The robot's base on the board."""
+
+
+def flange(k, end="start"):
+    """Place and rotation of a flange in the base at step k."""
+    sign = 1.0 if end == "start" else -1.0
+    return np.array([0.1 * sign + 0.002 * k, 0.0, 0.3]), Rotation.from_rotvec([0.0, 0.01 * k, 0.2])
+
+
+def clamp(k, end="start"):
+    """Place and rotation of the clamp on the board."""
+    place, turn = flange(k, end)
+    at = place + turn.apply(OFFSET[:3])
+    return BASE[0] + BASE[1].apply(at), BASE[1] * turn * Rotation.from_quat(OFFSET[3:])
+
+
+def pose_message(k, end="start", frame="base"):
+    place, turn = flange(k, end)
+    kinds = "geometry_msgs/msg/"
+    x, y, z = place.tolist()
+    point = BAG_MESSAGES.make(kinds + "Point", x=x, y=y, z=z)
+    x, y, z, w = turn.as_quat().tolist()
+    rotation = BAG_MESSAGES.make(kinds + "Quaternion", x=x, y=y, z=z, w=w)
+    pose = BAG_MESSAGES.make(kinds + "Pose", position=point, orientation=rotation)
+    stamp = header(BAG_MESSAGES, BEGIN + k * STEP, frame)
+    return BAG_MESSAGES.make(kinds + "PoseStamped", header=stamp, pose=pose)
+
+
+def bag(path, ends=("start", "end"), poses=False, base=True, spoil=None):
+    with BagWriter(path) as writer:
+        if base:
+            message = transform_message(
+                BAG_MESSAGES, BEGIN, "board", "base", BASE[0], BASE[1].as_quat()
+            )
+            writer.write(topics.TRANSFORMS, message, BEGIN)
+        for k in range(COUNT):
+            stamp = BEGIN + k * STEP
+            for end in ends:
+                place, turn = flange(k, end)
+                if poses:
+                    message = pose_message(k, end)
+                    q = message.pose.orientation
+                else:
+                    message = transform_message(
+                        BAG_MESSAGES, stamp, "base", f"{end}_tool", place, turn.as_quat()
+                    )
+                    q = message.transforms[0].transform.rotation
+                if spoil is not None and k == 3:
+                    q.w = spoil
+                topic = topics.MOVING_TRANSFORMS
+                if poses:
+                    topic = topics.START_POSE if end == "start" else topics.END_POSE
+                writer.write(topic, message, stamp)
+        seen = tracked(bent(1), 1)
+        names = ("x", "y", "z")
+        message = cloud_message(BAG_MESSAGES, BEGIN, "board", names, seen.positions)
+        writer.write(topics.POINTS, message, BEGIN)
+    return path
+
+
+def settings(source="tf", start="start_tool", end="end_tool"):
+    own = CommandParameters(source, start, end, OFFSET, OFFSET)
+    return replace(SETTINGS, command=own)
+
+
+@pytest.mark.parametrize("poses", [False, True])
+@pytest.mark.parametrize("ends", [("start",), ("start", "end"), ("end",)])
+def test_frames_and_poses_become_the_motion_of_the_clamps(poses, ends, tmp_path):
+    told = settings(
+        "pose" if poses else "tf", *(f"{e}_tool" if e in ends else "" for e in ("start", "end"))
+    )
+    (command,) = read_recording(bag(tmp_path / "bag", ends, poses), told).commands
+    assert command.names == ends and command.stamp == BEGIN and len(command.times) == COUNT
+    for k in (0, 17, COUNT - 1):
+        positions, rotations = command.sample(BEGIN + k * STEP)
+        for at, end in enumerate(ends):
+            place, turn = clamp(k, end)
+            assert np.allclose(positions[at], place, atol=1e-9)
+            assert abs(np.dot(rotations[at], turn.as_quat())) == pytest.approx(1.0, abs=1e-12)
+    between, _ = command.sample(BEGIN + 17 * STEP + STEP // 2)
+    middle = 0.5 * (clamp(17, ends[0])[0] + clamp(18, ends[0])[0])
+    assert np.allclose(between[0], middle, atol=1e-6)
+
+
+def test_frames_that_stand_still_are_a_command_that_holds(tmp_path):
+    told = settings(start="base", end="")
+    (command,) = read_recording(bag(tmp_path / "bag"), told).commands
+    assert len(command.times) == 1 and command.names == ("start",)
+
+
+@pytest.mark.parametrize(
+    ("told", "options", "word"),
+    [
+        (settings(start="other"), {}, "no transform leads from 'other' to 'board'"),
+        (settings(), {"base": False}, "no transform leads from 'start_tool' to 'board'"),
+        (settings("pose"), {}, "no usable message on dlo/start_pose or dlo/end_pose"),
+        (settings("pose"), {"poses": True, "base": False}, "no transform leads from"),
+        (SETTINGS, {}, "has no dlo/command"),
+    ],
+)
+def test_frames_that_are_missing_are_named(told, options, word, tmp_path):
+    with pytest.raises(RecordingError, match=word):
+        read_recording(bag(tmp_path / "bag", **options), told)
+
+
+@pytest.mark.parametrize("poses", [False, True])
+@pytest.mark.parametrize("spoil", [float("nan"), 5.0])
+def test_rotations_that_are_none_are_left_out_and_told(poses, spoil, tmp_path, caplog):
+    told = settings("pose" if poses else "tf")
+    (command,) = read_recording(bag(tmp_path / "bag", poses=poses, spoil=spoil), told).commands
+    assert len(command.times) == COUNT - 1
+    assert "the rotation of" in caplog.text
+
+
+def test_observe_says_why_there_is_no_command_and_needs_none(tmp_path, caplog, capsys):
+    settings(start="other").dump(tmp_path / "params.yaml")
+    source = str(bag(tmp_path / "bag"))
+    params = ["--params", str(tmp_path / "params.yaml")]
+    assert main(["observe", *params, "--output", str(tmp_path / "out"), source]) == 0
+    assert "command.source is 'tf'" in caplog.text + capsys.readouterr().err
+    assert main(["identify", *params, "--output", str(tmp_path / "result"), source]) == 2
+    assert "'other'" in capsys.readouterr().err
+
+
+def test_parameters_of_the_source_are_checked_and_written(tmp_path):
+    settings().dump(tmp_path / "params.yaml")
+    assert Settings.load(tmp_path / "params.yaml").command == settings().command
+    flat = SETTINGS.flat()
+    with pytest.raises(ParameterError, match=r"give command.start_frame or command.end_frame"):
+        Settings.from_mapping(flat | {"command.source": "tf"})
+    with pytest.raises(ParameterError, match=r"command.end_offset is .* unit quaternion"):
+        Settings.from_mapping(flat | {"command.end_offset": [0.0] * 7})
