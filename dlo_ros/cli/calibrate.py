@@ -12,6 +12,7 @@ from pathlib import Path
 
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
 
+from dlo_ros.cli.calibrate_cameras import calibrate_together, write_cameras
 from dlo_ros.cli.calibration_output import summary, write_results
 from dlo_ros.cli.progress import progress_bar
 from dlo_ros.cli.results import check_results_folder, written
@@ -81,6 +82,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--camera-name", default="camera", metavar="NAME", help="camera_name in camera_info.yaml"
     )
     parser.add_argument(
+        "--cameras",
+        nargs="+",
+        metavar="NAME=FILE",
+        help="several cameras, each calibrated before, with its camera_info.yaml: find their poses "
+        "to one another and to the board. INPUTs are then folders, one for each; pictures of equal "
+        "name were taken at the same instant, and that named by --board shows the board",
+    )
+    parser.add_argument(
         "--print-pattern",
         type=Path,
         metavar="FILE",
@@ -106,6 +115,15 @@ def run(arguments: argparse.Namespace) -> int:
     _check(arguments)
     output: Path = arguments.output
     _make_folder(output)
+    if arguments.cameras:
+        poses = calibrate_together(
+            arguments.cameras, arguments.inputs, arguments.board, pattern,
+            tuple(arguments.pattern_at), arguments.up,
+        )  # fmt: skip
+        with written(output):
+            text = write_cameras(poses, output / "cameras.yaml")
+        print(f"{text}\nwritten to {output}: cameras.yaml")
+        return 0
     given = None if arguments.camera_info is None else read_camera_file(arguments.camera_info)
     picture = None if arguments.board is None else read_picture(arguments.board)
     found, skipped = _calibration(arguments.inputs, pattern, given)

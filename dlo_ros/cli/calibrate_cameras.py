@@ -1,0 +1,96 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""`calibrate --cameras NAME=FILE ...`: several cameras to one another and to the board."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from pathlib import Path
+
+from dlo_ros.errors import DloError, InputError
+from dlo_ros.files import write_text
+from dlo_ros.parameter_cameras import flat_cameras
+from dlo_ros.parameter_text import parameter_lines
+from dlo_ros.parameters import Vector
+from dlo_ros.recordings.pictures import SUFFIXES, read_picture
+from dlo_ros.vision.calibration_cameras import CalibratedCameras, calibrate_cameras
+from dlo_ros.vision.camera_file import read_camera_file
+from dlo_ros.vision.pattern_search import View, find_pattern
+from dlo_ros.vision.patterns import Pattern
+
+LOG = logging.getLogger(__name__)
+
+
+def calibrate_together(
+    cameras: Sequence[str],
+    folders: Sequence[Path],
+    board: Path | None,
+    pattern: Pattern,
+    pattern_at: Vector,
+    up: str,
+) -> CalibratedCameras:
+    """Find the poses of the cameras from folders of pictures taken at the same instants.
+
+    Args:
+        cameras: NAME=FILE, the file a camera_info.yaml.
+        folders: one for each camera, in their order; pictures of equal name are of one instant.
+        board: name of the picture, in every folder, with the pattern lying on the board.
+        pattern: what the pictures show.
+        pattern_at: where the pattern's centre lies in the board frame [m].
+        up: the side of the first camera's image that is up on the board.
+
+    Raises:
+        DloError: an input is unusable.
+    """
+    given = [text.partition("=") for text in cameras]
+    for name, _, file in given:
+        if not name.isidentifier() or not file:
+            raise InputError(f"--cameras {name}: give NAME=CAMERA_INFO for each, as left=left.yaml")
+    if len({name for name, _, _ in given}) != len(given) or len(given) < 2:
+        raise InputError("--cameras needs two cameras or more, with names of their own")
+    if len(folders) != len(given) or not all(path.is_dir() for path in folders):
+        raise InputError("--cameras needs one folder of pictures for each camera, in their order")
+    if board is None:
+        raise InputError(
+            "--board is missing; name the picture, in every folder, with the pattern on the board"
+        )
+    intrinsics = {name: read_camera_file(Path(file)) for name, _, file in given}
+    names = sorted(
+        {path.name for folder in folders for path in folder.iterdir()
+         if path.suffix.lower() in SUFFIXES}
+    )  # fmt: skip
+    if board.name not in names:
+        raise InputError(f"--board {board.name}: is in none of the folders")
+    instants: list[dict[str, View]] = []
+    lying = -1
+    for picture in names:
+        views: dict[str, View] = {}
+        for name, folder in zip(intrinsics, folders, strict=True):
+            path = folder / picture
+            if not path.is_file():
+                continue
+            try:
+                views[name] = find_pattern(read_picture(path), pattern, str(path))
+            except DloError as err:
+                if picture == board.name:
+                    raise InputError(f"{path}: {err}") from err
+                LOG.warning("%s: %s", path, err)
+        if picture == board.name:
+            lying = len(instants)
+        if len(views) > 1 or picture == board.name:
+            instants.append(views)
+    return calibrate_cameras(instants, lying, intrinsics, pattern, pattern_at, up)
+
+
+def write_cameras(found: CalibratedCameras, path: Path) -> str:
+    """Write the parameter file with the cameras' poses; returns a line for a person."""
+    head = (
+        "# Poses of the frame board in the cameras' optical frames, found by dlo_ros calibrate.\n"
+        "# Copy the blocks into the parameter file.\n"
+    )
+    write_text(path, head + parameter_lines(flat_cameras(found.poses)))
+    apart = ", ".join(
+        f"{name} {1000 * distance:.1f} +- {1000 * std:.1f} mm from {next(iter(found.poses))}"
+        for name, (distance, std) in found.distances.items()
+    )
+    return f"{apart}; corners within {found.rms:.2f} px at {found.instants} instants"

@@ -1,0 +1,127 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Cameras calibrated to one another and to the board."""
+
+import cv2
+import numpy as np
+import pytest
+from calibration_scenes import DISTORTION, MATRIX, SIZE, Lens, chessboard, pixels_of, turned
+from scipy.spatial.transform import Rotation
+
+from dlo_ros.cli.main import main
+from dlo_ros.errors import InputError
+from dlo_ros.parameters import Settings
+from dlo_ros.vision.calibration_cameras import calibrate_cameras
+from dlo_ros.vision.calibration_fit import Intrinsics
+from dlo_ros.vision.camera_file import camera_file
+from dlo_ros.vision.pattern_search import View
+from dlo_ros.vision.patterns import parse_pattern
+
+PATTERN = parse_pattern("chessboard:7x5:0.02")
+LENS = Intrinsics(MATRIX, DISTORTION, "plumb_bob", *SIZE)
+BOTH = {"left": LENS, "right": LENS}
+# The left camera in the right one's frame: 60 mm aside, looking across.
+ACROSS = Rotation.from_rotvec([0.01, 0.12, 0.02]).as_matrix()
+ASIDE = np.array([-0.06, 0.004, 0.008])
+TILTS = ((0.0, 0.0, 0.0), (0.35, 0.1, 0.2), (-0.3, 0.3, -0.1), (0.1, -0.35, 0.05))
+
+
+def sights():
+    """The pattern's pose in the left camera at each instant; the first one is the board's."""
+    for k, tilt in enumerate(TILTS):
+        yield turned(*tilt), np.array([0.02 * (k - 1), 0.01 * k, 0.42 + 0.02 * k])
+
+
+def view(name, rotation, translation, rng, half_turn=False):
+    corners = np.arange(len(PATTERN.points))
+    points = PATTERN.points * ([-1.0, -1.0, 1.0] if half_turn else 1.0)
+    pixels = pixels_of(points, rotation, translation) + rng.normal(0.0, 0.05, (len(points), 2))
+    return View(name, *SIZE, corners, pixels, 2.0)
+
+
+def instants(rng, aside=ASIDE):
+    result = []
+    for k, (rotation, translation) in enumerate(sights()):
+        right = ACROSS @ rotation, ACROSS @ translation + aside
+        result.append(
+            {"left": view(f"l{k}", rotation, translation, rng),
+             "right": view(f"r{k}", *right, rng, half_turn=k % 2 == 1)}
+        )  # fmt: skip
+    return result
+
+
+def check_poses(poses, tolerance):
+    """The board's origin in both cameras, and how one is turned to the other."""
+    _, centre = next(sights())
+    np.testing.assert_allclose(poses["left"].translation, centre, atol=tolerance)
+    np.testing.assert_allclose(
+        poses["right"].translation, ACROSS @ centre + ASIDE, atol=1.5 * tolerance
+    )
+    left, right = (Rotation.from_quat(poses[n].rotation).as_matrix() for n in ("left", "right"))
+    turn = Rotation.from_matrix(right @ left.T @ ACROSS.T).magnitude()
+    assert turn < 5.0 * tolerance
+    # z of the board is up in the picture, y away from the camera.
+    np.testing.assert_allclose(left[:, 2], [0.0, -1.0, 0.0], atol=0.02)
+
+
+def test_the_board_in_both_cameras():
+    found = calibrate_cameras(instants(np.random.default_rng(1)), 0, BOTH, PATTERN)
+    check_poses(found.poses, 3e-4)
+    distance, std = found.distances["right"]
+    assert distance == pytest.approx(np.linalg.norm(ASIDE), abs=max(4.0 * std, 1e-4))
+    assert 0.0 < std < 1e-3
+    assert found.instants == 4 and found.rms < 0.12
+
+
+def test_pictures_of_other_instants_are_refused():
+    mixed = instants(np.random.default_rng(2))
+    mixed[1]["right"], mixed[2]["right"] = mixed[2]["right"], mixed[1]["right"]
+    with pytest.raises(InputError, match="taken at the same instant"):
+        calibrate_cameras(mixed, 0, BOTH, PATTERN)
+    apart = [{"left": i["left"]} if k % 2 else {"right": i["right"]} for k, i in enumerate(mixed)]
+    with pytest.raises(InputError, match="no common instant"):
+        calibrate_cameras(apart, 1, BOTH, PATTERN)
+
+
+def test_what_the_tool_refuses(tmp_path, capsys):
+    (tmp_path / "left.yaml").write_text(camera_file(LENS))
+    for name in ("l", "r"):
+        (tmp_path / name).mkdir()
+    folders = [str(tmp_path / "l"), str(tmp_path / "r")]
+    info = str(tmp_path / "left.yaml")
+    call = ["calibrate", "--pattern", "chessboard:7x5:0.02", "--output", str(tmp_path / "out")]
+    for words, message in (
+        ([*folders, "--cameras", "left"], "give NAME=CAMERA_INFO"),
+        ([*folders, "--cameras", f"left={info}"], "two cameras or more"),
+        ([folders[0], "--cameras", f"left={info}", f"right={info}"], "one folder of pictures"),
+        ([*folders, "--cameras", f"left={info}", f"right={info}"], "--board is missing"),
+        ([*folders, "--board", "b.png", "--cameras", f"left={info}", f"right={info}"],
+         "in none of the folders"),
+    ):  # fmt: skip
+        assert main([*call, *words]) == 2
+        assert message in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_from_pictures_to_a_parameter_file(tmp_path, capsys):
+    lens, rng = Lens(), np.random.default_rng(3)
+    texture = chessboard(7, 5)
+    for k, (rotation, translation) in enumerate(sights()):
+        for name, pose in (
+            ("l", (rotation, translation)), ("r", (ACROSS @ rotation, ACROSS @ translation + ASIDE))
+        ):  # fmt: skip
+            (tmp_path / name).mkdir(exist_ok=True)
+            image = lens.picture(texture, 0.02 / 24, *pose, rng)
+            cv2.imwrite(str(tmp_path / name / f"{k}.png"), image)
+    (tmp_path / "info.yaml").write_text(camera_file(LENS))
+    call = ["calibrate", "--pattern", "chessboard:7x5:0.02", "--output", str(tmp_path / "out")]
+    cameras = [f"{name}={tmp_path / 'info.yaml'}" for name in ("left", "right")]
+    call += [str(tmp_path / "l"), str(tmp_path / "r"), "--board", "0.png", "--cameras", *cameras]
+    assert main(call) == 0
+    assert "right 60." in capsys.readouterr().out
+    rod = "/**:\n  ros__parameters:\n    rod: {length: 0.4, diameter: 0.004, density: 2000.0, "
+    (tmp_path / "p.yaml").write_text(
+        rod
+        + "young_modulus: 1000000.0}\n"
+        + "".join((tmp_path / "out" / "cameras.yaml").read_text().split("ros__parameters:\n")[1:])
+    )
+    check_poses(Settings.load(tmp_path / "p.yaml").cameras, 1e-3)
