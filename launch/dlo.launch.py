@@ -37,6 +37,8 @@ INPUTS = (
     "dlo/points",
     "dlo/start_pose",
     "dlo/end_pose",
+    "dlo/wrench_start",
+    "dlo/wrench_end",
 )
 SEEN = ("dlo/observed", "dlo/observed_points")
 INTERRUPTED = (-2, 130)
