@@ -22,7 +22,15 @@ from dlo_ros.identification import OnlineEstimator, identify
 from dlo_ros.identification.design import Plan, outlook
 from dlo_ros.identification.force_scale import grip_wrenches, with_scale
 from dlo_ros.inference.forecast import forecast
-from dlo_ros.inference.wrench import WrenchField, near, scatter, told, without_offsets, wrench_field
+from dlo_ros.inference.wrench import (
+    WrenchField,
+    from_change,
+    from_mean,
+    near,
+    scatter,
+    told,
+    wrench_field,
+)
 from dlo_ros.observation import Wrenches
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import BAG_MESSAGES, read_recording
@@ -190,15 +198,17 @@ def artificial(offset: float, rng: np.random.Generator, waving: float) -> Wrench
 def test_an_offset_cannot_be_told_from_a_weight_at_rest_but_from_one_that_moves():
     nothing, little = np.zeros(1), 1e-6 * np.eye(1)
     still = artificial(1.0, np.random.default_rng(3), 0.0)
-    assert told(still, nothing, little).information[0, 0] == pytest.approx(0.05**-2, rel=0.05)
-    assert told(without_offsets(still), nothing, little).information[0, 0] < 1e-3
+    found = told(still, nothing, little)
+    assert found.information[0, 0] == pytest.approx(0.05**-2, rel=0.05)
+    assert from_change(still, found.variance)[0, 0] < 1e-3
     moving = artificial(1.0, np.random.default_rng(3), 0.5)
     found = told(moving, nothing, little)
     # The wave has 60 instants with a mean square of 1/8, each known to 0.01.
     assert found.information[0, 0] == pytest.approx(60 / 8 / 0.01**2, rel=0.3)
     assert found.gradient[0] / found.information[0, 0] == pytest.approx(0.1, abs=0.015)
-    mean = told(moving, nothing, little, only_mean=True)
-    assert mean.information[0, 0] == pytest.approx(0.05**-2, rel=0.1)
+    mean, change = from_mean(moving, found.variance), from_change(moving, found.variance)
+    assert mean[0, 0] == pytest.approx(0.05**-2, rel=0.1)
+    assert mean[0, 0] < change[0, 0] <= found.information[0, 0]
 
 
 def test_standard_deviations_of_forces_cover_the_truth():

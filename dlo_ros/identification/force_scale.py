@@ -17,7 +17,7 @@ from dlo_ros.effects import quantities
 from dlo_ros.identification.estimate import UNBOUNDED
 from dlo_ros.identification.pieces import LONG, Pieces, exhausted
 from dlo_ros.identification.statement import rounded
-from dlo_ros.inference.wrench import WrenchField, told, without_offsets, wrench_field
+from dlo_ros.inference.wrench import WrenchField, from_change, from_mean, told, wrench_field
 from dlo_ros.observation import Wrenches
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.reactions import Loading
@@ -116,28 +116,29 @@ def scale_in_pieces(
     """As `scale_of`, piece by piece for who must not wait."""
     log, information = 0.0, 0.0
     fields: list[WrenchField] = []
+    variances: list[FloatArray] = []
     prior = np.array([[known + LEAST]])
     for _ in range(ITERATIONS):
         yield LONG
         fields = _fields(borne, settings, float(np.exp(log)), diameter_std)
         if not fields:
             return None
-        information, gradient = 0.0, -float(prior[0, 0]) * log
+        information, gradient, variances = 0.0, -float(prior[0, 0]) * log, []
         for one in fields:
             yield LONG
             found = told(one, np.array([-log]), prior)
             information += float(found.information[0, 0])
             gradient += float(found.gradient[0])
+            variances.append(found.variance)
         step = gradient / (information + float(prior[0, 0]))
         log += float(np.clip(step, -LONGEST_STEP, LONGEST_STEP))
         if abs(step) < CLOSE:
             break
     parts = [information, 0.0, 0.0]
-    for one in fields:
+    for one, variance in zip(fields, variances, strict=True):
         yield LONG
-        parts[1] += float(told(without_offsets(one), np.array([-log]), prior).information[0, 0])
-        yield LONG
-        parts[2] += float(told(one, np.array([-log]), prior, only_mean=True).information[0, 0])
+        parts[1] += float(from_change(one, variance)[0, 0])
+        parts[2] += float(from_mean(one, variance)[0, 0])
     everything, change, mean = ((known + LEAST + max(i, 0.0)) ** -0.5 for i in parts)
     return Scale(log, information, (everything, change, mean))
 

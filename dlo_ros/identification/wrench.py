@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -27,7 +27,7 @@ from dlo_ros.inference.forecast import Forecast, Manipulation, forecast
 from dlo_ros.inference.parallel import Pool, Threads
 from dlo_ros.inference.parameter import value_of, with_value
 from dlo_ros.inference.priors import DIAMETER_STD
-from dlo_ros.inference.wrench import WrenchField, told, without_offsets, wrench_field
+from dlo_ros.inference.wrench import WrenchField, from_change, from_mean, told, wrench_field
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.tangents import MATERIAL
 from dlo_ros.spline import FloatArray
@@ -50,6 +50,10 @@ LONGEST_STEP = 1.5
 HARDLY = 0.01
 """Weight of what was only guessed, where forces were measured."""
 MU = MATERIAL.index("density")
+RATIOS = np.array([[1.0, 1.0, 0, 0], [0, 1.0, 0, 0], [0, 1.0, 1.0, 0], [0, 0, 0, 1.0]])
+"""Logarithms of `MATERIAL` from those of E/mu, mu, c/mu and t_r."""
+ROUNDING = 1e-9
+"""Least share of what shapes tell of E/mu that is not the diameter's."""
 
 
 @dataclass(frozen=True)
@@ -107,6 +111,9 @@ def weighed_by_force(
     pairs = [(r, s) for r, s in zip(train, spans, strict=True) if r.wrenches]
     if not pairs:
         return None
+    # Shapes and forces alike tell E D^4 and mu D^2: what is not known of D is left for the end.
+    diameter = given.rod.diameter_std / given.rod.diameter or (DIAMETER_STD if set_up else 0.0)
+    stated, shapes = shapes, _exact_diameter(shapes, diameter)
     known = known_information(given, weighed=True)
     hardly = HARDLY * search_information(given)
     guess = np.where(np.isfinite(logarithms(given)), logarithms(given), theta)
@@ -123,8 +130,11 @@ def weighed_by_force(
             return None
         offset = np.asarray(np.linalg.solve(expected, pull) - now, dtype=np.float64)
         found = [told(f, offset, expected) for f in fields]
-        information = np.sum([t.information for t in found], axis=0)
-        gradient = np.sum([t.gradient for t in found], axis=0)
+        information, gradient = _of_scale(
+            np.sum([t.information for t in found], axis=0),
+            np.sum([t.gradient for t in found], axis=0),
+            expected,
+        )
         whole = expected + information
         step = np.linalg.solve(whole, pull + information @ now + gradient) - now
         step = np.where(usable, step, 0.0)
@@ -134,11 +144,13 @@ def weighed_by_force(
             break
     else:
         LOG.warning("forces and shapes have not come to agree after %d iterations", ITERATIONS)
-    changing = [told(without_offsets(f), offset, expected).information for f in fields]
-    mean = [told(f, offset, expected, only_mean=True).information for f in fields]
+    changing = [from_change(f, t.variance) for f, t in zip(fields, found, strict=True)]
+    mean = [from_mean(f, t.variance) for f, t in zip(fields, found, strict=True)]
+    parts = [np.sum(part, axis=0) for part in (changing, mean)]
+    alone = [information, *(_of_scale(part, gradient, expected)[0] for part in parts)]
     everything, change, weight = (
-        float(np.sqrt(np.linalg.inv(expected + np.sum(part, axis=0))[MU, MU]))
-        for part in ([information], changing, mean)
+        float(np.hypot(np.sqrt(np.linalg.inv(expected + part)[MU, MU]), 2.0 * diameter))
+        for part in alone
     )
     left = {}
     for f, t in zip(fields, found, strict=True):
@@ -147,7 +159,46 @@ def weighed_by_force(
         left[f.name] = force, torque
     messages = sum(len(w.stamps) for r, _ in pairs for w in r.wrenches)
     result = np.where(usable, now, theta)
-    return Weighing(result, information, gradient, (everything, change, weight), left, messages)
+    whole = _uncertain(shapes + information, diameter * np.array([4.0, 2.0, 0.0, 0.0]))
+    return Weighing(result, whole - stated, gradient, (everything, change, weight), left, messages)
+
+
+def _exact_diameter(shapes: FloatArray, diameter: float) -> FloatArray:
+    """Information (4, 4) of shapes at the stated diameter, whose std over it they contain."""
+    moved = shapes @ (2.0 * diameter * np.eye(len(shapes))[0])
+    left = 1.0 - 2.0 * diameter * float(moved[0])
+    return shapes + np.outer(moved, moved) / left if left > ROUNDING else shapes
+
+
+def _uncertain(information: FloatArray, shift: FloatArray) -> FloatArray:
+    """Information (P, P) where the parameters may all be off by a multiple of a shift (P,)."""
+    moved = information @ shift
+    return information - np.outer(moved, moved) / (1.0 + float(shift @ moved))
+
+
+def _of_scale(
+    information: FloatArray, gradient: FloatArray, expected: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """What forces tell of mu with E/mu, c/mu and t_r as shapes tell them.
+
+    Those are the shapes' alone: what a set-up that is a little off does to torques would else be
+    laid to E/mu, which shapes know better.
+
+    Args:
+        information, gradient: of forces on `MATERIAL`, (4, 4) and (4,).
+        expected: information of all else.
+    """
+    ratios = np.array([k for k in range(len(gradient)) if k != MU])
+    turned = RATIOS.T @ information @ RATIOS
+    pull = RATIOS.T @ gradient
+    back = np.linalg.inv(RATIOS)
+    covariance = back @ np.linalg.inv(expected) @ back.T
+    prior = np.linalg.inv(covariance[np.ix_(ratios, ratios)])
+    beside = turned[MU, ratios] @ np.linalg.inv(turned[np.ix_(ratios, ratios)] + prior)
+    result, slope = np.zeros_like(information), np.zeros_like(gradient)
+    result[MU, MU] = max(float(turned[MU, MU] - beside @ turned[ratios, MU]), 0.0)
+    slope[MU] = float(pull[MU] - beside @ pull[ratios])
+    return result, slope
 
 
 def _fields(
@@ -155,7 +206,7 @@ def _fields(
     set_up: Mapping[str, tuple[float, float]], pool: Pool,
 ) -> list[WrenchField]:  # fmt: skip
     """Measured and predicted forces of all recordings, with derivatives."""
-    sets, sensed = _around(at, set_up), _sensed(at, given, careful=bool(set_up))
+    sets, sensed = _around(at, set_up), _sensed(at, given)
     tasks = [(recording, one, spans) for recording, spans in pairs for one in sets]
     forecasts = pool.map(_borne, tasks)
     result = []
@@ -173,9 +224,6 @@ def _fields(
                 )  # fmt: skip
                 continue
             derivative, more = _differences(group, measured.end, at, len(set_up))
-            # Forces tell mu D^2 and E D^4.
-            shift = 2.0 * sensed.rod.diameter_std / sensed.rod.diameter
-            more.append(shift * (derivative[:, :, 0] + derivative[:, :, MU]))
             found = wrench_field(
                 f"{recording.name}, {measured.end}", measured, [int(s) for s in here.stamps],
                 predicted, derivative, sensed, recording.commands, more,
@@ -185,16 +233,9 @@ def _fields(
     return result
 
 
-def _sensed(at: Settings, given: Settings, *, careful: bool) -> Settings:
-    """Settings with the weight of the parameter file, since priors must not follow the fit.
-
-    Args:
-        careful: whether a diameter that nobody has stated is known to 2 % only.
-    """
-    rod = replace(at.rod, density=given.rod.density)
-    if careful and not rod.diameter_std > 0.0:
-        rod = replace(rod, diameter_std=DIAMETER_STD * rod.diameter)
-    return replace(at, rod=rod)
+def _sensed(at: Settings, given: Settings) -> Settings:
+    """Settings with the weight of the parameter file, since priors must not follow the fit."""
+    return at.with_material(at.rod.young_modulus, given.rod.density)
 
 
 def _around(at: Settings, set_up: Mapping[str, tuple[float, float]]) -> list[Settings]:

@@ -38,6 +38,8 @@ LACKING = 0.05
 """Prior standard deviation over the weight of what the model lacks: it is rather explained."""
 UNBIASED = 1e3
 """Factor of the offset's prior with which the mean tells nothing."""
+UNUSED = 1e12
+"""Factor of the variance of what is not to count."""
 SIDE = 0.01
 """Time to either side over which a grip's acceleration is taken [s]."""
 
@@ -75,11 +77,13 @@ class Told:
         information: shape (P, P).
         gradient: information times the step to the logarithms that fit best, shape (P,).
         left: root mean square of what is left in each component [N; N m], shape (C,).
+        variance: of the errors, in the cosine transform over time, shape (F, C).
     """
 
     information: FloatArray
     gradient: FloatArray
     left: FloatArray
+    variance: FloatArray
 
 
 def near(
@@ -252,27 +256,37 @@ def expected(field: WrenchField) -> FloatArray:
     return transformed.told(variance, field).information
 
 
-def told(
-    field: WrenchField, offset: FloatArray, precision: FloatArray, *, only_mean: bool = False
-) -> Told:
+def told(field: WrenchField, offset: FloatArray, precision: FloatArray) -> Told:
     """Variances of one end's errors, and what it tells with them.
 
     Args:
         offset: where the logarithms are expected minus where the derivatives are taken, shape (P,).
         precision: of that expectation, shape (P, P).
-        only_mean: whether only the mean over time counts, not how forces change.
     """
     transformed = _Transformed.of(field)
-    variance = transformed.fitted(offset, precision)
-    if only_mean:
-        variance = np.where(np.arange(len(variance))[:, None] > 0, 1e12 * variance, variance)
-    return transformed.told(variance, field)
+    return transformed.told(transformed.fitted(offset, precision), field)
 
 
-def without_offsets(field: WrenchField) -> WrenchField:
-    """The same end with offsets of which nothing is known: only how forces change tells."""
+def from_change(field: WrenchField, variance: FloatArray) -> FloatArray:
+    """Information (P, P) of how forces change, offsets being unknown altogether.
+
+    Args:
+        variance: see `Told`.
+    """
     factor = np.where(field.offsets, UNBIASED, 1.0)
-    return replace(field, nuisances=field.nuisances * factor)
+    unknown = replace(field, nuisances=field.nuisances * factor)
+    return _Transformed.of(unknown).told(variance, unknown).information
+
+
+def from_mean(field: WrenchField, variance: FloatArray) -> FloatArray:
+    """Information (P, P) of the mean of forces over time alone.
+
+    Args:
+        variance: see `Told`.
+    """
+    changing = np.arange(len(variance))[:, None] > 0
+    only = np.where(changing, UNUSED * variance, variance)
+    return _Transformed.of(field).told(only, field).information
 
 
 @dataclass(frozen=True)
@@ -380,6 +394,5 @@ class _Transformed:
         information = lhs[:p, :p] - lhs[:p, p:] @ back[:, :p]
         gradient = rhs[:p] - lhs[:p, p:] @ back[:, p]
         left = field.residual - field.nuisances @ back[:, p]
-        return Told(
-            0.5 * (information + information.T), gradient, np.sqrt(np.mean(left**2, axis=0))
-        )
+        size = np.sqrt(np.mean(left**2, axis=0))
+        return Told(0.5 * (information + information.T), gradient, size, v)
