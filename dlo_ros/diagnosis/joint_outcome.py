@@ -22,7 +22,7 @@ from dlo_ros.diagnosis.views import views
 from dlo_ros.effects import Start, effects, quantities
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.estimate import UNBOUNDED
-from dlo_ros.inference.joint import Evaluation, evaluate, fit, simulate
+from dlo_ros.inference.joint import Evaluation, borrowed, evaluate, fit, simulate
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import Parameter, ParametricModel
 from dlo_ros.inference.priors import DIAMETER_STD
@@ -195,7 +195,13 @@ def joint_outcome(
 
 def _refitted(at: Evaluation, recordings: Sequence[Recording]) -> Evaluation:
     """The model fitted to all that it may learn from."""
+    frames = [len(e) for e in at.err]
     try:
+        if len(recordings) == len(frames) and all(
+            len(r.times) <= f for r, f in zip(recordings, frames, strict=True)
+        ):
+            begun = borrowed(at, at.model, recordings)
+            return fit(begun, recordings, FINAL_ITERATIONS, fresh=False)
         return fit(evaluate(at.model, recordings), recordings, FINAL_ITERATIONS)
     except SimulationError:
         return at

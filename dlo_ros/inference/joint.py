@@ -342,12 +342,17 @@ def _improved(
 def borrowed(at: Evaluation, model: ParametricModel, recordings: Sequence[Recording]) -> Evaluation:
     """A model held against recordings, with the derivatives of another that has all it has.
 
+    Args:
+        at: held against the same recordings, or longer ones with the same beginnings.
+
     Raises:
         SimulationError: it cannot be simulated.
     """
     found = simulate(model, recordings, ())
     pick = [at.model.index(name) for name in model.names]
-    fields = tuple((r, j[:, pick]) for (r, _), (_, j) in zip(found.fields, at.fields, strict=True))
+    fields = tuple(
+        (r, j[: len(r), pick]) for (r, _), (_, j) in zip(found.fields, at.fields, strict=True)
+    )
     return judged(model, replace(found, fields=fields), at.variances)
 
 
