@@ -3,11 +3,9 @@
 
 from __future__ import annotations
 
-import logging
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from difflib import get_close_matches
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -19,15 +17,14 @@ from dlo_ros.effects.base import PREFIX
 from dlo_ros.effects.registry import STD, check_tolerance, tolerance_of
 from dlo_ros.effects.registry import check as check_effect
 from dlo_ros.errors import ParameterError
-from dlo_ros.files import END, HEADER, read_yaml, write_text
+from dlo_ros.files import END, HEADER, write_text
 from dlo_ros.parameter_cameras import CameraPose as CameraPose
 from dlo_ros.parameter_cameras import Vector as Vector
-from dlo_ros.parameter_cameras import check_rotation, flat_cameras, of_cameras, read_cameras
+from dlo_ros.parameter_cameras import check_rotation, flat_cameras, read_cameras
+from dlo_ros.parameter_file import read_parameter_file
 from dlo_ros.parameter_table import PARAMETERS, TABLE, Value
 from dlo_ros.parameter_text import parameter_lines
 from dlo_ros.spline import SplineBasis
-
-LOG = logging.getLogger(__name__)
 
 Quadruple = tuple[float, float, float, float]
 
@@ -381,49 +378,3 @@ def tolerance(settings: Settings, name: str) -> float | None:
         return settings.tolerances[name]
     stated: Any = settings.flat()[known[key].stated_by] if known[key].stated_by else 0.0
     return stated if stated > 0.0 else known[key].tolerance_for(settings.scale)
-
-
-def parameter_blocks(path: Path) -> list[dict[Any, Any]]:
-    """The content of each `ros__parameters` of a ROS 2 parameter file.
-
-    Raises:
-        ParameterError: the file is missing, is no YAML or has no `ros__parameters`.
-    """
-    tree = read_yaml(path, ParameterError)
-    sections = tree.values() if isinstance(tree, dict) else []
-    blocks = [
-        s["ros__parameters"] for s in sections if isinstance(s, dict) and "ros__parameters" in s
-    ]
-    if not blocks or not all(isinstance(b, dict) for b in blocks):
-        raise ParameterError(f"{path}: has no block '/**: ros__parameters:' with parameters")
-    return blocks
-
-
-def read_parameter_file(path: Path) -> dict[str, Any]:
-    """Dotted names and raw values of a ROS 2 parameter file, all node sections merged.
-
-    Raises:
-        ParameterError: see `parameter_blocks`.
-    """
-    values: dict[str, Any] = {}
-    for block in parameter_blocks(path):
-        _flatten("", block, values)
-    groups = {name.split(".")[0] for name in TABLE if "." in name}
-    for name in values:
-        if name in TABLE or name.startswith(EFFECTS_PREFIX) or of_cameras(name):
-            continue
-        # Other nodes' parameters may stand beside ours; what looks like one of ours is told of.
-        near = get_close_matches(name, TABLE, n=1, cutoff=0.85)
-        if near or name.split(".")[0] in groups:
-            meant = f"; is {near[0]} meant?" if near else ""
-            LOG.warning("%s: unknown parameter %s is ignored%s", path, name[:80], meant)
-    return values
-
-
-def _flatten(prefix: str, block: Mapping[Any, Any], out: dict[str, Any]) -> None:
-    for key, value in block.items():
-        name = f"{prefix}{key}"
-        if isinstance(value, dict):
-            _flatten(f"{name}.", value, out)
-        else:
-            out[name] = value

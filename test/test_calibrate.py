@@ -25,7 +25,8 @@ from conftest import ROOT
 from scipy.spatial.transform import Rotation
 
 from dlo_ros.cli import main as cli
-from dlo_ros.parameters import Settings, read_parameter_file
+from dlo_ros.parameter_file import read_parameter_file
+from dlo_ros.parameters import Settings
 from dlo_ros.recordings import BAG_MESSAGES, BagWriter, compressed_message
 from dlo_ros.vision.camera_file import read_camera_file
 from dlo_ros.vision.patterns import parse_pattern

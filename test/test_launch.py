@@ -14,8 +14,9 @@ import yaml
 from fake_launch import evaluate
 
 from dlo_ros.cli.main import EXECUTABLES
+from dlo_ros.parameter_file import read_parameter_file
 from dlo_ros.parameter_table import TABLE
-from dlo_ros.parameters import Settings, read_parameter_file
+from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
 
 ROOT = Path(__file__).resolve().parent.parent

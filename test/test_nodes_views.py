@@ -10,12 +10,8 @@ import pytest
 from dlo_ros.command import Motion
 from dlo_ros.errors import VisionError
 from dlo_ros.parameters import Settings
-from dlo_ros.recordings.building import (
-    BAG_MESSAGES,
-    camera_info_message,
-    depth_message,
-    image_message,
-)
+from dlo_ros.recordings.building import BAG_MESSAGES
+from dlo_ros.recordings.image_building import camera_info_message, depth_message, image_message
 from dlo_ros.recordings.images import CameraInfo, read_camera_info
 
 ROD = {"rod.length": 0.4, "rod.diameter": 0.004, "rod.young_modulus": 1e6, "rod.density": 1e3}

@@ -14,6 +14,7 @@ from dlo_ros.parameters import DampingParameters, RodParameters
 from dlo_ros.synthesis import spatial_simulation
 from dlo_ros.synthesis.discrete_rod import DiscreteRod
 from dlo_ros.synthesis.rod_laws import Contact
+from dlo_ros.synthesis.spatial_boundary import SpatialBoundary
 from dlo_ros.synthesis.spatial_energy import (
     BANDS,
     DOF,
@@ -25,7 +26,7 @@ from dlo_ros.synthesis.spatial_energy import (
     moved,
 )
 from dlo_ros.synthesis.spatial_rod import edges_of, first_director, in_space, spun, twist_free
-from dlo_ros.synthesis.spatial_simulation import SpatialBoundary, SpatialSimulation
+from dlo_ros.synthesis.spatial_simulation import SpatialSimulation
 
 ROPE = RodParameters(length=0.4, diameter=0.004, young_modulus=5e7, density=2500.0)
 NO_DAMPING = DampingParameters(air_drag=0.0, relaxation_time=0.0)

@@ -19,7 +19,8 @@ from dlo_ros.diagnosis.relations import sentences
 from dlo_ros.effects import effects
 from dlo_ros.files import write_text
 from dlo_ros.parameters import Settings
-from dlo_ros.report.diagnosis import (
+from dlo_ros.report.diagnosis import write_diagnosis_report
+from dlo_ros.report.diagnosis_content import (
     DiagnosedRecording,
     DiagnosisReport,
     FoundEffect,
@@ -30,8 +31,7 @@ from dlo_ros.report.diagnosis import (
     ResidualStructure,
     SearchStep,
     SetupRow,
-    write_diagnosis_report,
-)  # fmt: skip
+)
 from dlo_ros.report.loads import LoadRow
 
 EXTENDED = "extended.yaml"

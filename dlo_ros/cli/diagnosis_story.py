@@ -23,7 +23,7 @@ from dlo_ros.cli.diagnosis_words import (
 from dlo_ros.diagnosis import Diagnosis, NamedEffect, SetupNumber, View
 from dlo_ros.effects import quantities
 from dlo_ros.inference.parameter import split_name
-from dlo_ros.report.diagnosis import Question, SetupRow
+from dlo_ros.report.diagnosis_content import Question, SetupRow
 from dlo_ros.report.elements import measured, number
 from dlo_ros.spline import FloatArray, SplineBasis
 

@@ -22,13 +22,13 @@ from dlo_ros.diagnosis.joint_outcome import Learned, learn, lesson
 from dlo_ros.diagnosis.model import Model
 from dlo_ros.diagnosis.noise import noise_floor
 from dlo_ros.diagnosis.outcome import Diagnosis
+from dlo_ros.diagnosis.pairs import BASES, bases, other_pegs
 from dlo_ros.diagnosis.remarks import left_out
 from dlo_ros.diagnosis.screening import Prospect, alarm, screen
-from dlo_ros.diagnosis.search import Candidate, apart, candidate, reformed, resized, search
+from dlo_ros.diagnosis.search import Candidate, apart, candidate, reformed, search
 from dlo_ros.diagnosis.start import Beginning, begin, drafts, finer
 from dlo_ros.diagnosis.workers import Problem, Progress, Workers, workers
 from dlo_ros.effects import Start
-from dlo_ros.effects.physics.obstacle import Obstacle
 from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.identification.estimate import searchable
 from dlo_ros.inference.forecast import Manipulation
@@ -44,8 +44,6 @@ REFINED = 4
 """Iterations with a simulation that has been refined."""
 MISSED = 0.8
 """Residual structure over the plain model's, below which another plain model takes its place."""
-BASES = 3
-"""Best single effects to which a second one is added."""
 REFORMED = 12.0
 """Structure of the best pair over that of an explanation, up to which other forms are tried."""
 PAIR = 2
@@ -56,8 +54,6 @@ single effects are: one effect alone makes up to five look so."""
 CLEARLY_BETTER = 0.7
 """ERR of the joint model over that of models with less in them, below which many small errors are
 at work rather than one of another kind."""
-FIRST_SHARE = 0.9
-"""Residual structure over that without the effect, below which an effect may be one of a pair."""
 
 
 def diagnose(
@@ -291,7 +287,7 @@ def _explain(
     pairs: list[Candidate] = []
     before = alone_before(team.problem, plain, names, processes, progress)
     told = {c.effect for c in before}
-    bases = [c for c in _bases(singles, plain.structure) if c.effect not in told]
+    firmest = [c for c in bases(singles, plain.structure) if c.effect not in told]
 
     def beside(first: Candidate) -> list[Candidate]:
         """Pairs of an effect with every other."""
@@ -305,7 +301,7 @@ def _explain(
 
     def firsts() -> Iterator[Candidate]:
         """What a second effect is looked for beside; at last the second of what comes near."""
-        yield from (some := [*before, *bases][:BASES])
+        yield from (some := [*before, *firmest][:BASES])
         near = nearest(pairs)
         if near is not None and near.effect not in {c.effect for c in some}:
             alone = apart(team, near, [*known, near.effect])
@@ -332,7 +328,7 @@ def _explain(
                     pairs += beside(second)
                 pairs.sort(key=lambda c: c.score)
             explained = single or _explained(plain, pairs, singles, most, judge) or explained
-            pairs += _other_pegs(team, explained, pairs)
+            pairs += other_pegs(team, explained, pairs)
             return Findings(explained, judge, tuple(singles), tuple(pairs))
     everything = sorted([*singles, *pairs], key=lambda c: c.score)
     judge = kept_aside(everything[0] if everything else plain)
@@ -376,30 +372,3 @@ def _takes_over(joint: Explanation, others: Sequence[Candidate]) -> bool:
         return True
     least = min((aside.mean(c.at.err) or np.inf for c in others), default=np.inf)
     return joint.at.mean_err < CLEARLY_BETTER * least
-
-
-def _other_pegs(
-    team: Workers, decision: decide.Decision, known: Sequence[Candidate]
-) -> list[Candidate]:
-    """The explanation with pegs of other sizes, which tell how little is known of it."""
-    chosen = decision.chosen
-    if chosen is None or len(chosen.effects) < 2:
-        return []
-    model = chosen.candidate.at.model
-    if model.without(Obstacle.name).free == model.free:
-        return []
-    alike = [c for c in known if set(c.at.model.effects) == set(chosen.effects)]
-    if any(c.form.startswith("radius") for c in alike):
-        return []
-    return resized(team, chosen.candidate)
-
-
-def _bases(singles: Sequence[Candidate], before: float) -> list[Candidate]:
-    """The best effects in the form that leaves least: the clearer shows what is missing beside."""
-    result: dict[str, Candidate] = {}
-    for c in singles:
-        if c.structure < FIRST_SHARE * before:
-            known = result.setdefault(c.effect, c)
-            if c.structure < known.structure:
-                result[c.effect] = c
-    return list(result.values())[:BASES]

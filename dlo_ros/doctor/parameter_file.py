@@ -104,7 +104,7 @@ UNIT = 1e-3
 """Deviation of a quaternion's norm from 1 that rounding explains."""
 
 CAMERA = "camera.translation"
-MESSAGES = "dlo_ros.parameters"
+MESSAGES = "dlo_ros.parameter_file"
 """Who warns of unknown parameters."""
 
 
@@ -118,7 +118,8 @@ def judge_file(path: Path | str) -> tuple[list[Finding], Settings | None]:
         The findings, and the settings; None where the file cannot be used.
     """
     try:
-        from dlo_ros.parameters import Settings, read_parameter_file
+        from dlo_ros.parameter_file import read_parameter_file
+        from dlo_ros.parameters import Settings
 
         with _collected() as said:
             raw = read_parameter_file(Path(path))

@@ -24,7 +24,8 @@ from dlo_ros.nodes.views import ViewsListener
 from dlo_ros.observation import CentrelinePoints, Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
-from dlo_ros.recordings.building import image_message, points_message, spline_message
+from dlo_ros.recordings.building import points_message, spline_message
+from dlo_ros.recordings.image_building import image_message
 from dlo_ros.recordings.images import CameraInfo, Image, read_camera_info, read_image
 from dlo_ros.recordings.messages import read_spline, stamp_of
 from dlo_ros.spline import FloatArray

@@ -25,7 +25,7 @@ from rclpy.utilities import remove_ros_args
 
 from dlo_ros.errors import DloError
 from dlo_ros.logs import PACKAGE, WARNINGS, LogChoice, chosen, package_logging, without_option
-from dlo_ros.parameters import parameter_blocks
+from dlo_ros.parameter_file import parameter_blocks
 
 DONE = 0
 UNUSABLE = 2

@@ -15,7 +15,7 @@ from dlo_ros.nodes import qos
 from dlo_ros.nodes.base import DloNode
 from dlo_ros.nodes.messages import ROS_MESSAGES
 from dlo_ros.recordings import topics
-from dlo_ros.recordings.building import image_message
+from dlo_ros.recordings.image_building import image_message
 from dlo_ros.recordings.images import CameraInfo, read_camera_info, read_depth, read_image
 from dlo_ros.recordings.messages import stamp_of
 from dlo_ros.recordings.several import DEPTH

@@ -5,14 +5,12 @@ from dlo_ros.recordings.bag import Bag, RawMessage, deserialise, open_bag
 from dlo_ros.recordings.building import (
     BAG_MESSAGES,
     MessageFactory,
-    camera_info_message,
     command_message,
-    compressed_message,
     float_message,
-    image_message,
     points_message,
     spline_message,
 )
+from dlo_ros.recordings.image_building import camera_info_message, compressed_message, image_message
 from dlo_ros.recordings.images import CameraInfo, read_camera_info, read_image
 from dlo_ros.recordings.messages import (
     read_command,

@@ -3,9 +3,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
+from dlo_ros.report.diagnosis_content import (
+    ROLES,
+    DiagnosedRecording,
+    DiagnosisReport,
+    FoundEffect,
+    RelatedInput,
+    ResidualStructure,
+)
 from dlo_ros.report.elements import (
     figure,
     markup,
@@ -15,12 +22,11 @@ from dlo_ros.report.elements import (
     table,
 )  # fmt: skip
 from dlo_ros.report.force import FORCE_CAPTION, force_arrows, force_maps
-from dlo_ros.report.loads import LoadRow, loads_table
+from dlo_ros.report.loads import loads_table
 from dlo_ros.report.maps import field_maps
 from dlo_ros.report.page import Section, page, write_page
 from dlo_ros.report.player import ShapeFrame, player
 from dlo_ros.report.plots import Level, LinePlot, Series, line_plot
-from dlo_ros.spline import FloatArray
 
 FORETELLS = (
     "Foretells: share of what repeats in the residual and does not drift, that a function of the "
@@ -34,178 +40,6 @@ CERTAIN = (
     "Certain is what everything without it explains far worse, and what is far from nothing by its "
     "own uncertainty. Where causes do as well as one another, one of them acts."
 )
-ROLES = {"train": "used for the fit", "holdout": "not used for the fit, all or part of it"}
-
-
-@dataclass(frozen=True)
-class FoundParameter:
-    """A number of an effect; std None where unknown."""
-
-    name: str
-    value: float
-    std: float | None
-    unit: str
-
-
-@dataclass(frozen=True)
-class FoundEffect:
-    """A named cause.
-
-    Args:
-        name: of the effect.
-        meaning: in plain words.
-        parameters: its numbers.
-        rivals: what explains the data as well.
-    """
-
-    name: str
-    meaning: str
-    parameters: tuple[FoundParameter, ...]
-    rivals: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Ranked:
-    """A candidate: ERR on what was kept aside [m], score (lower is better), what it leaves over."""
-
-    name: str
-    err_holdout: float | None
-    score: float
-    structure: float
-
-
-@dataclass(frozen=True)
-class MaterialRow:
-    """A material parameter without and with the named causes: value and std (None: unknown)."""
-
-    name: str
-    unit: str
-    before: tuple[float, float | None]
-    after: tuple[float, float | None]
-
-
-@dataclass(frozen=True)
-class DiagnosedRecording:
-    """One recording before and after.
-
-    Args:
-        name, role: of the recording.
-        length: L of the spline basis [m].
-        times: [s], shape (F,).
-        observed, before, after: control points [m], shape (F, n, 3 or 4).
-        err_before, err_after: eq. (10), shape (F,) [m].
-        u: of the maps [m], shape (U,).
-        field_before, field_after: observed minus predicted across the DLO [m], shape (F, U).
-        force, force_std: the missing force, x, y, z [N/m], shape (F, U, 3), or None.
-    """
-
-    name: str
-    role: str
-    length: float
-    times: FloatArray
-    observed: FloatArray
-    before: FloatArray
-    after: FloatArray
-    err_before: FloatArray
-    err_after: FloatArray
-    u: FloatArray
-    field_before: FloatArray
-    field_after: FloatArray
-    force: FloatArray | None
-    force_std: FloatArray | None
-
-
-@dataclass(frozen=True)
-class RelatedInput:
-    """An input that may have to do with a residual.
-
-    Args:
-        name: of the input.
-        share: of what repeats in the residual, that it foretells.
-        chance: how often surrogates are explained as well.
-        told: whether that is more than chance.
-        alike: inputs that cannot be told from it.
-    """
-
-    name: str
-    share: float
-    chance: float
-    told: bool
-    alike: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class ResidualStructure:
-    """What the residual of a model goes along with, in sentences and numbers."""
-
-    model: str
-    sentences: tuple[str, ...]
-    inputs: tuple[RelatedInput, ...]
-    unjudged: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class SetupRow:
-    """A number of the set-up, in words.
-
-    Args:
-        name: what it is.
-        off: by how much it is off, with its standard deviation.
-        tolerance: to what careful people get it.
-        notable: whether it is off by more than the data leave open.
-    """
-
-    name: str
-    off: str
-    tolerance: str
-    notable: bool
-
-
-@dataclass(frozen=True)
-class Question:
-    """A question of a person, and sentences that answer it."""
-
-    text: str
-    answer: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class SearchStep:
-    """A candidate of a step: gain in log evidence, ERR [m] where fitted, what became of it."""
-
-    step: int
-    name: str
-    gain: float
-    err: float | None
-    outcome: str
-
-
-@dataclass(frozen=True)
-class DiagnosisReport:
-    """All that the report shows; lengths in m.
-
-    Args:
-        headline: the result in a sentence.
-        questions: what a person asks first.
-        extends: whether the extended model is another than the plain one.
-        loads: what the DLO bore in the recordings, by the extended model.
-    """
-
-    headline: str
-    questions: tuple[Question, ...]
-    verdict: str
-    extends: bool
-    effects: tuple[FoundEffect, ...]
-    ranking: tuple[Ranked, ...]
-    material: tuple[MaterialRow, ...]
-    recordings: tuple[DiagnosedRecording, ...]
-    noise_floor: float | None
-    advice: str
-    remarks: tuple[str, ...]
-    structures: tuple[ResidualStructure, ...] = ()
-    setup: tuple[SetupRow, ...] = ()
-    trace: tuple[SearchStep, ...] = ()
-    loads: tuple[LoadRow, ...] = ()
 
 
 def write_diagnosis_report(path: Path | str, report: DiagnosisReport) -> None:

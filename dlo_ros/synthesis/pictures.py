@@ -11,12 +11,8 @@ import numpy as np
 from dlo_ros.command import NANOSECONDS
 from dlo_ros.errors import InputError
 from dlo_ros.recordings import topics
-from dlo_ros.recordings.building import (
-    BAG_MESSAGES,
-    camera_info_message,
-    compressed_message,
-    depth_message,
-)
+from dlo_ros.recordings.building import BAG_MESSAGES
+from dlo_ros.recordings.image_building import camera_info_message, compressed_message, depth_message
 from dlo_ros.recordings.images import CameraInfo
 from dlo_ros.recordings.write import BagWriter
 from dlo_ros.synthesis.experiment import Experiment

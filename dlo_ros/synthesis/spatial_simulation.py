@@ -7,19 +7,19 @@ the nodes and how far each edge spins about itself; directors follow the edges t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from dlo_ros.errors import SimulationError
 from dlo_ros.spline import FloatArray
 from dlo_ros.synthesis.discrete_rod import DiscreteRod
 from dlo_ros.synthesis.rod_simulation import Change, equal_steps
+from dlo_ros.synthesis.spatial_boundary import SpatialBoundary
 from dlo_ros.synthesis.spatial_descent import (
     GYRATION,
     largest_of,
@@ -53,36 +53,6 @@ RESTING = 1e-9  # [m] of a step that means nothing any more
 PUSHES = 3  # off unstable equilibria
 MOST_TURNS = 30  # of the end, until the first shape is free of twist
 UNTWISTED = 1e-9  # [rad] of twist between the ends that may be left at the start
-
-
-@dataclass(frozen=True)
-class SpatialBoundary:
-    """What is imposed at one instant.
-
-    Args:
-        positions: [m], shape (3,), of imposed nodes by their index.
-        directions: unit vector of growing u at start and end; None leaves it free.
-        turns: rotation matrix of the clamp at start and end, of which only the change counts; None:
-            the directors follow the direction without spin.
-    """
-
-    positions: Mapping[int, FloatArray]
-    directions: tuple[FloatArray | None, FloatArray | None] = (None, None)
-    turns: tuple[FloatArray | None, FloatArray | None] = (None, None)
-
-    def free(self, nodes: int) -> NDArray[np.bool_]:
-        """Which degrees of freedom are, shape (4 (N + 1),)."""
-        result = np.ones((nodes, DOF), dtype=np.bool_)
-        result[list(self.positions), :3] = False
-        result[-1, 3] = False
-        if all(d is None for d in self.directions):
-            result[0, 3] = False  # nothing holds the twist: keep the rod from spinning
-        return result.ravel()
-
-    def impose(self, x: FloatArray) -> None:
-        """Write the imposed positions into nodes x, shape (N + 1, 3)."""
-        for node, position in self.positions.items():
-            x[node] = position
 
 
 class SpatialSimulation:

@@ -16,12 +16,11 @@ from dlo_ros.observation import CentrelinePoints
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.building import (
     BAG_MESSAGES,
-    camera_info_message,
     command_message,
-    compressed_message,
     points_message,
     spline_message,
 )
+from dlo_ros.recordings.image_building import camera_info_message, compressed_message
 from dlo_ros.recordings.wrenches import write_wrenches
 from dlo_ros.recordings.write import BagWriter
 from dlo_ros.spline import FloatArray, SplineBasis

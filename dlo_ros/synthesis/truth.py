@@ -18,7 +18,8 @@ from dlo_ros.synthesis.discrete_rod import DiscreteRod, centreline, lay_along
 from dlo_ros.synthesis.experiment import START_STAMP, Experiment
 from dlo_ros.synthesis.hidden_rod import build_rod, build_spatial_rod, change
 from dlo_ros.synthesis.rod_simulation import Boundary, Simulation
-from dlo_ros.synthesis.spatial_simulation import SpatialBoundary, SpatialSimulation
+from dlo_ros.synthesis.spatial_boundary import SpatialBoundary
+from dlo_ros.synthesis.spatial_simulation import SpatialSimulation
 
 EDGES = 300
 STEP = 5e-4  # [s]
