@@ -7,6 +7,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 DEMO_OUTPUT ?= build/demo
+SPACE_OUTPUT ?= build/demo_space
 
 # Processes of tests side by side. A worker that runs out of tests takes some from another, otherwise
 # tests keep their order, so that what a module shares is rarely made twice.
@@ -18,11 +19,11 @@ COMPILED := $(VENV)/.compiled
 
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: setup doctor docs reference audit demo real picture examples paper bench challenge field observer fuzz faults soak coverage test test-quick test-slow test-report test-export lint clean lock help
+.PHONY: setup doctor docs reference audit demo demo-space real picture examples paper bench challenge field observer fuzz faults soak coverage test test-quick test-slow test-report test-export lint clean lock help
 
 help:
 	@sed -n 's/^# //p' Makefile | head -4
-	@echo "also: setup, docs, reference, real, examples, paper, bench, challenge, field, observer, fuzz, faults, soak, coverage, test-quick, test-slow, test-report, test-export, lint, picture, lock, clean"
+	@echo "also: setup, demo-space, docs, reference, real, examples, paper, bench, challenge, field, observer, fuzz, faults, soak, coverage, test-quick, test-slow, test-report, test-export, lint, picture, lock, clean"
 
 setup: $(COMPILED)
 
@@ -43,13 +44,18 @@ $(COMPILED): $(INSTALLED) $(wildcard dlo_ros/interpolation.py dlo_ros/kernel_*.p
 demo: $(INSTALLED)
 	$(BIN)/dlo_ros demo --output $(DEMO_OUTPUT) $(if $(BAG),--bag $(BAG)) $(if $(PARAMS),--params $(PARAMS))
 
+# The same in space: two cameras, a rope between two grippers that are frames in /tf.
+demo-space: $(INSTALLED)
+	$(BIN)/dlo_ros demo --space --output $(SPACE_OUTPUT)
+
 # What is installed, what is heard of running nodes, what does not match, and what to do.
 doctor: $(INSTALLED)
 	$(BIN)/dlo_ros doctor $(if $(PARAMS),--params $(PARAMS))
 
 # The README's pictures, from the results of both.
-picture: demo real
+picture: demo demo-space real
 	cp $(DEMO_OUTPUT)/overview.png docs/demo.png
+	cp $(SPACE_OUTPUT)/overview.png docs/demo_space.png
 	cp build/real/real_wire.png docs/real_wire.png
 
 # A measured wire: bags of its coordinates, identify, diagnose, the report; build/real.

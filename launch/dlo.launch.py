@@ -48,6 +48,8 @@ MADE = (
     "rehearsal", "err", "young_modulus", "density", "metrics", "markers", "overlay",
 )  # fmt: skip
 IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
+SHOWN_CAMERAS = ("left", "right")
+"""Cameras whose overlays config/dlo_space.rviz shows, by the names that they have there."""
 NO_CAMERA = ("/dlo/overlay", "/image_mask")
 """Images of a recording that the observer finds no DLO in."""
 
@@ -195,14 +197,15 @@ def start(context):
     if bag:
         actions.append(player(given, names, clock))
     if rviz:
+        view, overlays = rviz_view(parameters)
         actions.append(
             Node(
                 package="rviz2",
                 executable="rviz2",
                 namespace=namespace,
-                arguments=["-d", str(SHARE / "config" / "dlo.rviz")],
+                arguments=["-d", str(view)],
                 parameters=[sim_time],
-                remappings=clock,
+                remappings=[*clock, *overlays],
             )
         )
     if switch("large_images", given["large_images"]):
@@ -303,6 +306,27 @@ def recorded(bag):
         return {topic["name"]: topic["type"] for topic in topics}
     except (OSError, ValueError, TypeError, LookupError, yaml.YAMLError):
         return {}  # `play` says what is wrong with it
+
+
+def rviz_view(parameters):
+    """RViz's file for one camera or for several, and remappings to the cameras' overlays."""
+    cameras = several_cameras(parameters)
+    shown = zip(SHOWN_CAMERAS, cameras, strict=False)
+    overlays = [(f"{a}/dlo/overlay", f"{b}/dlo/overlay") for a, b in shown if a != b]
+    return SHARE / "config" / ("dlo_space.rviz" if cameras else "dlo.rviz"), overlays
+
+
+def several_cameras(parameters):
+    """The parameter `vision.cameras`; empty where the file has none, or is none for nodes."""
+    try:
+        blocks = yaml.safe_load(parameters.read_text(encoding="utf-8")).values()
+        for own in (block["ros__parameters"] for block in blocks):
+            cameras = own.get("vision.cameras") or own.get("vision", {}).get("cameras") or []
+            if cameras:
+                return [str(name) for name in cameras]
+    except (OSError, ValueError, TypeError, LookupError, AttributeError, yaml.YAMLError):
+        pass
+    return []
 
 
 def with_rviz(given):

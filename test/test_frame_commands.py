@@ -1,7 +1,9 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The imposed motion from a robot's frames and poses in a bag; and what is refused."""
 
+from contextlib import nullcontext
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -154,3 +156,45 @@ def test_parameters_of_the_source_are_checked_and_written(tmp_path):
         Settings.from_mapping(flat | {"command.source": "tf"})
     with pytest.raises(ParameterError, match=r"command.end_offset is .* unit quaternion"):
         Settings.from_mapping(flat | {"command.end_offset": [0.0] * 7})
+
+
+def test_poses_that_wait_are_taken_at_once_and_predictions_wait_for_them():
+    """The logic alone: an executor takes one message of a topic at a time."""
+    pytest.importorskip("rclpy")
+    from dlo_ros.nodes import simulator
+    from dlo_ros.nodes.base import DloNode
+
+    taken, waiting = [], [("b", None), ("c", None)]
+    handle = nullcontext()
+    handle.take_message = lambda kind, raw: waiting.pop(0) if waiting else None
+    callbacks = []
+
+    def create(kind, topic, callback, qos, **options):
+        callbacks.append(callback)
+        return SimpleNamespace(handle=handle)
+
+    node = SimpleNamespace(
+        guarded=lambda what, callback: callback,
+        _overriding=lambda topic: nullcontext(),
+        create_subscription=create,
+    )
+    for drain in (False, True):
+        DloNode.subscribe(node, topics.START_POSE, taken.append, None, drain=drain)
+    callbacks[0]("a")
+    assert taken == ["a"]
+    callbacks[1]("a")
+    assert taken == ["a", "a", "b", "c"]
+
+    now, told = 10**18, 10**18 - 50_000_000
+    motion = SimpleNamespace(commands=[SimpleNamespace(end_stamp=told)])
+    for source, late, expected in (
+        ("tf", 0, told), ("topic", 0, now), ("tf", 200_000_000, now + 200_000_000)
+    ):  # fmt: skip
+        fake = SimpleNamespace(
+            now=lambda late=late: now + late,
+            _simulation=SimpleNamespace(motion=motion),
+            settings=SimpleNamespace(command=SimpleNamespace(source=source)),
+        )
+        assert simulator.SimulatorNode._known_until(fake) == expected
+    motion.commands.clear()
+    assert simulator.SimulatorNode._known_until(fake) == now + 200_000_000

@@ -265,6 +265,29 @@ def known(topic: str) -> bool:
     return topic == "/diagnostics" or topic.lstrip("/") in topics.TYPES
 
 
+def test_rviz_shows_space_where_there_are_several_cameras(given, tmp_path):
+    params = tmp_path / "params.yaml"
+    params.write_text("/**: {ros__parameters: {vision: {cameras: [left, top, back]}}}")
+    here = {"installed": {"rviz2"}, "rviz": "true", "params_file": str(params)}
+    rviz = started(DLO, **here)["rviz2"]
+    assert rviz.arguments == ("-d", str(CONFIG / "dlo_space.rviz"))
+    assert rviz.remappings == {"right/dlo/overlay": "top/dlo/overlay"}
+    params.write_text("/**: {ros__parameters: {vision.cameras: [a, right]}}")
+    assert started(DLO, **here)["rviz2"].remappings == {"left/dlo/overlay": "a/dlo/overlay"}
+    for text in ("/**: {ros__parameters: {vision: 3}}", "- [", "just words", ""):
+        params.write_text(text)
+        assert started(DLO, **here)["rviz2"].arguments == ("-d", str(CONFIG / "dlo.rviz"))
+
+
+def test_rviz_in_space_looks_at_the_topics_of_the_interface():
+    view = yaml.safe_load((CONFIG / "dlo_space.rviz").read_text())["Visualization Manager"]
+    shown = {d["Topic"]["Value"] for d in view["Displays"] if "Topic" in d}
+    overlays = {topics.of_camera(name, topics.OVERLAY) for name in ("left", "right")}
+    assert shown == {topics.MARKERS, topics.OBSERVED_POINTS, *overlays}
+    assert "rviz_default_plugins/TF" in [d["Class"] for d in view["Displays"]]
+    assert view["Global Options"]["Fixed Frame"] == TABLE["frame_id"].default
+
+
 def test_rviz_looks_at_the_topics_of_the_interface():
     """Relative ones, so that RViz in a namespace shows the DLO of that namespace."""
     view = yaml.safe_load((CONFIG / "dlo.rviz").read_text())["Visualization Manager"]

@@ -148,3 +148,35 @@ def test_images_wait_for_the_command(listener):
     views._motion.commands.append(None)
     views.release()
     assert len(views._observer.seen) == 1
+
+
+def test_images_wait_for_the_frames_of_their_instant_but_not_for_a_silent_robot(
+    listener, monkeypatch
+):
+    views_module = pytest.importorskip("dlo_ros.nodes.views")
+    frames = {"command.source": "tf", "command.start_frame": "gripper"}
+    node, views = listener(**{"vision.cameras": ["left", "right"]}, **BOTH, **frames)
+    clock = [100.0]
+    monkeypatch.setattr(views_module.time, "monotonic", lambda: clock[0])
+    views.poll()
+
+    def show(stamp):
+        for name in ("left", "right"):
+            node.topics[f"{name}/image_raw"](image(stamp))
+
+    for name in ("left", "right"):
+        node.topics[f"{name}/camera_info"](info())
+    views._motion.commands[:] = [SimpleNamespace(end_stamp=50 * MS)]
+    show(40 * MS)
+    assert len(views._observer.seen) == 1  # told already
+    show(60 * MS)
+    assert len(views._observer.seen) == 1
+    views._motion.commands.append(SimpleNamespace(end_stamp=70 * MS))
+    views.release()
+    assert len(views._observer.seen) == 2
+    show(90 * MS)
+    clock[0] += views_module.PATIENCE + 0.01
+    views.poll()
+    assert len(views._observer.seen) == 3  # the robot is silent
+    show(120 * MS)
+    assert len(views._observer.seen) == 4  # and keeps no more images waiting

@@ -6,21 +6,30 @@ from __future__ import annotations
 import argparse
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 from rich.console import Console
 
+from dlo_ros.command import Motion
 from dlo_ros.compilation import BackgroundCompilation
 from dlo_ros.demo.outcome import assess
 from dlo_ros.demo.overview import write_overview
+from dlo_ros.demo.overview_space import Views, write_space_overview
 from dlo_ros.demo.photographs import photographs
 from dlo_ros.demo.plan import params_beside, plan_run
 from dlo_ros.demo.result import estimate_tree, last_line, read_truth, report, write_json
 from dlo_ros.errors import InputError
+from dlo_ros.nodes.heard import SPECIFIC_MODULUS
 from dlo_ros.parameters import Settings
+from dlo_ros.recordings import read_recording, topics
 from dlo_ros.report import write_identification_report
 
 EXPERIMENT = "c_shape"
+IN_SPACE = "two_grippers"
+
+UNKNOWN = 1
+"""Exit status where the run went well, and E/mu is not known to the identifier."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -30,12 +39,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--params", type=Path, help="parameter file; params.yaml in or beside the bag by default"
     )
     parser.add_argument(
+        "--space",
+        action="store_true",
+        help="a rope in space between two moving grippers, frames of /tf, seen by two cameras",
+    )
+    parser.add_argument(
         "--output", type=Path, default=Path("build/demo"), help="folder of the results"
     )
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the demo.
+    """Run the demo; returns the exit status, 1 where E/mu stays unknown.
 
     Raises:
         DloError: an input is unusable or a node died.
@@ -44,6 +58,8 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(
             f"--params {arguments.params}: is of use with a recording only; name it with --bag"
         )
+    if arguments.space and arguments.bag:
+        raise InputError("--space makes a recording of its own; leave --space or --bag out")
     console = Console()
     output: Path = arguments.output
     output.mkdir(parents=True, exist_ok=True)
@@ -58,9 +74,14 @@ def _run(
     console: Console,
     compilation: BackgroundCompilation,
 ) -> int:
-    bag = arguments.bag or _synthesize(output, console)
+    bag = arguments.bag or _synthesize(IN_SPACE if arguments.space else EXPERIMENT, output, console)
     params = arguments.params or params_beside(bag)
     settings = Settings.load(params)
+    if arguments.space and settings.command.source == "tf":
+        from dlo_ros.nodes.messages import installed
+
+        if not installed(topics.TRANSFORMS_TYPE):
+            params, settings = _from_poses(output, settings, console)
     live = plan_run(bag, params, settings, output / "log")
     from dlo_ros.demo.live import run_live  # here, so that --help and bad input need no ROS
 
@@ -70,25 +91,52 @@ def _run(
     outcome = assess(bag, settings, heard)
     truth = read_truth(bag)
     console.print("Writing the report")
-    pictures = photographs(bag, settings, heard, outcome) if live.has_images else {}
+    views: Views = {
+        camera: photographs(bag, settings, heard, outcome, camera)
+        for camera in (settings.cameras or ("",) if live.has_images else ())
+    }
+    pictures = next(iter(views.values()), {})
     name = bag.resolve().name
     page = report(
         heard, outcome, name, settings.rod.length, truth, pictures, remarks=heard.warnings
     )
     write_json(output / "estimate.json", estimate_tree(heard, outcome, name, truth))
     write_identification_report(output / "report.html", page)
-    write_overview(output / "overview.png", page)
+    if settings.cameras:
+        motion = Motion(list(read_recording(bag, settings).commands))
+        write_space_overview(output / "overview.png", page, views, motion, min(heard.observed))
+    else:
+        write_overview(output / "overview.png", page)
     console.print(f"{output}/estimate.json, {output}/report.html", soft_wrap=True)
+    known = heard.identifiable(SPECIFIC_MODULUS)
+    if not known:
+        console.print(f"{bag}: E/mu is not identified; record more motion", soft_wrap=True)
     console.print(last_line(outcome, truth), highlight=False, soft_wrap=True)
-    return 0
+    return 0 if known else UNKNOWN
 
 
-def _synthesize(output: Path, console: Console) -> Path:
-    """Make the recording of the third experiment."""
-    bag = output / EXPERIMENT
-    console.print(f"Making the recording of {EXPERIMENT} (simulated rope, rendered images)")
-    command = [sys.executable, "-m", "dlo_ros", "synthesize", EXPERIMENT]
+def _from_poses(output: Path, settings: Settings, console: Console) -> tuple[Path, Settings]:
+    """Parameters with which the nodes hear the grippers' poses on topics of their own.
+
+    The wheels of ROS 2 for a plain Python have no tf2_msgs, without which nobody hears /tf.
+    """
+    console.print(
+        f"tf2_msgs is not installed, so /tf cannot be played: the same poses of the grippers are "
+        f"played on {topics.START_POSE} and {topics.END_POSE}",
+        soft_wrap=True,
+    )
+    settings = replace(settings, command=replace(settings.command, source="pose"))
+    params = output / "params.yaml"
+    settings.dump(params, "Those of the recording, with the grippers' poses instead of /tf.")
+    return params, settings
+
+
+def _synthesize(experiment: str, output: Path, console: Console) -> Path:
+    """Make the recording of a bundled experiment."""
+    bag = output / experiment
+    console.print(f"Making the recording of {experiment} (simulated rope, rendered images)")
+    command = [sys.executable, "-m", "dlo_ros", "synthesize", experiment]
     done = subprocess.run([*command, "--output", str(bag), "--force"])
     if done.returncode != 0:
-        raise InputError(f"the recording of {EXPERIMENT} could not be made")
+        raise InputError(f"the recording of {experiment} could not be made")
     return bag

@@ -22,6 +22,9 @@ READY_WITHIN = 60.0
 RATE = 0.5
 """Half speed: an eye can follow, and four processes keep up on two slow cores."""
 
+RATE_IN_SPACE = 0.125
+"""Two pictures at a time, and an estimator in space, take two slow cores that much longer."""
+
 QUIET = 1.5
 """Seconds without a message after which everything that was played has been worked off."""
 
@@ -41,12 +44,13 @@ def run_live(run: LiveRun, console: Console) -> Heard:
         for name in NODES:
             children.start(name, arguments)
         _wait_until_ready(monitor, children)
+        rate = RATE_IN_SPACE if run.settings.cameras else RATE
         console.print(
-            f"Playing {run.bag}: {run.duration:.1f} s in {run.duration / RATE:.1f} s",
+            f"Playing {run.bag}: {run.duration:.1f} s in {run.duration / rate:.1f} s",
             soft_wrap=True,
         )
         player = children.start(
-            "play", [str(run.bag), "--rate", str(RATE), "--topics", *run.topics]
+            "play", [str(run.bag), "--rate", str(rate), "--topics", *run.topics]
         )
         with Progress(console, run.duration) as progress:
             _listen(monitor, children, player, progress)

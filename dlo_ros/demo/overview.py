@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from dlo_ros.files import write_bytes
-from dlo_ros.report import IdentificationReport, ParameterTrack, ShapeFrame
+from dlo_ros.report import IdentificationReport, ParameterTrack, Photograph, ShapeFrame
 from dlo_ros.report.elements import typeset
 from dlo_ros.report.player import CURVES
 from dlo_ros.report.plots import COLOURS, STYLE
@@ -27,26 +27,38 @@ def write_overview(path: Path, report: IdentificationReport) -> None:
         figure = Figure(figsize=(10.0, 4.2), layout="constrained", dpi=110)
         if pictured:
             left, right = figure.subplots(1, 2, width_ratios=(1.0, 1.1), squeeze=True)
-            _draw_photograph(left, pictured[-1])
+            last = pictured[-1]
+            assert last.photograph is not None
+            draw_photograph(left, last.photograph, f"camera image at {last.time:.1f} s")
             grid = right.get_subplotspec().subgridspec(2, 1)
             right.remove()
             upper, lower = figure.add_subplot(grid[0]), figure.add_subplot(grid[1])
         else:
             upper, lower = figure.subplots(2, 1)
-        _draw_err(upper, frames)
-        if report.tracks:
-            _draw_track(lower, report.tracks[-1])
-        end = max(f.time for f in frames)
-        for axes in (upper, lower):
-            axes.set_xlim(0.0, end)
-        buffer = io.BytesIO()
-        figure.savefig(buffer, format="png")
+        draw_course(upper, lower, report)
+        save(path, figure)
+
+
+def save(path: Path, figure: Figure) -> None:
+    """Write a figure as PNG."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png")
     write_bytes(path, buffer.getvalue())
 
 
-def _draw_photograph(axes: Axes, frame: ShapeFrame) -> None:
-    photograph = frame.photograph
-    assert photograph is not None
+def draw_course(upper: Axes, lower: Axes, report: IdentificationReport) -> None:
+    """Draw ERR, and below it the last parameter, over time."""
+    frames = [f for r in report.recordings for f in r.frames]
+    _draw_err(upper, frames)
+    if report.tracks:
+        _draw_track(lower, report.tracks[-1])
+    end = max(f.time for f in frames)
+    for axes in (upper, lower):
+        axes.set_xlim(0.0, end)
+
+
+def draw_photograph(axes: Axes, photograph: Photograph, title: str) -> None:
+    """Draw a camera's picture with the curves that are known in it."""
     picture = cv2.imdecode(np.frombuffer(photograph.jpeg, np.uint8), cv2.IMREAD_COLOR)
     assert picture is not None
     axes.imshow(picture[:, :, ::-1])
@@ -61,7 +73,7 @@ def _draw_photograph(axes: Axes, frame: ShapeFrame) -> None:
                 curve[:, 0], curve[:, 1], style, color=COLOURS[colour], lw=1.8, label=CURVES[name]
             )
     axes.set_axis_off()
-    axes.set_title(f"camera image at {frame.time:.1f} s", fontsize=10)
+    axes.set_title(title, fontsize=10)
     axes.legend(loc="lower right", frameon=True, fontsize=9)
 
 

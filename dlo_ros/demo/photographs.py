@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,9 +12,10 @@ import numpy as np
 
 from dlo_ros.demo.outcome import Outcome
 from dlo_ros.nodes.heard import Heard
-from dlo_ros.parameters import Settings
+from dlo_ros.parameters import CameraPose, Settings
 from dlo_ros.recordings import iterate_images
 from dlo_ros.recordings.images import CameraInfo, Image
+from dlo_ros.recordings.several import iterate_together
 from dlo_ros.report import Photograph
 from dlo_ros.report.player import MOST_FRAMES
 from dlo_ros.spline import FloatArray, SplineBasis
@@ -66,9 +67,16 @@ class Window:
 
 
 def photographs(
-    bag: Path, settings: Settings, heard: Heard, outcome: Outcome
+    bag: Path, settings: Settings, heard: Heard, outcome: Outcome, camera: str = ""
 ) -> dict[int, Photograph]:
-    """Pictures by stamp [ns], for as many observed splines as a report shows.
+    """Pictures by the stamp of the observed spline [ns], for as many as a report shows.
+
+    Args:
+        bag: what was played.
+        settings: the initial guess, with the cameras' poses.
+        heard: what the nodes published.
+        outcome: what the initial guess predicts.
+        camera: which of several cameras; empty: the one camera.
 
     Raises:
         RecordingError: the bag cannot be read or has no images.
@@ -86,11 +94,12 @@ def photographs(
     curves: dict[int, Curves] = {}
     window: Window | None = None
     result = {}
-    for stamp, picture, info in iterate_images(bag):
+    pose = settings.cameras[camera] if camera else settings.camera
+    for stamp, picture, info in _pictures(bag, settings, camera):
         if stamp not in shapes:
             continue
         if window is None:
-            curves = {s: _in_pixels(shape, info, settings) for s, shape in shapes.items()}
+            curves = {s: _in_pixels(shape, info, pose, settings) for s, shape in shapes.items()}
             points = np.concatenate([line for c in curves.values() for line in c.values()])
             finite = points[np.all(np.isfinite(points), axis=1)]
             window = Window.around(finite, info.width, info.height)
@@ -98,12 +107,25 @@ def photographs(
     return result
 
 
+def _pictures(
+    bag: Path, settings: Settings, camera: str
+) -> Iterator[tuple[int, Image, CameraInfo]]:
+    """Pictures of a camera with the stamp [ns] of the spline that they belong to.
+
+    A spline of several cameras has the stamp of the first one's picture.
+    """
+    if not camera:
+        yield from iterate_images(bag)
+        return
+    names = list(settings.cameras)
+    for images in iterate_together(bag, names):
+        yield images[names[0]].stamp, images[camera].image, images[camera].info
+
+
 def _in_pixels(
-    shapes: Mapping[str, FloatArray | None], info: CameraInfo, settings: Settings
+    shapes: Mapping[str, FloatArray | None], info: CameraInfo, pose: CameraPose, settings: Settings
 ) -> Curves:
-    camera = Camera.from_info(
-        info.k, info.d, info.distortion_model, info.width, info.height, settings.camera
-    )
+    camera = Camera.from_info(info.k, info.d, info.distortion_model, info.width, info.height, pose)
     basis = SplineBasis(settings.rod.control_points, settings.rod.length)
     matrix = basis.matrix(np.linspace(0.0, settings.rod.length, CURVE_POINTS))
     return {

@@ -3,19 +3,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from dlo_ros.errors import InputError, RecordingError
+from dlo_ros.nodes.messages import installed
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import open_bag, topics
 
-# What a camera and a robot would publish; what nodes made of it is made anew.
-INPUTS = (
-    topics.IMAGE, topics.COMPRESSED, topics.CAMERA_INFO, topics.COMMAND, *topics.WRENCHES,
-)  # fmt: skip
-SPLINES = (topics.OBSERVED, topics.OBSERVED_POINTS, topics.COMMAND, *topics.WRENCHES)
+# What cameras would publish; what nodes made of it is made anew.
+IMAGES = (topics.IMAGE, topics.COMPRESSED)
+SPLINES = (topics.OBSERVED, topics.OBSERVED_POINTS)
+
+COMMANDS: Mapping[str, tuple[str, ...]] = {
+    "topic": (topics.COMMAND,),
+    "tf": (topics.MOVING_TRANSFORMS, topics.TRANSFORMS),
+    "pose": (topics.START_POSE, topics.END_POSE, topics.MOVING_TRANSFORMS, topics.TRANSFORMS),
+}
+"""What tells the imposed motion, by `command.source`."""
 
 
 @dataclass(frozen=True)
@@ -59,16 +65,59 @@ def params_beside(bag: Path) -> Path:
 def plan_run(bag: Path, params: Path, settings: Settings, logs: Path) -> LiveRun:
     """Choose the topics to play: images where there are some, else observed splines.
 
+    Args:
+        bag: the recording.
+        params: parameter file of the nodes.
+        settings: its content; it names the cameras and says where the command comes from.
+        logs: folder for what the processes print.
+
     Raises:
         RecordingError: the bag is unusable, or lacks images and splines, or the command.
+        InputError: the command comes from /tf, and this machine cannot hear that.
     """
     with open_bag(bag) as recording:
-        has_images = any(recording.find(t) for t in (topics.IMAGE, topics.COMPRESSED))
-        wanted = INPUTS if has_images else SPLINES
-        played = [c.topic for t in wanted for c in recording.find(t)]
-        if not has_images and not recording.find(topics.OBSERVED):
-            raise RecordingError(f"{bag}: has neither images nor {topics.OBSERVED}; record one")
-        if not recording.find(topics.COMMAND):
-            raise RecordingError(f"{bag}: has no {topics.COMMAND}; record the imposed motion")
+
+        def held(*wanted: str) -> list[str]:
+            # Transforms are those of the whole system, all other topics may have a namespace.
+            return [
+                c.topic
+                for topic in wanted
+                for c in (
+                    recording.find(topic)
+                    if not topic.startswith("/")
+                    else [c for c in recording.connections if c.topic == topic and c.msgcount]
+                )
+            ]
+
+        views = {name: held(*_of_camera(name, IMAGES)) for name in settings.cameras or ("",)}
+        missing = next((name for name, found in views.items() if not found), None)
+        has_images = missing is None
+        if has_images:
+            infos = (topics.of_camera(name, topics.CAMERA_INFO) for name in views)
+            seen = [*(topic for found in views.values() for topic in found), *held(*infos)]
+            if not settings.cameras and settings.vision.depth == "auto":
+                seen += held(topics.DEPTH)
+        else:
+            seen = held(*SPLINES)
+            if not held(topics.OBSERVED):
+                of = f" of camera '{missing}'" if missing else ""
+                raise RecordingError(
+                    f"{bag}: has neither images{of} nor {topics.OBSERVED}; record one"
+                )
+        command = COMMANDS[settings.command.source]
+        known = [t for t in command if not t.startswith("/") or installed(topics.TRANSFORMS_TYPE)]
+        if not known:
+            raise InputError(
+                f"{params}: command.source is 'tf', but the package tf2_msgs is missing, which a "
+                "full ROS 2 has"
+            )
+        told = held(*known)
+        if not told:
+            raise RecordingError(f"{bag}: has no {command[0]}; record the imposed motion")
         duration = (recording.end - recording.start) / 1e9
+        played = [*seen, *told, *held(*topics.WRENCHES)]
     return LiveRun(bag, duration, played, has_images, params.resolve(), settings, logs)
+
+
+def _of_camera(name: str, wanted: Sequence[str]) -> list[str]:
+    return [topics.of_camera(name, topic) for topic in wanted]

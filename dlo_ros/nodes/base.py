@@ -182,7 +182,13 @@ class DloNode(Node):
         return None
 
     def subscribe(
-        self, topic: str, callback: Callable[[Any], None], qos: QoSProfile, kind: str = ""
+        self,
+        topic: str,
+        callback: Callable[[Any], None],
+        qos: QoSProfile,
+        kind: str = "",
+        *,
+        drain: bool = False,
     ) -> Any:
         """A guarded subscription, its QoS open to overrides.
 
@@ -191,17 +197,28 @@ class DloNode(Node):
             callback: is given each message.
             qos: profile.
             kind: type of its messages; the interface says that of its own topics.
+            drain: whether all messages that wait are taken at once. An executor takes one of each
+                topic between two images, and a robot tells its poses more often than that.
         """
         message = message_class(kind or topics.type_of(topic))
         guarded = self.guarded(topic, callback)
 
+        subscription: Any = None
+
         def receive(received: Any) -> None:
             guarded(received)
+            while drain and subscription is not None:
+                with subscription.handle:
+                    waiting = subscription.handle.take_message(message, False)
+                if waiting is None:
+                    return
+                guarded(waiting[0])
 
         with self._overriding(topic):
-            return self.create_subscription(
+            subscription = self.create_subscription(
                 message, topic, receive, copy(qos), qos_overriding_options=profiles.OVERRIDES
             )
+        return subscription
 
     @contextmanager
     def _overriding(self, topic: str) -> Iterator[None]:

@@ -45,7 +45,7 @@ class FrameCommands:
             raise ParameterError("command.source is 'tf', but the package tf2_msgs is missing")
         if self._source == "pose":
             for topic in POSES.values():
-                node.subscribe(topic, partial(self._on_pose, topic), qos.DEEP)
+                node.subscribe(topic, partial(self._on_pose, topic), qos.DEEP, drain=True)
         node.every(PERIOD, self._proceed)
         node.every(POLL, self._look)
 

@@ -49,6 +49,13 @@ the usual depth of 10 then lose none."""
 COMMANDS = 500
 """Commands that are remembered; each but the last is partly replaced by the next."""
 
+FRAMES_LATE = 0.1
+"""Seconds that predictions wait for a robot's frames, which come after their instant.
+
+Otherwise each prediction would hold the clamps where they were, and move them in jumps. After that
+the clamps are taken to rest.
+"""
+
 LONGEST_TICK = 0.02
 """Seconds of wall time between two looks at what is due."""
 
@@ -200,7 +207,7 @@ class SimulatorNode(DloNode):
         if not self._simulation.started:
             self._try_to_start()
             return
-        now = self.now()
+        now = self._known_until()
         behind = (now - self._next) / NANOSECONDS
         if behind > LONGEST_GAP:
             self.health.warn("lag", f"{behind:.1f} s behind the clock; starting afresh")
@@ -221,6 +228,14 @@ class SimulatorNode(DloNode):
             self.health.warn(
                 "lag", f"slower than real time; {behind:.2f} s behind, predictions are left out"
             )
+
+    def _known_until(self) -> int:
+        """The instant [ns] to which to predict: now, or the newest that a robot's frames tell."""
+        now, commands = self.now(), self._simulation.motion.commands
+        if self.settings.command.source == "topic" or not commands:
+            return now
+        told = commands[-1].end_stamp
+        return told if 0 < now - told < FRAMES_LATE * NANOSECONDS else now
 
     def _predict(self, stamp: int) -> None:
         began = time.monotonic()

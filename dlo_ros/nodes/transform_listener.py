@@ -42,7 +42,7 @@ class TransformListener:
             durability=DurabilityPolicy.TRANSIENT_LOCAL,
         )  # fmt: skip
         node.subscribe(topics.TRANSFORMS, self._on_fixed, fixed, kind)
-        node.subscribe(topics.MOVING_TRANSFORMS, self._on_moving, moving, kind)
+        node.subscribe(topics.MOVING_TRANSFORMS, self._on_moving, moving, kind, drain=True)
 
     def _on_fixed(self, message: Any) -> None:
         self.take(message, fixed=True)

@@ -28,7 +28,8 @@ from dlo_ros.vision.space import SpaceObserver
 from dlo_ros.vision.space.observer import Frame
 
 PATIENCE = 0.5
-"""Seconds that the first images wait for the command, where somebody publishes it."""
+"""Seconds that the first images wait for the command, where somebody publishes it, and any images
+for the robot's frames of their instant."""
 
 HELD = 10
 """Sets of images that may wait so; the oldest are dropped."""
@@ -64,6 +65,8 @@ class ViewsListener:
         self._together: ApproximateTime[Any] = ApproximateTime(self.cameras or ("", DEPTH))
         self._held: deque[Images] = deque(maxlen=HELD)
         self._hold_until = 0.0
+        self._front = 0.0  # when the first of those that wait came to the front
+        self._silent_since = -1  # stamp that the robot told last [ns]
         self._last_depth = -DEPTH_FRESH
         self._transports: dict[str, tuple[str, Any]] = {}
         self._overlays: dict[str, Any] = {}
@@ -160,8 +163,27 @@ class ViewsListener:
                 self._hold_until = now + PATIENCE
             if now < self._hold_until:
                 return
-        while self._held:
+        while self._held and not self._early(max(stamp for stamp, _ in self._held[0].values())):
+            self._front = 0.0
             self._node.guarded("image", self._see)(self._held.popleft())
+
+    def _early(self, stamp: int) -> bool:
+        """Whether a robot's frames are still to tell where the clamps are at a stamp [ns].
+
+        A robot that is silent keeps images waiting but once.
+        """
+        commands = self._motion.commands
+        if self._node.settings.command.source == "topic" or not commands:
+            return False
+        told = commands[-1].end_stamp
+        if told >= stamp or told == self._silent_since:
+            return False
+        now = time.monotonic()
+        self._front = self._front or now
+        if now < self._front + PATIENCE:
+            return True
+        self._silent_since = told
+        return False
 
     def _build(self) -> SpaceObserver | None:
         poses = dict(self._node.settings.cameras) or {"": self._node.settings.camera}

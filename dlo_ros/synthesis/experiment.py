@@ -4,6 +4,7 @@
     parameters:          # the truth, written as in a parameter file
       rod: {length: 0.4, ...}
       camera: {translation: [...], rotation: [...]}
+      command: {source: tf, start_frame: gripper}   # this frame in /tf, no dlo/command
       effects: {point_mass: {mass: 0.02, position: 0.3}}   # hidden in the simulated rope
     guess:               # what params.yaml says instead
       rod: {young_modulus: 1000000.0}
@@ -52,6 +53,7 @@ from dlo_ros.parameter_table import TABLE
 from dlo_ros.parameters import EFFECTS_PREFIX, CameraPose, Settings
 from dlo_ros.share import shared_file
 from dlo_ros.spline import FloatArray
+from dlo_ros.synthesis.gripper_frames import check_frames
 from dlo_ros.synthesis.hidden import FOREIGN, Hidden, read_effects
 from dlo_ros.synthesis.hidden_rod import true_length
 from dlo_ros.synthesis.look import DepthSensor, Look, Measurement, SimulatedCamera
@@ -187,6 +189,7 @@ def read_experiment(tree: Any, name: str, where: str) -> Experiment:
         raise InputError(f"{where}: depth is that of the one camera; leave cameras or depth out")
     top.finish()
     _check_effects(experiment, where)
+    check_frames(truth, experiment.command, where)
     _check_reach(experiment.command, true_length(truth, experiment.hidden), where)
     return experiment
 

@@ -26,6 +26,7 @@ from dlo_ros.recordings.write import BagWriter
 from dlo_ros.spline import FloatArray, SplineBasis
 from dlo_ros.synthesis.experiment import Experiment
 from dlo_ros.synthesis.geometry import Geometry
+from dlo_ros.synthesis.gripper_frames import write_frames
 from dlo_ros.synthesis.pictures import (
     BLUR_INSTANTS,
     CAMERA_FRAME,
@@ -89,8 +90,11 @@ def synthesize(
             truth, wrenches = record(experiment.wrench, simulation, experiment.stamps, length, seed)
             for one in wrenches:
                 write_wrenches(writer, frame, one)
-        command = command_message(BAG_MESSAGES, experiment.command)
-        writer.write(topics.COMMAND, command, experiment.command.stamp - LEAD)
+        if experiment.truth.command.source != "topic":
+            write_frames(writer, experiment.truth, experiment.command, experiment.stamps[-1])
+        else:
+            command = command_message(BAG_MESSAGES, experiment.command)
+            writer.write(topics.COMMAND, command, experiment.command.stamp - LEAD)
         frames = progress(range(len(truth.stamps)), len(truth.stamps))
         if images and (experiment.spatial or experiment.cameras or experiment.depth):
             record_pictures(experiment, truth, writer, frames, seed)
