@@ -20,7 +20,7 @@ LAYERS = (
     ("__init__", "spline", "parameter_table", "interpolation", "share", "files"),
     ("command", "observation", "parameter_cameras"),
     ("effects",),
-    ("parameter_text",),
+    ("parameter_text", "parameter_file"),
     ("parameters",),
     ("rod", "recordings", "report"),
     ("vision",),
