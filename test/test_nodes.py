@@ -172,7 +172,8 @@ def playing(tmp_path_factory: pytest.TempPathFactory, bag: Path):
         for topic in (topics.PREDICTED, topics.ERR, topics.YOUNG_MODULUS, topics.DENSITY):
             # Deep: on a busy machine this process may not be running for a second.
             client.hear(topic, LATCHED if topic in topics.LATCHED else 1000)
-        player = system.start("play", str(bag))
+        # Slowly, so that a busy machine has its estimate before the end.
+        player = system.start("play", str(bag), "--rate", "0.25")
         client.until(lambda: not player.alive, 120.0, "end of playback")
         assert player.wait() == 0, player.said
         err = client.hear(topics.ERR)
@@ -357,7 +358,7 @@ def test_effects_are_parameters_of_the_simulator(tmp_path):
     words = ("simulator", "--ros-args", "--params-file", str(tmp_path / "params.yaml"))
     process, client = Process(tmp_path, *words, domain=domain), Client(domain)
     try:
-        client.until(lambda: client.node.count_publishers(topics.PREDICTED), 120.0, "the simulator")
+        client.wait_for_ready("simulator")
         descriptor = client.describe("/simulator", "effects.point_mass.mass")
         assert descriptor.description == "the mass [kg]"
         assert "from 0 to" in descriptor.additional_constraints
