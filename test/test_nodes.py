@@ -20,6 +20,7 @@ pytest.importorskip("rclpy")
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from live_graph import Client, Process, to_ros
+from ordinary import some_of
 from rclpy.qos import DurabilityPolicy, qos_profile_sensor_data
 from std_srvs.srv import SetBool, Trigger
 from vision_scenes import Scene, bow, clamps, render
@@ -651,9 +652,7 @@ def test_the_observer_takes_whichever_transport_a_remapped_camera_publishes(wait
     assert node.interrupt() == 0
 
 
-def test_parameters_that_are_missing_or_unusable_end_with_status_2(tmp_path):
-    bad = tmp_path / "bad.yaml"
-    bad.write_text("/**:\n  ros__parameters:\n    rod: {length: [1, 2\n")
+def test_an_override_of_no_known_policy_ends_with_status_2(tmp_path):
     override = "qos_overrides./dlo/markers.publisher.durability:=forever"
     complete = ("-p", "rod.length:=0.4", "-p", "rod.diameter:=0.004")
     unknown = Process(tmp_path, "observer", "--ros-args", *complete, "-p", override)
@@ -664,14 +663,19 @@ def test_parameters_that_are_missing_or_unusable_end_with_status_2(tmp_path):
         and "dlo_ros observer: qos_overrides./dlo/markers: " in line
         and "forever" in line
     )
-    for name in NODES:
-        incomplete = Process(tmp_path, name, "--ros-args", "-p", "rod.length:=0.4")
-        broken = Process(tmp_path, name, "--ros-args", "--params-file", str(bad))
-        assert incomplete.wait() == 2 and broken.wait() == 2
-        assert f"dlo_ros {name}: rod.diameter is missing" in incomplete.said
-        (line,) = broken.said.splitlines()
-        assert line.startswith(f"dlo_ros {name}: {bad}: is no valid YAML (line 4: ")
-        assert "Traceback" not in incomplete.said + broken.said
+
+
+@pytest.mark.parametrize("name", some_of(NODES, ["simulator"]))
+def test_parameters_that_are_missing_or_unusable_end_with_status_2(tmp_path, name):
+    bad = tmp_path / "bad.yaml"
+    bad.write_text("/**:\n  ros__parameters:\n    rod: {length: [1, 2\n")
+    incomplete = Process(tmp_path, name, "--ros-args", "-p", "rod.length:=0.4")
+    broken = Process(tmp_path, name, "--ros-args", "--params-file", str(bad))
+    assert incomplete.wait() == 2 and broken.wait() == 2
+    assert f"dlo_ros {name}: rod.diameter is missing" in incomplete.said
+    (line,) = broken.said.splitlines()
+    assert line.startswith(f"dlo_ros {name}: {bad}: is no valid YAML (line 4: ")
+    assert "Traceback" not in incomplete.said + broken.said
 
 
 @pytest.mark.parametrize("after", [0.5, 1.1, 1.8])
