@@ -105,6 +105,16 @@ class Command:
         )
         return position, rotation
 
+    def held(self, end: str, control_points: int) -> int | None:
+        """Index of what imposes the place of an end, `start` or `end`; None: it is free.
+
+        Args:
+            control_points: number of those of the DLO, the outer of which may be imposed instead.
+        """
+        tip = f"{CONTROL_POINT}{1 if end == START else control_points}"
+        name = next((n for n in (end, tip) if n in self.names), None)
+        return None if name is None else self.names.index(name)
+
     @cached_property
     def off_plane(self) -> float:
         """Largest distance of an imposed position from the plane y = 0 [m]."""

@@ -31,7 +31,7 @@ class Dependency:
 
     @property
     def missing(self) -> str:
-        """What to tell a person who lacks it, one line."""
+        """A line for a person who lacks the library."""
         if self.module == "numba":
             return NUMBA_MISSING
         by_apt = f"apt install {self.package}, or " if self.package else ""
@@ -62,7 +62,7 @@ ROS_REMEDY = "source a ROS 2 Jazzy installation, or pip install 'dlo_ros[ros]'"
 
 
 def missing(module: str) -> str | None:
-    """What to tell a person who lacks a module, one line.
+    """A line for a person who lacks a module.
 
     Args:
         module: full name, as a ModuleNotFoundError has it.

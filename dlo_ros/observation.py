@@ -93,6 +93,16 @@ class Wrenches:
     torque: FloatArray
     axes: FloatArray
 
+    @classmethod
+    def along_axes(cls, end: str, stamps: NDArray[np.int64], values: FloatArray) -> Wrenches:
+        """Those of a sensor with the axes of the fixed frame.
+
+        Args:
+            values: force and torque [N; N m], shape (k, 6).
+        """
+        axes = np.broadcast_to(np.eye(3), (len(stamps), 3, 3))
+        return cls(end, stamps, values[:, :3], values[:, 3:], axes)
+
     def __post_init__(self) -> None:
         k = len(self.stamps)
         if not (self.force.shape == self.torque.shape == (k, 3) and self.axes.shape == (k, 3, 3)):

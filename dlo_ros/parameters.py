@@ -326,6 +326,11 @@ class Settings:
         lines = "".join(f"# {line}\n" for line in comment.splitlines())
         return f"{HEADER}\n{lines}{parameter_lines(self.flat())}{END}\n"
 
+    @property
+    def camera_poses(self) -> dict[str, CameraPose]:
+        """Poses of the board in all cameras by their names; that of the only one is empty."""
+        return dict(self.cameras) or {"": self.camera}
+
     def with_material(self, young_modulus: float, density: float) -> Settings:
         """The same settings with another E [Pa] and mu [kg/m^3]."""
         return replace(self, rod=replace(self.rod, young_modulus=young_modulus, density=density))

@@ -32,9 +32,9 @@ from dlo_ros.synthesis.geometry import Geometry
 from dlo_ros.synthesis.pictures import SAMPLES
 from dlo_ros.synthesis.spatial_render import SpatialRenderer
 from dlo_ros.synthesis.synthesize import synthesize
-from dlo_ros.vision.camera import Camera
 from dlo_ros.vision.space import SpaceObserver
 from dlo_ros.vision.space.observer import Frame
+from dlo_ros.vision.space.view import cameras_of
 
 assert dlo_ros
 DURATION = 2.5  # [s] of each motion
@@ -102,11 +102,7 @@ def evaluate(seed: int, folder: Path, *, depth: bool, late: float) -> dict[str, 
     index = {stamp: k for k, stamp in enumerate(truth.stamps)}
     for images in iterate_together(folder, list(poses), depth=depth):
         if observer is None:
-            cameras = {
-                n: Camera.from_info(i.info.k, i.info.d, i.info.distortion_model, i.info.width,
-                                    i.info.height, poses[n])
-                for n, i in images.items()
-            }  # fmt: skip
+            cameras = cameras_of({n: i.info for n, i in images.items()}, poses)
             observer = SpaceObserver(settings, cameras, motion)
             view = next(iter(cameras.values())).rotation[2]
         frames = {n: Frame(i.stamp, i.image, i.depth) for n, i in images.items()}

@@ -79,7 +79,7 @@ def examine(params: Path | None, seconds: float) -> dict[str, list[Finding]]:
 
 
 def _listen(seconds: float, settings: Settings | None) -> dict[str, list[Finding]]:
-    """What is heard; one finding where that is not possible."""
+    """Findings about the ROS graph; a single one where it cannot be heard."""
     try:
         from dlo_ros.nodes.graph_watch import watch
 

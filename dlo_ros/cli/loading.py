@@ -7,6 +7,7 @@ import argparse
 import json
 import logging
 import sys
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,7 +16,8 @@ from rich.console import Console
 from rich.progress import track
 
 from dlo_ros.cli.observe import observe_recording
-from dlo_ros.cli.observe_points import observe_points
+from dlo_ros.cli.observe_points import ObservedPoints, observe_points
+from dlo_ros.cli.observe_space import ObservedFrame
 from dlo_ros.command import Motion
 from dlo_ros.compilation import compile_first
 from dlo_ros.errors import InputError, RecordingError
@@ -114,26 +116,34 @@ def load_manipulation(path: Path, settings: Settings) -> Manipulation:
 
 
 def _observe_points(path: Path, settings: Settings) -> list[Observation]:
-    found, reason = [], ""
-    for each in observe_points(path, settings):
+    return _usable(observe_points(path, settings), f"{path}: no list of points", "")
+
+
+def _observe(path: Path, settings: Settings) -> list[Observation]:
+    console = Console(stderr=True)
+    frames = observe_recording(path, settings)
+    shown = track(frames, f"Observing {path.name}", console=console, transient=True)
+    return _usable(shown, f"{path}: no image", "it has no images")
+
+
+def _usable(
+    observed: Iterable[ObservedFrame | ObservedPoints], none: str, reason: str
+) -> list[Observation]:
+    """The observations among what was observed.
+
+    Args:
+        none: beginning of the message where there is none.
+        reason: why there is none, where nothing was observed at all.
+
+    Raises:
+        RecordingError: there is none.
+    """
+    found = []
+    for each in observed:
         if each.result is None:
             reason = each.reason
         else:
             found.append(each.result.observation)
     if not found:
-        raise RecordingError(f"{path}: no list of points shows a credible DLO ({reason})")
-    return found
-
-
-def _observe(path: Path, settings: Settings) -> list[Observation]:
-    console = Console(stderr=True)
-    found, reason = [], "it has no images"
-    frames = observe_recording(path, settings)
-    for frame in track(frames, f"Observing {path.name}", console=console, transient=True):
-        if frame.result is None:
-            reason = frame.reason
-        else:
-            found.append(frame.result.observation)
-    if not found:
-        raise RecordingError(f"{path}: no image shows a credible DLO ({reason})")
+        raise RecordingError(f"{none} shows a credible DLO ({reason})")
     return found

@@ -26,7 +26,7 @@ from dlo_ros.files import write_bytes, write_text
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.bag import open_bag
-from dlo_ros.recordings.building import BAG_MESSAGES, points_message, spline_message
+from dlo_ros.recordings.building import observation_messages
 from dlo_ros.recordings.images import Image
 from dlo_ros.recordings.read import iterate_images, iterate_masks, read_recording
 from dlo_ros.recordings.several import count_images
@@ -216,12 +216,8 @@ def _observe_bag(
             if frame.result is None:
                 reasons[frame.reason] += 1
                 continue
-            observation = frame.result.observation
-            if observation.points is not None:
-                points = points_message(BAG_MESSAGES, frame.stamp, frame_id, observation.points)
-                writer.write(topics.OBSERVED_POINTS, points, frame.stamp)
-            spline = spline_message(BAG_MESSAGES, frame.stamp, frame_id, observation.control_points)
-            writer.write(topics.OBSERVED, spline, frame.stamp)
+            for topic, message in observation_messages(frame_id, frame.result.observation):
+                writer.write(topic, message, frame.stamp)
             found.append(frame.result)
         if not found:
             reason = reasons.most_common(1)[0][0]

@@ -17,7 +17,7 @@ from dlo_ros.errors import InputError, RecordingError, VisionError
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.bag import open_bag
-from dlo_ros.recordings.building import BAG_MESSAGES, points_message, spline_message
+from dlo_ros.recordings.building import observation_messages
 from dlo_ros.recordings.point_lists import iterate_points
 from dlo_ros.recordings.read import read_recording
 from dlo_ros.recordings.write import BagWriter, copy_topics
@@ -81,13 +81,8 @@ def observe_points_bag(path: Path, settings: Settings, output: Path, *, force: b
             if each.result is None:
                 reasons[each.reason] += 1
                 continue
-            seen = each.result.observation
-            if seen.points is not None:
-                cloud = points_message(BAG_MESSAGES, each.stamp, settings.frame_id, seen.points)
-                writer.write(topics.OBSERVED_POINTS, cloud, each.stamp)
-            shape = seen.control_points
-            spline = spline_message(BAG_MESSAGES, each.stamp, settings.frame_id, shape)
-            writer.write(topics.OBSERVED, spline, each.stamp)
+            for topic, message in observation_messages(settings.frame_id, each.result.observation):
+                writer.write(topic, message, each.stamp)
             found.append(each.result)
         if not found:
             reason = reasons.most_common(1)[0][0]

@@ -17,6 +17,7 @@ from dlo_ros.vision.camera import Camera
 from dlo_ros.vision.result import VisionResult
 from dlo_ros.vision.space import SpaceObserver
 from dlo_ros.vision.space.observer import Frame
+from dlo_ros.vision.space.view import cameras_of
 
 LOG = logging.getLogger(__name__)
 
@@ -50,7 +51,7 @@ class ObservedFrame:
 
     @property
     def result(self) -> VisionResult | None:
-        """What the first camera showed; the observation is that of all."""
+        """The first camera's result; its observation is that of all cameras."""
         return next(iter(self.views.values()))[2]
 
 
@@ -73,20 +74,14 @@ def observe_together(
     Raises:
         DloError: the bag or a camera_info is unusable.
     """
-    poses = dict(settings.cameras) or {"": settings.camera}
+    poses = settings.camera_poses
     observer: SpaceObserver | None = None
-    known: list[CameraInfo] = []
+    known: dict[str, CameraInfo] = {}
     depth = not settings.cameras
     for images in iterate_together(path, list(poses), depth=depth, on_skip=on_skip):
-        infos = [images[name].info for name in poses]
+        infos = {name: images[name].info for name in poses}
         if observer is None or infos != known:
-            cameras = {
-                name: Camera.from_info(
-                    info.k, info.d, info.distortion_model, info.width, info.height, poses[name]
-                )
-                for name, info in zip(poses, infos, strict=True)
-            }
-            observer, known = SpaceObserver(settings, cameras, motion), infos
+            observer, known = SpaceObserver(settings, cameras_of(infos, poses), motion), infos
         frames = {name: Frame(i.stamp, i.image, i.depth) for name, i in images.items()}
         stamps = [frame.stamp for frame in frames.values()]
         found: Mapping[str, VisionResult] = {}

@@ -12,7 +12,7 @@ from dlo_ros.nodes.messages import installed
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import open_bag, topics
 
-# What cameras would publish; what nodes made of it is made anew.
+# Topics of cameras; splines that nodes made of them are made anew.
 IMAGES = (topics.IMAGE, topics.COMPRESSED)
 SPLINES = (topics.OBSERVED, topics.OBSERVED_POINTS)
 
@@ -21,7 +21,7 @@ COMMANDS: Mapping[str, tuple[str, ...]] = {
     "tf": (topics.MOVING_TRANSFORMS, topics.TRANSFORMS),
     "pose": (topics.START_POSE, topics.END_POSE, topics.MOVING_TRANSFORMS, topics.TRANSFORMS),
 }
-"""What tells the imposed motion, by `command.source`."""
+"""Topics of the imposed motion, by `command.source`."""
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What a second effect is looked for beside, and what else a pair may be."""
+"""Pairs of effects: first ones, beside which a second is looked for, and pegs of other sizes."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What was seen of the ROS graph in a few seconds, as plain data."""
+"""Observations of the ROS graph over a few seconds, as plain data."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class NodeState:
 
     @property
     def namespace(self) -> str:
-        """That of the node, without a slash at its end."""
+        """Namespace of the node, without a slash at its end."""
         return self.name.rpartition("/")[0]
 
 

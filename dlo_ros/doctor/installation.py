@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What is installed: Python, libraries, ROS, and the folder of compiled kernels."""
+"""The installation: Python, libraries, ROS, and the folder of compiled kernels."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def _python(version: str) -> Finding:
 
 
 def _libraries(importer: Callable[[str], Any]) -> list[Finding]:
-    """What is well in one line, and a line for each of the others."""
+    """Libraries that are well in one line, and a line for each other one."""
     good, bad = [], []
     for dependency in DEPENDENCIES:
         finding = _library(dependency, importer)

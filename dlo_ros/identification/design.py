@@ -243,8 +243,7 @@ def _felt(plan: Plan, settings: Settings, spans: int | None) -> FloatArray:
         if predicted is None:
             continue
         stamps = np.array([int(s) for s in found.stamps])
-        axes = np.broadcast_to(np.eye(3), (len(stamps), 3, 3))
-        measured = Wrenches(end, stamps, predicted[:, :3], predicted[:, 3:], axes)
+        measured = Wrenches.along_axes(end, stamps, predicted)
         field = wrench_field(
             plan.name, measured, [int(s) for s in stamps], predicted, predicted[:, :, None],
             settings, [plan.command],

@@ -71,8 +71,15 @@ class Scale:
     @property
     def relative(self) -> tuple[float | None, float | None, float | None]:
         """The three standard deviations; None where that leaves it unknown."""
-        a, b, c = (s if s < UNBOUNDED else None for s in self.std)
-        return a, b, c
+        return bounded(self.std)
+
+
+def bounded(
+    std: tuple[float, float, float],
+) -> tuple[float | None, float | None, float | None]:
+    """Relative standard deviations; None where one leaves its number unknown."""
+    a, b, c = (s if s < UNBOUNDED else None for s in std)
+    return a, b, c
 
 
 def grip_wrenches(loadings: Sequence[Loading], end: str) -> FloatArray | None:

@@ -25,8 +25,6 @@ LOG = logging.getLogger(__name__)
 
 MOST = 60_000
 """Messages of an end that are remembered: a minute at 1 kHz."""
-AT_ONCE = 1
-"""Shapes in a piece of work."""
 FEWEST = 10
 """Shapes before forces are looked at."""
 GROWTH = 1.3
@@ -83,10 +81,9 @@ class Forces:
             loadings: list[Loading | None] = []
             if stamps and stamps[0] == simulation.stamp:
                 loadings.append(simulation.prediction().loading)
-            for k in range(len(loadings), len(stamps), AT_ONCE):
+            for stamp in stamps[len(loadings) :]:
                 yield SHORT
-                made = simulation.advance_through(stamps[k : k + AT_ONCE])
-                loadings += [p.loading for p in made]
+                loadings += [p.loading for p in simulation.advance_through([stamp])]
         except SimulationError as err:
             LOG.warning("measured forces are not used for now: %s", err)
             return
@@ -111,6 +108,5 @@ class Forces:
             table = dict(rows)
             stamps = np.array(sorted(table), dtype=np.int64)
             values = np.array([table[int(s)] for s in stamps])
-            axes = np.broadcast_to(np.eye(3), (len(stamps), 3, 3))
-            result.append(Wrenches(end, stamps, values[:, :3], values[:, 3:], axes))
+            result.append(Wrenches.along_axes(end, stamps, values))
         return result

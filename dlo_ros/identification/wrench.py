@@ -16,13 +16,12 @@ import numpy as np
 
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.estimate import (
-    UNBOUNDED,
     known_information,
     logarithms,
     search_information,
     with_logarithms,
 )
-from dlo_ros.identification.force_scale import grip_wrenches
+from dlo_ros.identification.force_scale import bounded, grip_wrenches
 from dlo_ros.inference.forecast import Forecast, Manipulation, forecast
 from dlo_ros.inference.parallel import Pool, Threads
 from dlo_ros.inference.parameter import value_of, with_value
@@ -79,8 +78,7 @@ class Weighing:
     @property
     def relative(self) -> tuple[float | None, float | None, float | None]:
         """The three standard deviations of mu over mu; None where that leaves it unknown."""
-        a, b, c = (s if s < UNBOUNDED else None for s in self.std)
-        return a, b, c
+        return bounded(self.std)
 
 
 def weighed_by_force(

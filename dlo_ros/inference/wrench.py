@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.fft import dct
 from scipy.optimize import minimize
 
-from dlo_ros.command import CONTROL_POINT, NANOSECONDS, START, Command, Motion
+from dlo_ros.command import NANOSECONDS, Command, Motion
 from dlo_ros.inference.variances import LONGEST_MEMORY, density
 from dlo_ros.observation import Wrenches
 from dlo_ros.parameters import Settings
@@ -224,15 +224,12 @@ def _tool(
 ) -> list[FloatArray]:  # fmt: skip
     """What a mass between sensor and DLO adds, tared at the first shape; none where it rests."""
     motion, mass = Motion(list(commands)), settings.wrench.tool_mass_std
-    tip = f"{CONTROL_POINT}{1 if end == START else settings.rod.control_points}"
     side, places = round(SIDE * NANOSECONDS), []
     for stamp in stamps:
         command = motion.at(int(stamp))
-        names = () if command is None else command.names
-        name = next((n for n in (end, tip) if n in names), None)
-        if command is None or name is None:
+        k = None if command is None else command.held(end, settings.rod.control_points)
+        if command is None or k is None:
             return []
-        k = names.index(name)
         a, b, c = (command.sample(int(stamp) + s)[0][k] for s in (-side, 0, side))
         places.append((a - 2.0 * b + c) / SIDE**2)
     pull = np.array(places) - np.array(settings.gravity)

@@ -77,7 +77,7 @@ class FrameCommands:
         if not frames:
             return
         try:
-            stamps = instants(transforms, frames, self._node.settings.frame_id)
+            stamps = instants(transforms, frames, self._node.settings.frame_id, self._last)
         except InputError:
             return  # not all has come yet; `_look` tells where it stays so
         if not stamps and self._now and not self._last:  # all of it holds for good
@@ -100,14 +100,12 @@ class FrameCommands:
             node.health.warn("command", f"command.source is 'pose', and nobody publishes {wanted}")
             return
         try:
-            for frame, _ in frames.values():
-                self._listener.transforms.instants(frame, node.settings.frame_id)
+            moving = instants(self._listener.transforms, frames, node.settings.frame_id)
         except InputError as err:
             node.health.warn("command", f"command.source is '{self._source}': {err}")
             return
         now = node.now()
         silent = (now - self._last) / NANOSECONDS
-        moving = instants(self._listener.transforms, frames, node.settings.frame_id)
         if now and moving and silent > SILENT:
             node.health.warn(
                 "command", f"the clamps' frames were told {silent:.1f} s ago for the last time"

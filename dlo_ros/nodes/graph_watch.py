@@ -182,7 +182,7 @@ class GraphWatch:
         self, topic: str, kind: Any, take: Callable[[Any], None], profile: QoSProfile
     ) -> None:
         self._subscribed.add(topic)
-        self._node.create_subscription(kind, topic, lambda message: take(message), profile)
+        self._node.create_subscription(kind, topic, take, profile)
 
     def _on_diagnostics(self, message: Any) -> None:
         for status in message.status:

@@ -114,8 +114,9 @@ class Heard:
             length: of the DLO [m].
         """
         result = {}
+        predictions = sorted(self.predicted.items(), key=itemgetter(0))
         for stamp in sorted(self.observed):
-            predicted = self.predicted_at(stamp)
+            predicted = interpolated(predictions, stamp)
             if predicted is not None:
                 basis = SplineBasis(len(predicted), length)
                 result[stamp] = shape_error(self.observed[stamp], predicted, basis)

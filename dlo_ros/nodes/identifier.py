@@ -32,6 +32,7 @@ from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.building import float_message
 from dlo_ros.recordings.messages import read_observation, read_points, read_spline, stamp_of
+from dlo_ros.recordings.transforms import same_frame
 from dlo_ros.recordings.wrenches import TOPICS as WRENCHES
 from dlo_ros.recordings.wrenches import wrench_of
 from dlo_ros.rod.compile import compile_kernels
@@ -164,7 +165,7 @@ class IdentifierNode(DloNode):
         frame, values = str(message.header.frame_id), wrench_of(message)
         if self.is_earlier(stamp_of(message)):
             return
-        if frame.lstrip("/") != self.settings.frame_id.lstrip("/"):
+        if not same_frame(frame, self.settings.frame_id):
             raise InputError(
                 f"{topic} is in frame '{frame[:60]}'; live, forces in '{self.settings.frame_id}' "
                 "are taken only"

@@ -20,7 +20,7 @@ from dlo_ros.nodes.messages import ROS_MESSAGES
 from dlo_ros.nodes.points import PointsListener
 from dlo_ros.nodes.runtime import run
 from dlo_ros.nodes.transform import BoardTransform
-from dlo_ros.nodes.views import ViewsListener
+from dlo_ros.nodes.views import ViewsListener, transport_of
 from dlo_ros.observation import CentrelinePoints, Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
@@ -133,19 +133,11 @@ class ObserverNode(DloNode):
 
     def _choose_transport(self) -> None:
         """Subscribe to raw or compressed images, whichever is published; compressed if both."""
-        wanted = self.settings.image_transport
-        if wanted == "auto":
-            if self.is_published(topics.COMPRESSED):
-                wanted = "compressed"
-            elif self.is_published(topics.IMAGE) or not self._transport:
-                wanted = "raw"
-            else:
-                wanted = self._transport
+        wanted, topic = transport_of(self, "", self._transport)
         if wanted == self._transport:
             return
         if self._image_subscription is not None:
             self.destroy_subscription(self._image_subscription)
-        topic = topics.COMPRESSED if wanted == "compressed" else topics.IMAGE
         self._image_subscription = self.subscribe(topic, self._on_image, qos.IMAGES)
         self._transport = wanted
         self.health.values["image transport"] = wanted

@@ -17,7 +17,7 @@ from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.messages import stamp_of
 from dlo_ros.recordings.point_lists import points_on_board
-from dlo_ros.recordings.transforms import Transforms
+from dlo_ros.recordings.transforms import Transforms, same_frame
 from dlo_ros.vision.point_observer import PointObserver
 
 
@@ -87,7 +87,7 @@ class PointsListener:
 
     def _transforms(self, message: Any) -> Transforms:
         """Those that are known; they are listened to from the first list of another frame on."""
-        foreign = str(message.header.frame_id).lstrip("/") != self._node.settings.frame_id
+        foreign = not same_frame(str(message.header.frame_id), self._node.settings.frame_id)
         if self._listener is None and foreign:
             self._listener = TransformListener(self._node)
         return Transforms() if self._listener is None else self._listener.transforms

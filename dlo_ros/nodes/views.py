@@ -21,11 +21,11 @@ from dlo_ros.recordings.messages import stamp_of
 from dlo_ros.recordings.several import DEPTH
 from dlo_ros.recordings.synchronisation import ApproximateTime
 from dlo_ros.spline import FloatArray
-from dlo_ros.vision.camera import Camera
 from dlo_ros.vision.overlay import draw_overlay
 from dlo_ros.vision.result import VisionResult
 from dlo_ros.vision.space import SpaceObserver
 from dlo_ros.vision.space.observer import Frame
+from dlo_ros.vision.space.view import cameras_of
 
 PATIENCE = 0.5
 """Seconds that the first images wait for the command, where somebody publishes it, and any images
@@ -38,6 +38,27 @@ DEPTH_FRESH = 1.0
 """Seconds for which a depth image keeps the camera's images waiting for the next one."""
 
 Images = dict[str, tuple[int, Any]]
+
+
+def transport_of(node: DloNode, camera: str, chosen: str) -> tuple[str, str]:
+    """Whether images of a camera come raw or compressed, and their topic; compressed if both.
+
+    Args:
+        node: which subscribes; its settings may say.
+        camera: its name; empty: the one camera.
+        chosen: what it was before, which stays where neither is published; empty: nothing.
+    """
+    compressed = topics.of_camera(camera, topics.COMPRESSED)
+    raw = topics.of_camera(camera, topics.IMAGE)
+    wanted = node.settings.image_transport
+    if wanted == "auto":
+        if node.is_published(compressed):
+            wanted = "compressed"
+        elif node.is_published(raw) or not chosen:
+            wanted = "raw"
+        else:
+            wanted = chosen
+    return wanted, compressed if wanted == "compressed" else raw
 
 
 class ViewsListener:
@@ -110,19 +131,13 @@ class ViewsListener:
 
     def _choose_transport(self, name: str) -> None:
         """Subscribe to raw or compressed images of a camera; compressed if both are published."""
-        node, wanted = self._node, self._node.settings.image_transport
-        compressed = topics.of_camera(name, topics.COMPRESSED)
-        raw = topics.of_camera(name, topics.IMAGE)
+        node = self._node
         chosen, subscription = self._transports.get(name, ("", None))
-        if wanted == "auto":
-            wanted = "compressed" if node.is_published(compressed) else "raw"
-            if not node.is_published(compressed) and not node.is_published(raw):
-                wanted = chosen or "raw"
+        wanted, topic = transport_of(node, name, chosen)
         if wanted == chosen:
             return
         if subscription is not None:
             node.destroy_subscription(subscription)
-        topic = compressed if wanted == "compressed" else raw
         made = node.subscribe(topic, partial(self._on_image, name), qos.IMAGES)
         self._transports[name] = wanted, made
 
@@ -186,19 +201,14 @@ class ViewsListener:
         return False
 
     def _build(self) -> SpaceObserver | None:
-        poses = dict(self._node.settings.cameras) or {"": self._node.settings.camera}
+        poses = self._node.settings.camera_poses
         missing = [name for name in poses if name not in self._infos]
         if missing:
             for name in missing:
                 topic = topics.of_camera(name, topics.CAMERA_INFO)
                 self._node.health.warn(topic, f"images come, but no usable {topic} yet")
             return None
-        cameras = {
-            name: Camera.from_info(
-                info.k, info.d, info.distortion_model, info.width, info.height, poses[name]
-            )
-            for name, info in ((name, self._infos[name]) for name in poses)
-        }
+        cameras = cameras_of(self._infos, poses)
         return SpaceObserver(self._node.settings, cameras, self._motion)
 
     def _see(self, images: Images) -> None:

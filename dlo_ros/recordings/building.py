@@ -15,7 +15,7 @@ import numpy as np
 
 from dlo_ros.command import NANOSECONDS, Command
 from dlo_ros.errors import InputError
-from dlo_ros.observation import CentrelinePoints
+from dlo_ros.observation import CentrelinePoints, Observation
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.bag import TYPESTORE
 from dlo_ros.spline import FloatArray
@@ -124,6 +124,20 @@ def points_message(
         columns.append(points.std_along)
         names.append(STD_ALONG)
     return cloud_message(factory, stamp, frame_id, names, np.column_stack(columns))
+
+
+def observation_messages(frame_id: str, observation: Observation) -> list[tuple[str, Any]]:
+    """Messages of a bag, with their topics, of an observed spline; its points go first.
+
+    Raises:
+        InputError: a number is not finite.
+    """
+    stamp, result = observation.stamp, []
+    if observation.points is not None:
+        cloud = points_message(BAG_MESSAGES, stamp, frame_id, observation.points)
+        result.append((topics.OBSERVED_POINTS, cloud))
+    spline = spline_message(BAG_MESSAGES, stamp, frame_id, observation.control_points)
+    return [*result, (topics.OBSERVED, spline)]
 
 
 def cloud_message(

@@ -15,7 +15,7 @@ from dlo_ros.errors import CommandError, InputError
 from dlo_ros.parameters import Offset, Settings
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.bag import Bag, deserialise
-from dlo_ros.recordings.transforms import Transforms, transforms_of
+from dlo_ros.recordings.transforms import Transforms, common_instants, transforms_of
 from dlo_ros.spline import FloatArray
 
 CLOSEST = NANOSECONDS // 1000
@@ -38,22 +38,24 @@ def clamp_frames(settings: Settings) -> dict[str, tuple[str, Offset]]:
 
 
 def instants(
-    transforms: Transforms, frames: dict[str, tuple[str, Offset]], fixed: str
+    transforms: Transforms, frames: dict[str, tuple[str, Offset]], fixed: str, since: int = 0
 ) -> list[int]:
     """Stamps [ns] at which all clamps' poses are known and one is told anew.
 
     Empty where nothing moves.
 
+    Args:
+        transforms: that join the frames to the board.
+        frames: see `clamp_frames`.
+        fixed: the board's frame.
+        since: stamp [ns] before which none is wanted.
+
     Raises:
         InputError: nothing connects a frame with the board.
     """
-    told = [transforms.instants(frame, fixed) for frame, _ in frames.values()]
-    moving = [stamps for stamps in told if stamps]
-    if not moving:
-        return []
-    first, last = max(s[0] for s in moving), min(s[-1] for s in moving)
+    told = [transforms.instants(frame, fixed, since) for frame, _ in frames.values()]
     result: list[int] = []
-    for stamp in sorted({s for stamps in moving for s in stamps if first <= s <= last}):
+    for stamp in common_instants([stamps for stamps in told if stamps]):
         if not result or stamp - result[-1] >= CLOSEST:
             result.append(stamp)
     return result

@@ -161,6 +161,19 @@ def _read_raw(message: Any) -> Image:
     return np.asarray(cv2.cvtColor(pixels, conversion), dtype=np.uint8)
 
 
+def check_image_size(picture: Image | DepthImage, info: CameraInfo) -> None:
+    """Refuse a picture of another size than its intrinsics are for.
+
+    Raises:
+        InputError: the sizes differ.
+    """
+    if picture.shape[:2] != (info.height, info.width):
+        raise InputError(
+            f"image of {picture.shape[1]} x {picture.shape[0]} pixels; camera_info says "
+            f"{info.width} x {info.height}"
+        )
+
+
 def read_depth(message: Any) -> DepthImage:
     """Depths of a sensor_msgs/Image [m], NaN where there is none, shape (height, width).
 

@@ -15,7 +15,7 @@ from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.bag import deserialise, open_bag
 from dlo_ros.recordings.messages import read_point_list
-from dlo_ros.recordings.transforms import Transforms, transforms_of
+from dlo_ros.recordings.transforms import Transforms, same_frame, transforms_of
 
 LOG = logging.getLogger(__name__)
 
@@ -32,7 +32,7 @@ def points_on_board(message: Any, settings: Settings, transforms: Transforms) ->
         InputError: the message is malformed, or nothing leads from its frame to the board.
     """
     seen, frame = read_point_list(message), str(message.header.frame_id)
-    if frame.lstrip("/") == settings.frame_id.lstrip("/"):
+    if same_frame(frame, settings.frame_id):
         return seen
     try:
         transforms.check(frame, settings.frame_id, seen.stamp)

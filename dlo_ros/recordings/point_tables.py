@@ -21,7 +21,6 @@ from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.building import BAG_MESSAGES, cloud_message, command_message
 from dlo_ros.recordings.lerobot import library
-from dlo_ros.recordings.messages import stamp_of
 from dlo_ros.recordings.tables import (
     LONGEST,
     ORIGIN,
@@ -31,6 +30,7 @@ from dlo_ros.recordings.tables import (
     read_commands,
     rows_of,
     stamps,
+    write_by_stamp,
 )
 from dlo_ros.recordings.write import BagWriter
 from dlo_ros.spline import FloatArray
@@ -153,5 +153,4 @@ def write_points_bag(
         )
         messages.append((topics.POINTS, cloud))
     with BagWriter(output, force=force) as writer:
-        for topic, message in sorted(messages, key=lambda m: stamp_of(m[1])):
-            writer.write(topic, message, stamp_of(message))
+        write_by_stamp(writer, messages)

@@ -18,7 +18,13 @@ from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.bag import Bag, deserialise, open_bag
 from dlo_ros.recordings.frame_commands import commands_from_frames
-from dlo_ros.recordings.images import CameraInfo, Image, read_camera_info, read_image
+from dlo_ros.recordings.images import (
+    CameraInfo,
+    Image,
+    check_image_size,
+    read_camera_info,
+    read_image,
+)
 from dlo_ros.recordings.messages import (
     read_command,
     read_observation,
@@ -140,11 +146,7 @@ def iterate_images(
                 message = deserialise(raw)
                 picture, stamp = read_image(message), stamp_of(message)
                 info = infos[max(int(np.searchsorted(stamps, stamp, side="right")) - 1, 0)]
-                if picture.shape[:2] != (info.height, info.width):
-                    raise InputError(
-                        f"image of {picture.shape[1]} x {picture.shape[0]} pixels; "
-                        f"camera_info says {info.width} x {info.height}"
-                    )
+                check_image_size(picture, info)
             except InputError as err:
                 on_skip(f"{path}: {raw.topic} at {raw.stamp / 1e9:.3f} s skipped: {err}")
                 last = err

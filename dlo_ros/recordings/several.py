@@ -16,6 +16,7 @@ from dlo_ros.recordings.images import (
     CameraInfo,
     DepthImage,
     Image,
+    check_image_size,
     read_camera_info,
     read_depth,
     read_image,
@@ -107,11 +108,7 @@ def iterate_together(
                 stamp = stamp_of(message)
                 picture: Any = read_depth(message) if name == DEPTH else read_image(message)
                 info = infos[cameras[0] if name == DEPTH else name]
-                if picture.shape[:2] != (info.height, info.width):
-                    raise InputError(
-                        f"image of {picture.shape[1]} x {picture.shape[0]} pixels; camera_info "
-                        f"says {info.width} x {info.height}"
-                    )
+                check_image_size(picture, info)
             except InputError as err:
                 on_skip(f"{path}: {raw.topic} at {raw.stamp / 1e9:.3f} s skipped: {err}")
                 continue

@@ -15,6 +15,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -28,8 +29,7 @@ from dlo_ros.recordings.building import (
     BAG_MESSAGES,
     STD_ALONG,
     command_message,
-    points_message,
-    spline_message,
+    observation_messages,
 )
 from dlo_ros.recordings.messages import stamp_of
 from dlo_ros.recordings.wrenches import wrench_messages
@@ -306,12 +306,13 @@ def write_bag(
     with BagWriter(output, force=force) as writer:
         messages = [(topics.COMMAND, command_message(BAG_MESSAGES, c)) for c in commands]
         for o in observations:
-            shape = spline_message(BAG_MESSAGES, o.stamp, settings.frame_id, o.control_points)
-            messages.append((topics.OBSERVED, shape))
-            if o.points is not None:
-                cloud = points_message(BAG_MESSAGES, o.stamp, settings.frame_id, o.points)
-                messages.append((topics.OBSERVED_POINTS, cloud))
+            messages += observation_messages(settings.frame_id, o)
         for one in wrenches:
             messages += wrench_messages(settings.frame_id, one)
-        for topic, message in sorted(messages, key=lambda m: stamp_of(m[1])):
-            writer.write(topic, message, stamp_of(message))
+        write_by_stamp(writer, messages)
+
+
+def write_by_stamp(writer: BagWriter, messages: Sequence[tuple[str, Any]]) -> None:
+    """Write messages with their topics in the order of their stamps."""
+    for topic, message in sorted(messages, key=lambda m: stamp_of(m[1])):
+        writer.write(topic, message, stamp_of(message))

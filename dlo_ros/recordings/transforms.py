@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import logging
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -28,6 +28,19 @@ LATE = 500_000_000
 
 NORM = 0.1
 """By which a quaternion's norm may differ from 1."""
+
+
+def same_frame(one: str, other: str) -> bool:
+    """Whether two names are of one frame; a slash before a name means nothing."""
+    return one.lstrip("/") == other.lstrip("/")
+
+
+def common_instants(stamps: Sequence[Sequence[int]], since: int = 0) -> list[int]:
+    """All stamps [ns] from one on at which each of several growing series has begun and lasts."""
+    if not stamps:
+        return []
+    first, last = max(since, *(s[0] for s in stamps)), min(s[-1] for s in stamps)
+    return sorted({s for each in stamps for s in each[bisect_left(each, first) :] if s <= last})
 
 
 @dataclass
@@ -112,20 +125,20 @@ class Transforms:
                     "look at what publishes it, and whether its clock is that of the others"
                 )
 
-    def instants(self, frame: str, fixed: str) -> list[int]:
+    def instants(self, frame: str, fixed: str, since: int = 0) -> list[int]:
         """Stamps [ns] at which a frame's pose in another is told anew, while all of it is known.
 
         Empty where all that joins them holds for good.
+
+        Args:
+            since: stamp [ns] before which none is wanted.
 
         Raises:
             InputError: nothing connects the two.
         """
         up, down = self._joined(frame, fixed)
         moving = [self.stamps[name] for name in (*up, *down) if self.stamps[name] != [0]]
-        if not moving:
-            return []
-        first, last = max(s[0] for s in moving), min(s[-1] for s in moving)
-        return sorted({s for stamps in moving for s in stamps if first <= s <= last})
+        return common_instants(moving, since)
 
     def lookup(
         self, frame: str, fixed: str, stamps: Sequence[int]

@@ -37,8 +37,7 @@ def read_wrench_tables(inputs: Sequence[Path]) -> tuple[Wrenches, ...]:
     for end, own in rows.items():
         at = np.array(sorted(own), dtype=np.int64)
         table = np.array([own[int(s)] for s in at])
-        axes = np.broadcast_to(np.eye(3), (len(at), 3, 3))
-        result.append(Wrenches(end, at, table[:, :3], table[:, 3:], axes))
+        result.append(Wrenches.along_axes(end, at, table))
     return tuple(result)
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from dlo_ros.command import CONTROL_POINT, END, START, Command, Motion
+from dlo_ros.command import END, START, Command, Motion
 from dlo_ros.errors import InputError
 from dlo_ros.observation import Wrenches
 from dlo_ros.parameters import Settings
@@ -17,7 +17,7 @@ from dlo_ros.recordings import topics
 from dlo_ros.recordings.bag import Bag, deserialise
 from dlo_ros.recordings.building import BAG_MESSAGES, wrench_message
 from dlo_ros.recordings.messages import stamp_of
-from dlo_ros.recordings.transforms import Transforms, transforms_of
+from dlo_ros.recordings.transforms import Transforms, same_frame, transforms_of
 from dlo_ros.recordings.write import BagWriter
 from dlo_ros.spline import FloatArray
 
@@ -109,7 +109,7 @@ def in_fixed_frame(
     """
     force, torque = table[:, :3], table[:, 3:]
     axes = np.broadcast_to(np.eye(3), (len(stamps), 3, 3))
-    if frame.lstrip("/") != settings.frame_id.lstrip("/"):
+    if not same_frame(frame, settings.frame_id):
         at = [int(s) for s in stamps]
         axes, origins = transforms.lookup(frame, settings.frame_id, at)
         force, torque = (np.einsum("kij,kj->ki", axes, v) for v in (force, torque))
@@ -126,13 +126,11 @@ def held_at(
     Raises:
         InputError: no command holds it.
     """
-    tip = f"{CONTROL_POINT}{1 if end == START else settings.rod.control_points}"
     motion, places = Motion(list(commands)), []
     for stamp in stamps:
         command = motion.at(stamp)
-        names = () if command is None else command.names
-        name = end if end in names else tip
-        if command is None or name not in names:
+        k = None if command is None else command.held(end, settings.rod.control_points)
+        if command is None or k is None:
             raise InputError(f"no command holds the {end} of the DLO, where forces are measured")
-        places.append(command.sample(stamp)[0][names.index(name)])
+        places.append(command.sample(stamp)[0][k])
     return np.array(places)

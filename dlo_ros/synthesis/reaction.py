@@ -97,9 +97,8 @@ def measured(
             (torque, sensor.torque_std, sensor.torque_bias_std),
         ):
             array += rng.normal(0.0, 1.0, 3) * offset + rng.normal(0.0, 1.0, array.shape) * noise
-        axes = np.broadcast_to(np.eye(3), (len(stamps), 3, 3))
         late = np.array(stamps, dtype=np.int64) + round(sensor.delay * NANOSECONDS)
-        result.append(Wrenches(end, late, force, torque, axes))
+        result.append(Wrenches.along_axes(end, late, np.hstack([force, torque])))
     return result
 
 

@@ -79,11 +79,7 @@ def board_pose(
     Raises:
         InputError: the corners fit no pose, or the view's size is not the camera's.
     """
-    if (view.width, view.height) != (intrinsics.width, intrinsics.height):
-        raise InputError(
-            f"{view.name}: is {view.width} x {view.height} px; the camera was calibrated for "
-            f"{intrinsics.width} x {intrinsics.height}"
-        )
+    check_view_size(view, intrinsics)
     try:
         found = locate(view, pattern, intrinsics)
         for _ in range(ROUNDS):
@@ -160,3 +156,16 @@ def _hints(found: PatternPose, rotation: FloatArray, top: FloatArray) -> list[st
             "flat, or the camera's calibration does not fit"
         )
     return hints
+
+
+def check_view_size(view: View, intrinsics: Intrinsics) -> None:
+    """Refuse a view of another size than the camera was calibrated for.
+
+    Raises:
+        InputError: the sizes differ.
+    """
+    if (view.width, view.height) != (intrinsics.width, intrinsics.height):
+        raise InputError(
+            f"{view.name}: is {view.width} x {view.height} px; the camera was calibrated for "
+            f"{intrinsics.width} x {intrinsics.height}"
+        )

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from dlo_ros.errors import InputError, VisionError
 from dlo_ros.parameters import CameraPose, Vector
 from dlo_ros.spline import FloatArray
-from dlo_ros.vision.board_pose import board_pose
+from dlo_ros.vision.board_pose import board_pose, check_view_size
 from dlo_ros.vision.calibration_fit import Intrinsics, locate
 from dlo_ros.vision.pattern_search import View
 from dlo_ros.vision.patterns import Pattern
@@ -154,11 +154,7 @@ def calibrate_cameras(
 
 def _located(view: View, pattern: Pattern, intrinsics: Intrinsics) -> tuple[FloatArray, FloatArray]:
     """Rotation and translation of the pattern in a camera."""
-    if (view.width, view.height) != (intrinsics.width, intrinsics.height):
-        raise InputError(
-            f"{view.name}: is {view.width} x {view.height} px; the camera was calibrated for "
-            f"{intrinsics.width} x {intrinsics.height}"
-        )
+    check_view_size(view, intrinsics)
     try:
         found = locate(view, pattern, intrinsics)
     except VisionError as err:

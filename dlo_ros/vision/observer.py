@@ -21,6 +21,7 @@ from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray, SplineBasis
 from dlo_ros.vision.bridges import check_bridges
 from dlo_ros.vision.camera import Camera
+from dlo_ros.vision.camera_image import image_of
 from dlo_ros.vision.centring import centred
 from dlo_ros.vision.chains import find_chains
 from dlo_ros.vision.clamps import EndPoses, ends_at, to_pixel
@@ -35,7 +36,7 @@ from dlo_ros.vision.path import ClampPixel, PathSearch
 from dlo_ros.vision.profile import Located, locate
 from dlo_ros.vision.reach import reach, spread
 from dlo_ros.vision.result import Rough, Shape, VisionResult
-from dlo_ros.vision.segmentation import Image, as_bgr, bar_map
+from dlo_ros.vision.segmentation import Image, bar_map
 from dlo_ros.vision.strip import inside, resample, smooth_curve, spacing_for
 
 LOG = logging.getLogger(__name__)
@@ -94,13 +95,7 @@ class Observer:
             VisionError: no credible DLO; the message says why.
             InputError: a mask has another size than the image.
         """
-        image = as_bgr(image)
-        height, width = image.shape[:2]
-        if (width, height) != (self.camera.width, self.camera.height):
-            raise VisionError(
-                f"the image is {width} x {height} px, camera_info says "
-                f"{self.camera.width} x {self.camera.height}"
-            )
+        image = image_of(self.camera, image)
         ends = ends_at(self.motion, stamp)
         last = self._last
         if last is not None and not 0 <= stamp - last.stamp <= FRESH:

@@ -19,6 +19,7 @@ from scipy.spatial import cKDTree
 
 from dlo_ros.errors import VisionError
 from dlo_ros.spline import FloatArray, SplineBasis
+from dlo_ros.vision.space.clamps import Clamps
 
 LENGTH_STD = 0.005  # of L: error of the length and of the tracker's scale
 STRETCH_STD = 0.01  # scatter of the stretch from knot span to knot span
@@ -37,14 +38,6 @@ SETTLED = 0.02  # [std] a step that changes less ends the search
 FOOT_POINTS = 12  # places per knot span between which foot points are looked for
 MEDIAN = {1: 0.6745, 2: 1.1774, 3: 1.5382}
 """Median length of a standard normal vector of so many components."""
-
-
-@dataclass(frozen=True, eq=False)
-class Grip:
-    """Where a DLO is held: position [m] and unit direction of growing u, shapes (3,)."""
-
-    position: FloatArray
-    direction: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +73,7 @@ def fit_curve(
     points: FloatArray,
     basis: SplineBasis,
     first: FloatArray,
-    grips: tuple[Grip | None, Grip | None],
+    grips: Clamps,
     *,
     std: FloatArray | None = None,
     known: FloatArray | None = None,
@@ -133,7 +126,7 @@ class _Fit:
         self,
         points: FloatArray,
         basis: SplineBasis,
-        grips: tuple[Grip | None, Grip | None],
+        grips: Clamps,
         std: FloatArray | None,
         known: FloatArray | None,
     ) -> None:

@@ -14,15 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 from scipy.spatial import cKDTree
-from scipy.spatial.transform import Rotation
 
-from dlo_ros.command import CONTROL_POINT, END, NANOSECONDS, START, Motion
+from dlo_ros.command import END, NANOSECONDS, START, Motion
 from dlo_ros.errors import VisionError
 from dlo_ros.observation import CentrelinePoints, Observation, PointList
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray, SplineBasis
-from dlo_ros.vision.point_curve import Grip, PointCurve, fit_curve
+from dlo_ros.vision.point_curve import PointCurve, fit_curve
 from dlo_ros.vision.point_order import courses
+from dlo_ros.vision.space.clamps import Clamps, clamps_at
 
 FEWEST = 12  # points; a cubic spline of known length needs some more than it has bends
 FINE = 16  # control points of the fitted curve at least, where there are points enough
@@ -103,7 +103,7 @@ class PointObserver:
         length = self._settings.rod.length
         if len(seen.positions) < FEWEST:
             raise VisionError(f"{len(seen.positions)} points; {FEWEST} are needed at least")
-        grips = grips_at(self._motion, seen.stamp)
+        grips = clamps_at(self._motion, seen.stamp)
         tracked = self._tracked(seen, grips)
         if tracked is not None:
             curve = tracked
@@ -118,9 +118,7 @@ class PointObserver:
         self._last = (seen.stamp, curve)
         return self._result(seen, curve, tracked is not None)
 
-    def _tracked(
-        self, seen: PointList, grips: tuple[Grip | None, Grip | None]
-    ) -> PointCurve | None:
+    def _tracked(self, seen: PointList, grips: Clamps) -> PointCurve | None:
         """The curve near the last one; None where there is none."""
         if self._last is None or seen.u is not None:
             return None
@@ -152,41 +150,12 @@ class PointObserver:
         )
 
 
-def grips_at(motion: Motion | None, stamp: int) -> tuple[Grip | None, Grip | None]:
-    """Where start and end are held at a stamp [ns]; None: that end is free."""
-    command = motion.at(stamp) if motion is not None else None
-    if command is None:
-        return None, None
-    positions, rotations = command.sample(stamp)
-    known = {name: k for k, name in enumerate(command.names)}
-    n = command.control_points
-
-    def grip(name: str, outer: int, inner: int) -> Grip | None:
-        if name in known:
-            k = known[name]
-            along = Rotation.from_quat(rotations[k]).apply([1.0, 0.0, 0.0])
-            return Grip(positions[k], np.asarray(along))
-        at = known.get(f"{CONTROL_POINT}{outer}")
-        if at is None:
-            return None
-        beside = known.get(f"{CONTROL_POINT}{inner}")
-        if beside is None:
-            return Grip(positions[at])
-        towards = (positions[beside] - positions[at]) * (1.0 if inner > outer else -1.0)
-        size = float(np.linalg.norm(towards))
-        return Grip(positions[at], towards / size if size > 0.0 else None)
-
-    return grip(START, 1, 2), grip(END, n, n - 1)
-
-
 def _basis(seen: PointList, length: float) -> SplineBasis:
     """Of the fitted curve: as fine as the number of points allows."""
     return SplineBasis(int(np.clip(len(seen.positions) // POINTS_EACH, 4, FINE)), length)
 
 
-def _along_given(
-    seen: PointList, length: float, grips: tuple[Grip | None, Grip | None]
-) -> PointCurve:
+def _along_given(seen: PointList, length: float, grips: Clamps) -> PointCurve:
     """The curve through points whose material coordinates the tracker tells."""
     assert seen.u is not None
     if seen.u.min() < -0.02 * length or seen.u.max() > 1.02 * length:
@@ -200,7 +169,7 @@ def _along_given(
     return _fitted(seen, basis, basis.fit(u[order], middle), grips, FAR_OFF * length, u)
 
 
-def _searched(seen: PointList, length: float, grips: tuple[Grip | None, Grip | None]) -> PointCurve:
+def _searched(seen: PointList, length: float, grips: Clamps) -> PointCurve:
     """The best curve along the courses through the cloud."""
     basis = _basis(seen, length)
     start, end = grips
@@ -242,7 +211,7 @@ def _fitted(
     seen: PointList,
     basis: SplineBasis,
     first: FloatArray,
-    grips: tuple[Grip | None, Grip | None],
+    grips: Clamps,
     reach: float,
     known: FloatArray | None = None,
 ) -> PointCurve:
@@ -269,7 +238,7 @@ def _likeliest(
     found: list[PointCurve],
     points: FloatArray,
     length: float,
-    grips: tuple[Grip | None, Grip | None],
+    grips: Clamps,
 ) -> PointCurve:
     """The likeliest of the credible curves.
 
@@ -303,7 +272,7 @@ def _problem(
     curve: PointCurve,
     points: FloatArray,
     length: float,
-    grips: tuple[Grip | None, Grip | None],
+    grips: Clamps,
 ) -> str:
     """Why a curve is not credible; empty where it is."""
     inside = curve.inside

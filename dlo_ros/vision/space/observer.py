@@ -23,6 +23,7 @@ from dlo_ros.errors import InputError, VisionError
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray, SplineBasis
 from dlo_ros.vision.camera import Camera
+from dlo_ros.vision.camera_image import image_of
 from dlo_ros.vision.fit import KNOT_SPAN
 from dlo_ros.vision.hints import Hints
 from dlo_ros.vision.observer import FRESH, TRACKING_SEARCH
@@ -133,7 +134,7 @@ class SpaceObserver:
         missing = [name for name in self.cameras if name not in frames]
         if missing:
             raise VisionError(f"no picture of camera {', '.join(missing)}")
-        images = self._each(lambda name, view: view.checked(frames[name].image))
+        images = self._each(lambda name, view: image_of(view.camera, frames[name].image))
         stamp = frames[next(iter(self.cameras))].stamp
         self._clamps = {s: clamps_at(self.motion, s) for s in {f.stamp for f in frames.values()}}
         clamps = self._clamps[stamp]

@@ -22,7 +22,7 @@ from dlo_ros.vision.hints import Hints, limited
 from dlo_ros.vision.metric import PlaneGrid
 from dlo_ros.vision.path import ClampPixel, LengthRule, Path, PathSearch
 from dlo_ros.vision.profile import Located, locate
-from dlo_ros.vision.segmentation import Image, as_bgr, bar_map
+from dlo_ros.vision.segmentation import Image, bar_map
 from dlo_ros.vision.space.matching import SAMPLES, WAITING, align
 from dlo_ros.vision.space.reprojection import ClampPose
 from dlo_ros.vision.space.view import focal_length
@@ -118,21 +118,6 @@ class ViewSearch:
     def remember(self, located: Located) -> None:
         """What of a picture that was understood helps with the next."""
         self._last = located
-
-    def checked(self, image: Image) -> Image:
-        """The picture as BGR.
-
-        Raises:
-            VisionError: it has another size than camera_info says.
-        """
-        image = as_bgr(image)
-        height, width = image.shape[:2]
-        if (width, height) != (self.camera.width, self.camera.height):
-            raise VisionError(
-                f"the image is {width} x {height} px, camera_info says "
-                f"{self.camera.width} x {self.camera.height}"
-            )
-        return image
 
     def width(self, clamps: tuple[ClampPose | None, ClampPose | None]) -> float:
         """About how wide the DLO is in the picture [px].

@@ -3,10 +3,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dlo_ros.parameters import CameraPose
+from dlo_ros.recordings.images import CameraInfo
 from dlo_ros.spline import FloatArray
 from dlo_ros.vision.camera import Camera
 from dlo_ros.vision.profile import Located
@@ -50,6 +53,19 @@ class View:
     def at(self, u: FloatArray) -> View:
         """The same points with other material coordinates [m], shape (m,)."""
         return replace(self, u=u)
+
+
+def cameras_of(
+    infos: Mapping[str, CameraInfo], poses: Mapping[str, CameraPose]
+) -> dict[str, Camera]:
+    """Cameras of intrinsics and poses, in the order of the poses."""
+    return {
+        name: Camera.from_info(
+            infos[name].k, infos[name].d, infos[name].distortion_model, infos[name].width,
+            infos[name].height, pose,
+        )
+        for name, pose in poses.items()
+    }  # fmt: skip
 
 
 def focal_length(camera: Camera) -> float:
