@@ -19,6 +19,9 @@ COMPILED := $(VENV)/.compiled
 
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
+# Without kept bytecode each of hundreds of processes compiles all libraries that it imports: 3 s each.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: setup doctor docs reference audit demo demo-space real picture examples paper bench challenge field observer fuzz faults soak coverage test test-quick test-slow test-report test-export lint clean lock help
 
 help:

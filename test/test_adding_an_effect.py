@@ -155,6 +155,7 @@ def test_an_effect_of_another_package_is_found_and_right(installed):
     assert refusal == "effects.wet_rope.dry is 0.5 m; it must lie on the DLO, 0 to 0.4 m"
 
 
+@pytest.mark.slow
 @pytest.mark.long
 def test_one_of_the_measurement_and_one_without_derivatives_are_identified_and_diagnosed(installed):
     forecasts, right, wrong, begun, names, ratio = told(FOUND, installed)
@@ -169,6 +170,7 @@ def test_one_of_the_measurement_and_one_without_derivatives_are_identified_and_d
     assert float(ratio) == pytest.approx(1.03, abs=2e-3)
 
 
+@pytest.mark.slow
 def test_the_live_simulator_has_their_parameters(installed):
     pytest.importorskip("rclpy")
     present, described, *answers = told(LIVE, installed)

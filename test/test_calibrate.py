@@ -205,6 +205,7 @@ def test_the_origin_is_where_it_is_wanted(capsys, tmp_path, board, true_camera):
     assert distance < 1.2e-3 and angle < 0.1
 
 
+@pytest.mark.slow
 def test_views_of_a_bag(capsys, tmp_path, views):
     bag = tmp_path / "recording"
     files = sorted(views.glob("view0*.png"))
@@ -222,6 +223,7 @@ def test_views_of_a_bag(capsys, tmp_path, views):
     assert re.search(r"over [78] of (9|10) views", out) and "like recording" in out
 
 
+@pytest.mark.slow
 def test_a_charuco_board_seen_in_part(capsys, tmp_path):
     """Views that run over the image's border, so that its corners are reached."""
     rng = np.random.default_rng(4)
@@ -237,6 +239,7 @@ def test_a_charuco_board_seen_in_part(capsys, tmp_path):
     assert matrix[:2, 2] == pytest.approx(MATRIX[:2, 2], abs=1.5)
 
 
+@pytest.mark.slow
 def test_a_given_camera_is_checked_and_kept(capsys, tmp_path, views, true_camera):
     words = ("--pattern", PATTERN, "--output", tmp_path, "--camera-info", true_camera)
     status, out, _ = run(capsys, *words, views)
@@ -246,6 +249,7 @@ def test_a_given_camera_is_checked_and_kept(capsys, tmp_path, views, true_camera
     assert camera.distortion == pytest.approx(DISTORTION)
 
 
+@pytest.mark.slow
 def test_hints_name_missing_views(capsys, tmp_path, views):
     files = sorted(views.glob("*.png"))[:9]
     status, out, _ = run(capsys, "--pattern", PATTERN, "--output", tmp_path, *files)

@@ -109,6 +109,7 @@ def test_charuco_corners_have_their_numbers(grid, old):
     assert np.median(np.linalg.norm(error, axis=1)) < 0.06
 
 
+@pytest.mark.slow
 def test_a_part_of_a_larger_chessboard_is_refused():
     rotation, shift = turned(0.2, -0.2, 0.1), np.array([0.0, 0.0, 0.4])
     picture = seen(chessboard(9, 6), 0.025 / TEXELS, rotation, shift)
@@ -157,6 +158,7 @@ def test_the_lens_model_is_no_larger_than_needed(coefficients, name):
     assert found.intrinsics.matrix == pytest.approx(MATRIX, rel=2e-3, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_strong_lens_is_followed_to_the_border():
     strong = (0.3, 0.0, 0.0003, 0.0001, 0.0, 0.8, 0.05, 0.0)
     found = calibrate(true_views(20, 0.02, 2, strong), BOARD)
@@ -201,6 +203,7 @@ def test_wrong_views_are_left_out_and_corners_too():
     assert found.intrinsics.matrix == pytest.approx(MATRIX, rel=2e-3)
 
 
+@pytest.mark.slow
 def test_views_without_tilt_leave_the_focal_length_open():
     views = []
     rng = np.random.default_rng(0)

@@ -162,6 +162,7 @@ def test_another_ctrl_c_does_not_disturb_the_first(monkeypatch, capsys):
     assert tidied and capsys.readouterr() == ("", "")
 
 
+@pytest.mark.slow
 def test_ctrl_c_while_a_compiled_function_hands_over_its_result(monkeypatch, tmp_path):
     """Numba crashes the process where making a named tuple raises."""
     program = tmp_path / "program.py"
@@ -251,10 +252,15 @@ def test_wrappers_are_those_of_the_table():
     ("line", "wanted", "unwanted"),
     [
         ("dlo_ros ident", {"identifier", "identify"}, {"demo"}),
-        ("dlo_ros play --", {"--rate", "--loop", "--no-clock", "--verbose"}, {"--pattern"}),
-        ("dlo_ros predict --start ", {"equilibrium", "observed", "moving"}, {"--params"}),
-        ("dlo_ros simulator --", {"--ros-args", "--verbose"}, {"--rate"}),
-        ("dlo_ros play recording_", {"recording_1"}, {"other"}),
+        *(
+            pytest.param(*dear, marks=pytest.mark.slow)
+            for dear in [
+                ("dlo_ros play --", {"--rate", "--loop", "--no-clock", "--verbose"}, {"--pattern"}),
+                ("dlo_ros predict --start ", {"equilibrium", "observed", "moving"}, {"--params"}),
+                ("dlo_ros simulator --", {"--ros-args", "--verbose"}, {"--rate"}),
+                ("dlo_ros play recording_", {"recording_1"}, {"other"}),
+            ]
+        ),
     ],
 )
 def test_a_shell_completes(line, wanted, unwanted, tmp_path):

@@ -120,6 +120,7 @@ def begun(folder):
     return [line.split() for line in file.read_text().splitlines()] if file.exists() else []
 
 
+@pytest.mark.slow
 def test_several_share_one_compilation(folder, begin):
     every = [begin("quick", "slow") for _ in range(3)]
     until(lambda: len(begun(folder)) == 2)
@@ -152,6 +153,7 @@ def test_a_mark_of_another_processor_does_not_count(folder, monkeypatch):
     assert not PartFiles(folder, "quick").complete
 
 
+@pytest.mark.slow
 def test_what_one_has_left_another_takes_over(folder, begin):
     first = begin("slow")
     until(lambda: begun(folder))
@@ -176,6 +178,7 @@ def test_a_killed_process_is_told_in_a_line(folder, begin):
     assert one.poll().done
 
 
+@pytest.mark.slow
 def test_an_interrupt_ends_a_process_quietly(folder, begin):
     one = begin("slow")
     (_, process), *_ = until(lambda: begun(folder))
@@ -236,6 +239,7 @@ def test_no_more_than_two_compile_at_a_time(folder, begin):
     assert ended(one).done
 
 
+@pytest.mark.slow
 def test_processes_end_with_the_one_that_has_started_them(folder):
     code = (
         "import sys, time; sys.argv = ['x']; exec(open({script!r}).read().split('if __name')[0]);"
@@ -261,6 +265,7 @@ def _runs(process):
     return Path(f"/proc/{process}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
 
 
+@pytest.mark.slow
 def test_the_rest_is_estimated_from_the_rate_so_far(folder, begin, monkeypatch):
     clock = iter([100.0, 101.0, 105.0, 110.0])
     one = begin("slow", "quick")

@@ -456,6 +456,7 @@ def running(pid):
         return False
 
 
+@pytest.mark.slow
 def test_ctrl_c_stops_the_children(demo):
     process = demo()
     nodes = children_of(process.pid, 3)
@@ -466,6 +467,7 @@ def test_ctrl_c_stops_the_children(demo):
     assert not any(running(pid) for pid in nodes.values())
 
 
+@pytest.mark.slow
 def test_a_node_that_dies_is_reported_and_the_others_stop(demo):
     process = demo()
     nodes = children_of(process.pid, 3)

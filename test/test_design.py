@@ -195,6 +195,7 @@ def test_an_empty_workspace_is_refused():
         Workspace((0.2, 0.1), (0.0, 0.1))
 
 
+@pytest.mark.slow
 def test_the_tool_writes_ranking_report_and_experiment(tmp_path, capsys):
     params, output = tmp_path / "params.yaml", tmp_path / "design"
     PAPER.dump(params)

@@ -376,6 +376,7 @@ def test_what_a_camera_sees_wrongly_in_every_picture_counts_as_noise():
         assert noisy.noise[:n].min() >= lasting
 
 
+@pytest.mark.slow
 def test_noise_that_scatters_is_not_taken_for_what_a_camera_sees_wrongly():
     """By chance one coefficient of four recordings scatters little; all together never do."""
     one, count, noise = swing(KNOWN, seconds=2.0, noise=0.0), 100, 3e-4

@@ -191,6 +191,7 @@ def test_every_page_is_reached():
     assert listed == set(DOCS.rglob("*.md")) - {DOCS / "index.md"}
 
 
+@pytest.mark.slow
 @pytest.mark.long
 def test_the_pages_are_built_without_a_warning(tmp_path):
     for needed in ("sphinx", "myst_parser", "sphinx_rtd_theme"):

@@ -15,7 +15,7 @@ from dlo_ros.nodes.graph_watch import NAME, GraphWatch
 from dlo_ros.nodes.messages import message_class
 from dlo_ros.recordings import topics
 
-pytestmark = pytest.mark.live
+pytestmark = [pytest.mark.live, pytest.mark.slow]
 
 OTHER = "/camera/image_raw"
 ROD = {"length": 0.4, "diameter": 0.004}

@@ -58,7 +58,7 @@ def without(manipulation):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("case", some_of(CASES, ["clamp_angle, three axes", "anisotropy"]))
+@pytest.mark.parametrize("case", some_of(CASES, ["anisotropy"]))
 def test_it_moves_as_the_discrete_rod_does(case):
     manipulation, given = CASES[case]
     found, _ = compare(

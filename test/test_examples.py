@@ -135,6 +135,7 @@ def test_free_fall(example):
     assert result.fall < 1e-11
 
 
+@pytest.mark.slow
 def test_sensitivities_of_each_motion(example):
     _, result = example("sensitivities")
     assert np.all(result.errors.max(axis=1) < [3e-6, 2e-6, 2e-6])

@@ -80,6 +80,7 @@ def test_the_cause_is_found_beside_all_that(tmp_path, name):
     assert found in ("named", "rival") and not wrong
 
 
+@pytest.mark.slow
 def test_the_same_seed_draws_the_same_case():
     one, two = draw(5, 0), draw(5, 0)
     assert one == two and not one.causes

@@ -188,6 +188,7 @@ def one_line(status: int, said: str, what: str) -> None:
     assert "Traceback" not in said and "Error:" not in said, f"{what}: {said}"
 
 
+@pytest.mark.slow
 @pytest.mark.long
 @pytest.mark.parametrize("kind", KINDS)
 def test_damaged_bags(kind: str, tmp_path: Path) -> None:

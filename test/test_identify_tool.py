@@ -83,6 +83,7 @@ def test_identify_writes_estimate_parameters_and_report(folder, tmp_path, capsys
     assert "not determined" in out
 
 
+@pytest.mark.slow
 def test_identify_samples_and_draws_recordings_where_it_is_asked(folder, tmp_path, capsys):
     params, output = folder / "params.yaml", tmp_path / "result"
     words = (

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from conftest import ROOT
 from installing import copied_sources, environment_of, fresh_environment, pip_install, run
+from ordinary import some_of
 
 from dlo_ros import __version__
 from dlo_ros.cli.main import EXECUTABLES, NAMES
@@ -69,6 +70,7 @@ def test_an_executable_runs(prefix, name):
     assert f"usage: dlo_ros {name}" in shell(prefix, f"{prefix}/lib/dlo_ros/{name} --help")
 
 
+@pytest.mark.slow
 def test_an_executable_runs_with_its_own_python_whatever_is_first_on_the_path(prefix, tmp_path):
     """Such as conda's, which has none of the libraries."""
     other = tmp_path / "python3"
@@ -107,6 +109,7 @@ def test_package_data_is_installed(prefix):
     assert (package / "py.typed").is_file()
 
 
+@pytest.mark.slow
 def test_editable(source, tmp_path):
     prefix = tmp_path / "venv"
     pip_install(fresh_environment(prefix), "--editable", source)
@@ -148,6 +151,7 @@ def test_a_plain_pytest_and_colcon_leave_out_what_takes_minutes_and_a_browser():
     assert "pytest" in wanted and not [w for w in wanted if w.startswith("pytest-cov")]
 
 
+@pytest.mark.slow
 def test_what_needs_no_ros_imports_without_it():
     code = WITHOUT_ROS + (
         "import dlo_ros.rod, dlo_ros.vision, dlo_ros.identification, dlo_ros.recordings\n"
@@ -157,7 +161,7 @@ def test_what_needs_no_ros_imports_without_it():
     run(sys.executable, "-c", code, cwd=ROOT)
 
 
-@pytest.mark.parametrize("name", NODES)
+@pytest.mark.parametrize("name", some_of(NODES, ["simulator"]))
 def test_a_node_without_ros_says_what_is_missing(name):
     code = WITHOUT_ROS + f"from dlo_ros.cli.main import main; sys.exit(main([{name!r}]))"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)

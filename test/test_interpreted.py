@@ -49,6 +49,7 @@ def motions() -> dict[str, list]:
     return result
 
 
+@pytest.mark.slow
 def test_the_discrete_rod_is_the_same_without_compiling():
     environment = dict(os.environ, NUMBA_DISABLE_JIT="1", OMP_NUM_THREADS="1")
     environment["PYTHONPATH"] = os.pathsep.join([str(ROOT), str(ROOT / "test")])

@@ -172,6 +172,7 @@ def compiled_functions():
     return result
 
 
+@pytest.mark.slow
 def test_only_linked_functions_call_linked_ones():
     """Numba forgets what a copy of machine code links to; the next process would crash."""
     functions = compiled_functions()

@@ -142,6 +142,7 @@ def test_images_are_handed_over_as_a_block():
     assert taken < 0.2 * one_by_one
 
 
+@pytest.mark.slow
 def test_logs_that_cannot_be_written_are_told_with_the_remedy(tmp_path):
     pytest.importorskip("rclpy")
     (tmp_path / "file").touch()

@@ -121,6 +121,7 @@ def test_a_scheduler_that_is_not_there_is_told():
         Cluster("tcp://127.0.0.1:1")
 
 
+@pytest.mark.slow
 def test_the_sampled_posterior_is_that_of_the_curvature(recordings, found):
     """One informative shape is nearly linear in ln(E/mu), so both must agree."""
     drawn = sample(recordings, searchable(GUESS), found.fitted, count=200, seed=1)

@@ -55,6 +55,7 @@ def test_what_was_hit_does_not_bend_the_fit(hit):
     assert np.mean(power[1][:half]) < 2.0 < np.mean(power[0][:half])
 
 
+@pytest.mark.slow
 def test_what_was_right_before_tells_of_what_was_wrong_nearly_always():
     """Most pictures are off: only those before tell what the DLO was."""
     recordings, start = pushed_aside(0.3, 0.1)
@@ -72,6 +73,7 @@ def test_what_was_right_before_tells_of_what_was_wrong_nearly_always():
     assert wrong[int(0.35 * len(wrong)) :].all()
 
 
+@pytest.mark.slow
 def test_where_all_is_wrong_what_is_typical_is_more(hit):
     recordings, start = hit
     bent = tuple(replace(r, observed=r.observed + np.array([0.0, 0.0, 0.02])) for r in recordings)

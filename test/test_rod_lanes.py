@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numba import njit
+from ordinary import some_of
 from rods import PAPER, SECOND, Nothing, command, held_start, settled, straight
 
 from dlo_ros.errors import CommandError, InputError, SimulationError
@@ -84,7 +85,7 @@ def test_vectors_compute_in_every_lane():
     assert np.isnan(compute(a, b, out))
 
 
-@pytest.mark.parametrize("held", [(2, 0), (1, 1), (2, 2), (0, 0)])
+@pytest.mark.parametrize("held", some_of([(2, 0), (1, 1), (2, 2), (0, 0)], [(2, 0)]))
 @pytest.mark.parametrize("first", [True, False])
 def test_equations_are_those_of_one_rod(held, first):
     """The linear solution of each lane against the planar rod's own matrix and gradient."""

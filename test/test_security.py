@@ -107,6 +107,7 @@ def udp_sockets(pid: int) -> list[tuple[str, int]]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/net/udp").is_file(), reason="needs Linux's /proc")
 def test_the_demos_nodes_listen_on_the_loopback_interface_only(tmp_path, monkeypatch):
     pytest.importorskip("rclpy")

@@ -13,7 +13,7 @@ from dlo_ros.errors import SimulationError
 from dlo_ros.nodes import simulator
 from dlo_ros.recordings import topics
 
-pytestmark = pytest.mark.live
+pytestmark = [pytest.mark.live, pytest.mark.slow]
 
 LONG = 0.3
 """Seconds that each attempt takes."""

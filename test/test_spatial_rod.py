@@ -280,6 +280,7 @@ def test_twisted_and_bent_rod_is_that_of_kirchhoffs_equations():
     assert np.linalg.norm(x - flat, axis=1).max() > 0.015  # the twist has moved it
 
 
+@pytest.mark.slow
 def test_pendulum_in_space_follows_its_pivot():
     """A stiff rod whose pivot is moved along two axes: a rigid spherical pendulum."""
     rope = RodParameters(0.4, 0.01, 2e10, 2500.0)
@@ -327,6 +328,7 @@ def bent_by_its_clamp(edges, step, until=0.05):
     return simulation.advance(until)
 
 
+@pytest.mark.slow
 def test_error_falls_with_the_square_of_edge_and_step():
     def ratio(coarse, finer, finest):
         every = [len(x) // 20 for x in (coarse, finer, finest)]

@@ -165,6 +165,7 @@ def run_tool(*arguments: str) -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.slow
 def test_command_line(tmp_path):
     out = str(tmp_path / "bag")
     done = run_tool("approach_two", "--output", out, "--no-images", "--seed", "3")

@@ -74,6 +74,7 @@ def test_delay_shifts_time(plain):
     assert np.abs(late.nodes - plain.nodes).max() > 5e-3
 
 
+@pytest.mark.slow
 def test_a_rope_that_slips_ends_as_a_longer_rope():
     damping = {"air_drag": 0.3, "relaxation_time": 0.01}
     parameters = TREE["parameters"] | {"damping": damping}

@@ -190,6 +190,7 @@ def images_in(bag):
     return found
 
 
+@pytest.mark.slow
 def test_two_cameras_write_topics_of_their_own(tmp_path):
     truth = synthesize(shortened(0.04), tmp_path / "bag", edges=30, step=5e-3)
     found = images_in(tmp_path / "bag")
@@ -209,6 +210,7 @@ def test_two_cameras_write_topics_of_their_own(tmp_path):
         assert rope < 0.6 * beside
 
 
+@pytest.mark.slow
 def test_depth_is_written_beside_the_picture(tmp_path):
     tree_ = yaml.safe_load(find_experiment("twisted").read_text())
     del tree_["cameras"]

@@ -32,7 +32,7 @@ from dlo_ros.recordings import BAG_MESSAGES, BagWriter, command_message, spline_
 from dlo_ros.rod.simulation import Simulation
 from dlo_ros.spline import SplineBasis
 
-pytestmark = pytest.mark.live
+pytestmark = [pytest.mark.live, pytest.mark.slow]
 
 NODES = ("observer", "simulator", "identifier")
 SIDES = {"left": 1.0e7, "right": 3.0e7}
@@ -131,7 +131,6 @@ def two(tmp_path_factory: pytest.TempPathFactory):
     assert set(ends.values()) == {0} and "Traceback" not in said, said
 
 
-@pytest.mark.slow
 def test_each_identifier_finds_its_own_dlo_and_keeps_its_own_simulator_in_step(two):
     client = two.client
     for side, modulus in SIDES.items():
@@ -149,7 +148,6 @@ def test_each_identifier_finds_its_own_dlo_and_keeps_its_own_simulator_in_step(t
         assert young / density == pytest.approx(specific, rel=0.1)
 
 
-@pytest.mark.slow
 def test_nothing_of_a_dlo_lies_outside_its_namespace(two):
     names = {name for name, _ in two.client.node.get_topic_names_and_types()}
     assert not [name for name in names if name.startswith("/dlo/")]
@@ -261,7 +259,6 @@ def test_a_node_takes_another_name_and_other_topics(two, tmp_path):
         assert own.interrupt() == 0, own.said
 
 
-@pytest.mark.slow
 def test_a_recording_plays_into_a_namespace_and_beside_what_is_made_anew(tmp_path):
     with BagWriter(tmp_path / "bag") as writer:
         for k in range(3):

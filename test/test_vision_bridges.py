@@ -58,6 +58,7 @@ def test_a_course_with_a_corner_is_sharper_than_a_rope_bends():
     assert sharpest_turn(bend, 0.004) < SHARPEST < sharpest_turn(corner, 0.004)
 
 
+@pytest.mark.slow
 def test_a_dark_rope_on_dark_cloth_is_right_or_silent():
     found = [judge(seed, "dark", "start") for seed in range(83000, 83012)]
     assert sum(verdict == "wrong" for _, verdict, _ in found) <= 2
@@ -65,6 +66,7 @@ def test_a_dark_rope_on_dark_cloth_is_right_or_silent():
     assert judge(83000, "dark", "start")[1] == "silent"  # with its shadow it is 5.3 mm wide
 
 
+@pytest.mark.slow
 @pytest.mark.long
 def test_a_rope_in_a_robots_cell_is_right_or_silent():
     found = [judge(seed, "cell", "start")[1] for seed in range(83100, 83112)]

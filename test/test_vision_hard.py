@@ -47,6 +47,7 @@ def test_shadow_beside_the_rope_does_not_pull_it_aside():
     assert np.sqrt(np.mean(errors_px(result, bow(), scene) ** 2)) < 0.5
 
 
+@pytest.mark.slow
 def test_other_pictures_are_right_or_silent():
     # Part of the sets of vision_stress.py, which are run with more seeds by hand.
     verdicts, _ = tally(range(3000, 3000 + 2 * len(OTHER)), "other")
@@ -63,6 +64,7 @@ def test_pictures_without_a_rope_show_none(ends):
     assert sum(reasons.values()) == 27
 
 
+@pytest.mark.slow
 def test_free_ends_in_hard_pictures():
     found = Counter(judge(seed, ends="none")[1] for seed in range(3000, 3024))
     assert found["right"] >= 0.75 * 24

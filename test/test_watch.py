@@ -42,7 +42,16 @@ def watched(recording, guess, pieces=np.inf):
     return watch, estimator
 
 
-@pytest.mark.parametrize(("name", "seed"), [("c_shape", 1), ("simple", 2), ("approach_two", 3)])
+@pytest.mark.parametrize(
+    ("name", "seed"),
+    [
+        ("simple", 2),
+        *(
+            pytest.param(*dear, marks=pytest.mark.slow)
+            for dear in [("c_shape", 1), ("approach_two", 3)]
+        ),
+    ],
+)
 def test_it_is_silent_where_there_is_nothing(name, seed):
     watch, estimator = watched(*moving(name, {}, seed))
     assert watch.suspicion is None
@@ -77,6 +86,7 @@ def test_a_strong_effect_is_among_the_suspects(name, effects):
     assert "dlo_ros diagnose" in str(watch.suspicion)
 
 
+@pytest.mark.slow
 @pytest.mark.long
 @pytest.mark.parametrize(
     "effects",
@@ -93,6 +103,7 @@ def test_a_set_up_within_its_tolerances_is_no_reason_to_warn(effects):
     assert watch.suspicion is None
 
 
+@pytest.mark.slow
 @pytest.mark.long
 def test_its_work_comes_in_pieces():
     recording, guess = moving("c_shape", {"point_mass": {"mass": 0.006, "position": 0.3}}, 4)
@@ -118,6 +129,7 @@ def test_a_jump_in_one_picture_is_no_structure():
     assert watch.suspicion is None
 
 
+@pytest.mark.slow
 def test_the_identifiers_thread_tells_of_it(monkeypatch):
     # Else other tests on the same processors go first.
     monkeypatch.setattr("dlo_ros.nodes.worker.NICENESS", 0)

@@ -21,7 +21,6 @@ from builtin_interfaces.msg import Time
 from fuzz_graph import BEGIN, SETTINGS, Good
 from hostile import not_finite
 from live_graph import Client, Process
-from ordinary import some_of
 from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
@@ -30,7 +29,7 @@ from dlo_ros.demo.network import free_domain
 from dlo_ros.nodes.qos import LATCHED
 from dlo_ros.recordings import topics
 
-pytestmark = pytest.mark.live
+pytestmark = [pytest.mark.live, pytest.mark.slow]
 
 PAYLOADS = int(os.environ.get("DLO_WIRE_PAYLOADS", "150"))
 SEED = int(os.environ.get("DLO_FUZZ_SEED", "1"))
@@ -150,7 +149,7 @@ class Wire:
         return [f"{name}: {process.said[-2000:]}" for name, process in self.nodes.items()]
 
 
-@pytest.fixture(params=some_of([topics.IMAGE, topics.COMPRESSED], [topics.IMAGE]))
+@pytest.fixture(params=[topics.IMAGE, topics.COMPRESSED])
 def wire(tmp_path, request):
     made = Wire(tmp_path, request.param)
     yield made

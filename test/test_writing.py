@@ -19,6 +19,7 @@ import cv2
 import numpy as np
 import pytest
 from conftest import ROOT
+from ordinary import some_of
 from test_fuzz_files import SETTINGS, write_own
 from vision_scenes import Scene, bow, render
 
@@ -48,10 +49,7 @@ TOOLS = {
     "synthesize": ("c_shape", "--no-images"),
     "observe": ("photo.png",),
 }
-WITH_DEAR_ONES = [
-    pytest.param(tool, marks=pytest.mark.slow if tool in ("identify", "synthesize") else ())
-    for tool in TOOLS
-]
+WITH_DEAR_ONES = some_of(TOOLS, ["observe"])
 RESULTS = {
     "predict": ("metadata.yaml", "result.mcap"),
     "identify": ("estimate.json", "estimate.yaml", "report.html"),
@@ -90,6 +88,7 @@ def visible(folder: Path) -> list[str]:
 
 
 @pytest.mark.long
+@pytest.mark.slow
 @pytest.mark.parametrize("tool", WITH_DEAR_ONES)
 def test_full_disk(tool: str, inputs: Path, tmp_path: Path) -> None:
     limit = (
