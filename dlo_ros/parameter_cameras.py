@@ -12,6 +12,10 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
 from dlo_ros.errors import ParameterError
 from dlo_ros.parameter_table import TABLE, Value
 
@@ -30,6 +34,12 @@ class CameraPose:
 
     translation: Vector = (0.0, 0.0, 1.2)
     rotation: Quaternion = (0.70710678, 0.0, 0.0, 0.70710678)
+
+    @property
+    def position(self) -> NDArray[np.float64]:
+        """Where the camera stands in the frame board [m], shape (3,)."""
+        turned = Rotation.from_quat(self.rotation).inv().apply(self.translation)
+        return -np.asarray(turned, dtype=np.float64)
 
 
 def of_cameras(name: str) -> bool:

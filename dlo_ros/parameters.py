@@ -24,7 +24,7 @@ from dlo_ros.parameter_cameras import check_rotation, flat_cameras, read_cameras
 from dlo_ros.parameter_file import read_parameter_file
 from dlo_ros.parameter_table import PARAMETERS, TABLE, Value
 from dlo_ros.parameter_text import parameter_lines
-from dlo_ros.spline import SplineBasis
+from dlo_ros.spline import FloatArray, SplineBasis
 
 Quadruple = tuple[float, float, float, float]
 
@@ -330,6 +330,11 @@ class Settings:
     def camera_poses(self) -> dict[str, CameraPose]:
         """Poses of the board in all cameras by their names; that of the only one is empty."""
         return dict(self.cameras) or {"": self.camera}
+
+    @property
+    def camera_positions(self) -> dict[str, FloatArray]:
+        """Positions [m] of the cameras that have names, shape (3,) each."""
+        return {name: pose.position for name, pose in self.cameras.items()}
 
     def with_material(self, young_modulus: float, density: float) -> Settings:
         """The same settings with another E [Pa] and mu [kg/m^3]."""

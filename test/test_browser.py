@@ -16,6 +16,8 @@ from test_diagnose_tool import KNOWN, found
 from test_identify_tool import run, write_bag
 
 from dlo_ros.cli.diagnosis_output import write_results
+from dlo_ros.report.page import Section, page, write_page
+from dlo_ros.report.player import ShapeFrame, player
 from dlo_ros.vision.patterns import parse_pattern
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
@@ -54,9 +56,22 @@ addEventListener("load", () => {
       return {curves, arrows, text: player.querySelector("output").textContent,
               pictures: [...player.querySelectorAll("image")].map(i => i.getAttribute("href"))};
     });
+    const turns = [...player.querySelectorAll("svg.turning")].map(svg => {
+      const drawn = () => [...svg.querySelectorAll(".curve")].map(c => c.getAttribute("d")).join();
+      const at = (kind, x, y) => svg.dispatchEvent(
+        new PointerEvent(kind, {clientX: x, clientY: y, bubbles: true}));
+      const key = name => svg.dispatchEvent(new KeyboardEvent("keydown", {key: name}));
+      const before = drawn();
+      at("pointermove", 40, 10); const idle = drawn();
+      at("pointerdown", 0, 0); at("pointermove", 40, 10); at("pointerup", 40, 10);
+      const dragged = drawn();
+      at("pointermove", 0, 0); const released = drawn();
+      key("ArrowLeft"); const keyed = drawn();
+      return {before, idle, dragged, released, keyed};
+    });
     const button = player.querySelector("button");
     button.click(); const playing = button.textContent; button.click();
-    return {seen, steps: Number(slider.max) + 1, playing, stopped: button.textContent};
+    return {seen, turns, steps: Number(slider.max) + 1, playing, stopped: button.textContent};
   });
   heard.players = players;
   heard.loaded = performance.getEntriesByType("resource").map(e => e.name);
@@ -110,13 +125,13 @@ def check(heard):
 
 def check_players(heard, at_least=1):
     assert len(heard["players"]) >= at_least
-    for player in heard["players"]:
-        first, last = player["seen"]
-        assert player["steps"] > 1
+    for shown in heard["players"]:
+        first, last = shown["seen"]
+        assert shown["steps"] > 1
         assert first["curves"] and all(d.startswith("M") for d in first["curves"])
         assert first["curves"] != last["curves"]
         assert first["text"] != last["text"]
-        assert player["playing"] != player["stopped"]
+        assert shown["playing"] != shown["stopped"]
 
 
 @pytest.fixture(scope="module")
@@ -147,9 +162,23 @@ def test_diagnose(tmp_path):
     heard = opened(tmp_path / "out" / "report.html", tmp_path)
     check(heard)
     # The missing force is drawn in every frame, and changes with the slider.
-    for player in heard["players"]:
-        first, last = (seen["arrows"] for seen in player["seen"])
+    for shown in heard["players"]:
+        first, last = (seen["arrows"] for seen in shown["seen"])
         assert last and all(d.startswith("M") for d in last) and first != last
+
+
+def test_the_view_in_space_turns(tmp_path):
+    """Dragged and by the arrow keys, but not by a mouse that only passes."""
+    angles = np.linspace(0.0, 3.0, 12)
+    bent = np.column_stack([0.1 * np.cos(angles), 0.05 * angles, 0.1 * np.sin(angles)])
+    frames = [ShapeFrame(0.1 * k, observed=bent + 0.01 * k) for k in range(3)]
+    shown = player(frames, 0.4, cameras={"left": np.array([-0.3, -1.2, 0.1])})
+    write_page(tmp_path / "report.html", page("A helix", "", [Section("Shapes", shown)]))
+    heard = opened(tmp_path / "report.html", tmp_path)
+    check(heard)
+    (turn,) = heard["players"][0]["turns"]
+    assert turn["idle"] == turn["before"] != turn["dragged"]
+    assert turn["released"] == turn["dragged"] != turn["keyed"]
 
 
 def test_calibrate(tmp_path):

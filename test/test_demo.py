@@ -283,7 +283,7 @@ def test_err_at_first_is_that_of_the_initial_guess(tmp_path):
 
 def test_report_of_a_run(tmp_path):
     run = heard()
-    page = report(run, outcome(run), "c_shape", 0.4, TRUTH, {}, ["A remark."])
+    page = report(run, outcome(run), "c_shape", 0.4, TRUTH, {}, ["A remark."], {})
     frames = page.recordings[0].frames
     assert len(frames) == 91 and frames[0].time == 0.0
     assert frames[5].err == pytest.approx(math.sqrt(3.0) * 0.002)

@@ -170,7 +170,7 @@ def test_no_line_of_the_terminal_is_wider_than_a_screen(made):
 
 def test_the_page_begins_with_the_answers_and_ends_with_the_trace():
     made = case(setup=SETUP)
-    page = diagnosis_page(report(made, LENGTH))
+    page = diagnosis_page(report(made, KNOWN))
     checked(page)
     places = [
         page.index(f">{words}")
@@ -187,10 +187,10 @@ def test_the_page_begins_with_the_answers_and_ends_with_the_trace():
 
 def test_a_single_shape_is_shown_along_the_rope():
     made = found(frames=1)
-    page = diagnosis_page(report(made, LENGTH))
+    page = diagnosis_page(report(made, KNOWN))
     checked(page)
     assert "distance [mm]" in page and "ERR [mm]" not in page
-    assert "ERR [mm]" in diagnosis_page(report(found(), LENGTH))
+    assert "ERR [mm]" in diagnosis_page(report(found(), KNOWN))
 
 
 def test_every_effect_says_what_it_is():

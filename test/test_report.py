@@ -208,7 +208,31 @@ def test_player_shows_photographs_with_their_pixels():
 def test_player_looks_from_above_at_shapes_in_space():
     flat = json.loads(checked(player(frames(), LENGTH)).scripts[0][1])
     space = json.loads(checked(player(frames(depth=0.1), LENGTH)).scripts[0][1])
-    assert len(flat["views"]) == 1 and len(space["views"]) == 2
+    assert len(flat["views"]) == 1 and len(space["views"]) == 3
+
+
+def test_player_has_a_view_in_space_that_turns():
+    shown = frames(depth=0.1)
+    cameras = {"left": np.array([-0.3, -1.2, 0.1]), "near": np.array([0.2, 0.0, 0.03])}
+    data = json.loads(checked(player(shown, LENGTH, cameras=cameras)).scripts[0][1])
+    view = data["views"][-1]
+    assert view["turning"]
+    # Every point of every frame is within the box, however it is turned.
+    points = [np.reshape(c, (-1, 3)) for f in data["frames"] for c in f["curves"][-1].values()]
+    far = np.linalg.norm(np.concatenate(points) - view["centre"], axis=1).max()
+    radius = view["box"][2] / 2
+    assert radius / 1.2 < far < radius
+    # A line of sight points at its camera, and ends there or short of the border.
+    left, near = view["rays"]
+    sight = 1e3 * cameras["left"] - view["centre"]
+    assert np.linalg.norm(left["to"]) == pytest.approx(0.6 * radius, rel=1e-3)
+    assert np.dot(left["to"], sight) == pytest.approx(
+        np.linalg.norm(left["to"]) * np.linalg.norm(sight), rel=1e-4
+    )
+    assert near["to"] == pytest.approx(list(1e3 * cameras["near"] - view["centre"]), abs=0.2)
+    basis = SplineBasis(shown[0].observed.shape[0], LENGTH)
+    first = 1e3 * (basis.matrix(np.array([0.0])) @ shown[0].observed[:, :3])[0]
+    assert data["frames"][0]["curves"][-1]["observed"][:3] == pytest.approx(list(first), abs=0.06)
 
 
 def test_player_thins_long_recordings_and_keeps_both_ends():

@@ -98,8 +98,9 @@ def _run(
     pictures = next(iter(views.values()), {})
     name = bag.resolve().name
     page = report(
-        heard, outcome, name, settings.rod.length, truth, pictures, remarks=heard.warnings
-    )
+        heard, outcome, name, settings.rod.length, truth, pictures, heard.warnings,
+        settings.camera_positions,
+    )  # fmt: skip
     write_json(output / "estimate.json", estimate_tree(heard, outcome, name, truth))
     write_identification_report(output / "report.html", page)
     if settings.cameras:

@@ -54,7 +54,7 @@ def write_results(
     write_text(output / "report.json", json.dumps(tree(found), indent=2, allow_nan=False) + "\n")
     comment = "Extended by dlo_ros diagnose; nodes and tools load this file as it is."
     write_text(output / EXTENDED, found.extended.settings.text(comment))
-    write_diagnosis_report(output / "report.html", report(found, settings.rod.length, loads))
+    write_diagnosis_report(output / "report.html", report(found, settings, loads))
 
 
 def tree(found: Diagnosis) -> dict[str, Any]:
@@ -182,8 +182,9 @@ def _parameters(effect: NamedEffect) -> list[FoundParameter]:
     return rows
 
 
-def report(found: Diagnosis, length: float, loads: Sequence[LoadRow] = ()) -> DiagnosisReport:
+def report(found: Diagnosis, settings: Settings, loads: Sequence[LoadRow] = ()) -> DiagnosisReport:
     """What report.html shows."""
+    length = settings.rod.length
     told = story(found, length, f"{EXTENDED} (beside this page)")
     remarks = list(found.remarks)
     if found.simulation_error is not None:
@@ -232,6 +233,7 @@ def report(found: Diagnosis, length: float, loads: Sequence[LoadRow] = ()) -> Di
         told.setup,
         tuple(SearchStep(t.step, t.name, t.gain, t.err, t.outcome) for t in found.trace),
         tuple(loads),
+        settings.camera_positions,
     )  # fmt: skip
 
 

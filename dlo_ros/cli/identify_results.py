@@ -243,6 +243,7 @@ def report(
         remarks=tuple(remarks(found)),
         ellipses=tuple(_ellipses(found)),
         loads=borne(recordings, estimate.settings),
+        cameras=settings.camera_positions,
     )  # fmt: skip
 
 

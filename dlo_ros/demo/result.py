@@ -32,6 +32,7 @@ from dlo_ros.report import (
     RecordingResult,
     ShapeFrame,
 )
+from dlo_ros.spline import FloatArray
 
 NAMES: Mapping[str, str] = {
     YOUNG_MODULUS: "Young's modulus E",
@@ -120,6 +121,7 @@ def report(
     truth: Mapping[str, float],
     photographs: Mapping[int, Photograph],
     remarks: Sequence[str],
+    cameras: Mapping[str, FloatArray],
 ) -> IdentificationReport:
     """The report of a live run.
 
@@ -131,6 +133,7 @@ def report(
         truth: from `read_truth`.
         photographs: by the stamp of the observed spline.
         remarks: sentences for the reader.
+        cameras: positions [m] of the cameras that have names.
     """
     start = min(heard.observed)
     sample = outcome.sample
@@ -161,6 +164,7 @@ def report(
         tracks=tuple(_track(heard.samples, name, start, truth.get(name)) for name in QUANTITIES),
         noise_floor=outcome.noise_floor,
         remarks=(*EXPLANATION, *remarks),
+        cameras=cameras,
     )
 
 

@@ -119,7 +119,7 @@ def _picture(k: int, r: DiagnosedRecording, report: DiagnosisReport) -> str:
     )
     if any(f.arrows is not None for f in frames):
         caption += FORCE_CAPTION
-    parts.append(figure(player(frames, r.length, legend), caption))
+    parts.append(figure(player(frames, r.length, legend, report.cameras), caption))
     parts += _at_rest(k, r, report) if len(r.times) < 2 else _over_time(k, r, report)
     if report.verdict != "adequate":
         parts.append(force_maps(r.times, r.u, r.force, r.force_std))

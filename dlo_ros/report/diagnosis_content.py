@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from dlo_ros.report.loads import LoadRow
 from dlo_ros.spline import FloatArray
@@ -163,6 +164,7 @@ class DiagnosisReport:
         questions: what a person asks first.
         extends: whether the extended model is another than the plain one.
         loads: what the DLO bore in the recordings, by the extended model.
+        cameras: positions [m] of the cameras that have names, which the view in space shows.
     """
 
     headline: str
@@ -180,3 +182,4 @@ class DiagnosisReport:
     setup: tuple[SetupRow, ...] = ()
     trace: tuple[SearchStep, ...] = ()
     loads: tuple[LoadRow, ...] = ()
+    cameras: Mapping[str, FloatArray] = field(default_factory=dict)

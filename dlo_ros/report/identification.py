@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -103,6 +104,7 @@ class IdentificationReport:
         remarks: sentences for the reader, such as what the data cannot tell.
         ellipses: pairs of parameters and their common uncertainty; may be empty.
         loads: what the DLO bore in the recordings; may be empty.
+        cameras: positions [m] of the cameras that have names, which the view in space shows.
     """
 
     title: str
@@ -115,6 +117,7 @@ class IdentificationReport:
     remarks: tuple[str, ...] = ()
     ellipses: tuple[Ellipse, ...] = ()
     loads: tuple[LoadRow, ...] = ()
+    cameras: Mapping[str, FloatArray] = field(default_factory=dict)
 
 
 def write_identification_report(path: Path | str, report: IdentificationReport) -> None:
@@ -131,7 +134,8 @@ def identification_page(report: IdentificationReport) -> str:
     """The report as an HTML document."""
     summary = f'<p class="headline">{markup(report.headline)}</p>'
     sections = [Section("What was found", _estimates(report))]
-    shapes = "".join(_shapes(r, len(report.recordings) > 1) for r in report.recordings)
+    several = len(report.recordings) > 1
+    shapes = "".join(_shapes(r, several, report.cameras) for r in report.recordings)
     if shapes:
         sections.append(Section("Observed and predicted shape", shapes))
     maps = "".join(_residuals(r) for r in report.recordings if r.residuals is not None)
@@ -188,7 +192,7 @@ def _error(estimate: Estimate) -> str:
     return f"{100.0 * (estimate.value / estimate.true - 1.0):+.2f} %"
 
 
-def _shapes(recording: RecordingResult, several: bool) -> str:
+def _shapes(recording: RecordingResult, several: bool, cameras: Mapping[str, FloatArray]) -> str:
     if not any(f.observed is not None or f.predicted is not None for f in recording.frames):
         return ""
     heading = f"<h3>{markup(f'{recording.name} ({recording.role})')}</h3>" if several else ""
@@ -196,7 +200,7 @@ def _shapes(recording: RecordingResult, several: bool) -> str:
         "Move the slider through the recording. Observed: the spline that was fitted to the "
         "camera's image; predicted: the simulated one at the same instant."
     )
-    return heading + figure(player(recording.frames, recording.length), caption)
+    return heading + figure(player(recording.frames, recording.length, cameras=cameras), caption)
 
 
 def _residuals(recording: RecordingResult) -> str:

@@ -1,12 +1,15 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Shapes over time with a slider: observed and predicted curve on a photograph or a grid."""
+"""Shapes over time with a slider: observed and predicted curve on a photograph or a grid.
+
+Shapes that leave the plane have a view besides that is turned with the mouse or the arrow keys.
+"""
 
 from __future__ import annotations
 
 import base64
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from typing import Any
@@ -23,6 +26,8 @@ INTERVAL = 120  # ms between frames while playing
 
 CURVES = {"observed": "observed", "predicted": "predicted", "initial": "predicted at first"}
 ARROWS = ("faint", "arrows")
+RAY = 0.6
+"""Length of a camera's line of sight in the view that turns, as a share of the view's radius."""
 
 
 @dataclass(frozen=True)
@@ -69,13 +74,20 @@ class ShapeFrame:
     faint: FloatArray | None = None
 
 
-def player(frames: Sequence[ShapeFrame], length: float, arrows: str = "arrows") -> str:
+def player(
+    frames: Sequence[ShapeFrame],
+    length: float,
+    arrows: str = "arrows",
+    cameras: Mapping[str, FloatArray] | None = None,
+) -> str:
     """An HTML element that shows the frames, thinned out to what a reader can look at.
 
     Args:
         frames: in the order of time.
         length: L of the spline basis [m].
         arrows: what they mean, for the legend.
+        cameras: the cameras' positions [m], shape (3,), by name, whose lines of sight the view that
+            turns shows.
 
     Raises:
         InputError: there is no frame, or a spline is not finite.
@@ -86,13 +98,18 @@ def player(frames: Sequence[ShapeFrame], length: float, arrows: str = "arrows") 
     curves = [_curves(frame, length) for frame in shown]
     planes = _planes(curves)
     tips = [a.reshape(-1, 3) for f in shown for a in (f.arrows, f.faint) if a is not None]
-    everything = [*(p for c in curves for p in c.values()), *(1e3 * t for t in tips)]
+    everything = np.concatenate(
+        [*(p for c in curves for p in c.values()), *(1e3 * t for t in tips)]
+    )
+    spatial = len(planes) > 1
     views: list[dict[str, Any]] = []
     pictured = [f.photograph for f in shown if f.photograph is not None]
     if pictured:
         size = max(p.width for p in pictured), max(p.height for p in pictured)
         views.append({"photograph": True, "box": [0, 0, *size]})
-    views += [_grid(np.concatenate(everything), axes) for axes in planes]
+    views += [_grid(everything, axes) for axes in planes]
+    if spatial:
+        views.append(_turning(everything, cameras or {}))
     data = {
         "interval": INTERVAL,
         "views": views,
@@ -152,6 +169,32 @@ def _grid(points: FloatArray, axes: tuple[int, int]) -> dict[str, Any]:
     }
 
 
+def _turning(points: FloatArray, cameras: Mapping[str, FloatArray]) -> dict[str, Any]:
+    """A view of all sides: what it turns about, how far it reaches, its floor's grid [mm]."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    centre = 0.5 * (low + high)
+    radius = 1.1 * float(np.linalg.norm(points - centre, axis=1).max())
+    rays = []
+    for name, position in cameras.items():
+        sight = 1e3 * np.asarray(position, float) - centre
+        distance = float(np.linalg.norm(sight))
+        reach = min(1.0, RAY * radius / distance) if distance > 0.0 else 0.0
+        rays.append({"name": name, "to": [_short(v) for v in reach * sight]})
+    step = _step(float((high - low).max()) / 6.0)
+    return {
+        "turning": True,
+        "box": [_short(v) for v in (-radius, -radius, 2.0 * radius, 2.0 * radius)],
+        "centre": [_short(v) for v in centre],
+        "floor": {
+            "x": _ticks(low[0], high[0], step),
+            "y": _ticks(low[1], high[1], step),
+            "z": _short(low[2]),
+        },
+        "rays": rays,
+        "label": f"drag or arrow keys turn it; floor grid of {step:g} mm",
+    }
+
+
 def _step(least: float) -> float:
     """The smallest of 1, 2, 5, 10, ... mm that is not below `least`."""
     power = 10.0 ** math.floor(math.log10(least)) if least > 0.0 else 1.0
@@ -182,6 +225,12 @@ def _frame(
             if ends is not None:
                 seen[name] = _flat(1e3 * ends.reshape(-1, 3)[:, [horizontal, vertical]] * flip)
         drawn.append(seen)
+    if len(planes) > 1:
+        solid = {k: _flat(p) for k, p in curves.items()}
+        for name in ARROWS:
+            if (ends := getattr(frame, name)) is not None:
+                solid[name] = _flat(1e3 * ends.reshape(-1, 3))
+        drawn.append(solid)
     result: dict[str, Any] = {
         "text": f"{frame.time:.2f} s, ERR {millimetres(frame.err)}",
         "curves": drawn,
@@ -193,7 +242,7 @@ def _frame(
 
 
 def _flat(points: FloatArray) -> list[float]:
-    """x, y, x, y, ... to a tenth; parts that are not finite are left out."""
+    """Coordinates point after point, to a tenth; points that are not finite are left out."""
     finite = points[np.all(np.isfinite(points), axis=1)]
     return [_short(v) for v in finite.ravel()]
 

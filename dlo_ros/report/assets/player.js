@@ -52,14 +52,105 @@
       "text-anchor": "end", "font-size": size}).textContent = view.label;
   }
 
+  // Points in space x, y, z, ... as they are seen in parallel projection: turned about the vertical,
+  // then looked down upon.
+  function seen(flat, view) {
+    const [cx, cy, cz] = view.centre, result = [];
+    const [c, s] = [Math.cos(view.turn), Math.sin(view.turn)];
+    const [C, S] = [Math.cos(view.tilt), Math.sin(view.tilt)];
+    for (let i = 0; i + 2 < flat.length; i += 3) {
+      const x = flat[i] - cx, y = flat[i + 1] - cy, z = flat[i + 2] - cz;
+      result.push((c * x + s * y).toFixed(1), (-(C * z + S * (c * y - s * x))).toFixed(1));
+    }
+    return result.map(Number);
+  }
+
+  // The floor's grid, the axes and the cameras' lines of sight.
+  function surroundings(parts, view) {
+    const {x, y, z} = view.floor, ends = a => [a[0], a[a.length - 1]];
+    const lines = [
+      ...x.map(at => [at, ends(y)[0], z, at, ends(y)[1], z]),
+      ...y.map(at => [ends(x)[0], at, z, ends(x)[1], at, z]),
+    ];
+    parts.floor.setAttribute("d", lines.map(l => path(seen(l, view))).join(""));
+    const [cx, cy, cz] = view.centre;
+    parts.rays.forEach(function (ray, k) {
+      const [X, Y, Z] = view.rays[k].to;
+      const [a, b, A, B] = seen([cx, cy, cz, cx + X, cy + Y, cz + Z], view);
+      ray.line.setAttribute("d", path([a, b, A, B]));
+      ray.text.setAttribute("x", A);
+      ray.text.setAttribute("y", B);
+    });
+    const [left, top, width, height] = view.box, arm = width / 14;
+    const corner = [left + 1.6 * arm, top + height - 1.6 * arm];
+    parts.axes.forEach(function (axis, k) {
+      const tip = [cx, cy, cz];
+      tip[k] += arm;
+      const [dx, dy] = seen(tip, view);
+      axis.line.setAttribute("d", path([...corner, corner[0] + dx, corner[1] + dy]));
+      axis.text.setAttribute("x", corner[0] + 1.35 * dx);
+      axis.text.setAttribute("y", corner[1] + 1.35 * dy);
+    });
+  }
+
+  function stage(svg, view) {
+    const size = view.box[2] / 34, named = function (line, name) {
+      return {
+        line: element(svg, "path", {class: line}),
+        text: Object.assign(element(svg, "text", {class: "tick", "font-size": size,
+          "text-anchor": "middle"}), {textContent: name}),
+      };
+    };
+    Object.assign(view, {turn: -0.6, tilt: 0.35});
+    svg.setAttribute("class", "turning");
+    svg.setAttribute("tabindex", "0");
+    svg.setAttribute("aria-label", "shapes in space: " + view.label);
+    const parts = {floor: element(svg, "path", {class: "gridline"})};
+    parts.rays = view.rays.map(ray => named("ray", ray.name));
+    parts.axes = ["x", "y", "z"].map(name => named("axis", name));
+    element(svg, "text", {class: "tick", x: view.box[0] + view.box[2] - size / 2,
+      y: view.box[1] + 1.4 * size, "text-anchor": "end", "font-size": size})
+      .textContent = view.label;
+    return parts;
+  }
+
+  // Dragged, or moved by the arrow keys; `again` draws the view anew.
+  function turned(svg, view, again) {
+    function by(right, down) {
+      view.turn -= right;
+      view.tilt = Math.max(-Math.PI / 2, Math.min(Math.PI / 2, view.tilt + down));
+      again();
+    }
+    let from = null;
+    svg.addEventListener("pointerdown", function (event) {
+      from = [event.clientX, event.clientY];
+      if (event.isTrusted) svg.setPointerCapture(event.pointerId);
+    });
+    svg.addEventListener("pointermove", function (event) {
+      if (!from) return;
+      by((event.clientX - from[0]) / 100, (event.clientY - from[1]) / 100);
+      from = [event.clientX, event.clientY];
+    });
+    for (const name of ["pointerup", "pointercancel"]) {
+      svg.addEventListener(name, function () { from = null; });
+    }
+    const keys = {ArrowLeft: [-0.1, 0], ArrowRight: [0.1, 0], ArrowUp: [0, -0.1],
+      ArrowDown: [0, 0.1]};
+    svg.addEventListener("keydown", function (event) {
+      if (!keys[event.key]) return;
+      event.preventDefault();
+      by(...keys[event.key]);
+    });
+  }
+
   function build(svg, view) {
     svg.setAttribute("viewBox", view.box.join(" "));
-    const parts = {};
+    let parts = {};
     if (view.photograph) {
       const [x, y, width, height] = view.box;
       parts.image = element(svg, "image", {x: x, y: y, width: width, height: height});
     } else {
-      grid(svg, view);
+      if (view.turning) parts = stage(svg, view); else grid(svg, view);
       parts.size = Math.max(view.box[2], view.box[3]) / 60;
       for (const name of ARROWS) parts[name] = element(svg, "path", {class: "arrow " + name});
     }
@@ -84,15 +175,21 @@
       const frame = data.frames[index];
       slider.value = index;
       drawn.forEach(function (parts, k) {
+        const view = data.views[k];
+        const flat = function (name) {
+          const points = (frame.curves[k] || {})[name] || [];
+          return view.turning ? seen(points, view) : points;
+        };
+        if (view.turning) surroundings(parts, view);
         if (parts.image) parts.image.setAttribute("href", frame.photograph || "data:,");
         for (const name of NAMES) {
-          const d = path((frame.curves[k] || {})[name] || []);
+          const d = path(flat(name));
           parts[name].setAttribute("d", d);
           if (parts[name + "-halo"]) parts[name + "-halo"].setAttribute("d", d);
         }
         for (const name of ARROWS) {
           if (!parts[name]) continue;
-          parts[name].setAttribute("d", arrows((frame.curves[k] || {})[name] || [], parts.size));
+          parts[name].setAttribute("d", arrows(flat(name), parts.size));
         }
       });
       text.textContent = frame.text;
@@ -112,6 +209,11 @@
       timer = setInterval(function () {
         show((Number(slider.value) + 1) % data.frames.length);
       }, data.interval);
+    });
+    player.querySelectorAll(".views svg").forEach(function (svg, k) {
+      if (data.views[k].turning) {
+        turned(svg, data.views[k], function () { show(Number(slider.value)); });
+      }
     });
     show(Number(slider.value));
   }
