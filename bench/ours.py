@@ -16,7 +16,7 @@ from dlo_ros.command import NANOSECONDS, Command
 from dlo_ros.errors import SimulationError
 from dlo_ros.parameters import DampingParameters, Settings, SimulationParameters
 from dlo_ros.rod import dynamics, statics
-from dlo_ros.rod.boundary import Boundary
+from dlo_ros.rod.boundary.imposed_motion import Boundary
 from dlo_ros.rod.dynamics import Track
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.resolution import build

@@ -22,8 +22,8 @@ from bench.ours import rod_settings, straight
 from bench.reference import reference
 from bench.tasks import Task
 from dlo_ros.command import NANOSECONDS
-from dlo_ros.rod.lanes import ParameterSets
-from dlo_ros.rod.lanes_tracks import Tracks
+from dlo_ros.rod.batch.parameter_sets import ParameterSets
+from dlo_ros.rod.batch.tracks import Tracks
 from dlo_ros.spline import FloatArray
 
 SETS = 64

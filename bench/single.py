@@ -13,15 +13,16 @@ from bench.contender import cpu_time
 from bench.ours import in_space, straight
 from bench.tasks import T1, T2, Task
 from dlo_ros.command import NANOSECONDS, Command
-from dlo_ros.rod import dynamics, resting, statics
-from dlo_ros.rod.boundary import Boundary
+from dlo_ros.rod import dynamics, statics
+from dlo_ros.rod.boundary.imposed_motion import Boundary
 from dlo_ros.rod.integration import integrate
 from dlo_ros.rod.model import RodModel
-from dlo_ros.rod.moving import commit
 from dlo_ros.rod.packing import moving_of, nothing_varies
+from dlo_ros.rod.sensitivity.propagation import vary_rest
+from dlo_ros.rod.sensitivity_parameters import MATERIAL, compiled
+from dlo_ros.rod.solve import equilibrium_continuation
+from dlo_ros.rod.solve.integrator_state import commit
 from dlo_ros.rod.state import State
-from dlo_ros.rod.tangents import MATERIAL, compiled
-from dlo_ros.rod.variation import vary_rest
 
 PARAMETERS = MATERIAL
 BLOCK = 0.05  # [s] CPU time that one measurement fills
@@ -108,7 +109,7 @@ class Statics:
             at[0] = 1 - at[0]
             model, rod, before, rest, varying = parts[at[0]]
             commit(before, rest)
-            resting.settle(
+            equilibrium_continuation.settle(
                 rod.system, rod.imposed, before, before.clock[0], model.rate2, statics.TOLERANCE,
                 False, rest,
             )  # fmt: skip

@@ -24,9 +24,9 @@ from dlo_ros.spline import FloatArray
 from dlo_ros.synthesis.geometry import Geometry
 from dlo_ros.synthesis.look import Look, SimulatedCamera
 from dlo_ros.synthesis.render import Renderer
-from dlo_ros.vision.camera import Camera
-from dlo_ros.vision.observer import Observer
-from dlo_ros.vision.segmentation import Image
+from dlo_ros.vision.camera.pinhole import Camera
+from dlo_ros.vision.planar_observer import Observer
+from dlo_ros.vision.segmentation.ridge_map import Image
 
 LENGTH, DIAMETER = 1.0, 0.008  # [m]
 SPAN = 0.7  # [m] between the clamps

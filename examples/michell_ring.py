@@ -21,7 +21,7 @@ from scene import ROPE, hold, lead, onset, turned
 
 from dlo_ros.command import Command
 from dlo_ros.errors import SimulationError
-from dlo_ros.rod.boundary import Boundary
+from dlo_ros.rod.boundary.imposed_motion import Boundary
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.resolution import build
 from dlo_ros.rod.state import State, rest_state, twist_angle

@@ -10,7 +10,7 @@ import numpy as np
 
 from dlo_ros.command import NANOSECONDS, Command
 from dlo_ros.parameters import DampingParameters, RodParameters, Settings
-from dlo_ros.rod.boundary import Boundary
+from dlo_ros.rod.boundary.imposed_motion import Boundary
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.state import State, rest_state
 from dlo_ros.rod.statics import Equilibrium, settle

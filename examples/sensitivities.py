@@ -20,8 +20,8 @@ from dlo_ros.command import NANOSECONDS, Command, Motion
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.rod import dynamics, integration
+from dlo_ros.rod.sensitivity_parameters import MATERIAL, tangent
 from dlo_ros.rod.simulation import Simulation
-from dlo_ros.rod.tangents import MATERIAL, tangent
 from dlo_ros.spline import FloatArray, SplineBasis
 
 SPANS = 14

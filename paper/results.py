@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from dlo_ros.identification import Estimate, identify
-from dlo_ros.identification.statement import sentences
+from dlo_ros.identification.identifiability import sentences
 from paper.experiments import TRAINING, VALIDATION, Recorded, Run, record
 
 

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 from rods import PAPER
 
-from dlo_ros.diagnosis.evaluation import Evaluation
-from dlo_ros.diagnosis.model import baseline
-from dlo_ros.diagnosis.search import Candidate
+from dlo_ros.diagnosis.fitting.candidate_model import baseline
+from dlo_ros.diagnosis.fitting.evaluation import Evaluation
+from dlo_ros.diagnosis.selection.effect_search import Candidate
 
 KNOWN = replace(
     PAPER,

@@ -24,7 +24,7 @@ from rclpy.parameter import Parameter
 from rclpy.serialization import deserialize_message
 
 from dlo_ros.demo.network import free_domain
-from dlo_ros.nodes.messages import message_class
+from dlo_ros.nodes.message_factory import message_class
 from dlo_ros.nodes.qos import LATCHED
 from dlo_ros.recordings import topics
 

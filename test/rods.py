@@ -7,7 +7,7 @@ import numpy as np
 
 from dlo_ros.command import Command
 from dlo_ros.parameters import RodParameters, Settings
-from dlo_ros.rod.boundary import Boundary
+from dlo_ros.rod.boundary.imposed_motion import Boundary
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.resolution import build
 from dlo_ros.rod.state import State, rest_state
@@ -64,9 +64,9 @@ def settled(settings: Settings, imposed: Command, spans: int, direction=(1.0, 0.
 
 def dense_stiffness(model: RodModel, state: State) -> np.ndarray:
     """The Hessian of the elastic energy as a full matrix, shape (4 n, 4 n)."""
-    from dlo_ros.rod.forces import assemble  # compiled on import
-    from dlo_ros.rod.material import room
-    from dlo_ros.rod.tables import BAND
+    from dlo_ros.rod.elements.constitutive_law import room
+    from dlo_ros.rod.elements.rod_forces import assemble  # compiled on import
+    from dlo_ros.rod.elements.rod_tables import BAND
 
     size = state.q.size
     gradient, band = np.empty(size), np.empty((size, BAND + 1))

@@ -55,15 +55,15 @@ from diagnosis_candidates import KNOWN
 from measured import swing
 from rods import PAPER
 
-from dlo_ros.diagnosis.candidates import starts
+from dlo_ros.diagnosis.proposals.candidate_effects import starts
 from dlo_ros.inference.scene import scene
-from dlo_ros.diagnosis.screening import screen
-from dlo_ros.diagnosis.search import search
-from dlo_ros.diagnosis.start import begin
-from dlo_ros.diagnosis.workers import Problem, workers
+from dlo_ros.diagnosis.proposals.screening import screen
+from dlo_ros.diagnosis.selection.effect_search import search
+from dlo_ros.diagnosis.fitting.initial_fit import begin
+from dlo_ros.diagnosis.fitting.worker_processes import Problem, workers
 from dlo_ros.effects import build, effects
 from dlo_ros.identification import identify
-from dlo_ros.identification.bundle import forecast_varied
+from dlo_ros.identification.batched_forecast import forecast_varied
 from dlo_ros.inference.forecast import forecast
 
 OWN = ("pixel_aspect", "rough_board")

@@ -12,7 +12,7 @@ from dlo_ros.command import Motion
 from dlo_ros.errors import CommandError, DloError, InputError, ParameterError, SimulationError
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
-from dlo_ros.rod.live import LiveSimulation
+from dlo_ros.rod.live_simulation import LiveSimulation
 from dlo_ros.rod.simulation import Simulation
 from dlo_ros.spline import SplineBasis
 

@@ -9,10 +9,10 @@ from diagnosis_candidates import KNOWN
 from measured import swing
 from rods import PAPER
 
-from dlo_ros.diagnosis.before import alone_before
-from dlo_ros.diagnosis.search import candidate
-from dlo_ros.diagnosis.start import begin
-from dlo_ros.diagnosis.workers import Problem
+from dlo_ros.diagnosis.fitting.initial_fit import begin
+from dlo_ros.diagnosis.fitting.worker_processes import Problem
+from dlo_ros.diagnosis.selection.effect_search import candidate
+from dlo_ros.diagnosis.selection.pre_contact import alone_before
 
 DRAG = 0.05
 """That is not in the parameter file [N s/m^2]."""

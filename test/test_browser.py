@@ -17,8 +17,8 @@ from test_identify_tool import run, write_bag
 
 from dlo_ros.cli.diagnosis_output import write_results
 from dlo_ros.report.page import Section, page, write_page
-from dlo_ros.report.player import ShapeFrame, player
-from dlo_ros.vision.patterns import parse_pattern
+from dlo_ros.report.shape_player import ShapeFrame, player
+from dlo_ros.vision.calibration.patterns import parse_pattern
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 BROWSER = next(filter(None, map(shutil.which, BROWSERS)), None)

@@ -28,8 +28,8 @@ from dlo_ros.cli import main as cli
 from dlo_ros.parameter_file import read_parameter_file
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import BAG_MESSAGES, BagWriter, compressed_message
-from dlo_ros.vision.camera_file import read_camera_file
-from dlo_ros.vision.patterns import parse_pattern
+from dlo_ros.vision.calibration.camera_file import read_camera_file
+from dlo_ros.vision.calibration.patterns import parse_pattern
 
 PATTERN = "chessboard:9x6:0.025"
 CHARUCO = "charuco:8x5:0.03:0.022:5X5_100"

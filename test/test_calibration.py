@@ -21,14 +21,14 @@ from calibration_scenes import (
 )
 
 from dlo_ros.errors import InputError, VisionError
-from dlo_ros.vision.calibration import calibrate, check_camera
-from dlo_ros.vision.calibration_coverage import LEAST_VIEWS, Coverage
-from dlo_ros.vision.calibration_fit import LENSES, Intrinsics, fit_camera, locate
-from dlo_ros.vision.calibration_views import ViewCollector
-from dlo_ros.vision.camera_file import camera_file, read_camera_file
-from dlo_ros.vision.pattern_search import View, board_size, find_pattern
-from dlo_ros.vision.patterns import Charuco, Pattern, parse_pattern
-from dlo_ros.vision.print_pattern import INCH, RESOLUTION, print_pattern
+from dlo_ros.vision.calibration.camera_calibration import calibrate, check_camera
+from dlo_ros.vision.calibration.camera_file import camera_file, read_camera_file
+from dlo_ros.vision.calibration.camera_fit import LENSES, Intrinsics, fit_camera, locate
+from dlo_ros.vision.calibration.pattern_search import View, board_size, find_pattern
+from dlo_ros.vision.calibration.patterns import Charuco, Pattern, parse_pattern
+from dlo_ros.vision.calibration.print_pattern import INCH, RESOLUTION, print_pattern
+from dlo_ros.vision.calibration.view_collection import ViewCollector
+from dlo_ros.vision.calibration.view_coverage import LEAST_VIEWS, Coverage
 
 BOARD = parse_pattern("chessboard:9x6:0.025")
 TRUE = Intrinsics(MATRIX, DISTORTION, "plumb_bob", *SIZE)

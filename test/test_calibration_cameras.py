@@ -10,11 +10,11 @@ from scipy.spatial.transform import Rotation
 from dlo_ros.cli.main import main
 from dlo_ros.errors import InputError
 from dlo_ros.parameters import Settings
-from dlo_ros.vision.calibration_cameras import calibrate_cameras
-from dlo_ros.vision.calibration_fit import Intrinsics
-from dlo_ros.vision.camera_file import camera_file
-from dlo_ros.vision.pattern_search import View
-from dlo_ros.vision.patterns import parse_pattern
+from dlo_ros.vision.calibration.camera_file import camera_file
+from dlo_ros.vision.calibration.camera_fit import Intrinsics
+from dlo_ros.vision.calibration.camera_network import calibrate_cameras
+from dlo_ros.vision.calibration.pattern_search import View
+from dlo_ros.vision.calibration.patterns import parse_pattern
 
 PATTERN = parse_pattern("chessboard:7x5:0.02")
 LENS = Intrinsics(MATRIX, DISTORTION, "plumb_bob", *SIZE)

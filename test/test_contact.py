@@ -10,13 +10,13 @@ from challenge.generate import draw
 from rods import PAPER
 
 from dlo_ros.cli.loading import load_manipulation
-from dlo_ros.diagnosis.contact import glimpsed, hits
-from dlo_ros.diagnosis.evaluation import evaluate
-from dlo_ros.diagnosis.fitting import attempt
-from dlo_ros.diagnosis.judging import structure
-from dlo_ros.diagnosis.pegs import apart, places, sight
-from dlo_ros.diagnosis.start import begin, drafts
-from dlo_ros.diagnosis.workers import Problem, workers
+from dlo_ros.diagnosis.contact.contact_search import glimpsed, hits
+from dlo_ros.diagnosis.contact.peg_places import apart, places, sight
+from dlo_ros.diagnosis.fitting.evaluation import evaluate
+from dlo_ros.diagnosis.fitting.initial_fit import begin, drafts
+from dlo_ros.diagnosis.fitting.levenberg_marquardt import attempt
+from dlo_ros.diagnosis.fitting.worker_processes import Problem, workers
+from dlo_ros.diagnosis.residuals.residual_structure import structure
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import SplineBasis
 
@@ -116,7 +116,7 @@ def test_in_space_no_peg_is_looked_for(hidden, monkeypatch):
     def looked(team, at):
         raise AssertionError("looked for a peg off the board")
 
-    monkeypatch.setattr("dlo_ros.diagnosis.robust.calm", looked)
+    monkeypatch.setattr("dlo_ros.diagnosis.fitting.robust_fit.calm", looked)
     aloft = []
     for r in beginning.recordings:
         observed = r.observed.copy()
@@ -131,7 +131,7 @@ def test_in_space_no_peg_is_looked_for(hidden, monkeypatch):
 def test_a_peg_that_does_not_help_is_not_fitted(hidden, monkeypatch):
     settings, beginning, _ = hidden
     problem = Problem(beginning.recordings, settings, drafts(beginning.recordings, beginning.at))
-    monkeypatch.setattr("dlo_ros.diagnosis.contact._loss", lambda problem, task: 1e9)
+    monkeypatch.setattr("dlo_ros.diagnosis.contact.contact_search._loss", lambda problem, task: 1e9)
     with workers(problem, 1) as team:
         assert hits(team, beginning.at, ()) == []
 

@@ -28,11 +28,11 @@ from dlo_ros.demo.outcome import Outcome, assess
 from dlo_ros.demo.photographs import Window
 from dlo_ros.demo.plan import params_beside, plan_run
 from dlo_ros.demo.processes import Children, ProcessError
-from dlo_ros.demo.progress import Progress, line
 from dlo_ros.demo.result import estimate_tree, last_line, read_truth, report, with_std, write_json
+from dlo_ros.demo.terminal_progress import Progress, line
 from dlo_ros.errors import InputError, RecordingError
 from dlo_ros.inference.forecast import Manipulation, forecast
-from dlo_ros.nodes.heard import QUANTITIES, Heard, Sample
+from dlo_ros.nodes.received_data import QUANTITIES, Heard, Sample
 from dlo_ros.parameters import RodParameters, Settings
 from dlo_ros.recordings import (
     BAG_MESSAGES,

@@ -19,10 +19,10 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from dlo_ros.cli.main import main
 from dlo_ros.demo import live
 from dlo_ros.demo.processes import ProcessError
-from dlo_ros.demo.progress import Progress
-from dlo_ros.nodes.heard import Heard
-from dlo_ros.nodes.messages import ROS_MESSAGES
+from dlo_ros.demo.terminal_progress import Progress
+from dlo_ros.nodes.message_factory import ROS_MESSAGES
 from dlo_ros.nodes.monitor import monitoring
+from dlo_ros.nodes.received_data import Heard
 from dlo_ros.recordings import read_recording, spline_message, topics
 
 WARN, OK = DiagnosticStatus.WARN, DiagnosticStatus.OK

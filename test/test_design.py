@@ -12,9 +12,15 @@ from rods import PAPER, command
 from dlo_ros.cli.design import experiment_plan, experiment_text
 from dlo_ros.cli.main import main
 from dlo_ros.errors import InputError, SimulationError
-from dlo_ros.identification import design_search
-from dlo_ros.identification.design import Noise, Plan, outlook, rank, rank_separation
-from dlo_ros.identification.design_search import (
+from dlo_ros.identification.design import manipulation_search
+from dlo_ros.identification.design.expected_information import (
+    Noise,
+    Plan,
+    outlook,
+    rank,
+    rank_separation,
+)
+from dlo_ros.identification.design.manipulation_search import (
     KINDS,
     MOMENTS,
     Workspace,
@@ -178,14 +184,14 @@ def test_a_candidate_that_cannot_be_simulated_is_worth_nothing(monkeypatch, erro
         forecast = SimpleNamespace(stable=True)
         return SimpleNamespace(gain=float(len(seen)), response=0.1, forecast=forecast)
 
-    monkeypatch.setattr(design_search, "outlook", judged)
+    monkeypatch.setattr(manipulation_search, "outlook", judged)
     found = search(PAPER, PLACE, budget=4, seed=1)
     assert found.tried == 4 and seen[-1] == "searched"
 
     def never(*words, **more):
         raise error("the simulated DLO is folded")
 
-    monkeypatch.setattr(design_search, "outlook", never)
+    monkeypatch.setattr(manipulation_search, "outlook", never)
     with pytest.raises(SimulationError, match="no manipulation within the workspace"):
         search(PAPER, PLACE, budget=4, seed=1)
 

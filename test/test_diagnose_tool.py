@@ -13,7 +13,7 @@ from test_identify_tool import run, write_bag
 
 from dlo_ros.cli.diagnosis_output import tree, write_results
 from dlo_ros.diagnosis import Diagnosis, Fitted, Gain, NamedEffect, Number, Tried, View
-from dlo_ros.diagnosis.relations import Pattern, Relation, Relations
+from dlo_ros.diagnosis.residuals.relations import Pattern, Relation, Relations
 from dlo_ros.parameters import Settings
 from dlo_ros.report.force import force_arrows
 from dlo_ros.report.loads import LoadRow

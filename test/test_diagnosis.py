@@ -9,16 +9,19 @@ from diagnosis_candidates import KNOWN, candidate, evaluation
 from measured import swing
 from rods import PAPER
 
-from dlo_ros.diagnosis import aside, decide, diagnose, judging
-from dlo_ros.diagnosis.candidates import starts
-from dlo_ros.diagnosis.evaluation import evaluate
-from dlo_ros.diagnosis.fitting import Normal, fit, known, normal, total
-from dlo_ros.diagnosis.manipulations import simulated, standard
-from dlo_ros.diagnosis.model import baseline, prior
-from dlo_ros.diagnosis.noise import with_bias, with_noise
-from dlo_ros.diagnosis.screening import alarm, screen
-from dlo_ros.diagnosis.start import begin
-from dlo_ros.diagnosis.workers import Problem, workers
+from dlo_ros.diagnosis import diagnose
+from dlo_ros.diagnosis.findings import holdout
+from dlo_ros.diagnosis.findings.standard_manipulations import simulated, standard
+from dlo_ros.diagnosis.fitting.candidate_model import baseline, prior
+from dlo_ros.diagnosis.fitting.evaluation import evaluate
+from dlo_ros.diagnosis.fitting.initial_fit import begin
+from dlo_ros.diagnosis.fitting.levenberg_marquardt import Normal, fit, known, normal, total
+from dlo_ros.diagnosis.fitting.recording_noise import with_bias, with_noise
+from dlo_ros.diagnosis.fitting.worker_processes import Problem, workers
+from dlo_ros.diagnosis.proposals.candidate_effects import starts
+from dlo_ros.diagnosis.proposals.screening import alarm, screen
+from dlo_ros.diagnosis.residuals import residual_structure
+from dlo_ros.diagnosis.selection import verdict
 from dlo_ros.effects import effects
 from dlo_ros.errors import InputError
 from dlo_ros.identification import Manipulation
@@ -33,12 +36,16 @@ pytestmark = pytest.mark.long
 def test_structure_is_what_repeats_and_not_the_noise():
     rng = np.random.default_rng(1)
     noise = [rng.normal(size=(300, 20)) for _ in range(3)]
-    assert abs(judging.structure(noise)) < 0.15
+    assert abs(residual_structure.structure(noise)) < 0.15
     slow = 0.8 * np.sin(np.linspace(0.0, 6.0, 300))[:, None]
-    assert judging.structure([r + slow for r in noise]) == pytest.approx(0.8 / 2**0.5, rel=0.1)
-    assert judging.chance(noise) < 0.25
+    assert residual_structure.structure([r + slow for r in noise]) == pytest.approx(
+        0.8 / 2**0.5, rel=0.1
+    )
+    assert residual_structure.chance(noise) < 0.25
     short = [r[:4, :2] for r in noise]
-    assert judging.chance(short) > judging.chance(noise)  # few numbers may look like anything
+    assert residual_structure.chance(short) > residual_structure.chance(
+        noise
+    )  # few numbers may look like anything
 
 
 def test_score_is_the_predictive_likelihood_of_a_linear_model():
@@ -60,7 +67,7 @@ def test_score_is_the_predictive_likelihood_of_a_linear_model():
         left = residuals[k].ravel() - j @ np.linalg.solve(hessian, right)
         spread = np.eye(len(left)) + j @ np.linalg.solve(hessian, j.T)
         expected += left @ np.linalg.solve(spread, left) + np.linalg.slogdet(spread)[1]
-    assert judging.predictive_score(at, KNOWN) == pytest.approx(expected, rel=1e-6)
+    assert residual_structure.predictive_score(at, KNOWN) == pytest.approx(expected, rel=1e-6)
 
 
 def test_normal_equations_find_the_least_squares_answer():
@@ -119,26 +126,26 @@ def test_names_stand_beside_their_rivals():
     alike = candidate(["constant_force"], 0.12, 11.0, [noise[0] + 0.01 * slow])
     worse = candidate(["clamp_angle"], 0.7, 900.0, [noise[0] + 1.0 * slow])
     wrong = candidate(["obstacle"], 4.0, 5000.0, [noise[0] + 6.0 * slow])
-    found = decide.explanations([wrong, worse, alike, best], decide.limit(20.0))
+    found = verdict.explanations([wrong, worse, alike, best], verdict.limit(20.0))
     assert [e.effects for e in found] == [("gravity_tilt",), ("constant_force",), ("clamp_angle",)]
-    decision = decide.choose(found)
+    decision = verdict.choose(found)
     assert decision.verdict == "explained"
     assert decision.rivals == (("constant_force",),)
 
 
 def test_an_explanation_must_hold_on_what_was_kept_aside():
     noise = [np.random.default_rng(6).normal(size=(60, 10))]
-    first = decide.Explanation(("obstacle",), candidate(["obstacle"], 0.1, 1.0, noise))
-    second = decide.Explanation(("point_mass",), candidate(["point_mass"], 0.2, 2.0, noise))
+    first = verdict.Explanation(("obstacle",), candidate(["obstacle"], 0.1, 1.0, noise))
+    second = verdict.Explanation(("point_mass",), candidate(["point_mass"], 0.2, 2.0, noise))
     errors = {"obstacle": 5e-3, "point_mass": 1e-3}
 
     def kept_aside(c):
         return errors[c.effect]
 
-    assert decide.confirmed([first, second], 5e-3, kept_aside) == [second]
-    assert decide.confirmed([first], 1e-3, kept_aside) == []  # worse than without it
-    assert decide.confirmed([first], 5e-3, kept_aside) == [first]  # it does not show there
-    assert decide.confirmed([first], None, lambda c: None) == []
+    assert verdict.confirmed([first, second], 5e-3, kept_aside) == [second]
+    assert verdict.confirmed([first], 1e-3, kept_aside) == []  # worse than without it
+    assert verdict.confirmed([first], 5e-3, kept_aside) == [first]  # it does not show there
+    assert verdict.confirmed([first], None, lambda c: None) == []
 
 
 def test_rivals_of_a_pair_take_the_place_of_one():
@@ -146,8 +153,8 @@ def test_rivals_of_a_pair_take_the_place_of_one():
     best = candidate(["point_mass", "command_delay"], 0.1, 10.0, noise)
     other = candidate(["point_mass", "internal_damping"], 0.1, 11.0, noise)
     far = candidate(["obstacle", "plasticity"], 0.1, 12.0, noise)
-    found = decide.explanations([best, other, far], 0.9)
-    assert decide.choose(found).rivals == ((), ("internal_damping",))
+    found = verdict.explanations([best, other, far], 0.9)
+    assert verdict.choose(found).rivals == ((), ("internal_damping",))
 
 
 def test_a_plain_swing_is_adequate():
@@ -240,7 +247,7 @@ def test_a_step_stops_at_what_was_measured_and_the_rest_goes_on():
     found = at.model.settings
     factor = np.exp(4.0 * KNOWN.damping.air_drag_std / KNOWN.damping.air_drag)
     assert found.damping.air_drag < 1.0001 * factor * KNOWN.damping.air_drag
-    assert judging.structure(at.residuals) > 2.0  # it is not explained away
+    assert residual_structure.structure(at.residuals) > 2.0  # it is not explained away
     # The rest is at its least squares answer with what has met its border left there.
     equations = total(at, KNOWN)
     inside = [
@@ -284,20 +291,20 @@ def test_sure_is_what_nothing_can_do_without():
     def kept_aside(c):
         return c.at.err[0][0]
 
-    found, rivals = decide.sure(plain, rest, kept_aside)
+    found, rivals = verdict.sure(plain, rest, kept_aside)
     assert found.effects == ("mass",) and rivals == ((),)
     assert found.candidate is rest[0]  # its numbers from where everything fits best
     # What comes near without it stands beside it; too many of those, and nothing is certain.
     beside = [*rest, *missing(tilt_and_drag=2e-3, tilt=2.2e-3)]
-    found, rivals = decide.sure(plain, beside, kept_aside)
+    found, rivals = verdict.sure(plain, beside, kept_aside)
     assert found.effects == ("mass",) and rivals == (("tilt",),)
-    assert decide.sure(plain, [*beside, *missing(peg=2e-3, slip=2e-3)], kept_aside) is None
+    assert verdict.sure(plain, [*beside, *missing(peg=2e-3, slip=2e-3)], kept_aside) is None
     # The other effect of the best alone does nearly as well: no name for the first.
-    assert decide.sure(plain, [*rest[:2], *missing(drag=2e-3)], kept_aside) is None
+    assert verdict.sure(plain, [*rest[:2], *missing(drag=2e-3)], kept_aside) is None
     # Held against what is kept aside nothing else is excluded.
-    assert decide.sure(plain, rest, lambda c: 1e-3) is None
+    assert verdict.sure(plain, rest, lambda c: 1e-3) is None
     far = missing(mass=8e-3)
-    assert decide.sure(plain, far, kept_aside) is None
+    assert verdict.sure(plain, far, kept_aside) is None
 
 
 def test_few_pictures_exclude_no_explanation_that_foretells_as_well():
@@ -312,12 +319,12 @@ def test_few_pictures_exclude_no_explanation_that_foretells_as_well():
         best = candidate(["intrinsic_curvature"], 0.6, 100.0, pictures)
         alike = candidate(["gravity_tilt"], 1.2, 150.0, pictures)
         worse = candidate(["stiff_segment"], 1.6, 120.0, pictures)
-        found = decide.foretold(best, [best, alike, worse], kept_aside)
+        found = verdict.foretold(best, [best, alike, worse], kept_aside)
         rivals = [e.effects for e in found if e.candidate is not best]
         assert rivals == expected
-    one = decide.Explanation(("intrinsic_curvature",), best)
-    two = decide.Explanation(("gravity_tilt",), alike)
-    assert decide.choose([one], [two]).rivals == (("gravity_tilt",),)
+    one = verdict.Explanation(("intrinsic_curvature",), best)
+    two = verdict.Explanation(("gravity_tilt",), alike)
+    assert verdict.choose([one], [two]).rivals == (("gravity_tilt",),)
 
 
 def test_an_effect_that_does_nothing_is_left_out_of_a_pair():
@@ -325,10 +332,10 @@ def test_an_effect_that_does_nothing_is_left_out_of_a_pair():
     pair = candidate(["intrinsic_curvature", "obstacle"], 0.70, 50.0, noise)
     alone = candidate(["intrinsic_curvature"], 0.79, 120.0, noise)
     other = candidate(["obstacle"], 6.0, 5e3, [5.0 * noise[0]])
-    (left,) = decide.without_idle(pair, [other, alone])
+    (left,) = verdict.without_idle(pair, [other, alone])
     assert left.candidate is alone
     needed = candidate(["intrinsic_curvature"], 3.0, 900.0, [3.0 * noise[0]])
-    assert decide.without_idle(pair, [other, needed]) == []
+    assert verdict.without_idle(pair, [other, needed]) == []
 
 
 def test_what_is_kept_aside_is_foreseen_by_the_rest():
@@ -342,18 +349,18 @@ def test_what_is_kept_aside_is_foreseen_by_the_rest():
     parameters = len(baseline(KNOWN).free)
     known_by_both = [rng.normal(size=(frames, parameters, count)) * 30.0 for _ in range(2)]
     at = evaluation([quiet, loud], known_by_both)
-    found = aside.split(recordings, 0, at, at, KNOWN)
+    found = holdout.split(recordings, 0, at, at, KNOWN)
     assert not found.train[1].any() and found.holdout[1].all() and found.train[0].all()
     by_one = [known_by_both[0].copy(), known_by_both[1]]
     by_one[0][:, 0] = 0.0
-    only = aside.split(recordings, 0, at, evaluation([quiet, loud], by_one), KNOWN)
+    only = holdout.split(recordings, 0, at, evaluation([quiet, loud], by_one), KNOWN)
     assert only.holdout[0].all() and not only.train[0].any()
     by_one[0] = 30.0 * rng.normal(size=by_one[0].shape)
     by_one[0][:, 0] = by_one[1][:, 3] = 0.0  # now each alone tells of something
-    ends = aside.split(recordings, 0, at, evaluation([quiet, loud], by_one), KNOWN)
+    ends = holdout.split(recordings, 0, at, evaluation([quiet, loud], by_one), KNOWN)
     assert all(t.any() and h.any() for t, h in zip(ends.train, ends.holdout, strict=True))
     assert not any((t & h).any() for t, h in zip(ends.train, ends.holdout, strict=True))
-    given = aside.split(recordings, 1, at, at, KNOWN)
+    given = holdout.split(recordings, 1, at, at, KNOWN)
     assert given.holdout[1].all() and given.train[0].all() and not given.holdout[0].any()
 
 

@@ -9,8 +9,9 @@ from challenge import draw
 from diagnosis_candidates import candidate
 
 from dlo_ros.cli.loading import load_manipulation
-from dlo_ros.diagnosis import damping, decide, diagnose
-from dlo_ros.diagnosis.start import begin
+from dlo_ros.diagnosis import damping_selection, diagnose
+from dlo_ros.diagnosis.fitting.initial_fit import begin
+from dlo_ros.diagnosis.selection import verdict
 from dlo_ros.parameters import Settings
 
 pytestmark = pytest.mark.long
@@ -66,7 +67,9 @@ def test_what_is_open_stays_where_it_was_known_to_be(tmp_path):
     at = begin(recordings, settings).at
     rod = at.model.settings.rod
     assert abs(np.log(rod.density / settings.rod.density)) < 0.3
-    assert all(abs(np.log(g.fitted / g.given)) < 0.1 for g in damping.wrong_guesses(at, settings))
+    assert all(
+        abs(np.log(g.fitted / g.given)) < 0.1 for g in damping_selection.wrong_guesses(at, settings)
+    )
 
 
 @pytest.mark.slow
@@ -84,18 +87,18 @@ def test_a_mass_is_known_no_better_than_the_rope(tmp_path):
 def test_models_with_the_guess_start_where_all_else_has_followed(damped):
     _, recordings, settings = damped
     at = begin(recordings, settings).at
-    assert damping.guessed(at.model, settings) == ("air_drag", "internal_damping")
-    for model in damping.with_guess(at, settings):
+    assert damping_selection.guessed(at.model, settings) == ("air_drag", "internal_damping")
+    for model in damping_selection.with_guess(at, settings):
         assert model.settings.damping == settings.damping
         assert model.free == ("young_modulus", "density")
     fitted = at.model.settings.damping
-    for model in damping.with_guess(at, settings, ("internal_damping",)):
+    for model in damping_selection.with_guess(at, settings, ("internal_damping",)):
         assert model.settings.damping == settings.damping
         added = model.settings.effects["internal_damping"]["relaxation_time"]
         total = settings.damping.relaxation_time + added
         assert total == pytest.approx(fitted.relaxation_time, rel=0.1)
     known = replace(settings, damping=replace(settings.damping, air_drag_std=1e-3))
-    assert damping.guessed(at.model, known) == ("internal_damping",)
+    assert damping_selection.guessed(at.model, known) == ("internal_damping",)
 
 
 def held(structures):
@@ -123,7 +126,7 @@ def test_beside_what_nothing_explains_no_small_difference_names_a_damping(left, 
     names = ("air_drag", "internal_damping", "air_drag+internal_damping")
     found = held(dict(zip(names, left, strict=True)))
     plain = candidate([], 2000.0, 4e6, [np.ones((200, 20))])
-    decided = damping.decided(found, plain, decide.Decision("unexplained", None))
+    decided = damping_selection.decided(found, plain, verdict.Decision("unexplained", None))
     assert list(decided.chosen.effects) == named and list(decided.rivals) == rivals
     assert decided.verdict == "unexplained"
 
@@ -133,9 +136,9 @@ def test_beside_something_certain_only_that_and_the_damping_are_named():
     names = ("point_mass+clamp_angle+air_drag", "point_mass+clamp_angle+internal_damping")
     found = held(dict(zip(names, (100.0, 900.0), strict=True)))
     chosen = candidate(["point_mass", "clamp_angle"], 2000.0, 4e6, [np.ones((200, 20))])
-    sure = decide.Explanation(("point_mass",), chosen)
-    before = decide.Decision("unexplained", sure, (("constant_force",),))
-    decided = damping.decided(found, chosen, before)
+    sure = verdict.Explanation(("point_mass",), chosen)
+    before = verdict.Decision("unexplained", sure, (("constant_force",),))
+    decided = damping_selection.decided(found, chosen, before)
     assert dict(zip(decided.chosen.effects, decided.rivals, strict=True)) == {
         "point_mass": ("constant_force",), "air_drag": (),
     }  # fmt: skip
@@ -149,6 +152,6 @@ def test_a_damping_that_foretells_worse_alone_is_not_told(with_it, without, told
     """Beside causes that nobody names it may be certain and still be of no use."""
     noise = [np.random.default_rng(8).normal(size=(60, 10))]
     plain, drag = candidate([], 9.0, 1e5, noise), candidate(["air_drag"], 8.0, 9e4, noise)
-    decision = decide.Decision("unexplained", decide.Explanation(("air_drag",), drag), ((),))
+    decision = verdict.Decision("unexplained", verdict.Explanation(("air_drag",), drag), ((),))
     errors = {id(plain): without, id(drag): with_it}
-    assert damping._holds(decision, plain, lambda c: errors[id(c)]) is told
+    assert damping_selection._holds(decision, plain, lambda c: errors[id(c)]) is told

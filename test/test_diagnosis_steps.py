@@ -9,14 +9,17 @@ from diagnosis_candidates import KNOWN
 from measured import swing
 from rods import PAPER
 
-from dlo_ros.diagnosis import aside, decide, evaluation, fitting, judging
-from dlo_ros.diagnosis.estimates import covariance, own_error
-from dlo_ros.diagnosis.evaluation import differenced, earlier, evaluate
-from dlo_ros.diagnosis.fitting import UNDAMPED, fit, polished
-from dlo_ros.diagnosis.pegs import resized
-from dlo_ros.diagnosis.search import apart, candidate, reformed
-from dlo_ros.diagnosis.start import begin, drafts, finer
-from dlo_ros.diagnosis.workers import Problem, workers
+from dlo_ros.diagnosis.contact.peg_places import resized
+from dlo_ros.diagnosis.findings import holdout
+from dlo_ros.diagnosis.findings.fitted_numbers import covariance, own_error
+from dlo_ros.diagnosis.fitting import evaluation, levenberg_marquardt
+from dlo_ros.diagnosis.fitting.evaluation import differenced, earlier, evaluate
+from dlo_ros.diagnosis.fitting.initial_fit import begin, drafts, finer
+from dlo_ros.diagnosis.fitting.levenberg_marquardt import UNDAMPED, fit, polished
+from dlo_ros.diagnosis.fitting.worker_processes import Problem, workers
+from dlo_ros.diagnosis.residuals import residual_structure
+from dlo_ros.diagnosis.selection import verdict
+from dlo_ros.diagnosis.selection.effect_search import apart, candidate, reformed
 from dlo_ros.effects import Peg
 from dlo_ros.errors import SimulationError
 
@@ -29,7 +32,7 @@ def beginning():
 
 
 def test_a_coarse_trial_agrees_where_it_begins(beginning, monkeypatch):
-    monkeypatch.setattr("dlo_ros.diagnosis.start.DRAFT_ERROR", 50.0)
+    monkeypatch.setattr("dlo_ros.diagnosis.fitting.initial_fit.DRAFT_ERROR", 50.0)
     at = beginning.at
     tried = drafts(beginning.recordings, at)
     coarse = evaluate(at.model, tried, KNOWN, derivatives=False)
@@ -42,8 +45,8 @@ def test_a_coarse_trial_agrees_where_it_begins(beginning, monkeypatch):
 
 
 def test_long_recordings_are_tried_in_part(beginning, monkeypatch):
-    monkeypatch.setattr("dlo_ros.diagnosis.start.DRAFT_FRAMES", 20)
-    monkeypatch.setattr("dlo_ros.diagnosis.start.LEAST_FRAMES", 5)
+    monkeypatch.setattr("dlo_ros.diagnosis.fitting.initial_fit.DRAFT_FRAMES", 20)
+    monkeypatch.setattr("dlo_ros.diagnosis.fitting.initial_fit.LEAST_FRAMES", 5)
     at = beginning.at
     tried = drafts(beginning.recordings, at)
     for draft, whole, residual in zip(tried, beginning.recordings, at.residuals, strict=True):
@@ -85,7 +88,7 @@ def test_what_starts_in_motion_is_refined_without_equilibria(monkeypatch):
     def at_rest(*words, **more):
         raise AssertionError("an equilibrium was asked for")
 
-    monkeypatch.setattr("dlo_ros.diagnosis.start.forecast", at_rest)
+    monkeypatch.setattr("dlo_ros.diagnosis.fitting.initial_fit.forecast", at_rest)
     moving = replace(KNOWN, simulation=replace(KNOWN.simulation, start="moving"))
     begun = begin([swing(PAPER, seconds=0.5)], moving)
     assert begun.recordings[0].spans > 7
@@ -97,7 +100,7 @@ def test_what_cannot_be_simulated_finely_stays_as_it_is(beginning, monkeypatch):
     def failing(*words, **more):
         raise SimulationError("does not converge")
 
-    monkeypatch.setattr("dlo_ros.diagnosis.fitting.evaluate", failing)
+    monkeypatch.setattr("dlo_ros.diagnosis.fitting.levenberg_marquardt.evaluate", failing)
     assert polished(beginning.at, beginning.recordings, KNOWN) is beginning.at
 
 
@@ -126,7 +129,7 @@ def fitted_with_a_wrong_clamp(beginning, count, monkeypatch):
         made.append(more.get("derivatives", True))
         return evaluate(*words, **more)
 
-    monkeypatch.setattr("dlo_ros.diagnosis.fitting.evaluate", counted)
+    monkeypatch.setattr("dlo_ros.diagnosis.fitting.levenberg_marquardt.evaluate", counted)
     return at, fit(at, beginning.recordings, KNOWN, count, damping=UNDAMPED), sum(made)
 
 
@@ -144,7 +147,7 @@ def test_derivatives_that_are_carried_on_foretell_the_step_they_have_gone(beginn
     step = after.model.theta() - at.model.theta()
     for jacobian, here, there in zip(after.jacobians, at.residuals, after.residuals, strict=True):
         assert np.einsum("fpk,p->fk", jacobian, step) == pytest.approx(here - there, abs=1e-6)
-    renewed = fitting.renewed(after, beginning.recordings, KNOWN)
+    renewed = levenberg_marquardt.renewed(after, beginning.recordings, KNOWN)
     assert not renewed.carried and renewed.cost == pytest.approx(after.cost)
 
 
@@ -168,14 +171,14 @@ def test_a_fit_ends_where_nothing_is_promised(beginning, monkeypatch):
     def simulated(*words, **more):
         raise AssertionError("simulated although nothing is to be gained")
 
-    monkeypatch.setattr("dlo_ros.diagnosis.fitting.evaluate", simulated)
+    monkeypatch.setattr("dlo_ros.diagnosis.fitting.levenberg_marquardt.evaluate", simulated)
     assert fit(at, beginning.recordings, KNOWN, 3, damping=UNDAMPED) is at
 
 
 def test_faint_structure_needs_a_cause_that_takes_it_away():
-    assert decide.limit(0.8) < 0.3
-    assert decide.limit(2.0) == decide.EXPLAINED
-    assert decide.limit(60.0) > decide.EXPLAINED
+    assert verdict.limit(0.8) < 0.3
+    assert verdict.limit(2.0) == verdict.EXPLAINED
+    assert verdict.limit(60.0) > verdict.EXPLAINED
 
 
 def test_many_pictures_excuse_nothing():
@@ -183,11 +186,11 @@ def test_many_pictures_excuse_nothing():
     rng = np.random.default_rng(4)
     wobble = np.convolve(rng.normal(size=200), np.ones(5) / 5**0.5, mode="same")[:, None]
     noise = rng.normal(size=(200, 10))
-    assert decide.adequate([noise])
-    assert not decide.adequate([noise + 20.0 * wobble])
-    assert not decide.excusable([noise + 20.0 * wobble])
+    assert verdict.adequate([noise])
+    assert not verdict.adequate([noise + 20.0 * wobble])
+    assert not verdict.excusable([noise + 20.0 * wobble])
     few = [rng.normal(size=(6, 10)) + 20.0 * rng.choice([-1.0, 1.0], (6, 1))]
-    assert decide.excusable(few) and decide.adequate(few)
+    assert verdict.excusable(few) and verdict.adequate(few)
 
 
 def fitted(beginning, structure, score, effect):
@@ -204,24 +207,24 @@ def test_suspects_come_near_and_hold_on_what_was_kept_aside(beginning):
     astray = fitted(beginning, 1.6, 5.0, "stiff_segment")
     far = fitted(beginning, 4.0, 1.0, "length_error")
     errors = {id(near): 1.2e-3, id(nearer): 1e-3, id(astray): 9e-3, id(far): 1e-3}
-    found = decide.suspects([near, nearer, astray, far], lambda c: errors[id(c)])
+    found = verdict.suspects([near, nearer, astray, far], lambda c: errors[id(c)])
     assert found == [nearer, near]
-    assert decide.suspects([], lambda c: None) == []
+    assert verdict.suspects([], lambda c: None) == []
 
 
 def test_what_is_kept_aside_is_asked_once_and_of_a_fit_that_holds(beginning, monkeypatch):
     at = beginning.at
-    parted = aside.split(beginning.recordings, 0, at, at, KNOWN)
-    judge = aside.KeptAside(beginning.recordings, 2, parted, KNOWN)
+    parted = holdout.split(beginning.recordings, 0, at, at, KNOWN)
+    judge = holdout.KeptAside(beginning.recordings, 2, parted, KNOWN)
     plain = candidate("", "", at, KNOWN)
     assert judge(plain) == judge.foretold(plain) == pytest.approx(3e-4 / 4, rel=0.7)
     wrong = at.model.at(at.model.theta() + np.array([1.0, 0.0, 0.0, 0.0]))
-    linearised = aside.trained
-    monkeypatch.setattr(aside, "trained", lambda *words: wrong)
+    linearised = holdout.trained
+    monkeypatch.setattr(holdout, "trained", lambda *words: wrong)
     other = replace(plain)
     assert judge.foretold(other) > 3.0 * judge(plain)
     assert judge(other) < 1.5 * judge(plain)  # fitted anew, from the wrong beginning
-    monkeypatch.setattr(aside, "trained", linearised)
+    monkeypatch.setattr(holdout, "trained", linearised)
     assert judge.foretold(other) == judge(other)
 
 
@@ -252,7 +255,9 @@ def test_of_a_pair_each_is_tried_alone_from_where_the_pair_has_come(beginning):
     assert [c.at.model.effects for c in found] == [("constant_force",), ("air_drag",)]
     assert [c.at.model.effects for c in kept] == [("air_drag",)]
     for c in found:  # neither acts, so that each alone finds its way back
-        assert c.structure == pytest.approx(judging.structure(beginning.at.residuals), abs=0.05)
+        assert c.structure == pytest.approx(
+            residual_structure.structure(beginning.at.residuals), abs=0.05
+        )
 
 
 def test_of_a_pair_the_first_takes_its_other_forms(beginning):

@@ -5,7 +5,8 @@ import pytest
 from challenge import draw
 
 from dlo_ros.cli.loading import load_manipulation
-from dlo_ros.diagnosis import diagnose, start
+from dlo_ros.diagnosis import diagnose
+from dlo_ros.diagnosis.fitting import initial_fit
 from dlo_ros.parameters import Settings
 
 pytestmark = pytest.mark.slow
@@ -29,8 +30,8 @@ def test_the_fit_begins_in_the_right_valley(overhead):
 
 def test_an_effect_that_does_nothing_leads_back_to_the_plain_model(overhead, monkeypatch):
     recordings, settings = overhead
-    monkeypatch.setattr(start, "VALLEYS", 0)
-    astray = start.begin(recordings, settings)
+    monkeypatch.setattr(initial_fit, "VALLEYS", 0)
+    astray = initial_fit.begin(recordings, settings)
     assert max(e.mean() for e in astray.at.err) > 0.03
     found = diagnose(recordings, settings)
     assert (found.verdict, found.effects) == ("adequate", ())

@@ -17,7 +17,7 @@ from dlo_ros.doctor.connections import connections, quality
 from dlo_ros.doctor.finding import WIDTH, Level, ok, page, warning, worst, wrong
 from dlo_ros.doctor.graph import Endpoint, Graph, Header, NodeState
 from dlo_ros.doctor.node_states import nodes
-from dlo_ros.doctor.parameter_file import judge, judge_file
+from dlo_ros.doctor.parameter_check import judge, judge_file
 from dlo_ros.doctor.times_and_frames import FUTURE, clocks, frames
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
@@ -405,7 +405,7 @@ def test_stamps_far_from_now():
 
 
 def test_the_limit_of_stamps_is_that_of_the_nodes():
-    base = pytest.importorskip("dlo_ros.nodes.base")
+    base = pytest.importorskip("dlo_ros.nodes.node_base")
     assert base.FUTURE == FUTURE
 
 

@@ -12,7 +12,7 @@ from dlo_ros.cli.doctor import judge
 from dlo_ros.demo.network import free_domain
 from dlo_ros.nodes import qos
 from dlo_ros.nodes.graph_watch import NAME, GraphWatch
-from dlo_ros.nodes.messages import message_class
+from dlo_ros.nodes.message_factory import message_class
 from dlo_ros.recordings import topics
 
 pytestmark = [pytest.mark.live, pytest.mark.slow]

@@ -15,7 +15,7 @@ from dlo_ros.effects.measurement.camera_rotation import CameraRotation
 from dlo_ros.effects.physics.clamp_angle import ClampAngle
 from dlo_ros.errors import ParameterError
 from dlo_ros.parameters import Settings
-from dlo_ros.rod.planar import in_plane
+from dlo_ros.rod.planar_model import in_plane
 
 SWUNG = {
     "initial_shape": WAVED["initial_shape"],

@@ -10,8 +10,9 @@ from rods import PAPER, SECOND, Nothing, command, held_start, settled, straight
 from dlo_ros.command import Motion
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import DampingParameters, Settings
-from dlo_ros.rod import dynamics, forces
-from dlo_ros.rod.material import room
+from dlo_ros.rod import dynamics
+from dlo_ros.rod.elements import rod_forces
+from dlo_ros.rod.elements.constitutive_law import room
 from dlo_ros.rod.resolution import build
 from dlo_ros.rod.simulation import Simulation
 from dlo_ros.rod.statics import matter_of
@@ -105,8 +106,8 @@ def test_a_wall_stands_where_its_offset_and_angle_say():
 
 def total_energy(model, state):
     velocity = np.empty_like(state.velocity)
-    forces.multiply_scalar(model.mass, model.spin, state.velocity, velocity)
-    stored = forces.energy_of(
+    rod_forces.multiply_scalar(model.mass, model.spin, state.velocity, velocity)
+    stored = rod_forces.energy_of(
         state.q, model.rule, state.reference, matter_of(model, state.history),
         room(model.rule.weight.size),
     )  # fmt: skip

@@ -19,7 +19,7 @@ from dlo_ros.recordings import (
     spline_message,
     topics,
 )
-from dlo_ros.rod.live import LiveSimulation
+from dlo_ros.rod.live_simulation import LiveSimulation
 from dlo_ros.rod.simulation import Simulation
 from dlo_ros.spline import SplineBasis
 from dlo_ros.synthesis.experiment import read_experiment

@@ -24,7 +24,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from dlo_ros.command import Command
 from dlo_ros.demo.network import free_domain
-from dlo_ros.nodes.messages import message_class
+from dlo_ros.nodes.message_factory import message_class
 from dlo_ros.recordings import BAG_MESSAGES, command_message, spline_message, topics
 
 pytestmark = [pytest.mark.live, pytest.mark.slow]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from rods import PAPER, command, held_start, straight
 
-from dlo_ros.rod.boundary import Boundary
+from dlo_ros.rod.boundary.imposed_motion import Boundary
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.resolution import build
 from dlo_ros.rod.state import twist_angle

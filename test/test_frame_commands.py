@@ -162,7 +162,7 @@ def test_poses_that_wait_are_taken_at_once_and_predictions_wait_for_them():
     """The logic alone: an executor takes one message of a topic at a time."""
     pytest.importorskip("rclpy")
     from dlo_ros.nodes import simulator
-    from dlo_ros.nodes.base import DloNode
+    from dlo_ros.nodes.node_base import DloNode
 
     taken, waiting = [], [("b", None), ("c", None)]
     handle = nullcontext()

@@ -43,8 +43,8 @@ from dlo_ros.recordings import (
 from dlo_ros.rod.simulation import Simulation
 from dlo_ros.spline import SplineBasis
 from dlo_ros.synthesis.experiment import find_experiment, load_experiment
-from dlo_ros.vision.calibration_fit import Intrinsics
-from dlo_ros.vision.camera_file import camera_file, read_camera_file
+from dlo_ros.vision.calibration.camera_file import camera_file, read_camera_file
+from dlo_ros.vision.calibration.camera_fit import Intrinsics
 
 PLACES = int(os.environ.get("DLO_FUZZ_FILES", "40"))
 PATIENCE = 60

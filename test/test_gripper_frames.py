@@ -20,7 +20,7 @@ from dlo_ros.demo.photographs import Photograph
 from dlo_ros.demo.plan import plan_run
 from dlo_ros.errors import InputError, RecordingError
 from dlo_ros.files import read_yaml
-from dlo_ros.nodes.heard import Heard
+from dlo_ros.nodes.received_data import Heard
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.bag import open_bag

@@ -13,11 +13,11 @@ from rods import PAPER, SECOND, command
 from dlo_ros.command import Motion
 from dlo_ros.errors import InputError
 from dlo_ros.identification import Manipulation, OnlineEstimator, identify, shape_error
-from dlo_ros.identification.noise import correlation_length, frame_scatter, noise_floor
+from dlo_ros.identification.residual_noise import correlation_length, frame_scatter, noise_floor
 from dlo_ros.inference.err import deviation
 from dlo_ros.observation import CentrelinePoints, Observation
 from dlo_ros.parameters import DampingParameters
-from dlo_ros.rod.orientation import along
+from dlo_ros.rod.boundary.shape_orientation import along
 from dlo_ros.spline import SplineBasis
 
 TRUE_RATIO = PAPER.rod.specific_modulus
@@ -297,7 +297,7 @@ def test_online_a_first_shape_with_swapped_ends_does_no_harm(swinging):
 
 
 def test_online_keeps_what_it_knows_beyond_its_window(swinging, monkeypatch):
-    monkeypatch.setattr("dlo_ros.identification.online.WINDOW", 0.6)
+    monkeypatch.setattr("dlo_ros.identification.online.online_estimator.WINDOW", 0.6)
     estimator = at_once(guess(0.3))
     estimate = run_online(estimator, swinging)
     assert estimate.specific_modulus == pytest.approx(TRUE_RATIO, rel=0.03)

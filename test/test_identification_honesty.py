@@ -12,8 +12,8 @@ from measured import at_rest, swing
 from rods import PAPER
 
 from dlo_ros.identification import Manipulation, identify
-from dlo_ros.identification.statement import knowledge, sentences
-from dlo_ros.identification.uncertainty import data_information, residual_errors
+from dlo_ros.identification.identifiability import knowledge, sentences
+from dlo_ros.identification.residual_information import data_information, residual_errors
 from dlo_ros.inference.measured import outliers
 from dlo_ros.observation import Observation
 from dlo_ros.synthesis.experiment import find_experiment, read_experiment

@@ -10,9 +10,9 @@ from rods import PAPER
 
 from dlo_ros.cli.main import main
 from dlo_ros.identification import identify
-from dlo_ros.identification.set_up import mixed, widened
+from dlo_ros.identification.offline.set_up_estimate import mixed, widened
 from dlo_ros.parameters import Settings, tolerance
-from dlo_ros.rod.tangents import tangent
+from dlo_ros.rod.sensitivity_parameters import tangent
 
 pytestmark = pytest.mark.long
 

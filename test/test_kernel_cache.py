@@ -123,6 +123,18 @@ def test_the_digest_holds_the_version_of_numba(package, monkeypatch):
     assert source_digest(package) != before
 
 
+def test_the_digest_covers_sub_packages(package):
+    folder = package / "solve"
+    folder.mkdir()
+    caller = "from dlo_ros.solve.constants import MORE" + CALLEE.format(more="MORE")
+    digests = []
+    for more, name in (("1", "MORE"), ("1", "2 * MORE"), ("3", "2 * MORE")):
+        (folder / "constants.py").write_text(f"MORE = {more}\n")
+        (folder / "inner.py").write_text(caller.replace("x + MORE", f"x + {name}"))
+        digests.append(source_digest(package))
+    assert len(set(digests)) == 3
+
+
 @pytest.mark.slow
 def test_a_constant_of_another_module_is_part_of_the_machine_code(package):
     (package / "constants.py").write_text("MORE = 1\n")

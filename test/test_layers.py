@@ -33,11 +33,72 @@ LAYERS = (
     ("__main__",),
 )
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
+
+# The same inside the parts that have sub-packages: from the bottom, sub-packages and the modules
+# beside them. `__init__` stands above all, since it gives the names that others use.
+INSIDE = {
+    "rod": (
+        ("simd", "parameter_names"),
+        ("elements",),
+        ("boundary", "model"),
+        ("solve",),
+        ("sensitivity",),
+        ("adaptive_integration", "state"),
+        ("planar_model", "motion_validation"),
+        ("packing",),
+        ("sensitivity_parameters",),
+        ("integration", "measured_shapes", "statics"),
+        ("batch", "loads", "resolution"),
+        ("dynamics", "prediction"),
+        ("simulation",),
+        ("motion_rehearsal", "compile"),
+        ("live_simulation",),
+        ("__init__",),
+    ),
+    "vision": (
+        ("camera",),
+        ("segmentation",),
+        ("calibration", "tracing"),
+        ("fit",),
+        ("photograph", "planar_result"),
+        ("overlay", "planar_observer"),
+        ("compile", "contact_sheet", "space"),
+        ("points",),
+        ("__init__",),
+    ),
+    "identification": (
+        ("cooperative_tasks", "estimate", "residual_noise"),
+        ("batched_forecast", "identifiability", "residual_information"),
+        ("force_scale",),
+        ("offline", "online", "design"),
+        ("__init__",),
+    ),
+    "diagnosis": (
+        ("fitting",),
+        ("residuals", "proposals", "contact"),
+        ("explain", "selection"),
+        ("findings", "monitor"),
+        ("damping_selection",),
+        ("pipeline",),
+        ("__init__",),
+    ),
+}
+INSIDE_LEVEL = {
+    part: {name: level for level, names in enumerate(layers) for name in names}
+    for part, layers in INSIDE.items()
+}
+TWINS = {"__init__", "__main__", "compile"}
+"""Names of modules that several parts have, since each has the same of its own."""
 MODULES = sorted(PACKAGE.rglob("*.py"))
 
 
 def part(path):
     return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+
+
+def unit(path):
+    """The sub-package of a part that has some, or the module beside them."""
+    return path.relative_to(PACKAGE).parts[1].removesuffix(".py")
 
 
 def imported(path):
@@ -65,3 +126,32 @@ def test_knows_only_what_is_below(path):
             assert other == own or LEVEL[other] < LEVEL[own], f"{own} imports {name}"
         elif own != "nodes":
             assert root not in ROS and not root.endswith("_msgs"), f"{own} imports {name}"
+
+
+def test_every_sub_package_has_its_layer():
+    for name, level in INSIDE_LEVEL.items():
+        assert {unit(path) for path in (PACKAGE / name).rglob("*.py")} == set(level)
+
+
+@pytest.mark.parametrize(
+    "path", [p for p in MODULES if part(p) in INSIDE], ids=lambda p: str(p.relative_to(PACKAGE))
+)
+def test_knows_only_sub_packages_below(path):
+    own, level = unit(path), INSIDE_LEVEL[part(path)]
+    for name in imported(path):
+        root, _, rest = name.partition(f"dlo_ros.{part(path)}.")
+        if not root and rest:
+            other = rest.partition(".")[0]
+            other = other if other in level else "__init__"
+            assert other == own or level[other] < level[own], f"{own} imports {name}"
+
+
+def test_a_module_has_a_name_of_its_own():
+    seen = {}
+    for path in MODULES:  # a command of the terminal bears the name of what it does
+        if part(path) != "cli" and path.stem not in TWINS:
+            assert path.stem not in seen, f"{path} and {seen[path.stem]}"
+            assert path.stem != path.parent.name or part(path) == path.stem, (
+                f"{path}: says it twice"
+            )
+            seen[path.stem] = path

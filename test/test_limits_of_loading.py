@@ -8,9 +8,9 @@ from dlo_ros.errors import ParameterError
 from dlo_ros.parameters import LimitParameters, Settings
 from dlo_ros.report.identification import IdentificationReport, identification_page
 from dlo_ros.report.loads import LoadRow, loads_table
-from dlo_ros.rod.extremes import Extremes
-from dlo_ros.rod.limits import strained
-from dlo_ros.rod.reactions import Loading, Wrench
+from dlo_ros.rod.loads.extreme_loads import Extremes
+from dlo_ros.rod.loads.grip_reactions import Loading, Wrench
+from dlo_ros.rod.loads.load_limits import strained
 
 GIVEN = {"rod.length": 0.4, "rod.diameter": 0.004, "rod.young_modulus": 1e6, "rod.density": 1e3}
 

@@ -12,7 +12,7 @@ from dlo_ros.cli.progress import progress_bar, steps
 from dlo_ros.errors import InputError
 from dlo_ros.logs import OPTION, VARIABLE, LogChoice, chosen, without_option
 
-BELOW = logging.getLogger("dlo_ros.identification.fit")
+BELOW = logging.getLogger("dlo_ros.identification.offline.gauss_newton")
 FOREIGN = logging.getLogger("matplotlib.test")
 
 
@@ -88,7 +88,7 @@ def test_with_it_every_step_is_told_with_its_module(tool, capsys):
     assert tool(OPTION) == 0
     lines = capsys.readouterr().err.splitlines()
     assert [line.split(" ", 1)[1] for line in lines[:5]] == [
-        f"dlo_ros.identification.fit: step {k}" for k in range(5)
+        f"dlo_ros.identification.offline.gauss_newton: step {k}" for k in range(5)
     ]
     assert lines[5:] == ["WARNING: beware"] * 2
     assert logging.getLogger("dlo_ros").level == logging.NOTSET  # as before
@@ -145,7 +145,7 @@ def test_each_step_of_a_long_computation_is_told_once(caplog):
 
 def test_the_steps_of_a_fit_are_told(caplog):
     """Where a joint model looks for causes, each candidate is."""
-    from dlo_ros.diagnosis.causes import Step, _tell
+    from dlo_ros.diagnosis.explain.cause_search import Step, _tell
 
     caplog.set_level(logging.INFO, "dlo_ros")
     _tell(

@@ -28,7 +28,7 @@ from vision_scenes import settings as vision_settings
 
 from dlo_ros.command import Command, Motion
 from dlo_ros.demo.network import free_domain
-from dlo_ros.nodes.messages import installed, message_class
+from dlo_ros.nodes.message_factory import installed, message_class
 from dlo_ros.nodes.qos import LATCHED
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings

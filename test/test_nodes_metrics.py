@@ -18,14 +18,14 @@ from rclpy.qos import DurabilityPolicy
 from dlo_ros.errors import InputError
 from dlo_ros.identification.estimate import Estimate
 from dlo_ros.inference.err import Deviation
-from dlo_ros.nodes import base, metrics, transform
-from dlo_ros.nodes.messages import ROS_MESSAGES, installed
+from dlo_ros.nodes import metrics, node_base, transform
+from dlo_ros.nodes.message_factory import ROS_MESSAGES, installed
 from dlo_ros.nodes.qos import RELIABLE
 from dlo_ros.parameters import CameraPose
 from dlo_ros.recordings import BAG_MESSAGES, topics
 from dlo_ros.recordings.bag import TYPESTORE
 from dlo_ros.recordings.building import metric_message, transform_message
-from dlo_ros.vision.camera import Camera
+from dlo_ros.vision.camera.pinhole import Camera
 
 STAMP = samples.START + 123
 KINDS = TYPESTORE.types["statistics_msgs/msg/StatisticDataType"]
@@ -212,8 +212,8 @@ def test_a_missing_package_is_told_in_a_line(there, monkeypatch):
     node = SimpleNamespace(
         get_logger=lambda: logger, publisher=lambda *arguments: made.append(arguments) or "it"
     )
-    monkeypatch.setattr(base, "installed", lambda kind: there)
-    found = base.DloNode.optional_publisher(node, topics.METRICS, RELIABLE)
+    monkeypatch.setattr(node_base, "installed", lambda kind: there)
+    found = node_base.DloNode.optional_publisher(node, topics.METRICS, RELIABLE)
     assert found == ("it" if there else None) and len(made) == there
     missing = "dlo/metrics is not published, since statistics_msgs is not installed"
     assert lines == ([] if there else [missing])

@@ -86,7 +86,7 @@ def test_old_predictions_are_forgotten_and_new_ones_replace():
 
 def test_messages_of_rclpy_are_built_and_read_by_the_same_code():
     pytest.importorskip("rclpy")
-    from dlo_ros.nodes.messages import ROS_MESSAGES as ros
+    from dlo_ros.nodes.message_factory import ROS_MESSAGES as ros
     from dlo_ros.recordings import (
         BAG_MESSAGES,
         camera_info_message,
@@ -121,7 +121,7 @@ def test_messages_of_rclpy_are_built_and_read_by_the_same_code():
 def test_images_are_handed_over_as_a_block():
     """Bytes are given as an array: a sequence of any other kind is looked at number by number."""
     pytest.importorskip("rclpy")
-    from dlo_ros.nodes.messages import ROS_MESSAGES
+    from dlo_ros.nodes.message_factory import ROS_MESSAGES
     from dlo_ros.recordings import image_message
 
     picture = np.zeros((1080, 1920, 3), np.uint8)
@@ -157,7 +157,7 @@ def test_logs_that_cannot_be_written_are_told_with_the_remedy(tmp_path):
 
 def test_descriptors_come_from_the_table():
     pytest.importorskip("rclpy")
-    from dlo_ros.nodes.parameters import descriptor
+    from dlo_ros.nodes.declared_parameters import descriptor
     from dlo_ros.parameter_table import TABLE
 
     for parameter in TABLE.values():
@@ -361,7 +361,7 @@ def test_commands_through_two_subscriptions_hold_in_the_order_of_receipt():
 
     from dlo_ros.command import Motion
     from dlo_ros.nodes.commands import LATE, CommandSubscription
-    from dlo_ros.nodes.messages import ROS_MESSAGES
+    from dlo_ros.nodes.message_factory import ROS_MESSAGES
     from dlo_ros.recordings import command_message
 
     motion, node = Motion(), MagicMock(settings=samples.SETTINGS)

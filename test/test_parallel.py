@@ -17,7 +17,7 @@ from tasks import dies, dies_once, squared
 from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.identification import identify
 from dlo_ros.identification.estimate import searchable
-from dlo_ros.identification.posterior import bootstrap, sample
+from dlo_ros.identification.offline.posterior_sampling import bootstrap, sample
 from dlo_ros.inference.parallel import Cluster, Processes, Threads, open_pool
 
 pytestmark = pytest.mark.long

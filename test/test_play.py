@@ -13,7 +13,7 @@ from rosbags.rosbag2.enums import CompressionFormat, CompressionMode
 
 from dlo_ros.errors import RecordingError
 from dlo_ros.recordings import BAG_MESSAGES, float_message, image_message
-from dlo_ros.recordings.play import plan
+from dlo_ros.recordings.playback import plan
 
 pytestmark = pytest.mark.live
 
@@ -111,7 +111,7 @@ def players(client, tmp_path_factory):
     from live_graph import Process
     from rclpy.qos import qos_profile_sensor_data
 
-    from dlo_ros.nodes.messages import message_class
+    from dlo_ros.nodes.message_factory import message_class
     from dlo_ros.nodes.qos import CLOCK, LATCHED
 
     folder = tmp_path_factory.mktemp("players")

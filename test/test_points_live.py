@@ -15,7 +15,7 @@ from dataclasses import replace
 from live_graph import Client, Process
 
 from dlo_ros.demo.network import free_domain
-from dlo_ros.nodes.messages import ROS_MESSAGES, message_class
+from dlo_ros.nodes.message_factory import ROS_MESSAGES, message_class
 from dlo_ros.nodes.qos import DEEP
 from dlo_ros.parameters import CommandParameters
 from dlo_ros.recordings import topics

@@ -8,8 +8,8 @@ import pytest
 from measured import at_rest, swing
 from rods import PAPER, command
 
-from dlo_ros.diagnosis.inputs import Input, inputs
-from dlo_ros.diagnosis.relations import relate, relations, sentences
+from dlo_ros.diagnosis.residuals.recorded_inputs import Input, inputs
+from dlo_ros.diagnosis.residuals.relations import relate, relations, sentences
 from dlo_ros.identification import Manipulation
 from dlo_ros.inference.measured import Recording, measured
 from dlo_ros.observation import Observation

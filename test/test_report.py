@@ -25,8 +25,8 @@ from dlo_ros.report import (
 from dlo_ros.report.elements import measured, millimetres, number, table
 from dlo_ros.report.identification import identification_page
 from dlo_ros.report.page import write_page
-from dlo_ros.report.player import MOST_FRAMES, player
 from dlo_ros.report.plots import Level, LinePlot, Series, line_plot
+from dlo_ros.report.shape_player import MOST_FRAMES, player
 from dlo_ros.spline import SplineBasis
 
 LENGTH = 0.4

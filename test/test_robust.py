@@ -9,12 +9,12 @@ from diagnosis_candidates import KNOWN
 from measured import swing
 from rods import PAPER
 
-from dlo_ros.diagnosis.evaluation import evaluate
-from dlo_ros.diagnosis.fitting import fit
-from dlo_ros.diagnosis.model import baseline
-from dlo_ros.diagnosis.noise import with_noise
-from dlo_ros.diagnosis.robust import TYPICAL, calm, loss, off, robust
-from dlo_ros.diagnosis.workers import Problem, workers
+from dlo_ros.diagnosis.fitting.candidate_model import baseline
+from dlo_ros.diagnosis.fitting.evaluation import evaluate
+from dlo_ros.diagnosis.fitting.levenberg_marquardt import fit
+from dlo_ros.diagnosis.fitting.recording_noise import with_noise
+from dlo_ros.diagnosis.fitting.robust_fit import TYPICAL, calm, loss, off, robust
+from dlo_ros.diagnosis.fitting.worker_processes import Problem, workers
 from dlo_ros.inference.measured import measured
 
 

@@ -12,12 +12,13 @@ from dlo_ros.command import Motion
 from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import DampingParameters
-from dlo_ros.rod import dynamics, forces, integration
-from dlo_ros.rod.material import room
+from dlo_ros.rod import dynamics, integration
+from dlo_ros.rod.elements import rod_forces
+from dlo_ros.rod.elements.constitutive_law import room
 from dlo_ros.rod.resolution import build
+from dlo_ros.rod.sensitivity_parameters import MATERIAL
 from dlo_ros.rod.simulation import Simulation
 from dlo_ros.rod.statics import matter_of
-from dlo_ros.rod.tangents import MATERIAL
 from dlo_ros.spline import SplineBasis
 from dlo_ros.synthesis import discrete_rod, rod_simulation
 
@@ -70,8 +71,8 @@ def test_a_free_rod_falls_without_changing_shape():
 
 def total_energy(model, state):
     velocity = np.empty_like(state.velocity)
-    forces.multiply_scalar(model.mass, model.spin, state.velocity, velocity)
-    elastic = forces.energy_of(
+    rod_forces.multiply_scalar(model.mass, model.spin, state.velocity, velocity)
+    elastic = rod_forces.energy_of(
         state.q, model.rule, state.reference, matter_of(model, state.history),
         room(model.rule.weight.size),
     )  # fmt: skip

@@ -6,13 +6,22 @@ import pytest
 from rods import PAPER
 from scipy.spatial.transform import Rotation
 
-from dlo_ros.rod import banded, plane
-from dlo_ros.rod.assembly import assemble, scatter_stress, strain_increments
-from dlo_ros.rod.frames import twist_free
-from dlo_ros.rod.kernels import strains, transport
-from dlo_ros.rod.material import respond, room
+from dlo_ros.rod.boundary.twist_free_frame import twist_free
+from dlo_ros.rod.elements import planar_assembly
+from dlo_ros.rod.elements.constitutive_law import respond, room
+from dlo_ros.rod.elements.rod_tables import (
+    BAND,
+    History,
+    Law,
+    Material,
+    Reference,
+    Stiffness,
+    Surroundings,
+)
+from dlo_ros.rod.elements.spatial_assembly import assemble, scatter_stress, strain_increments
+from dlo_ros.rod.elements.strains import strains, transport
 from dlo_ros.rod.model import RodModel
-from dlo_ros.rod.tables import BAND, History, Law, Material, Reference, Stiffness, Surroundings
+from dlo_ros.rod.solve import banded_factorisation
 from dlo_ros.spline import SplineBasis
 
 LINEAR = Law(0.0, np.inf, np.inf, 0.0, 0.0, 1.0, 0.0, np.inf)
@@ -74,10 +83,10 @@ def evaluate_flat(rule, stiff, q):
     """The same in the plane."""
     gradient, band = np.full(q.size, np.nan), np.full((q.size, 8), np.nan)
     by_stretch, by_other = np.empty((rule.weight.size, 2)), np.empty((rule.weight.size, 1, 4))
-    stretch, other = plane.strains(q, rule)
+    stretch, other = planar_assembly.strains(q, rule)
     response = room(rule.weight.size)
     energy = respond(stretch, other, rule.weight, material(stiff, LINEAR), response)
-    plane.assemble(q, rule, other, response, gradient, band, by_stretch, by_other)
+    planar_assembly.assemble(q, rule, other, response, gradient, band, by_stretch, by_other)
     return energy, gradient, band, by_stretch, by_other
 
 
@@ -144,13 +153,13 @@ def test_strain_increments_are_the_differences_of_the_strains_and_forces_their_t
     if flat:
         q = np.ascontiguousarray(q[:, [0, 2]])
         *_, by_stretch, by_other = evaluate_flat(rule, stiff, q)
-        forces, increments = plane.scatter_stress, plane.strain_increments
+        forces, increments = planar_assembly.scatter_stress, planar_assembly.strain_increments
     else:
         *_, by_stretch, by_other = evaluate(rule, stiff, ref, q)
         forces, increments = scatter_stress, strain_increments
 
     def all_strains(x):
-        return plane.strains(x, rule) if flat else strains(x, rule, ref)
+        return planar_assembly.strains(x, rule) if flat else strains(x, rule, ref)
 
     direction, step = rng.normal(size=q.shape), 1e-6
     stretch, other = np.full(nb, np.nan), np.full((nb, 3), np.nan)
@@ -249,11 +258,11 @@ def test_banded_factorisation_solves_and_counts_negative_eigenvalues(width, size
             band[i, width - 1 - i + j] = full[i, j]
     values = np.linalg.eigvalsh(full)
     product, x = np.empty(size), rng.normal(size=size)
-    banded.multiply(band, x, product)
+    banded_factorisation.multiply(band, x, product)
     np.testing.assert_allclose(product, full @ x, atol=1e-12 * values[-1])
     diagonal = np.empty(size)
-    assert banded.factorise(band, diagonal) == np.count_nonzero(values < 0.0)
-    banded.solve(band, diagonal, product)
+    assert banded_factorisation.factorise(band, diagonal) == np.count_nonzero(values < 0.0)
+    banded_factorisation.solve(band, diagonal, product)
     condition = np.abs(values).max() / np.abs(values).min()
     np.testing.assert_allclose(product, x, atol=1e-12 * condition)
 
@@ -265,10 +274,10 @@ def test_banded_factorisation_reports_a_pivot_that_is_none(value):
     for i in range(8, 23):
         band[i, 15 - i + 7] = 0.0
     band[7, 15] = value
-    assert banded.factorise(band, np.empty(24)) == -1
+    assert banded_factorisation.factorise(band, np.empty(24)) == -1
     assert not np.isnan(full).any()
 
 
 def test_banded_factorisation_refuses_other_widths():
     with pytest.raises(ValueError, match="16 or 8"):
-        banded.factorise(np.ones((20, 12)), np.empty(20))
+        banded_factorisation.factorise(np.ones((20, 12)), np.empty(20))

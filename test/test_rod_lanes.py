@@ -11,12 +11,14 @@ from rods import PAPER, SECOND, Nothing, command, held_start, settled, straight
 
 from dlo_ros.errors import CommandError, InputError, SimulationError
 from dlo_ros.parameters import DampingParameters
-from dlo_ros.rod import dynamics, forces, lanes_kernels, lanes_solver
-from dlo_ros.rod.grips import BODY, DIRECTOR
-from dlo_ros.rod.lanes import ParameterSets, follow_many
-from dlo_ros.rod.lanes_vector import LANES, largest, load, root, rows, smaller, spread, store
-from dlo_ros.rod.material import room
+from dlo_ros.rod import dynamics
+from dlo_ros.rod.batch import simd_kernels, simd_solver
+from dlo_ros.rod.batch.parameter_sets import ParameterSets, follow_many
+from dlo_ros.rod.boundary.conditions import BODY, DIRECTOR
+from dlo_ros.rod.elements import rod_forces
+from dlo_ros.rod.elements.constitutive_law import room
 from dlo_ros.rod.resolution import build
+from dlo_ros.rod.simd.eight_lanes import LANES, largest, load, root, rows, smaller, spread, store
 from dlo_ros.rod.statics import NO_HISTORY, matter_of
 
 TOLERANCE = 2e-5  # of L
@@ -95,9 +97,9 @@ def test_equations_are_those_of_one_rod(held, first):
     lo, hi = held[0], n - held[1]
     rng = np.random.default_rng(0)
     q, matrix, rhs = rows(2 * n), rows(4 * n), rows(2 * n)
-    law = lanes_kernels.Law(rows(nb), rows(nb), rows(nb), rows(nb))
+    law = simd_kernels.Law(rows(nb), rows(nb), rows(nb), rows(nb))
     many = 2 * n + 7
-    scratch = lanes_kernels.Scratch(
+    scratch = simd_kernels.Scratch(
         rows(2 * n), rows(many), rows(8 * many), rows(42), rows(16), rows(2 * nb)
     )
     u = model.basis.greville
@@ -116,19 +118,19 @@ def test_equations_are_those_of_one_rod(held, first):
         matrix[:, k] = single[-1][2].ravel()
         law.stretch[:, k] = model.rule.weight * stiff.stretch
         law.bend[:, k], law.bend_rest[:, k] = model.rule.weight * stiff.bend[:, 0], rest
-    tables = lanes_kernels.tables_of(model.rule, lo, hi)
+    tables = simd_kernels.tables_of(model.rule, lo, hi)
     stretch, bend, tension = rows(nb), rows(nb), rows(nb)
-    lanes_kernels.strains(q, tables, stretch, bend)
-    lanes_kernels.tensions(stretch, law, tables, tension)
-    lanes_kernels.assemble(q, tables, law, scratch, matrix, tension, True)
+    simd_kernels.strains(q, tables, stretch, bend)
+    simd_kernels.tensions(stretch, law, tables, tension)
+    simd_kernels.assemble(q, tables, law, scratch, matrix, tension, True)
     if not first:  # what the last linear solution promised is where we are
-        lanes_kernels.assemble(q, tables, law, scratch, matrix, np.nan * tension, False)
-    lanes_solver.residual(q, matrix, rhs, scratch, n, lo, hi)
-    assert np.isfinite(lanes_solver.solve(scratch, lo, hi))
+        simd_kernels.assemble(q, tables, law, scratch, matrix, np.nan * tension, False)
+    simd_solver.residual(q, matrix, rhs, scratch, n, lo, hi)
+    assert np.isfinite(simd_solver.solve(scratch, lo, hi))
     for k, (bent, stiff, mass) in enumerate(single):
         gradient, band = np.empty(2 * n), np.empty((2 * n, 8))
         matter = matter_of(model, NO_HISTORY)._replace(stiffness=stiff)
-        forces.assemble(
+        rod_forces.assemble(
             bent, model.rule, straight(model).reference, matter, room(nb), np.empty(0), gradient,
             band, np.empty((nb, 2)), np.zeros((nb, 1, 4)),
         )  # fmt: skip

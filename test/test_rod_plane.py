@@ -12,11 +12,11 @@ from dlo_ros.command import Motion
 from dlo_ros.errors import SimulationError
 from dlo_ros.observation import Observation
 from dlo_ros.rod import LiveSimulation, dynamics
-from dlo_ros.rod.planar import in_plane
+from dlo_ros.rod.planar_model import in_plane
 from dlo_ros.rod.resolution import build
+from dlo_ros.rod.sensitivity_parameters import MATERIAL
 from dlo_ros.rod.simulation import Simulation
 from dlo_ros.rod.statics import settle
-from dlo_ros.rod.tangents import MATERIAL
 from dlo_ros.spline import SplineBasis
 
 

@@ -13,7 +13,14 @@ from scipy.spatial.transform import Rotation
 from dlo_ros.command import Command, Motion
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import RodParameters, Settings
-from dlo_ros.rod.reactions import STRAIGHT, _Held, balance_of, growth_of, instants_of, loadings
+from dlo_ros.rod.loads.grip_reactions import (
+    STRAIGHT,
+    _Held,
+    balance_of,
+    growth_of,
+    instants_of,
+    loadings,
+)
 from dlo_ros.rod.resolution import build
 from dlo_ros.rod.simulation import Simulation
 from dlo_ros.rod.statics import settle

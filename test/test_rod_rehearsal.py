@@ -13,8 +13,16 @@ from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.identification.estimate import stated_covariance, told_covariance
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
-from dlo_ros.rod.live import LiveSimulation
-from dlo_ros.rod.rehearsal import PLACES, Fork, at_rest, rehearse, slack, stamps_of, varied_by
+from dlo_ros.rod.live_simulation import LiveSimulation
+from dlo_ros.rod.motion_rehearsal import (
+    PLACES,
+    Fork,
+    at_rest,
+    rehearse,
+    slack,
+    stamps_of,
+    varied_by,
+)
 from dlo_ros.spline import SplineBasis
 
 LENGTH = PAPER.rod.length

@@ -13,9 +13,9 @@ from scipy.spatial.transform import Rotation
 from dlo_ros.errors import SimulationError
 from dlo_ros.parameters import RodParameters, Settings
 from dlo_ros.rod.resolution import build, choose
+from dlo_ros.rod.sensitivity_parameters import MATERIAL
 from dlo_ros.rod.state import refined, twist_angle
 from dlo_ros.rod.statics import settle
-from dlo_ros.rod.tangents import MATERIAL
 
 
 def elastica(settings):

@@ -11,9 +11,9 @@ from dlo_ros.command import Motion
 from dlo_ros.errors import InputError
 from dlo_ros.observation import Observation
 from dlo_ros.rod import dynamics, integration
-from dlo_ros.rod.camera import Camera
+from dlo_ros.rod.measured_shapes import Camera
+from dlo_ros.rod.sensitivity_parameters import known, tangent
 from dlo_ros.rod.simulation import Simulation
-from dlo_ros.rod.tangents import known, tangent
 from dlo_ros.spline import SplineBasis
 
 LOOSE = replace(PAPER, simulation=replace(PAPER.simulation, tolerance=0.1))

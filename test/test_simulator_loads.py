@@ -16,11 +16,11 @@ from live_graph import Client, Process, to_ros
 
 from dlo_ros.command import Command
 from dlo_ros.demo.network import free_domain
-from dlo_ros.nodes.loads import LoadPublisher
+from dlo_ros.nodes.load_publishing import LoadPublisher
 from dlo_ros.nodes.qos import DEEP, LATCHED
 from dlo_ros.parameters import LimitParameters, Settings
 from dlo_ros.recordings import BAG_MESSAGES, command_message, spline_message, topics
-from dlo_ros.rod.reactions import Loading, Wrench
+from dlo_ros.rod.loads.grip_reactions import Loading, Wrench
 from dlo_ros.spline import SplineBasis
 
 pytestmark = pytest.mark.live

@@ -22,8 +22,8 @@ from rcl_interfaces.srv import DescribeParameters, ListParameters
 
 from dlo_ros.command import Command, Motion
 from dlo_ros.demo.network import free_domain
-from dlo_ros.nodes.messages import installed
-from dlo_ros.nodes.parameters import parameter_type
+from dlo_ros.nodes.declared_parameters import parameter_type
+from dlo_ros.nodes.message_factory import installed
 from dlo_ros.nodes.qos import LATCHED
 from dlo_ros.observation import Observation
 from dlo_ros.parameter_table import PARAMETERS

@@ -6,8 +6,8 @@ import pytest
 from numba import njit
 from numba.core.errors import TypingError
 
-from dlo_ros.rod.quads import lane, lanes, quad
-from dlo_ros.rod.rows import add_outer, add_rows, set_outer, set_rows
+from dlo_ros.rod.simd.four_lanes import lane, lanes, quad
+from dlo_ros.rod.simd.row_operations import add_outer, add_rows, set_outer, set_rows
 
 
 @njit

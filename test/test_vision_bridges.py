@@ -7,8 +7,8 @@ from vision_scenes import Scene, bow, render, to_board
 from vision_stress import judge
 
 from dlo_ros.errors import VisionError
-from dlo_ros.vision.bridges import check_bridges
-from dlo_ros.vision.credibility import SHARPEST, sharpest_turn
+from dlo_ros.vision.fit.planar_credibility import SHARPEST, sharpest_turn
+from dlo_ros.vision.tracing.occlusion_bridges import check_bridges
 
 
 def course(scene, aside):

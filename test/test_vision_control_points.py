@@ -14,7 +14,7 @@ from dlo_ros.observation import CentrelinePoints
 from dlo_ros.recordings import read_recording
 from dlo_ros.spline import SplineBasis
 from dlo_ros.vision import Observer
-from dlo_ros.vision.control_points import (
+from dlo_ros.vision.fit.control_point_count import (
     choose_control_points,
     enough_control_points,
     follows,

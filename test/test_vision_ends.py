@@ -10,8 +10,8 @@ from vision_scenes import LENGTH, Scene, bow, clamps, render, settings
 
 from dlo_ros.errors import VisionError
 from dlo_ros.vision import Observer
-from dlo_ros.vision.material import locate_ends, std_along
-from dlo_ros.vision.tip import EDGE, Tip, ends
+from dlo_ros.vision.fit.material_coordinates import locate_ends, std_along
+from dlo_ros.vision.tracing.tip_likelihood import EDGE, Tip, ends
 
 ARC = np.linspace(0.0, 0.4, 401)  # [m] at profiles one millimetre apart
 WIDTH = 0.004

@@ -13,7 +13,7 @@ from vision_stress import judge, tally
 
 from dlo_ros.errors import VisionError
 from dlo_ros.vision import Observer
-from dlo_ros.vision.credibility import sharpest_turn, unusable
+from dlo_ros.vision.fit.planar_credibility import sharpest_turn, unusable
 
 FRAME = 33_000_000  # ns
 STRIPED = Scene(rope=(40, 120, 60), second=(60, 210, 225), board=(225, 228, 230))

@@ -12,8 +12,8 @@ from dlo_ros.cli import main as cli
 from dlo_ros.errors import InputError, ParameterError, VisionError
 from dlo_ros.parameters import Settings, VisionParameters
 from dlo_ros.vision import Observer
-from dlo_ros.vision.hints import Hints
-from dlo_ros.vision.photo import find_dlos
+from dlo_ros.vision.photograph import find_dlos
+from dlo_ros.vision.segmentation.user_hints import Hints
 
 # Two ropes alike, side by side: without a hint nobody knows which one is meant.
 OWN = bow()

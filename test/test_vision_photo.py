@@ -24,8 +24,8 @@ from dlo_ros.spline import SplineBasis
 from dlo_ros.vision import contact_sheet
 from dlo_ros.vision.contact_sheet import sheet
 from dlo_ros.vision.overlay import OBSERVED, draw_overlay
-from dlo_ros.vision.photo import find_dlos
-from dlo_ros.vision.strip import resample
+from dlo_ros.vision.photograph import find_dlos
+from dlo_ros.vision.segmentation.picture_strip import resample
 
 STAMP = 1_700_000_000_000_000_000
 

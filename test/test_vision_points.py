@@ -10,7 +10,7 @@ from point_lists import LENGTH, SETTINGS, N, bent, tracked
 from dlo_ros.errors import VisionError
 from dlo_ros.observation import PointList
 from dlo_ros.spline import SplineBasis
-from dlo_ros.vision.point_observer import PointObserver
+from dlo_ros.vision.points.point_observer import PointObserver
 
 BASIS = SplineBasis(N, LENGTH)
 U = np.linspace(0.0, LENGTH, 201)

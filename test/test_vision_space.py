@@ -18,14 +18,14 @@ from dlo_ros.recordings.read import read_recording
 from dlo_ros.recordings.synchronisation import ApproximateTime
 from dlo_ros.spline import SplineBasis
 from dlo_ros.synthesis.experiment import find_experiment
-from dlo_ros.vision.camera import Camera
-from dlo_ros.vision.profile import Located
+from dlo_ros.vision.camera.pinhole import Camera
+from dlo_ros.vision.segmentation.edge_profile import Located
 from dlo_ros.vision.space import SpaceObserver
-from dlo_ros.vision.space.credibility import check
 from dlo_ros.vision.space.depth import profile_depths
 from dlo_ros.vision.space.matching import Course, align, coordinates, match
-from dlo_ros.vision.space.observer import Frame
 from dlo_ros.vision.space.reprojection import ClampPose, Prior, fit_views
+from dlo_ros.vision.space.spatial_credibility import check
+from dlo_ros.vision.space.spatial_observer import Frame
 from dlo_ros.vision.space.view import View
 
 LENGTH, DIAMETER = 0.4, 0.004

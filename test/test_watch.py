@@ -10,7 +10,7 @@ import pytest
 import yaml
 from test_identification_honesty import recorded
 
-from dlo_ros.diagnosis.watch import Watch, left_over
+from dlo_ros.diagnosis.monitor.residual_monitor import Watch, left_over
 from dlo_ros.identification import Manipulation, OnlineEstimator
 from dlo_ros.nodes.worker import EstimatorThread
 from dlo_ros.synthesis.experiment import find_experiment

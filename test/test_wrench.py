@@ -15,11 +15,11 @@ from test_diagnose_tool import found as some_diagnosis
 
 from dlo_ros.cli.identify_results import remarks, tree
 from dlo_ros.cli.main import main
-from dlo_ros.diagnosis.force_scale import with_forces
-from dlo_ros.diagnosis.outcome import Fitted, NamedEffect, Number
+from dlo_ros.diagnosis.findings.diagnosis_outcome import Fitted, NamedEffect, Number
+from dlo_ros.diagnosis.findings.measured_force_scale import with_forces
 from dlo_ros.errors import InputError, RecordingError
 from dlo_ros.identification import OnlineEstimator, identify
-from dlo_ros.identification.design import Plan, outlook
+from dlo_ros.identification.design.expected_information import Plan, outlook
 from dlo_ros.identification.force_scale import grip_wrenches, with_scale
 from dlo_ros.inference.forecast import forecast
 from dlo_ros.inference.wrench import (

@@ -23,8 +23,8 @@ from dlo_ros.errors import VisionError
 from dlo_ros.parameters import CameraPose, RodParameters, Settings
 from dlo_ros.vision import Camera, Observer
 from dlo_ros.vision.overlay import draw_overlay
-from dlo_ros.vision.photo import find_dlos
-from dlo_ros.vision.strip import resample
+from dlo_ros.vision.photograph import find_dlos
+from dlo_ros.vision.segmentation.picture_strip import resample
 
 PIXEL = 0.0005  # m
 DISTANCE = 1.0  # m
@@ -58,7 +58,7 @@ def through(clicks):
 
 
 def width_along(image, curve, guess):
-    from dlo_ros.vision.profile import locate
+    from dlo_ros.vision.segmentation.edge_profile import locate
 
     return locate(image, resample(curve, 2.0), guess).width
 

@@ -29,11 +29,11 @@ from dlo_ros.recordings.read import read_recording
 from dlo_ros.recordings.several import iterate_together
 from dlo_ros.synthesis.experiment import find_experiment, read_experiment
 from dlo_ros.synthesis.geometry import Geometry
-from dlo_ros.synthesis.pictures import SAMPLES
+from dlo_ros.synthesis.picture_bag import SAMPLES
 from dlo_ros.synthesis.spatial_render import SpatialRenderer
 from dlo_ros.synthesis.synthesize import synthesize
 from dlo_ros.vision.space import SpaceObserver
-from dlo_ros.vision.space.observer import Frame
+from dlo_ros.vision.space.spatial_observer import Frame
 from dlo_ros.vision.space.view import cameras_of
 
 assert dlo_ros

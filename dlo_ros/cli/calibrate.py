@@ -19,14 +19,14 @@ from dlo_ros.cli.results import check_results_folder, written
 from dlo_ros.errors import DloError, InputError
 from dlo_ros.parameters import Vector
 from dlo_ros.recordings.pictures import count_pictures, pictures, read_picture
-from dlo_ros.vision.board_pose import UP, board_pose
-from dlo_ros.vision.calibration import Calibration, calibrate, check_camera
-from dlo_ros.vision.calibration_fit import Intrinsics
-from dlo_ros.vision.calibration_views import Skipped, ViewCollector
-from dlo_ros.vision.camera_file import read_camera_file
-from dlo_ros.vision.pattern_search import find_pattern
-from dlo_ros.vision.patterns import SYNTAX, Pattern, parse_pattern
-from dlo_ros.vision.print_pattern import print_pattern
+from dlo_ros.vision.calibration.board_pose import UP, board_pose
+from dlo_ros.vision.calibration.camera_calibration import Calibration, calibrate, check_camera
+from dlo_ros.vision.calibration.camera_file import read_camera_file
+from dlo_ros.vision.calibration.camera_fit import Intrinsics
+from dlo_ros.vision.calibration.pattern_search import find_pattern
+from dlo_ros.vision.calibration.patterns import SYNTAX, Pattern, parse_pattern
+from dlo_ros.vision.calibration.print_pattern import print_pattern
+from dlo_ros.vision.calibration.view_collection import Skipped, ViewCollector
 
 LOG = logging.getLogger(__name__)
 

@@ -13,10 +13,10 @@ from dlo_ros.parameter_cameras import flat_cameras
 from dlo_ros.parameter_text import parameter_lines
 from dlo_ros.parameters import Vector
 from dlo_ros.recordings.pictures import SUFFIXES, read_picture
-from dlo_ros.vision.calibration_cameras import CalibratedCameras, calibrate_cameras
-from dlo_ros.vision.camera_file import read_camera_file
-from dlo_ros.vision.pattern_search import View, find_pattern
-from dlo_ros.vision.patterns import Pattern
+from dlo_ros.vision.calibration.camera_file import read_camera_file
+from dlo_ros.vision.calibration.camera_network import CalibratedCameras, calibrate_cameras
+from dlo_ros.vision.calibration.pattern_search import View, find_pattern
+from dlo_ros.vision.calibration.patterns import Pattern
 
 LOG = logging.getLogger(__name__)
 

@@ -24,12 +24,12 @@ from dlo_ros.report.calibration import (
     write_calibration_report,
 )
 from dlo_ros.report.elements import measured, number
-from dlo_ros.vision.board_pose import BoardPose, draw_board
-from dlo_ros.vision.calibration import Calibration, ViewResult
-from dlo_ros.vision.calibration_fit import Intrinsics
-from dlo_ros.vision.calibration_views import Skipped
-from dlo_ros.vision.camera_file import board_file, camera_file
-from dlo_ros.vision.patterns import Pattern
+from dlo_ros.vision.calibration.board_pose import BoardPose, draw_board
+from dlo_ros.vision.calibration.camera_calibration import Calibration, ViewResult
+from dlo_ros.vision.calibration.camera_file import board_file, camera_file
+from dlo_ros.vision.calibration.camera_fit import Intrinsics
+from dlo_ros.vision.calibration.patterns import Pattern
+from dlo_ros.vision.calibration.view_collection import Skipped
 
 LOG = logging.getLogger(__name__)
 

@@ -20,7 +20,7 @@ from dlo_ros.demo.photographs import photographs
 from dlo_ros.demo.plan import params_beside, plan_run
 from dlo_ros.demo.result import estimate_tree, last_line, read_truth, report, write_json
 from dlo_ros.errors import InputError
-from dlo_ros.nodes.heard import SPECIFIC_MODULUS
+from dlo_ros.nodes.received_data import SPECIFIC_MODULUS
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import read_recording, topics
 from dlo_ros.report import write_identification_report
@@ -78,7 +78,7 @@ def _run(
     params = arguments.params or params_beside(bag)
     settings = Settings.load(params)
     if arguments.space and settings.command.source == "tf":
-        from dlo_ros.nodes.messages import installed
+        from dlo_ros.nodes.message_factory import installed
 
         if not installed(topics.TRANSFORMS_TYPE):
             params, settings = _from_poses(output, settings, console)

@@ -19,10 +19,16 @@ from dlo_ros.cli.results import add_results_folder, check_results_folder
 from dlo_ros.command import CONTROL_POINT, END, START, Command
 from dlo_ros.errors import CommandError, InputError, SimulationError
 from dlo_ros.files import write_text
-from dlo_ros.identification.bundle import forecast_each
-from dlo_ros.identification.design import Noise, Outlook, Plan, at_equilibrium, outlook
-from dlo_ros.identification.design_reason import length_over_scale, reason
-from dlo_ros.identification.design_search import (
+from dlo_ros.identification.batched_forecast import forecast_each
+from dlo_ros.identification.design.design_reason import length_over_scale, reason
+from dlo_ros.identification.design.expected_information import (
+    Noise,
+    Outlook,
+    Plan,
+    at_equilibrium,
+    outlook,
+)
+from dlo_ros.identification.design.manipulation_search import (
     Candidate,
     Workspace,
     imposed,
@@ -31,7 +37,7 @@ from dlo_ros.identification.design_search import (
     search,
 )
 from dlo_ros.identification.estimate import search_information
-from dlo_ros.identification.statement import rounded
+from dlo_ros.identification.identifiability import rounded
 from dlo_ros.parameters import Settings
 from dlo_ros.report.design import (
     DesignedExperiment,

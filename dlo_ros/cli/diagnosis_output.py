@@ -15,7 +15,7 @@ from dlo_ros.cli.diagnosis_story import extends, story
 from dlo_ros.cli.diagnosis_words import mm, title
 from dlo_ros.cli.results import QUANTITIES
 from dlo_ros.diagnosis import Diagnosis, Fitted, NamedEffect
-from dlo_ros.diagnosis.relations import sentences
+from dlo_ros.diagnosis.residuals.relations import sentences
 from dlo_ros.effects import effects
 from dlo_ros.files import write_text
 from dlo_ros.parameters import Settings

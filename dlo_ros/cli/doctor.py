@@ -70,7 +70,7 @@ def examine(params: Path | None, seconds: float) -> dict[str, list[Finding]]:
     }
     settings = None
     if params is not None:
-        from dlo_ros.doctor.parameter_file import judge_file
+        from dlo_ros.doctor.parameter_check import judge_file
 
         sections["Parameters"], settings = judge_file(params)
     if seconds > 0.0:

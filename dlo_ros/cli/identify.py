@@ -26,8 +26,8 @@ from dlo_ros.effects.registry import STD
 from dlo_ros.errors import InputError
 from dlo_ros.files import write_text
 from dlo_ros.identification.estimate import Estimate, searchable
-from dlo_ros.identification.offline import Identification, identify
-from dlo_ros.identification.posterior import Sample, bootstrap, sample
+from dlo_ros.identification.offline.posterior_sampling import Sample, bootstrap, sample
+from dlo_ros.identification.offline.recording_identification import Identification, identify
 from dlo_ros.inference.forecast import Manipulation
 from dlo_ros.inference.parallel import Pool, open_pool
 from dlo_ros.parameters import EFFECTS_PREFIX, Settings

@@ -12,9 +12,9 @@ from dlo_ros.cli.loads import borne
 from dlo_ros.cli.results import QUANTITIES
 from dlo_ros.effects import quantities
 from dlo_ros.identification.force_scale import words as force_words
-from dlo_ros.identification.offline import Identification
-from dlo_ros.identification.posterior import Sample
-from dlo_ros.identification.statement import correlations, knowledge, rounded, sentences
+from dlo_ros.identification.identifiability import correlations, knowledge, rounded, sentences
+from dlo_ros.identification.offline.posterior_sampling import Sample
+from dlo_ros.identification.offline.recording_identification import Identification
 from dlo_ros.inference.forecast import Forecast, Manipulation
 from dlo_ros.inference.parameter import split_name
 from dlo_ros.parameters import EFFECTS_PREFIX, Settings
@@ -28,7 +28,7 @@ from dlo_ros.report import (
 )
 from dlo_ros.report.elements import measured, number
 from dlo_ros.report.uncertainty import Ellipse, ResidualMap
-from dlo_ros.rod.tangents import MATERIAL
+from dlo_ros.rod.sensitivity_parameters import MATERIAL
 from dlo_ros.spline import FloatArray, SplineBasis
 
 ROLES = {"train": "used for the fit", "validate": "not used"}

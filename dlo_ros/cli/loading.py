@@ -26,8 +26,8 @@ from dlo_ros.observation import Observation
 from dlo_ros.parameter_table import TABLE
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings.read import read_recording
+from dlo_ros.rod.boundary.shape_orientation import all_along, runs_backwards
 from dlo_ros.rod.compile import compile_kernels
-from dlo_ros.rod.orientation import all_along, runs_backwards
 from dlo_ros.spline import FloatArray
 
 LOG = logging.getLogger(__name__)

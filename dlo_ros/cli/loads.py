@@ -12,7 +12,7 @@ from dlo_ros.errors import DloError
 from dlo_ros.inference.forecast import Manipulation, forecast
 from dlo_ros.parameters import Settings
 from dlo_ros.report.loads import LoadRow
-from dlo_ros.rod.extremes import Extremes
+from dlo_ros.rod.loads.extreme_loads import Extremes
 
 
 def borne(recordings: Sequence[Manipulation], settings: Settings) -> tuple[LoadRow, ...]:

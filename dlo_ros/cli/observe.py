@@ -31,17 +31,17 @@ from dlo_ros.recordings.images import Image
 from dlo_ros.recordings.read import iterate_images, iterate_masks, read_recording
 from dlo_ros.recordings.several import count_images
 from dlo_ros.recordings.write import BagWriter, copy_topics
-from dlo_ros.vision.camera import Camera
-from dlo_ros.vision.control_points import (
+from dlo_ros.vision.camera.pinhole import Camera
+from dlo_ros.vision.fit.control_point_count import (
     choose_control_points,
     enough_control_points,
     follows,
 )
-from dlo_ros.vision.hints import Hints
-from dlo_ros.vision.observer import Observer
 from dlo_ros.vision.overlay import PALETTE, draw_curve, draw_overlay, write_message
-from dlo_ros.vision.photo import FoundDlo, find_dlos
-from dlo_ros.vision.result import VisionResult
+from dlo_ros.vision.photograph import FoundDlo, find_dlos
+from dlo_ros.vision.planar_observer import Observer
+from dlo_ros.vision.planar_result import VisionResult
+from dlo_ros.vision.segmentation.user_hints import Hints
 
 LOG = logging.getLogger(__name__)
 

@@ -21,7 +21,7 @@ from dlo_ros.recordings.building import observation_messages
 from dlo_ros.recordings.point_lists import iterate_points
 from dlo_ros.recordings.read import read_recording
 from dlo_ros.recordings.write import BagWriter, copy_topics
-from dlo_ros.vision.point_observer import PointObserver, PointResult
+from dlo_ros.vision.points.point_observer import PointObserver, PointResult
 
 LOG = logging.getLogger(__name__)
 

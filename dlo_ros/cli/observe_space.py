@@ -13,10 +13,10 @@ from dlo_ros.errors import VisionError
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings.images import CameraInfo, Image
 from dlo_ros.recordings.several import has_depth, iterate_together
-from dlo_ros.vision.camera import Camera
-from dlo_ros.vision.result import VisionResult
+from dlo_ros.vision.camera.pinhole import Camera
+from dlo_ros.vision.planar_result import VisionResult
 from dlo_ros.vision.space import SpaceObserver
-from dlo_ros.vision.space.observer import Frame
+from dlo_ros.vision.space.spatial_observer import Frame
 from dlo_ros.vision.space.view import cameras_of
 
 LOG = logging.getLogger(__name__)

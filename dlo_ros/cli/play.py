@@ -10,7 +10,7 @@ from pathlib import Path
 
 from dlo_ros.errors import InputError, RecordingError
 from dlo_ros.recordings import topics
-from dlo_ros.recordings.play import plan
+from dlo_ros.recordings.playback import plan
 from dlo_ros.share import shared_file
 
 WAIT = 600.0
@@ -75,7 +75,7 @@ def run(arguments: argparse.Namespace) -> int:
     if bag is None:
         raise RecordingError("no bag is given; name the folder of a rosbag2 recording")
     # ROS is imported here, so that --help works without it.
-    from dlo_ros.nodes.messages import installed
+    from dlo_ros.nodes.message_factory import installed
     from dlo_ros.nodes.player import play
 
     playlist = plan(

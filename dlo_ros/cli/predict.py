@@ -34,9 +34,9 @@ from dlo_ros.recordings.building import (
 )
 from dlo_ros.recordings.command_file import read_command_file
 from dlo_ros.recordings.write import BagWriter, copy_topics
-from dlo_ros.rod.extremes import Extremes
-from dlo_ros.rod.reactions import Loading
-from dlo_ros.rod.rehearsal import at_rest, rehearse, stamps_of
+from dlo_ros.rod.loads.extreme_loads import Extremes
+from dlo_ros.rod.loads.grip_reactions import Loading
+from dlo_ros.rod.motion_rehearsal import at_rest, rehearse, stamps_of
 from dlo_ros.spline import FloatArray
 
 MADE = (topics.PREDICTED, *topics.LOADS, topics.ERR)

@@ -12,9 +12,9 @@ from rich.console import Console
 from dlo_ros.demo.network import isolate
 from dlo_ros.demo.plan import LiveRun
 from dlo_ros.demo.processes import Child, Children, ProcessError
-from dlo_ros.demo.progress import Progress
-from dlo_ros.nodes.heard import Heard
+from dlo_ros.demo.terminal_progress import Progress
 from dlo_ros.nodes.monitor import NODES, Monitor, monitoring
+from dlo_ros.nodes.received_data import Heard
 
 READY_WITHIN = 60.0
 """Seconds that the nodes may take to start and to find each other."""

@@ -12,13 +12,13 @@ import numpy as np
 
 from dlo_ros.command import Motion
 from dlo_ros.errors import DloError, RecordingError
-from dlo_ros.identification.noise import noise_floor
+from dlo_ros.identification.residual_noise import noise_floor
 from dlo_ros.inference.forecast import Forecast, Manipulation, forecast
-from dlo_ros.nodes.heard import Heard, Sample
+from dlo_ros.nodes.received_data import Heard, Sample
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import read_recording
-from dlo_ros.rod.orientation import all_along
+from dlo_ros.rod.boundary.shape_orientation import all_along
 from dlo_ros.spline import FloatArray, SplineBasis
 
 LOG = logging.getLogger(__name__)

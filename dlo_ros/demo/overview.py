@@ -15,8 +15,8 @@ from matplotlib.figure import Figure
 from dlo_ros.files import write_bytes
 from dlo_ros.report import IdentificationReport, ParameterTrack, Photograph, ShapeFrame
 from dlo_ros.report.elements import typeset
-from dlo_ros.report.player import CURVES
 from dlo_ros.report.plots import COLOURS, STYLE
+from dlo_ros.report.shape_player import CURVES
 
 
 def write_overview(path: Path, report: IdentificationReport) -> None:

@@ -15,8 +15,8 @@ from matplotlib.ticker import MaxNLocator
 from dlo_ros.command import NANOSECONDS, Motion
 from dlo_ros.demo.overview import draw_course, draw_photograph, save
 from dlo_ros.report import IdentificationReport, Photograph, ShapeFrame
-from dlo_ros.report.player import CURVES
 from dlo_ros.report.plots import COLOURS, STYLE
+from dlo_ros.report.shape_player import CURVES
 from dlo_ros.spline import FloatArray, SplineBasis
 
 POINTS = 80

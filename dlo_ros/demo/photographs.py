@@ -11,15 +11,15 @@ import cv2
 import numpy as np
 
 from dlo_ros.demo.outcome import Outcome
-from dlo_ros.nodes.heard import Heard
+from dlo_ros.nodes.received_data import Heard
 from dlo_ros.parameters import CameraPose, Settings
 from dlo_ros.recordings import iterate_images
 from dlo_ros.recordings.images import CameraInfo, Image
 from dlo_ros.recordings.several import iterate_together
 from dlo_ros.report import Photograph
-from dlo_ros.report.player import MOST_FRAMES
+from dlo_ros.report.shape_player import MOST_FRAMES
 from dlo_ros.spline import FloatArray, SplineBasis
-from dlo_ros.vision.camera import Camera
+from dlo_ros.vision.camera.pinhole import Camera
 
 WIDTH = 640  # px, at most
 QUALITY = 75

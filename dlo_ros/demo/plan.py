@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from dlo_ros.errors import InputError, RecordingError
-from dlo_ros.nodes.messages import installed
+from dlo_ros.nodes.message_factory import installed
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import open_bag, topics
 

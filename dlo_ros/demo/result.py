@@ -15,7 +15,7 @@ import yaml
 from dlo_ros.demo.outcome import Outcome
 from dlo_ros.errors import InputError
 from dlo_ros.files import write_text
-from dlo_ros.nodes.heard import (
+from dlo_ros.nodes.received_data import (
     DENSITY,
     QUANTITIES,
     SPECIFIC_MODULUS,

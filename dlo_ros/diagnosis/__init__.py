@@ -1,8 +1,7 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Diagnosis: what the model gets wrong, which physical cause it has, and what naming it gains."""
 
-from dlo_ros.diagnosis.diagnose import diagnose
-from dlo_ros.diagnosis.outcome import (
+from dlo_ros.diagnosis.findings.diagnosis_outcome import (
     Diagnosis,
     Fitted,
     Gain,
@@ -12,6 +11,7 @@ from dlo_ros.diagnosis.outcome import (
     Tried,
     View,
 )
+from dlo_ros.diagnosis.pipeline import diagnose
 
 __all__ = [
     "Diagnosis",

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from dlo_ros.parameters import Settings
 
 FUTURE = 10.0
-"""Seconds ahead of the clock from which nodes refuse a stamp (`dlo_ros.nodes.base`)."""
+"""Seconds ahead of the clock from which nodes refuse a stamp (`dlo_ros.nodes.node_base`)."""
 
 PAST = 10.0
 """Seconds behind the clock from which a stamp is another clock's; no camera is that slow."""

@@ -242,8 +242,8 @@ class Effect:
         differentiable: whether they have any once it acts. An impact has none: a DLO that hits
             something and leaves it again answers to small changes in jumps.
         batched: whether it may be present where several parameter sets are simulated at once
-            (`dlo_ros.rod.lanes`), with the same values in all. Never where it changes the
-            measurement, which such a run knows nothing of.
+            (`dlo_ros.rod.batch.parameter_sets`), with the same values in all. Never where it
+            changes the measurement, which such a run knows nothing of.
         varied_in_batch: whether its values may differ between these sets. The rod must stay plain:
             it neither touches anything nor softens, yields, slips or becomes longer.
         in_setup: whether every real set-up has a little of it, within its tolerances.

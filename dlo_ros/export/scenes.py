@@ -15,7 +15,7 @@ from dlo_ros.export.grips import Pose, pose_at
 from dlo_ros.inference.forecast import Manipulation, motion_of
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
-from dlo_ros.rod.camera import Camera
+from dlo_ros.rod.measured_shapes import Camera
 from dlo_ros.rod.simulation import Simulation
 from dlo_ros.spline import FloatArray, SplineBasis
 

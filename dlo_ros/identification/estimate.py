@@ -11,7 +11,7 @@ import numpy as np
 
 from dlo_ros.parameter_table import TABLE
 from dlo_ros.parameters import Settings
-from dlo_ros.rod.tangents import MATERIAL
+from dlo_ros.rod.sensitivity_parameters import MATERIAL
 from dlo_ros.spline import FloatArray
 
 LOG = logging.getLogger(__name__)

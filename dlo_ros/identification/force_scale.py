@@ -14,13 +14,13 @@ import numpy as np
 
 from dlo_ros.command import Command
 from dlo_ros.effects import quantities
+from dlo_ros.identification.cooperative_tasks import LONG, Pieces, exhausted
 from dlo_ros.identification.estimate import UNBOUNDED
-from dlo_ros.identification.pieces import LONG, Pieces, exhausted
-from dlo_ros.identification.statement import rounded
+from dlo_ros.identification.identifiability import rounded
 from dlo_ros.inference.wrench import WrenchField, from_change, from_mean, told, wrench_field
 from dlo_ros.observation import Wrenches
 from dlo_ros.parameters import Settings
-from dlo_ros.rod.reactions import Loading
+from dlo_ros.rod.loads.grip_reactions import Loading
 from dlo_ros.spline import FloatArray
 
 POWERS = {

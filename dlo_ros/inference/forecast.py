@@ -14,7 +14,7 @@ from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.inference.err import shape_error
 from dlo_ros.observation import Observation, Wrenches
 from dlo_ros.parameters import Settings
-from dlo_ros.rod.reactions import Loading
+from dlo_ros.rod.loads.grip_reactions import Loading
 from dlo_ros.rod.simulation import Simulation
 from dlo_ros.spline import FloatArray, SplineBasis
 
@@ -85,7 +85,7 @@ def forecast(
     """Simulate a manipulation from its first observed shape and compare at every observed stamp.
 
     Args:
-        parameters: of which derivatives are wanted, see `dlo_ros.rod.tangents`.
+        parameters: of which derivatives are wanted, see `dlo_ros.rod.sensitivity_parameters`.
         spans: knot spans; default: as simulation.tolerance asks.
         last_stamp: leave out later observations [ns].
         loads: whether forces, tension and bend radius are wanted.

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from dlo_ros.parameters import EFFECTS_PREFIX, Settings
-from dlo_ros.rod.tangents import MATERIAL
+from dlo_ros.rod.sensitivity_parameters import MATERIAL
 from dlo_ros.spline import FloatArray
 
 
@@ -20,7 +20,7 @@ class Parameter:
     """One unknown number.
 
     Args:
-        name: as in `dlo_ros.rod.tangents`.
+        name: as in `dlo_ros.rod.sensitivity_parameters`.
         unit: SI unit of its value.
         logarithmic: whether inference works on its logarithm.
         lower, upper: hard range of the value.

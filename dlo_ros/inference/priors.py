@@ -9,7 +9,7 @@ from typing import Any
 from dlo_ros.effects import Quantity, Scene, Start, effects, quantities
 from dlo_ros.inference.parameter import Parameter, ParametricModel, split_name
 from dlo_ros.parameters import Settings, tolerance
-from dlo_ros.rod.tangents import effect_names
+from dlo_ros.rod.sensitivity_parameters import effect_names
 
 SLAB = 10.0
 """Prior standard deviation of a cause, in tolerances."""

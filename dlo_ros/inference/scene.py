@@ -11,7 +11,7 @@ from dlo_ros.command import CONTROL_POINT, END, START
 from dlo_ros.effects import Scene
 from dlo_ros.inference.forecast import Manipulation
 from dlo_ros.parameters import Settings
-from dlo_ros.rod.tangents import MATERIAL
+from dlo_ros.rod.sensitivity_parameters import MATERIAL
 from dlo_ros.spline import FloatArray, SplineBasis
 
 DAMPING = MATERIAL[2:]

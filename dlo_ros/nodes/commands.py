@@ -15,9 +15,9 @@ from typing import Any
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from dlo_ros.command import Command
-from dlo_ros.nodes.base import DloNode
-from dlo_ros.nodes.frame_commands import FrameCommands
-from dlo_ros.nodes.messages import message_class
+from dlo_ros.nodes.live_frame_commands import FrameCommands
+from dlo_ros.nodes.message_factory import message_class
+from dlo_ros.nodes.node_base import DloNode
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.messages import read_command, stamp_of
 

@@ -20,7 +20,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from dlo_ros.command import NANOSECONDS
-from dlo_ros.nodes.messages import ROS_MESSAGES
+from dlo_ros.nodes.message_factory import ROS_MESSAGES
 from dlo_ros.recordings.building import LAST_SECOND, header
 
 LATEST = LAST_SECOND * NANOSECONDS

@@ -20,7 +20,7 @@ from dlo_ros.command import NANOSECONDS
 from dlo_ros.doctor.graph import WATCHED, Endpoint, Graph, Header, NodeState
 from dlo_ros.nodes import qos
 from dlo_ros.nodes.listeners import READY, READY_TYPE, full_name
-from dlo_ros.nodes.messages import installed, message_class
+from dlo_ros.nodes.message_factory import installed, message_class
 from dlo_ros.nodes.runtime import ros
 from dlo_ros.recordings import topics
 

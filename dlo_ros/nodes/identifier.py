@@ -13,17 +13,17 @@ import numpy as np
 from std_srvs.srv import SetBool
 
 from dlo_ros.command import NANOSECONDS, Command, Motion
-from dlo_ros.diagnosis.watch import Suspicion
+from dlo_ros.diagnosis.monitor.residual_monitor import Suspicion
 from dlo_ros.errors import InputError
 from dlo_ros.identification.estimate import Estimate
 from dlo_ros.inference.err import deviation
 from dlo_ros.nodes import qos
-from dlo_ros.nodes.base import JUMP_BACK, DloNode
 from dlo_ros.nodes.commands import CommandSubscription
 from dlo_ros.nodes.link import SimulatorLink
 from dlo_ros.nodes.markers import Markers
-from dlo_ros.nodes.messages import ROS_MESSAGES
+from dlo_ros.nodes.message_factory import ROS_MESSAGES
 from dlo_ros.nodes.metrics import ESTIMATES, Metrics
+from dlo_ros.nodes.node_base import JUMP_BACK, DloNode
 from dlo_ros.nodes.pairing import Pairing
 from dlo_ros.nodes.runtime import run
 from dlo_ros.nodes.worker import EstimatorThread, Felt
@@ -35,8 +35,8 @@ from dlo_ros.recordings.messages import read_observation, read_points, read_spli
 from dlo_ros.recordings.transforms import same_frame
 from dlo_ros.recordings.wrenches import TOPICS as WRENCHES
 from dlo_ros.recordings.wrenches import wrench_of
+from dlo_ros.rod.boundary.shape_orientation import along
 from dlo_ros.rod.compile import compile_kernels
-from dlo_ros.rod.orientation import along
 from dlo_ros.spline import FloatArray, SplineBasis
 
 PATIENCE = 0.1

@@ -11,7 +11,7 @@ from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParametersAtomically
 
 from dlo_ros.identification.estimate import Estimate
-from dlo_ros.nodes.base import DloNode
+from dlo_ros.nodes.node_base import DloNode
 from dlo_ros.recordings import topics
 
 TIMEOUT = 2.0

@@ -7,8 +7,8 @@ from dlo_ros.errors import InputError
 from dlo_ros.identification.estimate import Estimate
 from dlo_ros.inference.err import Deviation
 from dlo_ros.nodes import qos
-from dlo_ros.nodes.base import DloNode
-from dlo_ros.nodes.messages import ROS_MESSAGES
+from dlo_ros.nodes.message_factory import ROS_MESSAGES
+from dlo_ros.nodes.node_base import DloNode
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.building import metric_message
 

@@ -14,9 +14,9 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from dlo_ros.errors import InputError
-from dlo_ros.nodes.heard import Heard
-from dlo_ros.nodes.messages import message_class
+from dlo_ros.nodes.message_factory import message_class
 from dlo_ros.nodes.qos import LATCHED, RELIABLE
+from dlo_ros.nodes.received_data import Heard
 from dlo_ros.nodes.runtime import ros
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import read_spline, topics

@@ -12,11 +12,11 @@ import numpy as np
 from dlo_ros.command import NANOSECONDS, Command, Motion
 from dlo_ros.errors import InputError, VisionError
 from dlo_ros.nodes import qos
-from dlo_ros.nodes.base import JUMP_BACK, DloNode
 from dlo_ros.nodes.commands import CommandSubscription
 from dlo_ros.nodes.frames import Frames
 from dlo_ros.nodes.markers import Markers
-from dlo_ros.nodes.messages import ROS_MESSAGES
+from dlo_ros.nodes.message_factory import ROS_MESSAGES
+from dlo_ros.nodes.node_base import JUMP_BACK, DloNode
 from dlo_ros.nodes.points import PointsListener
 from dlo_ros.nodes.runtime import run
 from dlo_ros.nodes.transform import BoardTransform
@@ -29,13 +29,13 @@ from dlo_ros.recordings.image_building import image_message
 from dlo_ros.recordings.images import CameraInfo, Image, read_camera_info, read_image
 from dlo_ros.recordings.messages import read_spline, stamp_of
 from dlo_ros.spline import FloatArray
-from dlo_ros.vision.camera import Camera
+from dlo_ros.vision.camera.pinhole import Camera
 from dlo_ros.vision.compile import compile_kernels
-from dlo_ros.vision.control_points import enough_control_points, follows, misfit
-from dlo_ros.vision.hints import Hints
-from dlo_ros.vision.observer import Observer
+from dlo_ros.vision.fit.control_point_count import enough_control_points, follows, misfit
 from dlo_ros.vision.overlay import draw_overlay
-from dlo_ros.vision.result import VisionResult
+from dlo_ros.vision.planar_observer import Observer
+from dlo_ros.vision.planar_result import VisionResult
+from dlo_ros.vision.segmentation.user_hints import Hints
 
 POLL = 0.2
 """Seconds between two looks at which transport is published."""

@@ -20,9 +20,9 @@ from dlo_ros.command import NANOSECONDS
 from dlo_ros.errors import InputError
 from dlo_ros.nodes import qos
 from dlo_ros.nodes.listeners import Listeners
-from dlo_ros.nodes.messages import message_class
+from dlo_ros.nodes.message_factory import message_class
 from dlo_ros.nodes.runtime import Stop, ros
-from dlo_ros.recordings.play import Due, Playlist
+from dlo_ros.recordings.playback import Due, Playlist
 
 CLOCK_PERIOD = 0.01
 """Seconds of wall time between two /clock messages."""

@@ -10,7 +10,7 @@ from typing import Any
 from dlo_ros.command import NANOSECONDS, Motion
 from dlo_ros.errors import InputError, VisionError
 from dlo_ros.nodes import qos
-from dlo_ros.nodes.base import DloNode
+from dlo_ros.nodes.node_base import DloNode
 from dlo_ros.nodes.transform_listener import TransformListener
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
@@ -18,7 +18,7 @@ from dlo_ros.recordings import topics
 from dlo_ros.recordings.messages import stamp_of
 from dlo_ros.recordings.point_lists import points_on_board
 from dlo_ros.recordings.transforms import Transforms, same_frame
-from dlo_ros.vision.point_observer import PointObserver
+from dlo_ros.vision.points.point_observer import PointObserver
 
 
 class PointsListener:

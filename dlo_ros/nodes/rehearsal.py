@@ -11,14 +11,14 @@ from dlo_ros.command import NANOSECONDS, Command
 from dlo_ros.errors import CommandError, InputError
 from dlo_ros.identification.estimate import stated_covariance
 from dlo_ros.nodes import qos
-from dlo_ros.nodes.base import DloNode
-from dlo_ros.nodes.messages import ROS_MESSAGES
+from dlo_ros.nodes.message_factory import ROS_MESSAGES
+from dlo_ros.nodes.node_base import DloNode
 from dlo_ros.nodes.rehearsal_thread import WAITING, Answer, RehearsalThread, Request
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.building import spline_message
 from dlo_ros.recordings.messages import read_command
-from dlo_ros.rod.live import LiveSimulation
-from dlo_ros.rod.rehearsal import at_rest, rehearse, stamps_of, varied_by
+from dlo_ros.rod.live_simulation import LiveSimulation
+from dlo_ros.rod.motion_rehearsal import at_rest, rehearse, stamps_of, varied_by
 from dlo_ros.spline import FloatArray
 
 PERIOD = 0.02

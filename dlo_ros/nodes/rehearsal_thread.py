@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from dlo_ros.errors import DloError
 from dlo_ros.nodes.worker import NICENESS, SWITCH
-from dlo_ros.rod.rehearsal import Rehearsal
+from dlo_ros.rod.motion_rehearsal import Rehearsal
 from dlo_ros.rod.simulation import Simulation
 
 WAITING = 4

@@ -10,11 +10,11 @@ from typing import Any
 from dlo_ros.command import NANOSECONDS, Command
 from dlo_ros.errors import DloError
 from dlo_ros.nodes import qos
-from dlo_ros.nodes.base import JUMP_BACK, DloNode
 from dlo_ros.nodes.commands import CommandSubscription
-from dlo_ros.nodes.loads import LoadPublisher
+from dlo_ros.nodes.load_publishing import LoadPublisher
 from dlo_ros.nodes.markers import Markers
-from dlo_ros.nodes.messages import ROS_MESSAGES
+from dlo_ros.nodes.message_factory import ROS_MESSAGES
+from dlo_ros.nodes.node_base import JUMP_BACK, DloNode
 from dlo_ros.nodes.rehearsal import Rehearsing
 from dlo_ros.nodes.runtime import run
 from dlo_ros.observation import Observation
@@ -22,9 +22,9 @@ from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.building import spline_message
 from dlo_ros.recordings.messages import read_observation
+from dlo_ros.rod.boundary.shape_orientation import all_along
 from dlo_ros.rod.compile import compile_kernels
-from dlo_ros.rod.live import LiveSimulation
-from dlo_ros.rod.orientation import all_along
+from dlo_ros.rod.live_simulation import LiveSimulation
 
 WINDOW = 1.0
 """Seconds of observed shapes that are kept while no command has come; the oldest one is the start.

@@ -7,8 +7,8 @@ from typing import Any
 
 from dlo_ros.errors import InputError
 from dlo_ros.nodes import qos
-from dlo_ros.nodes.base import DloNode
-from dlo_ros.nodes.messages import ROS_MESSAGES
+from dlo_ros.nodes.message_factory import ROS_MESSAGES
+from dlo_ros.nodes.node_base import DloNode
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.building import transform_message
 

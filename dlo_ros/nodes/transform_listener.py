@@ -8,8 +8,8 @@ from typing import Any
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from dlo_ros.command import NANOSECONDS
-from dlo_ros.nodes.base import DloNode
-from dlo_ros.nodes.messages import installed
+from dlo_ros.nodes.message_factory import installed
+from dlo_ros.nodes.node_base import DloNode
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.transforms import Transforms
 

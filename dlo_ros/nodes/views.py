@@ -12,8 +12,8 @@ from typing import Any
 from dlo_ros.command import NANOSECONDS, Motion
 from dlo_ros.errors import VisionError
 from dlo_ros.nodes import qos
-from dlo_ros.nodes.base import DloNode
-from dlo_ros.nodes.messages import ROS_MESSAGES
+from dlo_ros.nodes.message_factory import ROS_MESSAGES
+from dlo_ros.nodes.node_base import DloNode
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.image_building import image_message
 from dlo_ros.recordings.images import CameraInfo, read_camera_info, read_depth, read_image
@@ -22,9 +22,9 @@ from dlo_ros.recordings.several import DEPTH
 from dlo_ros.recordings.synchronisation import ApproximateTime
 from dlo_ros.spline import FloatArray
 from dlo_ros.vision.overlay import draw_overlay
-from dlo_ros.vision.result import VisionResult
+from dlo_ros.vision.planar_result import VisionResult
 from dlo_ros.vision.space import SpaceObserver
-from dlo_ros.vision.space.observer import Frame
+from dlo_ros.vision.space.spatial_observer import Frame
 from dlo_ros.vision.space.view import cameras_of
 
 PATIENCE = 0.5

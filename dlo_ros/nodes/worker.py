@@ -12,10 +12,10 @@ from contextlib import suppress
 from typing import NamedTuple
 
 from dlo_ros.command import Command
-from dlo_ros.diagnosis.watch import Suspicion, Watch
+from dlo_ros.diagnosis.monitor.residual_monitor import Suspicion, Watch
 from dlo_ros.errors import DloError
 from dlo_ros.identification.estimate import Estimate
-from dlo_ros.identification.online import OnlineEstimator
+from dlo_ros.identification.online.online_estimator import OnlineEstimator
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray

@@ -18,7 +18,7 @@ from dlo_ros.report.identification import (
     RecordingResult,
     write_identification_report,
 )
-from dlo_ros.report.player import Photograph, ShapeFrame
+from dlo_ros.report.shape_player import Photograph, ShapeFrame
 
 __all__ = [
     "BoardPicture",

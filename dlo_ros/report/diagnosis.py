@@ -25,8 +25,8 @@ from dlo_ros.report.force import FORCE_CAPTION, force_arrows, force_maps
 from dlo_ros.report.loads import loads_table
 from dlo_ros.report.maps import field_maps
 from dlo_ros.report.page import Section, page, write_page
-from dlo_ros.report.player import ShapeFrame, player
 from dlo_ros.report.plots import Level, LinePlot, Series, line_plot
+from dlo_ros.report.shape_player import ShapeFrame, player
 
 FORETELLS = (
     "Foretells: share of what repeats in the residual and does not drift, that a function of the "

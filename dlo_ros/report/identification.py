@@ -22,8 +22,8 @@ from dlo_ros.report.elements import (
 )
 from dlo_ros.report.loads import LoadRow, loads_table
 from dlo_ros.report.page import Section, page, write_page
-from dlo_ros.report.player import ShapeFrame, player
 from dlo_ros.report.plots import Level, LinePlot, Series, line_plot
+from dlo_ros.report.shape_player import ShapeFrame, player
 from dlo_ros.report.uncertainty import Ellipse, ResidualMap, ellipse_picture, residual_picture
 from dlo_ros.spline import FloatArray
 

@@ -1,7 +1,7 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The rod: dynamic spline model of a DLO (paper, section II), without ROS."""
 
-from dlo_ros.rod.live import LiveSimulation
+from dlo_ros.rod.live_simulation import LiveSimulation
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.prediction import Prediction
 from dlo_ros.rod.simulation import Simulation

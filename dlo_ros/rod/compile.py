@@ -10,7 +10,7 @@ import numpy as np
 from dlo_ros.command import Command, Motion
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import RodParameters, Settings
-from dlo_ros.rod.lanes import follow_many
+from dlo_ros.rod.batch.parameter_sets import follow_many
 from dlo_ros.rod.resolution import build
 from dlo_ros.rod.simulation import Simulation
 from dlo_ros.rod.state import rest_state

@@ -4,8 +4,8 @@
 The equations M q'' + C q' + elastic forces = loads (paper, eq. (9)) hold exactly at the end of
 every step; the generalised-alpha method relates q'' to an auxiliary acceleration. The strain rate
 is a second-order backward difference, so a step minimises an incremental potential: the elastic
-energy with another stiffness and other rest strains. The compiled steps are in `engine`, and for
-rods in the plane in `lanes_engine`.
+energy with another stiffness and other rest strains. The compiled steps are in
+`adaptive_integration`, and for batches of rods in the plane in `batch.simd_integration`.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ import numpy as np
 
 from dlo_ros.command import Command
 from dlo_ros.errors import SimulationError
-from dlo_ros.rod.boundary import Boundary
+from dlo_ros.rod.batch.parameter_sets import ParameterSets
+from dlo_ros.rod.boundary.imposed_motion import Boundary
 from dlo_ros.rod.integration import Track, integrate
-from dlo_ros.rod.lanes import ParameterSets
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.packing import moving_of, state_of, true_command
-from dlo_ros.rod.planar import expand, in_plane
+from dlo_ros.rod.planar_model import expand, in_plane
+from dlo_ros.rod.sensitivity_parameters import both_sides, compiled, tangent
+from dlo_ros.rod.solve.generalised_alpha import starting_acceleration
 from dlo_ros.rod.state import State
-from dlo_ros.rod.stepping import starting_acceleration
-from dlo_ros.rod.tangents import both_sides, compiled, tangent
 from dlo_ros.spline import FloatArray
 
 
@@ -56,8 +56,8 @@ def follow(
     Args:
         stamps: [ns], growing, none before the state's.
         command: as it was commanded; the model's effects are applied to it.
-        parameters: by which sensitivities are wanted, see `tangents`; those of the state are
-            carried along.
+        parameters: by which sensitivities are wanted, see `sensitivity_parameters`; those of the
+            state are carried along.
         speeds: whether the velocities at the stamps are wanted.
 
     Raises:

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""One rod through a series of instants, with its sensitivities: around the compiled `engine`."""
+"""One rod through a series of instants, with sensitivities: around `adaptive_integration`."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ import numpy as np
 
 from dlo_ros.command import NANOSECONDS, Command
 from dlo_ros.errors import CommandError, SimulationError
-from dlo_ros.rod import engine
-from dlo_ros.rod.boundary import NO_DIRECTION_TEXT, Boundary
+from dlo_ros.rod import adaptive_integration
+from dlo_ros.rod.boundary.imposed_motion import NO_DIRECTION_TEXT, Boundary
 from dlo_ros.rod.model import RodModel
-from dlo_ros.rod.moving import TIME
 from dlo_ros.rod.packing import moving_of, nothing_varies, state_of, true_command, varying_of
-from dlo_ros.rod.planar import expand
+from dlo_ros.rod.planar_model import expand
+from dlo_ros.rod.sensitivity_parameters import compiled
+from dlo_ros.rod.solve.generalised_alpha import DONE, NO_DIRECTION, SMALLEST_STEP
+from dlo_ros.rod.solve.integrator_state import TIME
 from dlo_ros.rod.state import State
-from dlo_ros.rod.stepping import DONE, NO_DIRECTION, SMALLEST_STEP
-from dlo_ros.rod.tangents import compiled
 from dlo_ros.spline import FloatArray
 
 # Newton's method may leave this share of the error that a step may add, and no more than this of L.
@@ -73,7 +73,7 @@ def integrate(
     derivatives = np.empty((len(times), len(parameters), *moving.q.shape))
     tolerance = STEP_SHARE * model.settings.simulation.tolerance * model.basis.length
     newton = min(NEWTON_SHARE * tolerance / model.basis.length, NEWTON_LARGEST)
-    status, steps = engine.march(
+    status, steps = adaptive_integration.march(
         rod.system, rod.imposed, moving, times, tolerance, newton, varying, shapes, speeds,
         derivatives,
     )  # fmt: skip

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from dlo_ros.effects import Body, Effect, build
 from dlo_ros.parameters import Settings
-from dlo_ros.rod.kernels import span_twist
-from dlo_ros.rod.tables import DOF, Law, Quadrature, Stiffness, Surroundings
+from dlo_ros.rod.elements.rod_tables import DOF, Law, Quadrature, Stiffness, Surroundings
+from dlo_ros.rod.elements.strains import span_twist
 from dlo_ros.spline import FloatArray, SplineBasis
 
 CONTACTS = 8  # points of a knot span at which contact is looked for

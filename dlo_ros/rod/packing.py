@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 
 from dlo_ros.command import NANOSECONDS, Command
-from dlo_ros.rod import grips
-from dlo_ros.rod.boundary import Boundary
+from dlo_ros.rod.boundary import conditions
+from dlo_ros.rod.boundary.imposed_motion import Boundary
+from dlo_ros.rod.elements.rod_tables import History, Reference, Stiffness
 from dlo_ros.rod.model import RodModel
-from dlo_ros.rod.moving import LAST, NEXT, Moving
-from dlo_ros.rod.planar import IN_PLANE, expand, flat_reference, reduce
+from dlo_ros.rod.planar_model import IN_PLANE, expand, flat_reference, reduce
+from dlo_ros.rod.sensitivity.sensitivity_state import Rates, Varying
+from dlo_ros.rod.solve.equation_system import System, Uniform
+from dlo_ros.rod.solve.integrator_state import LAST, NEXT, Moving
 from dlo_ros.rod.state import State, Strains
-from dlo_ros.rod.system import System, Uniform
-from dlo_ros.rod.tables import History, Reference, Stiffness
-from dlo_ros.rod.varying import Rates, Varying
 from dlo_ros.spline import FloatArray
 
 
@@ -52,9 +52,9 @@ def stacked(parts: Sequence[System]) -> System:
     )  # fmt: skip
 
 
-def stacked_imposed(commands: Sequence[grips.Imposed]) -> grips.Imposed:
+def stacked_imposed(commands: Sequence[conditions.Imposed]) -> conditions.Imposed:
     """Variants of an imposed motion for compiled code."""
-    result: grips.Imposed = _stack(commands)
+    result: conditions.Imposed = _stack(commands)
     return result._replace(kinds=commands[0].kinds)
 
 
@@ -83,7 +83,7 @@ def true_command(model: RodModel, command: Command) -> Command:
     return cache[id(command)][1]
 
 
-def imposed_of(model: RodModel, boundary: Boundary, command: Command) -> grips.Imposed:
+def imposed_of(model: RodModel, boundary: Boundary, command: Command) -> conditions.Imposed:
     """A command for compiled code, with the length that slips through a grip meanwhile."""
     imposed, body = boundary.imposed(command), model.body
     if not body.slip:
@@ -110,7 +110,7 @@ def varying_of(state: State, wanted: Varying, *, flat: bool) -> Varying:
     """A copy of a state's sensitivities for compiled code.
 
     Args:
-        wanted: which parameters they are by, see `tangents`.
+        wanted: which parameters they are by, see `sensitivity_parameters`.
     """
     v = state.sensitivity
     assert v is not None

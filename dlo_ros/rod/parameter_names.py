@@ -18,7 +18,7 @@ def parsed(name: str) -> tuple[str, str, int | None]:
 
 
 def sideways(settings: Settings, name: str) -> bool:
-    """Whether a parameter of sensitivities, see `tangents`, acts out of the plane y = 0."""
+    """Whether a parameter (see `sensitivity_parameters`) acts out of the plane y = 0."""
     if not name.startswith(EFFECTS_PREFIX):
         return False
     effect, key, index = parsed(name)

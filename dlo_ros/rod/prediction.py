@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from dlo_ros.rod.reactions import Loading
+from dlo_ros.rod.loads.grip_reactions import Loading
 from dlo_ros.spline import FloatArray
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from dlo_ros.command import Command
 from dlo_ros.errors import SimulationError
 from dlo_ros.parameters import Settings
-from dlo_ros.rod.boundary import Boundary
+from dlo_ros.rod.boundary.imposed_motion import Boundary
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.state import State, refined, rest_state
 from dlo_ros.rod.statics import settle

@@ -15,16 +15,17 @@ from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.rod import dynamics, resolution
-from dlo_ros.rod.boundary import Boundary
-from dlo_ros.rod.camera import Camera
-from dlo_ros.rod.checks import possible, steady
-from dlo_ros.rod.course import Course
-from dlo_ros.rod.grips import HELD
+from dlo_ros.rod.boundary.command_timeline import Course
+from dlo_ros.rod.boundary.conditions import HELD
+from dlo_ros.rod.boundary.imposed_motion import Boundary
+from dlo_ros.rod.loads.grip_reactions import Loading, dense, loadings, loadings_along
+from dlo_ros.rod.measured_shapes import Camera
 from dlo_ros.rod.model import RodModel
+from dlo_ros.rod.motion_validation import possible, steady
 from dlo_ros.rod.packing import nothing_varies, true_command
-from dlo_ros.rod.planar import in_plane
+from dlo_ros.rod.planar_model import in_plane
 from dlo_ros.rod.prediction import Prediction
-from dlo_ros.rod.reactions import Loading, dense, loadings, loadings_along
+from dlo_ros.rod.sensitivity_parameters import compiled, tangent
 from dlo_ros.rod.state import (
     State,
     refined,
@@ -34,7 +35,6 @@ from dlo_ros.rod.state import (
     with_history,
 )
 from dlo_ros.rod.statics import hold, reachable, relax_stretch, settle
-from dlo_ros.rod.tangents import compiled, tangent
 from dlo_ros.spline import DEGREE, FloatArray, SplineBasis
 
 LOG = logging.getLogger(__name__)
@@ -48,7 +48,7 @@ class Simulation:
     Args:
         settings: the parameter file.
         motion: the imposed motion; commands may be added while the simulation runs.
-        parameters: by which derivatives are wanted, named as in `tangents`.
+        parameters: by which derivatives are wanted, named as in `sensitivity_parameters`.
         spans: knot spans of the simulation; default: as many as simulation.tolerance needs.
         loads: whether predictions say what the DLO and its grips bear.
 

@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dlo_ros.errors import InputError, SimulationError
-from dlo_ros.rod.frames import twist_free
-from dlo_ros.rod.grips import BODY, DIRECTOR, THETA
-from dlo_ros.rod.kernels import strains
+from dlo_ros.rod.boundary.conditions import BODY, DIRECTOR, THETA
+from dlo_ros.rod.boundary.twist_free_frame import twist_free
+from dlo_ros.rod.elements.contact_and_friction import rest_anchor
+from dlo_ros.rod.elements.rod_tables import DOF, History, Reference
+from dlo_ros.rod.elements.strains import strains
 from dlo_ros.rod.model import RodModel
-from dlo_ros.rod.surroundings import rest_anchor
-from dlo_ros.rod.tables import DOF, History, Reference
-from dlo_ros.rod.varying import Varying
+from dlo_ros.rod.sensitivity.sensitivity_state import Varying
 from dlo_ros.spline import FloatArray
 
 
@@ -35,7 +35,7 @@ class State:
         q, velocity, acceleration: x, y, z [m] and theta [rad], and rates, shape (n, 4).
         auxiliary: acceleration-like variable of the generalised-alpha method, shape (n, 4).
         reference: frame at the bending points.
-        frames: at both ends, shape (2, FRAME), see `grips`.
+        frames: at both ends, shape (2, FRAME), see `boundary.conditions`.
         strains, previous: strains now and one step ago (for the strain rate).
         history: what bending and friction remember.
         last_step: length of the last step [s], 0 at a start.

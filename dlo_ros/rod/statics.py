@@ -11,16 +11,17 @@ import numpy as np
 
 from dlo_ros.command import NANOSECONDS, Command
 from dlo_ros.errors import CommandError, SimulationError
-from dlo_ros.rod import forces, resting, solver
-from dlo_ros.rod.boundary import NO_DIRECTION_TEXT, Boundary, Held
+from dlo_ros.rod.boundary.imposed_motion import NO_DIRECTION_TEXT, Boundary, Held
+from dlo_ros.rod.elements import rod_forces
+from dlo_ros.rod.elements.rod_tables import DOF, History, Law, Material, Reference, Surroundings
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.packing import moving_of, nothing_varies, state_of, true_command
-from dlo_ros.rod.planar import in_plane
+from dlo_ros.rod.planar_model import in_plane
+from dlo_ros.rod.sensitivity.propagation import vary_rest
+from dlo_ros.rod.sensitivity_parameters import compiled
+from dlo_ros.rod.solve import equilibrium_continuation, newton_iteration
+from dlo_ros.rod.solve.generalised_alpha import DONE, NO_DIRECTION
 from dlo_ros.rod.state import State, rest_state
-from dlo_ros.rod.stepping import DONE, NO_DIRECTION
-from dlo_ros.rod.tables import DOF, History, Law, Material, Reference, Surroundings
-from dlo_ros.rod.tangents import compiled
-from dlo_ros.rod.variation import vary_rest
 from dlo_ros.spline import FloatArray
 
 TOLERANCE = 1e-9
@@ -77,7 +78,7 @@ def settle(
     Args:
         fresh: whether the DLO starts there: it has come without friction, and bent but once.
         command: as it was commanded; the model's effects are applied to it.
-        parameters: by which the state's sensitivities are wanted, see `tangents`.
+        parameters: by which the state's sensitivities are wanted, see `sensitivity_parameters`.
 
     Raises:
         SimulationError: no equilibrium was found, for example because the imposed ends are
@@ -90,7 +91,7 @@ def settle(
     rod = compiled(model, boundary, command, parameters, flat=flat)
     before, rest = (moving_of(state, true, flat=flat) for _ in range(2))
     time = (stamp - true.stamp) / NANOSECONDS
-    status, iterations, negative, buckled = resting.settle(
+    status, iterations, negative, buckled = equilibrium_continuation.settle(
         rod.system, rod.imposed, before, time, model.rate2, TOLERANCE, fresh, rest
     )
     if status == NO_DIRECTION:
@@ -116,7 +117,7 @@ def _unstable_directions(
     """Negative eigenvalues of the stiffness in space."""
     matter = matter_of(model, NO_HISTORY)._replace(law=LINEAR, around=FREE)
     return int(
-        solver.negative_modes(
+        newton_iteration.negative_modes(
             q,
             boundary.fixed,
             boundary.pins,
@@ -190,7 +191,7 @@ def relax_stretch(model: RodModel, boundary: Boundary, held: Held, q: FloatArray
     soft = model.stiffness._replace(bend_rest=curvature, twist=0.0 * model.stiffness.twist + 1.0)
     stiffest, length = float(soft.stretch.mean()), model.basis.length
     pulled = np.empty_like(given.q)
-    forces.multiply_scalar(model.gram, model.gram, given.q, pulled)
+    rod_forces.multiply_scalar(model.gram, model.gram, given.q, pulled)
 
     def relaxed(q: FloatArray, weak: float, share: float) -> FloatArray | None:
         """From q; None where Newton's method does not converge."""
@@ -201,7 +202,7 @@ def relax_stretch(model: RodModel, boundary: Boundary, held: Held, q: FloatArray
             soft._replace(bend=bend), 1.0, curvature, LINEAR, FREE, NO_HISTORY, 0.0, 0.0
         )
         target, found = given.q + share * (held.target - given.q), q.copy()
-        iterations, _ = solver.implicit_step(
+        iterations, _ = newton_iteration.implicit_step(
             found, target, boundary.fixed, boundary.pins, boundary.pin_values(held),
             model.rule, matter, given.reference, pull * model.gram, pull * model.gram,
             pull * pulled, length, 1e-12,

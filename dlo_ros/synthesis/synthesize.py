@@ -27,7 +27,7 @@ from dlo_ros.spline import FloatArray, SplineBasis
 from dlo_ros.synthesis.experiment import Experiment
 from dlo_ros.synthesis.geometry import Geometry
 from dlo_ros.synthesis.gripper_frames import write_frames
-from dlo_ros.synthesis.pictures import (
+from dlo_ros.synthesis.picture_bag import (
     BLUR_INSTANTS,
     CAMERA_FRAME,
     camera_info,

@@ -10,8 +10,8 @@ import numpy as np
 
 from dlo_ros.errors import VisionError
 from dlo_ros.parameters import CameraPose, RodParameters, Settings
-from dlo_ros.vision.camera import Camera
-from dlo_ros.vision.observer import Observer
+from dlo_ros.vision.camera.pinhole import Camera
+from dlo_ros.vision.planar_observer import Observer
 
 
 def compile_kernels() -> None:

@@ -19,8 +19,8 @@ import numpy as np
 from dlo_ros.errors import DloError, InputError
 from dlo_ros.files import write_bytes
 from dlo_ros.vision.overlay import PALETTE, draw_curve, write_message
-from dlo_ros.vision.photo import find_dlos
-from dlo_ros.vision.segmentation import Image
+from dlo_ros.vision.photograph import find_dlos
+from dlo_ros.vision.segmentation.ridge_map import Image
 
 TILE = 480  # [px] larger side of a photograph on the sheet
 COLUMNS = 4

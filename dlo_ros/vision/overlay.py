@@ -7,10 +7,10 @@ import cv2
 import numpy as np
 
 from dlo_ros.spline import FloatArray, SplineBasis
-from dlo_ros.vision.camera import Camera
-from dlo_ros.vision.result import VisionResult
-from dlo_ros.vision.segmentation import Image, as_bgr
-from dlo_ros.vision.strip import Mask
+from dlo_ros.vision.camera.pinhole import Camera
+from dlo_ros.vision.planar_result import VisionResult
+from dlo_ros.vision.segmentation.picture_strip import Mask
+from dlo_ros.vision.segmentation.ridge_map import Image, as_bgr
 
 Colour = tuple[int, int, int]
 

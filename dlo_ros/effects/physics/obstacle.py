@@ -31,5 +31,5 @@ class Obstacle(Effect):
 
     @classmethod
     def starts(cls, scene: Scene) -> list[Start]:
-        """Nowhere: pegs are looked for where shapes go astray, see `dlo_ros.diagnosis.contact`."""
+        """Nowhere: pegs are looked for where shapes go astray: `dlo_ros.diagnosis.contact`."""
         return []

@@ -15,8 +15,8 @@ from scipy.ndimage import median_filter
 
 from dlo_ros.errors import VisionError
 from dlo_ros.spline import FloatArray
-from dlo_ros.vision.profile import Located
-from dlo_ros.vision.strip import normals_of
+from dlo_ros.vision.segmentation.edge_profile import Located
+from dlo_ros.vision.segmentation.picture_strip import normals_of
 
 Depths = NDArray[np.floating[Any]]
 

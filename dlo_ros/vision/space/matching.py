@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_ros.spline import FloatArray, SplineBasis
-from dlo_ros.vision.camera import Camera
+from dlo_ros.vision.camera.pinhole import Camera
 from dlo_ros.vision.space.view import focal_length
 
 SAMPLES = 160  # points of a centreline that are matched

@@ -10,13 +10,13 @@ import numpy as np
 from dlo_ros.errors import VisionError
 from dlo_ros.observation import CentrelinePoints, Observation
 from dlo_ros.spline import FloatArray, SplineBasis
-from dlo_ros.vision.fit import FEWEST_POINTS, UNSEEN_WEIGHT
-from dlo_ros.vision.material import std_along
-from dlo_ros.vision.space.clamps import Clamps
+from dlo_ros.vision.fit.material_coordinates import std_along
+from dlo_ros.vision.fit.spline_fit import FEWEST_POINTS, UNSEEN_WEIGHT
+from dlo_ros.vision.segmentation.picture_strip import Mask
 from dlo_ros.vision.space.reprojection import CLAMP_STD, SHARED_STD, TIP_STD
-from dlo_ros.vision.space.result import SpaceFit
+from dlo_ros.vision.space.spatial_clamps import Clamps
+from dlo_ros.vision.space.spatial_result import SpaceFit
 from dlo_ros.vision.space.view import View
-from dlo_ros.vision.strip import Mask
 
 DENSE = 401  # points by which the published spline is fitted
 PER_SPAN = 1.0  # published points in a knot span of the fine spline: more would not be independent

@@ -11,9 +11,9 @@ import numpy as np
 from dlo_ros.parameters import CameraPose
 from dlo_ros.recordings.images import CameraInfo
 from dlo_ros.spline import FloatArray
-from dlo_ros.vision.camera import Camera
-from dlo_ros.vision.profile import Located
-from dlo_ros.vision.strip import Mask
+from dlo_ros.vision.camera.pinhole import Camera
+from dlo_ros.vision.segmentation.edge_profile import Located
+from dlo_ros.vision.segmentation.picture_strip import Mask
 
 BLOCK = 1.0  # [widths] of profiles whose mean is one point: neighbours share pixels
 LEAST_OF_BLOCK = 0.5  # share of a block's profiles that must have been seen

@@ -1,0 +1,224 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Damping that the parameter file only guesses: whether the data ask for another, and which.
+
+It is fitted together with everything else, so that a wrong guess hides no cause and makes none.
+What it turned out to be is named as `air_drag` or `internal_damping` where it is all that was
+missing, or where everything is much worse with the guess.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dlo_ros.diagnosis.findings.fitted_numbers import covariance
+from dlo_ros.diagnosis.fitting.candidate_model import Model
+from dlo_ros.diagnosis.fitting.evaluation import Evaluation
+from dlo_ros.diagnosis.fitting.levenberg_marquardt import attempt, fit, renewed, solve, total
+from dlo_ros.diagnosis.fitting.worker_processes import Problem, Workers
+from dlo_ros.diagnosis.selection import verdict as verdicts
+from dlo_ros.diagnosis.selection.effect_search import Candidate, candidate
+from dlo_ros.effects import added_to_damping
+from dlo_ros.parameters import Settings
+
+ITERATIONS = 10
+ENOUGH = 1.1
+"""Largest residual structure of one damping over that of both, with which it is named alone where
+neither explains the data."""
+
+
+@dataclass(frozen=True)
+class Guess:
+    """A guess that the data do not bear out.
+
+    Args:
+        effect: that would make good for it.
+        given, fitted: value in the file and in the fit, in the file's unit.
+        std: of the logarithm.
+    """
+
+    effect: str
+    given: float
+    fitted: float
+    std: float
+
+
+def guessed(model: Model, given: Settings) -> tuple[str, ...]:
+    """Effects that would take the place of the damping that is fitted."""
+    return tuple(
+        effect for effect, (name, _) in added_to_damping().items()
+        if name in model.free and effect not in model.effects
+        and getattr(given.damping, f"{name}_std") == 0.0
+    )  # fmt: skip
+
+
+def wrong_guesses(at: Evaluation, given: Settings) -> tuple[Guess, ...]:
+    """Of the damping that the fit was free to choose, what lies clearly off the file's value."""
+    spread = np.sqrt(np.maximum(np.diag(covariance(at, given)), 0.0))
+    found = []
+    for effect, (name, _) in added_to_damping().items():
+        if effect not in guessed(at.model, given):
+            continue
+        value, fitted = (getattr(s.damping, name) for s in (given, at.model.settings))
+        std = float(spread[at.model.free.index(name)])
+        if abs(np.log(fitted / value)) > verdicts.SURE * std:
+            found.append(Guess(effect, value, fitted, std))
+    return tuple(found)
+
+
+def with_guess(at: Evaluation, given: Settings, effects: Sequence[str] = ()) -> list[Model]:
+    """The model with the file's damping, and effects that make good for it: beginnings of a fit.
+
+    In one of them all else has followed: of weight, stiffness and damping only ratios may count.
+    """
+    model = at.model
+    names = [added_to_damping()[e][0] for e in guessed(model, given)]
+    back = {n: getattr(given.damping, n) for n in names if _effect(n) not in effects}
+    move = [model.free.index(n) for n in back]
+    follow = [k for k in range(len(model.free)) if k not in move]
+    theta = model.theta()
+    change = np.log([back[n] for n in back]) - theta[move]
+    equations = total(at, given)
+    inner, cross = equations.hessian[np.ix_(follow, follow)], equations.hessian[follow][:, move]
+    followed = theta.copy()
+    followed[follow] -= solve(inner, cross @ change)
+    return [_with_guess(model.at(t), given, names, effects) for t in (theta, followed)]
+
+
+def _effect(name: str) -> str:
+    return next(e for e, (n, _) in added_to_damping().items() if n == name)
+
+
+def _with_guess(
+    model: Model, given: Settings, names: Sequence[str], effects: Sequence[str]
+) -> Model:
+    fitted = model.settings.damping
+    kept = {n: getattr(given.damping, n) for n in names}
+    settings = replace(model.settings, damping=replace(fitted, **kept))
+    result = replace(model, settings=settings, free=tuple(n for n in model.free if n not in names))
+    for effect in effects:
+        name, key = added_to_damping()[effect]
+        block = {key: getattr(fitted, name) - kept[name]}
+        result = result.extended(effect, block, (key,))
+    return result
+
+
+def _fitted(problem: Problem, beginnings: Sequence[Model]) -> Evaluation | None:
+    """The fit from the best of some beginnings."""
+    begun = [attempt(m, problem.recordings, problem.given, 0) for m in beginnings]
+    best = min((at for at in begun if at is not None), key=lambda at: at.cost, default=None)
+    if best is None:
+        return None
+    at = fit(best, problem.recordings, problem.given, ITERATIONS)
+    return renewed(at, problem.recordings, problem.given)
+
+
+def _candidates(team: Workers, models: Sequence[Sequence[Model]]) -> list[Candidate]:
+    given = team.problem.given
+    return [
+        candidate(at.model.effects[-1] if at.model.effects else "", "", at, given)
+        for at in team.each(_fitted, models) if at is not None
+    ]  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Damping:
+    """What was made of a wrong guess.
+
+    Args:
+        plain: the plain model with the file's damping.
+        decision: what is named, damping included.
+        candidates: all that were fitted.
+    """
+
+    plain: Candidate
+    decision: verdicts.Decision
+    candidates: tuple[Candidate, ...]
+
+
+def named(
+    team: Workers, plain: Candidate, best: Candidate, decision: verdicts.Decision,
+    kept_aside: Callable[[Candidate], float | None],
+) -> Damping | None:  # fmt: skip
+    """Name the damping where it is all that was missing, or where it is certain.
+
+    Args:
+        plain: without effects.
+        best: what comes nearest to the data.
+        decision: so far; of an explanation by other causes the damping is no part.
+        kept_aside: ERR of a candidate there [m].
+    """
+    given = team.problem.given
+    if decision.verdict == "explained" or not wrong_guesses(best.at, given):
+        return None
+    guess = _candidates(team, [with_guess(best.at, given)])
+    if not guess or not _matters(guess[0], best, decision.verdict, kept_aside):
+        return None
+    chosen = decision.chosen.candidate if decision.chosen else plain
+    names = guessed(plain.at.model, given)
+    sets = [names] if len(names) == 1 else [*((n,) for n in names), names]
+    models = [with_guess(chosen.at, given, s) for s in sets]
+    first, *found = _candidates(team, [with_guess(plain.at, given), *models])
+    if first.at.model.effects != plain.at.model.effects or not found:
+        return None
+    told = decided(found, chosen, decision)
+    if decision.verdict == "unexplained" and not _holds(told, first, kept_aside):
+        return None
+    return Damping(first, told, tuple(found))
+
+
+def _holds(
+    told: verdicts.Decision, plain: Candidate, kept_aside: Callable[[Candidate], float | None]
+) -> bool:
+    """Whether a damping foretells better although nothing else that is wrong is told with it."""
+    assert told.chosen is not None
+    err, before = kept_aside(told.chosen.candidate), kept_aside(plain)
+    return err is not None and (before is None or err < before)
+
+
+def _matters(
+    guess: Candidate, best: Candidate, verdict: verdicts.Verdict,
+    kept_aside: Callable[[Candidate], float | None],
+) -> bool:  # fmt: skip
+    """Whether the guess leaves what noise does not, or, beside other structure, far more of it."""
+    if verdict == "adequate":
+        if verdicts.adequate(guess.at.residuals):
+            return False
+        return best.structure <= verdicts.limit(guess.structure)
+    if best.structure > verdicts.SURE_SHARE * guess.structure:
+        return False
+    err, other = kept_aside(best), kept_aside(guess)
+    return err is not None and other is not None and err < verdicts.SURE_SHARE * other
+
+
+def decided(
+    found: Sequence[Candidate], chosen: Candidate, before: verdicts.Decision
+) -> verdicts.Decision:
+    """One of the two, with the other as its rival where both do; both only where neither does."""
+    known = chosen.at.model.effects
+    # Beside structure that nothing explains, no difference is as certain as the noise makes it.
+    unsure = before.verdict == "unexplained"
+
+    def near(c: Candidate, other: Candidate, ratio: float) -> bool:
+        return verdicts.as_good(other, c) or (unsure and c.structure < ratio * other.structure)
+
+    found = sorted(found, key=lambda c: c.structure if unsure else c.score)
+    least = min(len(c.at.model.effects) for c in found)
+    both = [c for c in found if len(c.at.model.effects) > least]
+    alone = [c for c in found if c not in both]
+    enough = [c for c in alone if not both or near(c, both[0], ENOUGH)]
+    best = (enough or both)[0]
+    rivals = [
+        n for c in (alone if enough else ()) if near(c, best, verdicts.ALIKE)
+        for n in c.at.model.effects if n not in best.at.model.effects
+    ]  # fmt: skip
+    earlier = dict(zip(before.chosen.effects, before.rivals, strict=True)) if before.chosen else {}
+    # What was fitted beside something certain, without being so itself, is not named.
+    names = tuple(n for n in best.at.model.effects if n in earlier or n not in known)
+    return verdicts.Decision(
+        "explained" if before.verdict == "adequate" else before.verdict,
+        verdicts.Explanation(names, best),
+        tuple(earlier.get(n, tuple(rivals)) for n in names),
+    )

@@ -1,0 +1,292 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Explains recordings by the joint model: the set-up within its tolerances, and causes beyond."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dlo_ros.diagnosis.explain.cause_search import (
+    Offer,
+    Search,
+    Step,
+    fitted,
+    offered,
+    promised,
+    search,
+    without,
+)
+from dlo_ros.diagnosis.proposals.candidate_effects import starts
+from dlo_ros.diagnosis.proposals.linear_evidence import Proposal, freed
+from dlo_ros.effects import Scene, Start, quantities
+from dlo_ros.inference.joint import Evaluation, evaluate, settled
+from dlo_ros.inference.measured import Recording
+from dlo_ros.inference.parameter import split_name
+from dlo_ros.inference.priors import SLAB, joint_model
+from dlo_ros.inference.scene import imposed_names, scene
+from dlo_ros.inference.variances import FEWEST_FRAMES, Variances
+from dlo_ros.parameters import Settings
+from dlo_ros.spline import FloatArray
+
+NAMED = 5.0
+"""Loss of log evidence without a cause, from which it is named: 150 to one."""
+RIVAL = 3.0
+"""Log evidence by which a rival may be worse."""
+CERTAIN = 3.0
+"""Standard deviations from neutral, from which a cause is named."""
+BEYOND = 2.0
+"""Tolerances from neutral, from which a number of the set-up may be a cause."""
+NOTABLE = 0.2
+"""Tolerances from neutral, from which a number of the set-up is off by more than two programs that
+simulate the same DLO differ by."""
+LOWERS = 0.1
+"""Share of ERR that a named cause must take away."""
+OWN = 1.3
+"""ERR over that of the measurement itself, up to which nothing is left to explain."""
+STILL = 0.1
+"""Share of the error that stays which counts as the measurement's where the DLO does not move:
+there nothing tells it from an error of the model."""
+RIVAL_FITS = 2
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A cause that the data show for certain.
+
+    Args:
+        effect: its name.
+        names: of its parameters.
+        rivals: effects that explain the data as well in its place.
+        evidence: log evidence that is lost without it.
+        err: ERR without it [m].
+    """
+
+    effect: str
+    names: tuple[str, ...]
+    rivals: tuple[str, ...]
+    evidence: float
+    err: float
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """The recordings explained by the joint model.
+
+    Args:
+        setup: the set-up within tolerance, fitted.
+        at: the same with all causes.
+        causes: those that are certain.
+        own_err: ERR that the measurement alone has [m].
+        material_err: ERR [m] below which nothing is left to explain.
+        proposals: all that the search has added or freed, certain or not.
+        trace: every candidate of every step.
+    """
+
+    setup: Evaluation
+    at: Evaluation
+    causes: tuple[Cause, ...]
+    own_err: float
+    material_err: float
+    proposals: tuple[Proposal, ...]
+    trace: tuple[Step, ...]
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """Recordings with the joint model's set-up fitted to them, before any cause is looked for.
+
+    Args:
+        recordings: to learn from.
+        scene: what the recordings look like.
+        setup: the fit.
+    """
+
+    recordings: Sequence[Recording]
+    scene: Scene
+    setup: Evaluation
+
+
+def prepare(recordings: Sequence[Recording], plain: Settings, given: Settings) -> Prepared:
+    """Fit the set-up within its tolerances.
+
+    Args:
+        recordings: to learn from.
+        plain: settings of the plain model's fit, from where the fit starts.
+        given: the parameter file, whose material the priors lie around.
+
+    Raises:
+        SimulationError: the joint model cannot be simulated.
+    """
+    names = imposed_names(r.manipulation for r in recordings)
+    here = scene(plain, names, [r.observed for r in recordings])
+    model = joint_model(plain, given, here)
+    at = settled(evaluate(model, recordings), recordings)
+    return Prepared(recordings, here, at)
+
+
+def explain(prepared: Prepared, given: Settings, pegs: Sequence[Start] = ()) -> Explanation:
+    """Look for causes beyond a set-up.
+
+    Args:
+        given: the parameter file.
+        pegs: that the DLO may have hit.
+
+    Raises:
+        SimulationError: the joint model cannot be simulated.
+    """
+    recordings = prepared.recordings
+    begun = (*starts(prepared.scene), *pegs)
+    found = search(prepared.setup, recordings, begun, material_err(0.0, given))
+    # Judged in the end: what a cause does to a DLO looks like an error of the camera before.
+    own = own_err(found.at, recordings)
+    matters = material_err(own, given)
+    causes = _named(found, recordings, begun, matters)
+    return Explanation(prepared.setup, found.at, causes, own, matters, found.causes, found.trace)
+
+
+def material_err(own: float, given: Settings) -> float:
+    """ERR [m] from which it matters, where the measurement itself has `own` [m]."""
+    return max(OWN * own, given.diagnosis.material_err * given.rod.length)
+
+
+def own_err(at: Evaluation, recordings: Sequence[Recording]) -> float:
+    """ERR that the measurement alone has [m]: noise, and errors that stay while the DLO moves."""
+    found = []
+    for variances, recording in zip(at.variances, recordings, strict=True):
+        staying = variances.lasting + variances.rough
+        moved = recording.observed - recording.observed.mean(axis=0)
+        still = np.mean(np.sum(moved**2, axis=2)) < np.sum(staying)
+        own = (STILL if still else 1.0) ** 2 * staying
+        found.append(mean_length(np.sqrt(_noise(variances, recording) + own)))
+    return float(np.mean(found))
+
+
+def _noise(variances: Variances, recording: Recording) -> FloatArray:
+    """Variance of the noise in each direction [m^2]; of a few frames, what is rough along the DLO.
+
+    All that a few frames do not agree on with the model would count as noise otherwise.
+    """
+    if len(recording.times) >= FEWEST_FRAMES:
+        return variances.white
+    scattered = np.sum(recording.noise.reshape(len(variances.white), -1) ** 2, axis=1)
+    return np.asarray(np.minimum(variances.white, scattered))
+
+
+def mean_length(sizes: FloatArray) -> float:
+    """Mean length of a normal vector with the given standard deviations."""
+    drawn = np.random.default_rng(0).normal(size=(20_000, len(sizes)))
+    return float(np.mean(np.linalg.norm(drawn * sizes, axis=1)))
+
+
+def _named(
+    found: Search, recordings: Sequence[Recording], begun: Sequence[Start], material: float
+) -> tuple[Cause, ...]:
+    """Causes without which the best model is clearly worse; numbers of the set-up are no less.
+
+    What lies within its tolerance is none where all that it explains is immaterial.
+    """
+    at, offer = found.at, found.offer
+    result = []
+    for group in (*found.causes, *beyond(at)):
+        if not certain(at, group):
+            continue
+        bare = without(at, group, recordings, wholly=True)
+        if bare is None:
+            continue
+        loss = at.posterior.evidence - bare.posterior.evidence
+        if loss < NAMED or at.mean_err > (1.0 - LOWERS) * bare.mean_err:
+            continue
+        if bare.mean_err < material and not _beyond(at, group):
+            continue
+        offer = offer or offered(at, recordings, begun)
+        rivals = _rivals(at, bare, group, recordings, offer)
+        names_ = tuple(p.name for p in group.parameters)
+        result.append(Cause(group.effect, names_, rivals, loss, bare.mean_err))
+    return _merged(result)
+
+
+def _merged(causes: Sequence[Cause]) -> tuple[Cause, ...]:
+    """Causes with one entry for each effect, the clearest first."""
+    by_effect: dict[str, list[Cause]] = {}
+    for cause in sorted(causes, key=lambda c: -c.evidence):
+        by_effect.setdefault(cause.effect, []).append(cause)
+    return tuple(
+        Cause(
+            effect, tuple(n for c in same for n in c.names),
+            tuple(r for r in same[0].rivals if all(r in c.rivals for c in same)),
+            same[0].evidence, max(c.err for c in same),
+        )
+        for effect, same in by_effect.items()
+    )  # fmt: skip
+
+
+def beyond(at: Evaluation) -> list[Proposal]:
+    """Groups of the set-up of which a number lies beyond its tolerance."""
+    return [
+        replace(g, parameters=tuple(p for p in at.model.parameters if p.name in g.columns))
+        for g in freed(at.model)
+        if _beyond(at, g)
+    ]
+
+
+def _beyond(at: Evaluation, group: Proposal, tolerances: float = BEYOND) -> bool:
+    """Whether a size of a group, with the priors of a cause, lies so many tolerances off."""
+    if group.start is not None and not group.start.neutral:
+        return False  # it has no tolerance
+    off = dict(zip(at.model.names, at.model.offset(), strict=True))
+    return any(
+        abs(off[p.name]) > tolerances * p.std / SLAB
+        for p in group.parameters
+        if p.name in off and not quantities(p.effect)[split_name(p.name)[1]].geometric
+    )
+
+
+def certain(at: Evaluation, group: Proposal) -> bool:
+    """Whether a group is away from neutral by more than its uncertainty (Wald)."""
+    linear = [n for n in group.columns if n in at.model.names]
+    if not linear or (group.start is not None and not group.start.neutral):
+        return group.start is not None
+    k = [at.model.index(n) for n in linear]
+    off = at.model.offset()[k]
+    spread = at.posterior.covariance[np.ix_(k, k)]
+    return float(off @ np.linalg.solve(spread, off)) > CERTAIN**2 * len(k)
+
+
+def departures(at: Evaluation, causes: Sequence[Proposal] = ()) -> int:
+    """Number of causes and notable parts of the set-up that are away from neutral for certain.
+
+    Args:
+        at: the joint model.
+        causes: that have been added to it or freed.
+    """
+    acting = [c for c in causes if c.start is not None]
+    tolerated = replace(
+        at.model,
+        parameters=tuple(replace(p, tolerated=bool(p.effect)) for p in at.model.parameters),
+    )
+    own = {p.name for c in acting for p in c.parameters}
+    parts = [g for g in freed(tolerated) if not own & set(g.columns)]
+    return len(acting) + sum(certain(at, g) and _beyond(at, g, NOTABLE) for g in parts)
+
+
+def _rivals(
+    at: Evaluation, bare: Evaluation, group: Proposal, recordings: Sequence[Recording],
+    offer: Offer,
+) -> tuple[str, ...]:  # fmt: skip
+    """Effects that explain the data as well where a group is at neutral."""
+    missing = at.posterior.evidence - bare.posterior.evidence - RIVAL
+    result: list[str] = []
+    fits = 0
+    for promise in promised(bare, offer, smooth=True):
+        effect = promise.proposal.effect
+        if effect == group.effect or effect in result or promise.gain < missing:
+            continue
+        if fits >= RIVAL_FITS:
+            break
+        fits += 1
+        there = fitted(promise.model, recordings)
+        if there and there.posterior.evidence - bare.posterior.evidence >= missing:
+            result.append(effect)
+    return tuple(result)

@@ -1,0 +1,157 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""What a diagnosis found, as numbers (interface.md, report.json)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from dlo_ros.diagnosis.explain.cause_search import Step
+from dlo_ros.diagnosis.residuals.relations import Relations
+from dlo_ros.diagnosis.selection.verdict import Verdict
+from dlo_ros.parameters import Settings
+from dlo_ros.spline import FloatArray
+
+
+@dataclass(frozen=True)
+class Number:
+    """A parameter of an effect with its standard deviation (None: unknown) and SI unit."""
+
+    value: float | tuple[float, ...]
+    std: float | tuple[float, ...] | None
+    unit: str
+
+
+@dataclass(frozen=True)
+class NamedEffect:
+    """An effect that the data show, and what explains them as well.
+
+    Args:
+        share: of the ERR beyond the measurement's own that it takes away, 0 to 1; None: unknown.
+    """
+
+    name: str
+    parameters: dict[str, Number]
+    rivals: tuple[str, ...]
+    share: float | None = None
+
+
+@dataclass(frozen=True)
+class SetupNumber:
+    """A number of the set-up with its standard deviation, its tolerance and their SI unit."""
+
+    value: float
+    std: float
+    tolerance: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A model and what it reaches.
+
+    Args:
+        settings: with the estimated values.
+        young_modulus, density, specific_modulus: value and std (None: unbounded).
+        err_train, err_holdout: time mean of eq. (10) [m]; None where it cannot be simulated.
+    """
+
+    settings: Settings
+    young_modulus: tuple[float, float | None]
+    density: tuple[float, float | None]
+    specific_modulus: tuple[float, float | None]
+    err_train: float | None
+    err_holdout: float | None
+
+
+@dataclass(frozen=True)
+class Gain:
+    """1 - ERR after / ERR before on what was kept aside, with a 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Tried:
+    """A candidate; a lower score is better."""
+
+    name: str
+    err_holdout: float | None
+    score: float
+    structure: float
+
+
+@dataclass(frozen=True)
+class View:
+    """One recording as the plain and the extended model see it.
+
+    Args:
+        name, role: of the recording, `train` or `holdout`.
+        times: [s], shape (F,).
+        observed, before, after: control points [m], shape (F, n, 3 or 4).
+        err_before, err_after: eq. (10), shape (F,) [m].
+        u: material coordinates of the maps [m], shape (U,).
+        field_before, field_after: observed minus predicted across the DLO [m], shape (F, U).
+        force, force_std: missing force per length, x, y, z [N/m], shape (F, U, 3); None where it
+            could not be had.
+    """
+
+    name: str
+    role: str
+    times: FloatArray
+    observed: FloatArray
+    before: FloatArray
+    after: FloatArray
+    err_before: FloatArray
+    err_after: FloatArray
+    u: FloatArray
+    field_before: FloatArray
+    field_after: FloatArray
+    force: FloatArray | None = None
+    force_std: FloatArray | None = None
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """All that `diagnose` found.
+
+    Args:
+        verdict, effects, noise_floor, gain, candidates, advice: see interface.md.
+        baseline, extended: the plain and the extended model.
+        structure_before, structure_after: what repeats from frame to frame, in units of the noise.
+        chance: structure that the noise alone has in 1 of 100 cases.
+        simulation_error: mean distance that the discretisation causes [m]; None where unknown.
+        remarks: sentences for the reader.
+        views: for the report.
+        relations_before, relations_after: what goes along with the residual of the plain model, and
+            with that of the best extension, which may be no more than a suspect.
+        material_err: ERR below which nothing is left to explain [m].
+        share: of the held-out ERR beyond the measurement's own that the extended model takes away.
+        setup: numbers of the set-up within their tolerances, by effect and key.
+        systematic: errors of the measurement and of the model, by name.
+        trace: every candidate of every step of the joint model's search.
+    """
+
+    verdict: Verdict
+    effects: tuple[NamedEffect, ...]
+    noise_floor: float | None
+    baseline: Fitted
+    extended: Fitted
+    gain: Gain | None
+    candidates: tuple[Tried, ...]
+    advice: str
+    structure_before: float
+    structure_after: float
+    chance: float
+    simulation_error: float | None
+    remarks: tuple[str, ...]
+    views: tuple[View, ...]
+    relations_before: Relations | None = None
+    relations_after: Relations | None = None
+    material_err: float | None = None
+    share: float | None = None
+    setup: Mapping[str, SetupNumber] = field(default_factory=dict)
+    systematic: Mapping[str, Number] = field(default_factory=dict)
+    trace: tuple[Step, ...] = ()

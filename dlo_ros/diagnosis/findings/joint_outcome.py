@@ -1,0 +1,399 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""The joint model's result: measured on held-out data, with numbers and in words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dlo_ros.diagnosis.explain.joint_explanation import (
+    Cause,
+    Explanation,
+    Prepared,
+    explain,
+    prepare,
+)
+from dlo_ros.diagnosis.findings import holdout
+from dlo_ros.diagnosis.findings.diagnosis_outcome import (
+    Diagnosis,
+    Fitted,
+    NamedEffect,
+    Number,
+    SetupNumber,
+    Tried,
+)
+from dlo_ros.diagnosis.findings.experiment_advice import REPEAT, SETTLED
+from dlo_ros.diagnosis.findings.shape_views import views
+from dlo_ros.diagnosis.fitting.candidate_model import Model
+from dlo_ros.diagnosis.fitting.evaluation import evaluate as held_against
+from dlo_ros.diagnosis.fitting.initial_fit import Beginning, drafts
+from dlo_ros.diagnosis.residuals import residual_structure
+from dlo_ros.diagnosis.residuals.relations import relations, sentences
+from dlo_ros.diagnosis.selection.effect_search import Candidate
+from dlo_ros.diagnosis.selection.verdict import Verdict
+from dlo_ros.effects import Start, effects, quantities
+from dlo_ros.errors import SimulationError
+from dlo_ros.identification.estimate import UNBOUNDED
+from dlo_ros.inference.joint import Evaluation, borrowed, evaluate, fit, simulate
+from dlo_ros.inference.measured import Recording
+from dlo_ros.inference.parameter import Parameter, ParametricModel
+from dlo_ros.inference.priors import DIAMETER_STD
+from dlo_ros.inference.variances import posterior
+from dlo_ros.parameters import Settings
+from dlo_ros.rod.sensitivity_parameters import effect_names
+from dlo_ros.spline import FloatArray
+
+SPARE = 3
+"""Recordings, from which one of them is held out whole."""
+FEWEST = 10
+"""Frames, from which the end of a recording can be foretold from its beginning."""
+UNKNOWN = 1e-12
+"""Share of a guess's information that counts in a standard deviation that is told: none."""
+FINAL_ITERATIONS = 4
+
+
+@dataclass(frozen=True)
+class Learned:
+    """The joint explanation, and what it was learned from.
+
+    Args:
+        explanation: of the recordings learned from.
+        masks: frames of each recording of the beginning that are held out, shape (F,).
+        foretelling: the set-up alone and the full model, with values that know nothing of these.
+    """
+
+    explanation: Explanation
+    masks: tuple[np.ndarray, ...]
+    foretelling: tuple[ParametricModel, ParametricModel]
+
+
+@dataclass(frozen=True)
+class Lesson:
+    """The recordings that the joint model is to learn from, with its set-up fitted to them.
+
+    Args:
+        recordings: all of the beginning's.
+        count: of those, from the first, that may be learned from.
+        spare: one of them that is held out all the same; None: none is.
+        prepared: what is learned from, and the set-up.
+    """
+
+    recordings: Sequence[Recording]
+    count: int
+    spare: int | None
+    prepared: Prepared
+
+
+def lesson(beginning: Beginning, count: int, plain: Settings, given: Settings) -> Lesson | None:
+    """The recordings to learn from, with the set-up fitted; None where it cannot be simulated.
+
+    Held out are the recordings after the first `count`, or one of several; nothing is selected by
+    them.
+
+    Args:
+        count: recordings that may be learned from.
+        plain: settings of the plain model's fit.
+        given: the parameter file.
+    """
+    recordings = beginning.recordings
+    spare = _spare(recordings) if len(recordings) == count else None
+    chosen = [k for k in range(count) if k != spare]
+    learned = [recordings[k] for k in chosen]
+    residuals, predicted = (
+        [x[k] for k in chosen] for x in (beginning.at.residuals, beginning.at.predicted)
+    )
+    rough = drafts(
+        learned, replace(beginning.at, residuals=tuple(residuals), predicted=tuple(predicted))
+    )
+    try:
+        return Lesson(recordings, count, spare, prepare(rough, plain, given))
+    except SimulationError:
+        return None
+
+
+def learn(lesson: Lesson, given: Settings, pegs: Sequence[Start] = ()) -> Learned | None:
+    """Explain what is not held out; None where the joint model cannot be simulated.
+
+    Where all recordings are needed to find causes, the values alone are learned from their
+    beginnings, to foretell their ends.
+
+    Args:
+        given: the parameter file.
+        pegs: that the DLO may have hit.
+    """
+    recordings, count, spare = lesson.recordings, lesson.count, lesson.spare
+    frames = [len(r.times) for r in recordings]
+    masks = [np.full(f, k >= count or k == spare) for k, f in enumerate(frames)]
+    try:
+        found = explain(lesson.prepared, given, pegs)
+        models = found.setup, found.at
+        if len(recordings) == count and spare is None and min(frames) >= FEWEST:
+            masks = [np.arange(f) >= (holdout.TRAINED + 0.1) * (f - 1) for f in frames]
+            stops = [int(holdout.TRAINED * (f - 1)) + 1 for f in frames]
+            begun = [r.until(s) for r, s in zip(lesson.prepared.recordings, stops, strict=True)]
+            models = _refitted(found.setup, begun), _refitted(found.at, begun)
+    except SimulationError:
+        return None
+    return Learned(found, tuple(masks), (models[0].model, models[1].model))
+
+
+def _spare(recordings: Sequence[Recording]) -> int | None:
+    """The recording to be held out: the last that is gripped as another is.
+
+    What only shows where the DLO is gripped otherwise could not be foretold.
+    """
+    if len(recordings) < SPARE:
+        return None
+    grips = [{n for c in r.manipulation.commands for n in c.names} for r in recordings]
+    return next((k for k in reversed(range(len(grips))) if grips.count(grips[k]) > 1), None)
+
+
+def joint_outcome(
+    beginning: Beginning, plain: Candidate, learned: Learned, given: Settings
+) -> Diagnosis:
+    """Measure on what is held out, fit the model to everything, and put all together."""
+    found, recordings = learned.explanation, beginning.recordings
+    first = recordings[: len(plain.at.residuals)]
+    final = _refitted(found.at, first)
+    before, seen_before = _errors(ParametricModel(plain.at.model.settings, ()), recordings, learned)
+    setup, _ = _errors(learned.foretelling[0], recordings, learned)
+    after, seen_after = _errors(learned.foretelling[1], recordings, learned)
+    errs = tuple(
+        held if held is not None else seen
+        for held, seen in (
+            (holdout.mean(before), holdout.mean(seen_before)),
+            (holdout.mean(setup), found.setup.mean_err),
+            (holdout.mean(after), found.at.mean_err),
+        )
+    )
+    verdict = _verdict(_mean_err(found.setup, first), final.mean_err, found)
+    missed = (holdout.mean(seen_before) or 0.0) - found.own_err
+    base = held_against(plain.at.model, first, given, derivatives=False)
+    ours = held_against(Model(final.model.settings, ()), first, given, derivatives=False)
+    related_before = related_after = None
+    if verdict == "unexplained":
+        related_before, related_after = (
+            relations(first, at.residuals, at.predicted, at.model.settings) for at in (base, ours)
+        )
+    remarks = (
+        f"{_percent(_share(errs[0], errs[2], found.own_err))} of what the plain model misses "
+        f"beyond the measurement's own error is explained; {_mm(errs[2])} remain, and "
+        f"{_mm(found.material_err)} would be immaterial.",
+    )
+    return Diagnosis(
+        verdict,
+        tuple(_effect(c, final, found.at.mean_err, missed) for c in found.causes),
+        found.own_err,
+        _plain(plain, holdout.mean(seen_before), holdout.mean(before)),
+        _fitted(final, holdout.mean(seen_after), holdout.mean(after)),
+        holdout.gain(before, after),
+        _tried(found),
+        _advice(verdict, found),
+        plain.structure,
+        residual_structure.structure(ours.residuals),
+        residual_structure.chance(base.residuals),
+        None if np.isnan(beginning.error) else beginning.error,
+        (*remarks, *(sentences(related_after) if related_after is not None else ())),
+        views(recordings, base, ours, learned.masks, given),
+        related_before,
+        related_after,
+        found.material_err,
+        _share(errs[0], errs[2], found.own_err),
+        _setup(final, found.causes),
+        _systematic(final),
+        found.trace,
+    )
+
+
+def _refitted(at: Evaluation, recordings: Sequence[Recording]) -> Evaluation:
+    """The model fitted to all that it may learn from."""
+    frames = [len(e) for e in at.err]
+    try:
+        if len(recordings) == len(frames) and all(
+            len(r.times) <= f for r, f in zip(recordings, frames, strict=True)
+        ):
+            begun = borrowed(at, at.model, recordings)
+            return fit(begun, recordings, FINAL_ITERATIONS, fresh=False)
+        return fit(evaluate(at.model, recordings), recordings, FINAL_ITERATIONS)
+    except SimulationError:
+        return at
+
+
+def _mean_err(at: Evaluation, recordings: Sequence[Recording]) -> float:
+    """Mean ERR [m] of a model on recordings."""
+    try:
+        return float(np.mean([e.mean() for e in simulate(at.model, recordings, ()).err]))
+    except SimulationError:
+        return at.mean_err
+
+
+Errors = list[FloatArray] | None
+
+
+def _errors(
+    model: ParametricModel, recordings: Sequence[Recording], learned: Learned
+) -> tuple[Errors, Errors]:
+    """ERR [m] of the frames that are held out, and of the others, per recording that has any."""
+    try:
+        err = simulate(model, recordings, ()).err
+    except SimulationError:
+        return None, None
+    masks = [m[-len(e) :] for m, e in zip(learned.masks, err, strict=True)]
+    held = [e[m] for e, m in zip(err, masks, strict=True) if m.any()]
+    seen = [e[~m] for e, m in zip(err, masks, strict=True) if not m.all()]
+    return held, seen
+
+
+def _verdict(setup: float, after: float, found: Explanation) -> Verdict:
+    """The verdict by the ERR [m] of the set-up and of the full model on everything."""
+    if setup < found.material_err:
+        return "adequate"
+    if found.causes and after < found.material_err:
+        return "explained"
+    return "unexplained"
+
+
+def _share(before: float | None, after: float | None, own: float) -> float | None:
+    """Share of ERR beyond the measurement's own that is taken away, 0 to 1."""
+    if before is None or after is None or before <= own:
+        return None
+    return float(np.clip((before - max(after, own)) / (before - own), 0.0, 1.0))
+
+
+def _effect(cause: Cause, final: Evaluation, err: float, missed: float) -> NamedEffect:
+    """A cause with its numbers and its share.
+
+    Args:
+        err: of the full model on what was learned from [m].
+        missed: what the plain model misses there beyond the measurement's own error [m].
+    """
+    share = (cause.err - err) / missed if missed > 0.0 else None
+    return NamedEffect(
+        cause.effect, _numbers(cause.effect, final), cause.rivals,
+        None if share is None else float(np.clip(share, 0.0, 1.0)),
+    )  # fmt: skip
+
+
+def _numbers(effect: str, at: Evaluation) -> dict[str, Number]:
+    """Values of an effect's keys with standard deviations."""
+    spread = dict(zip(at.model.names, _told(at), strict=True))
+    result = {}
+    for key, value in at.model.settings.effects[effect].items():
+        stds = [spread.get(name) for name in effect_names(effect, key, value)]
+        known = tuple(s for s in stds if s is not None)
+        std: float | tuple[float, ...] | None = None
+        if len(known) == len(stds):
+            std = known if isinstance(value, tuple) else known[0]
+        result[key] = Number(value, std, quantities(effect)[key].unit)
+    return result
+
+
+def _told(at: Evaluation) -> FloatArray:
+    """Standard deviations of the values of all parameters, shape (P,); no guess enters them."""
+    spread = np.sqrt(np.diag(_covariance(at)))
+    return np.array(
+        [
+            p.outer_std(x, s)
+            for p, s, x in zip(at.model.parameters, spread, at.model.theta(), strict=True)
+        ]
+    )
+
+
+def _covariance(at: Evaluation) -> FloatArray:
+    """Posterior covariance in which guesses count for nothing."""
+    guessed = np.array([p.guessed for p in at.model.parameters])
+    precision = at.model.precision() * np.where(guessed, UNKNOWN, 1.0)
+    return posterior(at.spectra, at.variances, at.model.offset(), precision).covariance
+
+
+def _fitted(at: Evaluation, err_train: float | None, err_holdout: float | None) -> Fitted:
+    """The material with standard deviations, and errors [m]."""
+    spread, rod = _covariance(at), at.model.settings.rod
+    section = 2.0 * (rod.diameter_std / rod.diameter or DIAMETER_STD)
+    unit = {
+        name: np.array([float(n == name) for n in at.model.names])
+        for name in ("young_modulus", "density")
+    }
+    result: list[tuple[float, float | None]] = []
+    for value, c in (
+        (rod.young_modulus, unit["young_modulus"]),
+        (rod.density, unit["density"]),
+        (rod.specific_modulus, unit["young_modulus"] - unit["density"]),
+    ):
+        of_stiffness = section * c[at.model.index("young_modulus")]
+        std = float(np.hypot(np.sqrt(max(float(c @ spread @ c), 0.0)), of_stiffness))
+        result.append((value, value * std if std < UNBOUNDED else None))
+    return Fitted(at.model.settings, result[0], result[1], result[2], err_train, err_holdout)
+
+
+def _plain(plain: Candidate, err_train: float | None, err_holdout: float | None) -> Fitted:
+    """The plain model; of how well its numbers are known nothing is told where it is wrong."""
+    rod = plain.at.model.settings.rod
+    return Fitted(
+        plain.at.model.settings, (rod.young_modulus, None), (rod.density, None),
+        (rod.specific_modulus, None), err_train, err_holdout,
+    )  # fmt: skip
+
+
+def _setup(at: Evaluation, causes: Sequence[Cause]) -> dict[str, SetupNumber]:
+    """Numbers of the set-up that are no cause."""
+    named = {name for c in causes for name in c.names}
+    rows = zip(at.model.parameters, at.model.theta(), _told(at), strict=True)
+    return {
+        f"{p.effect}.{p.key}": SetupNumber(p.outer(x), s, _tolerance(p), p.unit)
+        for p, x, s in rows
+        if p.tolerated and p.name not in named
+    }
+
+
+def _tolerance(p: Parameter) -> float:
+    """Tolerance in the parameter's own unit."""
+    return p.outer_std(p.centre, p.std)
+
+
+def _systematic(at: Evaluation) -> dict[str, Number]:
+    """Errors of the measurement and of the model, as root mean squares along the DLO [m]."""
+    parts = ("across", "along", "out_of_plane")
+    result = {}
+    for kind in ("white", "lasting", "rough", "fading"):
+        rows = np.array([getattr(v, kind) for v in at.variances])
+        for part, value in zip(parts, np.sqrt(rows.mean(axis=0)), strict=False):
+            name = "discrepancy" if kind == "fading" else f"{kind}_error"
+            result[f"{name}_{part}"] = Number(float(value), None, "m")
+    return result
+
+
+def _tried(found: Explanation) -> tuple[Tried, ...]:
+    """The best of each candidate's trials: minus twice its log evidence over that without it."""
+    best: dict[str, float] = {}
+    for step in found.trace:
+        best[step.name] = max(step.gain, best.get(step.name, -np.inf))
+    order = sorted(best.items(), key=lambda row: -row[1])
+    return tuple(Tried(name, None, -2.0 * gain, 0.0) for name, gain in order)
+
+
+def _advice(verdict: Verdict, found: Explanation) -> str:
+    """The next experiment, in a sentence."""
+    open_ = next((c for c in found.causes if c.rivals), None)
+    if open_ is not None:
+        known = effects()
+        names = " and ".join(known[n].called() for n in (open_.effect, *open_.rivals))
+        return (
+            f"These data cannot tell {names} apart: record another manipulation, one that turns "
+            "the clamp or moves a free end; dlo_ros design proposes one."
+        )
+    if verdict == "adequate":
+        return "Nothing is left to explain: the set-up is within its tolerances."
+    if verdict == "explained":
+        return SETTLED
+    return REPEAT
+
+
+def _percent(share: float | None) -> str:
+    return "An unknown share" if share is None else f"{100.0 * share:.0f} %"
+
+
+def _mm(value: float | None) -> str:
+    return "unknown" if value is None else f"{1e3 * value:.2f} mm"

@@ -1,0 +1,122 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""E and mu apart in a diagnosis: the common scale of all its forces, from measured ones.
+
+Causes are sought in shapes. They say what the model lacks, but not how large all its forces are
+together; the forces at the grips, predicted with the model that was found, say that.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+from dlo_ros.diagnosis.findings.diagnosis_outcome import Diagnosis, Fitted, NamedEffect, Number
+from dlo_ros.errors import SimulationError
+from dlo_ros.identification.estimate import UNBOUNDED
+from dlo_ros.identification.force_scale import (
+    POWERS,
+    Scale,
+    borne_along,
+    scale_of,
+    with_scale,
+    words,
+)
+from dlo_ros.inference.forecast import Manipulation, forecast
+from dlo_ros.inference.priors import DIAMETER_STD
+from dlo_ros.parameters import Settings
+
+LOG = logging.getLogger(__name__)
+
+
+def with_forces(
+    found: Diagnosis,
+    recordings: Sequence[Manipulation],
+    given: Settings,
+    remarks: Sequence[str] = (),
+) -> Diagnosis:
+    """The diagnosis with E, mu and every force in it on the scale of the measured forces.
+
+    Args:
+        found: from shapes.
+        recordings: that it was learned from.
+        given: the parameter file.
+        remarks: to add all the same.
+    """
+    found = replace(found, remarks=(*found.remarks, *remarks))
+    measured = [r for r in recordings if r.wrenches]
+    if not measured:
+        return found
+    try:
+        scales = [_scale(f, measured, given) for f in (found.baseline, found.extended)]
+    except SimulationError as err:
+        LOG.warning("measured forces are not used: %s", err)
+        return found
+    base, extended = scales
+    if base is None or extended is None:
+        LOG.warning("no measured force lies near an observed shape at a grip; none is used")
+        return found
+    count = sum(len(w.stamps) for r in measured for w in r.wrenches)
+    return replace(
+        found,
+        baseline=_scaled(found.baseline, base),
+        extended=_scaled(found.extended, extended),
+        effects=tuple(_effect(e, extended) for e in found.effects),
+        remarks=(*found.remarks, words(extended.relative, count)),
+    )
+
+
+def _scale(model: Fitted, recordings: Sequence[Manipulation], given: Settings) -> Scale | None:
+    """The scale of a model's forces."""
+    borne = []
+    for recording in recordings:
+        at = forecast(recording, model.settings, loads=True)
+        stamps = [int(s) for s in at.stamps]
+        borne += borne_along(
+            recording.name, at.loadings, stamps, recording.wrenches, recording.commands
+        )
+    density, std = model.density
+    rod = given.rod
+    known = 0.0 if std is None else (density / std) ** 2
+    diameter = rod.diameter_std / rod.diameter or DIAMETER_STD
+    return scale_of(borne, given, known=known, diameter_std=diameter)
+
+
+def _scaled(model: Fitted, scale: Scale) -> Fitted:
+    """A model with another scale of its forces, as well known as that."""
+    factor, std = math.exp(scale.log), scale.std[0]
+    ratio, ratio_std = model.specific_modulus
+    told = None if ratio_std is None else math.hypot(std, ratio_std / ratio)
+    result = []
+    for (value, _), spread in ((model.young_modulus, told), (model.density, std)):
+        known = spread is not None and spread < UNBOUNDED
+        result.append((factor * value, factor * value * spread if spread and known else None))
+    return replace(
+        model, settings=with_scale(model.settings, scale.log),
+        young_modulus=result[0], density=result[1],
+    )  # fmt: skip
+
+
+def _effect(effect: NamedEffect, scale: Scale) -> NamedEffect:
+    """An effect whose forces have another scale."""
+    result = {}
+    for key, number in effect.parameters.items():
+        power = POWERS.get(number.unit, 0.0)
+        if power == 0.0:
+            result[key] = number
+            continue
+        factor, spread = math.exp(power * scale.log), scale.std[0]
+        values = number.value if isinstance(number.value, tuple) else (number.value,)
+        stds = number.std if isinstance(number.std, tuple) else (number.std,) * len(values)
+        new = tuple(factor * v for v in values)
+        wide = [
+            None if s is None else math.hypot(factor * s, spread * n)
+            for s, n in zip(stds, new, strict=True)
+        ]
+        known = tuple(s for s in wide if s is not None)
+        std: float | tuple[float, ...] | None = None
+        if len(known) == len(wide):
+            std = known if isinstance(number.value, tuple) else known[0]
+        result[key] = Number(new if isinstance(number.value, tuple) else new[0], std, number.unit)
+    return replace(effect, parameters=result)

@@ -1,0 +1,77 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""What the report says beside the verdict, in sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from dlo_ros.diagnosis.fitting.initial_fit import Beginning
+from dlo_ros.diagnosis.residuals import residual_structure
+from dlo_ros.diagnosis.selection.effect_search import Candidate
+from dlo_ros.diagnosis.selection.verdict import Decision
+
+TOLD = 5
+"""Suspects that a remark tells."""
+
+
+def remarks(
+    plain: Candidate, best: Candidate, suspects: Sequence[Candidate], decision: Decision
+) -> tuple[str, ...]:
+    """What else a reader should know.
+
+    Args:
+        plain, best: the model without and with what is named.
+        suspects: what comes nearest where nothing explains the data, best first.
+    """
+    said = []
+    if decision.chosen is not None:
+        rods = best.at.model.settings.rod, plain.at.model.settings.rod
+        change = rods[1].specific_modulus / rods[0].specific_modulus - 1.0
+        said.append(
+            f"Without naming it, E/mu would be {abs(100.0 * change):.2g} % too "
+            f"{'large' if change > 0.0 else 'small'}: that much of it the stiffness had absorbed."
+        )
+        border = best.at.model.at_border()
+        if border:
+            said.append(f"At the border of what is looked for: {', '.join(border)}.")
+        told = {*decision.chosen.effects, *plain.at.model.effects}
+        beside = [n.replace("_", " ") for n in best.at.model.effects if n not in told]
+        if beside:
+            said.append(
+                f"The extended model holds {' and '.join(beside)}, too: with it everything is "
+                "foretold best, but other causes may take its place."
+            )
+    if decision.verdict == "unexplained":
+        shown = suspects[0] if suspects else best
+        said.append(_nearest(plain, suspects))
+        said.append(residual_structure.description(shown.at))
+    return tuple(said)
+
+
+def left_out(beginning: Beginning) -> tuple[str, ...]:
+    """Which pictures were not used."""
+    return tuple(
+        f"{r.name}: {number} of {number + len(r.times)} pictures are left out: the DLO was seen "
+        "grossly wrongly there."
+        for r, number in zip(beginning.recordings, beginning.left_out, strict=False)
+        if number
+    )
+
+
+def _nearest(plain: Candidate, suspects: Sequence[Candidate]) -> str:
+    """What comes nearest to data that nothing explains."""
+    told = [
+        f"{' and '.join(c.at.model.effects)}, which leaves {c.structure:.2g} times the noise"
+        for c in suspects[:TOLD]
+    ]
+    text = "Nothing in the library brings the residual down to the noise."
+    if not told:
+        return text
+    share = max(0.0, 1.0 - (suspects[0].structure / plain.structure) ** 2)
+    text += (
+        f" Nearest comes {told[0]} and removes {100.0 * share:.0f} % of the residual's power; "
+        "it is a suspect, no finding."
+    )
+    if told[1:]:
+        text += f" Not excluded beside it: {'; '.join(told[1:])}."
+    return text

@@ -1,0 +1,144 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""What a search has come to, and what is told of it: measured, with numbers and in words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dlo_ros.diagnosis.explain.joint_explanation import material_err
+from dlo_ros.diagnosis.findings import holdout
+from dlo_ros.diagnosis.findings.diagnosis_outcome import Diagnosis, NamedEffect, Tried
+from dlo_ros.diagnosis.findings.experiment_advice import advise
+from dlo_ros.diagnosis.findings.fitted_numbers import fitted, numbers, own_error
+from dlo_ros.diagnosis.findings.joint_outcome import Learned, joint_outcome
+from dlo_ros.diagnosis.findings.remarks import remarks
+from dlo_ros.diagnosis.findings.shape_views import views
+from dlo_ros.diagnosis.fitting.evaluation import is_differentiable
+from dlo_ros.diagnosis.fitting.initial_fit import Beginning
+from dlo_ros.diagnosis.fitting.levenberg_marquardt import polished
+from dlo_ros.diagnosis.fitting.recording_noise import noise_floor
+from dlo_ros.diagnosis.residuals import residual_structure
+from dlo_ros.diagnosis.residuals.relations import Relations, relations, sentences
+from dlo_ros.diagnosis.selection import verdict
+from dlo_ros.diagnosis.selection.effect_search import Candidate, candidate
+from dlo_ros.inference.measured import Recording
+from dlo_ros.parameters import Settings
+
+
+@dataclass(frozen=True)
+class Findings:
+    """The result of the search.
+
+    Args:
+        joint: the joint model's explanation, where that takes the place of single effects and
+            pairs.
+    """
+
+    decision: verdict.Decision
+    kept_aside: holdout.KeptAside
+    singles: tuple[Candidate, ...] = ()
+    pairs: tuple[Candidate, ...] = ()
+    joint: Learned | None = None
+
+    @property
+    def suspects(self) -> list[Candidate]:
+        """What comes nearest, whether it explains the data or not, best first."""
+        return verdict.suspects([*self.singles, *self.pairs], self.kept_aside)
+
+
+def outcome(beginning: Beginning, plain: Candidate, found: Findings, given: Settings) -> Diagnosis:
+    """Measure on what is kept aside, and put everything together."""
+    if found.joint is not None:
+        return joint_outcome(beginning, plain, found.joint, given)
+    recordings = beginning.recordings
+    kept_aside = found.kept_aside
+    decision = _immaterial(found.decision, plain, given)
+    parted = kept_aside.parted
+    count = len(plain.at.residuals)
+    learned = recordings[:count]
+    best = _polished(decision.chosen.candidate, learned, given) if decision.chosen else plain
+    models = [
+        holdout.refitted(c.at, learned, parted.train[:count], given) for c in (plain, best)
+    ]  # fmt: skip
+    train = [holdout.errors(m, recordings, parted.train, given) for m in models]
+    kept = [holdout.errors(m, recordings, parted.holdout, given) for m in models]
+    own = own_error(best.at, learned, given)
+    effects: tuple[NamedEffect, ...] = ()
+    if decision.chosen is not None:
+        others = [
+            c for c in (*found.singles, *found.pairs)
+            if c is not decision.chosen.candidate
+            and set(c.at.model.effects) == set(best.at.model.effects) and verdict.as_good(best, c)
+        ]  # fmt: skip
+        # Without derivatives they only tell how far its numbers may be off.
+        alike = [
+            _polished(c, learned, given).at if is_differentiable(c.at.model) else c.at
+            for c in others
+        ]
+        effects = tuple(
+            NamedEffect(name, numbers(best.at, name, given, alike, own), rivals)
+            for name, rivals in zip(decision.chosen.effects, decision.rivals, strict=True)
+            if name in best.at.model.effects and name not in plain.at.model.effects
+        )
+    tried = []
+    for c in verdict.best_forms([plain, *found.singles, *found.pairs]):
+        err = kept_aside.foretold(c)
+        label = "+".join(n for n in c.at.model.effects if n not in plain.at.model.effects)
+        tried.append(Tried(label or "none", err, c.score, c.structure))
+    floors = [noise_floor(r, p, given) for r, p in zip(learned, best.at.predicted, strict=True)]
+    suspects = found.suspects if decision.verdict == "unexplained" else []
+    shown = suspects[0] if suspects else best
+    before, after = (
+        _related(c, learned) if decision.verdict != "adequate" else None for c in (plain, shown)
+    )
+    return Diagnosis(
+        decision.verdict,
+        effects,
+        float(np.mean(floors)),
+        fitted(plain.at, given, holdout.mean(train[0]), holdout.mean(kept[0])),
+        fitted(best.at, given, holdout.mean(train[1]), holdout.mean(kept[1]), own),
+        holdout.gain(kept[0], kept[1]),
+        tuple(tried),
+        advise(decision, [*found.singles, *found.pairs], learned, given),
+        plain.structure,
+        best.structure,
+        residual_structure.chance(plain.at.residuals),
+        None if np.isnan(beginning.error) else beginning.error,
+        (*remarks(plain, best, suspects, decision), *_left(after, decision)),
+        views(recordings, plain.at, best.at, parted.holdout, given),
+        before,
+        after if shown is not plain else None,
+        material_err(float(np.mean(floors)), given),
+    )
+
+
+def _immaterial(decision: verdict.Decision, plain: Candidate, given: Settings) -> verdict.Decision:
+    """The decision: unexplained structure is left alone where it does not matter."""
+    if decision.verdict != "unexplained" or not is_immaterial(plain, given):
+        return decision
+    return replace(decision, verdict="adequate")
+
+
+def is_immaterial(plain: Candidate, given: Settings) -> bool:
+    """Whether all that the plain model misses is too little to matter."""
+    err = holdout.mean(plain.at.err)
+    return err is not None and err < material_err(0.0, given)
+
+
+def _related(c: Candidate, recordings: Sequence[Recording]) -> Relations:
+    """What goes along with the residual that a candidate leaves."""
+    at = c.at
+    return relations(recordings, at.residuals, at.predicted, at.model.settings)
+
+
+def _left(found: Relations | None, decision: verdict.Decision) -> tuple[str, ...]:
+    """What is left where nothing explains the data."""
+    return sentences(found) if found is not None and decision.verdict == "unexplained" else ()
+
+
+def _polished(c: Candidate, recordings: Sequence[Recording], given: Settings) -> Candidate:
+    """A candidate whose numbers are to be told."""
+    return candidate(c.effect, c.form, polished(c.at, recordings, given), given)

@@ -1,0 +1,182 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""A model with open parameters: settings, which of their numbers are fitted, what is known."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from dlo_ros.effects import Quantity, quantities
+from dlo_ros.effects.start import Block
+from dlo_ros.identification.estimate import GUESS
+from dlo_ros.inference.parameter import split_name, value_of, with_value
+from dlo_ros.parameters import EFFECTS_PREFIX, Settings
+from dlo_ros.rod.sensitivity_parameters import MATERIAL, effect_names
+from dlo_ros.spline import FloatArray
+
+LARGEST_LOG_STEP = 1.5
+BELIEVED = 4.0
+"""Standard deviations of a measured value, up to which it may be wrong."""
+LOOSE = 3.0
+"""Standard deviations of what is not known, in natural units of a parameter."""
+
+
+@dataclass(frozen=True)
+class Model:
+    """Settings, and which of their numbers are fitted.
+
+    Args:
+        settings: with the values.
+        free: names as in `dlo_ros.rod.sensitivity_parameters`.
+        bounds: of what was measured beforehand: lowest and highest value, each in its own unit.
+    """
+
+    settings: Settings
+    free: tuple[str, ...]
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Names of the effects that the model contains."""
+        return tuple(self.settings.effects)
+
+    def theta(self) -> FloatArray:
+        """The open parameters as the fit sees them, shape (P,)."""
+        return np.array([_inner(name, value_of(self.settings, name)) for name in self.free])
+
+    def at(self, theta: FloatArray) -> Model:
+        """The model with other values; what leaves its range stays at the border."""
+        settings = self.settings
+        for name, value in zip(self.free, theta, strict=True):
+            low, high = self.bounds.get(name) or _range(name, settings)
+            settings = with_value(settings, name, _outer(name, float(value), low, high))
+        return replace(self, settings=settings)
+
+    def chain(self) -> FloatArray:
+        """Derivative of a parameter as `Simulation` takes it by that which the fit sees, (P,)."""
+        return np.array(
+            [
+                1.0 if name in MATERIAL or not logarithmic(name) else value_of(self.settings, name)
+                for name in self.free
+            ]
+        )
+
+    def natural(self) -> FloatArray:
+        """What a plausible size of each parameter is, as the fit sees it, shape (P,)."""
+        return np.array([_natural(name, self.settings) for name in self.free])
+
+    def at_border(self) -> tuple[str, ...]:
+        """Effect parameters that the data would push out of their range."""
+        found = []
+        for name in self.free:
+            if name in MATERIAL:
+                continue
+            value = value_of(self.settings, name)
+            low, high = _range(name, self.settings)
+            if value in (low, high):
+                found.append(name)
+        return tuple(found)
+
+    def extended(self, effect: str, block: Block, keys: tuple[str, ...]) -> Model:
+        """The model with one more effect, of which some keys are fitted."""
+        effects = {**self.settings.effects, effect: dict(block)}
+        free = (*self.free, *names(effect, block, keys))
+        return replace(self, settings=self.settings.with_effects(effects), free=free)
+
+    def without(self, effect: str) -> Model:
+        """The model without one of its effects."""
+        effects = {k: v for k, v in self.settings.effects.items() if k != effect}
+        prefix = f"{EFFECTS_PREFIX}{effect}."
+        free = tuple(n for n in self.free if not n.startswith(prefix))
+        return replace(self, settings=self.settings.with_effects(effects), free=free)
+
+
+def baseline(settings: Settings) -> Model:
+    """The plain model: E, mu and damping; given effects stay.
+
+    What was measured beforehand stays near its value: a fit that pushes it further does the work of
+    a cause that nobody names.
+    """
+    damping = settings.damping
+    free = ["young_modulus", "density"]
+    free += [n for n in ("air_drag", "relaxation_time") if getattr(damping, n) > 0.0]
+    bounds = {}
+    for name in free[1:]:
+        block: Any = settings.rod if name == "density" else damping
+        value, std = getattr(block, name), getattr(block, f"{name}_std")
+        if std > 0.0:
+            factor = math.exp(BELIEVED * std / value)
+            bounds[name] = value / factor, value * factor
+    return Model(settings, tuple(free), bounds)
+
+
+def names(effect: str, block: Block, keys: tuple[str, ...]) -> tuple[str, ...]:
+    """Full names of an effect's parameters, one for each number."""
+    return tuple(name for key in keys for name in effect_names(effect, key, block[key]))
+
+
+def prior(model: Model, given: Settings) -> tuple[FloatArray, FloatArray]:
+    """What is known beforehand of the open parameters.
+
+    Args:
+        model: whose parameters.
+        given: the parameter file, around which the material lies.
+
+    Returns:
+        Centre and information (inverse variance), each of shape (P,).
+    """
+    centre, information = [], []
+    for name in model.free:
+        if name in MATERIAL:
+            block: Any = given.rod if name in ("young_modulus", "density") else given.damping
+            value = getattr(block, name)
+            std = getattr(block, f"{name}_std", 0.0) / value
+            centre.append(math.log(value))
+            information.append((std or GUESS[name]) ** -2)
+        else:
+            quantity, natural = _quantity(name), _natural(name, model.settings)
+            log = logarithmic(name)
+            place = quantity.geometric
+            here = value_of(model.settings, name)
+            centre.append(_inner(name, here) if log or place else quantity.neutral)
+            # What is only a place needs no centre; a little keeps the equations regular.
+            information.append(1e-4 if log or place else (LOOSE * natural) ** -2)
+    return np.array(centre), np.array(information)
+
+
+def logarithmic(name: str) -> bool:
+    """Whether a parameter is fitted by its logarithm."""
+    return name in MATERIAL or _quantity(name).logarithmic
+
+
+def _quantity(name: str) -> Quantity:
+    effect, key, _ = split_name(name)
+    return quantities(effect)[key]
+
+
+def _inner(name: str, value: float) -> float:
+    return math.log(value) if logarithmic(name) else value
+
+
+def _outer(name: str, value: float, low: float, high: float) -> float:
+    if logarithmic(name):
+        value = math.exp(min(max(value, -100.0), 100.0))
+    return min(max(value, low), high)
+
+
+def _range(name: str, settings: Settings) -> tuple[float, float]:
+    """Within which a parameter is looked for, in its own unit."""
+    if name in MATERIAL:
+        return {
+            "young_modulus": (1e3, 1e12), "density": (1.0, 1e5), "air_drag": (1e-9, 1e3),
+            "relaxation_time": (1e-8, 10.0),
+        }[name]  # fmt: skip
+    return _quantity(name).search_for(settings.scale)
+
+
+def _natural(name: str, settings: Settings) -> float:
+    return 1.0 if name in MATERIAL else _quantity(name).natural_for(settings.scale)

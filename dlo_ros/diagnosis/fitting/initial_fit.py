@@ -1,0 +1,279 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""The plain model's fit, its noise, and a simulation that is finer than the noise."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dlo_ros.diagnosis.fitting.candidate_model import Model, baseline
+from dlo_ros.diagnosis.fitting.evaluation import Evaluation, evaluate
+from dlo_ros.diagnosis.fitting.levenberg_marquardt import CLEARLY_WRONG, attempt, fit, polished
+from dlo_ros.diagnosis.fitting.recording_noise import with_bias, with_noise
+from dlo_ros.errors import SimulationError
+from dlo_ros.identification.estimate import FINEST
+from dlo_ros.inference.forecast import Manipulation, forecast
+from dlo_ros.inference.measured import Recording, measured, without_gross
+from dlo_ros.parameters import Settings
+from dlo_ros.spline import DEGREE, FloatArray
+
+LOG = logging.getLogger(__name__)
+
+FACTORS = (1.0, 0.3, 3.0, 0.1, 10.0, 0.03, 30.0)
+"""Multiples of E from which the fit may start: far away a shape may lie on another branch."""
+VALLEYS = 3
+VALLEY_ITERATIONS = 6
+"""Largest number of these starts that are fitted, until a residual is small; their iterations."""
+FINENESS = 0.1
+"""Largest error of the simulation itself, over the noise of one frame."""
+OWN_SHARE = 0.0015
+"""Largest error of the simulation itself, over the model's residual, where that is more than the
+noise allows: nothing finer is judged."""
+OWN_MATTERS = 0.3
+"""Error of the simulation itself over the model's residual, from which it matters."""
+ROUNDS = 2
+SPACE_ROUNDS = 5
+WORTH = 0.7
+"""Error over that with fewer knot spans, below which more of them are worth their time."""
+TIME_ROUNDS = 2
+TIME_GAIN = 9.0
+"""Factor by which the error falls with a tenth of the tolerance."""
+DRAFT_SPANS = 2
+"""Knot spans of a draft's simulation over those of the observed spline."""
+DRAFT_TOLERANCE = 1e-3
+DRAFT_ERROR = 0.5
+"""Largest error of a draft against the fine simulation, in units of the noise."""
+DRAFT_FRAMES = 800
+LEAST_FRAMES = 100
+"""Frames that a draft goes through: most of all recordings together, least of one."""
+SHOWN = 0.25
+"""Share of the squared residuals that a draft must go through."""
+DRAFT_SHARE = 0.05
+"""Error of a draft over the plain model's residual, up to which it does not matter."""
+
+
+@dataclass(frozen=True)
+class Beginning:
+    """The plain model, fitted.
+
+    Args:
+        recordings: with their noise and a resolution that is fine enough.
+        at: the fit to all of them.
+        error: the simulation's own error, mean distance [m]; NaN where it was not judged.
+        left_out: number of pictures of each recording that are grossly wrong and left out.
+    """
+
+    recordings: tuple[Recording, ...]
+    at: Evaluation
+    error: float
+    left_out: tuple[int, ...] = ()
+
+
+def begin(
+    manipulations: Sequence[Manipulation], settings: Settings, near: Model | None = None
+) -> Beginning:
+    """Fit (E, mu, damping) and estimate the noise of what was measured.
+
+    Args:
+        near: where the fit may begin; default: the best of several values of E.
+
+    Raises:
+        InputError: a recording holds nothing that can be compared.
+        SimulationError: no starting value can be simulated.
+    """
+    recordings = tuple(measured(m, settings) for m in manipulations)
+    at = _first(recordings, settings, near)
+    usable = tuple(
+        without_gross(r, r.observed[-len(p) :] - p[..., :3])
+        for r, p in zip(recordings, at.predicted, strict=True)
+    )
+    left_out = tuple(len(r.times) - len(u.times) for r, u in zip(recordings, usable, strict=True))
+    if any(left_out):
+        recordings = usable
+        at = _first(recordings, settings, near)
+    error = np.nan
+    for _ in range(ROUNDS):
+        recordings = with_bias(recordings, at.predicted, settings)
+        recordings = tuple(
+            with_noise(r, p, settings) for r, p in zip(recordings, at.predicted, strict=True)
+        )
+        recordings, error = _finer(recordings, at)
+        at = fit(evaluate(at.model, recordings, settings), recordings, settings, 6)
+    at = polished(at, recordings, settings)
+    return Beginning(recordings, at, error, left_out)
+
+
+def _first(recordings: tuple[Recording, ...], settings: Settings, near: Model | None) -> Evaluation:
+    """The model that a fit begins with, held against recordings."""
+    if near is None:
+        return _best_start(recordings, baseline(settings))
+    return evaluate(near, recordings, settings, derivatives=False)
+
+
+def finer(beginning: Beginning, near: Model, settings: Settings) -> Beginning | None:
+    """The beginning with a simulation that is fine enough for a model that comes near the data.
+
+    Returns:
+        None where the simulation's own error is small beside what that model leaves over.
+    """
+    here = evaluate(near, beginning.recordings, settings, derivatives=False)
+    recordings, error = _finer(beginning.recordings, here)
+    fine = evaluate(near, recordings, settings, derivatives=False)
+    own = [a - b for a, b in zip(here.residuals, fine.residuals, strict=True)]
+    if _rms(own) < OWN_MATTERS * _rms(fine.residuals):
+        return None
+    at = fit(evaluate(beginning.at.model, recordings, settings), recordings, settings, 6)
+    return Beginning(recordings, polished(at, recordings, settings), error, beginning.left_out)
+
+
+def _rms(residuals: Sequence[FloatArray]) -> float:
+    return float(np.sqrt(np.mean(np.concatenate([r.ravel() for r in residuals]) ** 2)))
+
+
+def _best_start(recordings: tuple[Recording, ...], model: Model) -> Evaluation:
+    """The plain model near the best of some fits: a motion may have several valleys of E."""
+    coarse = tuple(replace(r, spans=2 * (r.observed.shape[1] - DEGREE)) for r in recordings)
+    begun: list[Evaluation] = []
+    failure: SimulationError | None = None
+    theta = model.theta()
+    for factor in FACTORS:
+        shifted = theta.copy()
+        shifted[0] += np.log(factor)
+        try:
+            begun.append(evaluate(model.at(shifted), coarse, model.settings, derivatives=False))
+        except SimulationError as err:
+            failure = err
+    if not begun:
+        raise failure or SimulationError("no starting value can be simulated")
+    begun.sort(key=_mean_err)
+    best = begun[0]
+    for at in begun[:VALLEYS]:
+        # Without its noise the prior would count for more than the data.
+        known = [
+            with_noise(r, p, model.settings) for r, p in zip(coarse, at.predicted, strict=True)
+        ]
+        found = attempt(at.model, known, model.settings, VALLEY_ITERATIONS)
+        if found is not None and _mean_err(found) < _mean_err(best):
+            best = found
+        if found is not None and found.excess < CLEARLY_WRONG:
+            break
+    return best
+
+
+def _mean_err(at: Evaluation) -> float:
+    """ERR [m], all recordings counting the same."""
+    return float(np.mean([np.mean(e) for e in at.err]))
+
+
+def _finer(
+    recordings: tuple[Recording, ...], at: Evaluation
+) -> tuple[tuple[Recording, ...], float]:
+    """Recordings with as many knot spans and time steps as keep the simulation's error small."""
+    result, errors = [], []
+    settings = at.model.settings
+    left = [r.residual(p) for r, p in zip(recordings, at.predicted, strict=True)]
+    fineness = max(FINENESS, OWN_SHARE * _rms(left))
+    for recording in recordings:
+        n = recording.observed.shape[1]
+        noise = float(np.sqrt(np.sum(recording.noise[:n] ** 2)))
+        wanted = max(fineness * noise / settings.rod.length, FINEST)
+        tolerance = min(settings.simulation.tolerance, wanted)
+        own = np.inf
+        if settings.simulation.start != "moving":  # there are equilibria near its way
+            fine = replace(settings, simulation=replace(settings.simulation, tolerance=tolerance))
+            found = forecast(recording.manipulation, fine)
+            recording, own = replace(recording, spans=found.spans), found.resolution_error
+        if own > tolerance:
+            recording, own = _in_space(recording, at.model, tolerance)
+        recording, error = _in_time(recording, at.model, fineness)
+        result.append(recording)
+        errors.append(np.hypot(own * settings.rod.length, error))
+    return tuple(result), float(np.nanmax(errors)) if np.isfinite(errors).any() else np.nan
+
+
+def _in_space(recording: Recording, model: Model, tolerance: float) -> tuple[Recording, float]:
+    """The recording with knot spans fine enough, and the error that they leave, over L.
+
+    Judged by the motion itself, where no equilibrium on its way tells: those of two resolutions may
+    lie on different branches, which a motion goes by.
+    """
+    unit = replace(recording, noise=np.ones(len(recording.noise)))
+    first = recording.observed.shape[1] - DEGREE
+    coarse: tuple[Recording, FloatArray] | None = None
+    best, least = recording, np.inf
+    for spans in (first * 2**k for k in range(SPACE_ROUNDS)):
+        finer = replace(recording, spans=spans)
+        try:
+            shapes = evaluate(model, [finer], model.settings, derivatives=False).predicted[0]
+        except SimulationError:
+            coarse = None
+            continue
+        if coarse is not None:
+            apart = unit.white(shapes[..., :3] - coarse[1][..., :3])
+            error = float(np.sqrt(np.mean(np.sum(apart**2, axis=1)))) / model.settings.rod.length
+            if error < WORTH * least:
+                best, least = coarse[0], error
+            if least < tolerance:
+                break
+        coarse = finer, shapes
+    return best, least
+
+
+def _in_time(recording: Recording, model: Model, fineness: float) -> tuple[Recording, float]:
+    """The recording with time steps fine enough, and the error that they leave [m]."""
+    n = recording.observed.shape[1]
+    noise = float(np.sqrt(np.sum(recording.noise[:n] ** 2)))
+    tolerance = model.settings.simulation.tolerance
+    here = replace(recording, tolerance=tolerance)
+    before = evaluate(model, [here], model.settings, derivatives=False).predicted[0]
+    error = np.inf
+    for _ in range(TIME_ROUNDS):
+        tolerance /= 10.0
+        finer = replace(here, tolerance=tolerance)
+        after = evaluate(model, [finer], model.settings, derivatives=False).predicted[0]
+        error = float(np.sqrt(np.mean(recording.white(after[..., :3] - before[..., :3]) ** 2)))
+        if error < fineness:
+            break
+        here, before, error = finer, after, error / TIME_GAIN
+        if error < fineness:
+            break
+    return here, error * noise
+
+
+def drafts(recordings: Sequence[Recording], at: Evaluation) -> tuple[Recording, ...]:
+    """The recordings with coarser simulations, as far as these do not deceive, long ones shortened.
+
+    Args:
+        at: the plain model, simulated finely.
+    """
+    result = []
+    for recording, r, fine in zip(recordings, at.residuals, at.predicted, strict=True):
+        coarse = DRAFT_SPANS * (recording.observed.shape[1] - DEGREE)
+        most = max(DRAFT_ERROR, DRAFT_SHARE * float(np.sqrt(np.mean(r**2))))
+        for spans in (coarse, recording.spans):
+            draft = replace(recording, spans=spans, tolerance=DRAFT_TOLERANCE)
+            try:
+                rough = evaluate(at.model, [draft], at.model.settings, derivatives=False)
+            except SimulationError:
+                continue
+            apart = rough.predicted[0][..., :3] - fine[..., :3]
+            if np.sqrt(np.mean(recording.white(apart) ** 2)) < most:
+                # What it does wrong with the plain model, it does with others, nearly.
+                observed = recording.observed.copy()
+                observed[-len(apart) :] += apart
+                draft = replace(draft, observed=observed)
+                break
+        else:
+            draft = recording
+        result.append(draft.until(_long_enough(r, len(recordings)) + len(recording.times) - len(r)))
+    return tuple(result)
+
+
+def _long_enough(residual: FloatArray, recordings: int) -> int:
+    """Frames of a recording, from its first, in which much of what is wrong has shown itself."""
+    shown = np.cumsum(np.sum(residual**2, axis=1))
+    most = max(LEAST_FRAMES, DRAFT_FRAMES // recordings)
+    return max(most, int(np.searchsorted(shown, SHOWN * shown[-1])) + 1)

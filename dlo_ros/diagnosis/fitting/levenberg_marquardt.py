@@ -1,0 +1,234 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Fits the open parameters of a model to recordings (Levenberg-Marquardt)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dlo_ros.diagnosis.fitting.candidate_model import Model, prior
+from dlo_ros.diagnosis.fitting.evaluation import Evaluation, carried_on, evaluate, is_differentiable
+from dlo_ros.errors import SimulationError
+from dlo_ros.inference.measured import Recording
+from dlo_ros.parameters import Settings
+from dlo_ros.spline import FloatArray
+
+CONVERGED = 0.05
+"""Gain of the cost in one iteration, per root of the number of measurements."""
+CLEARLY_WRONG = 4.0
+"""Excess over the noise from which a fit need not be driven to the last digit."""
+COARSE = 0.01
+"""Share of the squared residuals that an iteration must still gain there."""
+TINY = 1e-200
+POLISH = 3
+NONSMOOTH_POLISH = 6
+DAMPING = 1e-4
+CONTINUED = 1e-7
+"""Marquardt's damping of a fit at first, and of one that is continued."""
+UNDAMPED = 1e-9
+DAMPED, LEAST_DAMPING = 100.0, 1e-4
+"""Factor by which the damping grows after a step that has failed, and its least value then."""
+TRIES = 5
+LARGEST_STEP = 2.0
+"""Largest change of a parameter in one iteration, in natural units."""
+
+
+@dataclass(frozen=True)
+class Normal:
+    """The normal equations of a linearised model, of any part of the measurements.
+
+    Args:
+        hessian: J^T J, shape (P, P).
+        gradient: J^T r, shape (P,).
+        power: r^T r.
+    """
+
+    hessian: FloatArray
+    gradient: FloatArray
+    power: float
+
+    def __add__(self, other: Normal) -> Normal:
+        return Normal(
+            self.hessian + other.hessian, self.gradient + other.gradient, self.power + other.power
+        )
+
+    def scaled(self, factor: float) -> Normal:
+        """With another weight."""
+        return Normal(factor * self.hessian, factor * self.gradient, factor * self.power)
+
+    def minimum(self) -> tuple[FloatArray, float]:
+        """Where the linearised cost is smallest, from here, and its value there."""
+        step = solve(self.hessian, self.gradient)
+        return step, self.power - float(self.gradient @ step)
+
+
+def solve(hessian: FloatArray, right: FloatArray) -> FloatArray:
+    """Solve positive definite equations whose unknowns differ widely in size."""
+    diagonal = np.diag(hessian)
+    # An unknown of which nothing is known stays where it is.
+    scale = np.where(diagonal > 0.0, 1.0 / np.sqrt(np.maximum(diagonal, TINY)), 0.0)
+    scaled = hessian * scale[:, None] * scale
+    scaled += 1e-12 * np.eye(len(scaled))
+    shape = (-1,) + (1,) * (right.ndim - 1)
+    return np.asarray(scale.reshape(shape) * np.linalg.solve(scaled, scale.reshape(shape) * right))
+
+
+def normal(residual: FloatArray, jacobian: FloatArray) -> Normal:
+    """Normal equations of frames: residual (F, K), jacobian (F, P, K)."""
+    j = jacobian.transpose(0, 2, 1).reshape(-1, jacobian.shape[1])
+    r = residual.ravel()
+    return Normal(j.T @ j, j.T @ r, float(r @ r))
+
+
+def known(model: Model, given: Settings) -> Normal:
+    """What is known beforehand, as normal equations."""
+    centre, information = prior(model, given)
+    off = centre - model.theta()
+    return Normal(np.diag(information), information * off, float(information @ off**2))
+
+
+def total(at: Evaluation, given: Settings, masks: Sequence[np.ndarray] | None = None) -> Normal:
+    """Normal equations of everything, the noise as large as what is left over.
+
+    Args:
+        masks: frames of each recording that count, shape (F,); default: all.
+    """
+    assert at.jacobians is not None
+    result = known(at.model, given)
+    for k, (residual, jacobian) in enumerate(zip(at.residuals, at.jacobians, strict=True)):
+        keep = slice(None) if masks is None else masks[k][-len(residual) :]
+        result = result + normal(residual[keep], jacobian[keep]).scaled(1.0 / at.excess)
+    return result
+
+
+def bounded(model: Model, hessian: FloatArray, gradient: FloatArray) -> FloatArray:
+    """A step that stays within the ranges; what meets its border no longer moves the others."""
+    theta = model.theta()
+    step = np.zeros(len(theta))
+    held = np.zeros(len(theta), dtype=np.bool_)
+    for _ in range(len(theta)):
+        free = ~held
+        right = gradient[free] - hessian[np.ix_(free, held)] @ step[held]
+        step[free] = solve(hessian[np.ix_(free, free)], right)
+        step *= min(1.0, LARGEST_STEP / float(np.abs(step / model.natural()).max() or 1.0))
+        within = model.at(theta + step).theta() - theta
+        met = free & (np.abs(within - step) > 1e-9 * (1.0 + np.abs(step)))
+        if not met.any():
+            break
+        step[met] = within[met]
+        held |= met
+    return step
+
+
+def fit(
+    start: Evaluation, recordings: Sequence[Recording], given: Settings, iterations: int, *,
+    exact: bool = False, damping: float = DAMPING,
+) -> Evaluation:  # fmt: skip
+    """Levenberg-Marquardt from an evaluation with derivatives.
+
+    A step that cannot be simulated or makes things worse is shortened; what leaves its range stays
+    at the border.
+
+    Args:
+        exact: see `evaluate`.
+        damping: Marquardt's, at first; it keeps a fit from going far along what the data leave
+            open, and makes it slow along narrow valleys.
+    """
+    best, first = start, damping
+    for left in reversed(range(iterations)):
+        after, damping = _improved(best, recordings, given, exact, damping)
+        done = after is None or best.cost - after.cost < _enough(best)
+        believed = not best.carried
+        best = after or best
+        if done:
+            if believed or not left:
+                return best
+            best, damping = renewed(best, recordings, given), first
+    return best
+
+
+def _enough(at: Evaluation) -> float:
+    """Gain of the cost below which a fit has come to its end."""
+    count = sum(r.size for r in at.residuals)
+    coarse = COARSE * count if at.excess > CLEARLY_WRONG else 0.0
+    return float(CONVERGED * np.sqrt(count)) + coarse
+
+
+def _improved(
+    best: Evaluation, recordings: Sequence[Recording], given: Settings, exact: bool, damping: float
+) -> tuple[Evaluation | None, float]:
+    """One iteration: what is better, None where nothing is, and Marquardt's damping then."""
+    equations, enough = total(best, given), _enough(best)
+    for k in range(TRIES):
+        lhs = equations.hessian + damping * np.diag(np.diag(equations.hessian))
+        step = bounded(best.model, lhs, equations.gradient)
+        if step @ (2.0 * equations.gradient - equations.hessian @ step) < enough:
+            break
+        trial = best.model.at(best.model.theta() + step)
+        try:
+            after = _tried(trial, recordings, given, exact, best)
+        except SimulationError:
+            damping = max(DAMPED * damping, LEAST_DAMPING)
+            continue
+        gain = best.cost - after.cost
+        if gain > 0.0:
+            return after, 0.1 * damping
+        if k and -gain < enough:
+            break
+        damping = max(DAMPED * damping, LEAST_DAMPING)
+    return None, damping
+
+
+def _tried(
+    model: Model, recordings: Sequence[Recording], given: Settings, exact: bool, before: Evaluation
+) -> Evaluation:
+    """An evaluation whose derivatives are simulated where they are cheap or must be.
+
+    Elsewhere the last ones are carried on; those of a nonsmooth effect are had if it is any use.
+    """
+    nonsmooth = not is_differentiable(model)
+    if nonsmooth or (before.dear and not exact):
+        after = evaluate(model, recordings, given, derivatives=False)
+        if after.cost >= before.cost:
+            return after
+        if not nonsmooth:
+            return carried_on(before, after)
+    return evaluate(model, recordings, given, exact=exact)
+
+
+def renewed(at: Evaluation, recordings: Sequence[Recording], given: Settings) -> Evaluation:
+    """An evaluation with derivatives of its own, if it can have any."""
+    if not at.carried:
+        return at
+    try:
+        return evaluate(at.model, recordings, given)
+    except SimulationError:
+        return replace(at, carried=False)
+
+
+def attempt(
+    model: Model, recordings: Sequence[Recording], given: Settings, iterations: int, *,
+    damping: float = DAMPING,
+) -> Evaluation | None:  # fmt: skip
+    """A fit that begins with a model; None where that cannot be simulated."""
+    try:
+        at = evaluate(model, recordings, given)
+    except SimulationError:
+        return None
+    return fit(at, recordings, given, iterations, damping=damping)
+
+
+def polished(at: Evaluation, recordings: Sequence[Recording], given: Settings) -> Evaluation:
+    """The fit finished with exact derivatives: what the data leave open is as known beforehand.
+
+    Of nonsmooth effects there are none; their fit goes on as it was, with the fine simulation.
+    """
+    nonsmooth = not is_differentiable(at.model)
+    iterations, damping = (NONSMOOTH_POLISH, DAMPING) if nonsmooth else (POLISH, UNDAMPED)
+    try:
+        here = evaluate(at.model, recordings, given, exact=not nonsmooth)
+    except SimulationError:
+        return at
+    return fit(here, recordings, given, iterations, exact=not nonsmooth, damping=damping)

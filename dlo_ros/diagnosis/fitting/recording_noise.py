@@ -1,0 +1,160 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""The noise of recordings, from how residuals scatter in time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.special import comb
+
+from dlo_ros.identification.residual_noise import point_noise
+from dlo_ros.inference.measured import Recording
+from dlo_ros.parameters import Settings
+from dlo_ros.spline import FloatArray, SplineBasis
+
+ORDERS = (2, 4, 6)
+"""Orders of differences in time, which a smooth residual enters less and less."""
+LEAST_NOISE = 2e-6
+"""Smallest noise over the length: below, rounding and time steps would count as noise."""
+DRAWS = 20_000
+MEDIAN = 0.4549
+"""Median of the square of a normal variable, over its mean."""
+SCATTERING = 0.45
+"""Share of the stated variance of points that must be new in every picture, to be all of it."""
+ALIKE_PARTS = 4
+"""Number of parts of the DLO in each of which lasting errors of a camera are alike."""
+TIP = 0.05
+"""Standard deviation of the place along the DLO that a camera sees, over the diameter."""
+LEAST_SHARE = 0.5
+"""Smallest share of the typical noise that a single coefficient may have."""
+
+
+def with_noise(recording: Recording, predicted: FloatArray, settings: Settings) -> Recording:
+    """The recording with its noise estimated from how residuals scatter in time."""
+    unit = replace(recording, noise=np.ones(len(recording.noise)))
+    field = unit.residual(predicted)
+    return replace(recording, noise=noise_of(field, recording, settings))
+
+
+def scatter(field: FloatArray, recording: Recording, settings: Settings) -> FloatArray:
+    """Standard deviation of each coefficient from frame to frame [m], shape (K,).
+
+    Differences in time of growing order; the smallest counts, and the median over time, so that a
+    moment of violent motion does not. Where there are too few frames the stated standard deviation
+    of the measured points tells, or else the differences along u.
+
+    Args:
+        field: residual coefficients [m], shape (F, K).
+    """
+    found = [np.sqrt(np.median(gap**2, axis=0) / MEDIAN) for gap in _gaps(field)]
+    if found:
+        return np.asarray(np.min(found, axis=0))
+    n = settings.rod.control_points
+    stated = point_noise(recording.manipulation.observations, SplineBasis(n, settings.rod.length))
+    if stated:
+        # `point_noise` is that of the whole shape, of which n coefficients have a share each.
+        return np.full(field.shape[1], stated / np.sqrt(n))
+    parts = [_along(part) for part in np.split(field, field.shape[1] // n, axis=1)]
+    return np.repeat(parts, n)
+
+
+def _gaps(field: FloatArray) -> list[FloatArray]:
+    """Differences in time of growing order, scaled so that noise keeps its size."""
+    result = []
+    for order in ORDERS:
+        if len(field) <= 2 * order:
+            continue
+        weights = np.array([1.0])
+        for _ in range(order):
+            weights = np.convolve(weights, [1.0, -1.0])
+        weights /= np.linalg.norm(weights)
+        result.append(
+            np.array([weights @ field[i : i + order + 1] for i in range(len(field) - order)])
+        )
+    return result
+
+
+def _along(field: FloatArray) -> float:
+    """Noise of coefficients (F, n) from how they scatter along u, where models err smoothly [m]."""
+    found = [float(np.sqrt(np.mean(field**2)))]
+    for order in ORDERS:
+        if field.shape[1] > 2 * order:
+            gap = np.diff(field, order, axis=1) / np.sqrt(float(comb(2 * order, order)))
+            found.append(float(np.sqrt(np.median(gap**2) / MEDIAN)))
+    return min(found)
+
+
+def with_bias(
+    recordings: Sequence[Recording], predicted: Sequence[FloatArray], settings: Settings
+) -> tuple[Recording, ...]:
+    """Recordings that know what a camera sees wrongly in every picture.
+
+    Where measured points scatter less from picture to picture than their stated std says, the rest
+    of it stays: edges of a strand lie on pixels, and light falls from one side. Such errors are
+    alike over a part of the DLO.
+
+    Args:
+        predicted: control points per recording, shape (F, n, 3 or more).
+    """
+    shares, stated, along = [], [], []
+    for recording, shapes in zip(recordings, predicted, strict=True):
+        points = [o.points for o in recording.manipulation.observations if o.points is not None]
+        if not points:
+            return tuple(recordings)
+        std = float(np.median([np.sqrt(np.mean(p.std**2)) for p in points]))
+        count = float(np.median([len(p.std) for p in points]))
+        unit = replace(recording, noise=np.ones(len(recording.noise)))
+        n = recording.observed.shape[1]
+        field = unit.residual(shapes)[:, :n]
+        # All coefficients together: of one alone a few dozen pictures tell too little.
+        found = [float(np.median(gap**2)) / MEDIAN for gap in _gaps(field)]
+        each = min(found) if found else float(np.median(scatter(field, recording, settings) ** 2))
+        shares.append(count * each / max(std, 1e-12) ** 2)
+        stated.append(std)
+        ends = [np.sqrt(np.mean(p.std_along**2)) for p in points if p.std_along is not None]
+        tip = TIP * settings.rod.diameter
+        along.append(max(tip, float(np.median(ends))) if ends else tip)
+    # In motion a strand crosses pixels, and part of it scatters.
+    if min(shares) > SCATTERING:
+        return tuple(recordings)
+    biased = []
+    for recording, std, tip in zip(recordings, stated, along, strict=True):
+        bias = np.full(len(recording.noise), std / np.sqrt(ALIKE_PARTS))
+        n = recording.observed.shape[1]
+        bias[n : 2 * n] = np.maximum(bias[n : 2 * n], tip)
+        biased.append(replace(recording, bias=bias))
+    return tuple(biased)
+
+
+def noise_of(field: FloatArray, recording: Recording, settings: Settings) -> FloatArray:
+    """Noise that each coefficient is taken to have [m], shape (K,).
+
+    No coefficient is much better than the others, and what the camera sees along the DLO is not
+    better than what it sees across.
+
+    Args:
+        field: residual coefficients [m], shape (F, K).
+    """
+    n = settings.rod.control_points
+    each = np.maximum(scatter(field, recording, settings), recording.bias)
+    least = LEAST_NOISE * settings.rod.length
+    typical = max(float(np.sqrt(np.mean(each[:n] ** 2))), least)
+    across = np.maximum(each[:n], LEAST_SHARE * typical)
+    others = [np.maximum(part, across) for part in np.split(each[n:], (len(each) - n) // n)]
+    return np.concatenate([across, *others])
+
+
+def noise_floor(recording: Recording, predicted: FloatArray, settings: Settings) -> float:
+    """The err that a perfect model would have [m]: mean length of the noise.
+
+    Args:
+        predicted: control points of the best model, shape (F, n, 3 or more).
+    """
+    n = settings.rod.control_points
+    field = recording.residual(predicted) * recording.noise
+    each = np.maximum(scatter(field, recording, settings), recording.bias)
+    sizes = np.sqrt(np.sum(each.reshape(-1, n) ** 2, axis=1))  # across, along, out of the plane
+    drawn = np.random.default_rng(0).normal(size=(DRAWS, len(sizes)))
+    return float(np.mean(np.linalg.norm(drawn * sizes, axis=1)))

@@ -1,0 +1,261 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Suspects in the present motion, by the joint model linearised where the estimate is.
+
+The set-up is open within its tolerances, as in `diagnose`, so that a clamp that is a degree off is
+no reason to warn. Nothing is fitted, and the work comes in pieces, so that nobody waits.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dlo_ros.diagnosis.contact.contact_search import glimpsed
+from dlo_ros.diagnosis.contact.peg_places import sight
+from dlo_ros.diagnosis.explain.joint_explanation import NAMED, beyond, certain, material_err
+from dlo_ros.diagnosis.proposals.candidate_effects import starts
+from dlo_ros.diagnosis.proposals.linear_evidence import (
+    Proposal,
+    added,
+    columns,
+    joined,
+    linear_prior,
+    pinned,
+    proposal_of,
+    sheets,
+    with_sheet,
+)
+from dlo_ros.effects import Scene
+from dlo_ros.errors import DloError
+from dlo_ros.identification.cooperative_tasks import LONG, SHORT, Pieces
+from dlo_ros.inference.forecast import Manipulation, motion_of
+from dlo_ros.inference.joint import (
+    Evaluation,
+    Field,
+    Simulated,
+    as_fine,
+    field,
+    judged,
+    least,
+    linearly_fitted,
+    moved,
+)
+from dlo_ros.inference.measured import Recording, measured
+from dlo_ros.inference.parameter import ParametricModel
+from dlo_ros.inference.priors import joint_model, material
+from dlo_ros.inference.scene import imposed_names, scene
+from dlo_ros.inference.spectrum import spectrum
+from dlo_ros.inference.variances import fit_variances
+from dlo_ros.parameters import Settings
+from dlo_ros.rod.simulation import Simulation
+from dlo_ros.spline import FloatArray
+
+LOG = logging.getLogger(__name__)
+
+AT_ONCE = 3
+"""Pictures in a piece of work."""
+AT_MOST = 4
+"""Beginnings of an effect without a useful derivative where it does nothing."""
+TOLD = 3
+"""Suspects that are told of."""
+WEIGHED = 12
+"""Models that are weighed by their evidence, those that leave least."""
+CLEARER = 0.8
+"""Share of what the set-up leaves, below which a suspect comes: the model is linear only."""
+ASTRAY = 0.2
+"""Share of the largest error of a picture, from which one may come after a hit."""
+
+
+@dataclass(frozen=True)
+class Suspects:
+    """Errors of a motion that E, mu and damping leave, and effects that would explain them.
+
+    Args:
+        err: mean distance that E, mu and damping leave [m].
+        setup_err: that a set-up within its tolerances leaves besides [m].
+        material: below which nothing is left to explain [m].
+        found: names of effects with the share of `err` that each would explain, best first; a
+            number of the set-up far beyond its tolerance is one, too.
+    """
+
+    err: float
+    setup_err: float
+    material: float
+    found: tuple[tuple[str, float], ...]
+
+    @property
+    def wrong(self) -> bool:
+        """Whether there is something to tell."""
+        return bool(self.found) or self.setup_err > self.material
+
+    def __str__(self) -> str:
+        return ", ".join(f"{name} ({100.0 * share:.0f} %)" for name, share in self.found)
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """A model of the motion, linear about the estimate.
+
+    Args:
+        effect: that it adds; empty: none.
+        fields: residuals and derivatives.
+        offset, precision: of the prior, see `least`.
+        step: of the parameters, as if errors were white.
+        err: mean distance that this leaves [m].
+    """
+
+    effect: str
+    fields: tuple[Field, ...]
+    offset: FloatArray
+    precision: FloatArray
+    step: FloatArray
+    err: float
+
+    @classmethod
+    def of(
+        cls, effect: str, fields: tuple[Field, ...], offset: FloatArray, precision: FloatArray
+    ) -> Hypothesis:
+        """With its fit."""
+        return cls(effect, fields, offset, precision, *least(fields, offset, precision))
+
+    def evidence(self, settings: Settings) -> float:
+        """Log marginal likelihood, with correlated errors."""
+        n, length = settings.rod.control_points, settings.rod.length
+        spectra = [spectrum(r, j, n) for r, j in moved(self.fields, self.step)]
+        _, found = fit_variances(spectra, self.offset - self.step, self.precision, length)
+        return found.evidence
+
+
+def suspects(past: Manipulation, settings: Settings, spans: int, noise: float) -> Pieces[Suspects]:
+    """Effects that the present motion makes suspect.
+
+    A suspect does clearly better than a set-up within its tolerances, alone or beside it.
+
+    Args:
+        past: what was imposed and seen, from the start of the simulation on.
+        settings: with the estimated parameters.
+        spans: knot spans of the simulation.
+        noise: of a picture, as a mean distance along the DLO [m].
+
+    Raises:
+        DloError: the joint model cannot be simulated.
+    """
+    recording = replace(measured(past, settings), spans=spans)
+    view = scene(settings, imposed_names([past]), [recording.observed])
+    model = _model(recording, settings, view)
+    yield LONG
+    at = judged(model, (yield from _simulated(model, recording, model.names)))
+    yield LONG
+    plain, joint = _bare(at)
+    fitted = linearly_fitted(at)
+    yield LONG
+    shares = _far_off(fitted)
+    if plain.err > material_err(0.0, settings):
+        found = yield from _added(at, recording, view, (plain, joint))
+        known = max(plain.evidence(settings), joint.evidence(settings))
+        for other in sorted(found, key=lambda h: h.err)[:WEIGHED]:
+            yield LONG
+            if other.err < CLEARER * joint.err and other.evidence(settings) > known + NAMED:
+                share = 1.0 - other.err / plain.err
+                shares[other.effect] = max(shares.get(other.effect, 0.0), share)
+    ranked = sorted(shares.items(), key=lambda item: -item[1])[:TOLD]
+    return Suspects(plain.err, joint.err, material_err(noise, settings), tuple(ranked))
+
+
+def _model(recording: Recording, settings: Settings, view: Scene) -> ParametricModel:
+    """The joint model around the estimate; in space the set-up is taken as exact."""
+    if recording.planar:
+        return joint_model(settings, settings, view)
+    return ParametricModel(settings, material(settings))
+
+
+def _bare(at: Evaluation) -> tuple[Hypothesis, Hypothesis]:
+    """E, mu and damping alone, and with the set-up within its tolerances."""
+    offset, precision = at.model.offset(), at.model.precision()
+    own = [k for k, p in enumerate(at.model.parameters) if not p.effect]
+    fields = tuple((r, j[:, own]) for r, j in at.fields)
+    return (
+        Hypothesis.of("", fields, offset[own], precision[own]),
+        Hypothesis.of("", at.fields, offset, precision),
+    )
+
+
+def _far_off(at: Evaluation) -> dict[str, float]:
+    """Numbers of the set-up far beyond their tolerance, with the share that each explains."""
+    shares = {}
+    for group in beyond(at):
+        held = at.model.with_prior([pinned(p) for p in group.parameters])
+        _, without = least(at.fields, held.offset(), held.precision())
+        if certain(at, group) and at.mean_err < CLEARER * without:
+            shares[group.effect] = 1.0 - at.mean_err / without
+    return shares
+
+
+def _added(
+    at: Evaluation, recording: Recording, view: Scene, bare: Sequence[Hypothesis]
+) -> Pieces[list[Hypothesis]]:
+    """Every effect beside what there may be without it."""
+    result: list[Hypothesis] = []
+    for sheet in sheets(_proposals(at, recording, view)):
+        model, names = with_sheet(at.model, sheet)
+        try:
+            extra = columns(at, sheet, (yield from _simulated(model, recording, names)))
+        except DloError as err:
+            LOG.info("%s: %s", ", ".join(p.label for p in sheet), err)
+            continue
+        for proposal in sheet:
+            yield LONG
+            offset, precision = linear_prior(at.model.settings, proposal)
+            for there in bare:
+                fields = joined(there.fields, extra[id(proposal)])
+                full = Hypothesis.of(
+                    proposal.effect, fields, np.append(there.offset, offset),
+                    np.append(there.precision, precision),
+                )  # fmt: skip
+                smooth = proposal.start is not None and proposal.start.neutral
+                if smooth or full.step[-1] > 0.0:
+                    result.append(full)
+    return result
+
+
+def _proposals(at: Evaluation, recording: Recording, view: Scene) -> list[Proposal]:
+    """Effects where they are looked for, pegs where pictures go astray; some of each."""
+    size = np.linalg.norm(at.fields[0][0], axis=1)
+    seen = sight(
+        at.model.settings.rod, [recording.observed], at.predicted, [size > ASTRAY * size.max()]
+    )
+    pegs = [proposal_of(at.model.settings, start) for start in glimpsed(seen)]
+    result: list[Proposal] = []
+    for p in (*added(at.model, starts(view)), *pegs):
+        smooth = p.start is not None and p.start.neutral
+        if smooth or sum(p.effect == other.effect for other in result) < AT_MOST:
+            result.append(p)
+    return result
+
+
+def _simulated(
+    model: ParametricModel, recording: Recording, names: Sequence[str]
+) -> Pieces[Simulated]:
+    """As `dlo_ros.inference.joint.simulate`, some pictures at a time."""
+    past, settings = recording.manipulation, as_fine(model.settings, recording)
+    simulation = Simulation(settings, motion_of(past), parameters=names, spans=recording.spans)
+    for _ in simulation.starting(past.observations[:2], past.observations[-1].stamp):
+        yield SHORT
+    stamps = [o.stamp for o in past.observations]
+    if settings.simulation.start == "moving":
+        stamps = stamps[1:]
+    predictions = [simulation.prediction()] if stamps[0] == simulation.stamp else []
+    later = stamps[len(predictions) :]
+    for k in range(0, len(later), AT_ONCE):
+        yield SHORT
+        predictions += simulation.advance_through(later[k : k + AT_ONCE])
+    shapes = np.array([p.control_points for p in predictions])
+    chain = dict(zip(model.names, model.chain(), strict=True))
+    moves = [p.sensitivity for p in predictions if p.sensitivity is not None]
+    found = field(
+        recording, shapes, np.array(moves) if moves else None, np.array([chain[n] for n in names])
+    )
+    return Simulated((found,), (np.linalg.norm(found[0], axis=1),), (shapes,))

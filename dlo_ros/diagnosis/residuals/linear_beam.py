@@ -1,0 +1,197 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""The rod as a linear beam under tension, about a shape: what small loads do to it.
+
+Bending stiffness across (in space both ways, without what twist adds), tension, and hardly any
+stretch. It has more knot spans than what was observed: a load beside a clamp bends a short piece,
+and too few spans would make it stiffer than it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from dlo_ros.command import Command
+from dlo_ros.parameters import Settings
+from dlo_ros.rod.boundary.imposed_motion import Boundary
+from dlo_ros.spline import DEGREE, FloatArray, SplineBasis
+
+FINER = 2
+"""Knot spans of the beam over those of the observed spline."""
+STRETCH = 1e4
+"""Stretching stiffness over B / L^2: stiff, but no cause of rounding errors."""
+PIN = 100.0
+"""Stiffness of what holds a point, over the largest of the beam."""
+LEAST_TENSION = -8.0
+"""Least tension over B / L^2: a little less would make the linear beam buckle."""
+
+
+@dataclass(frozen=True)
+class Beam:
+    """A rod's stiffness, inertia and drag about shapes that it goes through.
+
+    Args:
+        settings: its parameters.
+        commands: that hold it.
+        axes: of space, that it moves along; x and z in the plane.
+    """
+
+    settings: Settings
+    commands: Sequence[Command]
+    axes: Sequence[int]
+
+    @cached_property
+    def seen(self) -> SplineBasis:
+        """The basis of what was observed."""
+        rod = self.settings.rod
+        return SplineBasis(rod.control_points, rod.length)
+
+    @cached_property
+    def basis(self) -> SplineBasis:
+        """The finer basis of the beam."""
+        return SplineBasis(FINER * self.seen.spans + DEGREE, self.seen.length)
+
+    @cached_property
+    def lift(self) -> FloatArray:
+        """Control points of the beam from those observed, shape (N, n)."""
+        return self.basis.projection(self.seen)
+
+    @cached_property
+    def projection(self) -> FloatArray:
+        """What would be observed of its displacement, coordinates interleaved, shape (d n, d N)."""
+        return np.asarray(np.kron(self.seen.projection(self.basis), np.eye(len(self.axes))))
+
+    @cached_property
+    def _boundary(self) -> Boundary:
+        names = tuple(dict.fromkeys(n for c in self.commands for n in c.names))
+        return Boundary(names, self.basis, self.seen)
+
+    @cached_property
+    def _fixed(self) -> np.ndarray:
+        """Which coordinates are imposed, shape (N, d)."""
+        fixed = self._boundary.fixed.reshape(len(self.basis.greville), -1)
+        return np.asarray(fixed[:, list(self.axes)])
+
+    @property
+    def free(self) -> np.ndarray:
+        """Which coordinates nothing imposes, shape (d N,)."""
+        return ~self._fixed.ravel()
+
+    @cached_property
+    def _places(self) -> list[float]:
+        """Where it is held [m]."""
+        places = [0.0] if self._fixed[0].any() else []
+        places += sorted(self._boundary.pin_abscissae.tolist())
+        return places + ([self.seen.length] if self._fixed[-1].any() else [])
+
+    @cached_property
+    def _rule(self) -> tuple[FloatArray, FloatArray, list[FloatArray]]:
+        """Quadrature points, their weights, and the basis there with its first two derivatives."""
+        u, weight = self.basis.quadrature()
+        return u, weight, [self.basis.matrix(u, order) for order in range(3)]
+
+    def load(self, density: FloatArray) -> FloatArray:
+        """Forces on the control points [N] from loads per length at the quadrature points [N/m].
+
+        Args:
+            density: in each direction alike, shape (Q, M).
+
+        Returns:
+            Shape (d N, d M), coordinates interleaved.
+        """
+        _, weight, (values, *_) = self._rule
+        each = values.T @ (weight[:, None] * density)
+        return np.asarray(np.kron(each, np.eye(len(self.axes))))
+
+    @cached_property
+    def inertia(self) -> FloatArray:
+        """Mass matrix, shape (d N, d N) [kg]."""
+        each = self.settings.rod.linear_density * self.basis.gram
+        return np.asarray(np.kron(each, np.eye(len(self.axes))))
+
+    def stiffness(
+        self, shape: FloatArray, acceleration: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Stiffness and damping about a shape, coordinates interleaved.
+
+        Args:
+            shape, acceleration: control points of the beam [m], [m/s^2], shape (N, d).
+
+        Returns:
+            [N/m] and [N s/m], each of shape (d N, d N).
+        """
+        rod, basis = self.settings.rod, self.basis
+        u, weight, (_, slopes, bends) = self._rule
+        tangent = slopes @ shape
+        tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-12)
+        b = rod.bending_stiffness
+        n, ways = shape.shape
+
+        def along(rows: FloatArray, direction: FloatArray, scale: FloatArray | float) -> FloatArray:
+            j = (rows[:, :, None] * direction[:, None, :]).reshape(len(u), ways * n)
+            result: FloatArray = j.T @ ((weight * scale)[:, None] * j)
+            return result
+
+        stretch = STRETCH * b / rod.length**2
+        tension = self._tension(shape, acceleration, tangent)
+        tension = np.maximum(tension, LEAST_TENSION * b / rod.length**2)
+        even = np.asarray(np.kron(basis.gram, np.eye(ways)))
+        result = along(slopes, tangent, stretch) + 1e-9 * stretch * even
+        damping = self.settings.damping
+        lost = damping.air_drag * even
+        for across in _normals(tangent):
+            bending = along(bends, across, b)
+            result += bending + along(slopes, across, tension)
+            lost += damping.relaxation_time * bending
+        pin = PIN * float(np.abs(result).max())
+        rows = basis.matrix(self._boundary.pin_abscissae)
+        result += pin * np.kron(rows.T @ rows, np.eye(ways))
+        return result, lost
+
+    def _tension(
+        self, shape: FloatArray, acceleration: FloatArray, tangent: FloatArray
+    ) -> FloatArray:
+        """Tension at the quadrature points [N], from weight, inertia and the slope of the moment.
+
+        What holds the rod carries its weight. How several things share it is unknown: as they must,
+        for the shear forces to fit the moments best.
+        """
+        rod = self.settings.rod
+        u, weight, (values, _, bends) = self._rule
+        gravity = np.array(self.settings.gravity)[list(self.axes)]
+        each = weight[:, None] * (values @ acceleration - gravity) * rod.linear_density
+        force = np.cumsum(each, axis=0) - 0.5 * each
+        places = self._places
+        if not places:
+            return np.asarray(np.sum(force * tangent, axis=1))
+        # The last of them takes what the others leave.
+        last = (u > places[-1])[:, None]
+        force = force - last * each.sum(axis=0)
+        if len(places) > 1:
+            bend = bends @ shape
+            bend -= np.sum(bend * tangent, axis=1, keepdims=True) * tangent
+            shear = -rod.bending_stiffness * np.gradient(bend, u, axis=0) - force
+            between = np.column_stack([(u > p).astype(float) - last[:, 0] for p in places[:-1]])
+            normals = _normals(tangent)
+            rows = [between[:, :, None] * a[:, None, :] for a in normals]
+            right = [np.sum(shear * a, axis=1) for a in normals]
+            taken, *_ = np.linalg.lstsq(
+                np.concatenate(rows).reshape(len(normals) * len(u), -1),
+                np.concatenate(right), rcond=None,
+            )  # fmt: skip
+            force = force + between @ taken.reshape(len(places) - 1, -1)
+        return np.asarray(np.sum(force * tangent, axis=1))
+
+
+def _normals(tangent: FloatArray) -> list[FloatArray]:
+    """Unit vectors across the DLO, one in the plane, two in space, each of shape (Q, d)."""
+    if tangent.shape[1] == 2:
+        return [np.column_stack([-tangent[:, 1], tangent[:, 0]])]
+    # Away from the axis that the tangent follows least; stiffness is alike in all directions.
+    axis = np.eye(3)[np.argmin(np.abs(tangent), axis=1)]
+    first = np.cross(tangent, axis)
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    return [first, np.cross(tangent, first)]

@@ -1,0 +1,43 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Pairs of effects: first ones, beside which a second is looked for, and pegs of other sizes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from dlo_ros.diagnosis.fitting.worker_processes import Workers
+from dlo_ros.diagnosis.selection import verdict
+from dlo_ros.diagnosis.selection.effect_search import Candidate, resized
+from dlo_ros.effects.physics.obstacle import Obstacle
+
+BASES = 3
+"""Best single effects to which a second one is added."""
+FIRST_SHARE = 0.9
+"""Residual structure over that without the effect, below which an effect may be one of a pair."""
+
+
+def other_pegs(
+    team: Workers, decision: verdict.Decision, known: Sequence[Candidate]
+) -> list[Candidate]:
+    """The explanation with pegs of other sizes, which tell how little is known of it."""
+    chosen = decision.chosen
+    if chosen is None or len(chosen.effects) < 2:
+        return []
+    model = chosen.candidate.at.model
+    if model.without(Obstacle.name).free == model.free:
+        return []
+    alike = [c for c in known if set(c.at.model.effects) == set(chosen.effects)]
+    if any(c.form.startswith("radius") for c in alike):
+        return []
+    return resized(team, chosen.candidate)
+
+
+def bases(singles: Sequence[Candidate], before: float) -> list[Candidate]:
+    """The best effects in the form that leaves least: the clearer shows what is missing beside."""
+    result: dict[str, Candidate] = {}
+    for c in singles:
+        if c.structure < FIRST_SHARE * before:
+            known = result.setdefault(c.effect, c)
+            if c.structure < known.structure:
+                result[c.effect] = c
+    return list(result.values())[:BASES]

@@ -1,0 +1,342 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Fits effects: every effect a little, the promising ones to the end."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dlo_ros.diagnosis.contact import peg_places
+from dlo_ros.diagnosis.contact.contact_search import peg_of
+from dlo_ros.diagnosis.fitting.candidate_model import Model
+from dlo_ros.diagnosis.fitting.evaluation import Evaluation, earlier
+from dlo_ros.diagnosis.fitting.levenberg_marquardt import CONTINUED, attempt, fit, renewed
+from dlo_ros.diagnosis.fitting.worker_processes import Problem, Progress, Workers
+from dlo_ros.diagnosis.proposals.screening import Prospect, chosen, tried
+from dlo_ros.diagnosis.residuals import residual_structure
+from dlo_ros.effects import Start, effects
+from dlo_ros.effects.physics.obstacle import Obstacle
+from dlo_ros.inference.measured import Recording
+from dlo_ros.parameters import Settings
+
+LOG = logging.getLogger(__name__)
+
+FIRST_ITERATIONS = 1
+ROUND_ITERATIONS = 3
+ROUNDS = 3
+MORE_ITERATIONS = 8
+PROMISING = 4.0
+"""Excess over the noise, against the best candidate's, up to which a fit is carried on."""
+FALLING = 0.5
+"""Excess of a fit over that one round before, below which it is carried on in any case."""
+SETTLED = 0.95
+"""Excess of a fit over that one round before, from which it has come to its end."""
+FAR = 10.0
+"""Structure over that of an explanation, from which the coarse simulation tells enough."""
+CARRIED = 3
+"""Fits that are carried on in any case, where none explains the data."""
+LIKELY = 2.0
+MOST_LIKELY = 4
+"""Excess against the best candidate's, and number of fits, up to which they are carried to the end
+where none explains the data."""
+SECONDS = 6
+"""Effects, by what one simulation of each leaves, that are fitted beside another; the right one has
+been among the first four."""
+PLACES = 3
+"""Rank of an effect without derivatives, by its promise, up to which every form of it is fitted."""
+AS_PROMISING = 3.0
+"""Squared residuals over the best trial's, up to which further forms of an effect are fitted."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A fitted extension.
+
+    Args:
+        effect: the one that was added last.
+        form: see `Start`.
+        at: the fit, with derivatives.
+        score: see `judging.predictive_score`; lower is better.
+        structure: what repeats from frame to frame, in units of the noise.
+    """
+
+    effect: str
+    form: str
+    at: Evaluation
+    score: float
+    structure: float
+
+
+def _fit_draft(problem: Problem, task: tuple[Model, Prospect]) -> Evaluation | None:
+    model, prospect = task
+    return attempt(prospect.beginning(model), problem.drafts, problem.given, FIRST_ITERATIONS)
+
+
+def _continue(problem: Problem, at: Evaluation) -> Evaluation:
+    return fit(at, problem.drafts, problem.given, ROUND_ITERATIONS, damping=CONTINUED)
+
+
+def _carry_on(problem: Problem, task: tuple[Model, bool]) -> Evaluation | None:
+    model, coarse = task
+    recordings = _whole(problem) if coarse else problem.recordings
+    at = attempt(model, recordings, problem.given, MORE_ITERATIONS, damping=CONTINUED)
+    return at and renewed(at, recordings, problem.given)
+
+
+def _whole(problem: Problem) -> list[Recording]:
+    """The recordings to their end with the coarse simulation."""
+    return [
+        replace(r, spans=d.spans, tolerance=d.tolerance)
+        for r, d in zip(problem.recordings, problem.drafts, strict=True)
+    ]
+
+
+def _complete(problem: Problem, model: Model) -> Evaluation | None:
+    return attempt(model, _whole(problem), problem.given, 0)
+
+
+def differentiable(effect: str) -> bool:
+    """Whether a motion has derivatives once an effect acts."""
+    return effects()[effect].differentiable
+
+
+def _worth(prospects: Sequence[Prospect]) -> tuple[list[Prospect], list[Prospect]]:
+    """The best of every effect and whatever comes near the best of all; the rest.
+
+    Of an effect that answers in jumps every form is worth a fit, where the effect is.
+    """
+    first: list[Prospect] = []
+    rest: list[Prospect] = []
+    known: dict[str, int] = {}
+    forms: set[tuple[str, str]] = set()
+    for p in prospects:
+        effect, form = p.start.effect, (p.start.effect, p.start.form)
+        known.setdefault(effect, len(known))
+        worth = p.power < AS_PROMISING * prospects[0].power
+        worth |= not differentiable(effect) and known[effect] < PLACES and form not in forms
+        if worth or not any(q.start.effect == effect for q in first):
+            first.append(p)
+            forms.add(form)
+        else:
+            rest.append(p)
+    return first, rest
+
+
+def search(
+    team: Workers,
+    before: Evaluation,
+    prospects: Sequence[Prospect],
+    progress: Progress,
+    enough: float,
+    *,
+    thorough: bool = True,
+) -> list[Candidate]:
+    """Fit effects in addition to a model; the best fit of each form of each effect, best first.
+
+    Args:
+        before: the fitted model without them.
+        prospects: see `screening.screen`.
+        progress: called with what is being done and the share of it that is done.
+        enough: structure with which an effect explains the data.
+        thorough: whether, where none does, less promising beginnings are fitted, too, unlikely
+            effects, and things in the way that make matters worse where they are tried.
+    """
+    problem = team.problem
+    short = earlier(before, problem.recordings, problem.drafts, problem.given)
+    first, rest = _worth(tried(team, short, chosen(prospects, short.power), progress))
+    smooth = [p for p in first if differentiable(p.start.effect)]
+    rough = [p for p in first if not differentiable(p.start.effect)]
+    if not thorough:
+        rough = [p for p in rough if p.power < short.power]
+        likely = list(dict.fromkeys(p.start.effect for p in smooth))[:SECONDS]
+        smooth = [p for p in smooth if p.start.effect in likely]
+    # In a motion nothing else does as well as a peg, and derivatives beside one take long.
+    moving = sum(len(r.times) for r in problem.recordings) >= residual_structure.FEW
+    groups = [smooth, rough] if moving else [first]
+    found: dict[tuple[str, str], Candidate] = {}
+    least = np.inf
+    for some in (*groups, rest) if thorough else groups:
+        fitted, least = _fitted(team, before.model, some, progress, enough, least)
+        for c in fitted:
+            known = ", ".join(before.model.effects) or "nothing"
+            LOG.info(
+                "%s %s beside %s: score %.1f, structure %.2f of the noise",
+                c.effect, c.form, known, c.score, c.structure,
+            )  # fmt: skip
+            key = (c.effect, c.form)
+            if key not in found or c.at.cost < found[key].at.cost:
+                found[key] = c
+        if any(c.structure < enough for c in found.values()):
+            break
+    return sorted(found.values(), key=lambda c: c.score)
+
+
+@dataclass(frozen=True)
+class _Draft:
+    """A fit with the coarse simulation, and what its excess was a round before."""
+
+    start: Start
+    at: Evaluation
+    before: float
+
+    def excess(self, noise: float) -> float:
+        """Squared residuals beyond those of the noise; at least a tenth of these."""
+        return max(self.at.power - noise, 0.1 * noise)
+
+
+def _fitted(
+    team: Workers, before: Model, prospects: Sequence[Prospect], progress: Progress,
+    enough: float, least: float,
+) -> tuple[list[Candidate], float]:  # fmt: skip
+    """Fit prospects a little, and the promising ones to the end with the fine simulation.
+
+    Args:
+        least: smallest excess of what was fitted before.
+
+    Returns:
+        The fits and the smallest excess now.
+    """
+    problem = team.problem
+    noise = problem.count
+    tasks = [(before, p) for p in prospects]
+    drafts: list[_Draft] = []
+    for k, (p, at) in enumerate(zip(prospects, team.each(_fit_draft, tasks), strict=True)):
+        progress("fitting effects", (k + 1) / len(tasks))
+        if at is not None:
+            drafts.append(_Draft(p.start, at, p.power - noise))
+    for _ in range(ROUNDS):
+        pick = [
+            k for k in _promising(drafts, noise, enough, least)
+            if drafts[k].excess(noise) < SETTLED * drafts[k].before
+        ]  # fmt: skip
+        ats = [drafts[k].at for k in pick]
+        for i, (k, at) in enumerate(zip(pick, team.each(_continue, ats), strict=True)):
+            progress("fitting the likely effects", (i + 1) / len(pick))
+            drafts[k] = replace(drafts[k], at=at, before=drafts[k].excess(noise))
+    found: list[Evaluation | None] = [d.at for d in drafts]
+    carried = _likely(drafts, noise, enough, least)
+    coarse = (
+        bool(carried)
+        and residual_structure.structure(drafts[carried[0]].at.residuals) > FAR * enough
+    )
+    if coarse:
+        names = [drafts[k].start.effect for k in carried]
+        carried = [
+            k for i, k in enumerate(carried)
+            if not differentiable(names[i]) or names[i] not in names[:i]
+        ]  # fmt: skip
+    further = [(drafts[k].at.model, coarse) for k in carried]
+    for i, (k, at) in enumerate(zip(carried, team.each(_carry_on, further), strict=True)):
+        progress("fitting the most likely effects", (i + 1) / len(carried))
+        found[k] = at or found[k]
+    if problem.shortened:
+        left = [k for k in range(len(drafts)) if k not in carried]
+        models = [drafts[k].at.model for k in left]
+        for k, at in zip(left, team.each(_complete, models), strict=True):
+            found[k] = at
+    candidates = [
+        candidate(d.start.effect, d.start.form, at, problem.given)
+        for d, at in zip(drafts, found, strict=True) if at is not None
+    ]  # fmt: skip
+    pegs_found = [c for c in candidates if c.effect == Obstacle.name]
+    first = drafts[carried[0]] if carried else None
+    if first and first.start.effect == Obstacle.name and first.excess(noise) < LIKELY * least:
+        best = min(pegs_found, key=lambda c: c.at.cost)
+        # Also where it explains the data: others that do as well tell how little is known of it.
+        candidates += resized(team, best, coarse=coarse)
+    return candidates, min([least, *(d.excess(noise) for d in drafts)])
+
+
+def resized(team: Workers, c: Candidate, *, coarse: bool = False) -> list[Candidate]:
+    """A candidate with a peg fitted anew from other radii, each a form of its own."""
+    problem, model = team.problem, c.at.model
+    effect = Obstacle.name
+    observed = [r.observed for r in problem.recordings]
+    others = peg_places.resized(peg_of(model), problem.given.rod, observed)
+    bare = model.without(effect)
+    models = [bare.extended(effect, o._asdict(), o._fields) for o in others]
+    fits = team.each(_carry_on, [(m, coarse) for m in models])
+    return [
+        candidate(c.effect, f"radius {o.radius:.3g}", at, problem.given)
+        for o, at in zip(others, fits, strict=True) if at is not None
+    ]  # fmt: skip
+
+
+def reformed(team: Workers, c: Candidate, singles: Sequence[Candidate]) -> list[Candidate]:
+    """A pair fitted anew from the other forms of its first effect.
+
+    Alone the form with most numbers leaves least, and a simpler one may be right beside the second.
+
+    Args:
+        singles: fits of single effects, the first effect of the pair among them.
+    """
+    block = c.at.model.settings.effects[c.effect]
+    first = c.at.model.effects[-2]
+    bare = c.at.model.without(c.effect)
+    others = [s for s in singles if s.effect == first and s.at.model.free != bare.free]
+    models = [s.at.model.extended(c.effect, block, tuple(block)) for s in others]
+    fits = team.each(_carry_on, [(m, False) for m in models])
+    return [
+        candidate(c.effect, f"{c.form} beside {o.form}", at, team.problem.given)
+        for o, at in zip(others, fits, strict=True) if at is not None
+    ]  # fmt: skip
+
+
+def apart(team: Workers, c: Candidate, known: Sequence[str]) -> list[Candidate]:
+    """A candidate without each of its effects, fitted anew from there; none where it has but one.
+
+    Args:
+        known: effects that it keeps.
+    """
+    added = [name for name in c.at.model.effects if name not in known]
+    if len(c.at.model.effects) < 2:
+        return []
+    models = [c.at.model.without(name) for name in added]
+    fits = team.each(_carry_on, [(m, False) for m in models])
+    found = [
+        candidate(at.model.effects[-1], "left", at, team.problem.given)
+        for at in fits if at is not None
+    ]  # fmt: skip
+    for one in [one for one in found if one.effect == Obstacle.name]:
+        found += resized(team, one)
+    return found
+
+
+def _promising(drafts: Sequence[_Draft], noise: float, enough: float, least: float) -> list[int]:
+    """The drafts that are worth more time, best first."""
+    order = sorted(range(len(drafts)), key=lambda k: drafts[k].at.cost)
+    if not order:
+        return []
+    best = min([least, *(d.excess(noise) for d in drafts)])
+    some = 0 if residual_structure.structure(drafts[order[0]].at.residuals) < enough else CARRIED
+    if best == least:
+        some = 0
+    return [
+        k for i, k in enumerate(order)
+        if drafts[k].excess(noise) < PROMISING * best
+        or drafts[k].excess(noise) < FALLING * drafts[k].before
+        or i < some
+    ]  # fmt: skip
+
+
+def _likely(drafts: Sequence[_Draft], noise: float, enough: float, least: float) -> list[int]:
+    """The drafts that are worth the fine simulation, the best of each effect first."""
+    order = _promising(drafts, noise, enough, least)
+    if not order or residual_structure.structure(drafts[order[0]].at.residuals) < enough:
+        return order
+    best = min([least, *(d.excess(noise) for d in drafts)])
+    near = [k for k in order if drafts[k].excess(noise) < LIKELY * best] or order[:1]
+    names = [drafts[k].start.effect for k in near]
+    repeated = [name in names[:i] for i, name in enumerate(names)]
+    return [k for _, k in sorted(zip(repeated, near, strict=True), key=lambda p: p[0])][
+        :MOST_LIKELY
+    ]
+
+
+def candidate(effect: str, form: str, at: Evaluation, given: Settings) -> Candidate:
+    """Judge a fit."""
+    score = residual_structure.predictive_score(at, given)
+    return Candidate(effect, form, at, score, residual_structure.structure(at.residuals))

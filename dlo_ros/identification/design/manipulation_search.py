@@ -1,0 +1,307 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Search for the manipulation that tells most, within the limits of a workspace.
+
+A candidate is where the held ends are at a few moments: they move gently (minimum jerk) from one
+place to the next and rest there. Candidates are drawn at random, and the best are varied.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from dlo_ros.command import CONTROL_POINT, END, START, Command
+from dlo_ros.errors import InputError, SimulationError
+from dlo_ros.identification.design.expected_information import Noise, Outlook, Plan, outlook
+from dlo_ros.parameters import Settings
+from dlo_ros.spline import FloatArray, SplineBasis
+
+# Which ends are held, and whether they give a direction.
+KINDS = ("free", "tip", "clamps")
+MOMENTS = 3  # places of the held ends: before, between and after two motions
+MOVES = ((0.08, 0.42), (0.52, 0.86))  # when they are made, of the duration
+PEAK = 1.875  # largest over mean speed of a motion of minimum jerk
+SPACING = 0.04  # [s] of a command's points
+TAUT = 0.97  # of L: ends are held no further apart
+CLOSEST = 0.12  # of L: nor closer
+SEARCH_RATE = 10.0  # Hz of the camera while searching
+STEEPEST = 0.5  # response beyond which a manipulation is at a snap and cannot be relied on
+FIRST_SPREAD, LAST_SPREAD = 0.3, 0.04  # of the ranges, by which good candidates are varied
+ELITE = 4
+TURN = np.pi  # range of a clamp's direction to either side
+
+
+@dataclass(frozen=True)
+class Workspace:
+    """What is possible.
+
+    Args:
+        x, z: bounds of the held ends [m], low and high.
+        speed: largest speed of a held end [m/s].
+        turn: largest angular speed of a clamp [rad/s].
+        duration: of a recording [s].
+    """
+
+    x: tuple[float, float]
+    z: tuple[float, float]
+    speed: float = 0.5
+    turn: float = 3.0
+    duration: float = 3.0
+
+    def __post_init__(self) -> None:
+        for name, (low, high) in (("x", self.x), ("z", self.z)):
+            if not low < high:
+                raise InputError(f"workspace: {name} from {low:g} to {high:g} m is empty")
+        for name in ("speed", "turn", "duration"):
+            if not getattr(self, name) > 0.0:
+                raise InputError(f"workspace: {name} is {getattr(self, name):g}; above 0 is needed")
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A manipulation as numbers.
+
+    Args:
+        kind: one of `KINDS`.
+        start, end: x, z [m] and direction [rad] of growing u at the held ends, positive from x
+            towards -z, at `MOMENTS` moments, shape (MOMENTS, 3).
+    """
+
+    kind: str
+    start: FloatArray
+    end: FloatArray
+
+
+def draw(kind: str, workspace: Workspace, length: float, rng: np.random.Generator) -> Candidate:
+    """A candidate of a kind at random."""
+    low, high = _ranges(workspace)
+    start = low + (high - low) * rng.random((MOMENTS, 3))
+    end = low + (high - low) * rng.random((MOMENTS, 3))
+    return possible(Candidate(kind, start, end), workspace, length)
+
+
+def varied(
+    candidate: Candidate, spread: float, workspace: Workspace, length: float,
+    rng: np.random.Generator,
+) -> Candidate:  # fmt: skip
+    """A candidate like another one."""
+    low, high = _ranges(workspace)
+    step = spread * (high - low)
+    start = candidate.start + step * rng.normal(size=candidate.start.shape)
+    end = candidate.end + step * rng.normal(size=candidate.end.shape)
+    return possible(Candidate(candidate.kind, start, end), workspace, length)
+
+
+def _ranges(workspace: Workspace) -> tuple[FloatArray, FloatArray]:
+    low = np.array([workspace.x[0], workspace.z[0], -TURN])
+    high = np.array([workspace.x[1], workspace.z[1], TURN])
+    return low, high
+
+
+def possible(candidate: Candidate, workspace: Workspace, length: float) -> Candidate:
+    """The nearest candidate within the bounds that is slow enough and can be reached."""
+    low, high = _ranges(workspace)
+    start, end = (np.clip(track, low, high) for track in (candidate.start, candidate.end))
+    for k in range(MOMENTS):
+        if k:
+            a, b = MOVES[k - 1]
+            time = (b - a) * workspace.duration / PEAK
+            for track in (start, end):
+                _slow(track, k, time, workspace)
+        if candidate.kind != "free":
+            _apart(start[k], end[k], length)
+            end[k, :2] = np.clip(end[k, :2], low[:2], high[:2])
+    return Candidate(candidate.kind, start, end)
+
+
+def _slow(track: FloatArray, k: int, time: float, workspace: Workspace) -> None:
+    step = track[k] - track[k - 1]
+    far = float(np.hypot(step[0], step[1]))
+    step[:2] *= min(1.0, workspace.speed * time / max(far, 1e-12))
+    step[2] *= min(1.0, workspace.turn * time / max(abs(float(step[2])), 1e-12))
+    track[k] = track[k - 1] + step
+
+
+def _apart(start: FloatArray, end: FloatArray, length: float) -> None:
+    """Bring the end to a distance that the DLO can span without lying on itself."""
+    way = end[:2] - start[:2]
+    far = float(np.hypot(way[0], way[1]))
+    if far < 1e-9:
+        way, far = np.array([1.0, 0.0]), 1.0
+    end[:2] = start[:2] + way * (np.clip(far, CLOSEST * length, TAUT * length) / far)
+
+
+def waypoints(track: FloatArray, duration: float) -> FloatArray:
+    """Time, x, z, angle of a gentle motion through the places of an end, shape (m, 4)."""
+    rows = [np.array([0.0, *track[0]])]
+    for (a, b), (here, there) in zip(MOVES, pairwise(track), strict=True):
+        rows.append(np.array([a * duration, *here]))
+        count = max(int(np.ceil((b - a) * duration / SPACING)), 4)
+        for share in np.arange(1, count + 1) / count:
+            smooth = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
+            time = (a + share * (b - a)) * duration
+            rows.append(np.array([time, *(here + smooth * (there - here))]))
+    return np.array(rows)
+
+
+def imposed(candidate: Candidate, duration: float, control_points: int) -> dict[str, FloatArray]:
+    """`waypoints` of each name of dlo/command."""
+    result = {START: waypoints(candidate.start, duration)}
+    if candidate.kind == "tip":
+        result[f"{CONTROL_POINT}{control_points}"] = waypoints(candidate.end, duration)
+    elif candidate.kind == "clamps":
+        result[END] = waypoints(candidate.end, duration)
+    return result
+
+
+def rough_shape(candidate: Candidate, length: float) -> FloatArray:
+    """A curve x, z [m] of about the DLO's length to settle from, shape (m, 2)."""
+    if candidate.kind == "free":
+        return _from_start(candidate.start[0], length)
+    return hanging(candidate.start[0, :2], candidate.end[0, :2], length)
+
+
+def _from_start(pose: FloatArray, length: float) -> FloatArray:
+    """From the clamp, bending down a little."""
+    down = np.pi / 2 + 2.0 * np.pi * np.round((pose[2] - np.pi / 2) / (2.0 * np.pi))
+    s = np.linspace(0.0, 1.0, 25)
+    angle = pose[2] + 0.4 * s * (down - pose[2])
+    steps = np.column_stack([np.cos(angle), -np.sin(angle)])
+    steps = 0.5 * (steps[1:] + steps[:-1]) * (length / 24)
+    return np.asarray(pose[:2] + np.concatenate([[[0.0, 0.0]], np.cumsum(steps, axis=0)]))
+
+
+def hanging(a: FloatArray, b: FloatArray, length: float) -> FloatArray:
+    """A parabola of a given length that hangs between two points x, z [m], shape (m, 2)."""
+    t = np.linspace(0.0, 1.0, 41)
+
+    def curve(sag: float) -> FloatArray:
+        line = a + t[:, None] * (b - a)
+        line[:, 1] -= 4.0 * sag * t * (1.0 - t)
+        return line
+
+    low, high = 0.0, length
+    for _ in range(50):
+        sag = 0.5 * (low + high)
+        if np.linalg.norm(np.diff(curve(sag), axis=0), axis=1).sum() < length:
+            low = sag
+        else:
+            high = sag
+    return curve(0.5 * (low + high))
+
+
+def laid(curve: FloatArray, basis: SplineBasis) -> FloatArray:
+    """Control points (n, 4) of a DLO that is spread along a rough curve x, z [m]."""
+    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(curve, axis=0), axis=1))])
+    if not s[-1] > 0.0:
+        raise InputError("the curve that the DLO is laid along has no length")
+    u = np.linspace(0.0, basis.length, 6 * basis.control_points)
+    at = u / basis.length * s[-1]
+    shape = np.zeros((basis.control_points, 4))
+    points = np.column_stack([np.interp(at, s, curve[:, c]) for c in range(2)])
+    shape[:, [0, 2]] = basis.fit(u, points)
+    return shape
+
+
+def plan_of(candidate: Candidate, name: str, workspace: Workspace, settings: Settings) -> Plan:
+    """A candidate as a plan.
+
+    Raises:
+        CommandError: the command is malformed.
+    """
+    rod = settings.rod
+    tracks = imposed(candidate, workspace.duration, rod.control_points)
+    times = next(iter(tracks.values()))[:, 0]
+    positions = np.zeros((len(times), len(tracks), 3))
+    rotations = np.zeros((len(times), len(tracks), 4))
+    for k, rows in enumerate(tracks.values()):
+        positions[:, k, 0], positions[:, k, 2] = rows[:, 1], rows[:, 2]
+        rotations[:, k, 1], rotations[:, k, 3] = np.sin(rows[:, 3] / 2), np.cos(rows[:, 3] / 2)
+    command = Command(
+        0, tuple(tracks), times, positions, rotations, np.full_like(positions, np.nan),
+        rod.control_points, settings.frame_id,
+    )  # fmt: skip
+    shape = laid(rough_shape(candidate, rod.length), SplineBasis(rod.control_points, rod.length))
+    return Plan(name, command, shape, workspace.duration)
+
+
+@dataclass(frozen=True)
+class Found:
+    """The best manipulation of a search.
+
+    Args:
+        candidate: as numbers.
+        outlook: what it would tell.
+        tried: candidates that were simulated.
+    """
+
+    candidate: Candidate
+    outlook: Outlook
+    tried: int
+
+
+def search(
+    settings: Settings,
+    workspace: Workspace,
+    noise: Noise = Noise(),  # noqa: B008 - frozen
+    *,
+    known: FloatArray | None = None,
+    budget: int = 120,
+    seed: int = 0,
+    progress: Callable[[float], None] = lambda share: None,
+) -> Found:
+    """The manipulation that would tell most about (E, mu); see `outlook`.
+
+    Args:
+        settings: of the rod; the first guess.
+        workspace: what is possible.
+        noise: of the observer.
+        known: see `outlook`.
+        budget: candidates that are simulated.
+        seed: of the random numbers; the same seed gives the same manipulation.
+        progress: is told the share of the budget that is used.
+
+    Raises:
+        SimulationError: no candidate can be simulated.
+    """
+    rng = np.random.default_rng(seed)
+    length = settings.rod.length
+    spans = 2 * SplineBasis(settings.rod.control_points, length).spans
+    found: list[tuple[float, Candidate]] = []
+    tried = 0
+
+    def judge(candidate: Candidate) -> None:
+        nonlocal tried
+        tried += 1
+        progress(tried / budget)
+        plan = replace(plan_of(candidate, "search", workspace, settings), rate=SEARCH_RATE)
+        try:
+            seen = outlook(plan, settings, noise, known=known, spans=spans)
+        except (SimulationError, InputError):
+            return
+        if seen.forecast.stable and seen.response < STEEPEST:
+            found.append((seen.gain, candidate))
+
+    for k in range(budget // 3):
+        judge(draw(KINDS[k % len(KINDS)], workspace, length, rng))
+    while tried < budget:
+        if not found:
+            judge(draw(KINDS[tried % len(KINDS)], workspace, length, rng))
+            continue
+        found.sort(key=lambda pair: -pair[0])
+        parent = found[int(rng.integers(min(ELITE, len(found))))][1]
+        used = (tried - budget // 3) / max(budget - budget // 3, 1)
+        spread = FIRST_SPREAD * (LAST_SPREAD / FIRST_SPREAD) ** used
+        judge(varied(parent, spread, workspace, length, rng))
+    for _, candidate in sorted(found, key=lambda pair: -pair[0]):
+        try:
+            best = outlook(
+                plan_of(candidate, "searched", workspace, settings), settings, noise, known=known
+            )
+        except (SimulationError, InputError):
+            continue
+        return Found(candidate, best, tried)
+    raise SimulationError("no manipulation within the workspace can be simulated")

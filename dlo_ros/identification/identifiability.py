@@ -1,0 +1,146 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""What recordings determine, what was known beforehand and what nobody knows: numbers and words."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from dlo_ros.identification.estimate import IDENTIFIED, UNBOUNDED, Estimate, known_information
+from dlo_ros.rod.sensitivity_parameters import MATERIAL
+from dlo_ros.spline import FloatArray
+
+WORDS = {
+    "young_modulus": "E",
+    "density": "mu",
+    "air_drag": "air drag c",
+    "relaxation_time": "relaxation time t_r",
+}
+# Combinations of logarithms that are spoken of.
+QUANTITIES = {
+    "specific_modulus": ("E/mu", (1.0, -1.0, 0.0, 0.0)),
+    "young_modulus": ("E", (1.0, 0.0, 0.0, 0.0)),
+    "density": ("mu", (0.0, 1.0, 0.0, 0.0)),
+    "specific_drag": ("c/mu", (0.0, -1.0, 1.0, 0.0)),
+    "air_drag": ("air drag c", (0.0, 0.0, 1.0, 0.0)),
+    "relaxation_time": ("relaxation time t_r", (0.0, 0.0, 0.0, 1.0)),
+}
+CORRELATED = 0.95
+
+
+@dataclass(frozen=True)
+class Knowledge:
+    """Where what is known of one quantity comes from.
+
+    Args:
+        name, words: for programs and for people.
+        source: `data`: the recordings determine it, with the known forces; `prior`: it is known
+            beforehand, and the recordings add little; `guess`: nobody knows it.
+        data_std: relative standard deviation from the recordings alone, without anything known
+            beforehand; None where they leave it open.
+        std: with everything; None where it is open.
+    """
+
+    name: str
+    words: str
+    source: str
+    data_std: float | None
+    std: float | None
+
+
+def knowledge(estimate: Estimate, information: FloatArray) -> list[Knowledge]:
+    """What is known of E/mu, E, mu, c/mu, c and t_r.
+
+    Args:
+        estimate: of the parameters.
+        information: of the data on the logarithms of `MATERIAL`, shape (4, 4).
+    """
+    settings = estimate.settings
+    forces = known_information(settings, weighed=False)
+    everything = known_information(settings, weighed=True)
+    result = []
+    for name, (words, direction) in QUANTITIES.items():
+        c = np.array(direction)
+        alone = _std(information, c)
+        helped = _std(information + forces, c)
+        full = _std(information + everything, c)
+        if name == "relaxation_time" and not settings.damping.relaxation_time > 0.0:
+            continue
+        source = "guess"
+        if helped < IDENTIFIED and helped < 0.9 * _std(forces, c):
+            source = "data"
+        elif full < IDENTIFIED:
+            source = "prior"
+        result.append(Knowledge(name, words, source, _bounded(alone), _bounded(full)))
+    return result
+
+
+def _std(information: FloatArray, direction: FloatArray) -> float:
+    values, vectors = np.linalg.eigh(0.5 * (information + information.T))
+    floor = max(1e-8, 1e-13 * float(values.max()))
+    inverse = vectors / np.maximum(values, floor) @ vectors.T
+    return math.sqrt(max(float(direction @ inverse @ direction), 0.0))
+
+
+def _bounded(std: float) -> float | None:
+    return std if std < UNBOUNDED else None
+
+
+def correlations(estimate: Estimate) -> dict[tuple[str, str], float]:
+    """Correlation of each pair of `MATERIAL`'s logarithms."""
+    std = np.sqrt(np.diag(estimate.covariance))
+    return {
+        (MATERIAL[i], MATERIAL[j]): float(estimate.covariance[i, j] / (std[i] * std[j]))
+        for i in range(4)
+        for j in range(i + 1, 4)
+    }
+
+
+def sentences(estimate: Estimate, information: FloatArray) -> list[str]:
+    """For a person: what the recordings determine, and what would settle the rest."""
+    known = knowledge(estimate, information)
+    told = [f"{k.words} to {_percent(k.std)}" for k in known if k.source == "data" and k.std]
+    before = [k.words for k in known if k.source == "prior"]
+    open_ = [k.words for k in known if k.source == "guess"]
+    result = [f"The recordings determine {_list(told)}." if told else
+              "The recordings determine none of the parameters."]  # fmt: skip
+    if before:
+        result.append(f"{_list(before)}: known from what was given beforehand, not from the data.")
+    if open_:
+        result.append(f"{_list(open_)}: not known; the numbers are guesses that fit as well.")
+    found = estimate.identifiable
+    if found["specific_modulus"] and not found["density"]:
+        result.append(
+            "The shapes determine E/mu only: E and mu change together without changing any shape. "
+            "To know them apart, weigh the DLO and give density_std, measure the forces at a grip "
+            "(dlo/wrench_start, dlo/wrench_end), hang a known mass on it and state it as "
+            "effects.point_mass, or give the air drag with its standard deviation."
+        )
+    if not found["specific_modulus"]:
+        result.append(
+            "These recordings do not determine E/mu to 25 %. A shape in which stiffness competes "
+            "with weight tells more, such as a free end of about twice (B/w)^(1/3); `design` "
+            "finds one for this DLO."
+        )
+    for (a, b), value in correlations(estimate).items():
+        if (a, b) in estimate.traded:
+            result.append(
+                f"{WORDS[a]} and {WORDS[b]} are traded against each other (correlation "
+                f"{value:+.3f}): the data fix a combination of them far better than each."
+            )
+    return result
+
+
+def _percent(std: float | None) -> str:
+    return "unknown" if std is None else f"{rounded(100.0 * std)} %"
+
+
+def rounded(number: float) -> str:
+    """Two digits, as people write them: without an exponent."""
+    return str(np.format_float_positional(float(f"{number:.2g}"), trim="-"))
+
+
+def _list(words: list[str]) -> str:
+    return words[0] if len(words) == 1 else ", ".join(words[:-1]) + " and " + words[-1]

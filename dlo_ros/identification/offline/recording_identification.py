@@ -1,0 +1,314 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Identify (E, mu) from whole recordings: parallel starts, then Gauss-Newton on logarithms."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from dlo_ros.errors import InputError, SimulationError
+from dlo_ros.identification.estimate import (
+    Estimate,
+    logarithms,
+    search_information,
+    searchable,
+    summarise,
+    with_logarithms,
+    within_noise,
+)
+from dlo_ros.identification.offline.gauss_newton import (
+    CONVERGED,
+    Fit,
+    Progress,
+    Simulations,
+    best_start,
+    descend,
+    evaluate,
+    numerical_shifts,
+    recentred,
+    seen_wrongly,
+    without,
+)
+from dlo_ros.identification.offline.set_up_estimate import weighed
+from dlo_ros.identification.offline.wrench_identification import Weighing, weighed_by_force
+from dlo_ros.identification.residual_information import data_information
+from dlo_ros.identification.residual_noise import noise_floor
+from dlo_ros.inference.forecast import Forecast, Manipulation, forecast
+from dlo_ros.inference.parallel import Pool, Threads
+from dlo_ros.parameters import Settings
+from dlo_ros.spline import FloatArray, SplineBasis
+
+LOG = logging.getLogger(__name__)
+
+ROUGHLY = 1e-2  # change of a logarithm at which the search goes on with a finer simulation
+
+
+@dataclass(frozen=True)
+class RecordingResult:
+    """How one recording is matched.
+
+    Args:
+        name: of the recording.
+        role: `train` or `validate`.
+        err, err_initial: time mean of eq. (10) with the estimate and with the initial guess [m];
+            None where the simulation failed.
+        forecast: with the estimate.
+        noise_floor: the err that a perfect model would have [m], None where unknown.
+        before: forecast with the initial guess.
+    """
+
+    name: str
+    role: str
+    err: float | None
+    err_initial: float | None
+    forecast: Forecast | None
+    noise_floor: float | None
+    before: Forecast | None = None
+
+
+@dataclass(frozen=True)
+class Identification:
+    """What `identify` found.
+
+    Args:
+        estimate: of the parameters.
+        recordings: how each is matched, `train` before `validate`.
+        noise_floor: the err that a perfect model would have [m], None where unknown.
+        iterations: of the fit.
+        converged: whether it has.
+        fitted: the fit itself; None where a result was put together otherwise.
+        set_up: its numbers with standard deviations; empty where the data hold it for exact.
+    """
+
+    estimate: Estimate
+    recordings: tuple[RecordingResult, ...]
+    noise_floor: float | None
+    iterations: int
+    converged: bool
+    fitted: Fitted | None = None
+    set_up: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+
+def identify(
+    train: Sequence[Manipulation],
+    settings: Settings,
+    validate: Sequence[Manipulation] = (),
+    *,
+    progress: Progress = lambda text, share: None,
+    pool: Pool | None = None,
+) -> Identification:
+    """Fit ln (E, mu, c, t_r) to recordings; c and t_r are nuisances unless they are known.
+
+    The set-up counts as known to its tolerances, see `set_up_estimate`.
+
+    Args:
+        train: recordings that determine the estimate.
+        settings: initial guess and what is known beforehand.
+        validate: recordings that are only predicted.
+        progress: called with what is being done and the share of it that is done.
+        pool: where simulations run; default: in threads.
+
+    Raises:
+        InputError: no usable recording.
+        SimulationError: no start can be simulated at all.
+    """
+    if not train:
+        raise InputError("no recording to identify from; give at least one bag")
+    for recording in train:
+        if not recording.commands:
+            raise InputError(f"{recording.name}: has no usable dlo/command")
+        if not recording.observations:
+            raise InputError(f"{recording.name}: has no usable dlo/observed")
+    given, settings = settings, searchable(settings)
+    found = fitted(train, settings, progress, pool)
+    progress("looking at the set-up", 0.9)
+    found, known = _with_set_up(train, found, settings, pool)
+    progress("looking at the forces", 0.95)
+    found = _with_forces(train, found, settings, known, pool)
+    settings = settings.with_effects(found.settings.effects)
+    fit, theta, told = found.fit, found.theta, found.told
+    estimate = summarise(settings, theta, told)
+    basis = SplineBasis(settings.rod.control_points, settings.rod.length)
+    results = []
+    for role, group in (("train", train), ("validate", validate)):
+        for k, recording in enumerate(group):
+            progress(f"predicting {recording.name}", 1.0)
+            with_estimate = fit.forecasts[k] if role == "train" else None
+            if with_estimate is None:
+                with_estimate = _attempt(recording, estimate.settings)
+            before = _attempt(recording, given)
+            results.append(
+                RecordingResult(
+                    recording.name,
+                    role,
+                    float(with_estimate.err.mean()) if with_estimate else None,
+                    float(before.err.mean()) if before else None,
+                    with_estimate,
+                    noise_floor(recording.observations, basis),
+                    before,
+                )
+            )
+    floors = [r.noise_floor for r in results if r.role == "train" and r.noise_floor is not None]
+    return Identification(
+        estimate,
+        tuple(results),
+        float(np.mean(floors)) if floors else None,
+        found.iterations,
+        found.converged,
+        found,
+        known,
+    )
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """What the search has found.
+
+    Args:
+        fit: with forecasts of all pictures.
+        theta: ln (E, mu, c, t_r).
+        told: information of the data on them (4, 4).
+        ignored: pictures of each recording that were seen wrongly.
+        settings: with the tolerance that was needed.
+        shifts: by which the simulation's own error may have moved theta, each (4,).
+        forces: what measured forces have told, which theta and told contain; None: there are none.
+    """
+
+    fit: Fit
+    theta: FloatArray
+    told: FloatArray
+    ignored: list[np.ndarray]
+    settings: Settings
+    iterations: int
+    converged: bool
+    shifts: Sequence[FloatArray] = ()
+    forces: Weighing | None = None
+
+
+def fitted(
+    train: Sequence[Manipulation],
+    settings: Settings,
+    progress: Progress = lambda text, share: None,
+    pool: Pool | None = None,
+) -> Fitted:
+    """Search from several starts, then with a simulation whose own error lies below the noise.
+
+    Args:
+        train: recordings.
+        settings: as `searchable` gives them.
+        progress: see `identify`.
+        pool: where simulations run; default: in threads.
+    """
+    guess, simulations = logarithms(settings), Simulations(pool or Threads())
+    theta = best_start(train, settings, guess, progress, simulations)
+    LOG.info("best start: %s", _words(theta))
+    fit, iterations, converged = descend(
+        train, settings, guess, theta, progress, simulations, converged=ROUGHLY
+    )
+    ignored = seen_wrongly(fit.forecasts)
+    LOG.info(
+        "coarse fit after %d iterations: %s; %d pictures left out",
+        iterations, _words(fit.theta), sum(int(m.sum()) for m in ignored),
+    )  # fmt: skip
+    if any(mask.any() for mask in ignored):
+        # They have bent the search so far.
+        fit, more, _ = descend(
+            train, settings, guess, fit.theta, progress, simulations, ignored, converged=ROUGHLY
+        )
+        iterations += more
+    typical = [float(np.median(np.sum(f.residual**2, axis=(1, 2)))) for f in fit.forecasts]
+    fine = within_noise(settings, float(np.sqrt(min(typical))))
+    ignored = seen_wrongly(fit.forecasts)
+    try:
+        fit, more, converged = descend(
+            train, fine, guess, fit.theta, progress, simulations, ignored
+        )
+    except SimulationError as err:
+        LOG.warning("a finer simulation fails (%s); its error is larger than wanted", err)
+        fine = settings
+        fit, more, converged = descend(
+            train, settings, guess, fit.theta, progress, simulations, ignored
+        )
+    iterations += more
+    LOG.info(
+        "fine fit after %d iterations%s: %s",
+        iterations, "" if converged else " (not converged)", _words(fit.theta),
+    )  # fmt: skip
+    used = [without(f, mask) for f, mask in zip(fit.forecasts, ignored, strict=True)]
+    shifts = numerical_shifts(train, fine, fit, ignored, simulations)
+    told = data_information(used, with_logarithms(fine, fit.theta), shifts)
+    theta = recentred(fit, guess, search_information(settings), told)
+    if float(np.abs(theta - fit.theta).max()) > CONVERGED:
+        try:
+            fit = evaluate(train, fine, guess, theta, simulations, ignored)
+        except SimulationError as err:
+            LOG.warning("the estimate stays where the search ended: %s", err)
+            theta = fit.theta
+    return Fitted(fit, theta, told, ignored, fine, iterations, converged, shifts)
+
+
+def _with_set_up(
+    train: Sequence[Manipulation], found: Fitted, given: Settings, pool: Pool | None
+) -> tuple[Fitted, Mapping[str, tuple[float, float]]]:
+    """The fit with what is known of the set-up, and the set-up's numbers."""
+    spans = [f.spans for f in found.fit.forecasts]
+    more = weighed(
+        train, found.settings, found.theta, found.told, found.ignored, spans, given, found.shifts
+    )
+    for name, (value, std) in more.values.items():
+        LOG.info("set-up: %s = %.4g +- %.2g", name, value, std)
+    if not more.values:
+        LOG.info("the set-up is taken as stated")
+        return replace(found, told=more.information), more.values
+    fine = found.settings.with_effects(more.settings.effects)
+    simulations = Simulations(pool or Threads())
+    try:
+        fit = evaluate(train, fine, logarithms(given), more.theta, simulations, found.ignored)
+    except SimulationError as err:
+        LOG.warning("the set-up is taken as exact: %s", err)
+        return found, {}
+    found = replace(found, fit=fit, theta=more.theta, told=more.information, settings=fine)
+    return found, more.values
+
+
+def _words(theta: FloatArray) -> str:
+    """The parameters, for the log.
+
+    Args:
+        theta: ln (E, mu, c, t_r).
+    """
+    modulus, density, drag, time = np.exp(theta)
+    return f"E/mu {modulus / density:.5g} m^2/s^2, c {drag:.3g} N s/m^2, t_r {time:.3g} s"
+
+
+def _with_forces(
+    train: Sequence[Manipulation], found: Fitted, given: Settings,
+    known: Mapping[str, tuple[float, float]], pool: Pool | None,
+) -> Fitted:  # fmt: skip
+    """The fit with the forces that were measured at the grips."""
+    spans = [f.spans for f in found.fit.forecasts]
+    try:
+        forces = weighed_by_force(
+            train, found.settings, found.theta, found.told, given, spans, known, pool
+        )
+        if forces is None:
+            return found
+        simulations = Simulations(pool or Threads())
+        guess = logarithms(given)
+        fit = evaluate(train, found.settings, guess, forces.theta, simulations, found.ignored)
+    except SimulationError as err:
+        LOG.warning("measured forces are not used: %s", err)
+        return found
+    told = found.told + forces.information
+    return replace(found, fit=fit, theta=forces.theta, told=told, forces=forces)
+
+
+def _attempt(recording: Manipulation, settings: Settings) -> Forecast | None:
+    try:
+        return forecast(recording, settings)
+    except SimulationError as err:
+        LOG.warning("%s cannot be simulated: %s", recording.name, err)
+        return None

@@ -1,0 +1,203 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Whether the set-up is what the parameter file says, and E and mu where it is not quite.
+
+Nobody measures to a degree how a cable leaves its clamp, hangs a camera perfectly level or knows a
+length to a tenth of a per cent, and shapes show it: left out, it is laid to E/mu. So two models are
+weighed by their evidence: the set-up exactly as stated, and every number of it open within its
+tolerance. The estimate is that of the likelier one, the covariance that of both (Hoeting et al.,
+Bayesian model averaging: a tutorial, 1999).
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import expit
+
+from dlo_ros.errors import SimulationError
+from dlo_ros.identification.estimate import logarithms, with_logarithms
+from dlo_ros.identification.residual_information import model_shifts, told_directions
+from dlo_ros.inference.forecast import Manipulation
+from dlo_ros.inference.joint import Evaluation, evaluate, fit, misfit, restricted, settled
+from dlo_ros.inference.measured import Recording, measured
+from dlo_ros.inference.priors import DIAMETER_STD, joint_model
+from dlo_ros.inference.scene import imposed_names, scene
+from dlo_ros.parameters import Settings
+from dlo_ros.rod.sensitivity_parameters import MATERIAL
+from dlo_ros.spline import FloatArray
+
+LOG = logging.getLogger(__name__)
+
+SURE = 5.0
+"""Log evidence for an exact set-up, from which the open one is not fitted: 150 to one."""
+VALLEYS, FAR = (0.2, 5.0), 0.01
+"""Factors of E from which the open set-up is fitted, too, where more than this share of L is left:
+on the right branch a set-up within its tolerances comes nearer."""
+VALLEY_ITERATIONS = 8
+RIDGE = 1e-9
+"""Information, in units of the likelier model's, that keeps what the other leaves open finite."""
+BETTER = 0.8
+"""Share of the misfit below which another valley is taken."""
+
+
+@dataclass(frozen=True)
+class SetUp:
+    """E, mu and damping with what is known of the set-up.
+
+    Args:
+        theta: ln (E, mu, c, t_r) of the likelier model.
+        information: of the data on them, shape (4, 4), with both models weighed.
+        probability: of the open set-up, 0 to 1.
+        settings: of the likelier model, the numbers of the set-up as effects.
+        values: of the set-up's numbers with standard deviations; empty where it is exact.
+    """
+
+    theta: FloatArray
+    information: FloatArray
+    probability: float
+    settings: Settings
+    values: dict[str, tuple[float, float]]
+
+
+def weighed(
+    train: Sequence[Manipulation],
+    settings: Settings,
+    theta: FloatArray,
+    told: FloatArray,
+    ignored: Sequence[np.ndarray],
+    spans: Sequence[int],
+    given: Settings,
+    shifts: Sequence[FloatArray] = (),
+) -> SetUp:
+    """Weigh the set-up as stated against one that is open within its tolerances.
+
+    Args:
+        train: recordings.
+        settings: of the fit with the stated set-up, with the tolerance that was needed.
+        theta: ln (E, mu, c, t_r) of that fit.
+        told: its information, shape (4, 4).
+        ignored: pictures of each recording that were seen wrongly.
+        spans: knot spans of each recording's simulation.
+        given: the parameter file, whose values the priors lie around.
+        shifts: by which the simulation's own error may have moved theta, each (4,).
+    """
+    exact = SetUp(theta, told, 0.0, settings, {})
+    recordings = [
+        replace(_seen(r, mask, settings), spans=s, tolerance=settings.simulation.tolerance)
+        for r, mask, s in zip(train, ignored, spans, strict=True)
+    ]
+    names = imposed_names(train)
+    there = with_logarithms(settings, theta)
+    model = joint_model(there, given, scene(there, names, [r.observed for r in recordings]))
+    own = [p.name for p in model.parameters if not p.effect]
+    if len(own) == len(model.parameters):
+        return exact
+    try:
+        start = evaluate(model, recordings)
+        stated = restricted(start, own).evidence
+        if start.posterior.evidence < stated - SURE:
+            return exact
+        at = _best_valley(settled(start, recordings), start, recordings)
+    except SimulationError as err:
+        LOG.warning("the set-up is taken as exact: with it open the simulation fails (%s)", err)
+        return exact
+    probability = float(expit(at.posterior.evidence - stated))
+    return _averaged(exact, at, probability, shifts)
+
+
+def _seen(recording: Manipulation, ignored: np.ndarray, settings: Settings) -> Recording:
+    """A recording without the pictures that were seen wrongly."""
+    if ignored.any():
+        # A forecast may leave out the first picture, from where the motion starts.
+        first = len(recording.observations) - len(ignored)
+        seen = [
+            o for k, o in enumerate(recording.observations) if k < first or not ignored[k - first]
+        ]
+        recording = replace(recording, observations=tuple(seen))
+    return measured(recording, settings)
+
+
+def _best_valley(at: Evaluation, start: Evaluation, recordings: Sequence[Recording]) -> Evaluation:
+    """The fit, or a better one from elsewhere: far away a shape may lie on another branch."""
+    if at.mean_err < FAR * at.model.settings.rod.length:
+        return at
+    best = at
+    for factor in VALLEYS:
+        theta = start.model.theta()
+        theta[start.model.index("young_modulus")] += np.log(factor)
+        try:
+            found = evaluate(start.model.at(theta), recordings)
+            found = fit(found, recordings, VALLEY_ITERATIONS, white=True)
+        except SimulationError as err:
+            LOG.info("from %g times E: %s", factor, err)
+            continue
+        if misfit(found, best, white=True) < BETTER * misfit(best, best, white=True):
+            best = settled(found, recordings)
+    return best
+
+
+def _averaged(
+    exact: SetUp, at: Evaluation, probability: float, shifts: Sequence[FloatArray]
+) -> SetUp:
+    """The likelier of two models, and the covariance with both."""
+    model, settings = at.model, at.model.settings
+    theta, told = logarithms(settings), np.zeros_like(exact.information)
+    place = [MATERIAL.index(p.name) for p in model.parameters if not p.effect]
+    told[np.ix_(place, place)] = marginal_information(at)
+    rough = 0.0 if settings.rod.diameter_std else 2.0 * DIAMETER_STD
+    young_modulus = np.eye(len(MATERIAL))[MATERIAL.index("young_modulus")]
+    for shift in (*shifts, *model_shifts(settings, len(MATERIAL)), rough * young_modulus):
+        told = widened(told, shift)
+    apart = np.zeros(len(theta))
+    apart[place] = theta[place] - exact.theta[place]
+    if probability <= 0.5:
+        information = mixed(exact.information, told, probability, apart)
+        return replace(exact, information=information, probability=probability)
+    information = mixed(told, exact.information, 1.0 - probability, apart)
+    spread = np.sqrt(np.diag(at.posterior.covariance))
+    found = {
+        p.name: (float(p.outer(float(x))), p.outer_std(float(x), float(std)))
+        for p, x, std in zip(model.parameters, model.theta(), spread, strict=True)
+        if p.effect
+    }
+    return SetUp(theta, information, probability, settings, found)
+
+
+def marginal_information(at: Evaluation) -> FloatArray:
+    """Information of the data on the material, the set-up open with its priors, shape (M, M)."""
+    size = len(at.model.parameters)
+    hessian = np.zeros((size, size))
+    for s, v in zip(at.spectra, at.variances, strict=True):
+        hessian += np.einsum("b,bpq->pq", 1.0 / v.of(s), s.hessian)
+    own = np.array([not p.effect for p in at.model.parameters])
+    others = hessian[~own][:, ~own] + np.diag(at.model.precision()[~own])
+    cross = hessian[own][:, ~own]
+    return np.asarray(hessian[own][:, own] - cross @ np.linalg.solve(others, cross.T))
+
+
+def widened(information: FloatArray, shift: FloatArray) -> FloatArray:
+    """Information on numbers that may be wrong by a shift besides (Sherman and Morrison)."""
+    told = information @ shift
+    return np.asarray(information - np.outer(told, told) / (1.0 + shift @ told))
+
+
+def mixed(
+    likelier: FloatArray, other: FloatArray, probability: float, apart: FloatArray
+) -> FloatArray:
+    """Information of a mixture of two models about the mean of the likelier.
+
+    Args:
+        likelier, other: their information, shape (P, P); what the former leaves open stays so.
+        probability: of the other.
+        apart: by which their means differ, shape (P,).
+    """
+    scale, values, basis = told_directions(likelier)
+    theirs = basis.T @ (other * np.outer(scale, scale)) @ basis + RIDGE * np.eye(basis.shape[1])
+    off = basis.T @ (apart / scale)
+    covariance = (1.0 - probability) * np.diag(1.0 / values)
+    covariance += probability * (np.linalg.inv(theirs) + np.outer(off, off))
+    back = basis / scale[:, None]
+    return np.asarray(back @ np.linalg.inv(covariance) @ back.T)

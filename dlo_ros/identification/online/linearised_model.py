@@ -1,0 +1,212 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""A model that runs along with observed shapes, linearised about its parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dlo_ros.identification.batched_forecast import Varied
+from dlo_ros.identification.residual_information import data_information
+from dlo_ros.inference.forecast import Forecast
+from dlo_ros.observation import Observation
+from dlo_ros.parameters import Settings
+from dlo_ros.rod.simulation import RECHECK_RATIO, Simulation
+from dlo_ros.spline import FloatArray
+
+SMALLEST_STD = 1e-6  # [m] of a residual number; below is rounding
+SHORTEST_STEP = 0.01  # change of a logarithm that never needs a new linearisation
+NUISANCE_WEIGHT = 0.1
+NEGLECTED = 1.0  # second-order part of a change of the shapes that may be neglected, in sigma
+LONGEST_STEP = 1.5  # change of a logarithm at one relinearisation
+
+
+@dataclass
+class Linearised:
+    """A least-squares problem, linearised at theta; it grows with every observation.
+
+    Args:
+        theta: ln (E, mu, c, t_r).
+        numbers: residual numbers of an observation that can differ from zero.
+        normal, gradient: J^T J (4, 4) [m^2] and J^T r (4,) of all observations so far.
+        power: sum of squared residuals [m^2].
+        used: number of observations.
+    """
+
+    theta: FloatArray
+    numbers: int
+    normal: FloatArray = field(default_factory=lambda: np.zeros((4, 4)))
+    gradient: FloatArray = field(default_factory=lambda: np.zeros(4))
+    power: float = 0.0
+    used: int = 0
+
+    def add(self, residual: FloatArray, derivative: FloatArray) -> None:
+        """Take in an observation: residual (n, 3) [m], derivative (4, n, 3)."""
+        j = derivative.reshape(4, -1)
+        self.normal += j @ j.T
+        self.gradient += j @ residual.ravel()
+        self.power += float(np.sum(residual**2))
+        self.used += 1
+
+    def left(self, step: FloatArray) -> float:
+        """Sum of squared residuals after a step from theta, as the linear model has it [m^2]."""
+        gain = 2.0 * float(self.gradient @ step) - float(step @ self.normal @ step)
+        return max(self.power - max(gain, 0.0), 0.0)
+
+    def scale(self, step: FloatArray) -> float:
+        """Information per squared metre of residual after a step, correlation left aside."""
+        count = self.numbers * self.used
+        variance = max(self.left(step) / max(count - 2, 1), SMALLEST_STD**2)
+        return 1.0 / variance
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """A resolution of the simulation, and for what it was found.
+
+    Args:
+        spans: knot spans.
+        error: of the shape, over L.
+        ratio: E/mu [m^2/s^2].
+        tolerance: error that was asked for, over L.
+    """
+
+    spans: int
+    error: float
+    ratio: float
+    tolerance: float
+
+    @classmethod
+    def of(cls, settings: Settings, spans: int, error: float) -> Judgement:
+        """That of some settings."""
+        ratio, tolerance = settings.rod.specific_modulus, settings.simulation.tolerance
+        return cls(spans, error, ratio, tolerance)
+
+    def holds(self, settings: Settings) -> bool:
+        """Whether it was found for about this E/mu and for no coarser tolerance."""
+        ratio = settings.rod.specific_modulus / self.ratio
+        finer = self.tolerance / settings.simulation.tolerance
+        return max(ratio, 1.0 / ratio, finer) < RECHECK_RATIO
+
+
+@dataclass
+class Known:
+    """What is known besides the observations of the present window.
+
+    Args:
+        prior: information (4, 4) on ln (E, mu, c, t_r) that guides the search, about `guess`.
+        guess: logarithms beforehand, -inf for a damping of zero.
+        summary: information (4, 4) from before the window, about `centre`.
+        repeats: how often residuals tell the same.
+        forces: information (4, 4) of measured forces, about `felt`.
+    """
+
+    prior: FloatArray
+    guess: FloatArray
+    summary: FloatArray = field(default_factory=lambda: np.zeros((4, 4)))
+    centre: FloatArray = field(default_factory=lambda: np.zeros(4))
+    repeats: float = 1.0
+    forces: FloatArray = field(default_factory=lambda: np.zeros((4, 4)))
+    felt: FloatArray = field(default_factory=lambda: np.zeros(4))
+
+    def step(self, at: Linearised) -> FloatArray:
+        """From where a problem is linearised towards its minimum, not too far at once, (4,)."""
+        usable = np.isfinite(self.guess)
+        off = np.where(usable, at.theta - self.guess, 0.0)
+        old = np.where(usable, at.theta - self.centre, 0.0)
+        felt = np.where(usable, at.theta - self.felt, 0.0)
+        step = np.zeros(4)
+        for _ in range(2):  # how noisy the residuals are is known better after the first step
+            scale = at.scale(step) / self.repeats
+            lhs = scale * at.normal + self.prior + self.summary + self.forces
+            rhs = scale * at.gradient - self.prior @ off - self.summary @ old - self.forces @ felt
+            step = np.where(usable, np.linalg.solve(lhs, rhs), 0.0)
+        return np.asarray(step * min(1.0, LONGEST_STEP / max(float(np.abs(step).max()), 1e-300)))
+
+    def linear(self, at: Linearised, step: FloatArray) -> bool:
+        """Whether a step is so short that what the linear model neglects lies below the noise."""
+        # Damping is a nuisance here: it may be further off before it matters to E/mu.
+        largest = max(abs(float(step[0] - step[1])), NUISANCE_WEIGHT * float(np.abs(step).max()))
+        effect = np.sqrt(max(float(step @ at.normal @ step) * at.scale(step), 0.0))
+        return largest < SHORTEST_STEP or largest * effect < NEGLECTED
+
+
+@dataclass
+class Run:
+    """One run of the model along the observations.
+
+    Args:
+        at: the problem that it linearises.
+        simulation: with sensitivities to ln (E, mu, c, t_r), started.
+        white: from control points to the coefficients of `Forecast.residual`, shape (n, n).
+        error: the simulation's own error, over L.
+        residuals, derivatives, predicted, stamps: of each observation, as in `Forecast`.
+    """
+
+    at: Linearised
+    simulation: Simulation
+    white: FloatArray
+    error: float
+    residuals: list[FloatArray] = field(default_factory=list)
+    derivatives: list[FloatArray] = field(default_factory=list)
+    predicted: list[FloatArray] = field(default_factory=list)
+    stamps: list[int] = field(default_factory=list)
+
+    @property
+    def used(self) -> int:
+        """Number of observations that were taken in."""
+        return len(self.stamps)
+
+    def add(self, observations: Sequence[Observation]) -> None:
+        """Advance to observations, by growing stamp, and take in their residuals.
+
+        Raises:
+            SimulationError: the motion cannot be followed; none of them is taken in then.
+        """
+        now = self.simulation.stamp
+        first = [self.simulation.prediction()] if observations[0].stamp == now else []
+        later = [o.stamp for o in observations[len(first) :]]
+        predictions = first + (self.simulation.advance_through(later) if later else [])
+        for observation, prediction in zip(observations, predictions, strict=True):
+            assert prediction.sensitivity is not None
+            gap = observation.control_points[:, :3] - prediction.control_points[:, :3]
+            self.residuals.append(self.white @ gap)
+            self.derivatives.append(self.white @ prediction.sensitivity)
+            self.predicted.append(prediction.control_points)
+            self.stamps.append(observation.stamp)
+            self.at.add(self.residuals[-1], self.derivatives[-1])
+
+    @classmethod
+    def after(cls, theta: FloatArray, found: Varied, white: FloatArray, error: float) -> Run:
+        """The run that has made a forecast."""
+        known = found.forecast
+        assert known.derivative is not None
+        run = cls(Linearised(theta, 2 * len(white)), found.simulation, white, error)
+        run.residuals, run.derivatives = list(known.residual), list(known.derivative)
+        run.predicted, run.stamps = list(known.predicted), [int(s) for s in known.stamps]
+        for residual, derivative in zip(run.residuals, run.derivatives, strict=True):
+            run.at.add(residual, derivative)
+        return run
+
+    def power_until(self, stamp: int) -> float:
+        """Sum of squared residuals of the observations up to a stamp [m^2]."""
+        pairs = zip(self.stamps, self.residuals, strict=True)
+        return float(sum(np.sum(r**2) for s, r in pairs if s <= stamp))
+
+    def forecast(self) -> Forecast:
+        """What was predicted, beside what was observed; err is left at zero."""
+        return Forecast(
+            np.array(self.stamps),
+            np.array(self.predicted),
+            np.array(self.residuals),
+            np.array(self.derivatives),
+            np.zeros(self.used),
+            self.simulation.model.basis.spans,
+            self.error,
+        )
+
+    def information(self) -> FloatArray:
+        """What the residuals tell, for what they really are (4, 4); see `residual_information`."""
+        return data_information([self.forecast()], self.simulation.settings)

@@ -1,0 +1,402 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Identify (E, mu) while the DLO moves.
+
+A model of its own runs along with the observed splines and carries exact sensitivities. Every
+observation adds its information to a linearised least-squares problem (a recursive Gauss-Newton
+filter on ln E, ln mu, ln c, ln t_r). When the estimate has moved away from where the model was
+linearised, the recent past is simulated again with the new parameters, so that early steps taken
+far from the truth leave no trace. At a few moments after the start, rival values of E/mu are tried
+on that past, since far from the truth a shape may lie on another branch.
+
+Nothing of that keeps a caller waiting: what takes long is done piece by piece, some with every
+observation, and until it is ready the estimate goes on from the old linearisation.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import time
+from bisect import bisect_right
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from dlo_ros.command import NANOSECONDS, Command, Motion
+from dlo_ros.errors import InputError, SimulationError
+from dlo_ros.identification.batched_forecast import varied_in_pieces
+from dlo_ros.identification.cooperative_tasks import LONG, SHORT, Pieces, Worker, short
+from dlo_ros.identification.estimate import (
+    Estimate,
+    logarithms,
+    search_information,
+    searchable,
+    summarise,
+    with_logarithms,
+    within_noise,
+)
+from dlo_ros.identification.online.linearised_model import Judgement, Known, Linearised, Run
+from dlo_ros.identification.online.online_force_scale import Forces
+from dlo_ros.identification.online.rival_branches import best_rival
+from dlo_ros.inference.forecast import Manipulation, whitening
+from dlo_ros.observation import Observation
+from dlo_ros.parameters import Settings
+from dlo_ros.rod.boundary.shape_orientation import along
+from dlo_ros.rod.sensitivity_parameters import MATERIAL
+from dlo_ros.rod.simulation import Simulation
+from dlo_ros.spline import DEGREE, FloatArray
+
+LOG = logging.getLogger(__name__)
+
+BUDGET = 0.0028  # [s] of processor time that an update takes where work is due
+PIECE_SHARE = 0.4  # of the budget that a piece of work should take
+# Observations that are simulated again in a piece; one a time would never catch up.
+FEWEST_AT_ONCE, MOST_AT_ONCE = 2, 20
+AT_ONCE = 6  # likewise, with several sets of parameters
+ITERATIONS = 4  # before the work begins that else would wait
+MOST_COMMANDS = 10_000  # that are remembered; 20 s of poses that are sent one by one at 500 Hz
+WINDOW = 20.0  # [s] of past that is simulated again; older information is kept as a summary
+FEWEST = 3  # observations before anything is concluded
+STUCK = 1.2  # growth of the past after which a relinearisation is tried again that did not help
+TRIALS = (0.3, 0.8, 1.6, 3.2)  # [s] of past after which rivals are tried
+SETTLED = 0.8  # [s] of past before which a finer simulation is not worth while
+SIGNIFICANT = 0.01  # change of a logarithm that is worth passing on
+UNKNOWN_WEIGHT = 0.1  # of a change that leaves E/mu alone where only E/mu is determined
+FORGETTING = 0.7  # weight of older windows: a DLO warms up and wears
+REPEATS_EVERY = 10  # observations between looks at the correlation of the residuals
+UNJUDGED = 1e-3  # of L: the simulation's own error that is reckoned with before it is judged
+
+
+class OnlineEstimator:
+    """Recursive estimator of (E, mu).
+
+    Feed it commands and observed splines as they come; read `estimate` whenever.
+
+    Args:
+        settings: initial guess, prior knowledge, how the simulation starts.
+        budget: see `BUDGET`; infinite: everything that is due is done at once [s].
+        clock: in which the budget counts.
+    """
+
+    def __init__(
+        self,
+        settings: Settings,
+        *,
+        budget: float = BUDGET,
+        clock: Callable[[], float] = time.thread_time,
+    ) -> None:
+        self._initial = searchable(settings)
+        self._white = whitening(settings.rod.control_points, settings.rod.length)
+        self._numbers = 2 * settings.rod.control_points
+        self._motion = Motion()
+        self._worker = Worker(budget, clock)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all observations and return to the initial guess; commands are kept."""
+        self._guess = logarithms(self._initial)
+        self._passed = self._guess[:2]  # what the running simulation is known to have
+        self._past: list[Observation] = []
+        self._anchor: Simulation | None = None  # where the window starts, once it has moved
+        self._judgement: Judgement | None = None
+        self._run: Run | None = None
+        self._worker.drop()
+        self._stale = False  # whether the past is simulated with a motion that was not the true one
+        self._retry = 0  # observations before which a relinearisation need not be tried again
+        self._known = Known(search_information(self._initial), self._guess)
+        self.forces = Forces(self._initial)
+        self._pending = list(TRIALS)
+        self._told = np.zeros((4, 4))  # by the present run, when it was last judged
+        self._judged: tuple[Run | None, int] = (None, 0)
+        self._estimate = summarise(self._initial, self._guess, np.zeros((4, 4)))
+
+    @property
+    def estimate(self) -> Estimate:
+        """The present estimate."""
+        return self._estimate
+
+    @property
+    def run(self) -> Run | None:
+        """The model that runs along; None before the first observations."""
+        return self._run
+
+    @property
+    def busy(self) -> bool:
+        """Whether work is left over that `observe` or `proceed` will go on with."""
+        return self._worker.busy
+
+    def window(self) -> Manipulation | None:
+        """What was imposed and seen since the start; None once its beginning has been let go."""
+        if self._anchor is not None:
+            return None
+        return Manipulation("the present motion", tuple(self._motion.commands), tuple(self._past))
+
+    def set_command(self, command: Command) -> None:
+        """Take an imposed motion; past observations it bears on are judged anew with it."""
+        self._motion.add(command)
+        # A robot that sends pose after pose does so for hours.
+        del self._motion.commands[:-MOST_COMMANDS]
+        if self._past and command.stamp < self._past[-1].stamp:
+            self._stale = True
+
+    def observe(self, observation: Observation) -> None:
+        """Take an observed spline and update the estimate.
+
+        A spline that is older than the last one is put in its place; one that the model cannot
+        follow is left out with a warning.
+
+        Raises:
+            InputError: it has another number of control points.
+        """
+        begin = self._worker.clock()
+        if len(observation.control_points) != self._initial.rod.control_points:
+            raise InputError(
+                f"the observed spline has {len(observation.control_points)} control points; "
+                f"rod.control_points is {self._initial.rod.control_points}"
+            )
+        if not self._motion.commands:
+            return
+        observation = along(self._motion, observation, self._initial.rod.length)
+        if any(o.stamp == observation.stamp for o in self._past[-50:]):
+            return
+        late = bool(self._past) and observation.stamp < self._past[-1].stamp
+        if late and observation.stamp < self._past[0].stamp:
+            return  # from before the window: its place is gone
+        self._past.append(observation)
+        if late:
+            self._past.sort(key=lambda o: o.stamp)
+            return  # it counts from the next relinearisation on
+        if self._run is not None:
+            try:
+                self._run.add([observation])
+            except SimulationError as err:
+                self._start_over(err)
+        self._worker.turn(begin, self._due)
+        self._publish()
+        self._fold()
+
+    def proceed(self) -> None:
+        """Go on with the work that the last observation left over; see `busy`."""
+        if self.busy:
+            self._worker.turn(self._worker.clock(), self._due)
+            self._publish()
+
+    def _start_over(self, err: SimulationError) -> None:
+        """Forget a past that the model cannot follow."""
+        LOG.warning("the model cannot follow the observed motion: %s", err)
+        self._run, self._past = None, self._past[-1:]
+        self._worker.drop()
+
+    def _due(self) -> Pieces[None]:
+        """All that is due, piece by piece."""
+        if self._run is None:
+            if len(self._past) > (self._initial.simulation.start == "moving"):
+                self._adopt((yield from self._again(self._current())))
+                if self._run is None:
+                    self._past = self._past[-1:]
+            return
+        if self._stale:
+            self._stale = False
+            self._adopt((yield from self._again(self._current())))
+        if self._run.used < FEWEST:
+            return
+        elapsed = (self._past[-1].stamp - self._past[0].stamp) / NANOSECONDS
+        rival = None
+        if self._pending and elapsed >= self._pending[0]:
+            self._pending = [t for t in self._pending if t > elapsed]
+            past = self.window()
+            if past is not None:
+                rival = yield from best_rival(past, self._run, self._initial)
+        yield from self._judging()
+        yield from self._relinearise(rival)
+        if elapsed >= SETTLED:
+            yield from self._resolve()
+        run = self._run
+        settings, spans = run.simulation.settings, run.simulation.model.basis.spans
+        yield from self.forces.weigh(
+            run, tuple(self._past), self._motion.commands, self._known,
+            lambda: self._started(settings, spans, loads=True),
+        )  # fmt: skip
+
+    def _current(self) -> FloatArray:
+        theta = logarithms(self._estimate.settings)
+        return np.where(np.isfinite(self._guess), theta, self._guess)
+
+    def _adopt(self, run: Run | None) -> None:
+        """Take over a run that has caught up, where there is one."""
+        if run is not None:
+            self._run = run
+
+    def _again(self, theta: FloatArray) -> Pieces[Run | None]:
+        """Simulate the past with given parameters; None where that fails."""
+        settings = with_logarithms(self._initial, theta)
+        spans, error = self._resolution(settings)
+        if error < UNJUDGED:
+            settings = self._finer(settings)
+        yield LONG
+        try:
+            run = None
+            past = self.window()
+            if past is not None:
+                found = yield from short(varied_in_pieces(past, settings, spans, None, AT_ONCE))
+                if found is not None:
+                    run = Run.after(theta, found, self._white, error)
+            if run is None:
+                simulation = yield from self._started(settings, spans)
+                problem = Linearised(theta, self._numbers)
+                run = Run(problem, simulation, self._white, error)
+            yield from self._catch_up(run)
+            return run
+        except SimulationError as err:
+            LOG.warning("the past cannot be simulated with the new estimate: %s", err)
+            return None
+
+    def _started(
+        self, settings: Settings, spans: int, *, loads: bool = False
+    ) -> Pieces[Simulation]:
+        """A simulation where the past begins, with sensitivities, or with loads instead."""
+        if self._anchor is not None:
+            return self._anchor.fork(settings, loads=loads)
+        names = () if loads else MATERIAL
+        simulation = Simulation(settings, self._motion, parameters=names, spans=spans, loads=loads)
+        for _ in simulation.starting(self._past[:2], self._past[-1].stamp):
+            yield SHORT
+        return simulation
+
+    def _catch_up(self, run: Run) -> Pieces[None]:
+        """Lead a run through the observations that it has not seen yet."""
+        size = FEWEST_AT_ONCE
+        while self._unseen(run):
+            yield SHORT
+            piece = self._unseen(run)[:size]
+            begin = self._worker.clock()
+            run.add(piece)
+            share = (self._worker.clock() - begin) / (PIECE_SHARE * self._worker.budget)
+            size = int(min(max(len(piece) / max(share, 0.01), FEWEST_AT_ONCE), MOST_AT_ONCE))
+
+    def _unseen(self, run: Run) -> list[Observation]:
+        """The observations that a run has not come to yet."""
+        seen = run.stamps[-1] if run.stamps else run.simulation.stamp - (self._anchor is None)
+        return self._past[bisect_right(self._past, seen, key=lambda o: o.stamp) :]
+
+    def _resolution(self, settings: Settings) -> tuple[int, float]:
+        """Knot spans to simulate with, and the error that they have over L."""
+        if self._judgement is not None and self._judgement.holds(self._finer(settings)):
+            return self._judgement.spans, self._judgement.error
+        # Twice the published ones, until the parameters are worth a closer look.
+        return 2 * (settings.rod.control_points - DEGREE), UNJUDGED
+
+    def _resolve(self) -> Pieces[None]:
+        """Judge the simulation's own error at the estimate; refine where it is too large."""
+        run = self._run
+        assert run is not None
+        settings = self._finer(with_logarithms(self._initial, run.at.theta))
+        before = self._judgement
+        if self._anchor is not None or (before is not None and before.holds(settings)):
+            return
+        judge = Simulation(settings, self._motion)
+        spans, error = run.simulation.model.basis.spans, UNJUDGED
+        try:
+            for _ in judge.judging(self._past[:2], self._past[-1].stamp):
+                yield SHORT
+            assert judge.resolution is not None
+            spans, error = judge.resolution.spans, judge.resolution.error
+        except SimulationError as err:
+            LOG.warning("the resolution cannot be judged: %s", err)
+        self._judgement = Judgement.of(settings, spans, error)
+        if spans == run.simulation.model.basis.spans:
+            run.error = error
+        else:
+            self._adopt((yield from self._again(run.at.theta)))
+
+    def _finer(self, settings: Settings) -> Settings:
+        """Ask for a simulation whose own error lies below the noise, once that is known."""
+        run = self._run
+        if run is None or run.used < REPEATS_EVERY:
+            return settings
+        return within_noise(settings, math.sqrt(run.at.left(self._known.step(run.at)) / run.used))
+
+    def _relinearise(self, rival: FloatArray | None) -> Pieces[None]:
+        """Simulate the past anew while the estimate lies beyond what a linear model is good for.
+
+        Args:
+            rival: logarithms that explain the past better than those of the present run.
+        """
+        if rival is not None:
+            self._adopt((yield from self._again(rival)))
+            yield from self._judging()
+        for _ in range(ITERATIONS):
+            run = self._run
+            assert run is not None
+            step = self._known.step(run.at)
+            if self._known.linear(run.at, step) or run.used < self._retry:
+                return
+            for share in (1.0, 0.3):
+                # A step that makes things worse was too long for a linear model.
+                new = yield from self._again(run.at.theta + share * step)
+                if new is not None and new.at.power / new.used <= run.at.power / run.used:
+                    self._adopt(new)
+                    yield from self._judging()
+                    break
+            else:
+                self._retry = int(STUCK * run.used) + 1
+                return
+
+    def _judging(self) -> Pieces[None]:
+        """How much the present run tells, where that is not known or long ago."""
+        run = self._run
+        assert run is not None
+        judged, used = self._judged
+        recent = run.used < used + max(REPEATS_EVERY, run.used // 10)
+        if judged is run and recent and run.used >= REPEATS_EVERY:
+            return
+        yield LONG
+        told = run.information()
+        white = run.at.normal[0, 0] * run.at.scale(self._known.step(run.at))
+        if told[0, 0] > 0.0:
+            self._known.repeats = max(1.0, float(white / told[0, 0]))
+        self._told, self._judged = told, (run, run.used)
+
+    def _publish(self) -> None:
+        """Solve for the estimate."""
+        run = self._run
+        if run is None or run.used < FEWEST:
+            return
+        at = run.at
+        step = self._known.step(at)
+        linear = self._known.linear(at, step)
+        stuck = not linear and run.used < self._retry
+        theta = at.theta if stuck else at.theta + step
+        information = self._told + self._known.summary + self._known.forces
+        low, high = self._guess - np.log(1e4), self._guess + np.log(1e4)
+        theta = np.where(np.isfinite(self._guess), np.clip(theta, low, high), self._guess)
+        estimate = summarise(self._initial, theta, information)
+        change = logarithms(estimate.settings)[:2] - self._passed
+        known = estimate.identifiable["density"]
+        scale = float(np.abs(change).max()) * (1.0 if known else UNKNOWN_WEIGHT)
+        large = max(scale, abs(float(change[0] - change[1]))) > SIGNIFICANT
+        if large and (linear or stuck):
+            self._passed = self._passed + change
+            estimate = replace(estimate, significant=True)
+        self._estimate = estimate
+
+    def _fold(self) -> None:
+        """Keep what the window has told as a summary, and start a new one at the present state."""
+        run = self._run
+        elapsed = (self._past[-1].stamp - self._past[0].stamp) / NANOSECONDS
+        # Work that is under way may end first, but not for ever.
+        if run is None or elapsed <= WINDOW or (self._worker.busy and elapsed <= 1.5 * WINDOW):
+            return
+        theta = self._current()
+        self._known.summary = FORGETTING * self._known.summary + self._told
+        self._told = np.zeros((4, 4))
+        self._known.centre = theta
+        self._known.forces = FORGETTING * self._known.forces
+        self.forces.fold()
+        self._past = []
+        self._anchor = run.simulation.fork(with_logarithms(self._initial, theta))
+        simulation = self._anchor.fork(self._anchor.settings)
+        self._adopt(Run(Linearised(theta, self._numbers), simulation, self._white, run.error))
+        self._worker.drop()
+        self._pending, self._retry = [], 0

@@ -1,0 +1,112 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Forces at the grips while the DLO moves: the common scale of E, mu and drag."""
+
+from __future__ import annotations
+
+import logging
+from collections import deque
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from dlo_ros.command import Command
+from dlo_ros.errors import SimulationError
+from dlo_ros.identification.cooperative_tasks import LONG, SHORT, Pieces
+from dlo_ros.identification.force_scale import borne_along, scale_in_pieces
+from dlo_ros.identification.online.linearised_model import Known, Run
+from dlo_ros.observation import Observation, Wrenches
+from dlo_ros.parameters import Settings
+from dlo_ros.rod.loads.grip_reactions import Loading
+from dlo_ros.rod.sensitivity_parameters import MATERIAL
+from dlo_ros.rod.simulation import Simulation
+from dlo_ros.spline import FloatArray
+
+LOG = logging.getLogger(__name__)
+
+MOST = 60_000
+"""Messages of an end that are remembered: a minute at 1 kHz."""
+FEWEST = 10
+"""Shapes before forces are looked at."""
+GROWTH = 1.3
+"""Growth of the window after which they are looked at again."""
+OTHER = 0.05
+"""Change of ln(E/mu) after which they are."""
+MU = MATERIAL.index("density")
+
+
+class Forces:
+    """Measured forces, and what they tell.
+
+    Args:
+        settings: the parameter file.
+    """
+
+    def __init__(self, settings: Settings) -> None:
+        self._settings = settings
+        self._rows: dict[str, deque[tuple[int, FloatArray]]] = {}
+        self._told = False  # by the present window
+        self.fold()
+
+    def add(self, end: str, stamp: int, values: FloatArray) -> None:
+        """Take a force [N] and a torque [N m] along the axes of the fixed frame, shape (6,)."""
+        self._rows.setdefault(end, deque(maxlen=MOST)).append((stamp, values))
+
+    def fold(self) -> None:
+        """A new window begins."""
+        self._used, self._ratio, self._told = 0, np.nan, False
+
+    def weigh(
+        self, run: Run, past: Sequence[Observation], commands: Sequence[Command], known: Known,
+        begin: Callable[[], Pieces[Simulation]],
+    ) -> Pieces[None]:  # fmt: skip
+        """Where it is due, learn the scale of all forces from those of the window.
+
+        Args:
+            run: along the observations of the window.
+            past: these observations.
+            commands: what was imposed.
+            known: takes what was learned.
+            begin: starts a simulation of the window that tells loads, with the run's settings.
+        """
+        ratio = float(run.at.theta[0] - run.at.theta[1])
+        same = abs(ratio - self._ratio) < OTHER
+        if not self._rows or run.used < FEWEST or (same and run.used < GROWTH * self._used):
+            return
+        self._used, self._ratio = run.used, ratio
+        theta = run.at.theta
+        try:
+            yield LONG
+            simulation = yield from begin()
+            stamps = [o.stamp for o in past if o.stamp >= simulation.stamp]
+            loadings: list[Loading | None] = []
+            if stamps and stamps[0] == simulation.stamp:
+                loadings.append(simulation.prediction().loading)
+            for stamp in stamps[len(loadings) :]:
+                yield SHORT
+                loadings += [p.loading for p in simulation.advance_through([stamp])]
+        except SimulationError as err:
+            LOG.warning("measured forces are not used for now: %s", err)
+            return
+        bearing = [x for x in loadings if x is not None]
+        borne = borne_along("live", bearing, stamps, self._wrenches(), commands)
+        rod = self._settings.rod
+        found = yield from scale_in_pieces(
+            borne, self._settings, diameter_std=rod.diameter_std / rod.diameter
+        )
+        if found is None or (not self._told and found.information < known.forces[MU, MU]):
+            return  # an earlier window has told more
+        self._told = True
+        known.forces = np.zeros_like(known.forces)
+        known.forces[MU, MU] = found.information
+        known.felt = theta.copy()
+        known.felt[MU] += found.log
+
+    def _wrenches(self) -> list[Wrenches]:
+        """What was measured at each end."""
+        result = []
+        for end, rows in self._rows.items():
+            table = dict(rows)
+            stamps = np.array(sorted(table), dtype=np.int64)
+            values = np.array([table[int(s)] for s in stamps])
+            result.append(Wrenches.along_axes(end, stamps, values))
+        return result

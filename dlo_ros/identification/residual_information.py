@@ -1,0 +1,243 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""How much residuals tell about parameters, for what the residuals really are.
+
+Residuals are neither white nor alike in all directions: a camera measures across the DLO only,
+errors of the calibration and of the model are the same in many pictures, and two rod theories
+differ by what a rod stretches. So the fit's gradient is taken as a sum of errors whose covariance
+is estimated from the residuals, and the covariance of the parameters follows from that of the
+gradient (a sandwich: H^-1 M H^-1 with H = J^T J and M = J^T Sigma J).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import lfilter
+
+from dlo_ros.identification.residual_noise import correlation_length
+from dlo_ros.inference.forecast import Forecast
+from dlo_ros.parameters import Settings
+from dlo_ros.spline import FloatArray, SplineBasis
+
+FITTED = 2.0  # numbers that a fit takes out of the residuals
+NOISE_LIMIT = 1e-7  # [m]: residuals below are rounding
+MOST_LAGS = 2000  # frames between which a correlation is kept
+# Curvature counts per length of the stretched rod (the paper's eq. (7)) or of the unstretched one,
+# as most other simulators have it. Cantilevers of both kinds as boundary value problems differ by
+# 1.1 to 2.5 of the strain in ln E (root mean square 1.9) and by up to 0.2 in what is left of the
+# shape. A DLO may be of either kind: 1.9 / sqrt(2). A discrete rod of the second kind agrees.
+STRETCH_SHAPE = 0.3  # of L
+STRETCH_STIFFNESS = 1.3  # of ln E
+
+
+@dataclass(frozen=True)
+class Errors:
+    """What the residuals of one recording are made of.
+
+    Args:
+        across, along: variance of the part that is new in every picture, of one number, across
+            the DLO and along it [m^2].
+        lasting: variance of the part that dies out over time [m^2].
+        persistence: its correlation from picture to picture, 0 to 1.
+        constant: variance of the part that stays [m^2].
+        reach: over how many control points the lasting parts are correlated.
+    """
+
+    across: float
+    along: float
+    lasting: float
+    persistence: float
+    constant: float
+    reach: float
+
+
+def discrepancy(found: Forecast, settings: Settings) -> float:
+    """Error of the shape that the model itself may have [m]: discretisation and rod theory."""
+    rod, simulation = settings.rod, settings.simulation
+    own = max(np.nan_to_num(found.resolution_error), simulation.tolerance)
+    return float(rod.length * np.hypot(own, STRETCH_SHAPE * strain(settings)))
+
+
+def model_shifts(settings: Settings, count: int) -> list[FloatArray]:
+    """By which ln E may be wrong besides, of `count` logarithms: rod theory, and the diameter.
+
+    Shapes tell E D^2 / mu.
+    """
+    rod = settings.rod
+    first = np.eye(count)[0]
+    return [
+        STRETCH_STIFFNESS * strain(settings) * first,
+        2.0 * rod.diameter_std / rod.diameter * first,
+    ]
+
+
+def strain(settings: Settings) -> float:
+    """By how much a DLO is stretched where it hangs from its end."""
+    weight = float(np.linalg.norm(settings.gravity))
+    return weight * settings.rod.length / settings.rod.specific_modulus
+
+
+def tangents(predicted: FloatArray) -> FloatArray:
+    """Directions of the predicted DLO at its control points' abscissae, shape (F, n, 3)."""
+    basis = SplineBasis(predicted.shape[1], 1.0)
+    slope = basis.matrix(basis.greville, 1) @ predicted[:, :, :3]
+    return np.asarray(slope / np.maximum(np.linalg.norm(slope, axis=2, keepdims=True), 1e-12))
+
+
+def residual_errors(residual: FloatArray, direction: FloatArray) -> Errors:
+    """Take residuals apart.
+
+    Args:
+        residual: as in `Forecast`, shape (F, n, 3) [m].
+        direction: of the DLO, shape (F, n, 3).
+    """
+    frames, n, _ = residual.shape
+    power = np.sum(residual**2, axis=(0, 1))
+    across_numbers = max(int(np.count_nonzero(power > 1e-9 * max(power.max(), 1e-300))) - 1, 1)
+    lengthwise = np.sum(residual * direction, axis=2)
+    along = float(np.mean(lengthwise**2))
+    total = float(np.sum(power)) / (frames * n)
+    # All that is not white is taken to lie across: that is where shapes differ.
+    rho = _autocovariance(residual) / n
+    constant = float(np.mean(rho[frames // 4 : frames // 2 + 1])) if frames >= 8 else 0.0
+    constant = max(constant, 0.0)
+    lasting, persistence = 0.0, 0.0
+    if 1 < frames < 8:
+        constant = max(float(np.mean(rho[1:])), 0.0)
+    elif frames >= 8:
+        rest = rho[1 : frames // 4 + 1] - constant
+        lasting = max(float(np.mean(rest[:2])), 0.0)
+        if lasting > 0.0:
+            below = np.flatnonzero(rest < 0.1 * lasting)
+            stop = int(below[0]) if len(below) else len(rest)
+            memory = max(float(np.sum(rest[:stop])) / lasting, 1e-3)
+            persistence = memory / (1.0 + memory)
+            lasting /= max(persistence, 0.3)
+    else:
+        constant = total  # one picture
+    white = max(total - constant - lasting, 0.0) / max(total, 1e-300)
+    mean = residual.mean(axis=0, keepdims=True)
+    reach = correlation_length([mean], 1) if constant + lasting > 0.0 else 1.0
+    # What the fit took out is put back.
+    seen = _independent(frames, n, across_numbers, white, persistence, reach)
+    back = seen / max(seen - FITTED, 0.5)
+    return Errors(
+        max(back * white * max(total - along, 0.0) / across_numbers, NOISE_LIMIT**2),
+        back * white * along,
+        back * lasting / across_numbers,
+        persistence,
+        back * constant / across_numbers,
+        reach,
+    )
+
+
+def _autocovariance(residual: FloatArray) -> FloatArray:
+    """Mean product of residuals that lie 0, 1, ... pictures apart, over all of a picture."""
+    frames = min(len(residual), MOST_LAGS)
+    flat = residual.reshape(len(residual), -1)
+    spectrum = np.fft.rfft(flat, 2 * len(flat), axis=0)
+    lagged = np.fft.irfft(np.abs(spectrum) ** 2, 2 * len(flat), axis=0)[:frames].sum(axis=1)
+    return np.asarray(lagged / np.arange(len(flat), len(flat) - frames, -1))
+
+
+def _independent(
+    frames: int, n: int, directions: int, white: float, persistence: float, reach: float
+) -> float:
+    """About how many independent numbers the residuals hold."""
+    memory = (1.0 + persistence) / max(1.0 - persistence, 1e-3)
+    lasting = max(frames / memory, 1.0) * n / reach
+    return directions * (white * frames * n + (1.0 - white) * lasting)
+
+
+def gradient_covariance(
+    derivative: FloatArray, direction: FloatArray, errors: Errors, own: float
+) -> FloatArray:
+    """Covariance (P, P) of J^T r.
+
+    Args:
+        derivative: as in `Forecast`, shape (F, P, n, 3).
+        direction: of the DLO, shape (F, n, 3).
+        errors: of the residuals.
+        own: error of the model [m], the same in all pictures and smooth along the DLO.
+    """
+    n = derivative.shape[2]
+    lengthwise = np.sum(derivative * direction[:, None], axis=3)  # (F, P, n)
+    total = np.einsum("fpic,fqic->pq", derivative, derivative)
+    slide = np.einsum("fpi,fqi->pq", lengthwise, lengthwise)
+    result = errors.across * (total - slide) + errors.along * slide
+    apart = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
+    near = np.exp(-2.0 * apart / errors.reach) if errors.reach > 1.0 else np.eye(n)
+    if errors.lasting > 0.0:
+        # The correlation dies out geometrically to either side: a filter forwards and backwards.
+        decay = ([1.0], [1.0, -errors.persistence])
+        carried = lfilter(*decay, derivative, axis=0) - derivative
+        carried += lfilter(*decay, derivative[::-1], axis=0)[::-1]
+        carried = np.einsum("ij,fpjc->fpic", near, carried)
+        result = result + errors.lasting * np.einsum("fpic,fqic->pq", derivative, carried)
+    summed = derivative.sum(axis=0)  # (P, n, 3)
+    for variance, shape in ((errors.constant, near), (own**2 / n, np.exp(-2.0 * apart / n))):
+        result = result + variance * np.einsum("pic,ij,qjc->pq", summed, shape, summed)
+    return np.asarray(result)
+
+
+def data_information(
+    forecasts: Sequence[Forecast],
+    settings: Settings | None = None,
+    shifts: Sequence[FloatArray] = (),
+) -> FloatArray:
+    """Information of residuals on the logarithms of the P parameters, shape (P, P).
+
+    Where recordings pull apart more than their residuals explain, it is reduced until they agree
+    (Birge ratio, on the direction of ln E).
+
+    Args:
+        forecasts: with derivatives.
+        settings: of the model, for its own error; None leaves that out.
+        shifts: by which the logarithms are known to be wrong without being corrected, each (P,).
+    """
+    hessians, covariances, pulls = [], [], []
+    for f in forecasts:
+        assert f.derivative is not None
+        direction = tangents(f.predicted)
+        own = 0.0 if settings is None else discrepancy(f, settings)
+        errors = residual_errors(f.residual, direction)
+        covariance = gradient_covariance(f.derivative, direction, errors, own)
+        gradient = np.einsum("fpic,fic->p", f.derivative, f.residual)
+        hessians.append(np.einsum("fpic,fqic->pq", f.derivative, f.derivative))
+        covariances.append(covariance)
+        pulls.append(float(gradient[0] ** 2 / max(covariance[0, 0], 1e-300)))
+    hessian, covariance = np.sum(hessians, axis=0), np.sum(covariances, axis=0)
+    if len(pulls) > 1:
+        covariance = covariance * max(1.0, float(np.sum(pulls)) / (len(pulls) - 1))
+    if settings is not None:
+        shifts = [*shifts, *model_shifts(settings, len(hessian))]
+    for shift in shifts:
+        moved = hessian @ shift
+        covariance = covariance + np.outer(moved, moved)
+    return sandwich(hessian, covariance)
+
+
+def told_directions(information: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Directions in which there is information.
+
+    Returns:
+        Units in which each number is taken, shape (P,), eigenvalues in these, (K,), and their
+        eigenvectors, (P, K).
+    """
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-300))
+    values, vectors = np.linalg.eigh(information * np.outer(scale, scale))
+    # Derivatives are good to 1e-4 or so: what is smaller is no information.
+    kept = values > 1e-9 * max(float(values.max()), 1e-300)
+    return scale, values[kept], vectors[:, kept]
+
+
+def sandwich(hessian: FloatArray, covariance: FloatArray) -> FloatArray:
+    """H M^-1 H, where flat directions of H stay flat."""
+    scale, _, basis = told_directions(hessian)
+    h = hessian * np.outer(scale, scale)
+    m = covariance * np.outer(scale, scale)
+    inner = np.linalg.pinv(basis.T @ m @ basis, hermitian=True)
+    right = basis.T @ h / scale  # h / scale = scale * hessian
+    return np.asarray(right.T @ inner @ right)

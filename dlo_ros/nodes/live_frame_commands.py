@@ -1,0 +1,112 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""The imposed motion from a robot's frames or poses as they come (`command.source`)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from dlo_ros.command import NANOSECONDS, Command
+from dlo_ros.errors import InputError, ParameterError
+from dlo_ros.nodes import qos
+from dlo_ros.nodes.node_base import JUMP_BACK, DloNode
+from dlo_ros.nodes.transform_listener import KEPT, TransformListener
+from dlo_ros.recordings.frame_commands import POSES, clamp_frames, command_of, instants
+
+PERIOD = 0.02
+"""Seconds of wall time between two commands: a robot tells its frames more often than that."""
+
+POLL = 0.5
+"""Seconds between two looks at whether the frames are there."""
+
+SILENT = 1.0
+"""Seconds after which a robot that tells nothing any more is told of."""
+
+
+class FrameCommands:
+    """Commands from frames: each leads from the last known pose to the newest one.
+
+    Args:
+        node: which subscribes; its settings say which frames.
+        callback: is given each command.
+
+    Raises:
+        ParameterError: tf2_msgs is missing, and frames are wanted.
+    """
+
+    def __init__(self, node: DloNode, callback: Callable[[Command], None]) -> None:
+        self._node, self._callback = node, callback
+        self._listener = TransformListener(node)
+        self._source = node.settings.command.source
+        self._frames = clamp_frames(node.settings)
+        self._last, self._now = 0, 0
+        if self._source == "tf" and not self._listener.available:
+            raise ParameterError("command.source is 'tf', but the package tf2_msgs is missing")
+        if self._source == "pose":
+            for topic in POSES.values():
+                node.subscribe(topic, partial(self._on_pose, topic), qos.DEEP, drain=True)
+        node.every(PERIOD, self._proceed)
+        node.every(POLL, self._look)
+
+    def _on_pose(self, topic: str, message: Any) -> None:
+        self._listener.transforms.add_pose(topic, message)
+        now = self._node.now()
+        if now:
+            self._listener.transforms.forget(now - KEPT)
+        self._node.health.solved(topic)
+
+    def _known(self) -> dict[str, Any]:
+        """Frames of the ends that are held: of poses those that come, or are to come."""
+        if self._source == "tf":
+            return self._frames
+        told = self._listener.transforms.parents
+        return {
+            end: each
+            for end, each in self._frames.items()
+            if each[0] in told or self._node.is_published(each[0])
+        }
+
+    def _proceed(self) -> None:
+        """Hand over what is known beyond the last command."""
+        transforms, frames = self._listener.transforms, self._known()
+        before_now, self._now = self._now, self._node.now()
+        if self._now < before_now - JUMP_BACK * NANOSECONDS:
+            transforms.forget()
+            self._last = 0
+        if not frames:
+            return
+        try:
+            stamps = instants(transforms, frames, self._node.settings.frame_id, self._last)
+        except InputError:
+            return  # not all has come yet; `_look` tells where it stays so
+        if not stamps and self._now and not self._last:  # all of it holds for good
+            stamps = [self._now]
+        new = [s for s in stamps if s > self._last]
+        if not new:
+            return
+        before = [s for s in stamps if s <= self._last][-1:]
+        self._node.check_stamp(new[-1], "the clamps' frame")
+        self._callback(command_of(transforms, frames, [*before, *new], self._node.settings))
+        self._last = new[-1]
+        self._node.health.count("commands")
+        self._node.health.solved("command")
+
+    def _look(self) -> None:
+        """Say where frames are missing, or nothing new comes."""
+        frames, node = self._known(), self._node
+        if not frames:
+            wanted = " and ".join(POSES.values())
+            node.health.warn("command", f"command.source is 'pose', and nobody publishes {wanted}")
+            return
+        try:
+            moving = instants(self._listener.transforms, frames, node.settings.frame_id)
+        except InputError as err:
+            node.health.warn("command", f"command.source is '{self._source}': {err}")
+            return
+        now = node.now()
+        silent = (now - self._last) / NANOSECONDS
+        if now and moving and silent > SILENT:
+            node.health.warn(
+                "command", f"the clamps' frames were told {silent:.1f} s ago for the last time"
+            )

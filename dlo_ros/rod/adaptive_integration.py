@@ -1,0 +1,90 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Compiled motion of the rod through a series of instants, with control of the error.
+
+Every step is made by `generalised_alpha`, its sensitivities by `propagation`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dlo_ros.kernel_cache import njit
+from dlo_ros.kernel_linking import linked
+from dlo_ros.rod.sensitivity.propagation import vary
+from dlo_ros.rod.solve.generalised_alpha import (
+    DONE,
+    NO_CONVERGENCE,
+    NO_DIRECTION,
+    SMALLEST_STEP,
+    step,
+)
+from dlo_ros.rod.solve.integrator_state import NEXT, TIME, another, assign, commit
+
+FIRST_STEP = 1e-3  # [s]
+
+
+@njit()
+def _next_stop(times, now, stop):
+    """The next corner of the imposed motion, or the stop itself."""
+    after = np.searchsorted(times, now + 1e-9, side="right")
+    if after < times.size and now + 1e-9 < times[after] < stop - 1e-9:
+        return times[after]
+    return stop
+
+
+@linked(from_python=True)
+def march(system, imposed, state, stops, tolerance, newton, varying, shapes, speeds,
+          derivatives):  # fmt: skip
+    """Integrate to a series of times.
+
+    Args:
+        system, imposed: the rod and its command, with the variants of P parameters.
+        state: where it is; becomes where it is at the end (where it fails: the last good one).
+        stops: times [s] from the command's start, growing, (S,).
+        tolerance: error that one step may add [m], in the mean over the rod.
+        newton: error that Newton's method may leave, of L.
+        varying: the state's derivatives by the parameters, see `propagation`; changed likewise.
+        shapes, speeds: output, control points and their velocities, (S, n, d).
+        derivatives: output, (S, P, n, d).
+
+    Returns:
+        Status and the steps taken.
+    """
+    steps, count = 0, derivatives.shape[1]
+    new = another(state)
+    clock, times = state.clock, imposed.times[0]
+    for k in range(stops.size):
+        while clock[TIME] < stops[k] - 1e-12:
+            limit = _next_stop(times, clock[TIME], stops[k])
+            remaining = limit - clock[TIME]
+            proposal = clock[NEXT] if clock[NEXT] > 0.0 else FIRST_STEP
+            pieces = max(1.0, np.ceil(remaining / proposal * 0.999))
+            h = remaining / pieces
+            while True:
+                steps += 1
+                status, error = step(system, imposed, state, h, newton, new)
+                if status == NO_DIRECTION:
+                    return status, steps
+                if status == DONE and (error <= 2.0 * tolerance or h < 10.0 * SMALLEST_STEP):
+                    break
+                if status == DONE:
+                    h *= max(0.2, 0.8 * (tolerance / error) ** (1.0 / 3.0))
+                else:
+                    h *= 0.25
+                if h < SMALLEST_STEP:
+                    return NO_CONVERGENCE, steps
+            if count > 0:
+                vary(system, imposed, state, new, varying)
+            longer = 2.0
+            if error > 0.0:
+                longer = min(2.0, 0.9 * (tolerance / error) ** (1.0 / 3.0))
+            # A step cut short by a stop says nothing against a longer one.
+            new.clock[NEXT] = max(h * longer, min(proposal, h * 10.0) * 0.2)
+            if h >= remaining * (1.0 - 1e-12):
+                new.clock[TIME] = limit
+            commit(new, state)
+        assign(shapes[k], state.q)
+        assign(speeds[k], state.velocity)
+        for a in range(count):
+            assign(derivatives[k, a], varying.q[a])
+    return DONE, steps

@@ -1,0 +1,115 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Compiled motion of many parameter sets, eight in step; see `adaptive_integration` for the method.
+
+The sets of a group share their steps, whose lengths follow the set with the largest error, and
+Newton's method goes on until all of them have converged.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dlo_ros.kernel_linking import linked
+from dlo_ros.rod.adaptive_integration import FIRST_STEP
+from dlo_ros.rod.batch.simd_kernels import Law, Scratch, Tables, tensions
+from dlo_ros.rod.batch.simd_step import Motion, Room, Sets, accept, rate_weights, try_step
+from dlo_ros.rod.boundary.conditions import Imposed, impose
+from dlo_ros.rod.simd.eight_lanes import address, load, store
+from dlo_ros.rod.solve.generalised_alpha import DONE, NO_CONVERGENCE, NO_DIRECTION, SMALLEST_STEP
+
+
+@linked(from_python=True)
+def march(sets, tables, imposed, frames, motion, room, clock, reach, limit, stops, tolerance,
+          newton, shapes, status):  # fmt: skip
+    """Integrate all sets to a series of times, one group of LANES after the other.
+
+    Args:
+        frames: of both ends, (C, 2, FRAME), carried along.
+        motion: where the sets are, carried along.
+        clock: time from the command's start, last and next step [s], carried along, (C, 3).
+        reach: distance of the second control point from an end [m].
+        limit: moves of a control point beyond this are taken as divergence [m].
+        stops: times [s] from the command's start, growing, (S,).
+        tolerance: error that one step may add [m], in the mean over the rod.
+        newton: convergence of Newton's method [m].
+        shapes: output, (C, S, 2 n, LANES).
+        status: output, how each group ended and its steps, rejected ones included, (C, 2).
+    """
+    common = Tables(
+        tables.n, tables.spans, tables.lo, tables.hi, address(tables.linear), address(tables.b1),
+        address(tables.b2), address(tables.products),
+    )  # fmt: skip
+    law, scratch = room.law, room.scratch
+    space = Room(
+        Law(address(law.stretch), address(law.stretch_rest), address(law.bend),
+            address(law.bend_rest)),
+        Scratch(address(scratch.gradient), address(scratch.step), address(scratch.band),
+                address(scratch.point), address(scratch.line), address(scratch.tangent)),
+        address(room.matrix), address(room.rhs), address(room.q), address(room.q_star),
+        address(room.v_star), address(room.lag), address(room.auxiliary), address(room.target),
+    )  # fmt: skip
+    for c in range(clock.shape[0]):
+        law = sets.law
+        group = Sets(
+            Law(address(law.stretch[c]), address(law.stretch_rest[c]), address(law.bend[c]),
+                address(law.bend_rest[c])),
+            address(sets.mass[c]), address(sets.drag[c]), address(sets.load[c]),
+            address(sets.relaxation_time[c]),
+        )  # fmt: skip
+        place = Motion(
+            address(motion.q[c]), address(motion.velocity[c]), address(motion.acceleration[c]),
+            address(motion.auxiliary[c]), address(motion.stretch[c]),
+            address(motion.stretch_before[c]), address(motion.bend[c]),
+            address(motion.bend_before[c]), address(motion.tension[c]),
+        )  # fmt: skip
+        tensions(place.stretch, group.law, common, place.tension)
+        status[c, 0], status[c, 1] = _march_group(
+            group, common, imposed, frames[c], place, space, room.target, clock[c], reach, limit,
+            stops, tolerance, newton, shapes[c],
+        )  # fmt: skip
+
+
+@linked()
+def _march_group(sets, tables, imposed, frames, motion, room, target, clock, reach, limit, stops,
+                 tolerance, newton, shapes):  # fmt: skip
+    """Integrate one group; `engine.march` says how steps are chosen."""
+    steps = 0
+    theta, pins = np.zeros(2), np.zeros((0, 3))
+    at_rest = False  # whether the target is one that no longer changes
+    for k in range(stops.size):
+        while clock[0] < stops[k] - 1e-12:
+            end = stops[k]
+            after = np.searchsorted(imposed.times, clock[0] + 1e-9, side="right")
+            if after < imposed.times.size and imposed.times[after] < end - 1e-9:
+                end = imposed.times[after]
+            remaining = end - clock[0]
+            proposal = clock[2] if clock[2] > 0.0 else FIRST_STEP
+            h = remaining / max(1.0, np.ceil(remaining / proposal * 0.999))
+            while True:
+                steps += 1
+                if not at_rest:
+                    time = clock[0] + h
+                    if not impose(imposed, time, theta, reach, frames, target, pins):
+                        return NO_DIRECTION, steps
+                    at_rest = imposed.times.size == 0 or clock[0] >= imposed.times[-1] - 1e-9
+                weights = rate_weights(h, clock[1])
+                done, error = try_step(sets, tables, motion, room, h, weights, limit, newton)
+                if done and (error <= 2.0 * tolerance or h < 10.0 * SMALLEST_STEP):
+                    break
+                h *= max(0.2, 0.8 * (tolerance / error) ** (1.0 / 3.0)) if done else 0.25
+                if h < SMALLEST_STEP:
+                    return NO_CONVERGENCE, steps
+            accept(tables, motion, room, h)
+            growth = 2.0
+            if error > 0.0:
+                growth = min(2.0, 0.9 * (tolerance / error) ** (1.0 / 3.0))
+            # A step cut short by a stop says nothing against a longer one.
+            clock[2] = max(h * growth, min(proposal, h * 10.0) * 0.2)
+            clock[1] = h
+            clock[0] = end if h >= remaining * (1.0 - 1e-12) else clock[0] + h
+        for i in range(2 * tables.n):
+            store(shapes[k], i, load(motion.q, i))
+    return DONE, steps
+
+
+__all__ = ["DONE", "NO_CONVERGENCE", "NO_DIRECTION", "Imposed", "march"]

@@ -1,0 +1,194 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""One step of eight parameter sets: `adaptive_integration`'s generalised-alpha in lanes."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from dlo_ros.kernel_cache import njit
+from dlo_ros.rod.batch.simd_kernels import Law, Scratch, assemble, strains, tensions
+from dlo_ros.rod.batch.simd_solver import residual, solve
+from dlo_ros.rod.simd.eight_lanes import entry, largest, load, root, spread, store
+from dlo_ros.rod.solve.generalised_alpha import ALPHA_F, ALPHA_M, BETA, GAMMA, SMALLEST_STEP
+from dlo_ros.spline import FloatArray
+
+MAX_NEWTON = 12
+
+
+class Sets(NamedTuple):
+    """Constants of all sets: arrays (C, ..., LANES), x and z of a control point in turn.
+
+    Here and in `Motion` the first axis counts groups of LANES sets. Steps are those of one group,
+    whose arrays are without it, as addresses.
+    """
+
+    law: Law  # without damping
+    mass: FloatArray  # (4 n,) lower rows [kg]
+    drag: FloatArray  # (4 n,) [N s/m]
+    load: FloatArray  # (2 n,) [N]
+    relaxation_time: FloatArray  # (1,) [s]
+
+
+class Motion(NamedTuple):
+    """Where all sets are; arrays (C, ..., LANES)."""
+
+    q: FloatArray  # (2 n,) [m]
+    velocity: FloatArray
+    acceleration: FloatArray
+    auxiliary: FloatArray
+    stretch: FloatArray  # (nb,) now, and one step ago
+    stretch_before: FloatArray
+    bend: FloatArray
+    bend_before: FloatArray
+    tension: FloatArray  # (nb,) with weights, as `assemble` takes it
+
+
+class Room(NamedTuple):
+    """Scratch of one step; arrays (..., LANES) but for the target."""
+
+    law: Law  # of the incremental potential
+    scratch: Scratch
+    matrix: FloatArray  # (4 n,)
+    rhs: FloatArray  # (2 n,)
+    q: FloatArray  # (2 n,)
+    q_star: FloatArray
+    v_star: FloatArray
+    lag: FloatArray
+    auxiliary: FloatArray
+    target: FloatArray  # (n, 2) where the held control points must be
+
+
+@njit()
+def _damped(points, relaxation, now, before, weights, stiffness, rest, out_stiffness, out_rest):
+    """Stiffness and rest strains of one step's incremental potential, as in `generalised_alpha`."""
+    t_r = load(relaxation, 0)
+    factor = 1.0 + weights[0] * t_r
+    inverse = 1.0 / factor
+    for e in range(points):
+        past = weights[1] * load(now, e) + weights[2] * load(before, e)
+        store(out_stiffness, e, load(stiffness, e) * factor)
+        store(out_rest, e, (load(rest, e) - t_r * past) * inverse)
+
+
+@njit()
+def _predict(n, sets, motion, room, h, c_mass, c_drag):
+    """What the step starts from: predictions, matrix and right-hand side."""
+    for i in range(4 * n):
+        store(room.matrix, i, c_mass * load(sets.mass, i) + c_drag * load(sets.drag, i))
+    for i in range(2 * n):
+        aux, v = load(motion.auxiliary, i), load(motion.velocity, i)
+        q_star = load(motion.q, i) + h * v + (h * h * (0.5 - BETA)) * aux
+        v_star = v + (h * (1.0 - GAMMA)) * aux
+        store(room.q_star, i, q_star)
+        store(room.v_star, i, v_star)
+        store(room.q, i, q_star + (h * h * BETA) * aux)
+        store(room.lag, i, (ALPHA_F / (1.0 - ALPHA_F)) * load(motion.acceleration, i)
+              - (ALPHA_M / (1.0 - ALPHA_F)) * aux)  # fmt: skip
+    for i in range(n):
+        for c in range(2):
+            x = load(sets.load, 2 * i + c)
+            for j in range(max(0, i - 3), min(n, i + 4)):
+                k, at = 2 * j + c, 4 * i + 3 - i + j if j <= i else 4 * j + 3 - j + i
+                q_star = load(room.q_star, k)
+                x += load(sets.mass, at) * (c_mass * q_star + load(room.lag, k))
+                x += load(sets.drag, at) * (c_drag * q_star - load(room.v_star, k))
+            store(room.rhs, 2 * i + c, x)
+
+
+@njit()
+def _newton(tables, room, tension, limit, tolerance):
+    """Solve the step's equations from room.q.
+
+    Args:
+        limit, tolerance: a control point's root mean square move in the last iteration [m] that
+            is too large, and that is small enough.
+
+    Returns:
+        Whether all sets have converged, and the smallest pivot.
+    """
+    lo, hi = tables.lo, tables.hi
+    scratch = room.scratch
+    if hi <= lo:
+        return True, 1.0
+    for iteration in range(MAX_NEWTON):
+        assemble(room.q, tables, room.law, scratch, room.matrix, tension, iteration == 0)
+        residual(room.q, room.matrix, room.rhs, scratch, tables.n, lo, hi)
+        pivot = solve(scratch, lo, hi)
+        square = spread(0.0)
+        for i in range(2 * lo, 2 * hi):
+            x = load(scratch.step, i)
+            square += x * x
+            store(room.q, i, load(room.q, i) + x)
+        move = np.sqrt(largest(square) / (hi - lo))
+        if not move < limit:
+            return False, pivot
+        if move < tolerance:
+            return True, pivot
+    return False, 0.0
+
+
+@njit()
+def try_step(sets, tables, motion, room, h, weights, limit, newton):
+    """Try a step of length h whose target is in place.
+
+    Returns:
+        Whether it converged on the branch, and the estimated error of the worst set [m].
+    """
+    c_mass = (1.0 - ALPHA_M) / ((1.0 - ALPHA_F) * BETA * h * h)
+    c_drag = GAMMA / (BETA * h)
+    base, law, relaxation = sets.law, room.law, sets.relaxation_time
+    points = 3 * tables.spans
+    _damped(points, relaxation, motion.stretch, motion.stretch_before, weights, base.stretch,
+            base.stretch_rest, law.stretch, law.stretch_rest)  # fmt: skip
+    _damped(points, relaxation, motion.bend, motion.bend_before, weights, base.bend,
+            base.bend_rest, law.bend, law.bend_rest)  # fmt: skip
+    n = tables.n
+    _predict(n, sets, motion, room, h, c_mass, c_drag)
+    for i in range(n):
+        if not tables.lo <= i < tables.hi:
+            store(room.q, 2 * i, spread(entry(room.target, 2 * i)))
+            store(room.q, 2 * i + 1, spread(entry(room.target, 2 * i + 1)))
+    converged, pivot = _newton(tables, room, motion.tension, limit, newton)
+    # A negative pivot: the step has left the branch that a smaller one would follow.
+    if not converged or (not pivot > 0.0 and h > 10.0 * SMALLEST_STEP):
+        return False, np.inf
+    total = spread(0.0)
+    rate = 1.0 / (BETA * h * h)
+    for i in range(2 * n):
+        store(room.auxiliary, i, rate * (load(room.q, i) - load(room.q_star, i)))
+    for i in range(tables.lo, tables.hi):
+        x = load(room.auxiliary, 2 * i) - load(motion.auxiliary, 2 * i)
+        z = load(room.auxiliary, 2 * i + 1) - load(motion.auxiliary, 2 * i + 1)
+        total += root(x * x + z * z)
+    jump = largest(total) / max(tables.hi - tables.lo, 1)
+    return True, abs(BETA - 1.0 / 6.0) * h * h * jump
+
+
+@njit()
+def accept(tables, motion, room, h):
+    """Move on to what `try_step` has found."""
+    c_mass = (1.0 - ALPHA_M) / ((1.0 - ALPHA_F) * BETA * h * h)
+    c_drag = GAMMA / (BETA * h)
+    for i in range(2 * tables.n):
+        q = load(room.q, i)
+        d = q - load(room.q_star, i)
+        store(motion.q, i, q)
+        store(motion.velocity, i, load(room.v_star, i) + c_drag * d)
+        store(motion.acceleration, i, c_mass * d - load(room.lag, i))
+        store(motion.auxiliary, i, load(room.auxiliary, i))
+    for e in range(3 * tables.spans):
+        store(motion.stretch_before, e, load(motion.stretch, e))
+        store(motion.bend_before, e, load(motion.bend, e))
+    strains(motion.q, tables, motion.stretch, motion.bend)
+    tensions(motion.stretch, room.law, tables, motion.tension)
+
+
+@njit()
+def rate_weights(h, last):
+    """Weights of the strains now, one and two steps ago in the strain rate [1/s]."""
+    if last <= 0.0:
+        return 1.0 / h, -1.0 / h, 0.0
+    r = h / last
+    return (1.0 + 2.0 * r) / (h * (1.0 + r)), -(1.0 + r) / h, r * r / (h * (1.0 + r))

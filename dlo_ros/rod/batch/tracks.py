@@ -1,0 +1,91 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""What comes out of many parameter sets simulated at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dlo_ros.errors import SimulationError
+from dlo_ros.rod.batch.simd_step import Motion
+from dlo_ros.rod.model import RodModel
+from dlo_ros.rod.planar_model import expand, flat_reference
+from dlo_ros.rod.simd.eight_lanes import LANES
+from dlo_ros.rod.state import State, Strains
+from dlo_ros.spline import FloatArray
+
+
+@dataclass(frozen=True)
+class Ends:
+    """Where all sets are at the last stamp, as compiled code left them."""
+
+    models: tuple[RodModel, ...]
+    before: tuple[State, ...]
+    motion: Motion
+    clock: FloatArray
+    frames: FloatArray  # (C, 2, FRAME)
+    directed: NDArray[np.bool_]  # (2, 1) whether the command gives an end its direction
+    stamp: int
+    alone: dict[int, State] = field(default_factory=dict)
+
+    def state(self, number: int) -> State:
+        """The state of a set."""
+        if number in self.alone:
+            return self.alone[number]
+        before, model = self.before[number], self.models[number]
+        group, lane = divmod(number, LANES)
+        values = Motion(*(x[group, :, lane] for x in self.motion))
+        q, velocity, acceleration, auxiliary = (
+            expand(x.reshape(-1, 2), before.q) for x in values[:4]
+        )
+        frames = np.where(self.directed, self.frames[group], before.frames)
+        return replace(
+            before,
+            stamp=self.stamp,
+            q=q,
+            velocity=velocity,
+            acceleration=acceleration,
+            auxiliary=auxiliary,
+            reference=flat_reference(model, q, before.reference),
+            frames=frames,
+            strains=_strains(values.stretch, values.bend),
+            previous=_strains(values.stretch_before, values.bend_before),
+            last_step=float(self.clock[group, 1]),
+            next_step=float(self.clock[group, 2]),
+            sensitivity=None,
+        )
+
+
+def _strains(stretch: FloatArray, bend: FloatArray) -> Strains:
+    other = np.zeros((len(bend), 3))
+    other[:, 0] = bend
+    return Strains(stretch.copy(), other)
+
+
+@dataclass(frozen=True)
+class Tracks:
+    """Simulated motions of S parameter sets.
+
+    Args:
+        shapes: control points at every stamp, NaN for sets that failed, shape (S, T, n, 4).
+        steps: that each set took part in, rejected ones included, shape (S,).
+        failures: why a set failed, by its number.
+        ends: where the sets are at the last stamp.
+    """
+
+    shapes: FloatArray
+    steps: NDArray[np.int64]
+    failures: dict[int, str]
+    ends: Ends = field(repr=False)
+
+    def state(self, number: int) -> State:
+        """The state of a set at the last stamp.
+
+        Raises:
+            SimulationError: the set failed.
+        """
+        if number in self.failures:
+            raise SimulationError(f"parameter set {number}: {self.failures[number]}")
+        return self.ends.state(number)

@@ -1,0 +1,91 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""How and when the camera measures true shapes, where effects of measurement say so."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dlo_ros.command import NANOSECONDS
+from dlo_ros.effects import Effect, build
+from dlo_ros.parameters import EFFECTS_PREFIX, Settings
+from dlo_ros.rod.sensitivity_parameters import STEP, varied
+from dlo_ros.spline import FloatArray
+
+
+class Camera:
+    """Maps between true and measured shapes; affine in the control points.
+
+    Args:
+        settings: whose effects count.
+        parameters: by which sensitivities are wanted, see `sensitivity_parameters`.
+    """
+
+    def __init__(self, settings: Settings, parameters: Sequence[str] = ()) -> None:
+        self._effects = build(settings.effects)
+        self._map, _ = _affine(self._effects)
+        count = len(parameters)
+        # What each parameter changes of the map and of the delay.
+        self._map_rate, self._shift_rate = np.zeros((count, 3, 3)), np.zeros((count, 3))
+        self._later_rate = np.zeros(count)
+        for p, name in enumerate(parameters):
+            if not name.startswith(EFFECTS_PREFIX):
+                continue
+            above, below = (
+                build(varied(settings, name, side * STEP).effects) for side in (1.0, -1.0)
+            )
+            (high, far), (low, near) = _affine(above), _affine(below)
+            self._map_rate[p] = (high - low) / (2.0 * STEP)
+            self._shift_rate[p] = (far - near) / (2.0 * STEP)
+            late = sum(e.later() for e in above) - sum(e.later() for e in below)
+            self._later_rate[p] = late / (2.0 * STEP)
+
+    @property
+    def later(self) -> int:
+        """How much later than simulated a shape is seen [ns]."""
+        return round(sum(e.later() for e in self._effects) * NANOSECONDS)
+
+    def measured(self, shape: FloatArray) -> FloatArray:
+        """Control points as measured, of true ones; shape (n, 4), theta as it is."""
+        if not self._effects:
+            return shape
+        return np.column_stack([_measured(self._effects, shape[:, :3]), shape[:, 3]])
+
+    def true(self, shape: FloatArray) -> FloatArray:
+        """The inverse of `measured`."""
+        points = shape[:, :3]
+        for effect in reversed(self._effects):
+            points = effect.true(points)
+        return np.column_stack([points, shape[:, 3]]) if self._effects else shape
+
+    def sensitivity(
+        self, shape: FloatArray, velocity: FloatArray, change: FloatArray
+    ) -> FloatArray:
+        """Derivatives of measured control points.
+
+        Args:
+            shape, velocity: true control points and their velocities, shape (n, 4) and (n, 3).
+            change: their derivatives by the parameters, shape (P, n, 3).
+
+        Returns:
+            Shape (P, n, 3).
+        """
+        if not self._effects:
+            return change
+        # What is seen later has gone less far.
+        moved = change - self._later_rate[:, None, None] * velocity
+        seen = shape[:, :3] @ self._map_rate.transpose(0, 2, 1) + self._shift_rate[:, None]
+        return np.asarray(moved @ self._map.T + seen)
+
+
+def _affine(effects: Sequence[Effect]) -> tuple[FloatArray, FloatArray]:
+    """Matrix (3, 3) and shift (3,) of what the camera makes of points."""
+    seen = _measured(effects, np.vstack([np.zeros(3), np.eye(3)]))
+    return (seen[1:] - seen[0]).T, seen[0]
+
+
+def _measured(effects: Sequence[Effect], points: FloatArray) -> FloatArray:
+    for effect in effects:
+        points = effect.measured(points)
+    return points

@@ -1,0 +1,93 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""The derivatives of a moving rod in compiled code, changed in place from step to step."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from dlo_ros.kernel_cache import njit
+from dlo_ros.kernel_linking import linked
+from dlo_ros.rod.elements.planar_assembly import PLANAR
+from dlo_ros.rod.elements.rod_tables import History, Reference, Stiffness
+from dlo_ros.spline import FloatArray
+
+
+class Rates(NamedTuple):
+    """Derivatives of a rod's numbers by P parameters, named as in `System`."""
+
+    stiffness: Stiffness
+    mass: FloatArray  # (P, n, 4)
+    spin: FloatArray
+    drag: FloatArray
+    load: FloatArray  # (P, n, d)
+    relaxation_time: FloatArray  # (P,)
+
+
+class Varying(NamedTuple):
+    """Derivatives of a moving rod by P parameters, changed in place; named as in `Moving`."""
+
+    step: FloatArray  # (P,) half the distance of a parameter's two variants
+    moves: FloatArray  # (P,) not 0 where the parameter changes what is imposed
+    rates: Rates
+    special: float  # not 0 where the rod does more than its linear numbers say
+    q: FloatArray  # (P, n, d)
+    velocity: FloatArray
+    acceleration: FloatArray
+    auxiliary: FloatArray
+    reference: Reference  # likewise with a leading axis of P
+    frames: FloatArray  # (P, 2, 2, FRAME): the frames themselves, above and below
+    stretch: FloatArray
+    stretch_before: FloatArray
+    other: FloatArray
+    other_before: FloatArray
+    history: History
+
+
+@njit()
+def rise(above, below, d, out):
+    """Write (above - below) / (2 d) to out."""
+    a, b, c = out.ravel(), above.ravel(), below.ravel()
+    for i in range(a.size):
+        a[i] = (b[i] - c[i]) / (2.0 * d)
+
+
+@njit()
+def shift(target, source, d, change):
+    """Write source + d * change to target, arrays of one shape."""
+    a, b, c = target.ravel(), source.ravel(), change.ravel()
+    for i in range(a.size):
+        a[i] = b[i] + d * c[i]
+
+
+@linked()
+def shift_state(target, state, v, a, d):
+    """Write the state with d times the derivatives by parameter a added to target."""
+    shift(target.q, state.q, d, v.q[a])
+    shift(target.velocity, state.velocity, d, v.velocity[a])
+    shift(target.acceleration, state.acceleration, d, v.acceleration[a])
+    shift(target.auxiliary, state.auxiliary, d, v.auxiliary[a])
+    shift(target.stretch, state.stretch, d, v.stretch[a])
+    shift(target.stretch_before, state.stretch_before, d, v.stretch_before[a])
+    shift(target.other, state.other, d, v.other[a])
+    shift(target.other_before, state.other_before, d, v.other_before[a])
+    shift(target.history.plastic, state.history.plastic, d, v.history.plastic[a])
+    shift(target.history.anchor, state.history.anchor, d, v.history.anchor[a])
+    shift(target.history.inner, state.history.inner, d, v.history.inner[a])
+    if state.q.shape[1] != PLANAR:
+        shift_frame(target.reference, state.reference, v.reference, a, d)
+
+
+@linked()
+def shift_frame(target, ref, change, a, d):
+    """Write a frame with d times its derivatives by parameter a added to target."""
+    shift(target.tangent, ref.tangent, d, change.tangent[a])
+    shift(target.rate, ref.rate, d, change.rate[a])
+    shift(target.director, ref.director, d, change.director[a])
+    shift(target.twist, ref.twist, d, change.twist[a])
+
+
+@njit()
+def add(target, factor, source):
+    """Add factor * source to target, both of shape (m,)."""
+    for i in range(target.size):
+        target[i] += factor * source[i]

@@ -1,0 +1,124 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Compiled derivatives of what follows the shape: strains, frame, internal variables."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dlo_ros.kernel_linking import linked
+from dlo_ros.rod.elements import constitutive_law, rod_forces, spatial_assembly
+from dlo_ros.rod.elements.planar_assembly import PLANAR
+from dlo_ros.rod.elements.rod_tables import History
+from dlo_ros.rod.sensitivity.sensitivity_state import add, rise, shift, shift_frame
+from dlo_ros.rod.solve.equation_system import lagging, matter_of, untouched
+from dlo_ros.rod.solve.generalised_alpha import frame_at, remembered
+from dlo_ros.rod.solve.integrator_state import another, assign
+
+
+@linked()
+def _frames(system, q, old, varying, d_q):
+    """Let the transported frame vary along; (q is in space).
+
+    Args:
+        d_q: derivatives of the shape, shape (P, n, 4).
+    """
+    rule, shifted = system.rule, np.empty(q.shape)
+    up, down = another(old).reference, another(old).reference
+    change = varying.reference
+    for a in range(varying.step.size):
+        d = varying.step[a]
+        shift_frame(up, old.reference, change, a, d)
+        shift_frame(down, old.reference, change, a, -d)
+        shift(shifted, q, d, d_q[a])
+        frame_at(shifted, rule, up, up)
+        shift(shifted, q, -d, d_q[a])
+        frame_at(shifted, rule, down, down)
+        rise(up.tangent, down.tangent, d, change.tangent[a])
+        rise(up.rate, down.rate, d, change.rate[a])
+        rise(up.director, down.director, d, change.director[a])
+        rise(up.twist, down.twist, d, change.twist[a])
+
+
+@linked()
+def turned(system, q, old, matter, response, varying, rhs, by_frame):
+    """What the change of the frame before a step does at its end (q is in space).
+
+    Args:
+        matter, response: material of the step, and room for stresses.
+        rhs: right-hand sides (P, 4 n), to which the forces are added (against their sign); none
+            where they are there already.
+        by_frame: output, derivatives of bending and twist, shape (P, nb, 3).
+    """
+    rule, ref = system.rule, another(old).reference
+    pull = np.zeros((2, q.size))
+    for a in range(varying.step.size):
+        for side in range(2):
+            d = varying.step[a] if side == 0 else -varying.step[a]
+            shift_frame(ref, old.reference, varying.reference, a, d)
+            stretch, other = rod_forces.strains(q, rule, ref)
+            add(by_frame[a].ravel(), 0.5 / d, other.ravel())
+            if rhs.shape[0] > 0:
+                constitutive_law.respond(stretch, other, rule.weight, matter, response)
+                pull[side] = 0.0
+                spatial_assembly.force(q, rule, ref, other, response, pull[side])
+        if rhs.shape[0] > 0:
+            for i in range(q.size):
+                rhs[a, i] -= (pull[0, i] - pull[1, i]) / (2.0 * varying.step[a])
+
+
+@linked()
+def _remember(system, q, other, old, h, fresh, varying, d_q, d_other):
+    """Let the internal variables vary along.
+
+    Args:
+        q, other: shape and strains after the step.
+        old: the state before it.
+        h, fresh: see `follow`.
+        d_q, d_other: their derivatives, shape (P, n, d) and (P, nb, 3).
+    """
+    past = old.history
+    if past.plastic.shape[0] + past.anchor.shape[0] + past.inner.shape[0] == 0:
+        return
+    above, below, before = another(old).history, another(old).history, varying.history
+    shifted, strained = np.empty(q.shape), np.empty(other.shape)
+    for a in range(varying.step.size):
+        for side in range(2):
+            d = varying.step[a] if side == 0 else -varying.step[a]
+            plastic, anchor, inner = past.plastic.copy(), past.anchor.copy(), past.inner.copy()
+            shift(plastic, past.plastic, d, before.plastic[a])
+            shift(anchor, past.anchor, d, before.anchor[a])
+            shift(inner, past.inner, d, before.inner[a])
+            matter = matter_of(system, 1 + 2 * a + side, 1.0, History(plastic, anchor, inner))
+            matter = untouched(matter) if fresh else lagging(matter, h)
+            shift(shifted, q, d, d_q[a])
+            shift(strained, other, d, d_other[a])
+            remembered(shifted, strained, system.rule, matter, above if side == 0 else below)
+        d = varying.step[a]
+        rise(above.plastic, below.plastic, d, before.plastic[a])
+        rise(above.anchor, below.anchor, d, before.anchor[a])
+        rise(above.inner, below.inner, d, before.inner[a])
+
+
+@linked()
+def follow(system, q, other, old, h, fresh, varying, d_q, grad_s, grad_o, by_frame):
+    """Let what follows the shape vary along: strains, transported frame, internal variables.
+
+    Args:
+        q, other: shape and strains after the step.
+        old: the state before it.
+        h: length of the step [s], 0 to an equilibrium.
+        fresh: whether the DLO starts there, see `resting.settle`.
+        varying: derivatives; those of frame, strains and history are changed.
+        d_q: derivatives of the shape, shape (P, n, d).
+        grad_s, grad_o: derivatives of the strains, see `assembly.assemble`.
+        by_frame: see `_turned`.
+    """
+    d_stretch, d_other = rod_forces.strain_sensitivities(system.rule, grad_s, grad_o, d_q)
+    if q.shape[1] != PLANAR:
+        add(d_other.ravel(), 1.0, by_frame.ravel())
+        _frames(system, q, old, varying, d_q)
+    _remember(system, q, other, old, h, fresh, varying, d_q, d_other)
+    assign(varying.stretch_before, varying.stretch)
+    assign(varying.other_before, varying.other)
+    assign(varying.stretch, d_stretch)
+    assign(varying.other, d_other)

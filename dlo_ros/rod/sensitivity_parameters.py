@@ -1,0 +1,236 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Parameters of which sensitivities can be had, and the variants of the rod that they need.
+
+A parameter is named as in the parameter file: `young_modulus`, `density`, `air_drag`,
+`relaxation_time`, `gravity`, `length`, `twist_rest`; the pose of a clamp, `start.x`, `start.z`,
+`start.angle`, `end.x` ...; and any number of an effect that the settings contain,
+`effects.NAME.KEY` or, where it has several values, `effects.NAME.KEY[i]`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from dlo_ros.command import Command
+from dlo_ros.effects import quantities
+from dlo_ros.effects.measurement.length_error import LengthError
+from dlo_ros.effects.physics.clamp_angle import ClampAngle
+from dlo_ros.effects.physics.clamp_offset import ClampOffset
+from dlo_ros.errors import InputError
+from dlo_ros.parameters import EFFECTS_PREFIX, Settings
+from dlo_ros.rod.boundary import conditions
+from dlo_ros.rod.boundary.imposed_motion import Boundary
+from dlo_ros.rod.elements.rod_tables import Stiffness
+from dlo_ros.rod.model import RodModel
+from dlo_ros.rod.packing import imposed_of, parts_of, stacked, stacked_imposed, true_command
+from dlo_ros.rod.parameter_names import parsed
+from dlo_ros.rod.sensitivity.sensitivity_state import Rates, Varying
+from dlo_ros.rod.solve.equation_system import System
+from dlo_ros.spline import FloatArray
+
+MATERIAL = ("young_modulus", "density", "air_drag", "relaxation_time")
+# By their natural logarithm.
+LOGARITHMIC = (*MATERIAL, "gravity", "length")
+POSES = tuple(f"{end}.{what}" for end in ("start", "end") for what in ("x", "z", "angle"))
+KEPT = 8  # compiled rods of one model
+STEP = 1e-5  # in the logarithm, or of a parameter's natural size
+
+
+@dataclass(frozen=True)
+class Tangent:
+    """One parameter that sensitivities are wanted of.
+
+    Args:
+        name: see above.
+        step: half the distance of its two variants, in its own unit (or of the logarithm).
+        vary: settings and command with the parameter changed by an amount in that unit.
+    """
+
+    name: str
+    step: float
+    vary: Callable[[Settings, Command, float], tuple[Settings, Command]]
+
+
+def known(settings: Settings) -> tuple[str, ...]:
+    """All names of parameters that have sensitivities with these settings."""
+    names = [*LOGARITHMIC, *POSES]
+    for effect, keys in settings.effects.items():
+        for key, value in keys.items():
+            names += effect_names(effect, key, value)
+    return tuple(names)
+
+
+def effect_names(effect: str, key: str, value: float | tuple[float, ...]) -> list[str]:
+    """Names of an effect's parameter, one for each number of its value."""
+    name = f"{EFFECTS_PREFIX}{effect}.{key}"
+    return [f"{name}[{i}]" for i in range(len(value))] if isinstance(value, tuple) else [name]
+
+
+def tangent(settings: Settings, name: str) -> Tangent:
+    """How a parameter is varied.
+
+    Raises:
+        InputError: there is no such parameter; the message lists those that there are.
+    """
+    if name not in known(settings):
+        raise InputError(f"no sensitivity to '{name}'; known are {', '.join(known(settings))}")
+    if name in LOGARITHMIC:
+        return Tangent(name, STEP, lambda s, c, d: (_scaled(s, name, float(np.exp(d))), c))
+    if name in POSES:
+        end, what = name.split(".")
+        size = 1.0 if what == "angle" else settings.rod.length
+        return Tangent(name, STEP * size, lambda s, c, d: (s, _displaced(c, end, what, d)))
+    return _effect_tangent(settings, name)
+
+
+def _scaled(settings: Settings, name: str, factor: float) -> Settings:
+    """The settings with one of `LOGARITHMIC` multiplied."""
+    if name == "gravity":
+        x, y, z = settings.gravity
+        return replace(settings, gravity=(factor * x, factor * y, factor * z))
+    if name == "length":
+        # The material coordinate stays: control points keep their meaning.
+        effects = {k: dict(v) for k, v in settings.effects.items()}
+        error = effects.setdefault(LengthError.name, {})
+        before = settings.rod.length + float(np.sum(error.get("difference", 0.0)))
+        error["difference"] = before * factor - settings.rod.length
+        return settings.with_effects(effects)
+    if name in ("young_modulus", "density"):
+        value = factor * getattr(settings.rod, name)
+        return replace(settings, rod=replace(settings.rod, **{name: value}))
+    changed: dict[str, Any] = {name: factor * getattr(settings.damping, name)}
+    return replace(settings, damping=replace(settings.damping, **changed))
+
+
+def _displaced(command: Command, end: str, what: str, amount: float) -> Command:
+    """The command with a clamp (or an imposed tip) displaced, or turned about +y."""
+    if what == "angle":
+        return ClampAngle(**{end: amount}).impose(command)
+    return ClampOffset(**{end: tuple(amount * (what == axis) for axis in "xyz")}).impose(command)
+
+
+def varied(settings: Settings, name: str, amount: float) -> Settings:
+    """The settings with one number of an effect, `effects.NAME.KEY[i]`, changed by an amount."""
+    effect, key, index = parsed(name)
+    effects = {k: dict(v) for k, v in settings.effects.items()}
+    old: Any = effects[effect][key]  # a number, or as many as there are indices
+    if index is None:
+        effects[effect][key] = old + amount
+    else:
+        effects[effect][key] = (*old[:index], old[index] + amount, *old[index + 1 :])
+    return settings.with_effects(effects)
+
+
+def _effect_tangent(settings: Settings, name: str) -> Tangent:
+    effect, key, index = parsed(name)
+    value: Any = settings.effects[effect][key]  # a number, or as many as there are indices
+    size = abs(value if index is None else value[index])
+    quantity = quantities(effect)[key]
+    natural = settings.scale.unit(quantity.unit) if quantity.unit in ("m", "1/m") else 1.0
+    step = STEP * (size if size > 0.0 else natural)
+    return Tangent(name, step, lambda s, c, d: (varied(s, name, d), c))
+
+
+@dataclass(frozen=True)
+class Compiled:
+    """A rod and its command for compiled code, with the variants of some parameters.
+
+    Args:
+        system, imposed: see there.
+        step, moves, rates, special: of the parameters, see `Varying`.
+    """
+
+    system: System
+    imposed: conditions.Imposed
+    step: FloatArray
+    moves: FloatArray
+    rates: Rates
+    special: float
+
+    def mark(self, varying: Varying) -> Varying:
+        """Sensitivities that know their parameters."""
+        return varying._replace(
+            step=self.step, moves=self.moves, rates=self.rates, special=self.special
+        )
+
+
+def compiled(
+    model: RodModel, boundary: Boundary, command: Command, names: Sequence[str], *, flat: bool
+) -> Compiled:
+    """What compiled code needs, kept with the model.
+
+    Args:
+        command: as it was commanded, effects not applied.
+        names: of the parameters whose sensitivities are wanted, see above.
+        flat: whether the rod runs in its planar form.
+
+    Raises:
+        InputError: an unknown parameter.
+    """
+    cache: dict[Any, tuple[Command, Compiled]] = model.__dict__.setdefault("_compiled", {})
+    key = (boundary, tuple(names), flat, id(command))
+    if key not in cache:
+        while len(cache) >= KEPT:
+            cache.pop(next(iter(cache)))
+        cache[key] = command, _compiled(model, boundary, command, names, flat)
+    return cache[key][1]
+
+
+def _compiled(
+    model: RodModel, boundary: Boundary, command: Command, names: Sequence[str], flat: bool
+) -> Compiled:
+    true = true_command(model, command)
+    systems = [parts_of(model, boundary, flat=flat)]
+    commands = [imposed_of(model, boundary, true)]
+    moves, steps = [], []
+    for name in names:
+        chosen = tangent(model.settings, name)
+        pair = []
+        for other, asked in both_sides(model, command, chosen):
+            there = true_command(other, asked)
+            commands.append(imposed_of(other, boundary, there))
+            systems.append(parts_of(other, boundary, flat=flat))
+            pair.append(any(map(_differ, commands[-1], commands[0])))
+        moves.append(any(pair) or systems[-1].reach != systems[-2].reach)
+        steps.append(chosen.step)
+    # A slip or a drag of zero may be a parameter, too.
+    body = model.body
+    own = (body.slip, body.quadratic_drag, body.relaxing, body.inner_friction)
+    special = not model.plain or any(x is not None for x in own)
+    system, step = stacked(systems), np.array(steps, dtype=np.float64)
+    return Compiled(
+        system, stacked_imposed(commands), step, np.array(moves, dtype=np.float64),
+        _rates(system, step), float(special),
+    )  # fmt: skip
+
+
+def _rates(system: System, step: FloatArray) -> Rates:
+    """Derivatives of the rod's numbers, from the variants above and below."""
+
+    def rate(x: FloatArray) -> FloatArray:
+        width = 2.0 * step.reshape(-1, *([1] * (x.ndim - 1)))
+        return np.ascontiguousarray((x[1::2] - x[2::2]) / width)
+
+    return Rates(
+        Stiffness(*(rate(x) for x in system.stiffness)), rate(system.mass), rate(system.spin),
+        rate(system.drag), rate(system.load), rate(system.relaxation_time),
+    )  # fmt: skip
+
+
+def _differ(a: Any, b: Any) -> bool:
+    return not np.array_equal(a, b, equal_nan=True)
+
+
+def both_sides(
+    model: RodModel, command: Command, chosen: Tangent
+) -> list[tuple[RodModel, Command]]:
+    """Rod and command with a parameter above and below its value."""
+    result = []
+    for side in (1.0, -1.0):
+        settings, asked = chosen.vary(model.settings, command, side * chosen.step)
+        result.append((model.with_settings(settings), asked))
+    return result

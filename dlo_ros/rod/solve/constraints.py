@@ -1,0 +1,135 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Compiled linear algebra of what is held: imposed degrees of freedom and pins.
+
+Imposed degrees of freedom are eliminated exactly; pins (material points held in the middle of the
+DLO) are linear constraints, met exactly by a Schur complement of the banded matrix.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dlo_ros.kernel_cache import njit
+from dlo_ros.kernel_linking import linked
+from dlo_ros.rod.solve import banded_factorisation
+
+
+@linked()
+def eliminate(band, fixed, rhs, increments):
+    """Replace the equations of imposed degrees of freedom by x = increment.
+
+    Args:
+        band: matrix, lower rows (N, w + 1), changed in place.
+        fixed: which degrees of freedom are imposed, shape (N,).
+        rhs, increments: right-hand sides and what the imposed ones become, shape (P, N).
+    """
+    size, last = band.shape[0], band.shape[1] - 1
+    for j in range(size):
+        if not fixed[j]:
+            continue
+        for k in range(max(0, j - last), j):
+            at = last - j + k
+            for a in range(rhs.shape[0]):
+                rhs[a, k] -= band[j, at] * increments[a, j]
+            band[j, at] = 0.0
+        for i in range(j + 1, min(size, j + last + 1)):
+            at = last - i + j
+            for a in range(rhs.shape[0]):
+                rhs[a, i] -= band[i, at] * increments[a, j]
+            band[i, at] = 0.0
+        band[j, last] = 1.0
+    for a in range(rhs.shape[0]):
+        for j in range(size):
+            if fixed[j]:
+                rhs[a, j] = increments[a, j]
+
+
+@linked()
+def compliance(band, diagonal, pins):
+    """How the pins give way to forces on them.
+
+    Args:
+        band, diagonal: factors of the matrix K.
+        pins: rows P of the constraints, shape (m, N).
+
+    Returns:
+        K^-1 P^T as rows (m, N), and P K^-1 P^T (m, m).
+    """
+    m = pins.shape[0]
+    y, schur = pins.copy(), np.empty((m, m))
+    for a in range(m):
+        banded_factorisation.solve(band, diagonal, y[a])
+    for a in range(m):
+        for b in range(m):
+            schur[a, b] = np.dot(pins[a], y[b])
+    return y, schur
+
+
+@linked()
+def constrain(pins, y, schur, gap, x):
+    """Correct the solution x so that pins @ x = gap; returns False where that is impossible.
+
+    Args:
+        y, schur: see `compliance`.
+    """
+    m = pins.shape[0]
+    if m == 0:
+        return True
+    if abs(np.linalg.det(schur / np.abs(schur).max())) < 1e-200:
+        return False
+    excess = np.empty(m)
+    for a in range(m):
+        excess[a] = np.dot(pins[a], x) - gap[a]
+    force = np.linalg.solve(schur, excess)
+    for a in range(m):
+        for i in range(x.size):
+            x[i] -= force[a] * y[a, i]
+    return True
+
+
+@njit()
+def held_back(negative, schur):
+    """Negative eigenvalues that are left where the pins hold, of `negative` without them.
+
+    By Haynsworth's formula for the inertia of the matrix bordered by the constraints.
+    """
+    if negative < 0 or schur.shape[0] == 0:
+        return negative
+    return negative + np.sum(np.linalg.eigvalsh(schur) > 0.0) - schur.shape[0]
+
+
+@linked()
+def pin_gap(fixed, pins, pin_rows, target, pinned):
+    """What `pins @ q` must be, shape (m,), given the imposed values.
+
+    Args:
+        fixed: which degrees of freedom are imposed, shape (N,).
+        pins, pin_rows: rows of the pinned coordinates in the free ones and in all, shape (m, N).
+        target: imposed values, shape (n, 4) or (n, 2).
+        pinned: positions of the pinned points [m], shape (k, 3).
+    """
+    m, dof = pins.shape[0], target.shape[1]
+    gap = np.empty(m)
+    flat = target.ravel()
+    per = 3 if dof == 4 else 2
+    for a in range(m):
+        point, c = a // per, a % per
+        value = pinned[point, c] if dof == 4 else pinned[point, 2 * c]
+        for i in range(flat.size):
+            if fixed[i]:
+                value -= pin_rows[a, i] * flat[i]
+        gap[a] = value
+    return gap
+
+
+@linked()
+def back_substitute(band, diagonal, pins, gaps, rhs):
+    """Solve an eliminated and factorised system for several right-hand sides (P, N), in place.
+
+    Args:
+        pins, gaps: rows (m, N) and what pins @ x must be, shape (P, m).
+    """
+    y, schur = compliance(band, diagonal, pins)
+    for a in range(rhs.shape[0]):
+        banded_factorisation.solve(band, diagonal, rhs[a])
+        constrain(pins, y, schur, gaps[a], rhs[a])

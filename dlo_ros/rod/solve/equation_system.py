@@ -1,0 +1,234 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""The rod's numbers in compiled code, and what its equations take from them."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from dlo_ros.kernel_cache import njit
+from dlo_ros.kernel_linking import linked
+from dlo_ros.rod.boundary.conditions import Imposed, impose
+from dlo_ros.rod.elements.rod_tables import Law, Material, Quadrature, Stiffness, Surroundings
+from dlo_ros.rod.solve.constraints import pin_gap
+from dlo_ros.spline import FloatArray
+
+SUDDEN = 0.1  # [s] that a grip takes that gives way at one moment
+ITSELF = np.int64(0)  # number of the variant that is the rod itself
+# (a plain 0 would have everything compiled once more, for that constant)
+
+
+class Uniform(NamedTuple):
+    """What grows with the free length where the DLO slips through a grip; d is 4 or 2."""
+
+    mass: FloatArray  # (V, n, 4) band
+    spin: FloatArray  # (V, n, 4) band
+    drag: FloatArray  # (V, n, 4) band
+    load: FloatArray  # (V, n, d) [N]
+
+
+class System(NamedTuple):
+    """The rod's numbers for compiled code, in V variants; the first is the rod itself.
+
+    Two more for each parameter by which sensitivities are wanted have it a little above and a
+    little below its value.
+    """
+
+    rule: Quadrature
+    stiffness: Stiffness  # arrays with a leading axis of V
+    law: Law  # arrays of shape (V,)
+    around: Surroundings  # numbers as arrays of shape (V,), pegs (V, k, 3)
+    mass: FloatArray  # (V, n, 4) band
+    spin: FloatArray  # (V, n, 4) band
+    drag: FloatArray  # (V, n, 4) band
+    load: FloatArray  # (V, n, d) all dead loads [N]
+    uniform: Uniform
+    relaxation_time: FloatArray  # (V,) [s]
+    reach: FloatArray  # (V,) [m]
+    fixed: FloatArray  # (n d,) which degrees of freedom are held
+    pins: FloatArray  # (m, n d) rows of pinned coordinates in the free ones
+    pin_rows: FloatArray  # (m, n d) the same in all of them
+    length: float  # [m]
+
+
+@njit()
+def variant(imposed, k):
+    """Variant k of an imposed motion."""
+    return Imposed(
+        imposed.times[k], imposed.positions[k], imposed.rotations[k], imposed.velocities[k],
+        imposed.kinds, imposed.gain[k], imposed.sudden[k],
+    )  # fmt: skip
+
+
+@linked()
+def growth(imposed, k, time):
+    """Free length at a time over that of the system.
+
+    Material slips in along with the motion, and at one moment, then over `SUDDEN` by a smooth step.
+    """
+    gain, times = imposed.gain[k], imposed.times[k]
+    s = min(max((time - imposed.sudden[k, 1]) / SUDDEN, 0.0), 1.0)
+    now = 1.0 + imposed.sudden[k, 0] * s * s * (3.0 - 2.0 * s)
+    after = np.searchsorted(times, time, side="right")
+    if after == 0 or after == times.size:
+        return now + gain[max(after - 1, 0)]
+    s = (time - times[after - 1]) / (times[after] - times[after - 1])
+    return now + gain[after - 1] + s * (gain[after] - gain[after - 1])
+
+
+@linked()
+def matter_of(system, k, factor, history):
+    """The material of variant k at rest, its free length multiplied by a factor.
+
+    There is no damping, and what may relax has done so.
+    Over the same material coordinate curvature is a property of the shape; stretch and twist count
+    per unit of the new length.
+    """
+    s, nb = system.stiffness, system.rule.weight.size
+    stiffness = Stiffness(
+        np.empty(nb), np.empty(nb), np.empty((nb, 3)), np.empty((nb, 2)), np.empty(nb),
+        np.empty(nb),
+    )  # fmt: skip
+    law, a = system.law, system.around
+    left = 1.0 - law.relaxing[k]
+    for e in range(nb):
+        stiffness.stretch[e] = s.stretch[k, e] / factor
+        stiffness.stretch_rest[e] = factor * (1.0 + s.stretch_rest[k, e]) - 1.0
+        stiffness.bend[e, 2] = left * factor * s.bend[k, e, 2]
+        for c in range(2):
+            stiffness.bend[e, c] = left * factor * s.bend[k, e, c]
+            stiffness.bend_rest[e, c] = s.bend_rest[k, e, c]
+        stiffness.twist[e] = s.twist[k, e] / factor
+        stiffness.twist_rest[e] = factor * s.twist_rest[k, e]
+    return Material(
+        stiffness, left, s.bend_rest[k],
+        Law(
+            law.active[k], law.half_curvature[k], law.yield_curvature[k], law.hardening[k],
+            law.relaxing[k], law.lasting[k], law.slide[k], law.turn[k],
+        ),
+        Surroundings(
+            a.friction[k], a.creep[k], a.pegs[k], a.contact[k], a.span, a.b, a.weight, a.walls[k],
+            a.brake[k], np.zeros((0, 3)),
+        ),
+        history, 0.0, 0.0,
+    )  # fmt: skip
+
+
+@linked()
+def untouched(m):
+    """The material without friction, inner or outer, which a DLO at its start has not felt yet."""
+    a, w = m.around, m.law
+    law = Law(
+        w.active, w.half_curvature, w.yield_curvature, w.hardening, w.relaxing, w.lasting, 0.0,
+        np.inf,
+    )  # fmt: skip
+    around = Surroundings(
+        0.0, a.creep, a.pegs, a.contact, a.span, a.b, a.weight, a.walls, a.brake, a.tow
+    )
+    return Material(m.stiffness, m.damping, m.bend_rest, law, around, m.history, 0.0, 0.0)
+
+
+@linked()
+def lagging(m, h):
+    """The material whose history is brought over a step of length h; none: it is at rest.
+
+    The moment of what relaxes is exact for a curvature that changes steadily over the step.
+    """
+    if m.law.relaxing == 0.0 or h == 0.0:
+        return m
+    keep = np.exp(-h / m.law.lasting)
+    gain = m.law.relaxing * (1.0 - keep) * m.law.lasting / h
+    return Material(
+        m.stiffness, m.damping, m.bend_rest, m.law, m.around, m.history, keep, gain
+    )  # fmt: skip
+
+
+@linked()
+def drawn(m, tow):
+    """The material with the quadratic drag of one step, see `surroundings.towed`."""
+    a = m.around
+    around = Surroundings(
+        a.friction, a.creep, a.pegs, a.contact, a.span, a.b, a.weight, a.walls, a.brake, tow
+    )
+    return Material(
+        m.stiffness, m.damping, m.bend_rest, m.law, around, m.history, m.keep, m.gain
+    )  # fmt: skip
+
+
+@linked()
+def inertia_of(system, k, factor, c_mass, c_drag):
+    """c_mass times mass plus c_drag times drag, for positions and theta: lower bands (n, 4)."""
+    more, u = factor - 1.0, system.uniform
+    n = system.mass.shape[1]
+    positions, theta = np.empty((n, 4)), np.empty((n, 4))
+    for i in range(n):
+        for j in range(4):
+            mass = system.mass[k, i, j] + more * u.mass[k, i, j]
+            drag = system.drag[k, i, j] + more * u.drag[k, i, j]
+            positions[i, j] = c_mass * mass + c_drag * drag
+            theta[i, j] = c_mass * (system.spin[k, i, j] + more * u.spin[k, i, j])
+    return positions, theta
+
+
+@linked()
+def load_of(system, k, factor):
+    """All dead loads of variant k [N], shape (n, d)."""
+    result = system.load[k].copy()
+    if factor != 1.0:
+        for i in range(result.shape[0]):
+            for c in range(result.shape[1]):
+                result[i, c] += (factor - 1.0) * system.uniform.load[k, i, c]
+    return result
+
+
+@linked()
+def weigh(mass, spin, drag, acceleration, velocity, factor, out):
+    """Add factor times (mass times acceleration plus drag times velocity) to out (n, d).
+
+    Args:
+        mass, spin, drag: basis matrices, lower bands (n, 4); spin is that of theta, which has no
+            drag.
+    """
+    dof = out.shape[1]
+    for i in range(out.shape[0]):
+        for j in range(max(0, i - 3), i + 1):
+            m, viscous = factor * mass[i, 3 - i + j], factor * drag[i, 3 - i + j]
+            for c in range(min(dof, 3)):
+                out[i, c] += m * acceleration[j, c] + viscous * velocity[j, c]
+                if j < i:
+                    out[j, c] += m * acceleration[i, c] + viscous * velocity[i, c]
+            if dof == 4:
+                m = factor * spin[i, 3 - i + j]
+                out[i, 3] += m * acceleration[j, 3]
+                if j < i:
+                    out[j, 3] += m * acceleration[i, 3]
+
+
+@linked()
+def residual(system, k, factor, velocity, acceleration):
+    """Inertia and drag less the dead loads of variant k [N], shape (n, d)."""
+    result, more, u = load_of(system, k, factor), factor - 1.0, system.uniform
+    for i in range(result.shape[0]):
+        for c in range(result.shape[1]):
+            result[i, c] = -result[i, c]
+    weigh(system.mass[k], system.spin[k], system.drag[k], acceleration, velocity, 1.0, result)
+    if more != 0.0:
+        weigh(u.mass[k], u.spin[k], u.drag[k], acceleration, velocity, more, result)
+    return result
+
+
+@linked()
+def targets(system, k, imposed, time, q, frames):
+    """Imposed values of variant k at a time, for a rod that is at q now.
+
+    Returns:
+        Whether they are usable, the values (n, d), and what the pins must give (m,).
+    """
+    target, theta, dof = np.zeros(q.shape), np.zeros(2), q.shape[1]
+    if dof == 4:
+        theta[0], theta[1] = q[0, 3], q[-1, 3]
+    pinned = np.empty((system.pins.shape[0] // (2 if dof == 2 else 3), 3))
+    reach = system.reach[k] * growth(imposed, k, time)
+    usable = impose(variant(imposed, k), time, theta, reach, frames, target, pinned)
+    return usable, target, pin_gap(system.fixed, system.pins, system.pin_rows, target, pinned)

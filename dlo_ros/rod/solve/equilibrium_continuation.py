@@ -1,0 +1,168 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Compiled search for static equilibrium under imposed motion, led along a path."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dlo_ros.kernel_cache import njit
+from dlo_ros.kernel_linking import linked
+from dlo_ros.rod.boundary.conditions import DIRECTOR, TANGENT
+from dlo_ros.rod.elements import rod_forces
+from dlo_ros.rod.elements.constitutive_law import room
+from dlo_ros.rod.elements.contact_and_friction import rest_anchor
+from dlo_ros.rod.solve import newton_iteration
+from dlo_ros.rod.solve.equation_system import (
+    ITSELF,
+    growth,
+    inertia_of,
+    load_of,
+    matter_of,
+    targets,
+    untouched,
+)
+from dlo_ros.rod.solve.generalised_alpha import DONE, NO_CONVERGENCE, NO_DIRECTION, remembered
+from dlo_ros.rod.solve.integrator_state import TIME, assign
+
+MOVE_LIMIT = 0.05  # imposed motion per increment, of L
+TURN_LIMIT = 0.15  # imposed rotation per increment [rad]
+PUSH = 2e-3  # of L: how far an unstable equilibrium is left at once
+ESCAPES = 4
+
+
+@linked()
+def _increments(system, q, target, gap, before, after):
+    """In how many steps the imposed motion is made, so that the branch is not lost."""
+    move, turn, dof = np.abs(gap).max() if gap.size else 0.0, 0.0, q.shape[1]
+    for i in range(q.size):
+        if system.fixed[i]:
+            change = abs(target.ravel()[i] - q.ravel()[i])
+            if i % dof == 3:
+                turn = max(turn, change)
+            else:
+                move = max(move, change)
+    for end in range(2):
+        cosine = np.dot(before[end, TANGENT:DIRECTOR], after[end, TANGENT:DIRECTOR])
+        turn = max(turn, np.arccos(min(max(cosine, -1.0), 1.0)))
+    steps = max(move / system.length / MOVE_LIMIT, turn / TURN_LIMIT)
+    return max(1, int(np.ceil(steps)))
+
+
+@njit()
+def _longest(length, around):
+    """How far a control point may move in one iteration [m]: not over a peg."""
+    result = 0.1 * length
+    for peg in around.pegs:
+        result = min(result, 0.5 * peg[2])
+    return result
+
+
+@linked(from_python=True)
+def settle(system, imposed, state, time, rate2, tolerance, fresh, rest):
+    """Static equilibrium at a time, on the branch that leads there from a state.
+
+    Args:
+        system, imposed, state: the rod, its command, where it is.
+        time: [s] from the command's start.
+        rate2: see `solver.equilibrium`.
+        tolerance: convergence, of L.
+        fresh: whether the DLO starts there: it has come without friction, and bent but once.
+        rest: output, a copy of the state that becomes the one at rest.
+
+    Returns:
+        Status, Newton iterations, the number of negative eigenvalues of the stiffness (0:
+        stable), and whether an unstable equilibrium was left on the way.
+    """
+    factor = growth(imposed, ITSELF, time)
+    usable, target, gap = targets(system, ITSELF, imposed, time, state.q, rest.frames)
+    if not usable:
+        return NO_DIRECTION, 0, 0, False
+    q, ref, history, rule = rest.q, state.reference, rest.history, system.rule
+    for a in range(gap.size):  # what the pins lack, each increment its share
+        gap[a] -= np.dot(system.pins[a], q.ravel())
+    count = _increments(system, q, target, gap, state.frames, rest.frames)
+    total, negative, buckled = 0, 0, False
+    load = load_of(system, ITSELF, factor).ravel()
+    mass, spin = inertia_of(system, ITSELF, factor, 1.0, 0.0)
+    matter = matter_of(system, ITSELF, factor, history)
+    if fresh:
+        matter = untouched(matter)
+    longest = _longest(system.length, matter.around)
+    flat, change = q.ravel(), np.zeros(q.size)
+    for k in range(1, count + 1):
+        for i in range(q.size):
+            if system.fixed[i]:
+                start = state.q.ravel()[i]
+                change[i] = start + k / count * (target.ravel()[i] - start) - flat[i]
+        iterations, negative, ref = newton_iteration.equilibrium(
+            q, change, system.fixed, system.pins, gap / count, rule, matter, ref, load, mass,
+            spin, rate2, system.length, longest, tolerance,
+        )  # fmt: skip
+        total += abs(iterations)
+        if iterations < 0 or not np.all(np.isfinite(q)):
+            return NO_CONVERGENCE, total, negative, False
+        for _ in range(ESCAPES):
+            if negative <= 0:
+                break
+            buckled = True
+            iterations, negative, ref = _escape(
+                q, system, matter, ref, load, mass, spin, rate2, longest, tolerance
+            )
+            total += abs(iterations)
+        if not fresh:
+            _, other = rod_forces.strains(q, rule, ref)
+            remembered(q, other, rule, matter, history)
+    stretch, other = rod_forces.strains(q, rule, ref)
+    if fresh:
+        remembered(q, other, rule, matter, history)
+        if history.anchor.shape[0] > 0:
+            assign(history.anchor, rest_anchor(q, rule))
+    rest.clock[:] = 0.0
+    rest.clock[TIME] = time
+    rest.velocity[:, :] = 0.0
+    rest.acceleration[:, :] = 0.0
+    rest.auxiliary[:, :] = 0.0
+    assign(rest.stretch, stretch)
+    assign(rest.stretch_before, stretch)
+    assign(rest.other, other)
+    assign(rest.other_before, other)
+    assign(rest.reference.tangent, ref.tangent)
+    assign(rest.reference.rate, ref.rate)
+    assign(rest.reference.director, ref.director)
+    assign(rest.reference.twist, ref.twist)
+    return DONE, total, negative, buckled
+
+
+@linked()
+def _escape(q, system, matter, ref, load, mass, spin, rate2, longest, tolerance):
+    """Leave an unstable equilibrium, as a DLO that buckles does, and settle beside it.
+
+    It goes along its softest motion, to the side where the energy is lower. Where nothing decides
+    between the sides, it is the one to which the DLO's softest point moves along the axes.
+
+    Returns:
+        Iterations, negative eigenvalues and reference frame as `solver.equilibrium`; q is changed
+        where an equilibrium was found.
+    """
+    mode = newton_iteration.softest(
+        q, system.fixed, system.pins, system.rule, matter, ref, mass, spin, rate2
+    )
+    response = room(system.rule.weight.size)
+    reach = PUSH * system.length
+    energies = np.empty(2)
+    for side in range(2):
+        trial = q + (1.0 - 2.0 * side) * reach * mode
+        energies[side] = rod_forces.energy_of(trial, system.rule, ref, matter, response)
+        energies[side] -= np.dot(load, trial.ravel())
+    sign = 1.0 if energies[0] <= energies[1] else -1.0
+    if abs(energies[0] - energies[1]) < 1e-9 * np.abs(energies).max():
+        sign = 1.0 if mode.sum() >= 0.0 else -1.0
+    trial = q + sign * reach * mode
+    iterations, negative, frame = newton_iteration.equilibrium(
+        trial, np.zeros(q.size), system.fixed, system.pins, np.zeros(system.pins.shape[0]),
+        system.rule, matter, ref, load, mass, spin, rate2, system.length, longest, tolerance,
+    )  # fmt: skip
+    if iterations < 0 or not np.all(np.isfinite(trial)):
+        return abs(iterations), 1, ref
+    q[:, :] = trial
+    return iterations, negative, frame

@@ -1,0 +1,80 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""The state of a rod in compiled code, changed in place from step to step."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from dlo_ros.kernel_cache import njit
+from dlo_ros.kernel_linking import linked
+from dlo_ros.rod.elements.rod_tables import History, Reference
+from dlo_ros.spline import FloatArray
+
+
+class Moving(NamedTuple):
+    """The state of a rod, changed in place; d is 4 in space, 2 in the plane."""
+
+    clock: FloatArray  # (3,) [s] time from the command's start, last step, proposed next step
+    q: FloatArray  # (n, d)
+    velocity: FloatArray
+    acceleration: FloatArray
+    auxiliary: FloatArray
+    reference: Reference
+    frames: FloatArray  # (2, FRAME)
+    stretch: FloatArray  # (nb,) now, and one step ago
+    stretch_before: FloatArray
+    other: FloatArray  # (nb, 3)
+    other_before: FloatArray
+    history: History
+
+
+TIME, LAST, NEXT = range(3)  # of the clock
+
+
+@njit()
+def assign(target, source):
+    """Copy an array into another of the same shape."""
+    a, b = target.ravel(), source.ravel()
+    for i in range(a.size):
+        a[i] = b[i]
+
+
+@linked()
+def commit(new, state):
+    """Let the state become the new one."""
+    assign(state.clock, new.clock)
+    assign(state.q, new.q)
+    assign(state.velocity, new.velocity)
+    assign(state.acceleration, new.acceleration)
+    assign(state.auxiliary, new.auxiliary)
+    if state.q.shape[1] == 4:  # in the plane the frame plays no role
+        assign(state.reference.tangent, new.reference.tangent)
+        assign(state.reference.rate, new.reference.rate)
+        assign(state.reference.director, new.reference.director)
+        assign(state.reference.twist, new.reference.twist)
+    assign(state.frames, new.frames)
+    assign(state.stretch, new.stretch)
+    assign(state.stretch_before, new.stretch_before)
+    assign(state.other, new.other)
+    assign(state.other_before, new.other_before)
+    assign(state.history.plastic, new.history.plastic)
+    assign(state.history.anchor, new.history.anchor)
+    assign(state.history.inner, new.history.inner)
+
+
+@linked()
+def another(state):
+    """A copy of a state."""
+    return Moving(
+        state.clock.copy(), state.q.copy(), state.velocity.copy(), state.acceleration.copy(),
+        state.auxiliary.copy(),
+        Reference(
+            state.reference.tangent.copy(), state.reference.rate.copy(),
+            state.reference.director.copy(), state.reference.twist.copy(),
+        ),
+        state.frames.copy(), state.stretch.copy(), state.stretch_before.copy(),
+        state.other.copy(), state.other_before.copy(),
+        History(
+            state.history.plastic.copy(), state.history.anchor.copy(), state.history.inner.copy()
+        ),
+    )  # fmt: skip

@@ -1,0 +1,300 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Compiled solution of the rod's equations: static equilibrium and implicit steps.
+
+All of it serves the rod in space and in the plane, see `elements.rod_forces`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dlo_ros.kernel_cache import njit
+from dlo_ros.kernel_linking import linked
+from dlo_ros.rod.elements.constitutive_law import room
+from dlo_ros.rod.elements.rod_forces import (
+    add_scalar_band,
+    assemble,
+    energy_of,
+    multiply_scalar,
+    promise,
+    strain_gradients,
+    transport,
+)
+from dlo_ros.rod.solve import banded_factorisation
+from dlo_ros.rod.solve.constraints import compliance, constrain, eliminate, held_back
+
+MAX_STATIC_ITERATIONS = 300
+MAX_NEWTON = 50
+PATIENCE = 15  # iterations after which corrections must shrink
+# Directions softer than this, in squared frequencies over `rate2`, count as neutral: a bow that may
+# turn about its ends' axis is not unstable by rounding.
+NEUTRAL, NEUTRAL_STEPS = 1e-5, 3
+LEAST_SHIFT = 1e-2  # likewise, where the stiffness is not positive
+FREE_ITERATIONS = 60  # of those, without a check of the energy
+
+
+@njit()
+def _largest(x, dof):
+    """Largest move of a control point [m] and largest change of theta [rad]."""
+    move, turn = 0.0, 0.0
+    for i in range(x.size):
+        if i % dof == 3:
+            turn = max(turn, abs(x[i]))
+        else:
+            move = max(move, abs(x[i]))
+    return move, turn
+
+
+@linked()
+def equilibrium(q, increment, fixed, pins, gap, rule, matter, ref, load, mass, spin, rate2,
+                length, longest, tolerance):  # fmt: skip
+    """Static equilibrium: Newton's method with a mass shift, descending in total energy.
+
+    Args:
+        q: start, overwritten with the equilibrium, shape (n, 4).
+        increment: change of the fixed degrees of freedom still to be made, shape (4 n,).
+        fixed: which degrees of freedom are imposed, shape (4 n,).
+        pins, gap: constraint rows (m, 4 n), and what they still lack (m,).
+        rule, matter, ref: as in `assemble`.
+        load: generalised dead load [N], shape (4 n,).
+        mass, spin: basis matrices of the shift, shape (n, 4).
+        rate2: scale of the shift [1/s^2].
+        length: L [m].
+        longest: how far a control point may move in one iteration [m].
+        tolerance: convergence when a full Newton step is smaller than tolerance * L.
+
+    Returns:
+        Number of iterations, negative where it did not converge; number of negative eigenvalues
+        of the stiffness there (0: stable); and the reference frame carried along.
+    """
+    size = q.size
+    gradient, band = np.empty(size), np.empty((size, 4 * q.shape[1]))
+    work, diagonal = np.empty((size, 4 * q.shape[1])), np.empty(size)
+    grad_s, grad_o = strain_gradients(q, rule)
+    response, spare, exact = room(rule.weight.size), room(rule.weight.size), np.empty(0)
+    steps, step = np.empty((1, size)), np.empty(size)
+    changes, still = increment.reshape(1, size), np.zeros((1, size))
+    closed = np.zeros(gap.size)
+    first = np.any(increment != 0.0) or np.any(gap != 0.0)
+    shift, neutral = 0.0, 0
+    for iteration in range(1, MAX_STATIC_ITERATIONS + 1):
+        # The exact Hessian: with promised tensions long steps would lose the branch.
+        energy = assemble(q, rule, ref, matter, response, exact, gradient, band, grad_s, grad_o)
+        energy -= np.dot(load, q.ravel())
+        lack = gap if first else closed
+        accepted = False
+        negative = 0
+        move, turn = 0.0, 0.0
+        for _ in range(60):
+            work[:, :] = band
+            if shift > 0.0:
+                add_scalar_band(work, mass, spin, shift)
+            for i in range(size):
+                steps[0, i] = load[i] - gradient[i]
+            eliminate(work, fixed, steps, changes if first else still)
+            negative = banded_factorisation.factorise(work, diagonal)
+            y, schur = compliance(work, diagonal, pins)
+            negative = held_back(negative, schur)
+            if negative != 0:
+                shift = max(4.0 * shift, LEAST_SHIFT * rate2)
+                continue
+            step = steps[0]
+            banded_factorisation.solve(work, diagonal, step)
+            if not constrain(pins, y, schur, lack, step):
+                return -iteration, negative, ref
+            move, turn = _largest(step, q.shape[1])
+            if not np.isfinite(move + turn):
+                shift = max(4.0 * shift, LEAST_SHIFT * rate2)
+                continue
+            trial = q + step.reshape(q.shape)
+            # A long step bends before it stretches back: its energy says nothing at first, so
+            # the descent is demanded only of a search that does not converge by itself.
+            if move > longest or turn > 1.0:
+                accepted = False
+            elif first or iteration <= FREE_ITERATIONS:
+                accepted = True
+            else:
+                new = energy_of(trial, rule, ref, matter, spare) - np.dot(load, trial.ravel())
+                scale = abs(energy) + np.abs(load * q.ravel()).sum()
+                accepted = new <= energy + 1e-13 * scale
+            if accepted:
+                q[:, :] = trial
+                break
+            shift = max(4.0 * shift, LEAST_SHIFT * rate2)
+        if not accepted:
+            return -iteration, negative, ref
+        ref = transport(q, rule, ref)
+        small = move < tolerance * length and turn < 10.0 * tolerance
+        if neutral > 0 or (small and not first):
+            if shift == 0.0:
+                return iteration, negative, ref
+            # Converged; the inertia without shift tells whether the equilibrium is stable.
+            for least in (0.0, NEUTRAL * rate2):
+                work[:, :] = band
+                add_scalar_band(work, mass, spin, least)
+                eliminate(work, fixed, steps, still)
+                negative = banded_factorisation.factorise(work, diagonal)
+                negative = held_back(negative, compliance(work, diagonal, pins)[1])
+                if negative == 0:
+                    break
+            if negative > 0:
+                return iteration, negative, ref
+            if least > 0.0:
+                # A few more steps, ever less held back, which along what is neutral go nowhere.
+                neutral += 1
+                if neutral > NEUTRAL_STEPS:
+                    return iteration, 0, ref
+                shift *= 0.1
+                continue
+        first = False
+        shift = 0.1 * shift if shift > 1e-3 * rate2 else 0.0
+    return -MAX_STATIC_ITERATIONS, 0, ref
+
+
+@linked(from_python=True)
+def implicit_step(q, target, fixed, pins, gap, rule, matter, ref, inertia, spin, rhs, length,
+                  tolerance):  # fmt: skip
+    """Solve inertia q + elastic gradient(q) = rhs for one step in time.
+
+    Args:
+        q: first guess, overwritten with the solution, shape (n, 4).
+        target: values of the fixed degrees of freedom, shape (n, 4).
+        pins, gap: constraint rows (m, 4 n) and the values that pins @ q must take, (m,).
+        rule, matter, ref: as in `assemble`.
+        inertia, spin: mass over time squared plus drag over time, for positions and for theta,
+            shape (n, 4).
+        rhs: shape (n, 4).
+        length: L [m].
+        tolerance: the last correction may leave an error of tolerance * L.
+
+    Returns:
+        Iterations (negative: not converged) and the number of negative eigenvalues at the end.
+    """
+    size, dof = q.size, q.shape[1]
+    gradient, band = np.empty(size), np.empty((size, 4 * dof))
+    diagonal, steps, increments = np.empty(size), np.empty((1, size)), np.zeros((1, size))
+    grad_s, grad_o = strain_gradients(q, rule)
+    response, promised = room(rule.weight.size), np.empty(0)
+    product = np.empty(q.shape)
+    lack = np.empty(gap.size)
+    before = 0.0
+    for iteration in range(1, MAX_NEWTON + 1):
+        assemble(q, rule, ref, matter, response, promised, gradient, band, grad_s, grad_o)
+        add_scalar_band(band, inertia, spin, 1.0)
+        multiply_scalar(inertia, spin, q, product)
+        for i in range(q.shape[0]):
+            for c in range(dof):
+                k = dof * i + c
+                steps[0, k] = rhs[i, c] - product[i, c] - gradient[k]
+                if fixed[k]:
+                    increments[0, k] = target[i, c] - q[i, c]
+        eliminate(band, fixed, steps, increments)
+        negative = banded_factorisation.factorise(band, diagonal)
+        if negative < 0:
+            return -iteration, negative
+        step = steps[0]
+        banded_factorisation.solve(band, diagonal, step)
+        # Fixed degrees of freedom have no columns in `pins`; their share is in `gap` already.
+        for a in range(gap.size):
+            lack[a] = gap[a] - np.dot(pins[a], q.ravel())
+        y, schur = compliance(band, diagonal, pins)
+        if not constrain(pins, y, schur, lack, step):
+            return -iteration, negative
+        move, turn = _largest(step, dof)
+        if not np.isfinite(move + turn) or move > length:
+            return -iteration, negative
+        for i in range(q.shape[0]):
+            for c in range(dof):
+                q[i, c] += step[dof * i + c]
+        promised = promise(rule, response, grad_s, grad_o, steps)
+        # Where corrections shrink, the next one is smaller than this one in the same ratio.
+        now = max(move / length, 0.1 * turn)
+        left = now if iteration == 1 else now * min(now / before, 1.0)
+        if left < tolerance:
+            return iteration, held_back(negative, schur)
+        if iteration > PATIENCE and now > 0.9 * before:
+            return -iteration, 0
+        before = now
+    return -MAX_NEWTON, 0
+
+
+@linked()
+def linearise(q, rule, matter, ref, inertia, spin):
+    """Tangent matrix at q, and the derivatives of the strains there.
+
+    Args:
+        q, rule, matter, ref, inertia, spin: as in `implicit_step`.
+
+    Returns:
+        Band (4 n, 16), elastic gradient (4 n,), response, d stretch / dp (nb, 3), and d(kappa_1,
+        kappa_2, twist)/d(p, s, theta, theta') of shape (nb, 3, 8).
+    """
+    gradient, band = np.empty(q.size), np.empty((q.size, 4 * q.shape[1]))
+    grad_s, grad_o = strain_gradients(q, rule)
+    response = room(rule.weight.size)
+    exact = np.empty(0)
+    assemble(q, rule, ref, matter, response, exact, gradient, band, grad_s, grad_o)
+    add_scalar_band(band, inertia, spin, 1.0)
+    return band, gradient, response, grad_s, grad_o
+
+
+@linked(from_python=True)
+def negative_modes(q, fixed, pins, rule, matter, ref, mass, spin, rate2):
+    """Number of negative eigenvalues of the stiffness at q, with what is held."""
+    none = np.zeros((q.shape[0], 4))
+    band, _, _, _, _ = linearise(q, rule, matter, ref, none, none)
+    add_scalar_band(band, mass, spin, NEUTRAL * rate2)
+    eliminate(band, fixed, np.zeros((0, q.size)), np.zeros((0, q.size)))
+    diagonal = np.empty(q.size)
+    negative = banded_factorisation.factorise(band, diagonal)
+    return held_back(negative, compliance(band, diagonal, pins)[1])
+
+
+@linked()
+def softest(q, fixed, pins, rule, matter, ref, mass, spin, rate2):
+    """The motion in which an unstable equilibrium is softest, its largest move 1.
+
+    Inverse iteration with a mass shift that makes the stiffness positive.
+    """
+    none = np.zeros((q.shape[0], 4))
+    band, _, _, _, _ = linearise(q, rule, matter, ref, none, none)
+    shift, work, diagonal = 1e-3 * rate2, np.empty(band.shape), np.empty(q.size)
+    nothing = np.zeros((0, q.size))
+    for _ in range(60):
+        work[:, :] = band
+        add_scalar_band(work, mass, spin, shift)
+        eliminate(work, fixed, nothing, nothing)
+        negative = banded_factorisation.factorise(work, diagonal)
+        y, schur = compliance(work, diagonal, pins)
+        if held_back(negative, schur) == 0:
+            break
+        shift *= 2.0
+    mode = np.empty(q.shape)
+    for i in range(q.shape[0]):  # anything without symmetry
+        for c in range(q.shape[1]):
+            mode[i, c] = np.sin(1.7 * i + 2.3 * c + 0.4)
+    product = np.empty(q.shape)
+    for _ in range(12):
+        multiply_scalar(mass, spin, mode, product)
+        flat = product.ravel()
+        for i in range(flat.size):
+            if fixed[i]:
+                flat[i] = 0.0
+        banded_factorisation.solve(work, diagonal, flat)
+        constrain(pins, y, schur, np.zeros(pins.shape[0]), flat)
+        move, _ = _largest(flat, q.shape[1])
+        if move == 0.0:
+            break
+        mode[:, :] = flat.reshape(q.shape) / move
+    return mode
+
+
+@linked()
+def factorised_mass(mass, spin, fixed, rhs):
+    """Factors (band, diagonal) of the mass matrix, imposed degrees of freedom eliminated."""
+    size = fixed.size
+    band, diagonal = np.zeros((size, 4 * (size // mass.shape[0]))), np.empty(size)
+    add_scalar_band(band, mass, spin, 1.0)
+    eliminate(band, fixed, rhs, np.zeros(rhs.shape))
+    banded_factorisation.factorise(band, diagonal)
+    return band, diagonal

@@ -1,0 +1,174 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Material coordinates along a DLO one of whose ends at least is free.
+
+What is known is the clamp (u = 0 or u = L), the length L, and the arc length along the course,
+which differs from u by the errors of scale and L. A free end is an observation like another: where
+the picture shows it clearly, u = L lies there; where it does not, the arc length tells alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dlo_ros.errors import VisionError
+from dlo_ros.spline import FloatArray
+from dlo_ros.vision.camera.pinhole import Camera
+from dlo_ros.vision.segmentation.edge_profile import Located
+from dlo_ros.vision.segmentation.picture_strip import smooth_curve
+from dlo_ros.vision.segmentation.ridge_map import Image
+from dlo_ros.vision.tracing.free_ends import free_end
+from dlo_ros.vision.tracing.tip_likelihood import Tip, continued, find_tip
+
+LENGTH_STD = 0.005  # of L: error of L, camera and pose in a careful set-up
+ROUGH_LENGTH_STD = 0.03  # the same where the grip slipped or the camera was moved,
+ROUGH_SHARE = 0.03  # which happens in so many set-ups
+TIP_STD = 0.08  # [widths] systematic error of a clearly seen end: it is cut askew, frayed, rounded
+UNEVEN_STD = 0.002  # of the arc length: errors of scale are not quite the same all along
+GAP_STD = 0.1  # relative error of the length of a bridge
+CONTINUED = ((1.5, 6.0), (0.4, 4.0))
+"""How far in from where an end was found lies the part that tells how the course goes on [widths]:
+first where a hole beside the end cannot have moved it, then closer."""
+MOST_BEYOND = 0.15  # of L that a hidden end may lie beyond the course
+
+
+@dataclass(frozen=True, eq=False)
+class Ends:
+    """Where the DLO begins and stops on its course.
+
+    Args:
+        places: of start and end, in profiles, shape (2,).
+        covariance: of both, in arc length [m^2], shape (2, 2).
+        visible: arc length between the outermost places that look like the DLO [m]; NaN where
+            both ends are held.
+    """
+
+    places: FloatArray
+    covariance: FloatArray
+    visible: float = np.nan
+
+
+def find_ends(
+    image: Image,
+    located: Located,
+    camera: Camera,
+    length: float,
+    length_std: float,
+    prolonged: float,
+    free: tuple[bool, bool],
+) -> Ends:
+    """Where a located DLO begins and stops.
+
+    Args:
+        image: BGR.
+        located: along a course that is prolonged beyond free ends.
+        camera: that took the picture.
+        length: L [m].
+        length_std: of L [m]; 0: not known.
+        prolonged: by how much [px].
+        free: whether start and end are free.
+    """
+    last = len(located.curve) - 1.0
+    if not any(free):
+        return Ends(np.array([0.0, last]), np.zeros((2, 2)))
+    smooth = smooth_curve(located.points, 0.5 * located.width / located.spacing)
+    pixel = float(np.median(camera.metres_per_pixel(smooth[:: max(1, len(smooth) // 50)])))
+    beyond = MOST_BEYOND * length / (pixel * located.spacing)
+    tips: list[Tip | None] = [None, None]
+    course = smooth.copy()
+    for k in (0, 1):
+        if not free[k]:
+            continue
+        start = k == 0
+        place = free_end(located, prolonged, start)
+        for window in CONTINUED:
+            own = continued(located, smooth, place, window, from_start=start)
+            tip = find_tip(image, located, own, place, beyond, from_start=start)
+            place = float(np.clip(tip.innermost, 0.0, last))
+        part = slice(None, round(place)) if start else slice(round(place), None)
+        course[part] = own[part]
+        tips[k] = tip
+    plane = camera.to_board(course)[:, [0, 2]]
+    steps = np.hypot(*np.diff(plane, axis=0).T)
+    if not np.all(np.isfinite(steps)):
+        raise VisionError("the DLO would lie beyond the horizon of the board")
+    arc = np.concatenate([[0.0], np.cumsum(steps)])
+    found = locate_ends(arc, (tips[0], tips[1]), length, length_std, located.width * pixel)
+    outer = [k * last if tip is None else tip.visible for k, tip in enumerate(tips)]
+    visible = _arc_at(arc, np.array(outer))
+    return replace(found, visible=float(visible[1] - visible[0]))
+
+
+def locate_ends(
+    arc: FloatArray,
+    tips: tuple[Tip | None, Tip | None],
+    length: float,
+    length_std: float,
+    width: float,
+) -> Ends:
+    """Posterior mean and covariance of the free ends' places.
+
+    Args:
+        arc: arc length at each profile of the course [m], shape (m,).
+        tips: likelihood of start and end; None: held, at the course's first or last profile.
+        length: L [m].
+        length_std: of L [m]; 0: not known.
+        width: of the DLO [m].
+    """
+    count = len(arc)
+    spread = np.hypot(LENGTH_STD * length, length_std)
+    rough = np.hypot(ROUGH_LENGTH_STD * length, length_std)
+    held = (np.array([0.0]), np.array([count - 1.0]))
+    at = [held[k] if tip is None else tip.at for k, tip in enumerate(tips)]
+    odds = [np.zeros(1) if tip is None else tip.likelihood for tip in tips]
+    s = [_arc_at(arc, a) for a in at]
+    missing = (s[1][None, :] - s[0][:, None]) - length
+    prior = np.logaddexp(
+        np.log(1.0 - ROUGH_SHARE) - np.log(spread) - 0.5 * (missing / spread) ** 2,
+        np.log(ROUGH_SHARE) - np.log(rough) - 0.5 * (missing / rough) ** 2,
+    )
+    posterior = odds[0][:, None] + odds[1][None, :] + prior
+    weight = np.exp(posterior - posterior.max())
+    weight /= weight.sum()
+    each = weight.sum(axis=1), weight.sum(axis=0)
+    mean = np.array([float(p @ x) for p, x in zip(each, s, strict=True)])
+    away = [x - m for x, m in zip(s, mean, strict=True)]
+    covariance = np.array(
+        [
+            [float(each[0] @ away[0] ** 2), float(away[0] @ weight @ away[1])],
+            [float(away[0] @ weight @ away[1]), float(each[1] @ away[1] ** 2)],
+        ]
+    )
+    for k, tip in enumerate(tips):
+        if tip is not None:
+            covariance[k, k] += (TIP_STD * width) ** 2
+    places = np.array([float(p @ x) for p, x in zip(each, at, strict=True)])
+    return Ends(places, covariance)
+
+
+def _arc_at(arc: FloatArray, at: FloatArray) -> FloatArray:
+    """Arc length at profiles, prolonged evenly beyond both ends of the course."""
+    index = np.arange(len(arc), dtype=np.float64)
+    inside = np.interp(at, index, arc)
+    first, last = arc[1] - arc[0], arc[-1] - arc[-2]
+    return np.asarray(inside + np.minimum(at, 0.0) * first + np.maximum(at - index[-1], 0.0) * last)
+
+
+def std_along(u: FloatArray, length: float, covariance: FloatArray, doubtful: float) -> FloatArray:
+    """Standard deviation of u [m], shape (m,).
+
+    Args:
+        u: material coordinates [m], shape (m,).
+        length: L [m].
+        covariance: of the ends' places [m^2], shape (2, 2).
+        doubtful: length of the bridges [m].
+    """
+    x = u / length
+    ends = (
+        (1.0 - x) ** 2 * covariance[0, 0]
+        + 2.0 * x * (1.0 - x) * covariance[0, 1]
+        + x**2 * covariance[1, 1]
+    )
+    between = ((UNEVEN_STD * length) ** 2 + (GAP_STD * doubtful) ** 2) * x * (1.0 - x)
+    return np.asarray(np.sqrt(np.maximum(ends, 0.0) + between))

@@ -1,0 +1,92 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""What the imposed motion says about the DLO's ends in the picture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from dlo_ros.command import CONTROL_POINT, END, START, Motion
+from dlo_ros.spline import FloatArray
+from dlo_ros.vision.camera.pinhole import Camera
+from dlo_ros.vision.fit.spline_fit import ClampBoard
+from dlo_ros.vision.tracing.chain_ordering import ClampPixel
+
+LEAST_DIRECTION = 0.2  # share of a direction that must lie in the board's plane
+
+
+@dataclass(frozen=True, eq=False)
+class EndPoses:
+    """The clamps of both ends at one instant; None where an end is free."""
+
+    start: ClampBoard | None = None
+    end: ClampBoard | None = None
+
+
+def ends_at(motion: Motion | None, stamp: int) -> EndPoses:
+    """The ends that a motion imposes at a stamp [ns].
+
+    `start` and `end` give position and direction; `control_point_1` and `control_point_n` the
+    position, with their neighbour the direction too.
+    """
+    command = motion.at(stamp) if motion is not None else None
+    if command is None:
+        return EndPoses()
+    positions, rotations = command.sample(stamp)
+    known = {name: k for k, name in enumerate(command.names)}
+    n = command.control_points
+    return EndPoses(
+        _end(known, positions, rotations, START, 1, 2),
+        _end(known, positions, rotations, END, n, n - 1),
+    )
+
+
+def _end(
+    known: dict[str, int],
+    positions: FloatArray,
+    rotations: FloatArray,
+    name: str,
+    outer: int,
+    inner: int,
+) -> ClampBoard | None:
+    if name in known:
+        k = known[name]
+        direction = Rotation.from_quat(rotations[k]).apply([1.0, 0.0, 0.0])
+        return ClampBoard(positions[k][[0, 2]], _unit(direction[[0, 2]]))
+    k_outer = known.get(f"{CONTROL_POINT}{outer}")
+    if k_outer is None:
+        return None
+    k_inner = known.get(f"{CONTROL_POINT}{inner}")
+    if k_inner is None:
+        return ClampBoard(positions[k_outer][[0, 2]], None)
+    towards = positions[k_inner][[0, 2]] - positions[k_outer][[0, 2]]
+    along = _unit(towards if inner > outer else -towards, least=1e-9)
+    return ClampBoard(positions[k_outer][[0, 2]], along)
+
+
+def _unit(vector: FloatArray, least: float = LEAST_DIRECTION) -> FloatArray | None:
+    norm = float(np.hypot(vector[0], vector[1]))
+    return np.asarray(vector / norm) if norm > least else None
+
+
+def to_pixel(clamp: ClampBoard, camera: Camera, step: float) -> ClampPixel | None:
+    """A clamp in the picture; None where it lies behind the camera.
+
+    Args:
+        clamp: in the board's plane.
+        camera: that takes the picture.
+        step: small length for the direction's difference quotient [m].
+    """
+    points = np.zeros((2, 3))
+    points[:, [0, 2]] = clamp.position
+    if clamp.direction is not None:
+        points[1, [0, 2]] += step * clamp.direction
+    pixels = camera.project(points)
+    if not np.all(np.isfinite(pixels)):
+        return None
+    if clamp.direction is None:
+        return ClampPixel(pixels[0], None)
+    difference = pixels[1] - pixels[0]
+    return ClampPixel(pixels[0], difference / max(float(np.hypot(*difference)), 1e-12))

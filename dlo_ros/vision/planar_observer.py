@@ -1,0 +1,355 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""The vision stage: image in, observed spline out.
+
+A frame is first searched where the last shape predicts the DLO. Where that fails, or at the start,
+the whole image is searched. A frame without a credible DLO raises a VisionError that says why: a
+wrong shape would be worse than none.
+
+Without a command the start is the end that lies further left on the board (smaller x; the lower one
+where x agrees to a diameter). Once found, the ends keep their names as long as the DLO is tracked.
+"""
+
+from __future__ import annotations
+
+import logging
+
+import numpy as np
+
+from dlo_ros.command import Motion
+from dlo_ros.errors import VisionError
+from dlo_ros.parameters import Settings
+from dlo_ros.spline import FloatArray, SplineBasis
+from dlo_ros.vision.camera.pinhole import Camera
+from dlo_ros.vision.fit.material_coordinates import find_ends
+from dlo_ros.vision.fit.planar_clamps import EndPoses, ends_at, to_pixel
+from dlo_ros.vision.fit.planar_credibility import LEAST_SEEN, check, check_change, unusable
+from dlo_ros.vision.fit.spline_fit import Fit, fit_spline
+from dlo_ros.vision.planar_result import Rough, Shape, VisionResult
+from dlo_ros.vision.segmentation.camera_image import image_of
+from dlo_ros.vision.segmentation.edge_profile import Located, locate
+from dlo_ros.vision.segmentation.picture_strip import inside, resample, smooth_curve, spacing_for
+from dlo_ros.vision.segmentation.ridge_map import Image, bar_map
+from dlo_ros.vision.segmentation.user_hints import Hints, limited
+from dlo_ros.vision.tracing.centring import centred
+from dlo_ros.vision.tracing.chain_ordering import ClampPixel, PathSearch
+from dlo_ros.vision.tracing.free_ends import prolong
+from dlo_ros.vision.tracing.metric_lengths import PlaneGrid
+from dlo_ros.vision.tracing.occlusion_bridges import check_bridges
+from dlo_ros.vision.tracing.reachable_region import reach, spread
+from dlo_ros.vision.tracing.ridge_snapping import follow
+from dlo_ros.vision.tracing.ridge_tracing import find_chains
+
+LOG = logging.getLogger(__name__)
+
+TONES_EVERY = 5  # images without a DLO between two that are searched for ropes of several colours
+MOST_PROLONGED = 3  # times that a free end is looked for beyond where it was found
+TRACKING_SEARCH = (2.0, 5.0)  # [widths] to each side, second attempt where the first fails
+FRESH = 500_000_000  # [ns] an older shape predicts nothing
+
+
+class Observer:
+    """Finds one DLO of known length and diameter in a camera's images.
+
+    Args:
+        settings: a whole parameter file.
+        camera: intrinsics and the board's pose.
+        motion: the commands; it may grow between frames. None where there are none.
+
+    Raises:
+        InputError: an image that the parameters name cannot be read.
+    """
+
+    def __init__(self, settings: Settings, camera: Camera, motion: Motion | None = None) -> None:
+        self.settings = settings
+        self.camera = camera
+        self.motion = motion
+        self.basis = SplineBasis(settings.rod.control_points, settings.rod.length)
+        self._last: Shape | None = None
+        self._velocity: FloatArray | None = None
+        self._misses = 0
+        self._found: tuple[Fit, Located] | None = None
+        self._hints = Hints(settings.vision)
+
+    @property
+    def mask(self) -> Image | None:
+        """Where the DLO may be in the next images, not zero there, shape (h, w); None: anywhere."""
+        return self._hints.mask
+
+    @mask.setter
+    def mask(self, mask: Image | None) -> None:
+        self._hints.mask = mask
+
+    def reset(self) -> None:
+        """Forget the last shape."""
+        self._last = None
+        self._velocity = None
+
+    def observe(self, stamp: int, image: Image) -> VisionResult:
+        """Find the DLO in an image.
+
+        Args:
+            stamp: of the image [ns].
+            image: BGR or mono, uint8, shape (h, w, 3) or (h, w).
+
+        Raises:
+            VisionError: no credible DLO; the message says why.
+            InputError: a mask has another size than the image.
+        """
+        image = image_of(self.camera, image)
+        ends = ends_at(self.motion, stamp)
+        last = self._last
+        if last is not None and not 0 <= stamp - last.stamp <= FRESH:
+            last = self._last = None
+            self._velocity = None
+        if last is not None:
+            for search in TRACKING_SEARCH:
+                try:
+                    return self._track(stamp, image, ends, last, search)
+                except (VisionError, np.linalg.LinAlgError) as err:
+                    LOG.debug("not tracked within %g widths: %s", search, err)
+        self.reset()
+        try:
+            return self._acquire(stamp, image, ends, last)
+        except np.linalg.LinAlgError as err:
+            self.reset()
+            raise VisionError(f"the fit has no solution ({err})") from err
+        except VisionError as err:
+            self.reset()  # what was found on the way is not credible
+            fault = unusable(image, self._expected_width(ends))
+            if fault:
+                raise VisionError(f"{fault} ({err})") from err
+            raise
+
+    def _acquire(
+        self, stamp: int, image: Image, ends: EndPoses, before: Shape | None
+    ) -> VisionResult:
+        """Search the whole image; a shape that was just lost tells which end is the start."""
+        width = self._expected_width(ends)
+        held = [end.position for end in (ends.start, ends.end) if end is not None]
+        rod = self.settings.rod
+        allowed = reach(self.camera, held, rod.length, rod.diameter)
+        hinted = self._hints.allowed(image, width)
+        if hinted is not None:
+            allowed = hinted if allowed is None else hinted & spread(allowed, hinted)
+        try:
+            return self._search(stamp, image, ends, before, width, allowed, tones=False)
+        except VisionError as err:
+            self._misses += 1
+            if self._misses % TONES_EVERY != 1:
+                raise
+            try:  # a rope of twisted or braided colours
+                return self._search(stamp, image, ends, before, width, allowed, tones=True)
+            except (VisionError, np.linalg.LinAlgError):
+                raise err from None
+
+    def _search(
+        self,
+        stamp: int,
+        image: Image,
+        ends: EndPoses,
+        before: Shape | None,
+        width: float,
+        allowed: Image | None,
+        *,
+        tones: bool,
+    ) -> VisionResult:
+        """Find and measure the DLO in the part of the image where it may be."""
+        bars = bar_map(image, width, allowed, tones=tones)
+        chains = find_chains(bars)
+        clamps = [
+            None if end is None else to_pixel(end, self.camera, 0.2 * self.settings.rod.diameter)
+            for end in (ends.start, ends.end)
+        ]
+        local = [
+            None if c is None else ClampPixel(bars.from_image(c.position), c.direction)
+            for c in clamps
+        ]
+
+        plane = PlaneGrid.of_board(self.camera, bars)
+        path = PathSearch(chains, bars, self.basis.length, plane, local[0], local[1]).find()
+        points = bars.to_image(path.points)
+        if ends.start is None and ends.end is None and self._backwards(points, before):
+            points = points[::-1]
+        rough = Rough(path.colour, path.contrast, width, tones, tones)
+        held = ends.start is not None and ends.end is not None
+        result = self._measure(stamp, image, ends, points, width, rough, final=held)
+        if held:
+            return result
+        # A free end is looked for beyond the last chain; from a fitted curve that is surer.
+        for _ in range(MOST_PROLONGED):
+            first, before_ends = self._last, result.pixels[[0, -1]]
+            assert first is not None
+            rough = Rough(first.colour, first.contrast, width, first.known_width, tones)
+            known, wide = result.pixels, result.width
+            result = self._measure(stamp, image, ends, known, wide, rough, final=False)
+            moved = np.hypot(*(result.pixels[[0, -1]] - before_ends).T)
+            if np.max(moved) < 0.5 * result.width:
+                break
+        assert self._found is not None
+        check(*self._found, ends, self.camera, self.basis.length, self.settings.rod.diameter)
+        check_bridges(image, result.pixels, result.pixels_seen, result.width)
+        return result
+
+    def _measure(
+        self,
+        stamp: int,
+        image: Image,
+        ends: EndPoses,
+        points: FloatArray,
+        width: float,
+        rough: Rough,
+        *,
+        final: bool,
+    ) -> VisionResult:
+        """Locate the DLO along a rough course and fit it."""
+        spacing = spacing_for(width)
+        curve, before = prolong(points, width, spacing, ends.start is None, ends.end is None)
+        curve = smooth_curve(curve, 0.8 * width / spacing)
+        colour = None if rough.tones else rough.colour
+        moved = follow(image, curve, width, 0.8 * width, colour, rough.contrast)
+        moved, aside = centred(image, resample(moved, spacing), rough.width)
+        if (
+            aside or rough.known_width
+        ):  # then what looks like edges is not to be trusted to tell the width
+            width = rough.width
+        located = locate(
+            image,
+            resample(moved, spacing),
+            width,
+            known_width=aside or rough.known_width,
+            tones=rough.tones,
+        )
+        located = limited(located, self._hints.allowed(image, width))
+        return self._finish(stamp, image, located, ends, before, None, final)
+
+    def _track(
+        self, stamp: int, image: Image, ends: EndPoses, last: Shape, search: float
+    ) -> VisionResult:
+        """Search around where the last shape and the imposed motion predict the DLO."""
+        plane = self._predict(stamp, last, ends)
+        board = np.column_stack([plane[:, 0], np.zeros(len(plane)), plane[:, 1]])
+        points = self.camera.project(board)
+        if not np.all(np.isfinite(points)) or np.mean(inside(image, points)) < LEAST_SEEN:
+            raise VisionError("the DLO has left the picture")
+        spacing = spacing_for(last.width)
+        curve, before = prolong(points, last.width, spacing, ends.start is None, ends.end is None)
+        colour = None if last.tones else last.colour
+        moved = follow(image, curve, last.width, search * last.width, colour, last.contrast)
+        located = locate(
+            image,
+            resample(moved, spacing),
+            last.width,
+            colour,
+            known_width=last.known_width,
+            tones=last.tones,
+        )
+        if not 0.6 * last.contrast < located.contrast < 1.7 * last.contrast:
+            raise VisionError("what lies near the last shape has another contrast")
+        located = limited(located, self._hints.allowed(image, last.width))
+        return self._finish(stamp, image, located, ends, before, last, True)
+
+    def _predict(self, stamp: int, last: Shape, ends: EndPoses) -> FloatArray:
+        curve = last.curve
+        dt = (stamp - last.stamp) * 1e-9
+        if self._velocity is not None:
+            curve = curve + dt * self._velocity
+        share = np.linspace(0.0, 1.0, len(curve))[:, None]
+        for end, at, weight in ((ends.start, 0, 1.0 - share), (ends.end, -1, share)):
+            if end is not None:
+                curve = curve + weight * (end.position - curve[at])
+        return curve
+
+    def _finish(
+        self,
+        stamp: int,
+        image: Image,
+        located: Located,
+        ends: EndPoses,
+        prolonged: float,
+        last: Shape | None,
+        final: bool,
+    ) -> VisionResult:
+        """Ends, spline and, where it is the final one, checks."""
+        rod = self.settings.rod
+        free = (ends.start is None, ends.end is None)
+        found = find_ends(image, located, self.camera, rod.length, rod.length_std, prolonged, free)
+        fit = fit_spline(located, self.camera, self.basis, stamp, ends.start, ends.end, found)
+        self._found = fit, located
+        if final:
+            check(fit, located, ends, self.camera, rod.length, rod.diameter)
+        if last is not None:
+            check_change(fit.seen_length, last.seen_length)
+        board = np.column_stack([fit.curve[:, 0], np.zeros(len(fit.curve)), fit.curve[:, 1]])
+        pixels = self.camera.project(board)
+        if final:
+            check_bridges(image, pixels, fit.curve_seen, located.width)
+        self._remember(stamp, fit, located, ends)
+        return VisionResult(
+            fit.observation,
+            fit.residual,
+            fit.residual_px,
+            fit.fraction_seen,
+            fit.seen_length,
+            pixels,
+            fit.curve_seen,
+            located.width,
+            located.contrast,
+            last is not None,
+        )
+
+    def _remember(self, stamp: int, fit: Fit, located: Located, ends: EndPoses) -> None:
+        self._misses = 0
+        last = self._last
+        curve = resample_count(fit.curve, 400)
+        if last is not None and stamp > last.stamp:
+            self._velocity = (curve - last.curve) / ((stamp - last.stamp) * 1e-9)
+        else:
+            self._velocity = None
+        self._last = Shape(
+            stamp,
+            curve,
+            fit.seen_length,
+            located.width,
+            located.colour,
+            located.contrast,
+            ends,
+            located.known_width,
+            located.tones,
+        )
+
+    def _expected_width(self, ends: EndPoses) -> float:
+        """Width of the DLO in the image [px]."""
+        known = [end.position for end in (ends.start, ends.end) if end is not None]
+        pixels = np.array([[0.5 * self.camera.width, 0.5 * self.camera.height]])
+        if known:
+            board = np.array([[p[0], 0.0, p[1]] for p in known])
+            projected = self.camera.project(board)
+            if np.all(np.isfinite(projected)):
+                pixels = np.vstack([pixels, projected])
+        scales = self.camera.metres_per_pixel(pixels)
+        scales = scales[np.isfinite(scales) & (scales > 0.0)]
+        if len(scales) == 0:
+            raise VisionError(
+                "the camera does not look at the board's plane; check camera.translation and "
+                "camera.rotation"
+            )
+        return self.settings.rod.diameter / float(np.median(scales))
+
+    def _backwards(self, points: FloatArray, before: Shape | None) -> bool:
+        """Whether a path without known ends runs from the end to the start."""
+        first, last = self.camera.to_board(points[[0, -1]])[:, [0, 2]]
+        if before is not None:
+            start, end = before.curve[0], before.curve[-1]
+            kept = np.hypot(*(first - start)) + np.hypot(*(last - end))
+            turned = np.hypot(*(last - start)) + np.hypot(*(first - end))
+            return bool(turned < kept)
+        if abs(first[0] - last[0]) > self.settings.rod.diameter:
+            return bool(first[0] > last[0])
+        return bool(first[1] > last[1])
+
+
+def resample_count(points: FloatArray, count: int) -> FloatArray:
+    """A number of equally spaced points along a polyline, shape (count, d)."""
+    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    at = np.linspace(0.0, s[-1], count)
+    return np.column_stack([np.interp(at, s, column) for column in points.T])

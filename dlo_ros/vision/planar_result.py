@@ -1,0 +1,66 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""What one image showed, and what of it helps to find the DLO in the next."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from dlo_ros.observation import Observation
+from dlo_ros.spline import FloatArray
+from dlo_ros.vision.fit.planar_clamps import EndPoses
+from dlo_ros.vision.segmentation.picture_strip import Mask
+
+
+@dataclass(frozen=True, eq=False)
+class VisionResult:
+    """What one image showed.
+
+    Args:
+        observation: control points and measured points, with the image's stamp.
+        residual: root mean square distance of the measured points across the spline [m].
+        residual_px: the same [px].
+        fraction_seen: share of the length where the DLO was seen.
+        seen_length: length from end to end [m]; compare with rod.length.
+        pixels: the centreline in the image, from start to end [px], shape (m, 2).
+        pixels_seen: which of them were seen (else bridged), shape (m,).
+        width: of the DLO [px].
+        contrast: of the DLO to its background [grey levels].
+        tracked: whether the last shape's surroundings sufficed (else the whole image was searched).
+    """
+
+    observation: Observation
+    residual: float
+    residual_px: float
+    fraction_seen: float
+    seen_length: float
+    pixels: FloatArray
+    pixels_seen: Mask
+    width: float
+    contrast: float
+    tracked: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """The last shape: what tracking starts from."""
+
+    stamp: int
+    curve: FloatArray
+    seen_length: float
+    width: float
+    colour: FloatArray
+    contrast: float
+    ends: EndPoses
+    known_width: bool
+    tones: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Rough:
+    """What a search tells of the DLO besides its course; `width` is the expected one [px]."""
+
+    colour: FloatArray
+    contrast: float
+    width: float
+    known_width: bool
+    tones: bool

@@ -1,0 +1,351 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Sub-pixel position of a DLO across a curve that is already close to it.
+
+The picture is sampled on lines across the curve, which straightens the DLO into a strip. In the
+strip its two edges are located, each against its own background, so that texture of the DLO, uneven
+light and different ground on the two sides do not shift the middle.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from scipy.ndimage import gaussian_filter1d, median_filter, minimum_filter1d
+
+from dlo_ros.spline import FloatArray
+from dlo_ros.vision.segmentation.picture_strip import (
+    CORE,
+    Float32,
+    Mask,
+    inside,
+    normals_of,
+    smooth_curve,
+    strip_along,
+)
+from dlo_ros.vision.segmentation.ridge_map import Image
+
+GROUND = (0.75, 1.05)  # where its background is measured, in widths from the middle
+WIDTH_WINDOW = 8.0  # [widths] to each side, for the usual distance of the edges
+FAINT = 0.01  # weight of a profile without an edge but of the DLO's colour
+COLOUR_WINDOW = 4.0  # [widths] to each side, for the colour that the DLO has nearby
+FOREIGN = 1.5  # times the contrast: no light changes a DLO's colour by that much
+SURE = 0.75  # likeness that needs no second edge
+LONGEST_SINGLE = 4.0  # [widths] along which one edge alone may show the DLO
+ISLAND = 1.5  # [widths] a shorter piece between two longer gaps is chance
+WEAK_SIDE = 0.3  # a side of less than this share of the usual contrast shows no edge
+MOST_TONES = 4  # of a DLO that changes its colour, those between two counted as well
+FREE_HALF = (0.3, 0.75)  # [widths] that half the measured width may be
+KNOWN_HALF = (0.44, 0.56)  # the same where the width is known
+COLOUR_LIMIT = 0.6  # of the contrast: a larger change of colour is another object
+
+
+@dataclass(frozen=True, eq=False)
+class Located:
+    """The DLO's middle along a curve.
+
+    Args:
+        curve: points of the curve that was searched across [px], shape (m, 2).
+        normals: unit normals there, shape (m, 2).
+        offset: of the DLO's middle along the normal [px], shape (m,); interpolated where unseen.
+        seen: whether an edge was found there, shape (m,).
+        likeness: how much the middle has the DLO's colour, 1 alike and 0 not, shape (m,).
+        width: of the DLO [px].
+        contrast: median contrast to the background [grey levels].
+        colour: median colour of the DLO, BGR, shape (3,).
+        spacing: of the curve's points [px].
+        width_spread: standard deviation of the width along the DLO [px] (robust).
+        imbalance: difference of the backgrounds on the two sides over the contrast to the nearer
+            one, median; large along the edge of an object.
+        known_width, tones: what `locate` was told.
+        excluded: where it cannot be, as somebody said, shape (m,); None: nowhere.
+    """
+
+    curve: FloatArray
+    normals: FloatArray
+    offset: FloatArray
+    seen: Mask
+    likeness: FloatArray
+    width: float
+    contrast: float
+    colour: FloatArray
+    spacing: float
+    width_spread: float
+    imbalance: float
+    known_width: bool = False
+    tones: bool = False
+    excluded: Mask | None = None
+
+    @property
+    def trust(self) -> FloatArray:
+        """Weight of each profile in a fit: 1 where seen, little where only the colour fits."""
+        return np.where(self.seen, 1.0, np.where(self.likeness > SURE, FAINT, 0.0))
+
+    @property
+    def points(self) -> FloatArray:
+        """The middle of the DLO [px], shape (m, 2)."""
+        return self.curve + self.offset[:, None] * self.normals
+
+
+def locate(
+    image: Image,
+    curve: FloatArray,
+    width: float,
+    colour: FloatArray | None = None,
+    *,
+    known_width: bool = False,
+    tones: bool = False,
+) -> Located:
+    """Sub-pixel middle of the DLO across a curve that lies on it to about a third of its width.
+
+    Args:
+        image: BGR.
+        curve: equally spaced points [px], shape (m, 2).
+        width: of the DLO [px], to about a fifth; it is measured anew.
+        colour: of the DLO where it is known.
+        known_width: the edges lie the width apart to a tenth; what lies otherwise is none.
+        tones: whether the DLO changes its colour along itself.
+    """
+    spacing = float(np.median(np.hypot(*np.diff(curve, axis=0).T)))
+    normals = normals_of(smooth_curve(curve, width / spacing))
+    step = float(np.clip(width / 12.0, 0.5, 1.5))
+    reach = int(np.ceil(1.15 * width / step))
+    offsets: FloatArray = np.arange(-reach, reach + 1.0) * step
+    strip = strip_along(image, curve, normals, offsets)
+    along = 0.4 * width / spacing
+
+    def mean(low: float, high: float) -> Float32:
+        chosen = (offsets >= low * width - 1e-6) & (offsets <= high * width + 1e-6)
+        return np.asarray(
+            gaussian_filter1d(strip[:, chosen].mean(axis=1), along, axis=0, mode="nearest")
+        )
+
+    core, left, right = mean(-CORE, CORE), mean(-GROUND[1], -GROUND[0]), mean(*GROUND)
+    # A DLO of two tones may have one of them at either edge.
+    core_left = mean(-CORE, -0.05) if known_width else core
+    core_right = mean(0.05, CORE) if known_width else core
+    contrast_left = np.linalg.norm(core_left - left, axis=1)
+    contrast_right = np.linalg.norm(core_right - right, axis=1)
+    usual = float(np.median(np.minimum(contrast_left, contrast_right)))
+    usual = max(usual, 1.0)
+    typical = np.median(core, axis=0) if colour is None else colour
+    fine = gaussian_filter1d(strip, along, axis=0, mode="nearest")
+    middle = np.zeros(len(curve))
+    half = 0.5 * width
+    for _ in range(2):
+        edge_left, found_left = _edge(fine, offsets, core_left - left, middle - half, width, 1.0)
+        edge_right, found_right = _edge(
+            fine, offsets, core_right - right, middle + half, width, -1.0
+        )
+        found_left &= contrast_left > WEAK_SIDE * usual
+        found_right &= contrast_right > WEAK_SIDE * usual
+        both = found_left & found_right
+        if np.any(both):
+            half = 0.5 * float(np.median((edge_right - edge_left)[both]))
+            low, high = KNOWN_HALF if known_width else FREE_HALF
+            half = float(np.clip(half, low * width, high * width))
+        middle, seen = _middle(edge_left, found_left, edge_right, found_right, half)
+        size = max(3, 2 * round(width / spacing) + 1)
+        middle = median_filter(_fill(middle, seen), size=size, mode="nearest")
+    middle, seen = _middle(edge_left, found_left, edge_right, found_right, half)
+    seen &= ~(both & _odd_width(edge_right - edge_left, both, width / spacing))
+    nearer = np.minimum(contrast_left, contrast_right)
+    likeness = _likeness(core, nearer, seen & both, np.asarray(typical), usual, width / spacing)
+    if tones:
+        likeness = np.maximum(likeness, _likeness_of_tones(core, seen & both, usual))
+    likeness[~inside(image, curve)] = 0.0
+    # The right width between two edges makes up for a changed colour, as in a shadow; a single
+    # edge may be that of whatever hides the DLO.
+    alike = np.where(both, likeness > 1.0 - COLOUR_LIMIT, likeness > SURE)
+    seen &= _eroded(alike, round(along))
+    # Beside a hole a single edge will do; a long one is that of something else.
+    seen &= both | ~_long_runs(seen & ~both, round(LONGEST_SINGLE * width / spacing))
+    seen &= inside(image, curve + middle[:, None] * normals, 1.0)
+    seen &= ~_outliers(middle, seen, width, spacing)
+    seen = _without_islands(seen, round(ISLAND * width / spacing))
+    return Located(
+        curve,
+        normals,
+        _fill(middle, seen),
+        np.asarray(seen, dtype=np.bool_),
+        likeness.astype(np.float64),
+        2.0 * half,
+        usual,
+        np.asarray(typical, dtype=np.float64),
+        spacing,
+        _spread((edge_right - edge_left)[both]),
+        float(np.median(np.linalg.norm(left - right, axis=1))) / usual,
+        known_width,
+        tones,
+    )
+
+
+def _likeness(
+    core: Float32,
+    contrast: FloatArray,
+    sure: Mask,
+    typical: FloatArray,
+    usual: float,
+    profiles: float,
+) -> FloatArray:
+    """How much the middle has the colour that the DLO has nearby, where both edges were seen.
+
+    Light changes along a DLO, so the colour is compared in its neighbourhood; where it is hidden,
+    and beyond its ends, with the nearest that was seen.
+    """
+    index = np.arange(len(core))
+    if np.count_nonzero(sure) < 5:
+        unlike = np.linalg.norm(core - typical, axis=1) / usual
+        return np.asarray(np.clip(1.0 - unlike, 0.0, 1.0), dtype=np.float64)
+    # Foreign edges that happen to have the right distance are not of the DLO's colour at all.
+    foreign = np.linalg.norm(core - typical, axis=1) > FOREIGN * max(usual, 30.0)
+    sure = sure & ~foreign if np.count_nonzero(sure & ~foreign) >= 5 else sure
+    at = index[sure]
+    size = 2 * round(COLOUR_WINDOW * profiles) + 1
+    columns = [running_median(core[sure, c].astype(np.float64), size) for c in range(3)]
+    near = np.column_stack([np.interp(index, at, column) for column in columns])
+    scale = np.interp(index, at, running_median(contrast[sure].astype(np.float64), size))
+    unlike = np.linalg.norm(core - near, axis=1) / np.maximum(scale, 0.5 * usual)
+    return np.asarray(np.clip(1.0 - unlike, 0.0, 1.0), dtype=np.float64)
+
+
+def _likeness_of_tones(core: Float32, sure: Mask, usual: float) -> FloatArray:
+    """How much the middle has any of the colours of a DLO of several tones."""
+    if np.count_nonzero(sure) < MOST_TONES:
+        return np.zeros(len(core))
+    _, _, tones = cv2.kmeans(
+        core[sure],
+        MOST_TONES,
+        np.zeros((0, 0), dtype=np.int32),
+        (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 20, 1.0),
+        1,
+        cv2.KMEANS_PP_CENTERS,
+    )
+    unlike = np.linalg.norm(core[:, None] - tones[None], axis=2).min(axis=1) / usual
+    return np.asarray(np.clip(1.0 - unlike, 0.0, 1.0), dtype=np.float64)
+
+
+def _spread(values: FloatArray) -> float:
+    if len(values) == 0:
+        return float("inf")
+    return 1.4826 * float(np.median(np.abs(values - np.median(values))))
+
+
+def _edge(
+    strip: Float32,
+    offsets: FloatArray,
+    axis: Float32,
+    expected: FloatArray,
+    width: float,
+    sign: float,
+) -> tuple[FloatArray, Mask]:
+    """Position of the steepest change towards the DLO's colour near an expected offset.
+
+    The centroid of the squared slope is taken: it depends on neither level, so that a rope that is
+    brighter on one side is not shifted.
+    """
+    norm = np.linalg.norm(axis, axis=1, keepdims=True)
+    unit = axis / np.maximum(norm, 1e-6)
+    profile = np.einsum("ikc,ic->ik", strip, unit)
+    slope = sign * np.gradient(profile, offsets, axis=1)
+    window = min(0.42 * width, 0.25 * width + 2.0)
+    distance = np.abs(offsets[None, :] - expected[:, None])
+    # A window that fades out does not jump when a sample enters or leaves it.
+    taper = np.clip((window - distance) / (0.3 * window), 0.0, 1.0)
+    slope = np.maximum(slope, 0.0) * taper
+    peak = slope.max(axis=1, keepdims=True)
+    weight = np.maximum(slope - 0.25 * peak, 0.0) ** 2
+    total = weight.sum(axis=1)
+    good = total > 1e-9
+    position = np.where(good, (weight * offsets).sum(axis=1) / np.where(good, total, 1.0), expected)
+    # An edge climbs at least a quarter of the contrast within a third of the width.
+    good &= peak[:, 0] > 0.25 * norm[:, 0] / max(0.33 * width, 2.0)
+    return position, np.asarray(good, dtype=np.bool_)
+
+
+def _middle(
+    left: FloatArray, has_left: Mask, right: FloatArray, has_right: Mask, half: float
+) -> tuple[FloatArray, Mask]:
+    """The middle from both edges, or from one and the width."""
+    both = has_left & has_right
+    fits = np.abs(right - left - 2 * half) < 0.3 * half + 0.7
+    middle = np.where(both, 0.5 * (left + right), np.where(has_left, left + half, right - half))
+    seen = (both & fits) | (has_left ^ has_right)
+    return np.where(seen, middle, 0.0), np.asarray(seen, dtype=np.bool_)
+
+
+def running_median(values: FloatArray, size: int) -> FloatArray:
+    """Median over a window that moves along; over many values it takes but some of them."""
+    index = np.arange(len(values))
+    size = min(len(values), size)
+    step = max(1, size // 32)
+    some = median_filter(values[::step], size=max(3, size // step), mode="reflect")
+    return np.asarray(np.interp(index, index[::step], some))
+
+
+def _odd_width(width: FloatArray, both: Mask, profiles: float) -> Mask:
+    """Where the edges' distance differs from that of the neighbourhood: an edge is another's.
+
+    A hole or another strand of the DLO's tone beside it shifts one edge, and the middle by half.
+    The width may change slowly, with the distance from the camera.
+    """
+    result = np.zeros(len(width), dtype=np.bool_)
+    index = np.flatnonzero(both)
+    if len(index) < 5:
+        return result
+    usual = running_median(width[index], 2 * round(WIDTH_WINDOW * profiles) + 1)
+    difference = np.abs(width[index] - usual)
+    spread = 1.4826 * float(np.median(difference))
+    result[index] = difference > 4.0 * spread + 0.1 + 0.006 * usual
+    return result
+
+
+def _eroded(mask: Mask, size: int) -> Mask:
+    """A mask without what lies within a size of where it is false."""
+    if size < 1 or mask.all():
+        return mask
+    return np.asarray(minimum_filter1d(mask, 2 * size + 1, mode="nearest"), dtype=np.bool_)
+
+
+def _long_runs(mask: Mask, size: int) -> Mask:
+    """Where a mask is true for longer than a size."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
+    result = np.zeros_like(mask)
+    for first, last in edges.reshape(-1, 2):
+        result[first:last] = last - first > size
+    return result
+
+
+def _without_islands(seen: Mask, size: int) -> Mask:
+    """The mask without pieces shorter than a size that lie between gaps longer than it."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], seen, [False]]).astype(np.int8)))
+    first, last = edges[::2], edges[1::2]
+    before = first - np.concatenate([[0], last[:-1]])
+    after = np.concatenate([first[1:], [len(seen)]]) - last
+    result = seen.copy()
+    for k in np.flatnonzero((last - first < size) & (before > size) & (after > size)):
+        result[first[k] : last[k]] = False
+    return result
+
+
+def _fill(values: FloatArray, seen: Mask) -> FloatArray:
+    """Values with those that were not seen interpolated."""
+    if not np.any(seen):
+        return np.zeros(len(values))
+    index = np.arange(len(values))
+    return np.asarray(np.interp(index, index[seen], values[seen]))
+
+
+def _outliers(middle: FloatArray, seen: Mask, width: float, spacing: float) -> Mask:
+    """Points that jump away from their neighbours."""
+    index = np.flatnonzero(seen)
+    result = np.zeros(len(middle), dtype=np.bool_)
+    if len(index) < 5:
+        return result
+    size = min(len(index), 2 * max(2, round(1.5 * width / spacing)) + 1)
+    values = middle[index]
+    residual = values - median_filter(values, size=size, mode="nearest")
+    spread = 1.4826 * float(np.median(np.abs(residual))) + 0.02 * width + 0.05
+    result[index] = np.abs(residual) > 6.0 * spread
+    return result

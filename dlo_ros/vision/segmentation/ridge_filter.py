@@ -1,0 +1,195 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""The compiled search for bars: see `ridge_map`."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dlo_ros.kernel_cache import njit
+
+Planes = NDArray[np.uint8]
+Float32 = NDArray[np.float32]
+
+SHORT_GAP = 24  # [px] columns between searched ones that are searched with them
+CHANGED = 0.4  # share of the contrast that a change of colour along a bar takes away
+ALIKE = 0.3  # share of the contrast that must be left after the change along: a spot has none
+OPPOSITE = 0.5  # cosine between the differences to both sides, beyond which it is an edge
+
+
+@njit()
+def bars(
+    planes: Planes,
+    padding: int,
+    searched: NDArray[np.uint8],
+    across: NDArray[np.int64],
+    threshold: float,
+    tones: bool,
+) -> tuple[NDArray[np.float32], NDArray[np.int8]]:
+    """Strength and orientation of the bar that each pixel may lie on.
+
+    Args:
+        planes: the smoothed picture by channels, with a border, shape (3, h + 2 p, w + 2 p).
+        padding: p, at least as far as any pixel that is compared.
+        searched: not zero where a bar may be, shape (h, w).
+        across: (row, column) to the compared background, one row an orientation, shape (k, 2);
+            the orientations are equally spaced over half a turn, and k is even.
+        threshold: least contrast [grey levels].
+        tones: whether a bar may change its colour along itself.
+
+    Returns:
+        Strength [grey levels], 0 for no bar, and the index of the orientation, shapes (h, w).
+    """
+    height, width = searched.shape
+    strength = np.zeros((height, width), dtype=np.float32)
+    orientation = np.zeros((height, width), dtype=np.int8)
+    least = np.float32(threshold * threshold)
+    squares = np.empty((7, width), dtype=np.float32)
+    for row in range(height):
+        last = 0
+        while last < width:
+            first, last = _next_run(searched[row], last)
+            if last <= first:
+                break
+            _search_run(
+                planes,
+                row + padding,
+                first + padding,
+                across,
+                least,
+                strength[row, first:last],
+                orientation[row, first:last],
+                squares,
+                tones,
+            )
+        for column in range(width):
+            if strength[row, column] <= threshold or searched[row, column] == 0:
+                strength[row, column] = 0.0
+    return strength, orientation
+
+
+@njit()
+def _next_run(searched: NDArray[np.uint8], begin: int) -> tuple[int, int]:
+    """First and last (exclusive) of the next columns to search, over short gaps; or nothing."""
+    width = len(searched)
+    first = begin
+    while first < width and searched[first] == 0:
+        first += 1
+    last = first
+    column = first
+    while column < width and column - last < SHORT_GAP:
+        if searched[column] != 0:
+            last = column + 1
+        column += 1
+    return first, last
+
+
+@njit()
+def _search_run(
+    planes: Planes,
+    y: int,
+    x: int,
+    across: NDArray[np.int64],
+    least: float,
+    best: Float32,
+    which: NDArray[np.int8],
+    squares: Float32,
+    tones: bool,
+) -> None:
+    """Strength and orientation of neighbouring pixels of a row, compared in vector registers."""
+    count = len(best)
+    left, right, product = squares[0, :count], squares[1, :count], squares[2, :count]
+    ahead, behind, other = squares[3, :count], squares[4, :count], squares[5, :count]
+    half = len(across) // 2
+    for k in range(half):
+        # What lies to the sides of one orientation lies ahead of and behind the one at right
+        # angles to it.
+        dy, dx = across[k, 0], across[k, 1]
+        _sides(planes, y, x, dy, dx, left, right, product)
+        dy, dx = across[k + half, 0], across[k + half, 1]
+        _sides(planes, y, x, dy, dx, ahead, behind, other)
+        _keep_best(best, which, np.int8(k), left, right, product, ahead, behind, least)
+        _keep_best(best, which, np.int8(k + half), ahead, behind, other, left, right, least)
+    if not tones:
+        return
+    weakest = squares[6, :count]
+    for k in range(len(across)):
+        # What differs from both sides here, ahead and behind is a bar of whatever colours.
+        weakest[:] = np.inf
+        dy, dx = across[k, 0], across[k, 1]
+        ay, ax = across[(k + half) % (2 * half), 0], across[(k + half) % (2 * half), 1]
+        for step in (0, -1, 1):
+            _sides(planes, y + step * ay, x + step * ax, dy, dx, left, right, product)
+            for i in range(count):
+                if _opposite(left[i], right[i], product[i]):
+                    weakest[i] = 0.0
+                weakest[i] = min(weakest[i], min(left[i], right[i]))
+        for i in range(count):
+            value = np.float32(1.0 - CHANGED) * np.sqrt(weakest[i])
+            if weakest[i] >= least and value > best[i]:
+                best[i] = value
+                which[i] = k
+
+
+@njit(fastmath=True)
+def _sides(
+    planes: Planes,
+    y: int,
+    x: int,
+    dy: int,
+    dx: int,
+    left: Float32,
+    right: Float32,
+    product: Float32,
+) -> None:
+    """Squared differences of a row's pixels from both sides, and their scalar product."""
+    count = len(left)
+    for channel in range(3):
+        here = planes[channel, y, x : x + count]
+        one = planes[channel, y + dy, x + dx : x + dx + count]
+        other = planes[channel, y - dy, x - dx : x - dx + count]
+        if channel == 0:
+            for i in range(count):
+                a = np.float32(np.int32(one[i]) - np.int32(here[i]))
+                b = np.float32(np.int32(other[i]) - np.int32(here[i]))
+                left[i], right[i], product[i] = a * a, b * b, a * b
+        else:
+            for i in range(count):
+                a = np.float32(np.int32(one[i]) - np.int32(here[i]))
+                b = np.float32(np.int32(other[i]) - np.int32(here[i]))
+                left[i] += a * a
+                right[i] += b * b
+                product[i] += a * b
+
+
+@njit(fastmath=True, inline="always")
+def _opposite(left: float, right: float, product: float) -> bool:
+    """Whether a pixel differs from its two sides into opposite directions.
+
+    At the edge of two areas the picture is blurred: its pixels differ from both sides so.
+    """
+    limit = np.float32(OPPOSITE * OPPOSITE) * left * right
+    return bool(product < np.float32(0.0) and product * product > limit)
+
+
+@njit(fastmath=True)
+def _keep_best(
+    best: Float32,
+    which: NDArray[np.int8],
+    k: int,
+    left: Float32,
+    right: Float32,
+    product: Float32,
+    ahead: Float32,
+    behind: Float32,
+    least: float,
+) -> None:
+    """Contrast to the weaker side less the change along, where it beats the other orientations."""
+    for i in range(len(best)):
+        smaller = min(left[i], right[i])
+        contrast = np.sqrt(smaller)
+        value = contrast - np.float32(0.5) * (np.sqrt(ahead[i]) + np.sqrt(behind[i]))
+        edge = _opposite(left[i], right[i], product[i])
+        if value > max(best[i], np.float32(ALIKE) * contrast) and smaller >= least and not edge:
+            best[i] = value
+            which[i] = k

@@ -1,0 +1,314 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Orders chains into one DLO from its start to its end.
+
+Best-first search over sequences of chains. Known clamps fix where a path starts and ends; the known
+length decides between paths that are equally smooth.
+"""
+
+from __future__ import annotations
+
+import heapq
+from dataclasses import dataclass
+
+import numpy as np
+
+from dlo_ros.errors import VisionError
+from dlo_ros.spline import FloatArray
+from dlo_ros.vision.segmentation.ridge_map import BarMap
+from dlo_ros.vision.tracing.chain_linking import Link, Linker, bridge, split_at
+from dlo_ros.vision.tracing.metric_lengths import PlaneGrid
+from dlo_ros.vision.tracing.ridge_tracing import Chain
+
+LENGTH_STD = 0.03  # of the length: how well the seen length is expected to agree
+LENGTH_LIMIT = 0.15  # of the length: a path further off is none
+LEAST_COVERED = 0.45  # of the length by chains, the rest by bridges
+FREE_END = 1.5  # cost of ending where no clamp says so
+MOST_EXPANSIONS = 1500
+SAME_LENGTH = 0.02  # of the length: paths to one chain that differ by less are not kept apart
+MOST_LINKS = 8  # tried from each end
+DIFFERENT = 4.0  # [widths] two paths that are nowhere further apart are one
+COST_LIMIT = 9.0  # of a whole course, and more the longer it is
+COST_LIMIT_PER_WIDTH = 0.02
+AMBIGUITY = 2.0  # a second path that is dearer by less makes the first doubtful
+
+
+@dataclass(frozen=True)
+class LengthRule:
+    """What lengths a course may have, as shares of the DLO's.
+
+    Args:
+        shortest, longest: beyond these a course is none.
+        std: how well the length is expected to agree; infinite where it tells nothing.
+    """
+
+    shortest: float = 1.0 - LENGTH_LIMIT
+    longest: float = 1.0 + LENGTH_LIMIT
+    std: float = LENGTH_STD
+
+
+@dataclass(frozen=True, eq=False)
+class ClampPixel:
+    """A clamp in the picture: position [px] and unit direction of growing u, shapes (2,).
+
+    The direction is None where only the end's position is known.
+    """
+
+    position: FloatArray
+    direction: FloatArray | None
+
+
+@dataclass(frozen=True, eq=False)
+class Path:
+    """An ordered centreline in pixels of the bar map.
+
+    Args:
+        points: shape (m, 2), from the start to the end.
+        seen: whether a chain lies there (else a bridge), shape (m,).
+        cost: of the links and of the length.
+        length: in the unit of the plane.
+        contrast: median contrast of the chains [grey levels].
+        colour: of the DLO, BGR, shape (3,).
+    """
+
+    points: FloatArray
+    seen: np.ndarray
+    cost: float
+    length: float
+    contrast: float
+    colour: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class _Partial:
+    cost: float
+    length: float
+    chains: tuple[int, ...]  # chain * 2 + (1 where it is run through backwards)
+
+
+class PathSearch:
+    """Finds the path of a DLO of known length through chains.
+
+    Args:
+        chains: from `find_chains`, in pixels of the bar map.
+        bars: the bar map.
+        length: of the DLO, in the unit of the plane.
+        plane: where lengths are true.
+        start, end: clamps where they are known, in pixels of the bar map.
+        rule: what lengths a course may have.
+    """
+
+    def __init__(
+        self,
+        chains: list[Chain],
+        bars: BarMap,
+        length: float,
+        plane: PlaneGrid,
+        start: ClampPixel | None,
+        end: ClampPixel | None,
+        rule: LengthRule = LengthRule(),
+    ) -> None:
+        for clamp in (start, end):
+            if clamp is not None:
+                chains = split_at(chains, clamp.position, bars.width)
+        self.chains, self.bars, self.length, self.plane = chains, bars, length, plane
+        self.start, self.end, self.rule = start, end, rule
+        self._linker = Linker(chains, bars, plane)
+        self.ends = self._linker.ends
+        self.lengths = np.array([self._measure(c.points) for c in chains])
+        self._links: dict[int, list[Link]] = {}
+        self._closings: dict[int, tuple[float, float]] | None = None
+
+    def _measure(self, points: FloatArray) -> float:
+        return self.plane.length(points, max(1, round(self.bars.width / 2)))
+
+    def find(self) -> Path:
+        """The best path.
+
+        Raises:
+            VisionError: no path of about the right length, or two that are equally good.
+        """
+        return self.candidates(most=1)[0]
+
+    def candidates(self, most: int) -> list[Path]:
+        """The best paths that run differently, the best one first.
+
+        Args:
+            most: of them; 1 refuses pictures in which a second one is equally good.
+
+        Raises:
+            VisionError: no path of about the right length, or too many that are equally good.
+        """
+        if not self.chains:
+            raise VisionError("nothing in the picture looks like a DLO of the expected width")
+        heap: list[tuple[float, int, _Partial]] = []
+        for cost, length, state in self._beginnings():
+            heapq.heappush(heap, (cost, len(heap), _Partial(cost, length, (state,))))
+        counter = len(heap)
+        complete: list[tuple[float, _Partial]] = []
+        visited: dict[int, list[float]] = {}
+        longest, least = 0.0, np.inf
+        expansions = 0
+        while heap and expansions < MOST_EXPANSIONS:
+            cost, _, partial = heapq.heappop(heap)
+            if cost > least + 2 * AMBIGUITY:
+                break
+            visits = visited.setdefault(partial.chains[-1], [])
+            if any(abs(partial.length - other) < SAME_LENGTH * self.length for other in visits):
+                continue  # a cheaper path came here
+            visits.append(partial.length)
+            expansions += 1
+            longest = max(longest, partial.length)
+            closing, rest = self._close(partial.chains[-1])
+            total = partial.length + rest
+            covered = sum(float(self.lengths[state // 2]) for state in partial.chains)
+            right = self.rule.shortest < total / self.length < self.rule.longest
+            if np.isfinite(closing) and right and covered > LEAST_COVERED * total:
+                penalty = 0.5 * ((total / self.length - 1.0) / self.rule.std) ** 2
+                complete.append((cost + closing + penalty, partial))
+                least = min(least, complete[-1][0])
+            used = {state // 2 for state in partial.chains}
+            for link, gap, state in self._next(partial.chains[-1]):
+                if state // 2 in used:
+                    continue
+                length = partial.length + gap + float(self.lengths[state // 2])
+                if length > self.rule.longest * self.length:
+                    continue
+                counter += 1
+                new = _Partial(cost + link, length, (*partial.chains, state))
+                heapq.heappush(heap, (new.cost, counter, new))
+        if not complete:
+            where = "between the clamps" if self.start and self.end else "in the picture"
+            raise VisionError(
+                f"no continuous DLO of the length {self.length:.3g} m found {where} "
+                f"(the longest piece is {longest:.3g} m)"
+            )
+        complete.sort(key=lambda item: item[0])
+        best = complete[0]
+        best_points = self._path(*best).points  # about 1 px apart
+        if best[0] > COST_LIMIT + COST_LIMIT_PER_WIDTH * len(best_points) / self.bars.width:
+            raise VisionError("the only course of the right length bends and jumps too much")
+        kept = [best]
+        for cost, partial in complete[1:]:
+            if cost - best[0] < AMBIGUITY and all(self._differ(p, partial) for _, p in kept):
+                kept.append((cost, partial))
+                if len(kept) > most:
+                    number = "two" if most == 1 else "many"
+                    raise VisionError(
+                        f"{number} courses of the DLO are equally plausible "
+                        "(an ambiguous crossing or gap)"
+                    )
+        return [self._path(*one) for one in kept]
+
+    def _beginnings(self) -> list[tuple[float, float, int]]:
+        """Cost, length and first chain of the paths to start with."""
+        if self.start is not None:
+            return [
+                (cost, gap + float(self.lengths[state // 2]), state)
+                for cost, gap, state in self._from_clamp(self.start, forward=True)
+            ]
+        strong = 0.3 * float(np.max(self.ends.strengths))
+        return [
+            (FREE_END, float(self.lengths[k // 2]), k)
+            for k in range(len(self.ends))
+            if self.ends.strengths[k] > strong
+        ]
+
+    def _from_clamp(self, clamp: ClampPixel, forward: bool) -> list[tuple[float, float, int]]:
+        """Cost, length and chain of the links between a clamp and chains."""
+        direction = clamp.direction
+        if direction is not None and not forward:
+            direction = -direction
+        # Entering at the first point runs a chain forwards; an end clamp is reached from the
+        # last point of a chain that runs forwards.
+        links = self._linker.from_clamp(clamp.position, direction)
+        return [(c, gap, k if forward else k ^ 1) for c, gap, k in links[: 2 * MOST_LINKS]]
+
+    def _clamp_bridge(self, clamp: ClampPixel, k: int, forward: bool) -> FloatArray:
+        position, direction = self.ends.positions[k], -self.ends.directions[k]
+        if clamp.direction is None:
+            out = direction
+        else:
+            out = clamp.direction if forward else -clamp.direction
+        points: FloatArray = bridge(clamp.position, out, position, direction)
+        return points if forward else points[::-1]
+
+    def _close(self, state: int) -> tuple[float, float]:
+        """Cost and length from the end of a chain to the end of the DLO."""
+        if self.end is None:
+            return FREE_END, 0.0
+        if self._closings is None:
+            self._closings = {k: (c, gap) for c, gap, k in self._from_clamp(self.end, False)}
+        return self._closings.get(state, (np.inf, 0.0))
+
+    def _next(self, state: int) -> list[Link]:
+        """Cheapest links from the exit of a chain, which is not where it was entered."""
+        if state not in self._links:
+            self._links[state] = self._linker.from_end(state ^ 1)[:MOST_LINKS]
+        return self._links[state]
+
+    def _bridge(self, k: int, j: int) -> FloatArray:
+        ends = self.ends
+        return np.asarray(
+            bridge(ends.positions[k], ends.directions[k], ends.positions[j], -ends.directions[j])
+        )
+
+    def _differ(self, one: _Partial, other: _Partial) -> bool:
+        """Whether two paths run differently, and not only through other pieces of one course."""
+        a, b = (self._path(0.0, partial).points for partial in (one, other))
+        distances = [_apart(a, b)]
+        if self.start is None and self.end is None:  # the same path backwards is no other path
+            distances.append(_apart(a, b[::-1]))
+        return min(distances) > DIFFERENT * self.bars.width
+
+    def _path(self, cost: float, partial: _Partial) -> Path:
+        pieces: list[FloatArray] = []
+        seen: list[np.ndarray] = []
+
+        def add(points: FloatArray, visible: bool) -> None:
+            if len(points):
+                pieces.append(points)
+                seen.append(np.full(len(points), visible))
+
+        if self.start is not None:
+            add(self._clamp_bridge(self.start, partial.chains[0], True)[:-1], False)
+        for position, state in enumerate(partial.chains):
+            points = self.chains[state // 2].points
+            add(points if state % 2 == 0 else points[::-1], True)
+            if position + 1 < len(partial.chains):
+                add(self._bridge(state ^ 1, partial.chains[position + 1])[1:-1], False)
+        if self.end is not None:
+            add(self._clamp_bridge(self.end, partial.chains[-1] ^ 1, False)[1:], False)
+        which = [state // 2 for state in partial.chains]
+        weights = self.lengths[which]
+        strengths = np.array([self.chains[k].strength for k in which])
+        colours = np.array([self.chains[k].colour for k in which])
+        points = np.vstack(pieces)
+        return Path(
+            points,
+            np.concatenate(seen),
+            cost,
+            self._measure(points),
+            float(np.average(strengths, weights=weights)),
+            np.average(colours, axis=0, weights=weights),
+        )
+
+
+def _apart(a: FloatArray, b: FloatArray, count: int = 100) -> float:
+    """Largest distance of points of equal arc length, counted from the start or from the end.
+
+    So two courses are alike where they differ in nothing but how far one of their ends reaches.
+    """
+    result = np.inf
+    for one, other in ((a, b), (a[::-1], b[::-1])):
+        along = [_arc_length(p) for p in (one, other)]
+        at = np.linspace(0.0, min(along[0][-1], along[1][-1]), count)
+        at_one, at_other = (
+            np.column_stack([np.interp(at, s, p[:, 0]), np.interp(at, s, p[:, 1])])
+            for s, p in zip(along, (one, other), strict=True)
+        )
+        result = min(result, float(np.hypot(*(at_one - at_other).T).max()))
+    return result
+
+
+def _arc_length(points: FloatArray) -> FloatArray:
+    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])

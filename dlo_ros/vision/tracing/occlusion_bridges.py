@@ -1,0 +1,72 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Bridges over what was not seen of a DLO: something must hide it there."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dlo_ros.errors import VisionError
+from dlo_ros.spline import FloatArray
+from dlo_ros.vision.segmentation.cross_sections import Sections, offsets_for
+from dlo_ros.vision.segmentation.picture_strip import (
+    Mask,
+    normals_of,
+    resample,
+    smooth_curve,
+    strip_along,
+)
+from dlo_ros.vision.segmentation.ridge_map import Image
+
+STEPS = 5  # cross-sections in a width
+NEARBY = 8.0  # [widths] to both sides of a bridge, where the DLO tells how it looks
+FEWEST_SECTIONS = 10  # of the DLO near a bridge that tell how it looks
+LONGEST_BARE = 1.0  # [widths] of bare board under a course that edges and noise may fake
+
+
+def check_bridges(image: Image, pixels: FloatArray, seen: Mask, width: float) -> None:
+    """Refuse a course that runs over the bare board between two parts of the DLO that were seen.
+
+    Args:
+        image: BGR.
+        pixels: the course from start to end [px], shape (m, 2).
+        seen: whether the DLO was seen there, shape (m,).
+        width: of the DLO [px].
+
+    Raises:
+        VisionError: with the reason.
+    """
+    if seen.all() or np.count_nonzero(seen) < FEWEST_SECTIONS:
+        return
+    course = resample(pixels, width / STEPS)
+    visible = np.interp(np.linspace(0.0, 1.0, len(course)), _shares(pixels), seen) > 0.5
+    normals = normals_of(smooth_curve(course, float(STEPS)))
+    offsets = offsets_for(width)
+    changes = np.flatnonzero(np.diff(np.concatenate([[True], visible, [True]]).astype(np.int8)))
+    index = np.arange(len(course))
+    for first, last in changes.reshape(-1, 2):
+        # Near an end the DLO may have been held, or stop.
+        if first == 0 or last == len(course) or last - first <= LONGEST_BARE * STEPS:
+            continue
+        reach = round(NEARBY * STEPS)
+        own = visible & (index >= first - reach) & (index < last + reach)
+        if np.count_nonzero(own) < FEWEST_SECTIONS:
+            continue
+        dlo = Sections.of(strip_along(image, course[own], normals[own], offsets), offsets, width)
+        bridge = slice(first, last)
+        _, bare = dlo.odds(strip_along(image, course[bridge], normals[bridge], offsets))
+        longest = _longest(bare > 0.0) / STEPS
+        if longest > LONGEST_BARE:
+            raise VisionError(
+                f"what looks like the DLO leaves it for {longest:.1f} widths of bare board"
+            )
+
+
+def _shares(points: FloatArray) -> FloatArray:
+    s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+    return np.asarray(s / s[-1])
+
+
+def _longest(mask: Mask) -> int:
+    """Length of the longest run where a mask is true."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
+    return int(np.max(edges[1::2] - edges[::2], initial=0))
