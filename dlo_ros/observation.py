@@ -47,7 +47,7 @@ class PointList:
     std: FloatArray | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Observation:
     """An observed spline.
 

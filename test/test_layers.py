@@ -18,7 +18,7 @@ LAYERS = (
     ("kernel_linking",),
     ("compilation",),
     ("__init__", "spline", "parameter_table", "interpolation", "share", "files"),
-    ("command", "observation", "parameter_cameras"),
+    ("command", "observation", "parameter_cameras", "spline_table"),
     ("effects",),
     ("parameter_text", "parameter_file"),
     ("parameters",),

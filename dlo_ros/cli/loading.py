@@ -22,9 +22,11 @@ from dlo_ros.command import Motion
 from dlo_ros.compilation import compile_first
 from dlo_ros.errors import InputError, RecordingError
 from dlo_ros.inference.forecast import Manipulation
+from dlo_ros.inference.observation_operator import operator_of
 from dlo_ros.observation import Observation
 from dlo_ros.parameter_table import TABLE
 from dlo_ros.parameters import Settings
+from dlo_ros.recordings import topics
 from dlo_ros.recordings.read import read_recording
 from dlo_ros.rod.boundary.shape_orientation import all_along, runs_backwards
 from dlo_ros.rod.compile import compile_kernels
@@ -111,7 +113,15 @@ def load_manipulation(path: Path, settings: Settings) -> Manipulation:
     LOG.info(
         "%s: %d commands, %d observed shapes", path, len(recording.commands), len(observations)
     )
-    usable = all_along(motion, observations, settings.rod.length)
+    length = settings.rod.length
+    usable = all_along(motion, observations, length)
+    unfit = sum(o.points is not None and operator_of(o, length) is None for o in usable)
+    if unfit:
+        LOG.warning(
+            "%s: %s of %d of %d observed shapes do not lie on their splines, or are too few; the "
+            "splines are compared instead",
+            path, topics.OBSERVED_POINTS, unfit, len(usable),
+        )  # fmt: skip
     return Manipulation(recording.name, recording.commands, usable, recording.wrenches)
 
 

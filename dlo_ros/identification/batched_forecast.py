@@ -266,6 +266,7 @@ def _together(
                 model.basis.spans,
                 error,
                 stable=simulations[i].stable,
+                unit=manipulation.noise_unit,
             )
         )
     return _Together(result, states, first)

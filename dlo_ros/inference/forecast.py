@@ -12,6 +12,7 @@ import numpy as np
 from dlo_ros.command import Command, Motion
 from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.inference.err import shape_error
+from dlo_ros.inference.observation_operator import noise_unit, operator_of
 from dlo_ros.observation import Observation, Wrenches
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.loads.grip_reactions import Loading
@@ -28,12 +29,15 @@ class Manipulation:
         commands: in the order of receipt.
         observations: by growing stamp, at least one.
         wrenches: measured forces and torques of the grips, for each end that has them.
+        noise_unit: see `observation_operator.noise_unit`; None: of the observations that are
+            compared.
     """
 
     name: str
     commands: tuple[Command, ...]
     observations: tuple[Observation, ...]
     wrenches: tuple[Wrenches, ...] = ()
+    noise_unit: float | None = None
 
 
 @dataclass(frozen=True)
@@ -45,9 +49,11 @@ class Forecast:
         predicted: control points, shape (F, n, 4).
         residual: observed minus predicted in coefficients of which the squares sum to the mean
             squared distance along u, and of which white noise along the DLO makes white numbers;
-            shape (F, n, 3) [m].
+            shape (F, n, 3) [m]. Of pictures with measured points: see `observation_operator`.
         derivative: of the prediction in these coefficients with respect to the logarithms of the
             P parameters, shape (F, P, n, 3); None where not asked for.
+        sensitivity: of the predicted control points themselves, shape (F, P, n, 3) [m]; None where
+            not asked for.
         err: eq. (10), shape (F,) [m].
         spans: knot spans of the simulation.
         resolution_error: the simulation's own error, over L; NaN where it was not judged.
@@ -64,6 +70,7 @@ class Forecast:
     resolution_error: float
     stable: bool = True
     loadings: tuple[Loading, ...] = ()
+    sensitivity: FloatArray | None = None
 
 
 @lru_cache(maxsize=32)
@@ -127,6 +134,7 @@ def _forecast(
         simulation.model.basis.spans,
         judged.error if judged else np.nan,
         stable=simulation.stable,
+        unit=manipulation.noise_unit,
     )
     return replace(found, loadings=tuple(p.loading for p in predictions if p.loading is not None))
 
@@ -160,6 +168,7 @@ def compared(
     resolution_error: float,
     *,
     stable: bool = True,
+    unit: float | None = None,
 ) -> Forecast:
     """Predictions beside the observations.
 
@@ -169,17 +178,29 @@ def compared(
         sensitivity: derivatives of x, y, z, shape (F, P, n, 3), or None.
         basis: the published one.
         spans, resolution_error, stable: see `Forecast`.
+        unit: see `Manipulation.noise_unit`.
     """
     white = whitening(basis.control_points, basis.length)
     observed = np.array([o.control_points for o in observations])
     err = [shape_error(a, b, basis) for a, b in zip(observed, predicted, strict=True)]
+    residual = np.asarray(white @ (observed[:, :, :3] - predicted[:, :, :3]))
+    derivative = None if sensitivity is None else np.asarray(white @ sensitivity)
+    scale = noise_unit(observations, basis.length) if unit is None else unit
+    for k, observation in enumerate(observations):
+        points = operator_of(observation, basis.length)
+        if points is None or scale is None:
+            continue
+        residual[k] = scale * points.in_space(points.residual(predicted[k, :, :3]))
+        if derivative is not None and sensitivity is not None:
+            derivative[k] = scale * points.in_space(points.moved(sensitivity[k]))
     return Forecast(
         np.array([o.stamp for o in observations], dtype=np.int64),
         predicted,
-        np.asarray(white @ (observed[:, :, :3] - predicted[:, :, :3])),
-        None if sensitivity is None else np.asarray(white @ sensitivity),
+        residual,
+        derivative,
         np.array(err),
         spans,
         resolution_error,
         stable,
+        sensitivity=sensitivity,
     )

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dlo_ros.errors import SimulationError
-from dlo_ros.inference.forecast import Forecast, forecast, whitening
+from dlo_ros.inference.forecast import Forecast, forecast
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parallel import Threads
 from dlo_ros.inference.parameter import ParametricModel
@@ -100,12 +100,8 @@ def simulate(
         )  # fmt: skip
 
     for recording, found in zip(recordings, Threads().map(forecast_of, recordings), strict=True):
-        moves = None
-        if found.derivative is not None:
-            back = np.linalg.inv(whitening(recording.observed.shape[1], model.settings.rod.length))
-            moves = back @ found.derivative
         scale = np.array([chain[name] for name in wanted])
-        fields.append(field(recording, found.predicted, moves, scale))
+        fields.append(field(recording, found.predicted, found.sensitivity, scale))
         errs.append(found.err)
         predictions.append(found.predicted)
     return Simulated(tuple(fields), tuple(errs), tuple(predictions))

@@ -10,6 +10,7 @@ import numpy as np
 
 from dlo_ros.errors import InputError
 from dlo_ros.inference.forecast import Manipulation, whitening
+from dlo_ros.inference.observation_operator import directions, noise_unit, operator_of
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray, SplineBasis
@@ -37,6 +38,8 @@ class Recording:
         tolerance: of the simulation's time steps; None: simulation.tolerance.
         bias: standard deviation of what stays wrong in all pictures, in each coefficient [m],
             shape (K,); 0: nothing.
+        beyond: what measured points say beyond the observed splines, in coefficients [m], shape
+            (F, K). Of pictures with points, `across` and it are those of `observation_operator`.
     """
 
     manipulation: Manipulation
@@ -47,6 +50,7 @@ class Recording:
     spans: int | None = None
     tolerance: float | None = None
     bias: FloatArray | float = 0.0
+    beyond: FloatArray | None = None
 
     @property
     def name(self) -> str:
@@ -76,7 +80,9 @@ class Recording:
         Args:
             predicted: control points, shape (F, n, 3 or more), of the last F frames.
         """
-        return self.white(self.observed[-len(predicted) :] - predicted[..., :3])
+        frames = len(predicted)
+        result = self.white(self.observed[-frames:] - predicted[..., :3])
+        return result if self.beyond is None else result + self.beyond[-frames:] / self.noise
 
     def until(self, stop: int) -> Recording:
         """Its first frames."""
@@ -85,7 +91,7 @@ class Recording:
         seen = replace(self.manipulation, observations=self.manipulation.observations[:stop])
         return replace(
             self, manipulation=seen, observed=self.observed[:stop], times=self.times[:stop],
-            across=self.across[:stop],
+            across=self.across[:stop], beyond=None if self.beyond is None else self.beyond[:stop],
         )  # fmt: skip
 
 
@@ -102,14 +108,32 @@ def measured(manipulation: Manipulation, settings: Settings) -> Recording:
     manipulation = replace(manipulation, observations=_without_copies(manipulation.observations))
     observed = np.array([o.control_points[:, :3] for o in manipulation.observations])
     stamps = np.array([o.stamp for o in manipulation.observations], dtype=np.int64)
-    across = _across(observed, settings)
-    return Recording(
+    across = spline_space(observed, settings)
+    recording = Recording(
         manipulation,
         observed,
         (stamps - stamps[0]) * 1e-9,
         across,
         np.ones(across.shape[1]),
     )
+    return _with_points(recording, settings.rod.length)
+
+
+def _with_points(recording: Recording, length: float) -> Recording:
+    """The recording with measured points in place of their splines."""
+    observations = recording.manipulation.observations
+    unit = recording.manipulation.noise_unit or noise_unit(observations, length)
+    if unit is None:
+        return recording
+    across = recording.across.copy()
+    beyond = np.zeros(across.shape[:2])
+    parts = across.shape[1] // across.shape[2]
+    for k, observation in enumerate(observations):
+        points = operator_of(observation, length)
+        if points is not None:
+            across[k] = unit * points.rows[:parts].reshape(across.shape[1:])
+            beyond[k] = unit * points.residual(recording.observed[k])[:parts].ravel()
+    return replace(recording, across=across, beyond=beyond)
 
 
 def without_gross(recording: Recording, missed: FloatArray) -> Recording:
@@ -132,6 +156,7 @@ def without_gross(recording: Recording, missed: FloatArray) -> Recording:
     return replace(
         recording, manipulation=replace(recording.manipulation, observations=observations),
         observed=recording.observed[keep], times=times - times[0], across=recording.across[keep],
+        beyond=None if recording.beyond is None else recording.beyond[keep],
     )  # fmt: skip
 
 
@@ -144,8 +169,12 @@ def _without_copies(observations: Sequence[Observation]) -> tuple[Observation, .
     return tuple(kept)
 
 
-def _across(observed: FloatArray, settings: Settings) -> FloatArray:
-    """See `Recording.across`."""
+def spline_space(observed: FloatArray, settings: Settings) -> FloatArray:
+    """`Recording.across` of observed splines without points, shape (F, K, n, 3).
+
+    Raises:
+        InputError: they have another number of control points than the settings.
+    """
     n, length = settings.rod.control_points, settings.rod.length
     if observed.shape[1] != n:
         raise InputError(
@@ -157,13 +186,10 @@ def _across(observed: FloatArray, settings: Settings) -> FloatArray:
     values, slopes = basis.matrix(u), basis.matrix(u, 1)
     tangent = np.einsum("qn,fnc->fqc", slopes, observed)
     tangent /= np.maximum(np.linalg.norm(tangent, axis=2, keepdims=True), 1e-12)
-    # In the board's plane, or in space by the shortest way from there.
-    normal = np.cross(np.array([0.0, 1.0, 0.0]), tangent)
-    size = np.linalg.norm(normal, axis=2, keepdims=True)
-    normal = np.where(size > 1e-3, normal / np.maximum(size, 1e-12), np.array([1.0, 0.0, 0.0]))
+    normal, tangent, binormal = directions(tangent)
     fields = [normal, tangent]
     if np.abs(observed[:, :, 1]).max() > 1e-6 * length:
-        fields.append(np.cross(tangent, normal))
+        fields.append(binormal)
     project = np.linalg.inv(whitening(n, length)) @ (values * weight[:, None]).T / length  # (n, q)
     parts = [np.einsum("kq,fqc,qn->fknc", project, d, values, optimize=True) for d in fields]
     return np.concatenate(parts, axis=1)

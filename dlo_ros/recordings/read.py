@@ -7,13 +7,12 @@ import logging
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from dlo_ros.command import Command
 from dlo_ros.errors import CommandError, InputError, RecordingError
-from dlo_ros.observation import Observation, Wrenches
+from dlo_ros.observation import CentrelinePoints, Observation, Wrenches
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.bag import Bag, deserialise, open_bag
@@ -220,7 +219,7 @@ def _observations(bag: Bag, settings: Settings, skipped: list[str]) -> list[Obse
     found = bag.find(topics.OBSERVED)
     if not found:
         return []
-    clouds: dict[int, Any] = {}
+    clouds: dict[int, CentrelinePoints] = {}
     for raw in bag.messages(bag.find(topics.OBSERVED_POINTS, near=found[0].topic)):
         try:
             message = deserialise(raw)
@@ -238,7 +237,13 @@ def _observations(bag: Bag, settings: Settings, skipped: list[str]) -> list[Obse
         if stamp in observations:
             skipped.append(f"{raw.topic}: a second spline at {stamp / 1e9:.3f} s is skipped")
             continue
-        observations[stamp] = Observation(stamp, observation.control_points, clouds.get(stamp))
+        points = clouds.pop(stamp, None)
+        observations[stamp] = Observation(stamp, observation.control_points, points)
+    if clouds and observations:
+        skipped.append(
+            f"{topics.OBSERVED_POINTS}: {len(clouds)} messages skipped that have the stamp of no "
+            f"spline; {raw.topic} and it must carry the image's stamp"
+        )
     return _continuous([observations[stamp] for stamp in sorted(observations)])
 
 

@@ -12,7 +12,7 @@ from dlo_ros.diagnosis.fitting.evaluation import Evaluation, evaluate
 from dlo_ros.diagnosis.residuals.missing_force import missing_force
 from dlo_ros.errors import SimulationError
 from dlo_ros.inference.forecast import whitening
-from dlo_ros.inference.measured import Recording
+from dlo_ros.inference.measured import Recording, spline_space
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray, SplineBasis
 
@@ -60,8 +60,8 @@ def views(
                 err_old,
                 err_new,
                 u,
-                _across(recording, old, values, length),
-                _across(recording, new, values, length),
+                _across(recording, old, values, given),
+                _across(recording, new, values, given),
                 None if force is None else force.force,
                 None if force is None else force.std,
             )
@@ -70,9 +70,12 @@ def views(
 
 
 def _across(
-    recording: Recording, predicted: FloatArray, values: FloatArray, length: float
+    recording: Recording, predicted: FloatArray, values: FloatArray, settings: Settings
 ) -> FloatArray:
     """Distance across the DLO [m], shape (F, U)."""
     n = predicted.shape[1]
-    coefficients = (recording.residual(predicted) * recording.noise)[:, :n]
-    return np.asarray(coefficients @ np.linalg.inv(whitening(n, length)) @ values.T)
+    observed = recording.observed[-len(predicted) :]
+    rows = spline_space(observed, settings)[:, :n]
+    coefficients = np.einsum("fknc,fnc->fk", rows, observed - predicted[..., :3])
+    back = np.linalg.inv(whitening(n, settings.rod.length))
+    return np.asarray(coefficients @ back @ values.T)

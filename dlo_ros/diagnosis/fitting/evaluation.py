@@ -12,7 +12,7 @@ from dlo_ros.diagnosis.fitting.candidate_model import Model, prior
 from dlo_ros.effects import effects, nonsmooth
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.batched_forecast import forecast_together
-from dlo_ros.inference.forecast import Forecast, forecast, whitening
+from dlo_ros.inference.forecast import Forecast, forecast
 from dlo_ros.inference.joint import as_fine
 from dlo_ros.inference.measured import Recording
 from dlo_ros.parameters import Settings
@@ -238,10 +238,8 @@ def _differences(
 def _exact(model: Model, recording: Recording, settings: Settings) -> tuple[Forecast, FloatArray]:
     """A forecast with the simulation's own sensitivities."""
     found = forecast(recording.manipulation, settings, parameters=model.free, spans=recording.spans)
-    assert found.derivative is not None
-    rod = settings.rod
-    back = np.linalg.inv(whitening(rod.control_points, rod.length))
-    return found, recording.white(back @ found.derivative) * model.chain()[:, None]
+    assert found.sensitivity is not None
+    return found, recording.white(found.sensitivity) * model.chain()[:, None]
 
 
 def _moved(model: Model) -> tuple[list[Model], FloatArray]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from dlo_ros.identification.batched_forecast import Varied
 from dlo_ros.identification.residual_information import data_information
-from dlo_ros.inference.forecast import Forecast
+from dlo_ros.inference.forecast import Forecast, compared
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.simulation import RECHECK_RATIO, Simulation
@@ -140,14 +140,14 @@ class Run:
     Args:
         at: the problem that it linearises.
         simulation: with sensitivities to ln (E, mu, c, t_r), started.
-        white: from control points to the coefficients of `Forecast.residual`, shape (n, n).
+        unit: see `Manipulation.noise_unit`.
         error: the simulation's own error, over L.
         residuals, derivatives, predicted, stamps: of each observation, as in `Forecast`.
     """
 
     at: Linearised
     simulation: Simulation
-    white: FloatArray
+    unit: float | None
     error: float
     residuals: list[FloatArray] = field(default_factory=list)
     derivatives: list[FloatArray] = field(default_factory=list)
@@ -169,25 +169,33 @@ class Run:
         first = [self.simulation.prediction()] if observations[0].stamp == now else []
         later = [o.stamp for o in observations[len(first) :]]
         predictions = first + (self.simulation.advance_through(later) if later else [])
-        for observation, prediction in zip(observations, predictions, strict=True):
-            assert prediction.sensitivity is not None
-            gap = observation.control_points[:, :3] - prediction.control_points[:, :3]
-            self.residuals.append(self.white @ gap)
-            self.derivatives.append(self.white @ prediction.sensitivity)
-            self.predicted.append(prediction.control_points)
-            self.stamps.append(observation.stamp)
-            self.at.add(self.residuals[-1], self.derivatives[-1])
+        found = compared(
+            observations,
+            np.array([p.control_points for p in predictions]),
+            np.array([p.sensitivity for p in predictions]),
+            self.simulation.published,
+            self.simulation.model.basis.spans,
+            self.error,
+            unit=self.unit,
+        )
+        self._take(found)
+
+    def _take(self, found: Forecast) -> None:
+        assert found.derivative is not None
+        self.residuals += list(found.residual)
+        self.derivatives += list(found.derivative)
+        self.predicted += list(found.predicted)
+        self.stamps += [int(s) for s in found.stamps]
+        for residual, derivative in zip(found.residual, found.derivative, strict=True):
+            self.at.add(residual, derivative)
 
     @classmethod
-    def after(cls, theta: FloatArray, found: Varied, white: FloatArray, error: float) -> Run:
+    def after(
+        cls, theta: FloatArray, numbers: int, found: Varied, unit: float | None, error: float
+    ) -> Run:
         """The run that has made a forecast."""
-        known = found.forecast
-        assert known.derivative is not None
-        run = cls(Linearised(theta, 2 * len(white)), found.simulation, white, error)
-        run.residuals, run.derivatives = list(known.residual), list(known.derivative)
-        run.predicted, run.stamps = list(known.predicted), [int(s) for s in known.stamps]
-        for residual, derivative in zip(run.residuals, run.derivatives, strict=True):
-            run.at.add(residual, derivative)
+        run = cls(Linearised(theta, numbers), found.simulation, unit, error)
+        run._take(found.forecast)
         return run
 
     def power_until(self, stamp: int) -> float:

@@ -39,7 +39,8 @@ from dlo_ros.identification.estimate import (
 from dlo_ros.identification.online.linearised_model import Judgement, Known, Linearised, Run
 from dlo_ros.identification.online.online_force_scale import Forces
 from dlo_ros.identification.online.rival_branches import best_rival
-from dlo_ros.inference.forecast import Manipulation, whitening
+from dlo_ros.inference.forecast import Manipulation
+from dlo_ros.inference.observation_operator import noise_unit
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.boundary.shape_orientation import along
@@ -87,7 +88,6 @@ class OnlineEstimator:
         clock: Callable[[], float] = time.thread_time,
     ) -> None:
         self._initial = searchable(settings)
-        self._white = whitening(settings.rod.control_points, settings.rod.length)
         self._numbers = 2 * settings.rod.control_points
         self._motion = Motion()
         self._worker = Worker(budget, clock)
@@ -98,6 +98,7 @@ class OnlineEstimator:
         self._guess = logarithms(self._initial)
         self._passed = self._guess[:2]  # what the running simulation is known to have
         self._past: list[Observation] = []
+        self._unit: float | None = None  # of measured points, by the first picture that has some
         self._anchor: Simulation | None = None  # where the window starts, once it has moved
         self._judgement: Judgement | None = None
         self._run: Run | None = None
@@ -130,7 +131,8 @@ class OnlineEstimator:
         """What was imposed and seen since the start; None once its beginning has been let go."""
         if self._anchor is not None:
             return None
-        return Manipulation("the present motion", tuple(self._motion.commands), tuple(self._past))
+        commands, past = tuple(self._motion.commands), tuple(self._past)
+        return Manipulation("the present motion", commands, past, noise_unit=self._unit)
 
     def set_command(self, command: Command) -> None:
         """Take an imposed motion; past observations it bears on are judged anew with it."""
@@ -164,6 +166,8 @@ class OnlineEstimator:
         if late and observation.stamp < self._past[0].stamp:
             return  # from before the window: its place is gone
         self._past.append(observation)
+        if self._unit is None:
+            self._unit = noise_unit([observation], self._initial.rod.length)
         if late:
             self._past.sort(key=lambda o: o.stamp)
             return  # it counts from the next relinearisation on
@@ -241,11 +245,11 @@ class OnlineEstimator:
             if past is not None:
                 found = yield from short(varied_in_pieces(past, settings, spans, None, AT_ONCE))
                 if found is not None:
-                    run = Run.after(theta, found, self._white, error)
+                    run = Run.after(theta, self._numbers, found, self._unit, error)
             if run is None:
                 simulation = yield from self._started(settings, spans)
                 problem = Linearised(theta, self._numbers)
-                run = Run(problem, simulation, self._white, error)
+                run = Run(problem, simulation, self._unit, error)
             yield from self._catch_up(run)
             return run
         except SimulationError as err:
@@ -397,6 +401,6 @@ class OnlineEstimator:
         self._past = []
         self._anchor = run.simulation.fork(with_logarithms(self._initial, theta))
         simulation = self._anchor.fork(self._anchor.settings)
-        self._adopt(Run(Linearised(theta, self._numbers), simulation, self._white, run.error))
+        self._adopt(Run(Linearised(theta, self._numbers), simulation, self._unit, run.error))
         self._worker.drop()
         self._pending, self._retry = [], 0

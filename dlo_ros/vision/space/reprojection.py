@@ -21,8 +21,8 @@ from scipy.linalg import cho_factor, cho_solve
 
 from dlo_ros.errors import VisionError
 from dlo_ros.spline import FloatArray, SplineBasis
+from dlo_ros.spline_table import BasisTable
 from dlo_ros.vision.segmentation.picture_strip import Mask
-from dlo_ros.vision.space.basis_table import BasisTable
 from dlo_ros.vision.space.normal_equations import NormalEquations, rows_of
 from dlo_ros.vision.space.spatial_result import SpaceFit
 from dlo_ros.vision.space.view import View

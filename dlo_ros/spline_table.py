@@ -15,7 +15,7 @@ PER_SPAN = 100  # rows of the table in a knot span: interpolated they are right 
 
 @dataclass(frozen=True, eq=False)
 class BasisTable:
-    """A basis and its slope at equal steps of u, and what else the fit in space needs of it.
+    """A basis and its slope at equal steps of u, and at a few places more.
 
     Args:
         basis: of k control points.
@@ -34,7 +34,7 @@ class BasisTable:
     end_slopes: FloatArray
 
     @staticmethod
-    @lru_cache(maxsize=8)
+    @lru_cache(maxsize=16)
     def of(basis: SplineBasis) -> BasisTable:
         """The table of a basis, kept."""
         u = np.linspace(0.0, basis.length, PER_SPAN * basis.spans + 1)
