@@ -34,7 +34,7 @@ def parameter_blocks(path: Path) -> list[dict[Any, Any]]:
     return blocks
 
 
-def read_parameter_file(path: Path) -> dict[str, Any]:
+def parameter_values(path: Path) -> dict[str, Any]:
     """Dotted names and raw values of a ROS 2 parameter file, all node sections merged.
 
     Raises:
@@ -43,6 +43,16 @@ def read_parameter_file(path: Path) -> dict[str, Any]:
     values: dict[str, Any] = {}
     for block in parameter_blocks(path):
         _flatten("", block, values)
+    return values
+
+
+def read_parameter_file(path: Path) -> dict[str, Any]:
+    """As `parameter_values`; names that look like mistakes are told.
+
+    Raises:
+        ParameterError: see `parameter_blocks`.
+    """
+    values = parameter_values(path)
     groups = {name.split(".")[0] for name in TABLE if "." in name}
     for name in values:
         if name in TABLE or name.startswith(PREFIX) or of_cameras(name):

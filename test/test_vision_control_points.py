@@ -1,6 +1,7 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The number of control points: what a spline says of points that it was not fitted to."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -9,8 +10,11 @@ from test_vision_photo import write_bag
 from vision_scenes import LENGTH, Scene, bow, clamps, loop, render, settings
 
 from dlo_ros.cli import main as cli
+from dlo_ros.cli.control_points import with_control_points
+from dlo_ros.cli.observe import observe_recording
 from dlo_ros.errors import VisionError
 from dlo_ros.observation import CentrelinePoints
+from dlo_ros.parameters import Settings
 from dlo_ros.recordings import read_recording
 from dlo_ros.spline import SplineBasis
 from dlo_ros.vision import Observer
@@ -123,3 +127,54 @@ def test_observe_refuses_what_is_no_number(tmp_path, capsys):
     words = ["observe", "--params", str(tmp_path / "params.yaml"), "--control-points", "many"]
     assert cli.main([*words, "--output", str(tmp_path / "out"), str(tmp_path / "bag")]) == 2
     assert "rod.control_points is 'many'" in capsys.readouterr().err
+
+
+def without_number(path, known):
+    """The parameter file of settings that does not say how many control points there are."""
+    lines = [line for line in known.text().splitlines() if "control_points" not in line]
+    path.write_text("\n".join(lines) + "\n")
+    assert Settings.load(path).rod.control_points == 10
+
+
+def test_where_the_file_has_no_number_the_images_choose_it(tmp_path, capsys):
+    scene, xz = Scene(), bow()
+    params = tmp_path / "params.yaml"
+    without_number(params, settings(scene, 6))
+    write_bag(tmp_path / "bag", scene, [render(xz, scene)] * 2, clamps(xz).commands[0])
+    words = ["observe", "--params", str(params), "--output"]
+    assert cli.main([*words, str(tmp_path / "out"), str(tmp_path / "bag")]) == 0
+    found = re.search(r"(\d+) control points by cross-validation", capsys.readouterr().out)
+    n = int(found[1])
+    assert 11 <= n <= 40
+    # The other tools take the number of what was observed.
+    known = Settings.load(params)
+    taken = with_control_points(known, params, [tmp_path / "out"], observe_recording)
+    assert taken.rod.control_points == n
+    (first, _) = read_recording(tmp_path / "out", taken).observations
+    assert len(first.control_points) == n
+    # A number that is given stays, as does the default where no bag tells.
+    settings(scene, 7).dump(tmp_path / "given.yaml")
+    given = Settings.load(tmp_path / "given.yaml")
+    bags = [tmp_path / "nothing", tmp_path / "out"]
+    assert with_control_points(given, tmp_path / "given.yaml", bags, observe_recording) == given
+    assert with_control_points(known, params, bags[:1], observe_recording) == known
+
+
+def test_a_command_that_names_control_points_keeps_their_number(tmp_path):
+    scene, xz = Scene(), bow()
+    params = tmp_path / "params.yaml"
+    without_number(params, settings(scene, 10))
+    held = replace(clamps(xz, 10).commands[0], names=("start", "control_point_10"))
+    write_bag(tmp_path / "bag", scene, [render(xz, scene)], held)
+    known = Settings.load(params)
+    assert with_control_points(known, params, [tmp_path / "bag"], observe_recording) == known
+
+
+def test_images_without_a_dlo_leave_the_default(tmp_path, capsys):
+    scene = Scene()
+    params = tmp_path / "params.yaml"
+    without_number(params, settings(scene))
+    write_bag(tmp_path / "bag", scene, [np.full((540, 960, 3), 200, np.uint8)])
+    words = ["observe", "--params", str(params), "--output"]
+    assert cli.main([*words, str(tmp_path / "out"), str(tmp_path / "bag")]) == 2
+    assert "no image shows a credible DLO" in capsys.readouterr().err

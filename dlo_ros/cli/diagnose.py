@@ -41,7 +41,7 @@ def run(arguments: argparse.Namespace) -> int:
     Raises:
         DloError: an input or the output is unusable.
     """
-    settings = load_settings(arguments)
+    settings = load_settings(arguments, [*arguments.bags, *arguments.holdout])
     output: Path = arguments.output
     check_results_folder(output)
     if arguments.workers < 0:

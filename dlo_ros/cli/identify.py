@@ -90,7 +90,7 @@ def run(arguments: argparse.Namespace) -> int:
     Raises:
         DloError: an input or the output is unusable.
     """
-    settings = load_settings(arguments)
+    settings = load_settings(arguments, [*arguments.bags, *arguments.validate])
     output: Path = arguments.output
     check_results_folder(output)
     for name in ("sample", "bootstrap"):

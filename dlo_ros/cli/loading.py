@@ -7,7 +7,7 @@ import argparse
 import json
 import logging
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,6 +15,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 
+from dlo_ros.cli.control_points import with_control_points
 from dlo_ros.cli.observe import observe_recording
 from dlo_ros.cli.observe_points import ObservedPoints, observe_points
 from dlo_ros.cli.observe_space import ObservedFrame
@@ -47,13 +48,18 @@ def add_model_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def load_settings(arguments: argparse.Namespace) -> Settings:
+def load_settings(arguments: argparse.Namespace, bags: Sequence[Path] = ()) -> Settings:
     """The parameter file, with what the command line overrides.
+
+    Args:
+        arguments: of the command line.
+        bags: that tell the number of control points where the file does not.
 
     Raises:
         ParameterError: the file is unusable.
     """
     settings = Settings.load(arguments.params)
+    settings = with_control_points(settings, arguments.params, bags, observe_recording)
     if arguments.start is None:
         return settings
     return replace(settings, simulation=replace(settings.simulation, start=arguments.start))

@@ -15,6 +15,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from dlo_ros.cli.control_points import CHOSEN_BY, chosen, with_control_points
 from dlo_ros.cli.observe_points import observe_points_bag
 from dlo_ros.cli.observe_space import ObservedFrame, observe_together, watches_space
 from dlo_ros.cli.progress import progress_bar
@@ -33,7 +34,6 @@ from dlo_ros.recordings.several import count_images
 from dlo_ros.recordings.write import BagWriter, copy_topics
 from dlo_ros.vision.camera.pinhole import Camera
 from dlo_ros.vision.fit.control_point_count import (
-    choose_control_points,
     enough_control_points,
     follows,
 )
@@ -46,8 +46,6 @@ from dlo_ros.vision.segmentation.user_hints import Hints
 LOG = logging.getLogger(__name__)
 
 BAG_SUFFIXES = (".mcap", ".db3")
-MOST_CONTROL_POINTS = 60  # with which shapes are looked at before their number is chosen
-CHOSEN_BY, CHOSEN_EVERY = 20, 3  # images that choose it, and every how many one is taken
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -73,7 +71,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--control-points",
         metavar="N",
         help="bag only: control points of the splines instead of rod.control_points; "
-        "'auto' chooses them by cross-validation",
+        "'auto' chooses them by cross-validation, as is done where the file does not say",
     )
     parser.add_argument("--force", action="store_true", help="replace an existing bag")
 
@@ -100,7 +98,11 @@ def run(arguments: argparse.Namespace) -> int:
                 "are for images"
             )
         return observe_points_bag(bags[0], settings, arguments.output, force=arguments.force)
-    if arguments.control_points is not None:
+    if arguments.control_points is None:
+        settings = with_control_points(
+            settings, arguments.params, bags, observe_recording, anew=True
+        )
+    else:
         settings = _with_control_points(bags[0], settings, arguments.control_points)
     return _observe_bag(
         bags[0], settings, arguments.output, arguments.overlays, force=arguments.force
@@ -123,20 +125,11 @@ def _with_control_points(path: Path, settings: Settings, wanted: str) -> Setting
     if wanted != "auto":
         flat = {**settings.flat(), "rod.control_points": wanted}
         return Settings.from_mapping(flat)
-    many = replace(settings, rod=replace(settings.rod, control_points=MOST_CONTROL_POINTS))
-    needed: list[int] = []
-    for number, frame in enumerate(observe_recording(path, many)):
-        points = None if frame.result is None else frame.result.observation.points
-        if points is not None and number % CHOSEN_EVERY == 0:
-            needed.append(choose_control_points(points, settings.rod.length))
-        if number >= CHOSEN_EVERY * CHOSEN_BY:
-            break
-    if not needed:
+    number = chosen(path, settings, observe_recording)
+    if number is None:
         raise InputError(f"{path}: no image shows a credible DLO to choose control points by")
-    # Shapes still to come may be a little more bent than those looked at.
-    chosen = max(needed) + 1
-    print(f"{chosen} control points by cross-validation; set rod.control_points to {chosen}")
-    return replace(settings, rod=replace(settings.rod, control_points=chosen))
+    print(f"{number} control points by cross-validation; set rod.control_points to {number}")
+    return replace(settings, rod=replace(settings.rod, control_points=number))
 
 
 def observe_recording(

@@ -75,7 +75,8 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError("--estimate is for the band of --command; BAG has none")
     if arguments.command is not None and arguments.start is not None:
         raise InputError("--start is for BAG; with --command the DLO starts at rest")
-    settings = load_settings(arguments)
+    bags = [] if arguments.bag is None else [arguments.bag]
+    settings = load_settings(arguments, bags)
     return _try(arguments, settings) if arguments.bag is None else _follow(arguments, settings)
 
 

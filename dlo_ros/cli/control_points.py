@@ -1,0 +1,102 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""How many control points splines have where a parameter file does not say.
+
+A bag with observed splines has them already. Of images, cross-validation chooses them. Where a
+command names control points beyond the outer two of either end, their number is part of the names
+and stays that of interface.md.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+
+from dlo_ros.cli.observe_space import ObservedFrame
+from dlo_ros.command import CONTROL_POINT
+from dlo_ros.errors import DloError, VisionError
+from dlo_ros.parameter_file import parameter_values
+from dlo_ros.parameters import Settings
+from dlo_ros.recordings import topics
+from dlo_ros.recordings.bag import Bag, deserialise, open_bag
+from dlo_ros.vision.fit.control_point_count import choose_control_points
+
+NAME = "rod.control_points"
+MOST_CONTROL_POINTS = 60  # with which shapes are looked at before their number is chosen
+CHOSEN_BY, CHOSEN_EVERY = 20, 3  # images that choose it, and every how many one is taken
+
+Observe = Callable[[Path, Settings], Iterable[ObservedFrame]]
+
+
+def with_control_points(
+    settings: Settings, params: Path, bags: Sequence[Path], observe: Observe, *, anew: bool = False
+) -> Settings:
+    """The settings, with a number of control points that suits the bags where the file has none.
+
+    Args:
+        settings: of the parameter file.
+        params: the parameter file.
+        bags: the first that tells decides.
+        observe: runs the observer on a bag's images.
+        anew: whether the bags are observed again, so that splines in them do not count.
+    """
+    if not bags or NAME in parameter_values(params):
+        return settings
+    for path in bags:
+        with suppress(DloError):  # what is wrong with a bag is told where it is read
+            number = _of_bag(path, settings, observe, anew=anew)
+            if number is not None:
+                return replace(settings, rod=replace(settings.rod, control_points=number))
+    return settings
+
+
+def _of_bag(path: Path, settings: Settings, observe: Observe, *, anew: bool) -> int | None:
+    with open_bag(path) as bag:
+        for raw in bag.messages([] if anew else bag.find(topics.OBSERVED)):
+            poses = len(getattr(deserialise(raw), "poses", ()))
+            if poses:
+                return poses
+        images = bag.holds(topics.IMAGE) or bag.holds(topics.COMPRESSED)
+        if not images or _named(bag):
+            return None
+    number = chosen(path, settings, observe)
+    if number is not None:
+        print(f"{path}: {number} control points by cross-validation, since {NAME} is not given")
+    return number
+
+
+def _named(bag: Bag) -> bool:
+    """Whether a command names a control point whose place depends on their number."""
+    counted = re.compile(rf"{CONTROL_POINT}(\d+)")
+    for raw in bag.messages(bag.find(topics.COMMAND)):
+        for name in getattr(deserialise(raw), "joint_names", ()):
+            found = counted.fullmatch(str(name))
+            if found and int(found[1]) > 2:
+                return True
+    return False
+
+
+def chosen(path: Path, settings: Settings, observe: Observe) -> int | None:
+    """The number that cross-validation chooses by a bag's images; None where none shows the DLO.
+
+    Args:
+        path: the bag.
+        settings: of the observer.
+        observe: runs it.
+
+    Raises:
+        DloError: the bag is unusable.
+    """
+    many = replace(settings, rod=replace(settings.rod, control_points=MOST_CONTROL_POINTS))
+    needed: list[int] = []
+    for number, frame in enumerate(observe(path, many)):
+        points = None if frame.result is None else frame.result.observation.points
+        if points is not None and number % CHOSEN_EVERY == 0:
+            with suppress(VisionError):
+                needed.append(choose_control_points(points, settings.rod.length))
+        if number >= CHOSEN_EVERY * CHOSEN_BY:
+            break
+    # Shapes still to come may be a little more bent than those looked at.
+    return max(needed) + 1 if needed else None
