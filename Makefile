@@ -90,12 +90,12 @@ field: $(COMPILED)
 
 # What the observer finds in rendered pictures, COUNT of each set from seed FIRST.
 observer: $(COMPILED)
-	$(BIN)/python test/vision_ends.py $(or $(COUNT),40) $(or $(FIRST),0)
-	$(BIN)/python test/vision_space_accuracy.py 4 $(or $(FIRST),0)
-	$(BIN)/python test/vision_space_accuracy.py 1 $(or $(FIRST),0) --late 8
-	$(BIN)/python test/vision_space_accuracy.py 2 $(or $(FIRST),0) --depth
+	$(BIN)/python test/support/vision_ends.py $(or $(COUNT),40) $(or $(FIRST),0)
+	$(BIN)/python test/support/vision_space_accuracy.py 4 $(or $(FIRST),0)
+	$(BIN)/python test/support/vision_space_accuracy.py 1 $(or $(FIRST),0) --late 8
+	$(BIN)/python test/support/vision_space_accuracy.py 2 $(or $(FIRST),0) --depth
 	@for set in "issue" "issue --ends none" other "other --ends none" "dark --ends start" "cell --ends start" absent; do \
-		echo "set $$set"; $(BIN)/python test/vision_stress.py $(or $(COUNT),40) $(or $(FIRST),0) --set $$set || exit 1; \
+		echo "set $$set"; $(BIN)/python test/support/vision_stress.py $(or $(COUNT),40) $(or $(FIRST),0) --set $$set || exit 1; \
 	done
 
 # The documentation as pages, build/docs/index.html; a warning is an error.
@@ -112,15 +112,15 @@ reference: $(INSTALLED)
 fuzz: $(COMPILED)
 	DLO_FUZZ_MESSAGES=$(or $(MESSAGES),100000) DLO_FUZZ_FILES=$(or $(FILES),400) \
 		DLO_WIRE_PAYLOADS=$(or $(PAYLOADS),3000) \
-		$(BIN)/python -m pytest -s -m "" test/test_fuzz_nodes.py test/test_wire.py test/test_fuzz_files.py
+		$(BIN)/python -m pytest -s -m "" test/nodes/test_fuzz_nodes.py test/nodes/test_wire.py test/recordings/test_fuzz_files.py
 
 # Live nodes, with messages lost, late, doubled, nodes killed, clocks that jump.
 faults: $(COMPILED)
-	$(BIN)/python -m pytest -s --durations=0 -m "" test/test_faults.py
+	$(BIN)/python -m pytest -s --durations=0 -m "" test/nodes/test_faults.py
 
 # HOURS of simulated time, at most MINUTES of wall time: memory, lag and queues must not grow.
 soak: $(COMPILED)
-	$(BIN)/python test/soak.py --hours $(or $(HOURS),2) --minutes $(or $(MINUTES),120) \
+	$(BIN)/python test/support/soak.py --hours $(or $(HOURS),2) --minutes $(or $(MINUTES),120) \
 		--output build/soak.csv
 
 # Lines and branches of the package that the ordinary tests run; build/coverage/index.html.
@@ -151,12 +151,12 @@ test-quick: $(COMPILED)
 
 # Needs chromium or google-chrome on PATH.
 test-report: $(COMPILED)
-	$(BIN)/python -m pytest -m browser test/test_browser.py test/test_report.py
+	$(BIN)/python -m pytest -m browser test/report/test_browser.py test/report/test_report.py
 
 # Exported cables in the simulators themselves, which are installed beside ours.
 test-export: $(COMPILED)
 	$(BIN)/pip install --quiet --no-build-isolation --editable '.[export,parquet]' 'usd-core>=24.8'
-	$(BIN)/python -m pytest test/test_export.py test/test_export_formats.py test/test_export_mujoco.py test/test_import_export.py
+	$(BIN)/python -m pytest test/export/test_export.py test/export/test_export_formats.py test/export/test_export_mujoco.py test/recordings/test_import_export.py
 
 test-slow: $(COMPILED)
 	$(BIN)/python -m pytest -m slow

@@ -138,7 +138,7 @@ def installed(tmp_path_factory):
 
 def told(program, installed):
     """Lines that a program prints which finds the example installed."""
-    paths = [str(ROOT), str(installed), str(ROOT / "test")]
+    paths = [str(ROOT), str(installed), str(ROOT / "test" / "support")]
     done = subprocess.run(
         [sys.executable, "-c", f"import sys; sys.path[:0] = {paths!r}\n{program}"],
         capture_output=True, text=True, cwd=ROOT,

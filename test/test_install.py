@@ -140,7 +140,7 @@ sys.meta_path.insert(0, NoRos())
 def test_a_plain_pytest_and_colcon_leave_out_what_takes_minutes_and_a_browser():
     """`colcon test` calls pytest without a selection, and measures coverage where an extra named
     `test` asks for the plugin."""
-    listed = (sys.executable, "-m", "pytest", "--collect-only", "-q", "test/test_report.py")
+    listed = (sys.executable, "-m", "pytest", "--collect-only", "-q", "test/report/test_report.py")
     usual, minutes = (run(*listed, *more, cwd=ROOT) for more in ((), ("-m", "slow")))
     assert "test_report.py::" in usual and "deselected" in usual
     slow = {line for line in minutes.splitlines() if "::" in line}

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 HELPERS = {"live_graph", "fuzz_graph", "fault_rig"}  # these start nodes
-TESTS = sorted(Path(__file__).parent.glob("test_*.py"))
+TESTS = sorted(Path(__file__).parent.rglob("test_*.py"))
 
 
 def imported(tree: ast.Module) -> set[str]:
@@ -33,4 +33,9 @@ def test_modules_that_start_nodes_are_live(path: Path) -> None:
 
 
 def test_helpers_exist() -> None:
-    assert all((Path(__file__).parent / f"{name}.py").is_file() for name in HELPERS)
+    assert all((Path(__file__).parent / "support" / f"{name}.py").is_file() for name in HELPERS)
+
+
+@pytest.mark.parametrize("path", TESTS, ids=lambda p: p.stem)
+def test_what_tests_share_is_in_support(path: Path) -> None:
+    assert not [name for name in imported(ast.parse(path.read_text())) if name.startswith("test_")]

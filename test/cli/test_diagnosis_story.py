@@ -1,0 +1,234 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""What a person reads first of a diagnosis: how wrong, why, what is gained, and the set-up."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from diagnoses import KNOWN, found
+from html_check import checked
+
+from dlo_ros.cli.diagnosis_output import WIDTH, report, summary
+from dlo_ros.cli.diagnosis_story import headline, setup_lines, story
+from dlo_ros.cli.diagnosis_words import amount, clause, label, off_by, percent, title, values
+from dlo_ros.diagnosis import Fitted, Gain, NamedEffect, Number, SetupNumber
+from dlo_ros.effects import effects
+from dlo_ros.report.diagnosis import diagnosis_page
+from dlo_ros.report.elements import measured
+
+DEGREE = np.pi / 180.0
+LENGTH = KNOWN.rod.length
+MASS = NamedEffect(
+    "point_mass",
+    {"mass": Number(0.0312, 0.0021, "kg"), "position": Number(0.25, 0.004, "m")}, (), 0.71,
+)  # fmt: skip
+SETUP = {
+    "clamp_angle.start": SetupNumber(2.1 * DEGREE, 0.4 * DEGREE, 3.0 * DEGREE, "rad"),
+    "camera_scale.ratio": SetupNumber(1.004, 0.001, 0.005, ""),
+    "clamp_offset.start[0]": SetupNumber(1e-4, 1e-3, 2e-3, "m"),
+    "clamp_offset.start[1]": SetupNumber(1e-4, 1e-3, 2e-3, "m"),
+    "gravity_tilt.angle": SetupNumber(0.001, 0.01, DEGREE, "rad"),
+}
+
+
+def case(verdict="explained", causes=(MASS,), before=2.4e-3, after=0.63e-3, **changes):
+    """A diagnosis with the sizes of a real one."""
+    made = found()
+    block = {"point_mass": {"mass": 0.03, "position": 0.25}} if causes or changes else {}
+    numbers = (1e7, None), (2000.0, 20.0), (5e3, 12.0)
+    return replace(
+        made, verdict=verdict, effects=tuple(causes), noise_floor=1e-4, material_err=2e-4,
+        baseline=Fitted(KNOWN, *numbers, before, before),
+        extended=Fitted(KNOWN.with_effects(block), *numbers, after, after),
+        gain=Gain(0.74, 0.6, 0.81), **changes,
+    )  # fmt: skip
+
+
+def answers(made):
+    return [" ".join(a.answer) for a in story(made, LENGTH, "extended.yaml").answers]
+
+
+def test_how_wrong_why_and_what_is_gained():
+    wrong, why, gain = answers(case())
+    assert "2.4 mm off on average (0.60 % of the length), on data that were not used" in wrong
+    assert "0.10 mm off; less than 0.20 mm does not matter" in wrong
+    assert why == (
+        "Certain: a mass is fixed to the DLO (mass 31 +- 2 g, at u = 250 +- 4 mm). "
+        "It accounts for 71 % of the simulation's error."
+    )
+    assert "2.4 mm before, 0.63 mm after, 74 % less (95 % interval 60 to 81 %)" in gain
+    assert "still more than the 0.20 mm that do not matter" in gain
+    assert "still more" not in answers(case(after=1.5e-4))[2]
+    assert "Load extended.yaml" in gain and "5000 +- 12 m^2/s^2" in gain
+
+
+def test_a_cause_that_changes_nothing_on_other_data_is_told_as_that():
+    (_, why, _) = answers(case(causes=[replace(MASS, share=0.0)]))
+    assert why.endswith("On data that were not used the simulation is as near without it.")
+
+
+def test_rivals_are_told_as_one_of_them():
+    (_, why, _) = answers(case(causes=[replace(MASS, rivals=("constant_force", "clamp_angle"))]))
+    assert why.startswith("One of these three is certain, and the data cannot tell which: a mass")
+    assert "or an even force, such as a draught" in why
+    assert "Certain:" not in why
+
+
+def test_what_nothing_explains_is_told_as_that():
+    made = case("unexplained")
+    assert headline(made).endswith("this is part of why: mass on the DLO.")
+    assert (
+        "The remaining error (0.63 mm) is explained by no cause that is known here."
+        in answers(made)[1]
+    )
+    bare = case("unexplained", causes=())
+    assert headline(bare).endswith("no cause that is known here is certain.")
+    assert "The error (2.4 mm) is explained by no cause" in answers(bare)[1]
+    assert "Nothing is added" in answers(bare)[2]
+    fitted = case("unexplained", causes=(), setup=SETUP)
+    told = answers(fitted)[1]
+    assert "the set-up within its tolerances explains a part. The rest (0.63 mm) is" in told
+    assert "it holds the set-up as fitted" in answers(fitted)[2]
+
+
+def test_adequate_says_whether_it_is_as_good_as_matters():
+    assert "agrees with the recordings; it is 0.15 mm" in headline(case("adequate", (), 1.5e-4))
+    assert "no cause" in headline(case("adequate", (), 4e-3))
+    tolerated = case("adequate", (), 4e-3, setup=SETUP)
+    assert "4.0 mm off, for a set-up that is a little off" in headline(tolerated)
+    assert "within twice its tolerance: see the table" in answers(tolerated)[1]
+    assert "and for mass on the DLO" in headline(case("adequate", setup=SETUP))
+
+
+def test_one_pose_has_no_interval():
+    gain = answers(replace(case(), gain=Gain(0.74, 0.74, 0.74)))[2]
+    assert "74 % less." in gain and "interval" not in gain
+
+
+def test_many_rivals_are_counted_in_the_headline():
+    rivals = ("constant_force", "clamp_angle", "plasticity")
+    assert "mass on the DLO (or one of 3 others)" in headline(
+        case(causes=[replace(MASS, rivals=rivals)])
+    )
+
+
+def test_no_gain_is_no_gain():
+    made = replace(case(after=3e-3), gain=Gain(-0.25, -0.3, -0.2))
+    assert "nothing is gained" in answers(made)[2]
+
+
+def test_what_cannot_be_simulated_is_no_number():
+    made = case(before=None)
+    assert headline(made).startswith("The simulation is off, and this is why")
+    assert "cannot be simulated" in answers(made)[0]
+
+
+def test_where_and_when():
+    made = case()
+    (view,) = made.views
+    before = view.observed.copy()
+    before[:, -2:, 2] += 0.01  # at the free end
+    err = np.full(len(view.times), 1e-3)
+    err[7] = 9e-3
+    first = replace(view, name="swing", before=before, err_before=err)
+    second = replace(view, name="rest", err_before=np.full(len(err), 1e-3))
+    wrong = answers(replace(made, views=(second, first)))[0]
+    assert "most wrong near the end (at 400 of 400 mm from the start)" in wrong
+    assert f"worst in swing, {view.times[7]:.1f} s after the beginning: 9.0 mm" in wrong
+    even = replace(view, before=view.observed + 0.001)
+    wrong = answers(replace(made, views=(even,)))[0]
+    assert "about as wrong all along" in wrong and "It is worst" not in wrong
+
+
+def test_the_set_up_is_a_table_with_what_is_off_first():
+    made = case(setup=SETUP)
+    lines = setup_lines(made)
+    assert [line.name for line in lines[:2]] == [
+        "direction of a clamp, at the start",
+        "camera scale",
+    ]
+    assert [line.off for line in lines[:2]] == ["2.1 +- 0.4 degrees", "0.40 +- 0.10 %"]
+    assert lines[0].tolerance == "3.0 degrees" and lines[1].tolerance == "0.50 %"
+    assert [line.notable for line in lines] == [True, True, False, False, False]
+    text = summary(made, LENGTH, Path("build/diagnosis"))
+    rows = text[text.index("Your set-up, as far as the data tell") :]
+    assert rows[1].split() == ["what", "off", "by", "tolerance"]
+    assert rows[2].startswith("  direction of a clamp, at the start  2.1 +- 0.4 degrees")
+    assert rows[4] == "  3 other numbers are as they should be, as far as these data tell."
+
+
+@pytest.mark.parametrize("made", [case(), case(setup=SETUP), case("unexplained", ()), found()])
+def test_no_line_of_the_terminal_is_wider_than_a_screen(made):
+    lines = summary(made, LENGTH, Path("build/diagnosis"))
+    assert max(map(len, lines)) <= WIDTH
+    assert lines[0].startswith(f"{made.verdict}: ")
+    for question in ("How wrong is my simulation?", "Why?", "What do I gain?"):
+        assert question in lines
+    assert "build/diagnosis/extended.yaml" in "\n".join(lines)
+
+
+def test_the_page_begins_with_the_answers_and_ends_with_the_trace():
+    made = case(setup=SETUP)
+    page = diagnosis_page(report(made, KNOWN))
+    checked(page)
+    places = [
+        page.index(f">{words}")
+        for words in (
+            "How wrong is my simulation?", "Why?", "What do I gain?", "Where and when",
+            "The causes in numbers", "Your set-up, as far as the data tell", "What to record next",
+            "All that was tried",
+        )
+    ]  # fmt: skip
+    assert places == sorted(places)
+    assert "3 numbers that are not notably off" in page
+    assert "\N{PLUS-MINUS SIGN} 0.4 degrees" in page
+
+
+def test_a_single_shape_is_shown_along_the_rope():
+    made = found(frames=1)
+    page = diagnosis_page(report(made, KNOWN))
+    checked(page)
+    assert "distance [mm]" in page and "ERR [mm]" not in page
+    assert "ERR [mm]" in diagnosis_page(report(found(), KNOWN))
+
+
+def test_every_effect_says_what_it_is():
+    for name, effect in effects().items():
+        assert title(name) and clause(name)
+        if effect.__module__.startswith("dlo_ros"):
+            assert effect.title and effect.phrase, name
+            assert clause(name)[0].islower() and not clause(name).endswith(".")
+    assert title("not_known") == "not known" and "not known" in clause("not_known")
+
+
+@pytest.mark.parametrize(
+    ("told", "words"),
+    [
+        (amount(0.0312, 0.0021, "kg"), "31 +- 2 g"),
+        (amount(1.5, 0.2, "kg"), "1.5 +- 0.2 kg"),
+        (amount(0.0312, None, "m"), "31.2 +- unknown mm"),
+        (amount(0.02, 0.0013, "s"), "20.0 +- 1.3 ms"),
+        (off_by(0.5, 0.04, "stiff_segment", "ratio"), "-50 +- 4 %"),
+        (label("intrinsic_curvature.curvature[1]", 5), "curvature at rest, 2 of 5 along u"),
+        (label("clamp_offset.end[1]", 2), "place of a clamp, at the end, z"),
+        (label("gravity_tilt.angle"), "tilt of the board"),
+        (percent(0.999), "over 99 %"),
+        (percent(0.001), "under 1 %"),
+        (measured(12.3, 0.196, sparing=True), "12.3 +- 0.2"),
+        (measured(12.3, 0.15, sparing=True), "12.30 +- 0.15"),
+    ],
+)
+def test_numbers_are_those_of_a_person(told, words):
+    assert told == words
+
+
+def test_several_values_are_told_in_one_phrase():
+    curved = NamedEffect(
+        "intrinsic_curvature", {"curvature": Number((-0.5, 2.1), (0.2, 0.2), "1/m")}, ()
+    )
+    assert values(curved) == "curvature from -0.50 to 2.1 1/m, each +- 0.2"
+    graded = NamedEffect("stiffness_gradient", {"change": Number(0.866, 0.006, "")}, ())
+    assert values(graded) == "change 86.6 +- 0.6 %"
+    moved = NamedEffect("clamp_offset", {"end": Number((0.002, -0.001), (0.0004, 0.0003), "m")}, ())
+    assert values(moved) == "at the end x 2.0 +- 0.4 mm, z -1.0 +- 0.3 mm"

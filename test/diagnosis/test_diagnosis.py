@@ -1,0 +1,407 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Diagnosis: its linear algebra against dense answers, its decisions, and whole cases."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from diagnosis_candidates import KNOWN, candidate, evaluation
+from measured import swing
+from rods import PAPER
+
+from dlo_ros.diagnosis import diagnose
+from dlo_ros.diagnosis.findings import holdout
+from dlo_ros.diagnosis.findings.standard_manipulations import simulated, standard
+from dlo_ros.diagnosis.fitting.candidate_model import baseline, prior
+from dlo_ros.diagnosis.fitting.evaluation import evaluate
+from dlo_ros.diagnosis.fitting.initial_fit import begin
+from dlo_ros.diagnosis.fitting.levenberg_marquardt import Normal, fit, known, normal, total
+from dlo_ros.diagnosis.fitting.recording_noise import with_bias, with_noise
+from dlo_ros.diagnosis.fitting.worker_processes import Problem, workers
+from dlo_ros.diagnosis.proposals.candidate_effects import starts
+from dlo_ros.diagnosis.proposals.screening import alarm, screen
+from dlo_ros.diagnosis.residuals import residual_structure
+from dlo_ros.diagnosis.selection import verdict
+from dlo_ros.effects import effects
+from dlo_ros.errors import InputError
+from dlo_ros.identification import Manipulation
+from dlo_ros.inference.measured import measured
+from dlo_ros.inference.scene import scene
+from dlo_ros.observation import CentrelinePoints
+from dlo_ros.spline import SplineBasis
+
+pytestmark = pytest.mark.long
+
+
+def test_structure_is_what_repeats_and_not_the_noise():
+    rng = np.random.default_rng(1)
+    noise = [rng.normal(size=(300, 20)) for _ in range(3)]
+    assert abs(residual_structure.structure(noise)) < 0.15
+    slow = 0.8 * np.sin(np.linspace(0.0, 6.0, 300))[:, None]
+    assert residual_structure.structure([r + slow for r in noise]) == pytest.approx(
+        0.8 / 2**0.5, rel=0.1
+    )
+    assert residual_structure.chance(noise) < 0.25
+    short = [r[:4, :2] for r in noise]
+    assert residual_structure.chance(short) > residual_structure.chance(
+        noise
+    )  # few numbers may look like anything
+
+
+def test_score_is_the_predictive_likelihood_of_a_linear_model():
+    rng = np.random.default_rng(2)
+    model = baseline(KNOWN)
+    parameters = len(model.free)
+    jacobians = [rng.normal(size=(7, parameters, 3)) * 3.0 for _ in range(3)]
+    residuals = [rng.normal(size=(7, 3)) for _ in range(3)]
+    at = evaluation(residuals, jacobians)
+    centre, information = prior(model, KNOWN)
+    expected = 0.0
+    for k in range(3):
+        hessian, right = np.diag(information), information * (centre - model.theta())
+        for other in range(3):
+            if other != k:
+                j = jacobians[other].transpose(0, 2, 1).reshape(-1, parameters)
+                hessian, right = hessian + j.T @ j, right + j.T @ residuals[other].ravel()
+        j = jacobians[k].transpose(0, 2, 1).reshape(-1, parameters)
+        left = residuals[k].ravel() - j @ np.linalg.solve(hessian, right)
+        spread = np.eye(len(left)) + j @ np.linalg.solve(hessian, j.T)
+        expected += left @ np.linalg.solve(spread, left) + np.linalg.slogdet(spread)[1]
+    assert residual_structure.predictive_score(at, KNOWN) == pytest.approx(expected, rel=1e-6)
+
+
+def test_normal_equations_find_the_least_squares_answer():
+    rng = np.random.default_rng(3)
+    j, r = rng.normal(size=(5, 2, 4)), rng.normal(size=(5, 4))
+    step, left = normal(r, j).minimum()
+    dense = j.transpose(0, 2, 1).reshape(-1, 2)
+    answer, power, *_ = np.linalg.lstsq(dense, r.ravel(), rcond=None)
+    assert step == pytest.approx(answer)
+    assert left == pytest.approx(float(power[0]))
+    both = normal(r, j) + Normal(np.eye(2), np.zeros(2), 0.0).scaled(1e9)
+    assert np.abs(both.minimum()[0]).max() < 1e-6
+
+
+def test_parameters_are_packed_within_their_ranges():
+    model = baseline(KNOWN).extended(
+        "stiff_segment", {"centre": 0.1, "extent": 0.05, "ratio": 2.0}, ("centre", "ratio")
+    )
+    assert model.free[-2:] == ("effects.stiff_segment.centre", "effects.stiff_segment.ratio")
+    theta = model.theta()
+    assert theta[-1] == pytest.approx(np.log(2.0))
+    theta[-2:] = 99.0, np.log(3.0)
+    moved = model.at(theta)
+    assert moved.settings.effects["stiff_segment"]["ratio"] == pytest.approx(3.0)
+    assert moved.settings.effects["stiff_segment"]["centre"] == KNOWN.rod.length
+    assert moved.at_border() == ("effects.stiff_segment.centre",)
+    assert moved.without("stiff_segment").settings.effects == {}
+    assert moved.without("stiff_segment").free == baseline(KNOWN).free
+    patterned = baseline(KNOWN).extended(
+        "intrinsic_curvature", {"curvature": (0.0, 1.0)}, ("curvature",)
+    )
+    assert patterned.theta()[-2:] == pytest.approx([0.0, 1.0])
+    assert patterned.chain()[:2] == pytest.approx([1.0, 1.0])
+
+
+def test_every_effect_is_looked_for():
+    one = swing(PAPER, seconds=0.5)
+    shapes = np.array([o.control_points[:, :3] for o in one.observations])
+    found = scene(KNOWN, one.commands[0].names, [shapes])
+    names = {s.effect for s in starts(found)}
+    # Pegs: see test_contact_search.py; every set-up has some of the others.
+    assert names == set(effects()) - {"obstacle", "clamp_offset", "camera_shift", "anisotropy"}
+    assert found.clamps == ("start",)
+    # Damping that is a guess is fitted anyway, and cannot be exceeded.
+    guessed = starts(replace(found, clamps=(), known=()))
+    clamps = {"clamp_angle", "clamp_compliance"}
+    assert {s.effect for s in guessed} == names - clamps - {"air_drag", "internal_damping"}
+    assert not [s for s in starts(found, present=("point_mass",)) if s.effect == "point_mass"]
+
+
+def test_names_stand_beside_their_rivals():
+    rng = np.random.default_rng(4)
+    noise = [rng.normal(size=(60, 10))]
+    slow = np.sin(np.linspace(0.0, 6.0, 60))[:, None]
+    best = candidate(["gravity_tilt"], 0.1, 10.0, noise)
+    alike = candidate(["constant_force"], 0.12, 11.0, [noise[0] + 0.01 * slow])
+    worse = candidate(["clamp_angle"], 0.7, 900.0, [noise[0] + 1.0 * slow])
+    wrong = candidate(["obstacle"], 4.0, 5000.0, [noise[0] + 6.0 * slow])
+    found = verdict.explanations([wrong, worse, alike, best], verdict.limit(20.0))
+    assert [e.effects for e in found] == [("gravity_tilt",), ("constant_force",), ("clamp_angle",)]
+    decision = verdict.choose(found)
+    assert decision.verdict == "explained"
+    assert decision.rivals == (("constant_force",),)
+
+
+def test_an_explanation_must_hold_on_what_was_kept_aside():
+    noise = [np.random.default_rng(6).normal(size=(60, 10))]
+    first = verdict.Explanation(("obstacle",), candidate(["obstacle"], 0.1, 1.0, noise))
+    second = verdict.Explanation(("point_mass",), candidate(["point_mass"], 0.2, 2.0, noise))
+    errors = {"obstacle": 5e-3, "point_mass": 1e-3}
+
+    def kept_aside(c):
+        return errors[c.effect]
+
+    assert verdict.confirmed([first, second], 5e-3, kept_aside) == [second]
+    assert verdict.confirmed([first], 1e-3, kept_aside) == []  # worse than without it
+    assert verdict.confirmed([first], 5e-3, kept_aside) == [first]  # it does not show there
+    assert verdict.confirmed([first], None, lambda c: None) == []
+
+
+def test_rivals_of_a_pair_take_the_place_of_one():
+    noise = [np.random.default_rng(5).normal(size=(60, 10))]
+    best = candidate(["point_mass", "command_delay"], 0.1, 10.0, noise)
+    other = candidate(["point_mass", "internal_damping"], 0.1, 11.0, noise)
+    far = candidate(["obstacle", "plasticity"], 0.1, 12.0, noise)
+    found = verdict.explanations([best, other, far], 0.9)
+    assert verdict.choose(found).rivals == ((), ("internal_damping",))
+
+
+def test_a_plain_swing_is_adequate():
+    found = diagnose([swing(PAPER, seconds=1.0), swing(PAPER, seconds=1.0, seed=1)], KNOWN)
+    assert found.verdict == "adequate"
+    assert found.effects == ()
+    assert found.extended.settings.effects == {}
+    assert found.baseline.err_holdout == pytest.approx(found.noise_floor, rel=0.3)
+    assert found.baseline.specific_modulus[0] == pytest.approx(PAPER.rod.specific_modulus, rel=0.02)
+
+
+def test_noise_is_told_from_what_repeats():
+    manipulation = swing(PAPER, seconds=1.0, noise=3e-4)
+    beginning = begin([manipulation], KNOWN)
+    (recording,) = beginning.recordings
+    n = PAPER.rod.control_points
+    # 120 points of 0.3 mm each, of which a coefficient is a mean.
+    assert np.median(recording.noise[:n]) == pytest.approx(3e-4 / 120**0.5, rel=0.3)
+    assert beginning.error < 0.2 * 3e-4
+    assert total(beginning.at, KNOWN).hessian.shape == (4, 4)
+    assert known(beginning.at.model, KNOWN).power >= 0.0
+    again = fit(beginning.at, beginning.recordings, KNOWN, 2)
+    assert again.cost <= beginning.at.cost
+
+
+def test_standard_manipulations_can_be_simulated():
+    recording = measured(swing(PAPER, seconds=0.5), KNOWN)
+    made = standard(KNOWN, [recording])
+    assert len(made) == 6
+    for one in made:
+        shapes = [o.control_points for o in simulated(one, KNOWN).observations]
+        assert len(shapes) >= 5, one.words
+        length = np.sum(np.linalg.norm(np.diff(shapes[-1][:, :3], axis=0), axis=1))
+        assert length == pytest.approx(KNOWN.rod.length, rel=0.05), one.words
+
+
+def test_a_repeated_picture_counts_once():
+    one = swing(PAPER, seconds=0.2)
+    twice = tuple(o for o in one.observations for _ in range(3))
+    recording = measured(replace(one, observations=twice), KNOWN)
+    assert len(recording.times) == len(one.observations)
+
+
+def test_what_cannot_be_diagnosed_is_refused():
+    one = swing(PAPER, seconds=0.2)
+    with pytest.raises(InputError, match="no recording"):
+        diagnose([], KNOWN)
+    with pytest.raises(InputError, match="dlo/command"):
+        diagnose([Manipulation("bare", (), one.observations)], KNOWN)
+    with pytest.raises(InputError, match="dlo/observed"):
+        diagnose([Manipulation("blind", one.commands, ())], KNOWN)
+    other = replace(KNOWN, rod=replace(KNOWN.rod, control_points=12))
+    with pytest.raises(InputError, match="control_points"):
+        diagnose([one], other)
+
+
+def test_differences_of_sets_are_the_derivatives():
+    """In the plane derivatives come from sets simulated at once; held against the exact ones."""
+    settings = KNOWN
+    recording = replace(measured(swing(settings, seconds=0.6), settings), spans=14)
+    model = baseline(settings).extended("gravity_tilt", {"angle": 0.02}, ("angle",))
+    model = model.extended("intrinsic_curvature", {"curvature": 0.1}, ("curvature",))
+    cheap = evaluate(model, [recording], settings).jacobians
+    slipping = model.extended("camera_rotation", {"angle": 0.0}, ("angle",))  # not among the sets
+    exact = evaluate(slipping, [recording], settings).jacobians
+    assert cheap is not None and exact is not None
+    for k, name in enumerate(model.free):
+        apart = np.linalg.norm(cheap[0][:, k] - exact[0][:, k])
+        assert apart < 0.02 * np.linalg.norm(exact[0][:, k]), name
+
+
+def test_a_peg_that_is_hit_has_derivatives_of_a_sensible_size():
+    """Exact sensitivities through impacts grow beyond all bounds; differences answer to steps."""
+    one = swing(KNOWN, seconds=0.8)
+    recording = replace(measured(one, KNOWN), spans=14)
+    length = KNOWN.rod.length
+    peg = {"x": 0.45 * length, "z": -0.45 * length, "radius": 0.01}
+    model = baseline(KNOWN).extended("obstacle", peg, ("x", "z", "radius"))
+    at = evaluate(model, [recording], KNOWN)
+    assert at.jacobians is not None and np.isfinite(at.jacobians[0]).all()
+    moves = np.abs(at.jacobians[0]).max(axis=(0, 2)) * recording.noise.max()
+    assert (moves[4:6] < 3.0).all()  # metres per metre
+
+
+def test_a_step_stops_at_what_was_measured_and_the_rest_goes_on():
+    """With one unknown at its border the others take the least squares answer without it."""
+    hidden = replace(KNOWN, damping=replace(KNOWN.damping, air_drag=5.0 * KNOWN.damping.air_drag))
+    one = swing(hidden, seconds=1.0)
+    at = begin([one], KNOWN).at
+    found = at.model.settings
+    factor = np.exp(4.0 * KNOWN.damping.air_drag_std / KNOWN.damping.air_drag)
+    assert found.damping.air_drag < 1.0001 * factor * KNOWN.damping.air_drag
+    assert residual_structure.structure(at.residuals) > 2.0  # it is not explained away
+    # The rest is at its least squares answer with what has met its border left there.
+    equations = total(at, KNOWN)
+    inside = [
+        k for k, name in enumerate(at.model.free)
+        if name not in at.model.bounds or abs(equations.gradient[k]) < 1.0
+    ]  # fmt: skip
+    assert 0 in inside
+    rest = Normal(
+        equations.hessian[np.ix_(inside, inside)], equations.gradient[inside], equations.power
+    )
+    assert np.abs(rest.minimum()[0][0]) < 0.02
+
+
+@pytest.mark.slow
+def test_alarm_is_what_chance_promises():
+    recordings = [swing(KNOWN, seconds=1.2, seed=3)]
+    beginning = begin(recordings, KNOWN)
+    at = beginning.at
+    problem = Problem(beginning.recordings, KNOWN, beginning.recordings)
+    some = [s for s in starts(scene(at.model.settings, ["start"], at.predicted)) if s.neutral]
+    with workers(problem, 1) as team:
+        promise, chance = alarm(screen(team, at, some, lambda text, share: None))
+        shifted = replace(at, residuals=tuple(r + 1.5 for r in at.residuals))
+        more, _ = alarm(screen(team, shifted, some, lambda text, share: None))
+    assert 3.0 < chance < 200.0
+    assert promise < 2.0 * chance < more
+
+
+def missing(**errors):
+    """Candidates by the effects that they have, with ERR in the fit and on what is kept aside."""
+    noise = [np.random.default_rng(7).normal(size=(60, 10))]
+    return [
+        candidate(names.split("_and_") if names != "plain" else [], 1e3 * e, 1e6 * e, noise, e)
+        for names, e in errors.items()
+    ]
+
+
+def test_sure_is_what_nothing_can_do_without():
+    plain, *rest = missing(plain=9e-3, mass_and_drag=1e-3, mass=1.5e-3, drag=8e-3)
+
+    def kept_aside(c):
+        return c.at.err[0][0]
+
+    found, rivals = verdict.sure(plain, rest, kept_aside)
+    assert found.effects == ("mass",) and rivals == ((),)
+    assert found.candidate is rest[0]  # its numbers from where everything fits best
+    # What comes near without it stands beside it; too many of those, and nothing is certain.
+    beside = [*rest, *missing(tilt_and_drag=2e-3, tilt=2.2e-3)]
+    found, rivals = verdict.sure(plain, beside, kept_aside)
+    assert found.effects == ("mass",) and rivals == (("tilt",),)
+    assert verdict.sure(plain, [*beside, *missing(peg=2e-3, slip=2e-3)], kept_aside) is None
+    # The other effect of the best alone does nearly as well: no name for the first.
+    assert verdict.sure(plain, [*rest[:2], *missing(drag=2e-3)], kept_aside) is None
+    # Held against what is kept aside nothing else is excluded.
+    assert verdict.sure(plain, rest, lambda c: 1e-3) is None
+    far = missing(mass=8e-3)
+    assert verdict.sure(plain, far, kept_aside) is None
+
+
+def test_few_pictures_exclude_no_explanation_that_foretells_as_well():
+    rng = np.random.default_rng(8)
+    few, many = [rng.normal(size=(2, 20))], [rng.normal(size=(200, 20))]
+    errors = {0.6: 4e-3, 1.2: 4.2e-3, 1.6: 9e-3}
+
+    def kept_aside(c):
+        return errors[c.structure]
+
+    for pictures, expected in ((few, [("gravity_tilt",)]), (many, [])):
+        best = candidate(["intrinsic_curvature"], 0.6, 100.0, pictures)
+        alike = candidate(["gravity_tilt"], 1.2, 150.0, pictures)
+        worse = candidate(["stiff_segment"], 1.6, 120.0, pictures)
+        found = verdict.foretold(best, [best, alike, worse], kept_aside)
+        rivals = [e.effects for e in found if e.candidate is not best]
+        assert rivals == expected
+    one = verdict.Explanation(("intrinsic_curvature",), best)
+    two = verdict.Explanation(("gravity_tilt",), alike)
+    assert verdict.choose([one], [two]).rivals == (("gravity_tilt",),)
+
+
+def test_an_effect_that_does_nothing_is_left_out_of_a_pair():
+    noise = [np.random.default_rng(10).normal(size=(60, 10))]
+    pair = candidate(["intrinsic_curvature", "obstacle"], 0.70, 50.0, noise)
+    alone = candidate(["intrinsic_curvature"], 0.79, 120.0, noise)
+    other = candidate(["obstacle"], 6.0, 5e3, [5.0 * noise[0]])
+    (left,) = verdict.without_idle(pair, [other, alone])
+    assert left.candidate is alone
+    needed = candidate(["intrinsic_curvature"], 3.0, 900.0, [3.0 * noise[0]])
+    assert verdict.without_idle(pair, [other, needed]) == []
+
+
+def test_what_is_kept_aside_is_foreseen_by_the_rest():
+    """The recording that alone tells of a parameter cannot be kept aside; then the ends are."""
+    rng = np.random.default_rng(9)
+    recordings = [
+        replace(measured(swing(KNOWN, seconds=0.4, seed=k), KNOWN), spans=14) for k in range(2)
+    ]
+    frames, count = len(recordings[0].times), len(recordings[0].noise)
+    quiet, loud = (s * rng.normal(size=(frames, count)) for s in (1.0, 2.0))
+    parameters = len(baseline(KNOWN).free)
+    known_by_both = [rng.normal(size=(frames, parameters, count)) * 30.0 for _ in range(2)]
+    at = evaluation([quiet, loud], known_by_both)
+    found = holdout.split(recordings, 0, at, at, KNOWN)
+    assert not found.train[1].any() and found.holdout[1].all() and found.train[0].all()
+    by_one = [known_by_both[0].copy(), known_by_both[1]]
+    by_one[0][:, 0] = 0.0
+    only = holdout.split(recordings, 0, at, evaluation([quiet, loud], by_one), KNOWN)
+    assert only.holdout[0].all() and not only.train[0].any()
+    by_one[0] = 30.0 * rng.normal(size=by_one[0].shape)
+    by_one[0][:, 0] = by_one[1][:, 3] = 0.0  # now each alone tells of something
+    ends = holdout.split(recordings, 0, at, evaluation([quiet, loud], by_one), KNOWN)
+    assert all(t.any() and h.any() for t, h in zip(ends.train, ends.holdout, strict=True))
+    assert not any((t & h).any() for t, h in zip(ends.train, ends.holdout, strict=True))
+    given = holdout.split(recordings, 1, at, at, KNOWN)
+    assert given.holdout[1].all() and given.train[0].all() and not given.holdout[0].any()
+
+
+def test_what_a_camera_sees_wrongly_in_every_picture_counts_as_noise():
+    """Points that scatter less than their std says err in the same way all the time."""
+    one, count, noise = swing(KNOWN, seconds=0.6, noise=3e-4), 120, 3e-4
+    true = measured(swing(KNOWN, seconds=0.6, noise=0.0), KNOWN).observed
+    u = np.linspace(0.0, KNOWN.rod.length, count)
+
+    def stated(std):
+        points = CentrelinePoints(u, np.zeros((count, 3)), np.full(count, std))
+        return replace(one, observations=tuple(replace(o, points=points) for o in one.observations))
+
+    for std, lasting in ((noise, 0.0), (4.0 * noise, 2.0 * noise)):
+        recording = measured(stated(std), KNOWN)
+        (found,) = with_bias([recording], [true], KNOWN)
+        n = recording.observed.shape[1]
+        assert np.max(np.broadcast_to(found.bias, 2 * n)[:n]) == pytest.approx(lasting)
+        noisy = with_noise(found, true, KNOWN)
+        assert noisy.noise[:n].min() >= lasting
+
+
+@pytest.mark.slow
+def test_noise_that_scatters_is_not_taken_for_what_a_camera_sees_wrongly():
+    """By chance one coefficient of four recordings scatters little; all together never do."""
+    one, count, noise = swing(KNOWN, seconds=2.0, noise=0.0), 100, 3e-4
+    n, length = KNOWN.rod.control_points, KNOWN.rod.length
+    u = np.linspace(0.0, length, count)
+    points = CentrelinePoints(u, np.zeros((count, 3)), np.full(count, noise))
+    basis, rng = SplineBasis(n, length), np.random.default_rng(0)
+    true = measured(one, KNOWN).observed
+
+    def seen(k):
+        shape = np.zeros((n, 4))
+        shape[:, :3] = true[k] + basis.fit(u, noise * rng.normal(size=(count, 3)))
+        return replace(one.observations[k], control_points=shape, points=points)
+
+    for _ in range(25):
+        recordings = [
+            measured(replace(one, observations=tuple(seen(k) for k in range(len(true)))), KNOWN)
+            for _ in range(4)
+        ]
+        for recording in with_bias(recordings, [true] * 4, KNOWN):
+            assert not np.any(recording.bias)

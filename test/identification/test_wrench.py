@@ -1,0 +1,364 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Measured forces at the grips: read, compared with predicted ones, and used to know E and mu."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import recordings_samples as samples
+from diagnoses import found as some_diagnosis
+from measured import swing
+from rods import PAPER, command
+
+from dlo_ros.cli.identify_results import remarks, tree
+from dlo_ros.cli.main import main
+from dlo_ros.diagnosis.findings.diagnosis_outcome import Fitted, NamedEffect, Number
+from dlo_ros.diagnosis.findings.measured_force_scale import with_forces
+from dlo_ros.errors import InputError, RecordingError
+from dlo_ros.identification import OnlineEstimator, identify
+from dlo_ros.identification.design.expected_information import Plan, outlook
+from dlo_ros.identification.force_scale import grip_wrenches, with_scale
+from dlo_ros.inference.forecast import forecast
+from dlo_ros.inference.wrench import (
+    WrenchField,
+    from_change,
+    from_mean,
+    near,
+    scatter,
+    told,
+    wrench_field,
+)
+from dlo_ros.observation import Wrenches
+from dlo_ros.parameters import Settings
+from dlo_ros.recordings import BAG_MESSAGES, read_recording
+from dlo_ros.recordings.building import transform_message, wrench_message
+from dlo_ros.spline import SplineBasis
+from dlo_ros.synthesis import discrete_rod, rod_simulation
+from dlo_ros.synthesis.experiment import find_experiment, load_experiment, with_wrench
+from dlo_ros.synthesis.reaction import reactions
+from dlo_ros.synthesis.synthesize import synthesize
+from dlo_ros.synthesis.wrench_sensor import WrenchSensor
+
+WEIGHT = PAPER.rod.linear_density * PAPER.rod.length * 9.81
+LENGTH = PAPER.rod.length
+
+
+def bag(folder: Path, items: list) -> Path:
+    return samples.write_plain(folder / "bag", [*samples.messages(), *items])
+
+
+def wrench(k: int, frame: str = "board", force=(1.0, 2.0, 3.0), torque=(0.1, 0.2, 0.3)):
+    message = wrench_message(
+        BAG_MESSAGES, samples.START + k * samples.STEP, frame, np.array(force), np.array(torque)
+    )
+    return "/dlo/wrench_end", message, samples.START + k * samples.STEP
+
+
+def transform(topic: str, k: int, parent: str, child: str, translation, rotation):
+    stamp = samples.START + k * samples.STEP
+    message = transform_message(BAG_MESSAGES, stamp, parent, child, translation, rotation)
+    return topic, message, stamp
+
+
+def sensor_of(measured: np.ndarray, stamps: np.ndarray) -> Wrenches:
+    axes = np.broadcast_to(np.eye(3), (len(stamps), 3, 3))
+    return Wrenches("start", stamps, measured[:, :3], measured[:, 3:], axes)
+
+
+# Reading
+
+
+def test_forces_in_the_fixed_frame_are_read_as_they_are(tmp_path, caplog):
+    items = [wrench(k) for k in range(4)]
+    items[2][1].wrench.force.y = float("nan")
+    (found,) = read_recording(bag(tmp_path, items), samples.SETTINGS).wrenches
+    assert found.end == "end" and len(found.stamps) == 3
+    np.testing.assert_array_equal(found.force, np.tile([1.0, 2.0, 3.0], (3, 1)))
+    np.testing.assert_array_equal(found.torque, np.tile([0.1, 0.2, 0.3], (3, 1)))
+    assert "1 of 4 messages on dlo/wrench_end are left out" in caplog.text
+
+
+def test_forces_in_a_sensors_frame_are_turned_and_moved_to_the_end(tmp_path):
+    quarter = (0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5))  # x of the sensor along the board's y
+    items = [
+        transform("/tf_static", 0, "flange", "sensor", (0.0, 0.0, 0.1), (0.0, 0.0, 0.0, 1.0)),
+        transform("/tf", 0, "board", "flange", (0.3, 0.0, 0.0), quarter),
+        transform("/tf", 4, "board", "flange", (0.7, 0.0, 0.0), quarter),
+        *(wrench(k, "sensor") for k in (0, 2)),
+    ]
+    (found,) = read_recording(bag(tmp_path, items), samples.SETTINGS).wrenches
+    np.testing.assert_allclose(found.force, np.tile([-2.0, 1.0, 3.0], (2, 1)), atol=1e-12)
+    imposed = samples.command()
+    for k, x in ((0, 0.3), (1, 0.5)):
+        held = imposed.sample(int(found.stamps[k]))[0][1]
+        lever = np.array([x, 0.0, 0.1]) - held
+        expected = np.array([-0.2, 0.1, 0.3]) + np.cross(lever, [-2.0, 1.0, 3.0])
+        np.testing.assert_allclose(found.torque[k], expected, atol=1e-9)
+
+
+def test_a_frame_that_nobody_knows_is_refused(tmp_path):
+    path = bag(tmp_path, [wrench(0, "gripper")])
+    with pytest.raises(RecordingError, match=r"no transform leads from 'gripper' to 'board'"):
+        read_recording(path, samples.SETTINGS)
+
+
+def test_two_frames_are_refused(tmp_path):
+    path = bag(tmp_path, [wrench(0), wrench(1, "gripper")])
+    with pytest.raises(RecordingError, match="in several frames"):
+        read_recording(path, samples.SETTINGS)
+
+
+def test_wrenches_check_themselves():
+    stamps, rows, axes = np.array([1, 1]), np.zeros((2, 3)), np.zeros((2, 3, 3))
+    with pytest.raises(InputError, match="do not grow"):
+        Wrenches("start", stamps, rows, rows, axes)
+    with pytest.raises(InputError, match="shapes that differ"):
+        Wrenches("start", np.array([1, 2]), rows[:1], rows, axes)
+
+
+def test_forces_go_through_tables_and_back(tmp_path, capsys):
+    samples.SETTINGS.dump(tmp_path / "params.yaml")
+    path = bag(tmp_path, [wrench(k, force=(0.5 * k, 2.0, 3.0)) for k in range(3)])
+    both = ["--params", str(tmp_path / "params.yaml"), "--format", "csv"]
+    tables, again = str(tmp_path / "tables"), str(tmp_path / "again")
+    assert main(["export", *both, "--recording", str(path), "--output", tables]) == 0
+    assert main(["import", *both, "--output", again, tables]) == 0
+    assert "3 measured forces" in capsys.readouterr().out
+    (first,), (second,) = (read_recording(p, samples.SETTINGS).wrenches for p in (path, again))
+    for name in ("stamps", "force", "torque"):
+        np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
+    table = tmp_path / "tables" / "wrench.csv"
+    table.write_text(table.read_text().replace("end,0.5", "tip,0.5"))
+    assert main(["import", *both, "--force", "--output", again, tables]) == 2
+    assert "end is 'tip'; it must be start or end" in capsys.readouterr().err
+
+
+# The truth's own reactions
+
+
+def test_the_discrete_rods_clamp_bears_its_weight():
+    rod = discrete_rod.DiscreteRod.uniform(PAPER.rod, PAPER.damping, edges=60)
+    hold = rod_simulation.Boundary({0: np.zeros(2)}, start=0.3)
+    straight = np.column_stack([rod.u, np.zeros(len(rod.u))])
+    simulation = rod_simulation.Simulation(rod, lambda _: hold, straight)
+    x = simulation.settle()
+    force_x, force_z, torque = reactions(simulation)["start"]
+    assert force_z == pytest.approx(WEIGHT, rel=1e-6) and abs(force_x) < 1e-6 * WEIGHT
+    # About +y the weight turns with x times its size, the clamp against it.
+    assert torque == pytest.approx(-np.sum(rod.mass * 9.81 * x[:, 0]), rel=1e-4)
+    simulation.advance(0.2)  # at rest it stays
+    np.testing.assert_allclose(
+        reactions(simulation)["start"], [force_x, force_z, torque], atol=1e-5 * WEIGHT
+    )
+    assert "end" not in reactions(simulation)
+
+
+# Beside predicted forces
+
+
+def test_forces_are_brought_to_the_instants_of_shapes():
+    rng = np.random.default_rng(1)
+    stamps = np.arange(0, 2_000_000_000, 5_000_000)
+    time = stamps * 1e-9
+    table = np.zeros((len(stamps), 6))
+    table[:, 2] = np.sin(2.0 * np.pi * time)
+    clean = sensor_of(table, stamps)
+    shapes = [round(k / 30.0 * 1e9) for k in range(2, 50)]
+    values, share, found = near(clean, shapes)
+    assert found.all() and share.max() < 0.7  # several messages average their noise
+    expected = np.sin(2.0 * np.pi * np.array(shapes) * 1e-9)
+    np.testing.assert_allclose(values[:, 2], expected, atol=2e-4)
+    noisy = sensor_of(table + 0.01 * rng.normal(size=table.shape), stamps)
+    left = (near(noisy, shapes)[0] - values) / 0.01
+    assert np.sqrt(np.mean(left**2)) == pytest.approx(np.sqrt(np.mean(share**2)), rel=0.1)
+    assert scatter(noisy)[2] == pytest.approx(0.01, rel=0.2)
+    # A gap in the messages, and shapes before the first of them, are left out.
+    kept = (time > 0.5) & ((time < 1.0) | (time > 1.3))
+    holes = sensor_of(table[kept], stamps[kept])
+    _, _, found = near(holes, shapes)
+    at = np.array(shapes) * 1e-9
+    assert not found[at < 0.49].any() and not found[(at > 1.05) & (at < 1.25)].any()
+    assert found[(at > 0.55) & (at < 0.95)].all()
+
+
+def artificial(offset: float, rng: np.random.Generator, waving: float) -> WrenchField:
+    """A force that is a scale times (1 + a wave), with noise and an offset of unit prior."""
+    time = np.linspace(0.0, 1.0, 60)
+    wave = 1.0 + waving * np.sin(2.0 * np.pi * 3.0 * time)
+    measured = 1.1 * wave + offset * 0.05 + 0.01 * rng.normal(size=60)
+    return WrenchField(
+        "", (measured - wave)[:, None], wave[:, None, None], np.full((60, 1, 1), 0.05),
+        np.array([True]), np.array([False]), np.array([0.01]), np.array([1.0]),
+    )  # fmt: skip
+
+
+def test_an_offset_cannot_be_told_from_a_weight_at_rest_but_from_one_that_moves():
+    nothing, little = np.zeros(1), 1e-6 * np.eye(1)
+    still = artificial(1.0, np.random.default_rng(3), 0.0)
+    found = told(still, nothing, little)
+    assert found.information[0, 0] == pytest.approx(0.05**-2, rel=0.05)
+    assert from_change(still, found.variance)[0, 0] < 1e-3
+    moving = artificial(1.0, np.random.default_rng(3), 0.5)
+    found = told(moving, nothing, little)
+    # The wave has 60 instants with a mean square of 1/8, each known to 0.01.
+    assert found.information[0, 0] == pytest.approx(60 / 8 / 0.01**2, rel=0.3)
+    assert found.gradient[0] / found.information[0, 0] == pytest.approx(0.1, abs=0.015)
+    mean, change = from_mean(moving, found.variance), from_change(moving, found.variance)
+    assert mean[0, 0] == pytest.approx(0.05**-2, rel=0.1)
+    assert mean[0, 0] < change[0, 0] <= found.information[0, 0]
+
+
+def test_standard_deviations_of_forces_cover_the_truth():
+    rng, nothing, little = np.random.default_rng(5), np.zeros(1), 1e-6 * np.eye(1)
+    off = []
+    for _ in range(60):
+        found = told(artificial(rng.normal(), rng, 0.3), nothing, little)
+        step = found.gradient[0] / found.information[0, 0]
+        off.append((step - 0.1) * np.sqrt(found.information[0, 0]))
+    assert 0.7 < np.std(off) < 1.3
+
+
+def test_a_tool_is_felt_only_where_the_grip_accelerates():
+    stamps = np.arange(30) * 33_000_000
+    table = np.ones((30, 6))
+    predicted, derivative = np.ones((30, 6)), np.ones((30, 6, 4))
+    still = command(["start"], [0.0], np.zeros((1, 3)))
+    times = np.linspace(0.0, 1.0, 51)
+    way = np.zeros((51, 3))
+    way[:, 0] = 0.1 * times**2
+    moved = command(["start"], times, way)
+    columns = [
+        wrench_field(
+            "", sensor_of(table, stamps), list(stamps), predicted, derivative, PAPER, [c]
+        ).nuisances.shape[2]
+        for c in (still, moved)
+    ]
+    assert columns == [7, 11]  # six offsets and a delay; with a mass and its three levers
+
+
+# Identification
+
+
+def known(sensor: WrenchSensor, factor: float = 1.0) -> Settings:
+    """The paper's rope with wrong E and mu, and a sensor whose errors are stated."""
+    stated = replace(
+        PAPER.wrench, force_std=sensor.force_std, torque_std=sensor.torque_std,
+        force_bias_std=sensor.force_bias_std,
+    )  # fmt: skip
+    return replace(PAPER.with_material(2e7, 2000.0 * factor), wrench=stated)
+
+
+SENSOR = WrenchSensor.usual(WEIGHT, LENGTH)
+
+
+@pytest.fixture(scope="module")
+def swinging():
+    return swing(PAPER, seconds=1.5, sensor=SENSOR, seed=2)
+
+
+def both_known(estimate) -> bool:
+    """Whether E and mu are determined, right to 5 %, and within their standard deviations."""
+    assert all(estimate.identifiable.values())
+    for name in ("young_modulus", "density"):
+        true, std = getattr(PAPER.rod, name), getattr(estimate, f"{name}_std")
+        assert getattr(estimate, name) == pytest.approx(true, rel=0.05)
+        assert abs(getattr(estimate, name) - true) < 3.5 * std and std < 0.05 * true
+    return True
+
+
+def test_shapes_and_forces_tell_both_e_and_mu(swinging):
+    found = identify([swinging], known(SENSOR))
+    assert both_known(found.estimate)
+    everything, change, mean = found.fitted.forces.relative
+    assert everything <= min(change, mean) and 0.02 < mean < 0.1
+    said = " ".join(remarks(found))
+    assert "The forces at the grips (46 messages) tell mu to" in said
+    told_json = tree(found)["wrench"]
+    assert told_json["messages"] == 46 and told_json["density_std"]["all"] == everything
+    assert told_json["left"]["swing, start"]["force"] < 0.02 * WEIGHT
+
+
+def test_live_forces_tell_both_e_and_mu(swinging):
+    estimator = OnlineEstimator(known(SENSOR), budget=np.inf)
+    for imposed in swinging.commands:
+        estimator.set_command(imposed)
+    (felt,) = swinging.wrenches
+    for k, observation in enumerate(swinging.observations):
+        values = np.concatenate([felt.force[k], felt.torque[k]])
+        estimator.forces.add(felt.end, int(felt.stamps[k]), values)
+        estimator.observe(observation)
+    assert both_known(estimator.estimate)
+    estimator.reset()
+    assert not estimator.estimate.identifiable["density"]
+
+
+def test_the_scale_of_all_forces_leaves_every_shape(swinging):
+    effects = {"point_mass": {"mass": 0.004, "position": 0.3}, "clamp_compliance": {"start": 0.5}}
+    heavy = PAPER.with_effects(effects)
+    scaled = with_scale(heavy, np.log(2.0))
+    assert scaled.rod.density == 2.0 * heavy.rod.density
+    assert scaled.effects["point_mass"] == {"mass": 0.008, "position": 0.3}
+    assert scaled.effects["clamp_compliance"]["start"] == 0.25
+    few = replace(swinging, observations=swinging.observations[:8], wrenches=())
+    a, b = (forecast(few, s, spans=14, loads=True) for s in (heavy, scaled))
+    np.testing.assert_allclose(a.predicted, b.predicted, atol=2e-4 * LENGTH)
+    single, double = (grip_wrenches(f.loadings, "start")[:, 2] for f in (a, b))
+    np.testing.assert_allclose(double, 2.0 * single, rtol=0.01)
+
+
+def test_a_diagnosis_takes_the_scale_of_its_forces(swinging):
+    """Of a model that is right but for the scale of all its forces."""
+    light = with_scale(PAPER, np.log(0.8))
+    rod = light.rod
+    model = Fitted(
+        light, (rod.young_modulus, None), (rod.density, None),
+        (rod.specific_modulus, 0.01 * rod.specific_modulus), None, None,
+    )  # fmt: skip
+    mass = NamedEffect("point_mass", {"mass": Number(0.008, None, "kg")}, ())
+    found = replace(some_diagnosis(), effects=(mass,), baseline=model, extended=model)
+    few = replace(swinging, observations=swinging.observations[:20])
+    told_by_force = with_forces(found, [few], known(SENSOR), ["more"])
+    for part in (told_by_force.baseline, told_by_force.extended):
+        assert part.density[0] == pytest.approx(PAPER.rod.density, rel=0.05)
+        assert part.young_modulus[0] == pytest.approx(PAPER.rod.young_modulus, rel=0.05)
+        assert 0.0 < part.density[1] < part.young_modulus[1] * rod.density / rod.young_modulus
+        assert part.settings.rod.density == part.density[0]
+    (effect,) = told_by_force.effects
+    assert effect.parameters["mass"].value == pytest.approx(0.01, rel=0.05)
+    assert "more" in told_by_force.remarks and "tell mu to" in told_by_force.remarks[-1]
+    without = with_forces(found, [replace(few, wrenches=())], known(SENSOR))
+    assert without.extended == model
+
+
+def test_a_sensor_counts_in_the_design_of_experiments():
+    imposed = command(["start"], [0.0, 0.5], [[[0.0] * 3], [[0.05, 0.0, 0.05]]])
+    shape = np.zeros((10, 4))
+    shape[:, 0] = SplineBasis(10, LENGTH).greville
+    plan = Plan("lift", imposed, shape, 0.6, 15.0)
+    blind = outlook(plan, PAPER, hypotheses=(1.0,))
+    felt = outlook(plan, replace(known(SENSOR), rod=PAPER.rod), hypotheses=(1.0,))
+    assert blind.std["density"] > 0.25  # the guess
+    assert felt.std["density"] < 0.03 and felt.gain > blind.gain + 2.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(3))
+def test_both_within_five_per_cent_of_an_experiment(tmp_path, seed):
+    made = with_wrench(load_experiment(find_experiment("c_shape")))
+    synthesize(made, tmp_path / "bag", seed=seed, images=False)
+    settings = Settings.load(tmp_path / "bag" / "params.yaml")
+    from dlo_ros.cli.loading import load_manipulation
+
+    found = identify([load_manipulation(tmp_path / "bag", settings)], settings).estimate
+    assert found.identifiable["young_modulus"] and found.identifiable["density"]
+    assert found.young_modulus == pytest.approx(5e7, rel=0.05)
+    assert found.density == pytest.approx(2500.0, rel=0.05)
+
+
+def test_space_has_no_forces_to_write(tmp_path):
+    made = with_wrench(load_experiment(find_experiment("twisted")))
+    with pytest.raises(InputError, match="in the plane y = 0 only"):
+        synthesize(made, tmp_path / "bag", images=False, edges=20, step=0.01)

@@ -1,0 +1,47 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Diagnoses as they may come out, with everything that may be unknown."""
+
+from dataclasses import replace
+
+import numpy as np
+from rods import PAPER
+
+from dlo_ros.diagnosis import Diagnosis, Fitted, Gain, NamedEffect, Number, Tried, View
+from dlo_ros.diagnosis.residuals.relations import Pattern, Relation, Relations
+
+KNOWN = replace(PAPER, rod=replace(PAPER.rod, density_std=20.0))
+
+
+def relations():
+    related = (Relation("the speed of the grip", 0.6, 0.003, True, ("the bending of the DLO",)),
+               Relation("the position of the grip", 0.1, 0.4))  # fmt: skip
+    pattern = Pattern(0.8, 0.3, 1)
+    return Relations(9.0, 1e-3, 0.3, 0.1, pattern, related, ("the motion of the DLO",))
+
+
+def found(frames=12, n=10):
+    """A diagnosis as it may come out, with everything that may be unknown."""
+    times = np.linspace(0.0, 1.0, frames)
+    shape = np.zeros((frames, n, 4))
+    shape[:, :, 0] = np.linspace(0.0, KNOWN.rod.length, n)
+    u = np.linspace(0.0, KNOWN.rod.length, 20)
+    field = np.sin(times)[:, None] * np.cos(8.0 * u)
+    force = np.stack([field, 0.0 * field, -field], axis=-1)
+    err = np.full(frames, 1e-3)
+    view = View("one", "holdout", times, shape, shape, shape, err, 0.1 * err, u, field, field,
+                force, np.abs(force) / 4.0)  # fmt: skip
+    block = {"curvature": (0.5, 1.0), "position": 0.1}
+    effect = NamedEffect(
+        "intrinsic_curvature",
+        {"curvature": Number((0.5, 1.0), (0.01, float("inf")), "1/m"),
+         "position": Number(0.1, None, "m")},
+        ("clamp_angle",),
+    )  # fmt: skip
+    extended = KNOWN.with_effects({"intrinsic_curvature": block})
+    numbers = (1e7, None), (2000.0, 20.0), (5e3, 1.0)
+    return Diagnosis(
+        "explained", (effect,), 1e-4, Fitted(KNOWN, *numbers, 1e-3, None),
+        Fitted(extended, *numbers, 1e-4, 1.1e-4), Gain(0.9, 0.8, 0.95),
+        (Tried("intrinsic_curvature", 1.1e-4, 10.0, 0.1), Tried("none", None, 1e4, 9.0)),
+        "Turn the clamp.", 9.0, 0.1, 0.2, 1e-5, ("A remark.",), (view,), relations(),
+    )  # fmt: skip

@@ -1,0 +1,23 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Recordings of simulated experiments, without a bag."""
+
+import numpy as np
+
+from dlo_ros.identification import Manipulation
+from dlo_ros.observation import Observation
+from dlo_ros.synthesis.experiment import read_experiment
+from dlo_ros.synthesis.synthesize import measure
+from dlo_ros.synthesis.truth import build_simulation, simulate
+
+
+def recorded(tree, seed, name="recording", step=5e-4):
+    """A recording of an experiment's tree, its guess, and its truth."""
+    experiment = read_experiment(tree, name, "test")
+    simulation, _ = build_simulation(experiment, step=step)
+    truth = simulate(simulation, experiment.stamps, experiment.truth.rod.length)
+    observations = []
+    for i, points, shape in measure(experiment, truth, range(len(truth.stamps)), seed):
+        q = np.column_stack([shape, np.zeros(len(shape))])
+        observations.append(Observation(truth.stamps[i], q, points))
+    recording = Manipulation(name, (experiment.command,), tuple(observations))
+    return recording, experiment.guess, experiment.truth
