@@ -257,7 +257,7 @@ def _explain(
 
     given = team.problem.given
     faint = plain.structure < verdict.FAINT
-    immaterial = faint or is_immaterial(plain, given)
+    immaterial = faint or is_immaterial(plain, given, recordings)
     known = plain.at.model.effects
     begun = None
     if not immaterial:

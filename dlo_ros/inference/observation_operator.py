@@ -151,39 +151,41 @@ def directions(tangent: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]
 def _operator(observation: Observation, basis: SplineBasis) -> Operator | None:
     points = observation.points
     assert points is not None
-    usable = np.isfinite(points.positions).all(axis=1) & np.isfinite(points.u) & (points.std > 0.0)
-    usable &= np.isfinite(points.std)
+    usable = np.isfinite(points.std) & np.isfinite(points.u) & (points.std > 0.0)
+    usable &= np.isfinite(points.positions).all(axis=1)
     if np.count_nonzero(usable) < ORDER:
         return None
     u, place, std = points.u[usable], points.positions[usable], points.std[usable]
-    std = np.maximum(std, LEAST_SHARE * float(np.median(std)))
+    std = np.maximum(std, LEAST_SHARE * np.sqrt(np.mean(std**2)))
     x = u / basis.length
-    along = np.hypot(2.0 * ALONG_STD * basis.length * np.sqrt(x * (1.0 - x)), std)
-    if points.std_along is not None:
+    if points.std_along is None:
+        along = np.hypot(2.0 * ALONG_STD * basis.length * np.sqrt(x * (1.0 - x)), std)
+    else:
         along = points.std_along[usable]
     shape, n = observation.control_points[:, :3], basis.control_points
     table = BasisTable.of(basis)
     b = table.matrix(u)
-    if np.median(np.linalg.norm(place - b @ shape, axis=1)) > FAR * basis.length:
+    apart = place - b @ shape
+    if np.mean(apart**2) > (FAR * basis.length) ** 2:
         return None
-    place = place - _not_followed(basis, u, place - b @ shape)
-    frame = np.stack(directions(_unit(table.slopes(u) @ shape)), axis=1)  # (m, 3, 3)
+    place = place - _not_followed(basis, u, apart)
+    slopes = table.slopes(np.concatenate([u, basis.greville]))
+    frames = np.stack(directions(_unit(slopes @ shape)), axis=1)
+    frame, turn = frames[: len(u)], frames[len(u) :]  # (m, 3, 3), (n, 3, 3)
     weighted = b / (std**2)[:, None]
     values, vectors = np.linalg.eigh(weighted.T @ b)
     seen = values > NEGLECTED * values[-1]
     root = np.where(seen, 1.0 / np.sqrt(np.where(seen, values, 1.0)), 0.0)
     project = (vectors * root) @ vectors.T @ weighted.T  # (n, m)
-    rows = np.empty((3, n, n, 3))
-    for p in range(3):
-        for c in range(3):
-            rows[p, :, :, c] = (project * frame[:, p, c]) @ b
-    offset = np.einsum("km,mpc,mc->pk", project, frame, place)
+    rows = np.zeros((3, n, n, 3))
+    for p, c in zip(*np.nonzero(frame.any(axis=0)), strict=True):
+        rows[p, :, :, c] = (project * frame[:, p, c]) @ b
+    offset = (project @ np.sum(frame * place[:, None], axis=2)).T
     slides = project @ (along[:, None] * _modes(x))
     values, vectors = np.linalg.eigh(np.eye(n) + slides @ slides.T)
     whiten = (vectors / np.sqrt(values)) @ vectors.T
-    rows[1] = np.tensordot(whiten, rows[1], axes=1)
+    rows[1] = (whiten @ rows[1].reshape(n, -1)).reshape(n, n, 3)
     offset[1] = whiten @ offset[1]
-    turn = np.stack(directions(_unit(table.slopes(basis.greville) @ shape)), axis=1)
     return Operator(rows, offset, turn, float(np.sum(1.0 / std**2)))
 
 
@@ -203,10 +205,16 @@ def _not_followed(basis: SplineBasis, u: FloatArray, apart: FloatArray) -> Float
     b = BasisTable.of(finer).matrix(u)
     normal = b.T @ b
     # Where nothing was seen the published spline holds.
-    normal += RIDGE * float(np.median(np.diag(normal))) * np.eye(len(normal))
+    normal += RIDGE * float(np.trace(normal)) / len(normal) * np.eye(len(normal))
     shape = np.linalg.solve(normal, b.T @ apart)
-    lost = shape - finer.projection(basis) @ (basis.projection(finer) @ shape)
-    return np.asarray(b @ lost)
+    return np.asarray(b @ (_lost(basis, finer) @ shape))
+
+
+@lru_cache(maxsize=16)
+def _lost(basis: SplineBasis, finer: SplineBasis) -> FloatArray:
+    """What the projection of a finer spline onto a basis loses, shape (m, m) for m of the finer."""
+    kept = finer.projection(basis) @ basis.projection(finer)
+    return np.asarray(np.eye(len(kept)) - kept)
 
 
 def _unit(vectors: FloatArray) -> FloatArray:

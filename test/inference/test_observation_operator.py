@@ -10,6 +10,7 @@ from challenge.generate import _recordings
 from challenge.manipulations import carry, swing, wave
 
 from dlo_ros.cli.main import main
+from dlo_ros.diagnosis.fitting.recording_noise import noise_floor
 from dlo_ros.identification import Manipulation, identify
 from dlo_ros.inference.forecast import compared
 from dlo_ros.inference.measured import measured
@@ -145,6 +146,25 @@ def test_a_recording_of_the_diagnosis_sees_the_same_and_keeps_pictures_without_p
     np.testing.assert_allclose(sizes[1:], [1.41e-4, 2.83e-4, 4.24e-4], rtol=0.25)
     # Without the first picture its points are gone, too.
     np.testing.assert_allclose(recording.until(1).residual(predicted[:1])[0], left[0])
+
+
+def test_the_error_of_u_belongs_to_what_err_may_be():
+    u = np.linspace(0.0, L, 120)
+    tree = _recordings(np.random.default_rng(3), [swing(np.random.default_rng(3))], STD)[0]
+    experiment = read_experiment(tree, "judged", "test")
+    rod = replace(experiment.guess.rod, length=L, control_points=12)
+    settings = replace(experiment.guess, rod=rod)
+    floors = []
+    for stated in (None, np.full(120, 5e-4)):
+        shapes = tuple(replace(seen(12, u, std_along=stated), stamp=k) for k in range(20))
+        again = [replace(o, control_points=o.control_points + 1e-7 * o.stamp) for o in shapes]
+        recording = measured(Manipulation("r", (experiment.command,), tuple(again)), settings)
+        assert recording.along_std == pytest.approx(0.0 if stated is None else 5e-4)
+        floors.append(noise_floor(recording, recording.observed, settings))
+    assert floors[0] < 1e-5 and floors[1] == pytest.approx(5e-4 * np.sqrt(2.0 / np.pi), rel=0.05)
+    bare = tuple(replace(o, points=None) for o in again)
+    recording = measured(Manipulation("r", (experiment.command,), bare), settings)
+    assert recording.along_std == 0.0
 
 
 def late(observation, length, share):

@@ -159,7 +159,9 @@ def own_err(at: Evaluation, recordings: Sequence[Recording]) -> float:
         moved = recording.observed - recording.observed.mean(axis=0)
         still = np.mean(np.sum(moved**2, axis=2)) < np.sum(staying)
         own = (STILL if still else 1.0) ** 2 * staying
-        found.append(mean_length(np.sqrt(_noise(variances, recording) + own)))
+        variance = _noise(variances, recording) + own
+        variance[1] += recording.along_std**2
+        found.append(mean_length(np.sqrt(variance)))
     return float(np.mean(found))
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dlo_ros.diagnosis.explain.joint_explanation import material_err
+from dlo_ros.diagnosis.explain.joint_explanation import material_err, mean_length
 from dlo_ros.diagnosis.findings import holdout
 from dlo_ros.diagnosis.findings.diagnosis_outcome import Diagnosis, NamedEffect, Tried
 from dlo_ros.diagnosis.findings.experiment_advice import advise
@@ -55,7 +55,7 @@ def outcome(beginning: Beginning, plain: Candidate, found: Findings, given: Sett
         return joint_outcome(beginning, plain, found.joint, given)
     recordings = beginning.recordings
     kept_aside = found.kept_aside
-    decision = _immaterial(found.decision, plain, given)
+    decision = _immaterial(found.decision, plain, given, recordings[: len(plain.at.residuals)])
     parted = kept_aside.parted
     count = len(plain.at.residuals)
     learned = recordings[:count]
@@ -115,17 +115,20 @@ def outcome(beginning: Beginning, plain: Candidate, found: Findings, given: Sett
     )
 
 
-def _immaterial(decision: verdict.Decision, plain: Candidate, given: Settings) -> verdict.Decision:
+def _immaterial(
+    decision: verdict.Decision, plain: Candidate, given: Settings, recordings: Sequence[Recording]
+) -> verdict.Decision:
     """The decision: unexplained structure is left alone where it does not matter."""
-    if decision.verdict != "unexplained" or not is_immaterial(plain, given):
+    if decision.verdict != "unexplained" or not is_immaterial(plain, given, recordings):
         return decision
     return replace(decision, verdict="adequate")
 
 
-def is_immaterial(plain: Candidate, given: Settings) -> bool:
+def is_immaterial(plain: Candidate, given: Settings, recordings: Sequence[Recording]) -> bool:
     """Whether all that the plain model misses is too little to matter."""
     err = holdout.mean(plain.at.err)
-    return err is not None and err < material_err(0.0, given)
+    along = float(np.mean([r.along_std for r in recordings]))
+    return err is not None and err < material_err(mean_length(np.array([along])), given)
 
 
 def _related(c: Candidate, recordings: Sequence[Recording]) -> Relations:

@@ -156,5 +156,6 @@ def noise_floor(recording: Recording, predicted: FloatArray, settings: Settings)
     field = recording.residual(predicted) * recording.noise
     each = np.maximum(scatter(field, recording, settings), recording.bias)
     sizes = np.sqrt(np.sum(each.reshape(-1, n) ** 2, axis=1))  # across, along, out of the plane
+    sizes[1] = np.hypot(sizes[1], recording.along_std)
     drawn = np.random.default_rng(0).normal(size=(DRAWS, len(sizes)))
     return float(np.mean(np.linalg.norm(drawn * sizes, axis=1)))
