@@ -52,7 +52,9 @@ def motions() -> dict[str, list]:
 @pytest.mark.slow
 def test_the_discrete_rod_is_the_same_without_compiling():
     environment = dict(os.environ, NUMBA_DISABLE_JIT="1", OMP_NUM_THREADS="1")
-    environment["PYTHONPATH"] = os.pathsep.join([str(ROOT), str(ROOT / "test" / "support")])
+    environment["PYTHONPATH"] = os.pathsep.join(
+        str(folder) for folder in (ROOT, ROOT / "test", ROOT / "test" / "support")
+    )
     code = "import json, test_interpreted; print(json.dumps(test_interpreted.motions()))"
     done = subprocess.run(
         [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=300
