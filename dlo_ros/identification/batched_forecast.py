@@ -26,6 +26,7 @@ from dlo_ros.inference.forecast import (
     forecast,
     motion_of,
     seen_until,
+    unit_of,
 )
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.batch.parameter_sets import ParameterSets
@@ -266,7 +267,7 @@ def _together(
                 model.basis.spans,
                 error,
                 stable=simulations[i].stable,
-                unit=manipulation.noise_unit,
+                unit=unit_of(manipulation),
             )
         )
     return _Together(result, states, first)

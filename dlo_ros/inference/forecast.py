@@ -29,15 +29,29 @@ class Manipulation:
         commands: in the order of receipt.
         observations: by growing stamp, at least one.
         wrenches: measured forces and torques of the grips, for each end that has them.
-        noise_unit: see `observation_operator.noise_unit`; None: of the observations that are
-            compared.
     """
 
     name: str
     commands: tuple[Command, ...]
     observations: tuple[Observation, ...]
     wrenches: tuple[Wrenches, ...] = ()
+
+
+@dataclass(frozen=True)
+class Window(Manipulation):
+    """The present part of a manipulation that goes on.
+
+    Args:
+        noise_unit: see `observation_operator.noise_unit`, which stays while observations come;
+            None: there are no measured points yet.
+    """
+
     noise_unit: float | None = None
+
+
+def unit_of(manipulation: Manipulation) -> float | None:
+    """The unit of a window's residuals; None: that of the observations that are compared."""
+    return manipulation.noise_unit if isinstance(manipulation, Window) else None
 
 
 @dataclass(frozen=True)
@@ -134,7 +148,7 @@ def _forecast(
         simulation.model.basis.spans,
         judged.error if judged else np.nan,
         stable=simulation.stable,
-        unit=manipulation.noise_unit,
+        unit=unit_of(manipulation),
     )
     return replace(found, loadings=tuple(p.loading for p in predictions if p.loading is not None))
 
@@ -178,7 +192,7 @@ def compared(
         sensitivity: derivatives of x, y, z, shape (F, P, n, 3), or None.
         basis: the published one.
         spans, resolution_error, stable: see `Forecast`.
-        unit: see `Manipulation.noise_unit`.
+        unit: see `unit_of`.
     """
     white = whitening(basis.control_points, basis.length)
     observed = np.array([o.control_points for o in observations])

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dlo_ros.errors import InputError
-from dlo_ros.inference.forecast import Manipulation, whitening
+from dlo_ros.inference.forecast import Manipulation, unit_of, whitening
 from dlo_ros.inference.observation_operator import directions, noise_unit, operator_of
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
@@ -135,7 +135,7 @@ def measured(manipulation: Manipulation, settings: Settings) -> Recording:
 def _with_points(recording: Recording, length: float) -> Recording:
     """The recording with measured points in place of their splines."""
     observations = recording.manipulation.observations
-    unit = recording.manipulation.noise_unit or noise_unit(observations, length)
+    unit = unit_of(recording.manipulation) or noise_unit(observations, length)
     if unit is None:
         return recording
     across = recording.across.copy()

@@ -140,7 +140,7 @@ class Run:
     Args:
         at: the problem that it linearises.
         simulation: with sensitivities to ln (E, mu, c, t_r), started.
-        unit: see `Manipulation.noise_unit`.
+        unit: see `Window.noise_unit`.
         error: the simulation's own error, over L.
         residuals, derivatives, predicted, stamps: of each observation, as in `Forecast`.
     """

@@ -39,7 +39,7 @@ from dlo_ros.identification.estimate import (
 from dlo_ros.identification.online.linearised_model import Judgement, Known, Linearised, Run
 from dlo_ros.identification.online.online_force_scale import Forces
 from dlo_ros.identification.online.rival_branches import best_rival
-from dlo_ros.inference.forecast import Manipulation
+from dlo_ros.inference.forecast import Manipulation, Window
 from dlo_ros.inference.observation_operator import noise_unit
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
@@ -132,7 +132,7 @@ class OnlineEstimator:
         if self._anchor is not None:
             return None
         commands, past = tuple(self._motion.commands), tuple(self._past)
-        return Manipulation("the present motion", commands, past, noise_unit=self._unit)
+        return Window("the present motion", commands, past, noise_unit=self._unit)
 
     def set_command(self, command: Command) -> None:
         """Take an imposed motion; past observations it bears on are judged anew with it."""
