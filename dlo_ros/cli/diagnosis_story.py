@@ -87,7 +87,8 @@ def extends(found: Diagnosis) -> bool:
 def headline(found: Diagnosis) -> str:
     """The result in a sentence."""
     err = _error(found)
-    causes = " and ".join(_short(e) for e in found.effects)
+    *others, last = [_short(e) for e in found.effects] or [""]
+    causes = " and ".join([", ".join(others), last] if others else [last])
     off = "The simulation is off" if err is None else f"The simulation is {mm(err)} off"
     if found.verdict == "adequate":
         if _immaterial(found):

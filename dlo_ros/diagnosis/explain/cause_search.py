@@ -169,7 +169,7 @@ def linear_loss(at: Evaluation, cause: Proposal) -> float:
 
 def _tolerated(p: Parameter) -> Parameter:
     """A freed number of the set-up back within its tolerance."""
-    return replace(p, std=p.std / SLAB, tolerated=True)
+    return replace(p, std=p.std / SLAB, tolerated=bool(p.effect))
 
 
 def without(
@@ -181,15 +181,14 @@ def without(
         wholly: whether a number of the set-up becomes neutral, instead of going back to its
             tolerance.
     """
-    names = [p.name for p in cause.parameters]
     if cause.start is None and not wholly:
         return fitted(at.model.with_prior([_tolerated(p) for p in cause.parameters]), recordings)
-    begins = [at.model.without(names)]
+    begins = [_neutral(at.model, cause)]
     if cause.start is None or cause.start.neutral:
         # Where the linearised posterior lies once the cause is at neutral.
         held = at.model.with_prior([pinned(p) for p in cause.parameters])
         found = posterior(at.spectra, at.variances, held.offset(), held.precision())
-        begins.append(at.model.at(at.model.theta() + found.step).without(names))
+        begins.append(_neutral(at.model.at(at.model.theta() + found.step), cause))
     begun: list[Evaluation] = []
     for model in begins:
         try:
@@ -200,6 +199,17 @@ def without(
         return None
     nearest = min(begun, key=lambda e: misfit(e, at))
     return fit(nearest, recordings, FIT_ITERATIONS, fresh=False)
+
+
+def _neutral(model: ParametricModel, cause: Proposal) -> ParametricModel:
+    """The model without a cause; damping, without which nothing moves, is the parameter file's."""
+    names = [p.name for p in cause.parameters if p.effect]
+    kept = [pinned(p) for p in cause.parameters if not p.effect]
+    model = model.with_prior(kept)
+    theta = model.theta()
+    for p in kept:
+        theta[model.index(p.name)] = p.centre
+    return model.at(theta).without(names)
 
 
 def _best_of(

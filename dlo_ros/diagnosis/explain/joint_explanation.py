@@ -23,7 +23,7 @@ from dlo_ros.diagnosis.proposals.linear_evidence import Proposal, freed
 from dlo_ros.effects import Scene, Start, quantities
 from dlo_ros.inference.joint import Evaluation, evaluate, settled
 from dlo_ros.inference.measured import Recording
-from dlo_ros.inference.parameter import split_name
+from dlo_ros.inference.parameter import Parameter, split_name
 from dlo_ros.inference.priors import SLAB, joint_model
 from dlo_ros.inference.scene import imposed_names, scene
 from dlo_ros.inference.variances import FEWEST_FRAMES, Variances
@@ -142,7 +142,8 @@ def explain(prepared: Prepared, given: Settings, pegs: Sequence[Start] = ()) -> 
     # Judged in the end: what a cause does to a DLO looks like an error of the camera before.
     own = own_err(found.at, recordings)
     matters = material_err(own, given)
-    causes = _named(found, recordings, begun, matters)
+    missed = max(prepared.setup.mean_err - own, 0.0)
+    causes = _named(found, recordings, begun, matters, missed)
     return Explanation(prepared.setup, found.at, causes, own, matters, found.causes, found.trace)
 
 
@@ -183,11 +184,13 @@ def mean_length(sizes: FloatArray) -> float:
 
 
 def _named(
-    found: Search, recordings: Sequence[Recording], begun: Sequence[Start], material: float
-) -> tuple[Cause, ...]:
+    found: Search, recordings: Sequence[Recording], begun: Sequence[Start], material: float,
+    missed: float,
+) -> tuple[Cause, ...]:  # fmt: skip
     """Causes without which the best model is clearly worse; numbers of the set-up are no less.
 
-    What lies within its tolerance is none where all that it explains is immaterial.
+    What lies within its tolerance is none where all that it explains is immaterial, or little of
+    what the set-up alone misses.
     """
     at, offer = found.at, found.offer
     result = []
@@ -200,8 +203,10 @@ def _named(
         loss = at.posterior.evidence - bare.posterior.evidence
         if loss < NAMED or at.mean_err > (1.0 - LOWERS) * bare.mean_err:
             continue
-        if bare.mean_err < material and not _beyond(at, group):
-            continue
+        if not _beyond(at, group):
+            little = bare.mean_err - at.mean_err < LOWERS * missed
+            if bare.mean_err < material or (little and _has_tolerance(group)):
+                continue
         offer = offer or offered(at, recordings, begun)
         rivals = _rivals(at, bare, group, recordings, offer)
         names_ = tuple(p.name for p in group.parameters)
@@ -235,20 +240,30 @@ def beyond(at: Evaluation) -> list[Proposal]:
 
 def _beyond(at: Evaluation, group: Proposal, tolerances: float = BEYOND) -> bool:
     """Whether a size of a group, with the priors of a cause, lies so many tolerances off."""
-    if group.start is not None and not group.start.neutral:
-        return False  # it has no tolerance
+    if not _has_tolerance(group):
+        return False
     off = dict(zip(at.model.names, at.model.offset(), strict=True))
     return any(
         abs(off[p.name]) > tolerances * p.std / SLAB
         for p in group.parameters
-        if p.name in off and not quantities(p.effect)[split_name(p.name)[1]].geometric
+        if p.name in off and not _geometric(p)
     )
+
+
+def _has_tolerance(group: Proposal) -> bool:
+    """Whether a group acts from nothing on, so that a little of it needs no cause."""
+    return group.start is None or group.start.neutral
+
+
+def _geometric(p: Parameter) -> bool:
+    """Whether a parameter is a place, of which none is neutral."""
+    return bool(p.effect) and quantities(p.effect)[split_name(p.name)[1]].geometric
 
 
 def certain(at: Evaluation, group: Proposal) -> bool:
     """Whether a group is away from neutral by more than its uncertainty (Wald)."""
     linear = [n for n in group.columns if n in at.model.names]
-    if not linear or (group.start is not None and not group.start.neutral):
+    if not linear or not _has_tolerance(group):
         return group.start is not None
     k = [at.model.index(n) for n in linear]
     off = at.model.offset()[k]
@@ -269,7 +284,7 @@ def departures(at: Evaluation, causes: Sequence[Proposal] = ()) -> int:
         parameters=tuple(replace(p, tolerated=bool(p.effect)) for p in at.model.parameters),
     )
     own = {p.name for c in acting for p in c.parameters}
-    parts = [g for g in freed(tolerated) if not own & set(g.columns)]
+    parts = [g for g in freed(tolerated) if g.parameters[0].effect and not own & set(g.columns)]
     return len(acting) + sum(certain(at, g) and _beyond(at, g, NOTABLE) for g in parts)
 
 

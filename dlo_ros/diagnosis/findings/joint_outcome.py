@@ -18,13 +18,18 @@ from dlo_ros.diagnosis.explain.joint_explanation import (
 from dlo_ros.diagnosis.findings import holdout
 from dlo_ros.diagnosis.findings.diagnosis_outcome import (
     Diagnosis,
-    Fitted,
     NamedEffect,
-    Number,
-    SetupNumber,
     Tried,
 )
 from dlo_ros.diagnosis.findings.experiment_advice import REPEAT, SETTLED
+from dlo_ros.diagnosis.findings.joint_numbers import (
+    damping_as_effects,
+    effect_numbers,
+    fitted_material,
+    plain_material,
+    set_up_numbers,
+    systematic_errors,
+)
 from dlo_ros.diagnosis.findings.shape_views import views
 from dlo_ros.diagnosis.fitting.candidate_model import Model
 from dlo_ros.diagnosis.fitting.evaluation import evaluate as held_against
@@ -33,24 +38,18 @@ from dlo_ros.diagnosis.residuals import residual_structure
 from dlo_ros.diagnosis.residuals.relations import relations, sentences
 from dlo_ros.diagnosis.selection.effect_search import Candidate
 from dlo_ros.diagnosis.selection.verdict import Verdict
-from dlo_ros.effects import Start, effects, quantities
+from dlo_ros.effects import Start, effects
 from dlo_ros.errors import SimulationError
-from dlo_ros.identification.estimate import UNBOUNDED
 from dlo_ros.inference.joint import Evaluation, borrowed, evaluate, fit, simulate
 from dlo_ros.inference.measured import Recording
-from dlo_ros.inference.parameter import Parameter, ParametricModel
-from dlo_ros.inference.priors import DIAMETER_STD
-from dlo_ros.inference.variances import posterior
+from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.parameters import Settings
-from dlo_ros.rod.sensitivity_parameters import effect_names
 from dlo_ros.spline import FloatArray
 
 SPARE = 3
 """Recordings, from which one of them is held out whole."""
 FEWEST = 10
 """Frames, from which the end of a recording can be foretold from its beginning."""
-UNKNOWN = 1e-12
-"""Share of a guess's information that counts in a standard deviation that is told: none."""
 FINAL_ITERATIONS = 4
 
 
@@ -184,10 +183,15 @@ def joint_outcome(
     )
     return Diagnosis(
         verdict,
-        tuple(_effect(c, final, found.at.mean_err, missed) for c in found.causes),
+        tuple(_effect(c, final, given, found.at.mean_err, missed) for c in found.causes),
         found.own_err,
-        _plain(plain, holdout.mean(seen_before), holdout.mean(before)),
-        _fitted(final, holdout.mean(seen_after), holdout.mean(after)),
+        plain_material(plain, holdout.mean(seen_before), holdout.mean(before)),
+        replace(
+            fitted_material(final, holdout.mean(seen_after), holdout.mean(after)),
+            settings=damping_as_effects(
+                final.model.settings, given, [c.effect for c in found.causes]
+            ),
+        ),
         holdout.gain(before, after),
         _tried(found),
         _advice(verdict, found),
@@ -201,8 +205,8 @@ def joint_outcome(
         related_after,
         found.material_err,
         _share(errs[0], errs[2], found.own_err),
-        _setup(final, found.causes),
-        _systematic(final),
+        set_up_numbers(final, found.causes),
+        systematic_errors(final),
         found.trace,
     )
 
@@ -262,107 +266,21 @@ def _share(before: float | None, after: float | None, own: float) -> float | Non
     return float(np.clip((before - max(after, own)) / (before - own), 0.0, 1.0))
 
 
-def _effect(cause: Cause, final: Evaluation, err: float, missed: float) -> NamedEffect:
+def _effect(
+    cause: Cause, final: Evaluation, given: Settings, err: float, missed: float
+) -> NamedEffect:
     """A cause with its numbers and its share.
 
     Args:
+        given: the parameter file.
         err: of the full model on what was learned from [m].
         missed: what the plain model misses there beyond the measurement's own error [m].
     """
     share = (cause.err - err) / missed if missed > 0.0 else None
     return NamedEffect(
-        cause.effect, _numbers(cause.effect, final), cause.rivals,
+        cause.effect, effect_numbers(cause.effect, final, given), cause.rivals,
         None if share is None else float(np.clip(share, 0.0, 1.0)),
     )  # fmt: skip
-
-
-def _numbers(effect: str, at: Evaluation) -> dict[str, Number]:
-    """Values of an effect's keys with standard deviations."""
-    spread = dict(zip(at.model.names, _told(at), strict=True))
-    result = {}
-    for key, value in at.model.settings.effects[effect].items():
-        stds = [spread.get(name) for name in effect_names(effect, key, value)]
-        known = tuple(s for s in stds if s is not None)
-        std: float | tuple[float, ...] | None = None
-        if len(known) == len(stds):
-            std = known if isinstance(value, tuple) else known[0]
-        result[key] = Number(value, std, quantities(effect)[key].unit)
-    return result
-
-
-def _told(at: Evaluation) -> FloatArray:
-    """Standard deviations of the values of all parameters, shape (P,); no guess enters them."""
-    spread = np.sqrt(np.diag(_covariance(at)))
-    return np.array(
-        [
-            p.outer_std(x, s)
-            for p, s, x in zip(at.model.parameters, spread, at.model.theta(), strict=True)
-        ]
-    )
-
-
-def _covariance(at: Evaluation) -> FloatArray:
-    """Posterior covariance in which guesses count for nothing."""
-    guessed = np.array([p.guessed for p in at.model.parameters])
-    precision = at.model.precision() * np.where(guessed, UNKNOWN, 1.0)
-    return posterior(at.spectra, at.variances, at.model.offset(), precision).covariance
-
-
-def _fitted(at: Evaluation, err_train: float | None, err_holdout: float | None) -> Fitted:
-    """The material with standard deviations, and errors [m]."""
-    spread, rod = _covariance(at), at.model.settings.rod
-    section = 2.0 * (rod.diameter_std / rod.diameter or DIAMETER_STD)
-    unit = {
-        name: np.array([float(n == name) for n in at.model.names])
-        for name in ("young_modulus", "density")
-    }
-    result: list[tuple[float, float | None]] = []
-    for value, c in (
-        (rod.young_modulus, unit["young_modulus"]),
-        (rod.density, unit["density"]),
-        (rod.specific_modulus, unit["young_modulus"] - unit["density"]),
-    ):
-        of_stiffness = section * c[at.model.index("young_modulus")]
-        std = float(np.hypot(np.sqrt(max(float(c @ spread @ c), 0.0)), of_stiffness))
-        result.append((value, value * std if std < UNBOUNDED else None))
-    return Fitted(at.model.settings, result[0], result[1], result[2], err_train, err_holdout)
-
-
-def _plain(plain: Candidate, err_train: float | None, err_holdout: float | None) -> Fitted:
-    """The plain model; of how well its numbers are known nothing is told where it is wrong."""
-    rod = plain.at.model.settings.rod
-    return Fitted(
-        plain.at.model.settings, (rod.young_modulus, None), (rod.density, None),
-        (rod.specific_modulus, None), err_train, err_holdout,
-    )  # fmt: skip
-
-
-def _setup(at: Evaluation, causes: Sequence[Cause]) -> dict[str, SetupNumber]:
-    """Numbers of the set-up that are no cause."""
-    named = {name for c in causes for name in c.names}
-    rows = zip(at.model.parameters, at.model.theta(), _told(at), strict=True)
-    return {
-        f"{p.effect}.{p.key}": SetupNumber(p.outer(x), s, _tolerance(p), p.unit)
-        for p, x, s in rows
-        if p.tolerated and p.name not in named
-    }
-
-
-def _tolerance(p: Parameter) -> float:
-    """Tolerance in the parameter's own unit."""
-    return p.outer_std(p.centre, p.std)
-
-
-def _systematic(at: Evaluation) -> dict[str, Number]:
-    """Errors of the measurement and of the model, as root mean squares along the DLO [m]."""
-    parts = ("across", "along", "out_of_plane")
-    result = {}
-    for kind in ("white", "lasting", "rough", "fading"):
-        rows = np.array([getattr(v, kind) for v in at.variances])
-        for part, value in zip(parts, np.sqrt(rows.mean(axis=0)), strict=False):
-            name = "discrepancy" if kind == "fading" else f"{kind}_error"
-            result[f"{name}_{part}"] = Number(float(value), None, "m")
-    return result
 
 
 def _tried(found: Explanation) -> tuple[Tried, ...]:

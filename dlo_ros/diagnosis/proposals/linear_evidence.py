@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dlo_ros.effects import Start
+from dlo_ros.effects import Start, added_to_damping
 from dlo_ros.inference import priors
 from dlo_ros.inference.joint import Evaluation, Field, Simulated
 from dlo_ros.inference.parameter import Parameter, ParametricModel
@@ -69,17 +69,28 @@ class Promise:
 
 
 def freed(model: ParametricModel) -> list[Proposal]:
-    """Numbers of the set-up that leave their tolerance, those of one place together."""
+    """Numbers of the set-up that leave their tolerance, those of one place together.
+
+    Damping that the parameter file only guesses is one, too.
+    """
     groups: dict[tuple[str, str], list[Parameter]] = {}
     for p in model.parameters:
-        if p.effect and p.tolerated:
+        if p.tolerated:
             key = p.key.partition("[")[0]
             several = p.effect.startswith("clamp")  # each clamp by itself
             groups.setdefault((p.effect, key if several else ""), []).append(p)
+        elif p.guessed and (effect := told_as(p)):
+            groups[effect, ""] = [p]
     return [
         Proposal(effect, form, None, tuple(p.freed(SLAB) for p in ps), tuple(p.name for p in ps))
         for (effect, form), ps in groups.items()
     ]
+
+
+def told_as(p: Parameter) -> str:
+    """Effect as which a parameter that is off is told; empty for E and mu."""
+    damping = (effect for effect, (name, _) in added_to_damping().items() if name == p.name)
+    return p.effect or next(damping, "")
 
 
 def pinned(p: Parameter) -> Parameter:

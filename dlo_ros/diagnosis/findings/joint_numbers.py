@@ -1,0 +1,137 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""The joint model's numbers as they are told: effects, material, set-up, measurement errors."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from dlo_ros.diagnosis.explain.joint_explanation import (
+    Cause,
+)
+from dlo_ros.diagnosis.findings.diagnosis_outcome import (
+    Fitted,
+    Number,
+    SetupNumber,
+)
+from dlo_ros.diagnosis.selection.effect_search import Candidate
+from dlo_ros.effects import added_to_damping, quantities
+from dlo_ros.identification.estimate import UNBOUNDED
+from dlo_ros.inference.joint import Evaluation
+from dlo_ros.inference.parameter import Parameter
+from dlo_ros.inference.priors import DIAMETER_STD
+from dlo_ros.inference.variances import posterior
+from dlo_ros.parameters import Settings
+from dlo_ros.rod.sensitivity_parameters import effect_names
+from dlo_ros.spline import FloatArray
+
+UNKNOWN = 1e-12
+"""Share of a guess's information that counts in a standard deviation that is told: none."""
+
+
+def effect_numbers(effect: str, at: Evaluation, given: Settings) -> dict[str, Number]:
+    """Values of an effect's keys with standard deviations."""
+    spread = dict(zip(at.model.names, outer_stds(at), strict=True))
+    name, _ = added_to_damping().get(effect, ("", ""))
+    result = {}
+    told = damping_as_effects(at.model.settings, given, (effect,))
+    for key, value in told.effects[effect].items():
+        names = effect_names(effect, key, value)
+        stds = [spread.get(n, spread.get(name)) for n in names]
+        known = tuple(s for s in stds if s is not None)
+        std: float | tuple[float, ...] | None = None
+        if len(known) == len(stds):
+            std = known if isinstance(value, tuple) else known[0]
+        result[key] = Number(value, std, quantities(effect)[key].unit)
+    return result
+
+
+def damping_as_effects(settings: Settings, given: Settings, names: Iterable[str]) -> Settings:
+    """The same settings with the parameter file's damping, and what is added to it as effects."""
+    effects_ = {k: dict(v) for k, v in settings.effects.items()}
+    damping = settings.damping
+    for effect, (name, key) in added_to_damping().items():
+        if effect in names and effect not in effects_:
+            before: float = getattr(given.damping, name)
+            effects_[effect] = {key: getattr(damping, name) - before}
+            changed: dict[str, Any] = {name: before}
+            damping = replace(damping, **changed)
+    return replace(settings, damping=damping).with_effects(effects_)
+
+
+def outer_stds(at: Evaluation) -> FloatArray:
+    """Standard deviations of the values of all parameters, shape (P,); no guess enters them."""
+    spread = np.sqrt(np.diag(_covariance(at)))
+    return np.array(
+        [
+            p.outer_std(x, s)
+            for p, s, x in zip(at.model.parameters, spread, at.model.theta(), strict=True)
+        ]
+    )
+
+
+def _covariance(at: Evaluation) -> FloatArray:
+    """Posterior covariance in which guesses count for nothing."""
+    guessed = np.array([p.guessed for p in at.model.parameters])
+    precision = at.model.precision() * np.where(guessed, UNKNOWN, 1.0)
+    return posterior(at.spectra, at.variances, at.model.offset(), precision).covariance
+
+
+def fitted_material(at: Evaluation, err_train: float | None, err_holdout: float | None) -> Fitted:
+    """The material with standard deviations, and errors [m]."""
+    spread, rod = _covariance(at), at.model.settings.rod
+    section = 2.0 * (rod.diameter_std / rod.diameter or DIAMETER_STD)
+    unit = {
+        name: np.array([float(n == name) for n in at.model.names])
+        for name in ("young_modulus", "density")
+    }
+    result: list[tuple[float, float | None]] = []
+    for value, c in (
+        (rod.young_modulus, unit["young_modulus"]),
+        (rod.density, unit["density"]),
+        (rod.specific_modulus, unit["young_modulus"] - unit["density"]),
+    ):
+        of_stiffness = section * c[at.model.index("young_modulus")]
+        std = float(np.hypot(np.sqrt(max(float(c @ spread @ c), 0.0)), of_stiffness))
+        result.append((value, value * std if std < UNBOUNDED else None))
+    return Fitted(at.model.settings, result[0], result[1], result[2], err_train, err_holdout)
+
+
+def plain_material(plain: Candidate, err_train: float | None, err_holdout: float | None) -> Fitted:
+    """The plain model; of how well its numbers are known nothing is told where it is wrong."""
+    rod = plain.at.model.settings.rod
+    return Fitted(
+        plain.at.model.settings, (rod.young_modulus, None), (rod.density, None),
+        (rod.specific_modulus, None), err_train, err_holdout,
+    )  # fmt: skip
+
+
+def set_up_numbers(at: Evaluation, causes: Sequence[Cause]) -> dict[str, SetupNumber]:
+    """Numbers of the set-up that are no cause."""
+    named = {name for c in causes for name in c.names}
+    rows = zip(at.model.parameters, at.model.theta(), outer_stds(at), strict=True)
+    return {
+        f"{p.effect}.{p.key}": SetupNumber(p.outer(x), s, _tolerance(p), p.unit)
+        for p, x, s in rows
+        if p.tolerated and p.name not in named
+    }
+
+
+def _tolerance(p: Parameter) -> float:
+    """Tolerance in the parameter's own unit."""
+    return p.outer_std(p.centre, p.std)
+
+
+def systematic_errors(at: Evaluation) -> dict[str, Number]:
+    """Errors of the measurement and of the model, as root mean squares along the DLO [m]."""
+    parts = ("across", "along", "out_of_plane")
+    result = {}
+    for kind in ("white", "lasting", "rough", "fading"):
+        rows = np.array([getattr(v, kind) for v in at.variances])
+        for part, value in zip(parts, np.sqrt(rows.mean(axis=0)), strict=False):
+            name = "discrepancy" if kind == "fading" else f"{kind}_error"
+            result[f"{name}_{part}"] = Number(float(value), None, "m")
+    return result
