@@ -371,8 +371,12 @@ def test_what_a_camera_sees_wrongly_in_every_picture_counts_as_noise():
     u = np.linspace(0.0, KNOWN.rod.length, count)
 
     def stated(std):
-        points = CentrelinePoints(u, np.zeros((count, 3)), np.full(count, std))
-        return replace(one, observations=tuple(replace(o, points=points) for o in one.observations))
+        def with_points(o):
+            basis = SplineBasis(len(o.control_points), KNOWN.rod.length)
+            seen = basis.matrix(u) @ o.control_points[:, :3]
+            return replace(o, points=CentrelinePoints(seen, u, np.full(count, std)))
+
+        return replace(one, observations=tuple(map(with_points, one.observations)))
 
     for std, lasting in ((noise, 0.0), (4.0 * noise, 2.0 * noise)):
         recording = measured(stated(std), KNOWN)
@@ -389,13 +393,14 @@ def test_noise_that_scatters_is_not_taken_for_what_a_camera_sees_wrongly():
     one, count, noise = swing(KNOWN, seconds=2.0, noise=0.0), 100, 3e-4
     n, length = KNOWN.rod.control_points, KNOWN.rod.length
     u = np.linspace(0.0, length, count)
-    points = CentrelinePoints(u, np.zeros((count, 3)), np.full(count, noise))
     basis, rng = SplineBasis(n, length), np.random.default_rng(0)
     true = measured(one, KNOWN).observed
 
     def seen(k):
         shape = np.zeros((n, 4))
-        shape[:, :3] = true[k] + basis.fit(u, noise * rng.normal(size=(count, 3)))
+        errors = noise * rng.normal(size=(count, 3))
+        shape[:, :3] = true[k] + basis.fit(u, errors)
+        points = CentrelinePoints(basis.matrix(u) @ true[k] + errors, u, np.full(count, noise))
         return replace(one.observations[k], control_points=shape, points=points)
 
     for _ in range(25):

@@ -7,22 +7,11 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-import yaml
-from experiment_recordings import recorded
+from experiment_recordings import moving
 
 from dlo_ros.diagnosis.monitor.residual_monitor import Watch, left_over
 from dlo_ros.identification import Manipulation, OnlineEstimator
 from dlo_ros.nodes.worker import EstimatorThread
-from dlo_ros.synthesis.experiment import find_experiment
-
-
-def moving(name, effects, seed):
-    """A recording of the discrete rod, and a guess that knows of no effect."""
-    tree = yaml.safe_load(find_experiment(name).read_text())
-    tree["parameters"]["effects"] = effects
-    recording, guess, truth = recorded(tree, seed, step=1e-3)
-    guess = guess.with_effects({})
-    return recording, guess.with_material(0.5 * truth.rod.young_modulus, guess.rod.density)
 
 
 def watched(recording, guess, pieces=np.inf):

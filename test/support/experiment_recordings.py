@@ -2,10 +2,11 @@
 """Recordings of simulated experiments, without a bag."""
 
 import numpy as np
+import yaml
 
 from dlo_ros.identification import Manipulation
 from dlo_ros.observation import Observation
-from dlo_ros.synthesis.experiment import read_experiment
+from dlo_ros.synthesis.experiment import find_experiment, read_experiment
 from dlo_ros.synthesis.synthesize import measure
 from dlo_ros.synthesis.truth import build_simulation, simulate
 
@@ -21,3 +22,12 @@ def recorded(tree, seed, name="recording", step=5e-4):
         observations.append(Observation(truth.stamps[i], q, points))
     recording = Manipulation(name, (experiment.command,), tuple(observations))
     return recording, experiment.guess, experiment.truth
+
+
+def moving(name, effects, seed):
+    """A recording of the discrete rod, and a guess that knows of no effect."""
+    tree = yaml.safe_load(find_experiment(name).read_text())
+    tree["parameters"]["effects"] = effects
+    recording, guess, truth = recorded(tree, seed, step=1e-3)
+    guess = guess.with_effects({})
+    return recording, guess.with_material(0.5 * truth.rod.young_modulus, guess.rod.density)

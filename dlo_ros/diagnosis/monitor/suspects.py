@@ -63,8 +63,9 @@ TOLD = 3
 """Suspects that are told of."""
 WEIGHED = 12
 """Models that are weighed by their evidence, those that leave least."""
-CLEARER = 0.8
-"""Share of what the set-up leaves, below which a suspect comes: the model is linear only."""
+CLEARER = 0.9
+"""Share of what the set-up leaves, below which a suspect comes: the model is linear only, and by
+its own error alone effects come within a twentieth of it."""
 ASTRAY = 0.2
 """Share of the largest error of a picture, from which one may come after a hit."""
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from experiment_recordings import moving
 from rods import PAPER
-from test_watch import moving
 
 from dlo_ros.diagnosis.explain.joint_explanation import explain
 from dlo_ros.diagnosis.findings.joint_numbers import damping_as_effects, effect_numbers
