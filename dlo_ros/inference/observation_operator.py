@@ -39,8 +39,7 @@ REACH = 0.2
 """Correlation length over L of errors along the DLO: what a camera's calibration and the place of a
 free end do to u."""
 ALONG_STD = 0.001
-"""Standard deviation of u over L in the middle where none is stated, that is with both ends held;
-towards the ends it vanishes as that of a Brownian bridge."""
+"""Standard deviation of u over L where none is stated, that is with both ends held."""
 LEAST_SHARE = 0.5
 """Smallest std of a point over the typical one of its picture: scatter is an estimate itself."""
 NEGLECTED = 1e-9
@@ -159,7 +158,7 @@ def _operator(observation: Observation, basis: SplineBasis) -> Operator | None:
     std = np.maximum(std, LEAST_SHARE * np.sqrt(np.mean(std**2)))
     x = u / basis.length
     if points.std_along is None:
-        along = np.hypot(2.0 * ALONG_STD * basis.length * np.sqrt(x * (1.0 - x)), std)
+        along = np.full(len(u), ALONG_STD * basis.length)
     else:
         along = points.std_along[usable]
     shape, n = observation.control_points[:, :3], basis.control_points
