@@ -226,6 +226,7 @@ def test_no_process_can_be_started(folder, monkeypatch):
     )
 
 
+@pytest.mark.slow
 def test_no_more_than_two_compile_at_a_time(folder, begin):
     from contextlib import ExitStack
 
@@ -296,6 +297,7 @@ def test_waiting_for_the_parts_of_others_does_not_count_as_slowness(folder, monk
     assert one.poll().remaining_seconds == pytest.approx(10.0)
 
 
+@pytest.mark.slow
 def test_a_compilation_that_has_begun_is_not_announced_again(folder, begin, monkeypatch):
     one = begin("slow")
     until(lambda: begun(folder))

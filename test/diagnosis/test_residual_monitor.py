@@ -31,6 +31,7 @@ def watched(recording, guess, pieces=np.inf):
     return watch, estimator
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "seed"),
     [
@@ -107,6 +108,7 @@ def test_its_work_comes_in_pieces():
     assert sliced.suspicion is not None  # of the first pictures, which need not tell what it is
 
 
+@pytest.mark.slow
 def test_a_jump_in_one_picture_is_no_structure():
     recording, guess = moving("c_shape", {}, 1)
     seen = list(recording.observations)

@@ -84,8 +84,7 @@ CASES = {
 
 
 ORDINARY = (
-    "no effect, held at both ends", "intrinsic_curvature, kink", "clamp_angle, both",
-    "viscoelasticity", "wall", "obstacle", "many", "many, both held",
+    "intrinsic_curvature, kink", "clamp_angle, both", "viscoelasticity", "wall", "many, both held",
 )  # fmt: skip
 
 

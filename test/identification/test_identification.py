@@ -216,6 +216,7 @@ def test_online_the_ratio_converges_within_the_motion(swinging, factor):
     assert not estimate.identifiable["density"]
 
 
+@pytest.mark.slow
 def test_a_guessed_damping_of_zero_does_not_bend_the_ratio(swinging, caplog):
     """Undamped, the rope would swing on, and only a wrong E/mu could bring it to rest."""
     undamped = replace(guess(0.3), damping=DampingParameters(air_drag=0.0, relaxation_time=0.0))

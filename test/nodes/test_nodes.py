@@ -685,6 +685,7 @@ def test_parameters_that_are_missing_or_unusable_end_with_status_2(tmp_path, nam
     assert "Traceback" not in incomplete.said + broken.said
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("after", some_of([0.5, 1.1, 1.8], [1.1]))
 def test_ctrl_c_ends_quietly_while_a_node_starts(after, tmp_path, monkeypatch):
     """Twice, as `ros2 launch` does; every other test here ends nodes that run in the same way."""

@@ -302,6 +302,7 @@ def test_a_node_that_never_is_ready(alone, splines, tmp_path):
     rope.node.destroy_node()
 
 
+@pytest.mark.slow
 def test_the_player_waits_until_the_nodes_are_ready(alone, splines, tmp_path):
     """Also for one by name that is not there yet, and not for others that merely listen."""
     from live_graph import Process
@@ -334,6 +335,7 @@ def test_unusable_patience(splines, tmp_path, wait):
     assert "--wait is" in process.said and "give seconds from 0 to 86400" in process.said
 
 
+@pytest.mark.slow
 def test_damaged_bag_ends_with_status_2(tmp_path):
     from live_graph import Process
 

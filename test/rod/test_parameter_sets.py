@@ -88,7 +88,7 @@ def test_vectors_compute_in_every_lane():
 
 
 @pytest.mark.parametrize("held", some_of([(2, 0), (1, 1), (2, 2), (0, 0)], [(2, 0)]))
-@pytest.mark.parametrize("first", [True, False])
+@pytest.mark.parametrize("first", some_of([True, False], [False]))
 def test_equations_are_those_of_one_rod(held, first):
     """The linear solution of each lane against the planar rod's own matrix and gradient."""
     model, _ = build(PAPER, held_start(), 6)

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from ordinary import some_of
 from rods import PAPER, SECOND, command
 
 from dlo_ros.command import Motion
@@ -162,13 +163,13 @@ def same_steps(monkeypatch):
     monkeypatch.setattr(integration, "NEWTON_LARGEST", 1e-9)
 
 
-@pytest.mark.parametrize("space", [False, True], ids=["plane", "space"])
+@pytest.mark.parametrize("space", some_of([False, True], [False]), ids=["plane", "space"])
 @pytest.mark.parametrize(("name", "effects", "slack"), CASES, ids=[c[0] for c in CASES])
 def test_derivatives_agree_with_differences(same_steps, name, effects, slack, space):
     check(LOOSE.with_effects(effects), held(space=space), name, slack, space)
 
 
-@pytest.mark.parametrize("space", [False, True], ids=["plane", "space"])
+@pytest.mark.parametrize("space", some_of([False, True], [True]), ids=["plane", "space"])
 @pytest.mark.parametrize(("name", "effects", "slack"), ACROSS, ids=[c[0] for c in ACROSS])
 def test_derivatives_across_the_plane(same_steps, name, effects, slack, space):
     soft = replace(LOOSE, rod=replace(LOOSE.rod, young_modulus=5e6)).with_effects(effects)

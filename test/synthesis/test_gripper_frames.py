@@ -151,6 +151,7 @@ def played(bag, settings, std):
     return heard
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("std", "status"), [("200", 0), ("-", 1)])
 def test_the_demo_in_space_pictures_all_cameras_and_says_what_stays_unknown(
     made, tmp_path, monkeypatch, capsys, std, status

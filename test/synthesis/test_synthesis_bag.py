@@ -111,6 +111,7 @@ def test_splines_carry_the_stated_noise(with_splines):
     assert rms == pytest.approx(made.measurement.std, rel=0.05)
 
 
+@pytest.mark.slow
 def test_same_seed_same_recording(with_images, with_splines, tmp_path):
     path, made, _ = with_images
     synthesize(made, tmp_path / "again", seed=1)

@@ -319,6 +319,7 @@ def test_the_tool_writes_it(tmp_path, capsys, monkeypatch):
     assert "4 observed splines" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 @pytest.mark.long
 def test_the_spline_rod_moves_as_it_does():
     found, _ = compare(TWISTED, {}, duration=0.7, edges=100, step=2e-3)
