@@ -241,7 +241,8 @@ def _best_of(
             trace.append(Step(number, name, promise.gain, err, "cannot be simulated"))
         else:
             begun.append((found, promise.proposal))
-    begun.sort(key=lambda row: -row[0].posterior.evidence)
+    # What moves predictions away from the shapes explains nothing, whatever evidence it gains.
+    begun.sort(key=lambda row: (row[0].mean_err > at.mean_err, -row[0].posterior.evidence))
     best: tuple[Evaluation, Proposal] | None = None
     for k, (found, proposal) in enumerate(begun):
         outcome = "fitted, but another gains more"
@@ -249,7 +250,9 @@ def _best_of(
             found = fit(found, recordings, FIT_ITERATIONS)
             outcome = "gains too little"
         gain = found.posterior.evidence - at.posterior.evidence
-        if k == 0 and gain >= WORTH:
+        if found.mean_err > at.mean_err:
+            outcome = "makes matters worse"
+        elif k == 0 and gain >= WORTH:
             best, outcome = (found, proposal), "added"
         trace.append(Step(number, proposal.label, gain, found.mean_err, outcome))
     return best, trace

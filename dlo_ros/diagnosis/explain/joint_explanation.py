@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dlo_ros.diagnosis.explain.cause_search import (
+    INDISPENSABLE,
     Offer,
     Search,
     Step,
@@ -36,6 +37,9 @@ RIVAL = 3.0
 """Log evidence by which a rival may be worse."""
 CERTAIN = 3.0
 """Standard deviations from neutral, from which a cause is named."""
+KNOWN = 2.0
+"""The same of a cause that is indispensable: how large it is may be known less well than that it is
+there, such as a weight beside a stiffness that nobody knows."""
 BEYOND = 2.0
 """Tolerances from neutral, from which a number of the set-up may be a cause."""
 NOTABLE = 0.2
@@ -195,12 +199,14 @@ def _named(
     at, offer = found.at, found.offer
     result = []
     for group in (*found.causes, *beyond(at)):
-        if not certain(at, group):
+        if not certain(at, group, KNOWN):
             continue
         bare = without(at, group, recordings, wholly=True)
         if bare is None:
             continue
         loss = at.posterior.evidence - bare.posterior.evidence
+        if loss < INDISPENSABLE and not certain(at, group):
+            continue
         if loss < NAMED or at.mean_err > (1.0 - LOWERS) * bare.mean_err:
             continue
         if not _beyond(at, group):
@@ -260,7 +266,7 @@ def _geometric(p: Parameter) -> bool:
     return bool(p.effect) and quantities(p.effect)[split_name(p.name)[1]].geometric
 
 
-def certain(at: Evaluation, group: Proposal) -> bool:
+def certain(at: Evaluation, group: Proposal, stds: float = CERTAIN) -> bool:
     """Whether a group is away from neutral by more than its uncertainty (Wald)."""
     linear = [n for n in group.columns if n in at.model.names]
     if not linear or not _has_tolerance(group):
@@ -268,7 +274,7 @@ def certain(at: Evaluation, group: Proposal) -> bool:
     k = [at.model.index(n) for n in linear]
     off = at.model.offset()[k]
     spread = at.posterior.covariance[np.ix_(k, k)]
-    return float(off @ np.linalg.solve(spread, off)) > CERTAIN**2 * len(k)
+    return float(off @ np.linalg.solve(spread, off)) > stds**2 * len(k)
 
 
 def departures(at: Evaluation, causes: Sequence[Proposal] = ()) -> int:
