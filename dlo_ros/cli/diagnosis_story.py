@@ -22,6 +22,7 @@ from dlo_ros.cli.diagnosis_words import (
 )
 from dlo_ros.diagnosis import Diagnosis, NamedEffect, SetupNumber, View
 from dlo_ros.effects import quantities
+from dlo_ros.identification.identifiability import enumerated
 from dlo_ros.inference.parameter import split_name
 from dlo_ros.report.diagnosis_content import Question, SetupRow
 from dlo_ros.report.elements import measured, number
@@ -87,8 +88,7 @@ def extends(found: Diagnosis) -> bool:
 def headline(found: Diagnosis) -> str:
     """The result in a sentence."""
     err = _error(found)
-    *others, last = [_short(e) for e in found.effects] or [""]
-    causes = " and ".join([", ".join(others), last] if others else [last])
+    causes = enumerated([_short(e) for e in found.effects])
     off = "The simulation is off" if err is None else f"The simulation is {mm(err)} off"
     if found.verdict == "adequate":
         if _immaterial(found):
@@ -202,10 +202,17 @@ def _why(found: Diagnosis) -> tuple[str, ...]:
     told = [_cause(e) for e in found.effects]
     if found.verdict == "adequate":
         if found.setup and extends(found):
-            told.append(
-                "The set-up is a little off in several places, each within twice its tolerance: "
-                "see the table."
+            far = [
+                label(name, _counts(found)[name.partition("[")[0]])
+                for name, n in found.setup.items()
+                if _off(name, n) > 2.0 * n.tolerance
+            ]
+            where = (
+                f"{enumerated(far)} by more than twice the tolerance"
+                if far
+                else "each within twice its tolerance"
             )
+            told.append(f"The set-up is a little off in several places, {where}: see the table.")
         elif not told:
             told.append(
                 "Nothing that matters is wrong."
@@ -275,7 +282,7 @@ def _gain(found: Diagnosis, file: str) -> tuple[str, ...]:
 
 def setup_lines(found: Diagnosis) -> tuple[SetupRow, ...]:
     """Numbers of the set-up, what is most clearly off first."""
-    counts = Counter(name.partition("[")[0] for name in found.setup)
+    counts = _counts(found)
     off = {name: _deviations(name, n) for name, n in found.setup.items()}
     return tuple(
         _row(name, found.setup[name], counts[name.partition("[")[0]], notable=off[name] > NOTABLE)
@@ -283,10 +290,20 @@ def setup_lines(found: Diagnosis) -> tuple[SetupRow, ...]:
     )
 
 
+def _counts(found: Diagnosis) -> Counter[str]:
+    """Number of values that each key of the set-up has."""
+    return Counter(name.partition("[")[0] for name in found.setup)
+
+
 def _deviations(name: str, n: SetupNumber) -> float:
     """Standard deviations by which a number is off."""
+    return _off(name, n) / n.std if n.std > 0.0 else 0.0
+
+
+def _off(name: str, n: SetupNumber) -> float:
+    """Distance of a number from neutral, in its unit."""
     effect, key, _ = split_name(name)
-    return abs(n.value - quantities(effect)[key].neutral) / n.std if n.std > 0.0 else 0.0
+    return abs(n.value - quantities(effect)[key].neutral)
 
 
 def _row(name: str, n: SetupNumber, count: int, *, notable: bool) -> SetupRow:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -104,12 +105,14 @@ def sentences(estimate: Estimate, information: FloatArray) -> list[str]:
     told = [f"{k.words} to {_percent(k.std)}" for k in known if k.source == "data" and k.std]
     before = [k.words for k in known if k.source == "prior"]
     open_ = [k.words for k in known if k.source == "guess"]
-    result = [f"The recordings determine {_list(told)}." if told else
+    result = [f"The recordings determine {enumerated(told)}." if told else
               "The recordings determine none of the parameters."]  # fmt: skip
     if before:
-        result.append(f"{_list(before)}: known from what was given beforehand, not from the data.")
+        result.append(
+            f"{enumerated(before)}: known from what was given beforehand, not from the data."
+        )
     if open_:
-        result.append(f"{_list(open_)}: not known; the numbers are guesses that fit as well.")
+        result.append(f"{enumerated(open_)}: not known; the numbers are guesses that fit as well.")
     found = estimate.identifiable
     if found["specific_modulus"] and not found["density"]:
         result.append(
@@ -142,5 +145,6 @@ def rounded(number: float) -> str:
     return str(np.format_float_positional(float(f"{number:.2g}"), trim="-"))
 
 
-def _list(words: list[str]) -> str:
-    return words[0] if len(words) == 1 else ", ".join(words[:-1]) + " and " + words[-1]
+def enumerated(words: Sequence[str]) -> str:
+    """Words as a sentence names them: a, b and c."""
+    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)

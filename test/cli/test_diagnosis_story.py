@@ -14,6 +14,7 @@ from dlo_ros.cli.diagnosis_story import headline, setup_lines, story
 from dlo_ros.cli.diagnosis_words import amount, clause, label, off_by, percent, title, values
 from dlo_ros.diagnosis import Fitted, Gain, NamedEffect, Number, SetupNumber
 from dlo_ros.effects import effects
+from dlo_ros.identification.identifiability import enumerated
 from dlo_ros.report.diagnosis import diagnosis_page
 from dlo_ros.report.elements import measured
 
@@ -99,6 +100,16 @@ def test_adequate_says_whether_it_is_as_good_as_matters():
     assert "4.0 mm off, for a set-up that is a little off" in headline(tolerated)
     assert "within twice its tolerance: see the table" in answers(tolerated)[1]
     assert "and for mass on the DLO" in headline(case("adequate", setup=SETUP))
+    bent = {"clamp_angle.start": SetupNumber(-8.0 * DEGREE, 0.4 * DEGREE, 3.0 * DEGREE, "rad")}
+    told = answers(case("adequate", (), 4e-3, setup=SETUP | bent))[1]
+    assert "direction of a clamp, at the start by more than twice the tolerance: see" in told
+
+
+def test_words_are_joined_as_people_do():
+    assert enumerated([]) == ""
+    assert enumerated(["a"]) == "a"
+    assert enumerated(["a", "b"]) == "a and b"
+    assert enumerated(["a", "b", "c"]) == "a, b and c"
 
 
 def test_one_pose_has_no_interval():
