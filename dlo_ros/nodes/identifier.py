@@ -6,10 +6,8 @@ from __future__ import annotations
 import math
 import time
 from collections import OrderedDict, deque
-from functools import partial
 from typing import Any
 
-import numpy as np
 from std_srvs.srv import SetBool
 
 from dlo_ros.command import NANOSECONDS, Command, Motion
@@ -21,29 +19,24 @@ from dlo_ros.nodes import qos
 from dlo_ros.nodes.commands import CommandSubscription
 from dlo_ros.nodes.link import SimulatorLink
 from dlo_ros.nodes.markers import Markers
+from dlo_ros.nodes.measured_forces import MeasuredForces
 from dlo_ros.nodes.message_factory import ROS_MESSAGES
 from dlo_ros.nodes.metrics import ESTIMATES, Metrics
 from dlo_ros.nodes.node_base import JUMP_BACK, DloNode
 from dlo_ros.nodes.pairing import Pairing
 from dlo_ros.nodes.runtime import run
-from dlo_ros.nodes.worker import EstimatorThread, Felt
+from dlo_ros.nodes.worker import EstimatorThread
 from dlo_ros.observation import CentrelinePoints, Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.building import float_message
 from dlo_ros.recordings.messages import read_observation, read_points, read_spline, stamp_of
-from dlo_ros.recordings.transforms import same_frame
-from dlo_ros.recordings.wrenches import TOPICS as WRENCHES
-from dlo_ros.recordings.wrenches import wrench_of
 from dlo_ros.rod.boundary.shape_orientation import along
 from dlo_ros.rod.compile import compile_kernels
-from dlo_ros.spline import FloatArray, SplineBasis
+from dlo_ros.spline import SplineBasis
 
 PATIENCE = 0.1
 """Seconds that an observed spline waits for its measured points, where somebody publishes them."""
-
-FORCES = 2000
-"""Measured forces of an end that are kept until a spline comes: two seconds at 1 kHz."""
 
 CLOUDS = 50
 """Measured points that are kept until their spline comes."""
@@ -75,9 +68,7 @@ class IdentifierNode(DloNode):
         self.subscribe(topics.OBSERVED, self._on_observed, qos.DEEP)
         self.subscribe(topics.OBSERVED_POINTS, self._on_points, qos.DEEP)
         self.subscribe(topics.PREDICTED, self._on_predicted, qos.DEEP)
-        self._felt: dict[str, dict[int, FloatArray]] = {}
-        for end, topic in WRENCHES.items():
-            self.subscribe(topic, partial(self._on_wrench, end, topic), qos.FORCES)
+        self._forces = MeasuredForces(self)
         self.create_service(SetBool, "~/pause", self._on_pause)
         self.every(PATIENCE / 2, self._release)
         self.health.waiting(topics.OBSERVED)
@@ -119,7 +110,7 @@ class IdentifierNode(DloNode):
         self._pairing.clear()
         self._clouds.clear()
         self._held.clear()
-        self._felt.clear()
+        self._forces.forget()
         self._last_observed = 0
         self._err = math.nan
 
@@ -161,23 +152,6 @@ class IdentifierNode(DloNode):
         self._held.append((time.monotonic() + PATIENCE, observation))
         self._release()
 
-    def _on_wrench(self, end: str, topic: str, message: Any) -> None:
-        frame, values = str(message.header.frame_id), wrench_of(message)
-        if self.is_earlier(stamp_of(message)):
-            return
-        if not same_frame(frame, self.settings.frame_id):
-            raise InputError(
-                f"{topic} is in frame '{frame[:60]}'; live, forces in '{self.settings.frame_id}' "
-                "are taken only"
-            )
-        if not np.isfinite(values).all():
-            raise InputError(f"{topic} holds a number that is not finite")
-        self.health.count("measured forces")
-        waiting = self._felt.setdefault(end, {})
-        waiting[stamp_of(message)] = values
-        while len(waiting) > FORCES:
-            del waiting[next(iter(waiting))]
-
     def _on_predicted(self, message: Any) -> None:
         shape = read_spline(message, self.settings, topics.PREDICTED)
         self.check_stamp(stamp_of(message), topics.PREDICTED)
@@ -204,9 +178,8 @@ class IdentifierNode(DloNode):
     def _release(self) -> None:
         """Hand observed splines to the estimator, in order, with their points where they come."""
         if self._held and not self._paused:
-            for end, rows in self._felt.items():
-                self._estimator.feel(Felt(end, tuple(rows), tuple(rows.values())))
-            self._felt.clear()
+            for measured in self._forces.take(self._motion.commands):
+                self._estimator.feel(measured)
         expected = self.is_published(topics.OBSERVED_POINTS)
         while self._held:
             deadline, observation = self._held[0]

@@ -16,9 +16,8 @@ from dlo_ros.diagnosis.monitor.residual_monitor import Suspicion, Watch
 from dlo_ros.errors import DloError
 from dlo_ros.identification.estimate import Estimate
 from dlo_ros.identification.online.online_estimator import OnlineEstimator
-from dlo_ros.observation import Observation
+from dlo_ros.observation import Observation, Wrenches
 from dlo_ros.parameters import Settings
-from dlo_ros.spline import FloatArray
 
 SWITCH = 2e-4
 """Seconds after which the estimator's thread lets the node's callbacks run; by default Python takes
@@ -47,15 +46,7 @@ class Outcome(NamedTuple):
     suspicion: Suspicion | None = None
 
 
-class Felt(NamedTuple):
-    """Forces and torques (6,) [N; N m] that were measured at an end, with their stamps [ns]."""
-
-    end: str
-    stamps: tuple[int, ...]
-    values: tuple[FloatArray, ...]
-
-
-Task = Settings | Command | Observation | Felt
+Task = Settings | Command | Observation | Wrenches
 
 
 class EstimatorThread:
@@ -107,9 +98,9 @@ class EstimatorThread:
                 self.dropped += len(left_out)
         self._put(observation)
 
-    def feel(self, felt: Felt) -> None:
+    def feel(self, measured: Wrenches) -> None:
         """Take measured forces."""
-        self._put(felt)
+        self._put(measured)
 
     def restart(self, settings: Settings) -> None:
         """Start afresh with these settings; what waits is dropped."""
@@ -165,9 +156,8 @@ class EstimatorThread:
                     estimator, watch = OnlineEstimator(task), Watch()
                 elif estimator is not None and isinstance(task, Command):
                     estimator.set_command(task)
-                elif estimator is not None and isinstance(task, Felt):
-                    for stamp, values in zip(task.stamps, task.values, strict=True):
-                        estimator.forces.add(task.end, stamp, values)
+                elif estimator is not None and isinstance(task, Wrenches):
+                    estimator.forces.add(task)
                 elif estimator is not None and isinstance(task, Observation):
                     newest = task.stamp
                     estimator.observe(task)

@@ -2,20 +2,22 @@
 """Forces and torques of the grips on the discrete rod, by its own laws, and a sensor of them.
 
 A grip's force is the slope of what a time step minimises, inertia included, by the place that it
-imposes; its torque that of the bending energy by the direction that it imposes.
+imposes; its torque that by the direction that it imposes and, in space, by its turn about the rod.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from dlo_ros.command import END, NANOSECONDS, START
 from dlo_ros.errors import InputError
 from dlo_ros.observation import Wrenches
 from dlo_ros.spline import FloatArray
+from dlo_ros.synthesis import spatial_energy
 from dlo_ros.synthesis.experiment import START_STAMP
 from dlo_ros.synthesis.rod_kernels import BANDS, elastic
 from dlo_ros.synthesis.rod_simulation import Simulation
@@ -30,23 +32,60 @@ WITHIN = 5e-3
 """Time to either side over which a tool's acceleration is taken [s]."""
 
 
-def reactions(simulation: Simulation) -> Mapping[str, FloatArray]:
-    """What the grips at the ends of a planar rod exert on it at its present instant.
+def reactions(simulation: Simulation | SpatialSimulation) -> Mapping[str, FloatArray]:
+    """What the grips at the ends of a rod exert on it at its present instant.
 
     Returns:
-        For each end that is held (`start`, `end`): force along x and z [N], and torque about +y at
-        that end [N m], shape (3,).
+        For each end that is held (`start`, `end`): force along x, y, z [N], and torque about these
+        at that end [N m], shape (6,).
     """
-    x, boundary = simulation.x, simulation.boundary(simulation.time)
-    potential = simulation.potential
+    boundary = simulation.boundary(simulation.time)
+    if isinstance(simulation, SpatialSimulation):
+        forces, torque = _in_space(simulation)
+    else:
+        forces, torque = _in_plane(simulation)
+    return {
+        end: np.concatenate([forces[node], torque(k)])
+        for k, (end, node) in enumerate(((START, 0), (END, len(forces) - 1)))
+        if node in boundary.positions
+    }
+
+
+Torque = Callable[[int], FloatArray]
+"""Torque (3,) [N m] of the clamp at the start (0) or the end (1)."""
+
+
+def _in_plane(simulation: Simulation) -> tuple[FloatArray, Torque]:
+    """Forces on the nodes (N + 1, 3) with nothing held, and torques, of a planar rod."""
+    x, potential = simulation.x, simulation.potential
     free = potential._replace(held=np.zeros_like(potential.held))
     gradient = np.empty_like(x)
     evaluate(x, free, gradient, np.empty((BANDS, 2 * len(x))))
-    result = {}
-    for k, (end, node) in enumerate(((START, 0), (END, len(x) - 1))):
-        if node in boundary.positions:
-            result[end] = np.array([*gradient[node], _torque(x, potential, k)])
-    return result
+    forces = np.column_stack([gradient[:, 0], np.zeros(len(x)), gradient[:, 1]])
+    return forces, lambda end: np.array([0.0, _torque(x, potential, end), 0.0])
+
+
+def _in_space(simulation: SpatialSimulation) -> tuple[FloatArray, Torque]:
+    """The same of a rod in space."""
+    shape, spin, potential = simulation.last
+    free = potential._replace(free=np.ones_like(potential.free))
+    _, gradient, _ = spatial_energy.evaluate(shape, spin, free)
+
+    def energy(end: int, turn: FloatArray) -> float:
+        """With a clamp turned about an axis by its length [rad]."""
+        held = Rotation.from_rotvec(turn).as_matrix()
+        tangent, director = potential.ends.tangent.copy(), potential.ends.director.copy()
+        tangent[end], director[end] = held @ tangent[end], held @ director[end]
+        turned = potential._replace(ends=spatial_energy.Ends(tangent, director))
+        return spatial_energy.evaluate(shape, spin, turned, slopes=False)[0]
+
+    def torque(end: int) -> FloatArray:
+        if not potential.ends.held[end]:
+            return np.zeros(3)
+        turns = TURN * np.eye(3)
+        return np.array([energy(end, t) - energy(end, -t) for t in turns]) / (2.0 * TURN)
+
+    return gradient.reshape(len(shape.x), -1)[:, :3], torque
 
 
 def _torque(x: FloatArray, p: Potential, end: int) -> float:
@@ -74,7 +113,7 @@ def measured(
     Args:
         stamps: at which they are stamped [ns], T of them.
         true: see `reactions`, at the instants that are measured.
-        accelerations: of each grip along x and z at these instants [m/s^2], shape (T, 2).
+        accelerations: of each grip at these instants [m/s^2], shape (T, 3).
         seed: of noise and offset.
 
     Raises:
@@ -89,9 +128,8 @@ def measured(
         if not all(held):
             raise InputError(f"wrench: the {end} is not held all the time")
         values = np.array([now[end] for now in true])
-        values[:, :2] += sensor.tool_mass * (accelerations[end] - accelerations[end][0])
-        force, torque = np.zeros((len(stamps), 3)), np.zeros((len(stamps), 3))
-        force[:, [0, 2]], torque[:, 1] = values[:, :2], values[:, 2]
+        force, torque = values[:, :3], values[:, 3:]
+        force += sensor.tool_mass * (accelerations[end] - accelerations[end][0])
         for array, noise, offset in (
             (force, sensor.force_std, sensor.force_bias_std),
             (torque, sensor.torque_std, sensor.torque_bias_std),
@@ -106,7 +144,7 @@ def record(
     sensor: WrenchSensor, simulation: Simulation | SpatialSimulation, stamps: Sequence[int],
     length: float, seed: int,
 ) -> tuple[Truth, list[Wrenches]]:  # fmt: skip
-    """Run a settled planar simulation over the stamps of images, and measure at the grips.
+    """Run a settled simulation over the stamps of images, and measure at the grips.
 
     Args:
         stamps: of the images [ns].
@@ -114,11 +152,9 @@ def record(
         seed: of noise and offset.
 
     Raises:
-        InputError: the rod moves in space.
+        InputError: a grip holds the DLO at some instants only.
         SimulationError: a step did not converge.
     """
-    if isinstance(simulation, SpatialSimulation):
-        raise InputError("wrench: forces at the grips are simulated in the plane y = 0 only")
     count = int((stamps[-1] - stamps[0]) / NANOSECONDS * sensor.rate) + 1
     instants = [stamps[0] + round(k / sensor.rate * NANOSECONDS) for k in range(count)]
     borne: dict[int, Mapping[str, FloatArray]] = {}
@@ -137,11 +173,14 @@ def record(
     return seen, measured(sensor, instants, true, moved, seed)
 
 
-def _acceleration(simulation: Simulation, node: int, stamps: Sequence[int]) -> FloatArray:
-    """Of an imposed node along x and z [m/s^2], shape (T, 2)."""
+def _acceleration(
+    simulation: Simulation | SpatialSimulation, node: int, stamps: Sequence[int]
+) -> FloatArray:
+    """Of an imposed node [m/s^2], shape (T, 3)."""
     places = []
     for stamp in stamps:
         time = (stamp - START_STAMP) / NANOSECONDS
         near = [simulation.boundary(time + side).positions[node] for side in (-WITHIN, 0, WITHIN)]
         places.append((near[0] - 2.0 * near[1] + near[2]) / WITHIN**2)
-    return np.array(places)
+    result = np.array(places)
+    return result if result.shape[1] == 3 else np.insert(result, 1, 0.0, axis=1)

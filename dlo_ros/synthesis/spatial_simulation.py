@@ -119,12 +119,22 @@ class SpatialSimulation:
         rod = self.rod_at(self.time)
         self._strains = strains(self._shape, rod.lengths, self.ends)
         self._strains_before = self._strains
+        self._potential: Potential | None = None
         # What relaxes has flowed as far as the rod is bent.
         self._flow = self._flow_before = self._strains[1] - rod.rest_strain
 
     @property
     def _shape(self) -> Frames:
         return Frames(self.x, self.director)
+
+    @property
+    def last(self) -> tuple[Frames, FloatArray, Potential]:
+        """The present shape, the spins that led to it, and the potential that they minimise."""
+        if self._potential is not None:
+            return self._shape, self._spun, self._potential
+        rod, boundary = self.rod_at(self.time), self.boundary(self.time)
+        relaxed = replace(rod, bending_stiffness=(1.0 - rod.relaxing) * rod.bending_stiffness)
+        return self._shape, self._spun, self._at_rest(relaxed, boundary)
 
     @property
     def twist(self) -> FloatArray:
@@ -353,7 +363,7 @@ class SpatialSimulation:
         self._strains_before = self._strains
         self._strains = strains(shape, rod.lengths, self.ends)
         self._flow_before, self._flow = self._flow, (self._strains[1] - behind) / flowing
-        self._used_step = h
+        self._used_step, self._potential = h, potential
         self.time = time
 
 

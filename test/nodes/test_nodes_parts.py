@@ -17,10 +17,8 @@ import pytest
 import recordings_samples as samples
 from conftest import ROOT
 
-from dlo_ros.errors import InputError
 from dlo_ros.nodes.pairing import GAP, WAITING, Pairing
 from dlo_ros.recordings import BAG_MESSAGES
-from dlo_ros.recordings.building import wrench_message
 
 MS = 1_000_000
 
@@ -88,7 +86,6 @@ def test_messages_of_rclpy_are_built_and_read_by_the_same_code():
     pytest.importorskip("rclpy")
     from dlo_ros.nodes.message_factory import ROS_MESSAGES as ros
     from dlo_ros.recordings import (
-        BAG_MESSAGES,
         camera_info_message,
         command_message,
         compressed_message,
@@ -400,28 +397,3 @@ def test_the_observer_says_how_many_control_points_would_do():
         ObserverNode._judge(node, points, spline)
         assert (f"{n} miss it by " in values["control points"]) == few
         assert ("would do" in values["control points"]) == few
-
-
-def test_forces_in_another_frame_or_not_finite_are_refused_and_told():
-    pytest.importorskip("rclpy")
-    from dlo_ros.nodes.identifier import IdentifierNode
-
-    counted = []
-    node = SimpleNamespace(
-        settings=samples.SETTINGS, is_earlier=lambda stamp: False, _felt={},
-        health=SimpleNamespace(count=counted.append),
-    )  # fmt: skip
-
-    def hear(frame, force, stamp=samples.START):
-        message = wrench_message(BAG_MESSAGES, stamp, frame, np.zeros(3), np.zeros(3))
-        message.wrench.force.x = force
-        IdentifierNode._on_wrench(node, "start", "dlo/wrench_start", message)
-
-    with pytest.raises(InputError, match=r"in frame 'sensor'; live, forces in 'board'"):
-        hear("sensor", 1.0)
-    with pytest.raises(InputError, match="not finite"):
-        hear("board", float("nan"))
-    assert node._felt == {} and counted == []
-    for k in range(2100):  # nobody sees the DLO: old forces are forgotten
-        hear("board", 1.0, samples.START + k)
-    assert len(node._felt["start"]) == 2000 and len(counted) == 2100

@@ -60,7 +60,7 @@ def swing(
     imposed = command(["start"], times, np.zeros((31, 3)), rotations, n=basis.control_points)
     wrenches = ()
     if sensor:
-        stamps, still = [o.stamp for o in observations], np.zeros((len(borne), 2))
+        stamps, still = [o.stamp for o in observations], np.zeros((len(borne), 3))
         wrenches = tuple(sensed(sensor, stamps, borne, {"start": still}, seed))
     return Manipulation("swing", (imposed,), tuple(observations), wrenches)
 

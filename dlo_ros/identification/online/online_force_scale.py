@@ -43,13 +43,15 @@ class Forces:
 
     def __init__(self, settings: Settings) -> None:
         self._settings = settings
-        self._rows: dict[str, deque[tuple[int, FloatArray]]] = {}
+        self._rows: dict[str, deque[tuple[int, FloatArray, FloatArray]]] = {}
         self._told = False  # by the present window
         self.fold()
 
-    def add(self, end: str, stamp: int, values: FloatArray) -> None:
-        """Take a force [N] and a torque [N m] along the axes of the fixed frame, shape (6,)."""
-        self._rows.setdefault(end, deque(maxlen=MOST)).append((stamp, values))
+    def add(self, measured: Wrenches) -> None:
+        """Take what was measured at an end."""
+        rows = self._rows.setdefault(measured.end, deque(maxlen=MOST))
+        values = np.hstack([measured.force, measured.torque])
+        rows.extend(zip(measured.stamps.tolist(), values, measured.axes, strict=True))
 
     def fold(self) -> None:
         """A new window begins."""
@@ -105,8 +107,10 @@ class Forces:
         """What was measured at each end."""
         result = []
         for end, rows in self._rows.items():
-            table = dict(rows)
-            stamps = np.array(sorted(table), dtype=np.int64)
-            values = np.array([table[int(s)] for s in stamps])
-            result.append(Wrenches.along_axes(end, stamps, values))
+            table = {stamp: (values, axes) for stamp, values, axes in rows}
+            stamps = sorted(table)
+            values, axes = (np.array([table[s][k] for s in stamps]) for k in (0, 1))
+            result.append(
+                Wrenches(end, np.array(stamps, dtype=np.int64), values[:, :3], values[:, 3:], axes)
+            )
         return result
