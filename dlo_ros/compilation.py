@@ -12,7 +12,6 @@ import fcntl
 import logging
 import os
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -29,6 +28,7 @@ from dlo_ros.kernel_cache import (
     require_writable,
 )
 from dlo_ros.kernel_parts import STAGES
+from dlo_ros.own_process import command_of
 
 LOG = logging.getLogger(__name__)
 
@@ -48,7 +48,7 @@ TELL = 10.0
 """Seconds between two messages on the progress."""
 
 
-WORKER = (sys.executable, "-m", "dlo_ros.compile", "--worker")
+WORKER = (*command_of("dlo_ros.compile"), "--worker")
 """The command of a compiling process; stages follow."""
 
 BEGINNING = "compiling the numerical kernels, once; this takes a minute or two"

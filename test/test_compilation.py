@@ -23,6 +23,7 @@ from dlo_ros.compilation import (
 from dlo_ros.errors import KernelError
 from dlo_ros.kernel_cache import machine
 from dlo_ros.kernel_parts import STAGES, Part
+from dlo_ros.own_process import command_of
 from dlo_ros.synthesis import compile as synthesis
 from dlo_ros.synthesis import rod_simulation, rod_steps
 
@@ -398,3 +399,16 @@ def test_simulated_experiments_are_compiled_with_their_steps_of_time(monkeypatch
     monkeypatch.setattr(rod_simulation, "minimise", minimise)
     synthesis.compile_kernels()
     assert steps
+
+
+def test_a_process_of_its_own_runs_the_same_package_wherever_it_is_started(tmp_path):
+    """As in the folder of the sources, beside an installed package."""
+    other = tmp_path / "dlo_ros"
+    other.mkdir()
+    (other / "__init__.py").write_text("")
+    (other / "__main__.py").write_text("print('another package')")
+    run = {"cwd": tmp_path, "capture_output": True, "text": True, "timeout": 60}
+    usual = subprocess.run([sys.executable, "-m", "dlo_ros", "--version"], **run)
+    own = subprocess.run([*command_of("dlo_ros"), "--version"], **run)
+    assert usual.stdout == "another package\n" and "another" not in own.stdout
+    assert own.returncode == 0 and own.stdout.startswith("dlo_ros ")

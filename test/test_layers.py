@@ -12,7 +12,7 @@ ROS = ("rclpy", "std_srvs", "rcl_interfaces", "builtin_interfaces", "ament_index
 # From the bottom: a part knows itself and what stands on a line before its own.
 LAYERS = (
     ("errors",),
-    ("kernel_parts",),
+    ("kernel_parts", "own_process"),
     ("kernel_cache",),
     ("dependencies", "logs"),
     ("kernel_linking",),

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import argparse
 import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,6 +20,7 @@ from dlo_ros.demo.plan import params_beside, plan_run
 from dlo_ros.demo.result import estimate_tree, last_line, read_truth, report, write_json
 from dlo_ros.errors import InputError
 from dlo_ros.nodes.received_data import SPECIFIC_MODULUS
+from dlo_ros.own_process import command_of
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import read_recording, topics
 from dlo_ros.report import write_identification_report
@@ -136,7 +136,7 @@ def _synthesize(experiment: str, output: Path, console: Console) -> Path:
     """Make the recording of a bundled experiment."""
     bag = output / experiment
     console.print(f"Making the recording of {experiment} (simulated rope, rendered images)")
-    command = [sys.executable, "-m", "dlo_ros", "synthesize", experiment]
+    command = [*command_of("dlo_ros"), "synthesize", experiment]
     done = subprocess.run([*command, "--output", str(bag), "--force"])
     if done.returncode != 0:
         raise InputError(f"the recording of {experiment} could not be made")

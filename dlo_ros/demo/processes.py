@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -13,6 +12,7 @@ from pathlib import Path
 from types import TracebackType
 
 from dlo_ros.errors import DloError
+from dlo_ros.own_process import command_of
 
 # Patience [s] with a child that was asked to end, first kindly, then firmly.
 KINDLY = 6.0
@@ -71,7 +71,7 @@ class Children:
         log = self._logs / f"{name}.log"
         with log.open("wb") as output:
             process = subprocess.Popen(
-                [sys.executable, "-m", "dlo_ros", name, *arguments],
+                [*command_of("dlo_ros"), name, *arguments],
                 stdin=subprocess.DEVNULL,
                 stdout=output,
                 stderr=subprocess.STDOUT,
