@@ -202,10 +202,9 @@ def _why(found: Diagnosis) -> tuple[str, ...]:
     told = [_cause(e) for e in found.effects]
     if found.verdict == "adequate":
         if found.setup and extends(found):
+            labels = _labels(found)
             far = [
-                label(name, _counts(found)[name.partition("[")[0]])
-                for name, n in found.setup.items()
-                if _off(name, n) > 2.0 * n.tolerance
+                labels[name] for name, n in found.setup.items() if _off(name, n) > 2.0 * n.tolerance
             ]
             where = (
                 f"{enumerated(far)} by more than twice the tolerance"
@@ -282,17 +281,19 @@ def _gain(found: Diagnosis, file: str) -> tuple[str, ...]:
 
 def setup_lines(found: Diagnosis) -> tuple[SetupRow, ...]:
     """Numbers of the set-up, what is most clearly off first."""
-    counts = _counts(found)
+    labels = _labels(found)
     off = {name: _deviations(name, n) for name, n in found.setup.items()}
     return tuple(
-        _row(name, found.setup[name], counts[name.partition("[")[0]], notable=off[name] > NOTABLE)
+        _row(name, labels[name], found.setup[name], notable=off[name] > NOTABLE)
         for name in sorted(off, key=lambda name: -off[name])
     )
 
 
-def _counts(found: Diagnosis) -> Counter[str]:
-    """Number of values that each key of the set-up has."""
-    return Counter(name.partition("[")[0] for name in found.setup)
+def _labels(found: Diagnosis) -> dict[str, str]:
+    """Label of each number of the set-up, by its name; keys with several values are numbered."""
+    keys = {name: name.partition("[")[0] for name in found.setup}
+    counts = Counter(keys.values())
+    return {name: label(name, counts[key]) for name, key in keys.items()}
 
 
 def _deviations(name: str, n: SetupNumber) -> float:
@@ -306,7 +307,7 @@ def _off(name: str, n: SetupNumber) -> float:
     return abs(n.value - quantities(effect)[key].neutral)
 
 
-def _row(name: str, n: SetupNumber, count: int, *, notable: bool) -> SetupRow:
+def _row(name: str, text: str, n: SetupNumber, *, notable: bool) -> SetupRow:
     effect, key, _ = split_name(name)
     off = off_by(n.value, n.std, effect, key)
-    return SetupRow(label(name, count), off, bare(n.tolerance, n.unit), notable)
+    return SetupRow(text, off, bare(n.tolerance, n.unit), notable)

@@ -14,13 +14,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dlo_ros.diagnosis.findings.fitted_numbers import covariance
+from dlo_ros.diagnosis.findings.joint_numbers import damping_as_effects
 from dlo_ros.diagnosis.fitting.candidate_model import Model
 from dlo_ros.diagnosis.fitting.evaluation import Evaluation
 from dlo_ros.diagnosis.fitting.levenberg_marquardt import attempt, fit, renewed, solve, total
 from dlo_ros.diagnosis.fitting.worker_processes import Problem, Workers
 from dlo_ros.diagnosis.selection import verdict as verdicts
 from dlo_ros.diagnosis.selection.effect_search import Candidate, candidate
-from dlo_ros.effects import added_to_damping
+from dlo_ros.effects import added_to_damping, damping_effect
 from dlo_ros.parameters import Settings
 
 ITERATIONS = 10
@@ -75,7 +76,7 @@ def with_guess(at: Evaluation, given: Settings, effects: Sequence[str] = ()) -> 
     """
     model = at.model
     names = [added_to_damping()[e][0] for e in guessed(model, given)]
-    back = {n: getattr(given.damping, n) for n in names if _effect(n) not in effects}
+    back = {n: getattr(given.damping, n) for n in names if damping_effect(n) not in effects}
     move = [model.free.index(n) for n in back]
     follow = [k for k in range(len(model.free)) if k not in move]
     theta = model.theta()
@@ -87,21 +88,17 @@ def with_guess(at: Evaluation, given: Settings, effects: Sequence[str] = ()) -> 
     return [_with_guess(model.at(t), given, names, effects) for t in (theta, followed)]
 
 
-def _effect(name: str) -> str:
-    return next(e for e, (n, _) in added_to_damping().items() if n == name)
-
-
 def _with_guess(
     model: Model, given: Settings, names: Sequence[str], effects: Sequence[str]
 ) -> Model:
-    fitted = model.settings.damping
+    """The model with the file's damping, and what was fitted beyond it as effects."""
+    told = damping_as_effects(model.settings, given, effects)
     kept = {n: getattr(given.damping, n) for n in names}
-    settings = replace(model.settings, damping=replace(fitted, **kept))
+    settings = replace(model.settings, damping=replace(told.damping, **kept))
     result = replace(model, settings=settings, free=tuple(n for n in model.free if n not in names))
     for effect in effects:
-        name, key = added_to_damping()[effect]
-        block = {key: getattr(fitted, name) - kept[name]}
-        result = result.extended(effect, block, (key,))
+        block = told.effects[effect]
+        result = result.extended(effect, block, tuple(block))
     return result
 
 

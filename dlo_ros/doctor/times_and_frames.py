@@ -12,9 +12,6 @@ from dlo_ros.recordings import topics
 if TYPE_CHECKING:
     from dlo_ros.parameters import Settings
 
-FUTURE = 10.0
-"""Seconds ahead of the clock from which nodes refuse a stamp (`dlo_ros.nodes.node_base`)."""
-
 PAST = 10.0
 """Seconds behind the clock from which a stamp is another clock's; no camera is that slow."""
 
@@ -72,7 +69,7 @@ def _stamps(graph: Graph) -> list[Finding]:
         late = header.clock - header.stamp
         if any(topics.is_topic(name, topic) for topic in LASTING) or not header.clock:
             continue
-        if late < -FUTURE:
+        if late < -topics.FUTURE:
             found.append(
                 wrong(
                     f"{name} is stamped {-late:.1f} s ahead of the clock; nodes refuse it",

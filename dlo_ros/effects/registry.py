@@ -130,6 +130,15 @@ def added_to_damping() -> Mapping[str, tuple[str, str]]:
     }
 
 
+def damping_effect(name: str) -> str:
+    """Name of the effect that adds to a damping of the parameter file; empty where there is none.
+
+    Args:
+        name: of the damping, such as "air_drag".
+    """
+    return next((effect for effect, (n, _) in added_to_damping().items() if n == name), "")
+
+
 def _number(where: str, q: Quantity, value: Any) -> float:
     try:
         number = math.nan if isinstance(value, bool) else float(value)

@@ -27,9 +27,6 @@ from dlo_ros.nodes.preparation import Preparation
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
 
-FUTURE = 10.0
-"""Seconds that a stamp may lie ahead of the clock."""
-
 PROGRESS = 0.2
 """Seconds between two looks at whether the kernels are compiled and loaded."""
 
@@ -146,7 +143,7 @@ class DloNode(Node):
         """
         now = self.now()
         ahead = (stamp - now) / NANOSECONDS
-        if now and ahead > FUTURE:
+        if now and ahead > topics.FUTURE:
             raise InputError(
                 f"{what} is stamped {ahead:.1f} s ahead of the clock; "
                 "with a recording set use_sim_time and play it with /clock"

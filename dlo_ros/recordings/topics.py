@@ -1,7 +1,13 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Names and types of the topics of the interface, in one place (relative names, remappable)."""
+"""Topics of the interface: their names and types, and which stamps are theirs, in one place.
+
+The names are relative, and remappable.
+"""
 
 from __future__ import annotations
+
+FUTURE = 10.0
+"""Seconds ahead of the clock from which a stamp is refused: it is another clock's."""
 
 IMAGE = "image_raw"
 COMPRESSED = "image_raw/compressed"

@@ -23,6 +23,7 @@ from dlo_ros.spline import FloatArray, SplineBasis
 CURVE_POINTS = 80
 MOST_FRAMES = 60
 INTERVAL = 120  # ms between frames while playing
+CELLS = 6.0  # of the grid along its longer side, at most
 
 CURVES = {"observed": "observed", "predicted": "predicted", "initial": "predicted at first"}
 ARROWS = ("faint", "arrows")
@@ -97,10 +98,8 @@ def player(
         raise InputError("a report needs at least one frame with a shape")
     curves = [_curves(frame, length) for frame in shown]
     planes = _planes(curves)
-    tips = [a.reshape(-1, 3) for f in shown for a in (f.arrows, f.faint) if a is not None]
-    everything = np.concatenate(
-        [*(p for c in curves for p in c.values()), *(1e3 * t for t in tips)]
-    )
+    tips = [ends for frame in shown for ends in _arrows(frame).values()]
+    everything = np.concatenate([*(p for c in curves for p in c.values()), *tips])
     spatial = len(planes) > 1
     views: list[dict[str, Any]] = []
     pictured = [f.photograph for f in shown if f.photograph is not None]
@@ -159,7 +158,7 @@ def _grid(points: FloatArray, axes: tuple[int, int]) -> dict[str, Any]:
     low, high = points.min(axis=0), points.max(axis=0)
     margin = 0.08 * float((high - low).max())
     low, high = low - margin, high + margin
-    step = _step(float((high - low).max()) / 6.0)
+    step = _step(high - low)
     names = "xyz"
     return {
         "box": [_short(v) for v in (low[0], -high[1], high[0] - low[0], high[1] - low[1])],
@@ -180,7 +179,7 @@ def _turning(points: FloatArray, cameras: Mapping[str, FloatArray]) -> dict[str,
         distance = float(np.linalg.norm(sight))
         reach = min(1.0, RAY * radius / distance) if distance > 0.0 else 0.0
         rays.append({"name": name, "to": [_short(v) for v in reach * sight]})
-    step = _step(float((high - low).max()) / 6.0)
+    step = _step(high - low)
     return {
         "turning": True,
         "box": [_short(v) for v in (-radius, -radius, 2.0 * radius, 2.0 * radius)],
@@ -195,8 +194,13 @@ def _turning(points: FloatArray, cameras: Mapping[str, FloatArray]) -> dict[str,
     }
 
 
-def _step(least: float) -> float:
-    """The smallest of 1, 2, 5, 10, ... mm that is not below `least`."""
+def _step(extent: FloatArray) -> float:
+    """Distance of grid lines [mm]: the smallest of 1, 2, 5, 10, ... with six cells at most.
+
+    Args:
+        extent: of what is drawn, in each direction [mm].
+    """
+    least = float(extent.max()) / CELLS
     power = 10.0 ** math.floor(math.log10(least)) if least > 0.0 else 1.0
     return next(power * f for f in (1.0, 2.0, 5.0, 10.0) if power * f >= least * (1 - 1e-9))
 
@@ -217,20 +221,11 @@ def _frame(
     if pictured:
         pixels = {name: getattr(photograph, name, None) for name in CURVES}
         drawn.append({k: _flat(v) for k, v in pixels.items() if v is not None})
-    for horizontal, vertical in planes:
-        flip = np.array([1.0, -1.0])  # up in the world is down in SVG
-        seen = {k: _flat(p[:, [horizontal, vertical]] * flip) for k, p in curves.items()}
-        for name in ARROWS:
-            ends: FloatArray | None = getattr(frame, name)
-            if ends is not None:
-                seen[name] = _flat(1e3 * ends.reshape(-1, 3)[:, [horizontal, vertical]] * flip)
-        drawn.append(seen)
+    solid = {**curves, **_arrows(frame)}
+    flip = np.array([1.0, -1.0])  # up in the world is down in SVG
+    drawn += [{k: _flat(p[:, list(axes)] * flip) for k, p in solid.items()} for axes in planes]
     if len(planes) > 1:
-        solid = {k: _flat(p) for k, p in curves.items()}
-        for name in ARROWS:
-            if (ends := getattr(frame, name)) is not None:
-                solid[name] = _flat(1e3 * ends.reshape(-1, 3))
-        drawn.append(solid)
+        drawn.append({k: _flat(p) for k, p in solid.items()})
     result: dict[str, Any] = {
         "text": f"{frame.time:.2f} s, ERR {millimetres(frame.err)}",
         "curves": drawn,
@@ -239,6 +234,12 @@ def _frame(
         encoded = base64.b64encode(photograph.jpeg).decode("ascii")
         result["photograph"] = f"data:image/jpeg;base64,{encoded}"
     return result
+
+
+def _arrows(frame: ShapeFrame) -> dict[str, FloatArray]:
+    """Both ends of each arrow of a frame [mm], shape (2 m, 3)."""
+    ends: dict[str, FloatArray | None] = {name: getattr(frame, name) for name in ARROWS}
+    return {name: 1e3 * e.reshape(-1, 3) for name, e in ends.items() if e is not None}
 
 
 def _flat(points: FloatArray) -> list[float]:

@@ -18,7 +18,7 @@ from dlo_ros.doctor.finding import WIDTH, Level, ok, page, warning, worst, wrong
 from dlo_ros.doctor.graph import Endpoint, Graph, Header, NodeState
 from dlo_ros.doctor.node_states import nodes
 from dlo_ros.doctor.parameter_check import judge, judge_file
-from dlo_ros.doctor.times_and_frames import FUTURE, clocks, frames
+from dlo_ros.doctor.times_and_frames import clocks, frames
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
 
@@ -402,11 +402,6 @@ def test_stamps_far_from_now():
     one(clocks(stamped("/camera_info", -60.0)), "60.0 s behind", level=Level.WARNING)
     assert worst(clocks(stamped("/dlo/command", -60.0))) == Level.OK
     assert worst(clocks(stamped("/dlo/observed", -0.2))) == Level.OK
-
-
-def test_the_limit_of_stamps_is_that_of_the_nodes():
-    base = pytest.importorskip("dlo_ros.nodes.node_base")
-    assert base.FUTURE == FUTURE
 
 
 def test_frames_and_bases():

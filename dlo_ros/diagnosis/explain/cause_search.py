@@ -47,8 +47,9 @@ promise: a promise is linear, and no better than that."""
 WORSE = 2.0
 """ERR over that without a proposal, from which where it promises most is no place to fit from."""
 INDISPENSABLE = 10.0 * WORTH
-"""Loss of log evidence without a cause, as far as the linearised posterior tells, from which no fit
-without it is tried."""
+"""Loss of log evidence without a cause, from which there is no doubt that it is needed: the search
+tries no fit without it where the linearised posterior tells of such a loss, and naming asks for
+fewer standard deviations of its size (`joint_explanation.KNOWN`)."""
 SHARES = (1.0, 0.5)
 """Shares of the way to the promised model that are simulated."""
 TRIALS = 3
@@ -63,7 +64,7 @@ class Offer:
 
     Args:
         proposals: of effects that the model does not contain.
-        extra: what each of them changes, see `proposals.columns`.
+        extra: what each of them changes, see `linear_evidence.columns`.
     """
 
     proposals: tuple[Proposal, ...]
@@ -184,7 +185,7 @@ def without(
     if cause.start is None and not wholly:
         return fitted(at.model.with_prior([_tolerated(p) for p in cause.parameters]), recordings)
     begins = [_neutral(at.model, cause)]
-    if cause.start is None or cause.start.neutral:
+    if cause.from_nothing:
         # Where the linearised posterior lies once the cause is at neutral.
         held = at.model.with_prior([pinned(p) for p in cause.parameters])
         found = posterior(at.spectra, at.variances, held.offset(), held.precision())
@@ -241,7 +242,8 @@ def _best_of(
             trace.append(Step(number, name, promise.gain, err, "cannot be simulated"))
         else:
             begun.append((found, promise.proposal))
-    # What moves predictions away from the shapes explains nothing, whatever evidence it gains.
+    # A proposal with which predictions lie farther from the shapes is no explanation, whatever its
+    # log evidence.
     begun.sort(key=lambda row: (row[0].mean_err > at.mean_err, -row[0].posterior.evidence))
     best: tuple[Evaluation, Proposal] | None = None
     for k, (found, proposal) in enumerate(begun):
@@ -306,6 +308,6 @@ def promised(at: Evaluation, offer: Offer, *, smooth: bool = False) -> list[Prom
     """
     proposals = [
         p for p in (*freed(at.model), *offer.proposals)
-        if not smooth or p.start is None or p.start.neutral
+        if not smooth or p.from_nothing
     ]  # fmt: skip
     return sorted(promises(at, proposals, offer.extra), key=lambda p: -p.gain)

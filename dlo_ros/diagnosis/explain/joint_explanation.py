@@ -38,8 +38,9 @@ RIVAL = 3.0
 CERTAIN = 3.0
 """Standard deviations from neutral, from which a cause is named."""
 KNOWN = 2.0
-"""The same of a cause that is indispensable: how large it is may be known less well than that it is
-there, such as a weight beside a stiffness that nobody knows."""
+"""Standard deviations from neutral, from which a cause is named whose loss of log evidence is
+INDISPENSABLE: the data may tell less about its size than about its presence, such as the mass of a
+weight on a DLO of unknown stiffness."""
 BEYOND = 2.0
 """Tolerances from neutral, from which a number of the set-up may be a cause."""
 NOTABLE = 0.2
@@ -211,7 +212,7 @@ def _named(
             continue
         if not _beyond(at, group):
             little = bare.mean_err - at.mean_err < LOWERS * missed
-            if bare.mean_err < material or (little and _has_tolerance(group)):
+            if bare.mean_err < material or (little and group.from_nothing):
                 continue
         offer = offer or offered(at, recordings, begun)
         rivals = _rivals(at, bare, group, recordings, offer)
@@ -246,7 +247,7 @@ def beyond(at: Evaluation) -> list[Proposal]:
 
 def _beyond(at: Evaluation, group: Proposal, tolerances: float = BEYOND) -> bool:
     """Whether a size of a group, with the priors of a cause, lies so many tolerances off."""
-    if not _has_tolerance(group):
+    if not group.from_nothing:
         return False
     off = dict(zip(at.model.names, at.model.offset(), strict=True))
     return any(
@@ -254,11 +255,6 @@ def _beyond(at: Evaluation, group: Proposal, tolerances: float = BEYOND) -> bool
         for p in group.parameters
         if p.name in off and not _geometric(p)
     )
-
-
-def _has_tolerance(group: Proposal) -> bool:
-    """Whether a group acts from nothing on, so that a little of it needs no cause."""
-    return group.start is None or group.start.neutral
 
 
 def _geometric(p: Parameter) -> bool:
@@ -269,7 +265,7 @@ def _geometric(p: Parameter) -> bool:
 def certain(at: Evaluation, group: Proposal, stds: float = CERTAIN) -> bool:
     """Whether a group is away from neutral by more than its uncertainty (Wald)."""
     linear = [n for n in group.columns if n in at.model.names]
-    if not linear or not _has_tolerance(group):
+    if not linear or not group.from_nothing:
         return group.start is not None
     k = [at.model.index(n) for n in linear]
     off = at.model.offset()[k]

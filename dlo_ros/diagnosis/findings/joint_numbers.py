@@ -50,7 +50,14 @@ def effect_numbers(effect: str, at: Evaluation, given: Settings) -> dict[str, Nu
 
 
 def damping_as_effects(settings: Settings, given: Settings, names: Iterable[str]) -> Settings:
-    """The same settings with the parameter file's damping, and what is added to it as effects."""
+    """Settings that tell a fitted damping as the parameter file's damping and an added effect.
+
+    Args:
+        settings: as fitted.
+        given: the parameter file.
+        names: effects as which dampings are told; others, and effects that the settings contain
+            already, are left as they are.
+    """
     effects_ = {k: dict(v) for k, v in settings.effects.items()}
     damping = settings.damping
     for effect, (name, key) in added_to_damping().items():

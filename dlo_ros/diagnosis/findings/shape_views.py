@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -27,7 +27,7 @@ def views(
 
     Args:
         before, after: the plain and the extended model, on the recordings learned from.
-        holdout: see `aside.Split`.
+        holdout: see `holdout.Split`.
     """
     result = []
     length = given.rod.length
@@ -48,6 +48,7 @@ def views(
             continue
         (old, err_old), (new, err_new) = shown
         frames = len(old)
+        across = _across(recording, values, given)
         force = missing_force(recording, old, before.model.settings, u)
         result.append(
             View(
@@ -60,8 +61,8 @@ def views(
                 err_old,
                 err_new,
                 u,
-                _across(recording, old, values, given),
-                _across(recording, new, values, given),
+                across(old),
+                across(new),
                 None if force is None else force.force,
                 None if force is None else force.std,
             )
@@ -70,12 +71,24 @@ def views(
 
 
 def _across(
-    recording: Recording, predicted: FloatArray, values: FloatArray, settings: Settings
-) -> FloatArray:
-    """Distance across the DLO [m], shape (F, U)."""
-    n = predicted.shape[1]
-    observed = recording.observed[-len(predicted) :]
-    rows = spline_space(observed, settings)[:, :n]
-    coefficients = np.einsum("fknc,fnc->fk", rows, observed - predicted[..., :3])
-    back = np.linalg.inv(whitening(n, settings.rod.length))
-    return np.asarray(coefficients @ back @ values.T)
+    recording: Recording, values: FloatArray, settings: Settings
+) -> Callable[[FloatArray], FloatArray]:
+    """From predicted control points to the distance across the DLO at stations.
+
+    Args:
+        values: of the basis functions at the stations, shape (U, n).
+
+    Returns:
+        A function of control points [m], shape (F, n, 3 or more), of the last F frames; it returns
+        observed minus predicted [m], shape (F, U).
+    """
+    n = values.shape[1]
+    rows = spline_space(recording.observed, settings)[:, :n]
+    stations = np.linalg.inv(whitening(n, settings.rod.length)) @ values.T
+
+    def distance(predicted: FloatArray) -> FloatArray:
+        last = slice(-len(predicted), None)
+        apart = recording.observed[last] - predicted[..., :3]
+        return np.asarray(np.einsum("fknc,fnc->fk", rows[last], apart) @ stations)
+
+    return distance

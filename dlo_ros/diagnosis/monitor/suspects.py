@@ -216,8 +216,7 @@ def _added(
                     proposal.effect, fields, np.append(there.offset, offset),
                     np.append(there.precision, precision),
                 )  # fmt: skip
-                smooth = proposal.start is not None and proposal.start.neutral
-                if smooth or full.step[-1] > 0.0:
+                if proposal.from_nothing or full.step[-1] > 0.0:
                     result.append(full)
     return result
 
@@ -231,8 +230,7 @@ def _proposals(at: Evaluation, recording: Recording, view: Scene) -> list[Propos
     pegs = [proposal_of(at.model.settings, start) for start in glimpsed(seen)]
     result: list[Proposal] = []
     for p in (*added(at.model, starts(view)), *pegs):
-        smooth = p.start is not None and p.start.neutral
-        if smooth or sum(p.effect == other.effect for other in result) < AT_MOST:
+        if p.from_nothing or sum(p.effect == other.effect for other in result) < AT_MOST:
             result.append(p)
     return result
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dlo_ros.effects import Start, added_to_damping
+from dlo_ros.effects import Start, damping_effect
 from dlo_ros.inference import priors
 from dlo_ros.inference.joint import Evaluation, Field, Simulated
 from dlo_ros.inference.parameter import Parameter, ParametricModel
@@ -50,6 +50,11 @@ class Proposal:
     def label(self) -> str:
         """For people."""
         return f"{self.effect} ({self.form})" if self.form else self.effect
+
+    @property
+    def from_nothing(self) -> bool:
+        """Whether a little of it changes the shapes a little, so that derivatives tell of it."""
+        return self.start is None or self.start.neutral
 
 
 @dataclass(frozen=True)
@@ -89,8 +94,7 @@ def freed(model: ParametricModel) -> list[Proposal]:
 
 def told_as(p: Parameter) -> str:
     """Effect as which a parameter that is off is told; empty for E and mu."""
-    damping = (effect for effect, (name, _) in added_to_damping().items() if name == p.name)
-    return p.effect or next(damping, "")
+    return p.effect or damping_effect(p.name)
 
 
 def pinned(p: Parameter) -> Parameter:
@@ -127,8 +131,8 @@ Extra = dict[int, tuple[FloatArray, ...]]
 def sheets(proposals: Sequence[Proposal]) -> list[list[Proposal]]:
     """Added effects that share a simulation: those that do nothing at first, one of each kind."""
     waiting = [p for p in proposals if p.start is not None]
-    result = [[p] for p in waiting if p.start is not None and not p.start.neutral]
-    neutral = [p for p in waiting if p.start is not None and p.start.neutral]
+    result = [[p] for p in waiting if not p.from_nothing]
+    neutral = [p for p in waiting if p.from_nothing]
     while neutral:
         sheet: list[Proposal] = []
         for p in neutral:
@@ -147,7 +151,7 @@ def with_sheet(
     for p in sheet:
         assert p.start is not None
         model = model.extended(p.effect, dict(p.start.block), p.parameters)
-        names += p.columns if p.start.neutral else ()
+        names += p.columns if p.from_nothing else ()
     return model, tuple(names)
 
 
@@ -160,7 +164,7 @@ def columns(at: Evaluation, sheet: Sequence[Proposal], found: Simulated) -> Extr
     result: Extra = {}
     first = 0
     for p in sheet:
-        if p.start is not None and not p.start.neutral:
+        if not p.from_nothing:
             result[id(p)] = tuple(
                 (here[0] - there[0])[:, None, :]
                 for here, there in zip(at.fields, found.fields, strict=True)
@@ -184,7 +188,8 @@ def linear_prior(settings: Settings, proposal: Proposal) -> tuple[FloatArray, Fl
 
     Of one that starts from a finite size that is the amplitude of its whole change.
     """
-    if proposal.start is None or not proposal.start.neutral:
+    assert proposal.start is not None
+    if not proposal.from_nothing:
         return np.zeros(1), np.array([AMPLITUDE_STD**-2])
     linear = tuple(p for p in proposal.parameters if p.name in proposal.columns)
     block = {proposal.effect: dict(proposal.start.block)}
@@ -239,10 +244,10 @@ def _added(at: Evaluation, proposal: Proposal, spectra: Sequence[Spectrum]) -> P
     count = len(at.model.parameters)
     step, amount = found.step[:count], found.step[count:]
     gain = found.evidence - at.posterior.evidence
-    if not proposal.start.neutral and amount[0] <= 0.0:
+    if not proposal.from_nothing and amount[0] <= 0.0:
         return Promise(proposal, 0.0, at.model, at.model)
     model = at.model.extended(proposal.effect, dict(proposal.start.block), proposal.parameters)
-    if not proposal.start.neutral:
+    if not proposal.from_nothing:
         share = min(1.0 / amount[0], 1.0)
         return Promise(proposal, gain, model, model.at(_moved(model, at.model, share * step)))
     theta = _moved(model, at.model, step)
