@@ -31,7 +31,7 @@ class Knowledge:
     """Knowledge of the material and of the rod's other numbers.
 
     Args:
-        covariance: of the logarithms of `tangents.MATERIAL`, shape (4, 4).
+        covariance: of the logarithms of `sensitivity_parameters.MATERIAL`, shape (4, 4).
         told: whether recordings or the parameter file say anything of E.
         numbers: standard deviation of effects' numbers, by effect and key.
     """

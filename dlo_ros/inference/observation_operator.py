@@ -62,7 +62,7 @@ SMALLEST_MODE = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Operator:
-    """What the points of one picture tell of a shape, in units of their stated noise.
+    """Linear map from control points to the points of one picture, in units of their stated noise.
 
     Args:
         rows: from control points [m] to numbers, for each direction (across in the plane, along,
@@ -86,7 +86,7 @@ class Operator:
         return self.offset - self.moved(control_points)
 
     def moved(self, change: FloatArray) -> FloatArray:
-        """What changes of the control points do, shape (..., 3, n).
+        """Change of the predicted numbers by changes of the control points, shape (..., 3, n).
 
         Args:
             change: [m], shape (..., n, 3).
@@ -189,7 +189,7 @@ def _operator(observation: Observation, basis: SplineBasis) -> Operator | None:
 
 
 def _not_followed(basis: SplineBasis, u: FloatArray, apart: FloatArray) -> FloatArray:
-    """What a projection onto the published basis loses of a shape at its points [m], (m, 3).
+    """Part of a shape that the published basis cannot follow, at its points [m], shape (m, 3).
 
     Args:
         basis: the published one.
@@ -211,7 +211,7 @@ def _not_followed(basis: SplineBasis, u: FloatArray, apart: FloatArray) -> Float
 
 @lru_cache(maxsize=16)
 def _lost(basis: SplineBasis, finer: SplineBasis) -> FloatArray:
-    """What the projection of a finer spline onto a basis loses, shape (m, m) for m of the finer."""
+    """Matrix from a finer spline to what its projection onto a basis loses, shape (m, m)."""
     kept = finer.projection(basis) @ basis.projection(finer)
     return np.asarray(np.eye(len(kept)) - kept)
 

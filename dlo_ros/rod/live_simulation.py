@@ -131,7 +131,7 @@ class LiveSimulation:
         return prediction
 
     def rehearsing(self, command: Command, parameters: Sequence[str]) -> Fork | None:
-        """A fork under a command that is tried, see `rehearsal.Fork`; None before the start."""
+        """The simulation under a command on trial, `motion_rehearsal.Fork`; None: not started."""
         simulation = self._simulation
         return None if simulation is None else Fork.of(simulation, command, parameters)
 

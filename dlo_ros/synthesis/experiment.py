@@ -111,7 +111,7 @@ class Experiment:
 
     @property
     def camera_pose(self) -> CameraPose:
-        """Where the camera really stands; `truth.camera` is where it is said to stand."""
+        """True pose of the camera; `truth` has the one that it is said to have."""
         return self.hidden.camera(self.truth.camera)
 
     @property

@@ -132,7 +132,7 @@ def peg_of(model: Model) -> Peg:
 
 
 def _loss(problem: Problem, task: Task) -> float | None:
-    """What `robust.robust` makes small, of the recordings that go astray."""
+    """What `robust_fit.robust` makes small, of the recordings that go astray."""
     model, astray, peg, typical = task
     recordings = [problem.drafts[k] for k in astray]
     try:

@@ -87,7 +87,8 @@ class Relations:
     """Structure of the residuals of some recordings.
 
     Args:
-        structure: what repeats from frame to frame, over the noise (`judging.structure`).
+        structure: part that repeats from frame to frame, over the noise, see
+            `residual_structure.structure`.
         size: the same [m], as eq. (10) measures it.
         constant, slow: shares of it that stay within each recording, and that drift there.
         pattern: along the DLO; None where nothing repeats.

@@ -59,7 +59,7 @@ class Candidate:
         effect: the one that was added last.
         form: see `Start`.
         at: the fit, with derivatives.
-        score: see `judging.predictive_score`; lower is better.
+        score: see `residual_structure.predictive_score`; lower is better.
         structure: what repeats from frame to frame, in units of the noise.
     """
 

@@ -96,7 +96,7 @@ def adequate(residuals: Sequence[FloatArray]) -> bool:
     """Whether what the plain model leaves over is noise.
 
     Args:
-        residuals: see `judging.structure`.
+        residuals: see `residual_structure.structure`.
     """
     structure = residual_structure.structure(residuals)
     return structure < NOTHING or (

@@ -216,5 +216,5 @@ class Run:
         )
 
     def information(self) -> FloatArray:
-        """What the residuals tell, for what they really are (4, 4); see `residual_information`."""
+        """Information on the parameters, by noise and autocorrelation of the residuals, (4, 4)."""
         return data_information([self.forecast()], self.simulation.settings)

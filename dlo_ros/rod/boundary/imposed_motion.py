@@ -120,7 +120,7 @@ class Boundary:
 
     @cached_property
     def kinds(self) -> np.ndarray:
-        """What each name is for compiled code, see `boundary.conditions`."""
+        """Kind of each imposed point, as numbered for compiled code in `boundary.conditions`."""
         last = self.published.control_points
         codes = {
             START: conditions.START_CLAMP,

@@ -148,7 +148,7 @@ def dense(stamps: Sequence[int]) -> bool:
 def growth_of(
     model: RodModel, boundary: Boundary, command: Command, stamp: int
 ) -> tuple[float, float]:
-    """Free length over the model's and its rate [1/s], see `system.growth`."""
+    """Free length over the model's and its rate [1/s], see `equation_system.growth`."""
     if not model.body.slip:
         return 1.0, 0.0
     true = true_command(model, command)

@@ -61,11 +61,11 @@ class Stresses:
         return np.where(np.repeat(rule.stretch_linear, 3), 1.0, share) * rule.weight
 
     def _stretch(self, x: FloatArray) -> FloatArray:
-        """Values (S, nb) as those of whole spans, see `kernels.span_stretch`."""
+        """Values (S, nb) as those of whole spans, see `strains.span_stretch`."""
         return _spans(x, self._model.rule.stretch_linear, (0.0, 1.0, 0.0))
 
     def _twist(self, x: FloatArray) -> FloatArray:
-        """Values (S, nb) as those of whole spans, see `kernels.span_twist`."""
+        """Values (S, nb) as those of whole spans, see `strains.span_twist`."""
         return _spans(x, self._model.rule.twist_linear, (OUTER, MIDDLE, OUTER))
 
     def at(self, now: Instants) -> tuple[FloatArray, FloatArray]:
