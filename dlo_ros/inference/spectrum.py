@@ -40,7 +40,8 @@ class Spectrum:
         hessian: J^T J, shape (B, P, P).
         part: 0 across the DLO in the plane, 1 along it, 2 out of the plane, shape (B,).
         share: mean share of a number in the mean square of a smooth error, shape (B,).
-        white: the same of a white error, shape (B,).
+        white: the same of an error that is white along the DLO, shape (B,).
+        nodal: the same of one that every control point has of its own, shape (B,).
         frequency: mean of the bin, in radians a frame, shape (B,).
     """
 
@@ -52,6 +53,7 @@ class Spectrum:
     part: np.ndarray
     share: FloatArray
     white: FloatArray
+    nodal: FloatArray
     frequency: FloatArray
 
     @property
@@ -64,7 +66,8 @@ class Spectrum:
         pick = list(columns)
         return Spectrum(
             self.frames, self.count, self.power, self.gradient[:, pick],
-            self.hessian[:, pick][:, :, pick], self.part, self.share, self.white, self.frequency,
+            self.hessian[:, pick][:, :, pick], self.part, self.share, self.white, self.nodal,
+            self.frequency,
         )  # fmt: skip
 
 
@@ -83,6 +86,13 @@ def modes(control_points: int) -> tuple[FloatArray, FloatArray]:
     values, vectors = np.linalg.eigh(project @ np.exp(-0.5 * apart**2) @ project.T)
     shares = np.maximum(values[::-1], 0.0)
     return vectors[:, ::-1], shares / shares.sum()
+
+
+def nodal_shares(control_points: int) -> FloatArray:
+    """Shares of the modes in the mean square of errors of single control points, shape (n,)."""
+    vectors, _ = modes(control_points)
+    found = np.sum((whitening(control_points, 1.0) @ vectors) ** 2, axis=0)
+    return np.asarray(found / found.sum())
 
 
 def bands(frames: int) -> list[tuple[int, int]]:
@@ -104,10 +114,11 @@ def spectrum(residual: FloatArray, jacobian: FloatArray, control_points: int) ->
     frames, width = residual.shape
     n = control_points
     vectors, shares = modes(n)
+    nodal = nodal_shares(n)
     r = dct(residual, axis=0, norm="ortho").reshape(frames, -1, n) @ vectors  # (F, parts, n)
     j = dct(jacobian, axis=0, norm="ortho").reshape(frames, jacobian.shape[1], -1, n) @ vectors
     groups = [*(g for g in MODE_GROUPS if g < n), n]
-    rows: list[tuple[float, float, FloatArray, FloatArray, int, float, float]] = []
+    rows: list[tuple[float, float, FloatArray, FloatArray, int, float, float, float]] = []
     for low, high in bands(frames):
         frequency = np.pi * float(np.mean(np.arange(low, high))) / frames
         for part in range(width // n):
@@ -116,10 +127,11 @@ def spectrum(residual: FloatArray, jacobian: FloatArray, control_points: int) ->
                 y = j[low:high, :, part, first:last].transpose(0, 2, 1).reshape(len(x), -1)
                 rows.append(
                     (float(len(x)), float(x @ x), y.T @ x, y.T @ y, part,
-                     float(np.mean(shares[first:last])), frequency)
+                     float(np.mean(shares[first:last])), float(np.mean(nodal[first:last])), frequency)
                 )  # fmt: skip
-    count, power, gradient, hessian, parts, share, frequencies = zip(*rows, strict=True)
+    count, power, gradient, hessian, parts, share, own, frequencies = zip(*rows, strict=True)
     return Spectrum(
         frames, np.array(count), np.array(power), np.array(gradient), np.array(hessian),
-        np.array(parts), np.array(share), np.full(len(rows), 1.0 / n), np.array(frequencies),
+        np.array(parts), np.array(share), np.full(len(rows), 1.0 / n), np.array(own),
+        np.array(frequencies),
     )  # fmt: skip

@@ -1,11 +1,13 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Error variances by marginal likelihood, with the model's parameters integrated out.
 
-Each recording's error has four components in each direction: white noise; an error that dies out
-over time (AR(1)), which is what the model lacks; and errors that stay, such as those of a
+Each recording's error has five components in each direction: noise, white along the DLO; noise of
+single control points, which is smoother where these are what is measured; of both, neighbouring
+frames share a part where a tracker smooths them (AR(1)); an error that dies out over
+time (AR(1) as well), which is what the model lacks; and errors that stay, such as those of a
 calibration, and those of edges and shading where the DLO rests: frames of one pose are one
-measurement. What dies out and what a calibration does are smooth along the DLO. Their variances
-maximise the marginal likelihood (REML; Patterson and Thompson, Recovery of inter-block information,
+measurement. What the model lacks and what a calibration does are smooth along the DLO. Their
+variances maximise the marginal likelihood (REML; Patterson and Thompson, Recovery of inter-block information,
 1971); the model's discrepancy thus widens the posterior (Kennedy and O'Hagan, Bayesian calibration
 of computer models, 2001). Nothing is simulated for it.
 """
@@ -33,7 +35,9 @@ component complexity, 2017)."""
 FEWEST_FRAMES = 4
 """Frames below which an error that dies out cannot be told from one that stays."""
 LONGEST_MEMORY = 0.998
-"""Largest correlation of neighbouring frames."""
+"""Largest correlation of neighbouring frames in what the model lacks."""
+NOISE_MEMORY = 0.9
+"""The same of the noise: trackers look back over a few frames, and no further."""
 ITERATIONS = 40
 LEAST_START = 0.01
 """Share of what the residuals suggest that a variance is at the beginning of a search at least."""
@@ -44,26 +48,32 @@ class Variances:
     """Error variances of one recording, each in D directions; mean squares along the DLO [m^2].
 
     Args:
-        white: new in every frame, shape (D,).
-        fading: with the memory below, shape (D,).
-        lasting: the same in all frames, shape (D,).
-        rough: the same in all frames, and white along the DLO, shape (D,).
+        white: of noise that is white along the DLO, shape (D,).
+        nodal: of noise that every control point has of its own, shape (D,).
+        fading: smooth along the DLO, shape (D,).
+        lasting: the same in all frames, smooth along the DLO, shape (D,).
+        rough: the same in all frames, white along the DLO, shape (D,).
         memory: correlation of neighbouring frames of the fading error.
+        noise_memory: the same of both kinds of noise.
     """
 
     white: FloatArray
+    nodal: FloatArray
     fading: FloatArray
     lasting: FloatArray
     rough: FloatArray
     memory: float
+    noise_memory: float
 
     def of(self, spectrum: Spectrum) -> FloatArray:
         """Variance of a number in each bin [m^2], shape (B,)."""
         p = spectrum.part
         fading = self.fading[p] * density(self.memory, spectrum.frequency) * spectrum.share
         lasting = self.lasting[p] * spectrum.share + self.rough[p] * spectrum.white
+        noise = self.white[p] * spectrum.white + self.nodal[p] * spectrum.nodal
+        noise *= density(self.noise_memory, spectrum.frequency)
         still = np.where(spectrum.frequency == 0.0, spectrum.frames, 0.0)
-        return np.asarray(self.white[p] * spectrum.white + fading + still * lasting)
+        return np.asarray(noise + fading + still * lasting)
 
 
 @dataclass(frozen=True)
@@ -174,26 +184,31 @@ def guess(spectrum: Spectrum, length: float) -> Variances:
         pick = mine & still & (spectrum.share <= np.median(spectrum.share[mine & still]))
         each = float(np.sum(spectrum.power[pick]) / np.sum(spectrum.count[pick]))
         staying.append(max(each / float(spectrum.white[0]) / spectrum.frames, least))
-    smooth = np.array(fading)
-    return Variances(np.array(white), smooth, 0.1 * smooth, np.array(staying), 0.9)
+    noise, smooth = np.array(white), np.array(fading)
+    return Variances(noise, noise, smooth, 0.1 * smooth, np.array(staying), 0.9, 0.0)
 
 
 def _packed(found: Sequence[Variances]) -> FloatArray:
-    """Logarithms: each recording's white variances, then what is common to all."""
+    """Logarithms: each recording's white noise, what is common to all, and the two memories."""
+    nodal = np.mean([v.nodal for v in found], axis=0)
     fading = np.mean([v.fading for v in found], axis=0)
     lasting = np.mean([v.lasting for v in found], axis=0)
     rough = np.mean([v.rough for v in found], axis=0)
     own = [np.log(v.white) for v in found]
-    common = [np.log(fading), np.log(lasting), np.log(rough)]
-    return np.concatenate([*own, *common, [np.log1p(-found[0].memory)]])
+    common = [np.log(nodal), np.log(fading), np.log(lasting), np.log(rough)]
+    memories = [np.log1p(-found[0].memory), np.log1p(-found[0].noise_memory)]
+    return np.concatenate([*own, *common, memories])
 
 
 def _unpacked(x: FloatArray, spectra: Sequence[Spectrum]) -> tuple[Variances, ...]:
     parts = spectra[0].parts
-    rows = np.exp(x[:-1]).reshape(-1, parts)
-    memory = float(-np.expm1(x[-1]))
-    fading, lasting, rough = rows[len(spectra) :]
-    return tuple(Variances(rows[k], fading, lasting, rough, memory) for k in range(len(spectra)))
+    rows = np.exp(x[:-2]).reshape(-1, parts)
+    memory, noise_memory = (float(m) for m in -np.expm1(x[-2:]))
+    nodal, fading, lasting, rough = rows[len(spectra) :]
+    return tuple(
+        Variances(rows[k], nodal, fading, lasting, rough, memory, noise_memory)
+        for k in range(len(spectra))
+    )
 
 
 def _bounds(spectra: Sequence[Spectrum], length: float) -> list[tuple[float, float]]:
@@ -202,8 +217,10 @@ def _bounds(spectra: Sequence[Spectrum], length: float) -> list[tuple[float, flo
     told = max(s.frames for s in spectra) >= FEWEST_FRAMES
     fading = (low, high) if told else (low - 20.0, low - 20.0)
     memory = (np.log1p(-LONGEST_MEMORY), np.log(0.9))
-    white = [(low, high)] * (parts * len(spectra))
-    return [*white, *[fading] * parts, *[(low - 5.0, high)] * 2 * parts, memory]
+    noise_memory = (np.log1p(-NOISE_MEMORY) if told else 0.0, 0.0)
+    noise = [(low, high)] * (parts * len(spectra)) + [(low - 5.0, high)] * parts
+    staying = [(low - 5.0, high)] * (2 * parts)
+    return [*noise, *[fading] * parts, *staying, memory, noise_memory]
 
 
 def _slope(
@@ -211,23 +228,33 @@ def _slope(
 ) -> FloatArray:
     """Derivatives by the packed numbers, from those by the bins' variances."""
     parts = spectra[0].parts
-    white, common, memory = [], np.zeros((3, parts)), 0.0
+    white, common, memories = [], np.zeros((4, parts)), np.zeros(2)
     for s, v, slope in zip(spectra, found, slopes, strict=True):
-        rho, cosine = v.memory, np.cos(s.frequency)
-        below = 1.0 - 2.0 * rho * cosine + rho**2
-        rate = (-2.0 * rho * below - (1.0 - rho**2) * (2.0 * rho - 2.0 * cosine)) / below**2
+        density_, rate = density(v.memory, s.frequency), _rate(v.memory, s.frequency)
+        noise = density(v.noise_memory, s.frequency)
         lasting = np.where(s.frequency == 0.0, s.frames, 0.0)
         own = np.zeros(parts)
         for part in range(parts):
             mine = np.where(s.part == part, slope, 0.0)
-            own[part] = v.white[part] * float(mine @ s.white)
-            density = (1.0 - rho**2) / below
-            common[0, part] += v.fading[part] * float(mine @ (density * s.share))
-            common[1, part] += v.lasting[part] * float(mine @ (lasting * s.share))
-            common[2, part] += v.rough[part] * float(mine @ (lasting * s.white))
+            own[part] = v.white[part] * float(mine @ (noise * s.white))
+            common[0, part] += v.nodal[part] * float(mine @ (noise * s.nodal))
+            common[1, part] += v.fading[part] * float(mine @ (density_ * s.share))
+            common[2, part] += v.lasting[part] * float(mine @ (lasting * s.share))
+            common[3, part] += v.rough[part] * float(mine @ (lasting * s.white))
         white.append(own)
-        memory -= (1.0 - rho) * float(np.sum(slope * v.fading[s.part] * s.share * rate))
-    return np.concatenate([*white, common.ravel(), [memory]])
+        memories[0] -= float(np.sum(slope * v.fading[s.part] * s.share * rate))
+        rate = _rate(v.noise_memory, s.frequency)
+        noise = v.white[s.part] * s.white + v.nodal[s.part] * s.nodal
+        memories[1] -= float(np.sum(slope * noise * rate))
+    return np.concatenate([*white, common.ravel(), memories])
+
+
+def _rate(memory: float, frequency: FloatArray) -> FloatArray:
+    """Derivative of `density` by minus the logarithm of one minus the memory."""
+    cosine = np.cos(frequency)
+    below = 1.0 - 2.0 * memory * cosine + memory**2
+    slope = (-2.0 * memory * below - (1.0 - memory**2) * (2.0 * memory - 2.0 * cosine)) / below**2
+    return np.asarray((1.0 - memory) * slope)
 
 
 def _with_prior(
@@ -235,7 +262,7 @@ def _with_prior(
 ) -> tuple[float, FloatArray]:
     """Cost and derivatives, with the prior of errors that are not new in every frame."""
     common = np.concatenate([found.fading, found.lasting, found.rough])
-    slope[-1 - len(common) : -1] += 0.5 * common / (REPEATED_STD * length) ** 2
+    slope[-2 - len(common) : -2] += 0.5 * common / (REPEATED_STD * length) ** 2
     return value + _improbability(found, length), slope
 
 

@@ -1,6 +1,8 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The statistical core on made-up numbers, whose truth is known."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from ordinary import some_of
@@ -9,7 +11,7 @@ from scipy.signal import lfilter
 
 from dlo_ros.inference import variances as core
 from dlo_ros.inference.parameter import Parameter, ParametricModel
-from dlo_ros.inference.spectrum import bands, modes, spectrum
+from dlo_ros.inference.spectrum import bands, modes, nodal_shares, spectrum
 from dlo_ros.inference.variances import Variances, fit_variances, guess, posterior
 from dlo_ros.parameters import RodParameters, Settings
 
@@ -73,6 +75,7 @@ def test_derivatives_of_the_marginal_likelihood():
         return core._with_prior(value, core._slope(spectra, found, slopes), found[0], LENGTH)
 
     x = core._packed([guess(s, LENGTH) for s in spectra])
+    x[-1] = np.log1p(-0.4)
     numbers = approx_fprime(x, lambda y: cost(y)[0], 1e-6)
     assert np.allclose(cost(x)[1], numbers, rtol=1e-4, atol=1e-3)
 
@@ -85,6 +88,26 @@ def test_what_the_errors_are_made_of_is_found():
     assert np.sqrt(found.white) == pytest.approx([3e-4, 3e-4], rel=0.1)
     assert np.sqrt(found.fading) == pytest.approx([2e-3, 1e-3], rel=0.25)
     assert found.memory == pytest.approx(0.9, abs=0.05)
+
+
+@pytest.mark.parametrize("nodal", [False, True])
+@pytest.mark.parametrize("memory", some_of([0.0, 0.3, 0.6], [0.6]))
+def test_a_trackers_smoothing_is_noise_and_no_lack_of_the_model(memory, nodal):
+    """Noise of which neighbouring frames share a part, of all points or of control points."""
+    rng = np.random.default_rng(7)
+    noise = 3e-4 / np.sqrt(N) * rng.normal(size=(400, 2, N))
+    if nodal:
+        noise = noise @ (vectors := modes(N)[0]) * np.sqrt(N * nodal_shares(N)) @ vectors.T
+    for before, now in pairwise(noise):
+        now[:] = memory * before + np.sqrt(1.0 - memory**2) * now
+    (found,), _ = fit_variances(
+        [spectrum(noise.reshape(400, -1), np.full((400, 1, 2 * N), 1e-6), N)],
+        np.zeros(1), np.full(1, 100.0), LENGTH,
+    )  # fmt: skip
+    assert np.sqrt(found.white + found.nodal) == pytest.approx([3e-4, 3e-4], rel=0.1)
+    assert np.all((found.nodal > found.white) == nodal)
+    assert np.all(np.sqrt(found.fading) < 1e-4)
+    assert found.noise_memory == pytest.approx(memory, abs=0.05)
 
 
 @pytest.mark.parametrize("memory", some_of([0.0, 0.5, 0.95], [0.5]))
@@ -132,7 +155,8 @@ def test_a_needless_parameter_costs_evidence():
     rng = np.random.default_rng(6)
     residual, jacobian, _ = made(rng)
     needless = np.concatenate([jacobian, rng.normal(size=(250, 1, 2 * N))], axis=1)
-    v = [Variances(np.full(2, 9e-8), np.full(2, 4e-6), np.full(2, 1e-12), np.full(2, 1e-12), 0.9)]
+    tiny = np.full(2, 1e-12)
+    v = [Variances(np.full(2, 9e-8), tiny, np.full(2, 4e-6), tiny, tiny, 0.9, 0.0)]
     spare = posterior([spectrum(residual, jacobian, N)], v, np.zeros(6), np.full(6, 100.0))
     more = posterior([spectrum(residual, needless, N)], v, np.zeros(7), np.full(7, 1e-2))
     assert more.evidence < spare.evidence - 1.0

@@ -176,10 +176,11 @@ def _noise(variances: Variances, recording: Recording) -> FloatArray:
 
     All that a few frames do not agree on with the model would count as noise otherwise.
     """
+    noise = variances.white + variances.nodal
     if len(recording.times) >= FEWEST_FRAMES:
-        return variances.white
-    scattered = np.sum(recording.noise.reshape(len(variances.white), -1) ** 2, axis=1)
-    return np.asarray(np.minimum(variances.white, scattered))
+        return noise
+    scattered = np.sum(recording.noise.reshape(len(noise), -1) ** 2, axis=1)
+    return np.asarray(np.minimum(noise, scattered))
 
 
 def mean_length(sizes: FloatArray) -> float:
