@@ -88,6 +88,7 @@ def modes(control_points: int) -> tuple[FloatArray, FloatArray]:
     return vectors[:, ::-1], shares / shares.sum()
 
 
+@lru_cache(maxsize=32)
 def nodal_shares(control_points: int) -> FloatArray:
     """Shares of the modes in the mean square of errors of single control points, shape (n,)."""
     vectors, _ = modes(control_points)
@@ -125,13 +126,13 @@ def spectrum(residual: FloatArray, jacobian: FloatArray, control_points: int) ->
             for first, last in pairwise(groups):
                 x = r[low:high, part, first:last].ravel()
                 y = j[low:high, :, part, first:last].transpose(0, 2, 1).reshape(len(x), -1)
+                smooth, own = float(np.mean(shares[first:last])), float(np.mean(nodal[first:last]))
                 rows.append(
-                    (float(len(x)), float(x @ x), y.T @ x, y.T @ y, part,
-                     float(np.mean(shares[first:last])), float(np.mean(nodal[first:last])), frequency)
-                )  # fmt: skip
-    count, power, gradient, hessian, parts, share, own, frequencies = zip(*rows, strict=True)
+                    (float(len(x)), float(x @ x), y.T @ x, y.T @ y, part, smooth, own, frequency)
+                )
+    count, power, gradient, hessian, parts, share, owns, frequencies = zip(*rows, strict=True)
     return Spectrum(
         frames, np.array(count), np.array(power), np.array(gradient), np.array(hessian),
-        np.array(parts), np.array(share), np.full(len(rows), 1.0 / n), np.array(own),
+        np.array(parts), np.array(share), np.full(len(rows), 1.0 / n), np.array(owns),
         np.array(frequencies),
     )  # fmt: skip

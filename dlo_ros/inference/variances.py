@@ -7,9 +7,9 @@ frames share a part where a tracker smooths them (AR(1)); an error that dies out
 time (AR(1) as well), which is what the model lacks; and errors that stay, such as those of a
 calibration, and those of edges and shading where the DLO rests: frames of one pose are one
 measurement. What the model lacks and what a calibration does are smooth along the DLO. Their
-variances maximise the marginal likelihood (REML; Patterson and Thompson, Recovery of inter-block information,
-1971); the model's discrepancy thus widens the posterior (Kennedy and O'Hagan, Bayesian calibration
-of computer models, 2001). Nothing is simulated for it.
+variances maximise the marginal likelihood (REML; Patterson and Thompson, Recovery of inter-block
+information, 1971); the model's discrepancy thus widens the posterior (Kennedy and O'Hagan, Bayesian
+calibration of computer models, 2001). Nothing is simulated for it.
 """
 
 from __future__ import annotations
