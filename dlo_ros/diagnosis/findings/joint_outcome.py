@@ -13,6 +13,8 @@ from dlo_ros.diagnosis.explain.joint_explanation import (
     Explanation,
     Prepared,
     explain,
+    material_err,
+    own_err,
     prepare,
 )
 from dlo_ros.diagnosis.findings import holdout
@@ -50,7 +52,7 @@ SPARE = 3
 """Recordings, from which one of them is held out whole."""
 FEWEST = 10
 """Frames, from which the end of a recording can be foretold from its beginning."""
-FINAL_ITERATIONS = 4
+FINAL_ITERATIONS = 8
 
 
 @dataclass(frozen=True)
@@ -155,7 +157,9 @@ def joint_outcome(
     """Measure on what is held out, fit the model to everything, and put all together."""
     found, recordings = learned.explanation, beginning.recordings
     first = recordings[: len(plain.at.residuals)]
-    final = _refitted(found.at, first)
+    bare, final = (_refitted(at, first) for at in (found.setup, found.at))
+    own = own_err(final, first) if len(final.err) == len(first) else found.own_err
+    matters = material_err(own, given)
     before, seen_before = _errors(ParametricModel(plain.at.model.settings, ()), recordings, learned)
     setup, _ = _errors(learned.foretelling[0], recordings, learned)
     after, seen_after = _errors(learned.foretelling[1], recordings, learned)
@@ -167,8 +171,8 @@ def joint_outcome(
             (holdout.mean(after), found.at.mean_err),
         )
     )
-    verdict = _verdict(_mean_err(found.setup, first), final.mean_err, found)
-    missed = (holdout.mean(seen_before) or 0.0) - found.own_err
+    verdict = _verdict(bare.mean_err, final.mean_err, matters, bool(found.causes))
+    missed = (holdout.mean(seen_before) or 0.0) - own
     base = held_against(plain.at.model, first, given, derivatives=False)
     ours = held_against(Model(final.model.settings, ()), first, given, derivatives=False)
     related_before = related_after = None
@@ -177,14 +181,14 @@ def joint_outcome(
             relations(first, at.residuals, at.predicted, at.model.settings) for at in (base, ours)
         )
     remarks = (
-        f"{_percent(_share(errs[0], errs[2], found.own_err))} of what the plain model misses "
-        f"beyond the measurement's own error is explained; {_mm(errs[2])} remain, and "
-        f"{_mm(found.material_err)} would be immaterial.",
+        f"{_percent(_share(errs[0], errs[2], own))} of what the plain model misses beyond the "
+        f"measurement's own error is explained; {_mm(errs[2])} remain, and {_mm(matters)} would be "
+        "immaterial.",
     )
     return Diagnosis(
         verdict,
         tuple(_effect(c, final, given, found.at.mean_err, missed) for c in found.causes),
-        found.own_err,
+        own,
         plain_material(plain, holdout.mean(seen_before), holdout.mean(before)),
         replace(
             fitted_material(final, holdout.mean(seen_after), holdout.mean(after)),
@@ -203,8 +207,8 @@ def joint_outcome(
         views(recordings, base, ours, learned.masks, given),
         related_before,
         related_after,
-        found.material_err,
-        _share(errs[0], errs[2], found.own_err),
+        matters,
+        _share(errs[0], errs[2], own),
         set_up_numbers(final, found.causes),
         systematic_errors(final),
         found.trace,
@@ -225,14 +229,6 @@ def _refitted(at: Evaluation, recordings: Sequence[Recording]) -> Evaluation:
         return at
 
 
-def _mean_err(at: Evaluation, recordings: Sequence[Recording]) -> float:
-    """Mean ERR [m] of a model on recordings."""
-    try:
-        return float(np.mean([e.mean() for e in simulate(at.model, recordings, ()).err]))
-    except SimulationError:
-        return at.mean_err
-
-
 Errors = list[FloatArray] | None
 
 
@@ -250,11 +246,16 @@ def _errors(
     return held, seen
 
 
-def _verdict(setup: float, after: float, found: Explanation) -> Verdict:
-    """The verdict by the ERR [m] of the set-up and of the full model on everything."""
-    if setup < found.material_err:
+def _verdict(setup: float, after: float, matters: float, named: bool) -> Verdict:
+    """The verdict by the ERR [m] of the set-up and of the full model, fitted to everything.
+
+    Args:
+        matters: ERR [m] below which nothing is left to explain.
+        named: whether a cause is.
+    """
+    if setup < matters:
         return "adequate"
-    if found.causes and after < found.material_err:
+    if named and after < matters:
         return "explained"
     return "unexplained"
 
