@@ -19,6 +19,9 @@ COMPILED := $(VENV)/.compiled
 
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
+# The package asks for one thread itself, but tests import NumPy before it.
+export OPENBLAS_NUM_THREADS ?= 1
+
 # Without kept bytecode each of hundreds of processes compiles all libraries that it imports: 3 s each.
 unexport PYTHONDONTWRITEBYTECODE
 

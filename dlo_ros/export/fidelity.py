@@ -16,7 +16,7 @@ from dlo_ros.export.chain import Chain, build_chain
 from dlo_ros.export.mjcf import mjcf
 from dlo_ros.export.mujoco_run import MujocoCable
 from dlo_ros.export.scenes import Scene
-from dlo_ros.inference.err import shape_error
+from dlo_ros.inference.err import shape_error, shape_errors
 from dlo_ros.parameters import Settings
 
 ELEMENTS = (8, 12, 16, 20, 24, 32, 40, 50, 64, 80, 100, 128)  # that are tried
@@ -175,7 +175,7 @@ def measure(
 
 
 def _errors(a: np.ndarray, b: np.ndarray, scene: Scene) -> np.ndarray:
-    return np.array([shape_error(x, y, scene.basis) for x, y in zip(a, b, strict=True)])
+    return shape_errors(a, b, scene.basis)
 
 
 def _measured(scene: Scene, shapes: np.ndarray) -> np.ndarray:

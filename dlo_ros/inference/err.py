@@ -53,4 +53,16 @@ def deviation(a: FloatArray, b: FloatArray, basis: SplineBasis) -> Deviation:
 
 def shape_error(a: FloatArray, b: FloatArray, basis: SplineBasis) -> float:
     """ERR of eq. (10): mean distance along u between two splines [m]; see `deviation`."""
-    return deviation(a, b, basis).mean
+    return float(shape_errors(a[None], b[None], basis)[0])
+
+
+def shape_errors(a: FloatArray, b: FloatArray, basis: SplineBasis) -> FloatArray:
+    """ERR of eq. (10) of each of F pairs of splines [m], shape (F,).
+
+    Args:
+        a, b: control points, shape (F, n, 3) or more columns, of which x, y, z count.
+        basis: the basis of all.
+    """
+    matrix, weight = _rule(basis.control_points, basis.length)
+    apart = matrix @ (a[..., :3] - b[..., :3])
+    return np.asarray(np.linalg.norm(apart, axis=2) @ weight / basis.length)

@@ -11,7 +11,7 @@ import numpy as np
 
 from dlo_ros.command import Command, Motion
 from dlo_ros.errors import InputError, SimulationError
-from dlo_ros.inference.err import shape_error
+from dlo_ros.inference.err import shape_errors
 from dlo_ros.inference.observation_operator import noise_unit, operator_of
 from dlo_ros.observation import Observation, Wrenches
 from dlo_ros.parameters import Settings
@@ -196,7 +196,6 @@ def compared(
     """
     white = whitening(basis.control_points, basis.length)
     observed = np.array([o.control_points for o in observations])
-    err = [shape_error(a, b, basis) for a, b in zip(observed, predicted, strict=True)]
     residual = np.asarray(white @ (observed[:, :, :3] - predicted[:, :, :3]))
     derivative = None if sensitivity is None else np.asarray(white @ sensitivity)
     scale = noise_unit(observations, basis.length) if unit is None else unit
@@ -212,7 +211,7 @@ def compared(
         predicted,
         residual,
         derivative,
-        np.array(err),
+        shape_errors(observed, predicted, basis),
         spans,
         resolution_error,
         stable,
