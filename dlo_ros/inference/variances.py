@@ -67,13 +67,23 @@ class Variances:
 
     def of(self, spectrum: Spectrum) -> FloatArray:
         """Variance of a number in each bin [m^2], shape (B,)."""
-        p = spectrum.part
-        fading = self.fading[p] * density(self.memory, spectrum.frequency) * spectrum.share
-        lasting = self.lasting[p] * spectrum.share + self.rough[p] * spectrum.white
-        noise = self.white[p] * spectrum.white + self.nodal[p] * spectrum.nodal
-        noise *= density(self.noise_memory, spectrum.frequency)
-        still = np.where(spectrum.frequency == 0.0, spectrum.frames, 0.0)
-        return np.asarray(noise + fading + still * lasting)
+        sizes = np.array([self.white, self.nodal, self.fading, self.lasting, self.rough])
+        rows = _components(spectrum, spectrum.frames, self.memory, self.noise_memory)
+        return np.asarray(np.sum(sizes[:, spectrum.part] * rows, axis=0))
+
+
+def _components(
+    bins: Spectrum | _Bins, frames: int | FloatArray, memory: float, noise_memory: float
+) -> FloatArray:
+    """Variance in each bin of each component with a variance of one, shape (5, B)."""
+    noise, fading = density(noise_memory, bins.frequency), density(memory, bins.frequency)
+    still = np.where(bins.frequency == 0.0, frames, 0.0)
+    return np.array(
+        [
+            noise * bins.white, noise * bins.nodal, fading * bins.share, still * bins.share,
+            still * bins.white,
+        ]
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -91,6 +101,49 @@ class Posterior:
     evidence: float
 
 
+@dataclass(frozen=True)
+class _Bins:
+    """The bins of all recordings, one after the other; R recordings, B bins in all.
+
+    Args:
+        count, power, gradient, part, share, white, nodal, frequency: as in `Spectrum`.
+        hessian: J^T J, shape (B, P * P).
+        frames: of each bin's recording, shape (B,).
+        row: of the bin's variances among the packed numbers, for each component, shape (5, B).
+    """
+
+    count: FloatArray
+    power: FloatArray
+    gradient: FloatArray
+    hessian: FloatArray
+    part: np.ndarray
+    share: FloatArray
+    white: FloatArray
+    nodal: FloatArray
+    frequency: FloatArray
+    frames: FloatArray
+    row: np.ndarray
+
+    @classmethod
+    def of(cls, spectra: Sequence[Spectrum]) -> _Bins:
+        """The bins of some recordings."""
+        parts, number = spectra[0].parts, np.arange(len(spectra))
+        sizes = [len(s.count) for s in spectra]
+        part = np.concatenate([s.part for s in spectra])
+        first = [parts * np.repeat(number, sizes)]
+        first += [np.full(sum(sizes), parts * (len(spectra) + k)) for k in range(4)]
+        count, power, gradient, share, white, nodal, frequency = (
+            np.concatenate([getattr(s, name) for s in spectra])
+            for name in ("count", "power", "gradient", "share", "white", "nodal", "frequency")
+        )
+        hessian = np.concatenate([s.hessian.reshape(len(s.count), -1) for s in spectra])
+        frames = np.repeat([float(s.frames) for s in spectra], sizes)
+        return cls(
+            count, power, gradient, hessian, part, share, white, nodal, frequency, frames,
+            np.array(first) + part,
+        )  # fmt: skip
+
+
 def posterior(
     spectra: Sequence[Spectrum], variances: Sequence[Variances], offset: FloatArray,
     precision: FloatArray,
@@ -101,34 +154,29 @@ def posterior(
         offset: centre of the prior minus the point of linearisation, shape (P,).
         precision: inverse variances of the prior, shape (P,).
     """
-    value, step, covariance, _ = _marginal(
-        spectra, [v.of(s) for s, v in zip(spectra, variances, strict=True)], offset, precision
-    )
+    v = np.concatenate([v.of(s) for s, v in zip(spectra, variances, strict=True)])
+    value, step, covariance, _ = _marginal(_Bins.of(spectra), v, offset, precision)
     return Posterior(step, covariance, -value)
 
 
 def _marginal(
-    spectra: Sequence[Spectrum], v: Sequence[FloatArray], offset: FloatArray, precision: FloatArray
-) -> tuple[float, FloatArray, FloatArray, list[FloatArray]]:
+    bins: _Bins, v: FloatArray, offset: FloatArray, precision: FloatArray
+) -> tuple[float, FloatArray, FloatArray, FloatArray]:
     """Minus the log marginal likelihood, step, covariance, and its derivatives by variances."""
-    lhs, rhs = np.diag(precision), precision * offset
-    value = float(offset @ rhs) - float(np.sum(np.log(precision)))
-    for s, x in zip(spectra, v, strict=True):
-        lhs = lhs + np.einsum("b,bpq->pq", 1.0 / x, s.hessian)
-        rhs = rhs + (1.0 / x) @ s.gradient
-        value += float(s.count @ np.log(x) + s.power @ (1.0 / x))
+    each = 1.0 / v
+    lhs = np.diag(precision) + (each @ bins.hessian).reshape(len(precision), -1)
+    rhs = precision * offset + each @ bins.gradient
+    value = float(offset @ (precision * offset)) - float(np.sum(np.log(precision)))
+    value += float(bins.count @ np.log(v) + bins.power @ each)
     scale = 1.0 / np.sqrt(np.diag(lhs))
     factor = cho_factor(lhs * np.outer(scale, scale) + 1e-13 * np.eye(len(scale)))
     step = scale * cho_solve(factor, scale * rhs)
     covariance = cho_solve(factor, np.diag(scale)) * scale[:, None]
     value -= float(rhs @ step)
     value += 2.0 * float(np.sum(np.log(np.diag(factor[0]))) - np.sum(np.log(scale)))
-    slopes = []
     spread = covariance + np.outer(step, step)
-    for s, x in zip(spectra, v, strict=True):
-        left = s.power - 2.0 * s.gradient @ step + np.einsum("bpq,pq->b", s.hessian, spread)
-        slopes.append(0.5 * (s.count / x - left / x**2))
-    return 0.5 * value, step, covariance, slopes
+    left = bins.power - 2.0 * bins.gradient @ step + bins.hessian @ spread.ravel()
+    return 0.5 * value, step, covariance, 0.5 * each * (bins.count - left * each)
 
 
 def fit_variances(
@@ -150,13 +198,12 @@ def fit_variances(
     if start:
         # The likelihood is flat where a component is nearly zero.
         x0 = np.maximum(_packed(start), x0 + np.log(LEAST_START))
-    bounds = _bounds(spectra, length)
+    bounds, bins = _bounds(spectra, length), _Bins.of(spectra)
 
     def cost(x: FloatArray) -> tuple[float, FloatArray]:
-        found = _unpacked(x, spectra)
-        v = [f.of(s) for s, f in zip(spectra, found, strict=True)]
-        value, _, _, slopes = _marginal(spectra, v, offset, precision)
-        return _with_prior(value, _slope(spectra, found, slopes), found[0], length)
+        value, slope = _cost(x, bins, offset, precision)
+        unlikely = _unlikely(x, bins, length)
+        return value + float(np.sum(unlikely)), slope + unlikely
 
     x0 = np.clip(x0, [b[0] for b in bounds], [b[1] for b in bounds])
     done = minimize(
@@ -164,7 +211,8 @@ def fit_variances(
     )
     found = _unpacked(done.x, spectra)
     best = posterior(spectra, found, offset, precision)
-    return found, replace(best, evidence=best.evidence - _improbability(found[0], length))
+    unlikely = float(np.sum(_unlikely(done.x, bins, length)))
+    return found, replace(best, evidence=best.evidence - unlikely)
 
 
 def guess(spectrum: Spectrum, length: float) -> Variances:
@@ -223,53 +271,39 @@ def _bounds(spectra: Sequence[Spectrum], length: float) -> list[tuple[float, flo
     return [*noise, *[fading] * parts, *staying, memory, noise_memory]
 
 
-def _slope(
-    spectra: Sequence[Spectrum], found: Sequence[Variances], slopes: Sequence[FloatArray]
-) -> FloatArray:
-    """Derivatives by the packed numbers, from those by the bins' variances."""
-    parts = spectra[0].parts
-    white, common, memories = [], np.zeros((4, parts)), np.zeros(2)
-    for s, v, slope in zip(spectra, found, slopes, strict=True):
-        density_, rate = density(v.memory, s.frequency), _rate(v.memory, s.frequency)
-        noise = density(v.noise_memory, s.frequency)
-        lasting = np.where(s.frequency == 0.0, s.frames, 0.0)
-        own = np.zeros(parts)
-        for part in range(parts):
-            mine = np.where(s.part == part, slope, 0.0)
-            own[part] = v.white[part] * float(mine @ (noise * s.white))
-            common[0, part] += v.nodal[part] * float(mine @ (noise * s.nodal))
-            common[1, part] += v.fading[part] * float(mine @ (density_ * s.share))
-            common[2, part] += v.lasting[part] * float(mine @ (lasting * s.share))
-            common[3, part] += v.rough[part] * float(mine @ (lasting * s.white))
-        white.append(own)
-        memories[0] -= float(np.sum(slope * v.fading[s.part] * s.share * rate))
-        rate = _rate(v.noise_memory, s.frequency)
-        noise = v.white[s.part] * s.white + v.nodal[s.part] * s.nodal
-        memories[1] -= float(np.sum(slope * noise * rate))
-    return np.concatenate([*white, common.ravel(), memories])
+def _cost(
+    x: FloatArray, bins: _Bins, offset: FloatArray, precision: FloatArray
+) -> tuple[float, FloatArray]:
+    """Minus the log marginal likelihood, and its derivatives by the packed numbers."""
+    memory, noise_memory = (float(m) for m in -np.expm1(x[-2:]))
+    parts = np.exp(x)[bins.row] * _components(bins, bins.frames, memory, noise_memory)
+    value, _, _, slope = _marginal(bins, parts.sum(axis=0), offset, precision)
+    sizes = np.bincount(bins.row.ravel(), (slope * parts).ravel())
+    noise, fading = slope * (parts[0] + parts[1]), slope * parts[2]
+    memories = [
+        -float(fading @ _rate(memory, bins.frequency)),
+        -float(noise @ _rate(noise_memory, bins.frequency)),
+    ]
+    return value, np.concatenate([sizes, memories])
 
 
 def _rate(memory: float, frequency: FloatArray) -> FloatArray:
-    """Derivative of `density` by minus the logarithm of one minus the memory."""
+    """Derivative of the log of `density` by minus the logarithm of one minus the memory."""
     cosine = np.cos(frequency)
     below = 1.0 - 2.0 * memory * cosine + memory**2
-    slope = (-2.0 * memory * below - (1.0 - memory**2) * (2.0 * memory - 2.0 * cosine)) / below**2
-    return np.asarray((1.0 - memory) * slope)
+    return np.asarray(
+        -2.0 * memory / (1.0 + memory) - 2.0 * (1.0 - memory) * (memory - cosine) / below
+    )
 
 
-def _with_prior(
-    value: float, slope: FloatArray, found: Variances, length: float
-) -> tuple[float, FloatArray]:
-    """Cost and derivatives, with the prior of errors that are not new in every frame."""
-    common = np.concatenate([found.fading, found.lasting, found.rough])
-    slope[-2 - len(common) : -2] += 0.5 * common / (REPEATED_STD * length) ** 2
-    return value + _improbability(found, length), slope
+def _unlikely(x: FloatArray, bins: _Bins, length: float) -> FloatArray:
+    """Minus the log prior of each packed number: errors that are not new in every frame are small.
 
-
-def _improbability(found: Variances, length: float) -> float:
-    """Minus the log prior of errors that are not new in every frame."""
-    variances = np.sum(found.fading + found.lasting + found.rough)
-    return 0.5 * float(variances) / (REPEATED_STD * length) ** 2
+    It is its own derivative.
+    """
+    repeated = np.arange(len(x)) >= bins.row[2].min()
+    repeated[-2:] = False
+    return np.where(repeated, 0.5 * np.exp(x) / (REPEATED_STD * length) ** 2, 0.0)
 
 
 def density(memory: float, frequency: FloatArray) -> FloatArray:

@@ -67,12 +67,12 @@ def test_derivatives_of_the_marginal_likelihood():
     rng = np.random.default_rng(2)
     spectra = [spectrum(*made(rng, frames)[:2], N) for frames in (40, 60)]
     offset, precision = 0.1 * rng.normal(size=6), np.full(6, 10.0)
+    bins = core._Bins.of(spectra)
 
     def cost(x):
-        found = core._unpacked(x, spectra)
-        v = [f.of(s) for f, s in zip(found, spectra, strict=True)]
-        value, _, _, slopes = core._marginal(spectra, v, offset, precision)
-        return core._with_prior(value, core._slope(spectra, found, slopes), found[0], LENGTH)
+        value, slope = core._cost(x, bins, offset, precision)
+        unlikely = core._unlikely(x, bins, LENGTH)
+        return value + unlikely.sum(), slope + unlikely
 
     x = core._packed([guess(s, LENGTH) for s in spectra])
     x[-1] = np.log1p(-0.4)
