@@ -273,7 +273,11 @@ def _gain(found: Diagnosis, file: str) -> tuple[str, ...]:
             change += ", so nothing is gained there"
         told.append(f"On data that were not used: {change}.")
         if found.material_err is not None and after > found.material_err:
-            told.append(f"That is still more than the {mm(found.material_err)} that do not matter.")
+            matters = f"the {mm(found.material_err)} that do not matter"
+            if found.verdict == "unexplained":
+                told.append(f"That is still more than {matters}.")
+            else:
+                told.append(f"Fitted to these data too, the model comes within {matters}.")
     what = "all of that" if found.effects else "the set-up as fitted"
     told.append(f"{load}: it holds {what}, and E/mu = {known}.")
     return tuple(told)
