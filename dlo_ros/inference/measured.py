@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d
 
 from dlo_ros.errors import InputError
 from dlo_ros.inference.forecast import Manipulation, unit_of, whitening
@@ -221,16 +222,47 @@ def outliers(residual: FloatArray, limit: float = 6.0) -> np.ndarray:
     frames = len(residual)
     if frames < FEWEST_FOR_JUMPS:
         return np.zeros(frames, dtype=bool)
-    flat = residual.reshape(frames, -1)
-    # Turned about the ends, so that a slope goes on there.
-    before, after = 2.0 * flat[0] - flat[2:0:-1], 2.0 * flat[-1] - flat[-2:-4:-1]
-    padded = np.concatenate([before, flat, after])
+    flat = residual.reshape(frames, -1).copy()
+    wrong = np.zeros(frames, dtype=bool)
+    most = np.inf
+    for _ in range(frames):
+        jump, expected = _jumps(flat)
+        if not wrong.any():
+            middle = float(np.median(jump))
+            typical = 1.4826 * float(np.median(np.abs(jump - middle)))
+            most = middle + limit * max(typical, 0.1 * middle)
+        # Beside a picture that jumps its neighbours seem to jump as well: it goes first.
+        worst = (jump > most) & (jump >= maximum_filter1d(jump, 5)) & ~wrong
+        if not worst.any():
+            break
+        wrong |= worst
+        flat[worst] = expected[worst]
+    return wrong
+
+
+COURSES = np.array([[1.0, 0.0, 0.0], [2.0, -1.0, 0.0], [3.0, -3.0, 1.0]])
+"""What the first of four pictures is beside the others: the same, on a slope, on a parabola."""
+
+
+def _jumps(flat: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """How far each picture is from what its neighbours let expect, shape (F,), and that, (F, N).
+
+    Of several expectations that which comes nearest counts. At the ends, where noise does more to
+    an expectation, it is taken in units of what it does to the mean of two neighbours.
+
+    Args:
+        flat: shape (F, N).
+    """
+    frames = len(flat)
+    padded = np.concatenate([flat[2:0:-1], flat, flat[-2:-4:-1]])
     a, b, c, d, e = (padded[k : k + frames] for k in range(5))
-    expected = (
-        np.median(np.stack([a, b, c, d, e]), axis=0),
-        0.5 * (b + d),
-        (4.0 * (b + d) - a - e) / 6.0,
+    courses = np.stack(
+        [np.median(np.stack([a, b, c, d, e]), axis=0), 0.5 * (b + d), (4.0 * (b + d) - a - e) / 6.0]
     )
-    jump = np.min([np.linalg.norm(flat - x, axis=1) for x in expected], axis=0)
-    typical = 1.4826 * float(np.median(np.abs(jump - np.median(jump))))
-    return np.asarray(jump > np.median(jump) + limit * max(typical, 0.1 * float(np.median(jump))))
+    unit = np.ones((len(courses), frames))
+    unit[:, [0, -1]] = np.sqrt((1.0 + np.sum(COURSES**2, axis=1)) / 1.5)[:, None]
+    courses[:, 0], courses[:, -1] = COURSES @ flat[1:4], COURSES @ flat[-2:-5:-1]
+    jump = np.linalg.norm(flat - courses, axis=2) / unit
+    nearest = np.argmin(jump, axis=0)
+    number = np.arange(frames)
+    return jump[nearest, number], courses[nearest, number]
