@@ -20,15 +20,11 @@ from scipy.optimize import minimize
 
 from dlo_ros.command import NANOSECONDS, Command, Motion
 from dlo_ros.inference.variances import LONGEST_MEMORY, density
+from dlo_ros.inference.wrench_messages import near, scatter, shaken
 from dlo_ros.observation import Wrenches
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 
-LONGEST_WINDOW = 0.05
-"""Time to either side of a shape [s] from which forces are brought to its instant: a motion of 1 Hz
-is then followed to 0.1 %."""
-QUADRATIC = 5
-"""Messages in a window from which its values follow a parabola; from three on, a line."""
 LEVER = 0.1
 """Over L: distance at which a force sensor's errors make those of its torques where none are
 stated, and a tool's centre of mass lies."""
@@ -86,54 +82,6 @@ class Told:
     variance: FloatArray
 
 
-def near(
-    measured: Wrenches, stamps: Sequence[int]
-) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-    """Measured forces and torques brought to the instants of shapes.
-
-    A parabola or line through the messages of a window, at most half the way to the next shape.
-
-    Args:
-        stamps: of the shapes [ns], F of them.
-
-    Returns:
-        Force and torque (F, 6), standard deviation of each over that of one message, (F,), and
-        which instants have messages near enough, (F,).
-    """
-    at = np.asarray(stamps, dtype=np.int64)
-    half = LONGEST_WINDOW
-    if len(at) > 1:
-        half = min(half, 0.5 * float(np.median(np.diff(at))) / NANOSECONDS)
-    table = np.hstack([measured.force, measured.torque])
-    values, share = np.zeros((len(at), 6)), np.ones(len(at))
-    found = np.zeros(len(at), dtype=bool)
-    for k, stamp in enumerate(at):
-        time = (measured.stamps - stamp) / NANOSECONDS
-        pick = np.flatnonzero(np.abs(time) <= half * (1.0 + 1e-6))
-        if len(pick) < 2 or time[pick[0]] > 0.0 or time[pick[-1]] < 0.0:
-            before, after = np.flatnonzero(time <= 0.0), np.flatnonzero(time >= 0.0)
-            if not len(before) or not len(after):
-                continue
-            # Messages that come more seldom than shapes: the neighbours' line.
-            pick = np.unique([before[-1], after[0]])
-            if time[pick[-1]] - time[pick[0]] > 2.0 * LONGEST_WINDOW:
-                continue
-        degree = 2 if len(pick) >= QUADRATIC else min(len(pick) - 1, 1)
-        powers = (time[pick] / max(float(np.abs(time[pick]).max()), 1e-9))[:, None]
-        weights = np.linalg.pinv(powers ** np.arange(degree + 1))[0]
-        values[k], share[k], found[k] = weights @ table[pick], np.linalg.norm(weights), True
-    return values, share, found
-
-
-def scatter(measured: Wrenches) -> FloatArray:
-    """White noise of one message by its third differences [N; N m], shape (6,)."""
-    table = np.hstack([measured.force, measured.torque])
-    if len(table) < 8:
-        return np.zeros(6)
-    jumps = np.diff(table, 3, axis=0) / np.sqrt(20.0)
-    return np.asarray(1.4826 * np.median(np.abs(jumps), axis=0))
-
-
 def wrench_field(
     name: str,
     measured: Wrenches,
@@ -155,6 +103,7 @@ def wrench_field(
         more: further columns in prior standard deviations, shape (F, 6) each.
     """
     values, share, found = near(measured, stamps)
+    found = found & ~shaken(measured, stamps)
     rod, stated = settings.rod, settings.wrench
     weight = rod.linear_density * rod.length * max(float(np.linalg.norm(settings.gravity)), 1e-9)
     size = np.abs(predicted).max(axis=0) / weight / np.array([1.0] * 3 + [rod.length] * 3)
@@ -222,7 +171,7 @@ def _tool(
     end: str, axes: FloatArray, stamps: Sequence[int], settings: Settings,
     commands: Sequence[Command], lever: float,
 ) -> list[FloatArray]:  # fmt: skip
-    """What a mass between sensor and DLO adds, tared at the first shape; none where it rests."""
+    """What a mass between sensor and DLO adds, tared at rest; none where it stays so."""
     motion, mass = Motion(list(commands)), settings.wrench.tool_mass_std
     side, places = round(SIDE * NANOSECONDS), []
     for stamp in stamps:
@@ -232,16 +181,16 @@ def _tool(
             return []
         a, b, c = (command.sample(int(stamp) + s)[0][k] for s in (-side, 0, side))
         places.append((a - 2.0 * b + c) / SIDE**2)
-    pull = np.array(places) - np.array(settings.gravity)
-    inside = np.einsum("fji,fj->fi", axes, pull)  # along the sensor's axes
-    tared = np.einsum("fij,fj->fi", axes, inside - inside[0])
+    weight = -np.array(settings.gravity)
+    pull = np.array(places) + weight
+    # Tared at rest, in the sensor's axes as they are at the first shape: a motion may begin there.
+    tared = pull - axes @ (axes[0].T @ weight)
     if not np.abs(tared).max() > 1e-6:
         return []
     result = [mass * _placed(tared, None)]
     for i in range(3):
         turn = np.cross(axes[:, :, i], pull)
-        inner = np.einsum("fji,fj->fi", axes, turn)
-        turn = np.einsum("fij,fj->fi", axes, inner - inner[0])
+        turn -= axes @ (axes[0].T @ np.cross(axes[0, :, i], weight))
         result.append(mass * lever * _placed(None, turn))
     return result
 

@@ -129,7 +129,7 @@ def measured(
             raise InputError(f"wrench: the {end} is not held all the time")
         values = np.array([now[end] for now in true])
         force, torque = values[:, :3], values[:, 3:]
-        force += sensor.tool_mass * (accelerations[end] - accelerations[end][0])
+        force += sensor.tool_mass * accelerations[end]  # its weight is tared
         for array, noise, offset in (
             (force, sensor.force_std, sensor.force_bias_std),
             (torque, sensor.torque_std, sensor.torque_bias_std),

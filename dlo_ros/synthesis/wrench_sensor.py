@@ -17,7 +17,7 @@ class WrenchSensor:
         force_std, torque_std: white noise [N; N m].
         force_bias_std, torque_bias_std: of the constant offset of each component [N; N m].
         delay: by which a measurement is stamped too late [s].
-        tool_mass: between sensor and DLO, tared at the first instant [kg].
+        tool_mass: between sensor and DLO, tared at rest [kg].
     """
 
     rate: float = 100.0

@@ -29,6 +29,9 @@ from dlo_ros.parameters import Settings
 
 LOG = logging.getLogger(__name__)
 
+LEAST = 0.01
+"""Least share of a standard deviation that is not the scale's: the rest may round to nothing."""
+
 
 def with_forces(
     found: Diagnosis,
@@ -62,7 +65,7 @@ def with_forces(
         found,
         baseline=_scaled(found.baseline, base),
         extended=_scaled(found.extended, extended),
-        effects=tuple(_effect(e, extended) for e in found.effects),
+        effects=tuple(_effect(e, extended, _relative(found.extended)) for e in found.effects),
         remarks=(*found.remarks, words(extended.relative, count)),
     )
 
@@ -98,8 +101,19 @@ def _scaled(model: Fitted, scale: Scale) -> Fitted:
     )  # fmt: skip
 
 
-def _effect(effect: NamedEffect, scale: Scale) -> NamedEffect:
-    """An effect whose forces have another scale."""
+def _relative(model: Fitted) -> float:
+    """How well shapes know the scale of all forces; 0 where they tell nothing of it."""
+    density, std = model.density
+    return 0.0 if std is None else std / density
+
+
+def _effect(effect: NamedEffect, scale: Scale, before: float) -> NamedEffect:
+    """An effect whose forces have another scale.
+
+    Args:
+        before: relative standard deviation of the scale that its own contain, see `_relative`:
+            shapes tell a mass over mu.
+    """
     result = {}
     for key, number in effect.parameters.items():
         power = POWERS.get(number.unit, 0.0)
@@ -111,7 +125,7 @@ def _effect(effect: NamedEffect, scale: Scale) -> NamedEffect:
         stds = number.std if isinstance(number.std, tuple) else (number.std,) * len(values)
         new = tuple(factor * v for v in values)
         wide = [
-            None if s is None else math.hypot(factor * s, spread * n)
+            None if s is None else _rescaled(factor * s, n, power * before, power * spread)
             for s, n in zip(stds, new, strict=True)
         ]
         known = tuple(s for s in wide if s is not None)
@@ -120,3 +134,9 @@ def _effect(effect: NamedEffect, scale: Scale) -> NamedEffect:
             std = known if isinstance(number.value, tuple) else known[0]
         result[key] = Number(new if isinstance(number.value, tuple) else new[0], std, number.unit)
     return replace(effect, parameters=result)
+
+
+def _rescaled(std: float, value: float, before: float, after: float) -> float:
+    """Standard deviation of a force with another relative std of the scale of all forces."""
+    own = max(std**2 - (before * value) ** 2, (LEAST * std) ** 2)
+    return math.hypot(math.sqrt(own), after * value)
