@@ -18,7 +18,7 @@ PLACE = str(Path(__file__).resolve().parent.parent)
 def command_of(module: str) -> list[str]:
     """The command that runs a module of this package, as `python -m MODULE` would."""
     start = (
-        f"import runpy, sys; sys.path[0] = {PLACE!r}; "
+        f"import runpy, sys; sys.path.insert(0, {PLACE!r}); "
         f"runpy.run_module({module!r}, run_name='__main__', alter_sys=True)"
     )
     return [sys.executable, "-c", start]
