@@ -15,7 +15,7 @@ from vision_scenes import bow
 from dlo_ros.parameters import DampingParameters, RodParameters
 from dlo_ros.synthesis import render_kernels
 from dlo_ros.synthesis.discrete_rod import DiscreteRod
-from dlo_ros.synthesis.rod_simulation import Boundary, Simulation
+from dlo_ros.synthesis.rod_simulation import ImposedNodes, Simulation
 
 ROPE = RodParameters(length=0.4, diameter=0.004, young_modulus=5e7, density=2500.0)
 DAMPING = DampingParameters(air_drag=0.05, relaxation_time=0.002)
@@ -31,9 +31,9 @@ CHANGES = {
 }  # fmt: skip
 
 
-def lifted(time: float) -> Boundary:
+def lifted(time: float) -> ImposedNodes:
     """The start goes up and turns; the end is free."""
-    return Boundary({0: np.array([0.0, 0.4 * time])}, start=2.0 * time)
+    return ImposedNodes({0: np.array([0.0, 0.4 * time])}, start=2.0 * time)
 
 
 def motions() -> dict[str, list]:

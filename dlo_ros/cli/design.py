@@ -29,7 +29,7 @@ from dlo_ros.identification.design.expected_information import (
     outlook,
 )
 from dlo_ros.identification.design.manipulation_search import (
-    Candidate,
+    ManipulationCandidate,
     Workspace,
     imposed,
     laid,
@@ -203,7 +203,7 @@ def _renamed(experiment: Experiment, settings: Settings) -> tuple[str, ...]:
 
 
 def experiment_text(
-    candidate: Candidate, workspace: Workspace, settings: Settings, noise: Noise
+    candidate: ManipulationCandidate, workspace: Workspace, settings: Settings, noise: Noise
 ) -> str:
     """A found manipulation as an experiment file, whose truth is what is assumed of the DLO."""
     parameters: dict[str, Any] = {}

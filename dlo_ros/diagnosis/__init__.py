@@ -8,7 +8,7 @@ from dlo_ros.diagnosis.findings.diagnosis_outcome import (
     NamedEffect,
     Number,
     SetupNumber,
-    Tried,
+    Trial,
     View,
 )
 from dlo_ros.diagnosis.pipeline import diagnose
@@ -20,7 +20,7 @@ __all__ = [
     "NamedEffect",
     "Number",
     "SetupNumber",
-    "Tried",
+    "Trial",
     "View",
     "diagnose",
 ]

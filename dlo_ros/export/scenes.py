@@ -15,7 +15,7 @@ from dlo_ros.export.grips import Pose, pose_at
 from dlo_ros.inference.forecast import Manipulation, motion_of
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
-from dlo_ros.rod.measured_shapes import Camera
+from dlo_ros.rod.measured_shapes import MeasurementMap
 from dlo_ros.rod.simulation import Simulation
 from dlo_ros.spline import FloatArray, SplineBasis
 
@@ -57,7 +57,7 @@ class Scene:
     soon: FloatArray | None
     settled: bool
     observed: FloatArray | None = None
-    camera: Camera | None = None
+    camera: MeasurementMap | None = None
 
     @property
     def moves(self) -> bool:
@@ -123,7 +123,7 @@ def recorded_scene(manipulation: Manipulation, settings: Settings, full: Setting
     Raises:
         SimulationError, InputError: it cannot be simulated.
     """
-    camera = Camera(full)
+    camera = MeasurementMap(full)
     seen = [
         Observation(o.stamp - camera.later, camera.true(o.control_points))
         for o in manipulation.observations

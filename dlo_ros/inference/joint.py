@@ -266,7 +266,7 @@ def _weights(at: Evaluation, white: bool) -> list[FloatArray]:
     """Inverse variance of each bin."""
     if not white:
         return [1.0 / v.of(s) for s, v in zip(at.spectra, at.variances, strict=True)]
-    power = sum(float(s.power.sum()) for s in at.spectra)
+    power = sum(float(s.sum_of_squares.sum()) for s in at.spectra)
     count = sum(float(s.count.sum()) for s in at.spectra)
     return [np.full(len(s.count), count / power) for s in at.spectra]
 
@@ -279,7 +279,7 @@ def _gain(before: Evaluation, after: Evaluation, white: bool) -> float:
 def misfit(at: Evaluation, judge: Evaluation, *, white: bool = False) -> float:
     """Minus the log posterior of a model's values, with another's variances."""
     weights = _weights(judge, white)
-    value = sum(float(s.power @ w) for s, w in zip(at.spectra, weights, strict=True))
+    value = sum(float(s.sum_of_squares @ w) for s, w in zip(at.spectra, weights, strict=True))
     return 0.5 * (value + float(at.model.precision() @ at.model.offset() ** 2))
 
 

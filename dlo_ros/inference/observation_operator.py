@@ -44,7 +44,7 @@ LEAST_SHARE = 0.5
 """Smallest std of a point over the typical one of its picture: scatter is an estimate itself."""
 NEGLECTED = 1e-9
 """Eigenvalue of the information matrix over the largest, below which nothing was seen."""
-FAR = 0.1
+LARGEST_GAP = 0.1
 """Distance over L between points and their spline, beyond which they are not of one shape."""
 FACING = 1e-3
 """Length of a unit tangent's part in the board's plane, below which the DLO faces the camera."""
@@ -165,7 +165,7 @@ def _operator(observation: Observation, basis: SplineBasis) -> Operator | None:
     table = BasisTable.of(basis)
     b = table.matrix(u)
     apart = place - b @ shape
-    if np.mean(apart**2) > (FAR * basis.length) ** 2:
+    if np.mean(apart**2) > (LARGEST_GAP * basis.length) ** 2:
         return None
     place = place - _not_followed(basis, u, apart)
     slopes = table.slopes(np.concatenate([u, basis.greville]))

@@ -35,7 +35,7 @@ class Spectrum:
     Args:
         frames: number of frames F.
         count: of numbers in each bin, shape (B,).
-        power: sum of squared residuals [m^2], shape (B,).
+        sum_of_squares: sum of squared residuals [m^2], shape (B,).
         gradient: J^T r, shape (B, P).
         hessian: J^T J, shape (B, P, P).
         part: 0 across the DLO in the plane, 1 along it, 2 out of the plane, shape (B,).
@@ -47,7 +47,7 @@ class Spectrum:
 
     frames: int
     count: FloatArray
-    power: FloatArray
+    sum_of_squares: FloatArray
     gradient: FloatArray
     hessian: FloatArray
     part: np.ndarray
@@ -65,7 +65,7 @@ class Spectrum:
         """The spectrum of some of the parameters."""
         pick = list(columns)
         return Spectrum(
-            self.frames, self.count, self.power, self.gradient[:, pick],
+            self.frames, self.count, self.sum_of_squares, self.gradient[:, pick],
             self.hessian[:, pick][:, :, pick], self.part, self.share, self.white, self.nodal,
             self.frequency,
         )  # fmt: skip
@@ -130,9 +130,9 @@ def spectrum(residual: FloatArray, jacobian: FloatArray, control_points: int) ->
                 rows.append(
                     (float(len(x)), float(x @ x), y.T @ x, y.T @ y, part, smooth, own, frequency)
                 )
-    count, power, gradient, hessian, parts, share, owns, frequencies = zip(*rows, strict=True)
+    count, sum_of_squares, gradient, hessian, parts, share, owns, frequencies = zip(*rows, strict=True)
     return Spectrum(
-        frames, np.array(count), np.array(power), np.array(gradient), np.array(hessian),
+        frames, np.array(count), np.array(sum_of_squares), np.array(gradient), np.array(hessian),
         np.array(parts), np.array(share), np.full(len(rows), 1.0 / n), np.array(owns),
         np.array(frequencies),
     )  # fmt: skip

@@ -106,14 +106,14 @@ class _Bins:
     """The bins of all recordings, one after the other; R recordings, B bins in all.
 
     Args:
-        count, power, gradient, part, share, white, nodal, frequency: as in `Spectrum`.
+        count, sum_of_squares, gradient, part, share, white, nodal, frequency: as in `Spectrum`.
         hessian: J^T J, shape (B, P * P).
         frames: of each bin's recording, shape (B,).
         row: of the bin's variances among the packed numbers, for each component, shape (5, B).
     """
 
     count: FloatArray
-    power: FloatArray
+    sum_of_squares: FloatArray
     gradient: FloatArray
     hessian: FloatArray
     part: np.ndarray
@@ -132,14 +132,14 @@ class _Bins:
         part = np.concatenate([s.part for s in spectra])
         first = [parts * np.repeat(number, sizes)]
         first += [np.full(sum(sizes), parts * (len(spectra) + k)) for k in range(4)]
-        count, power, gradient, share, white, nodal, frequency = (
+        count, sum_of_squares, gradient, share, white, nodal, frequency = (
             np.concatenate([getattr(s, name) for s in spectra])
-            for name in ("count", "power", "gradient", "share", "white", "nodal", "frequency")
+            for name in ("count", "sum_of_squares", "gradient", "share", "white", "nodal", "frequency")
         )
         hessian = np.concatenate([s.hessian.reshape(len(s.count), -1) for s in spectra])
         frames = np.repeat([float(s.frames) for s in spectra], sizes)
         return cls(
-            count, power, gradient, hessian, part, share, white, nodal, frequency, frames,
+            count, sum_of_squares, gradient, hessian, part, share, white, nodal, frequency, frames,
             np.array(first) + part,
         )  # fmt: skip
 
@@ -167,7 +167,7 @@ def _marginal(
     lhs = np.diag(precision) + (each @ bins.hessian).reshape(len(precision), -1)
     rhs = precision * offset + each @ bins.gradient
     value = float(offset @ (precision * offset)) - float(np.sum(np.log(precision)))
-    value += float(bins.count @ np.log(v) + bins.power @ each)
+    value += float(bins.count @ np.log(v) + bins.sum_of_squares @ each)
     scale = 1.0 / np.sqrt(np.diag(lhs))
     factor = cho_factor(lhs * np.outer(scale, scale) + 1e-13 * np.eye(len(scale)))
     step = scale * cho_solve(factor, scale * rhs)
@@ -175,7 +175,7 @@ def _marginal(
     value -= float(rhs @ step)
     value += 2.0 * float(np.sum(np.log(np.diag(factor[0]))) - np.sum(np.log(scale)))
     spread = covariance + np.outer(step, step)
-    left = bins.power - 2.0 * bins.gradient @ step + bins.hessian @ spread.ravel()
+    left = bins.sum_of_squares - 2.0 * bins.gradient @ step + bins.hessian @ spread.ravel()
     return 0.5 * value, step, covariance, 0.5 * each * (bins.count - left * each)
 
 
@@ -226,11 +226,11 @@ def guess(spectrum: Spectrum, length: float) -> Variances:
         mine = spectrum.part == part
         pick = mine & rough if np.any(mine & rough) else mine & (spectrum.share < 0.05)
         pick = pick if np.any(pick) else mine
-        each = float(np.sum(spectrum.power[pick]) / np.sum(spectrum.count[pick]))
+        each = float(np.sum(spectrum.sum_of_squares[pick]) / np.sum(spectrum.count[pick]))
         white.append(max(each / float(spectrum.white[0]), least))
-        fading.append(max(float(np.sum(spectrum.power[mine])) / spectrum.frames, least))
+        fading.append(max(float(np.sum(spectrum.sum_of_squares[mine])) / spectrum.frames, least))
         pick = mine & still & (spectrum.share <= np.median(spectrum.share[mine & still]))
-        each = float(np.sum(spectrum.power[pick]) / np.sum(spectrum.count[pick]))
+        each = float(np.sum(spectrum.sum_of_squares[pick]) / np.sum(spectrum.count[pick]))
         staying.append(max(each / float(spectrum.white[0]) / spectrum.frames, least))
     noise, smooth = np.array(white), np.array(fading)
     return Variances(noise, noise, smooth, 0.1 * smooth, np.array(staying), 0.9, 0.0)

@@ -19,17 +19,17 @@ from dlo_ros.recordings.messages import (
     read_spline,
     unwrap_in_time,
 )
-from dlo_ros.recordings.read import Recording, iterate_images, read_recording
+from dlo_ros.recordings.read import BagContents, iterate_images, read_recording
 from dlo_ros.recordings.write import BagWriter, copy_topics
 
 __all__ = [
     "BAG_MESSAGES",
     "Bag",
+    "BagContents",
     "BagWriter",
     "CameraInfo",
     "MessageFactory",
     "RawMessage",
-    "Recording",
     "camera_info_message",
     "command_message",
     "compressed_message",

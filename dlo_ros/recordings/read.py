@@ -37,7 +37,7 @@ LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class Recording:
+class BagContents:
     """What a bag tells about one manipulation.
 
     Args:
@@ -63,7 +63,7 @@ class Recording:
 
 def read_recording(
     path: Path | str, settings: Settings, *, require_command: bool = True
-) -> Recording:
+) -> BagContents:
     """Read the commands and observed splines of a bag.
 
     A bag without `dlo/observed` is accepted where it holds images or points of another tracker, so
@@ -102,7 +102,7 @@ def read_recording(
             raise RecordingError(str(err)) from err
     for line in skipped:
         LOG.warning("%s: %s", path, line)
-    return Recording(
+    return BagContents(
         name=path.resolve().name,
         path=path,
         commands=tuple(commands),

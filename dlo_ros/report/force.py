@@ -11,7 +11,7 @@ from dlo_ros.report.elements import figure, number
 from dlo_ros.report.maps import field_maps
 from dlo_ros.spline import FloatArray, SplineBasis
 
-SURE = 2.0
+CLEAR_STDS = 2.0
 """Standard deviations from which a force is drawn as sure."""
 STATIONS = 16
 """Along the DLO, at which arrows are drawn."""
@@ -43,7 +43,7 @@ def force_maps(
     """
     if force is None or std is None:
         return ""
-    shown = np.where(np.abs(force) > SURE * std, force, np.nan)
+    shown = np.where(np.abs(force) > CLEAR_STDS * std, force, np.nan)
     axes = [k for k in range(3) if np.any(std[..., k] > 0.0)]
     if not axes:
         return ""
@@ -81,7 +81,7 @@ def force_arrows(
     direction = force[:, at] / np.maximum(size, 1e-300)[..., None]
     # Of the component along the force itself.
     spread = np.sqrt(np.sum((direction * std[:, at]) ** 2, axis=2))
-    sure = size > SURE * spread
+    sure = size > CLEAR_STDS * spread
     if not sure.any():
         return None, ""
     most = float(size[sure].max())

@@ -14,7 +14,7 @@ from dlo_ros.rod.sensitivity_parameters import STEP, varied
 from dlo_ros.spline import FloatArray
 
 
-class Camera:
+class MeasurementMap:
     """Maps between true and measured shapes; affine in the control points.
 
     Args:

@@ -13,7 +13,13 @@ from numpy.typing import NDArray
 
 from dlo_ros.effects import Body, Effect, build
 from dlo_ros.parameters import Settings
-from dlo_ros.rod.elements.rod_tables import DOF, Law, Quadrature, Stiffness, Surroundings
+from dlo_ros.rod.elements.rod_tables import (
+    DOF,
+    ConstitutiveLaw,
+    Quadrature,
+    Stiffness,
+    Surroundings,
+)
 from dlo_ros.rod.elements.strains import span_twist
 from dlo_ros.spline import FloatArray, SplineBasis
 
@@ -157,14 +163,14 @@ class RodModel:
         )
 
     @cached_property
-    def law(self) -> Law:
+    def law(self) -> ConstitutiveLaw:
         """How bending departs from linear elasticity."""
         body = self.body
         active = float(body.half_curvature < INACTIVE or body.yield_curvature < INACTIVE)
         share = min(max(body.hardening, 0.0), 0.999)
         relaxing, lasting = body.relaxing or (0.0, 1.0)
         slide, turn = body.inner_friction or (0.0, np.inf)
-        return Law(
+        return ConstitutiveLaw(
             active, body.half_curvature, body.yield_curvature, share / (1.0 - share), relaxing,
             lasting, slide * body.lengthening, turn,
         )  # fmt: skip
@@ -196,7 +202,7 @@ class RodModel:
 
     @cached_property
     def surroundings(self) -> Surroundings:
-        """What the DLO touches; the points at which contact is looked for only where it can be."""
+        """Bodies in contact, friction and drag; points of contact only where there is a body."""
         body, rod = self.body, self.settings.rod
         length = self.basis.length
         pegs = np.array(
@@ -221,7 +227,7 @@ class RodModel:
 
     @cached_property
     def remembers(self) -> tuple[int, int, int]:
-        """For how many points each part of a `History` is kept."""
+        """Number of points for which each of the `InternalVariables` is kept."""
         nb, body = self.rule.weight.size, self.body
         inner = body.relaxing is not None or body.inner_friction is not None
         return (

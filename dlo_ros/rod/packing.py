@@ -11,7 +11,7 @@ import numpy as np
 from dlo_ros.command import NANOSECONDS, Command
 from dlo_ros.rod.boundary import conditions
 from dlo_ros.rod.boundary.imposed_motion import Boundary
-from dlo_ros.rod.elements.rod_tables import History, Reference, Stiffness
+from dlo_ros.rod.elements.rod_tables import InternalVariables, Reference, Stiffness
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.planar_model import IN_PLANE, expand, flat_reference, reduce
 from dlo_ros.rod.sensitivity.sensitivity_state import Rates, Varying
@@ -102,7 +102,7 @@ def moving_of(state: State, command: Command, *, flat: bool) -> Moving:
         reduce(state.acceleration, flat), reduce(state.auxiliary, flat),
         Reference(*(x.copy() for x in state.reference)), state.frames.copy(),
         state.strains.stretch.copy(), state.previous.stretch.copy(), state.strains.other.copy(),
-        state.previous.other.copy(), History(*(x.copy() for x in state.history)),
+        state.previous.other.copy(), InternalVariables(*(x.copy() for x in state.internal)),
     )  # fmt: skip
 
 
@@ -119,7 +119,7 @@ def varying_of(state: State, wanted: Varying, *, flat: bool) -> Varying:
         reduce(v.velocity, flat), reduce(v.acceleration, flat), reduce(v.auxiliary, flat),
         Reference(*(x.copy() for x in v.reference)), v.frames.copy(), v.stretch.copy(),
         v.stretch_before.copy(), v.other.copy(), v.other_before.copy(),
-        History(*(x.copy() for x in v.history)),
+        InternalVariables(*(x.copy() for x in v.internal)),
     )  # fmt: skip
 
 
@@ -137,7 +137,7 @@ def nothing_varies(state: State, count: int, *, flat: bool = False) -> Varying:
         zeros(), zeros(), rates, 0.0, zeros(n, d), zeros(n, d), zeros(n, d), zeros(n, d),
         Reference(zeros(nb, 3), zeros(nb, 3), zeros(nb, 3), zeros(nb)),
         np.tile(state.frames, (count, 2, 1, 1)), zeros(nb), zeros(nb), zeros(nb, 3),
-        zeros(nb, 3), History(*(zeros(*x.shape) for x in state.history)),
+        zeros(nb, 3), InternalVariables(*(zeros(*x.shape) for x in state.internal)),
     )  # fmt: skip
 
 
@@ -162,6 +162,6 @@ def state_of(
     return State(
         stamp, q, velocity, acceleration, auxiliary,
         flat_reference(model, q, before.reference) if flat else m.reference, m.frames,
-        Strains(m.stretch, m.other), Strains(m.stretch_before, m.other_before), m.history,
+        Strains(m.stretch, m.other), Strains(m.stretch_before, m.other_before), m.internal,
         float(m.clock[LAST]), float(m.clock[NEXT]), varying,
     )  # fmt: skip

@@ -19,7 +19,7 @@ from dlo_ros.rod.boundary.command_timeline import Course
 from dlo_ros.rod.boundary.conditions import HELD
 from dlo_ros.rod.boundary.imposed_motion import Boundary
 from dlo_ros.rod.loads.grip_reactions import Loading, dense, loadings, loadings_along
-from dlo_ros.rod.measured_shapes import Camera
+from dlo_ros.rod.measured_shapes import MeasurementMap
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.motion_validation import possible, steady
 from dlo_ros.rod.packing import nothing_varies, true_command
@@ -73,7 +73,7 @@ class Simulation:
         self.parameters = tuple(parameters)
         self._spans, self._loads = spans, loads
         self._course = Course(motion)
-        self._camera = Camera(settings, self.parameters)
+        self._measurement = MeasurementMap(settings, self.parameters)
         self.resolution: resolution.Resolution | None = None
         self.state: State | None = None
         self.stable = True
@@ -140,7 +140,7 @@ class Simulation:
                 elapsed = (first.stamp - before.stamp) / NANOSECONDS
                 if elapsed <= 0.0:
                     raise InputError("the first two observed shapes have the same stamp")
-                velocity = lift @ (shape - self._camera.true(before.control_points)) / elapsed
+                velocity = lift @ (shape - self._measurement.true(before.control_points)) / elapsed
                 velocity[:, 3] = 0.0
                 state = replace(state, velocity=velocity)
             state = self._insensitive(state)
@@ -161,7 +161,7 @@ class Simulation:
         """
         observations, command, shape = self._beginning(observations)
         first = observations[-1].stamp
-        stop = command.end_stamp if last_stamp is None else last_stamp - self._camera.later
+        stop = command.end_stamp if last_stamp is None else last_stamp - self._measurement.later
         stamps = np.linspace(first, max(stop, first), 200).astype(np.int64)
         self.resolution = yield from resolution.choosing(
             self.settings, command, shape, [int(s) for s in stamps]
@@ -184,16 +184,16 @@ class Simulation:
                     f"rod.control_points is {n}"
                 )
         possible(self.settings)
-        seen = [replace(o, stamp=o.stamp - self._camera.later) for o in observations[:needed]]
+        seen = [replace(o, stamp=o.stamp - self._measurement.later) for o in observations[:needed]]
         self._course.began = seen[0].stamp
         command = self._command(seen[-1].stamp)
-        shape = self._camera.true(seen[-1].control_points)
+        shape = self._measurement.true(seen[-1].control_points)
         return seen, command, shape
 
     @property
     def stamp(self) -> int:
         """The simulated instant, as it is seen [ns]."""
-        return self._started().stamp + self._camera.later
+        return self._started().stamp + self._measurement.later
 
     def fork(
         self, settings: Settings, motion: Motion | None = None, *, loads: bool | None = None
@@ -216,7 +216,10 @@ class Simulation:
         """One that goes on from a state whose sensitivities to parameters were found elsewhere."""
         twin = copy(self)
         twin.state, twin.parameters = state, tuple(parameters)
-        twin._course, twin._camera = self._course.another(), Camera(self.settings, parameters)
+        twin._course, twin._measurement = (
+            self._course.another(),
+            MeasurementMap(self.settings, parameters),
+        )
         return twin
 
     def _insensitive(self, state: State) -> State:
@@ -246,7 +249,7 @@ class Simulation:
                 f"the simulation is at {self.stamp / NANOSECONDS:.3f} s and cannot go back to "
                 f"{stamps[0] / NANOSECONDS:.3f} s; reset it"
             )
-        stamps = [stamp - self._camera.later for stamp in stamps]
+        stamps = [stamp - self._measurement.later for stamp in stamps]
         predictions: list[Prediction] = []
         course = self._course.another()
         for stops in course.legs(state.stamp, stamps):
@@ -296,7 +299,7 @@ class Simulation:
 
     def hold(self, stamp: int) -> None:
         """Stand still until a stamp [ns]: what a motion that cannot be followed leaves to do."""
-        state, stamp = self._started(), stamp - self._camera.later
+        state, stamp = self._started(), stamp - self._measurement.later
         zero = np.zeros_like(state.q)
         self.state = self._insensitive(
             replace(
@@ -312,7 +315,7 @@ class Simulation:
             SimulationError: there is no equilibrium; the state stays as it was.
         """
         state, model, boundary = self._started(), self.model, self.boundary
-        stamp -= self._camera.later
+        stamp -= self._measurement.later
         command = self._command(stamp)
         if command.names != boundary.names:
             state, model, boundary = self._regrip(state, command)
@@ -347,12 +350,12 @@ class Simulation:
             velocity, derivative: in the simulation's basis, shape (m, 4) and (P, m, 4).
             borne: see `Prediction.loading`.
         """
-        stamp, seen = stamp + self._camera.later, self._camera.measured(shape)
+        stamp, seen = stamp + self._measurement.later, self._measurement.measured(shape)
         if not self.parameters or derivative is None:
             return Prediction(stamp, seen, loading=borne)
         change = np.einsum("ij,pjc->pic", down, derivative[:, :, :3])
         speed = (down @ velocity)[:, :3]
-        return Prediction(stamp, seen, self._camera.sensitivity(shape, speed, change), borne)
+        return Prediction(stamp, seen, self._measurement.sensitivity(shape, speed, change), borne)
 
     def update(self, settings: Settings) -> None:
         """Change material, damping, gravity, effects or tolerance while the simulation runs.
@@ -365,7 +368,7 @@ class Simulation:
         """
         possible(settings)
         self.settings = settings
-        self._camera = Camera(settings, self.parameters)
+        self._measurement = MeasurementMap(settings, self.parameters)
         if self.state is None:
             return
         before, self.model = self.model, self.model.with_settings(settings)

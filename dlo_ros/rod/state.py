@@ -11,7 +11,7 @@ from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.rod.boundary.conditions import BODY, DIRECTOR, THETA
 from dlo_ros.rod.boundary.twist_free_frame import twist_free
 from dlo_ros.rod.elements.contact_and_friction import rest_anchor
-from dlo_ros.rod.elements.rod_tables import DOF, History, Reference
+from dlo_ros.rod.elements.rod_tables import DOF, InternalVariables, Reference
 from dlo_ros.rod.elements.strains import strains
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.sensitivity.sensitivity_state import Varying
@@ -37,7 +37,7 @@ class State:
         reference: frame at the bending points.
         frames: at both ends, shape (2, FRAME), see `boundary.conditions`.
         strains, previous: strains now and one step ago (for the strain rate).
-        history: what bending and friction remember.
+        internal: variables of bending and friction, see `InternalVariables`.
         last_step: length of the last step [s], 0 at a start.
         next_step: step [s] that the error control proposes, 0 where it has no opinion yet.
         sensitivity: derivatives by P parameters, where asked for; q etc. have shape (P, n, 4).
@@ -52,7 +52,7 @@ class State:
     frames: FloatArray
     strains: Strains
     previous: Strains
-    history: History
+    internal: InternalVariables
     last_step: float = 0.0
     next_step: float = 0.0
     sensitivity: Varying | None = None
@@ -71,12 +71,12 @@ def rest_state(stamp: int, q: FloatArray, model: RodModel) -> State:
     reference, frames = twist_free(q, model.basis, model.points)
     now = strains_of(q, model, reference)
     zero = np.zeros((model.basis.control_points, DOF))
-    history = fresh_history(q, now, model)
-    return State(stamp, q, zero, zero, zero, reference, frames, now, now, history)
+    internal = internal_at_rest(q, now, model)
+    return State(stamp, q, zero, zero, zero, reference, frames, now, now, internal)
 
 
-def fresh_history(q: FloatArray, now: Strains, model: RodModel) -> History:
-    """The history of a DLO that was never bent too far and feels no friction.
+def internal_at_rest(q: FloatArray, now: Strains, model: RodModel) -> InternalVariables:
+    """Internal variables of a DLO that was never bent too far and feels no friction.
 
     Args:
         q, now: its shape, shape (n, 4), and the strains there.
@@ -86,14 +86,16 @@ def fresh_history(q: FloatArray, now: Strains, model: RodModel) -> History:
     inner = np.zeros((lagging, 6))
     if lagging:
         inner[:, 4:] = now.other[:, :2]
-    return History(np.zeros((yielding, 2)), anchor, inner)
+    return InternalVariables(np.zeros((yielding, 2)), anchor, inner)
 
 
 def with_history(state: State, model: RodModel) -> State:
     """The state, with what bending and friction of this model remember: fresh where it has none."""
-    fresh, old = fresh_history(state.q, state.strains, model), state.history
-    history = History(*(a if a.shape == b.shape else b for a, b in zip(old, fresh, strict=True)))
-    return replace(state, history=history)
+    fresh, old = internal_at_rest(state.q, state.strains, model), state.internal
+    internal = InternalVariables(
+        *(a if a.shape == b.shape else b for a, b in zip(old, fresh, strict=True))
+    )
+    return replace(state, internal=internal)
 
 
 def twist_angle(state: State, model: RodModel) -> FloatArray:
@@ -126,6 +128,6 @@ def refined(state: State, model: RodModel, finer: RodModel) -> State:
     now = strains_of(q, finer, reference)
     return State(
         state.stamp, q, change @ state.velocity, change @ state.acceleration,
-        change @ state.auxiliary, reference, frames, now, now, fresh_history(q, now, finer),
+        change @ state.auxiliary, reference, frames, now, now, internal_at_rest(q, now, finer),
         0.0, state.next_step,
     )  # fmt: skip

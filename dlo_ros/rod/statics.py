@@ -13,7 +13,14 @@ from dlo_ros.command import NANOSECONDS, Command
 from dlo_ros.errors import CommandError, SimulationError
 from dlo_ros.rod.boundary.imposed_motion import NO_DIRECTION_TEXT, Boundary, Held
 from dlo_ros.rod.elements import rod_forces
-from dlo_ros.rod.elements.rod_tables import DOF, History, Law, Material, Reference, Surroundings
+from dlo_ros.rod.elements.rod_tables import (
+    DOF,
+    ConstitutiveLaw,
+    InternalVariables,
+    Material,
+    Reference,
+    Surroundings,
+)
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.packing import moving_of, nothing_varies, state_of, true_command
 from dlo_ros.rod.planar_model import in_plane
@@ -26,7 +33,7 @@ from dlo_ros.spline import FloatArray
 
 TOLERANCE = 1e-9
 # A rod that is elastic and touches nothing.
-LINEAR = Law(0.0, np.inf, np.inf, 0.0, 0.0, 1.0, 0.0, np.inf)
+LINEAR = ConstitutiveLaw(0.0, np.inf, np.inf, 0.0, 0.0, 1.0, 0.0, np.inf)
 FREE = Surroundings(
     0.0, 1.0, np.zeros((0, 3)), 0.0, np.zeros(0, np.int64), np.zeros((0, 4)), np.zeros(0),
     np.zeros((0, 3)), 0.0, np.zeros((0, 3)),
@@ -36,7 +43,7 @@ STRONGEST, WEAKEST = 10.0, 1e-4
 APPROACH = 10  # steps to what is held
 SLOWEST = 0.9  # of the pull: smaller reductions are not tried
 STRAIGHT = 0.05  # of the length: radius of gyration that the bending stiffness stands for
-NO_HISTORY = History(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros((0, 6)))
+NO_INTERNAL_VARIABLES = InternalVariables(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros((0, 6)))
 
 
 @dataclass(frozen=True)
@@ -104,7 +111,7 @@ def settle(
     varying = None
     if parameters:
         varying = rod.mark(nothing_varies(state, len(parameters), flat=flat))
-        vary_rest(rod.system, rod.imposed, before.q, rest, before.history, fresh, varying)
+        vary_rest(rod.system, rod.imposed, before.q, rest, before.internal, fresh, varying)
     new = state_of(model, state, rest, stamp, varying, still=True)
     if flat:
         negative = max(negative, _unstable_directions(model, boundary, new.q, new.reference))
@@ -115,7 +122,7 @@ def _unstable_directions(
     model: RodModel, boundary: Boundary, q: FloatArray, reference: Reference
 ) -> int:
     """Negative eigenvalues of the stiffness in space."""
-    matter = matter_of(model, NO_HISTORY)._replace(law=LINEAR, around=FREE)
+    matter = matter_of(model, NO_INTERNAL_VARIABLES)._replace(law=LINEAR, around=FREE)
     return int(
         newton_iteration.negative_modes(
             q,
@@ -131,12 +138,12 @@ def _unstable_directions(
     )
 
 
-def matter_of(model: RodModel, history: History) -> Material:
+def matter_of(model: RodModel, internal: InternalVariables) -> Material:
     """The material at rest, for compiled code; what may relax has done so."""
     left = 1.0 - model.law.relaxing
     stiffness = model.stiffness._replace(bend=left * model.stiffness.bend)
     return Material(
-        stiffness, left, stiffness.bend_rest, model.law, model.surroundings, history, 0.0, 0.0
+        stiffness, left, stiffness.bend_rest, model.law, model.surroundings, internal, 0.0, 0.0
     )
 
 
@@ -199,7 +206,7 @@ def relax_stretch(model: RodModel, boundary: Boundary, held: Held, q: FloatArray
         bend = weak * stiffest * (STRAIGHT * length) ** 2 * np.array([1.0, 1.0, 0.0])
         bend = np.tile(bend, (len(soft.bend), 1))
         matter = Material(
-            soft._replace(bend=bend), 1.0, curvature, LINEAR, FREE, NO_HISTORY, 0.0, 0.0
+            soft._replace(bend=bend), 1.0, curvature, LINEAR, FREE, NO_INTERNAL_VARIABLES, 0.0, 0.0
         )
         target, found = given.q + share * (held.target - given.q), q.copy()
         iterations, _ = newton_iteration.implicit_step(

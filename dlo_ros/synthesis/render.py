@@ -17,7 +17,7 @@ from dlo_ros.synthesis.render_kernels import Float32Array, trace
 
 Image = NDArray[np.uint8]
 
-FAR = 1e6
+INFINITE = 1e6
 LIGHT = np.array([-0.45, 0.5, 0.74])  # towards the light: left, up, out of the board
 SHADOW_SHIFT = np.array([0.45, -0.5])  # of the rope's shadow on the board, in radii
 SHADOW_REACH = 2.6  # half width of the soft shadow, in radii
@@ -172,8 +172,8 @@ class Renderer:
         picture = self.board[region].copy()
         plane = np.ascontiguousarray(self._plane[region])
         shape = picture.shape[:2]
-        across = np.full(shape, FAR, dtype=np.float32)
-        along = np.full(shape, -FAR, dtype=np.float32)
+        across = np.full(shape, INFINITE, dtype=np.float32)
+        along = np.full(shape, -INFINITE, dtype=np.float32)
         segment = np.zeros(shape, dtype=np.int32)
         reach = (SHADOW_REACH + 1.0) * self.radius
         corner = np.array([region[1].start, region[0].start])
@@ -182,7 +182,7 @@ class Renderer:
             line, pixels, u, self.geometry.eye, plane, corner, reach, margin,
             self.radius, across, along, segment,
         )  # fmt: skip
-        near = np.nonzero(across < FAR)
+        near = np.nonzero(across < INFINITE)
         s = across[near].astype(np.float64) / self.radius
         v = along[near].astype(np.float64)
         tangent = np.diff(line, axis=0)

@@ -28,7 +28,7 @@ Change = Callable[[DiscreteRod, float], DiscreteRod]
 
 
 @dataclass(frozen=True)
-class Boundary:
+class ImposedNodes:
     """What is imposed at one instant.
 
     Args:
@@ -79,7 +79,7 @@ class Simulation:
     def __init__(
         self,
         rod: DiscreteRod,
-        boundary: Callable[[float], Boundary],
+        boundary: Callable[[float], ImposedNodes],
         x: FloatArray,
         *,
         step: float = 1e-3,
@@ -245,7 +245,7 @@ class Simulation:
         self.time = time
 
 
-def _descend(rod: DiscreteRod, boundary: Boundary, x: FloatArray) -> FloatArray:
+def _descend(rod: DiscreteRod, boundary: ImposedNodes, x: FloatArray) -> FloatArray:
     """The equilibrium downhill of nodes x, which are imposed where they are held."""
     potential = rod.potential(boundary.held(len(rod.mass)), boundary.clamps)
     rounding = 1e-12 * float(np.sum(np.abs(rod.weight))) * rod.u[-1] + 1e-16

@@ -17,7 +17,7 @@ from dlo_ros.spline import FloatArray, SplineBasis
 from dlo_ros.synthesis.discrete_rod import DiscreteRod, centreline, lay_along
 from dlo_ros.synthesis.experiment import START_STAMP, Experiment
 from dlo_ros.synthesis.hidden_rod import build_rod, build_spatial_rod, change
-from dlo_ros.synthesis.rod_simulation import Boundary, Simulation
+from dlo_ros.synthesis.rod_simulation import ImposedNodes, Simulation
 from dlo_ros.synthesis.spatial_boundary import SpatialBoundary
 from dlo_ros.synthesis.spatial_simulation import SpatialSimulation
 
@@ -187,14 +187,14 @@ class Grips:
             self._nodes[name]: at[name] + self._offset.get(name, np.zeros(3)) for name in self._pins
         }
 
-    def boundary(self, time: float) -> Boundary:
+    def boundary(self, time: float) -> ImposedNodes:
         """What is imposed in the plane at a time [s] since the start of the recording."""
         at, turned = self._imposed(time)
         angles = {
             n: float(np.arctan2(-d[2], d[0])) for n, d in self._directions(at, turned).items()
         }
         positions = {node: p[[0, 2]] for node, p in self._positions(at).items()}
-        return Boundary(positions, start=angles.get(START), end=angles.get(END))
+        return ImposedNodes(positions, start=angles.get(START), end=angles.get(END))
 
     def spatial_boundary(self, time: float) -> SpatialBoundary:
         """What is imposed in space at a time [s] since the start of the recording."""

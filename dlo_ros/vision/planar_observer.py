@@ -23,7 +23,7 @@ from dlo_ros.vision.camera.pinhole import Camera
 from dlo_ros.vision.fit.material_coordinates import find_ends
 from dlo_ros.vision.fit.planar_clamps import EndPoses, ends_at, to_pixel
 from dlo_ros.vision.fit.planar_credibility import LEAST_SEEN, check, check_change, unusable
-from dlo_ros.vision.fit.spline_fit import Fit, fit_spline
+from dlo_ros.vision.fit.spline_fit import SplineFit, fit_spline
 from dlo_ros.vision.planar_result import Rough, Shape, VisionResult
 from dlo_ros.vision.segmentation.camera_image import image_of
 from dlo_ros.vision.segmentation.edge_profile import Located, locate
@@ -67,7 +67,7 @@ class Observer:
         self._last: Shape | None = None
         self._velocity: FloatArray | None = None
         self._misses = 0
-        self._found: tuple[Fit, Located] | None = None
+        self._found: tuple[SplineFit, Located] | None = None
         self._hints = Hints(settings.vision)
 
     @property
@@ -297,7 +297,7 @@ class Observer:
             last is not None,
         )
 
-    def _remember(self, stamp: int, fit: Fit, located: Located, ends: EndPoses) -> None:
+    def _remember(self, stamp: int, fit: SplineFit, located: Located, ends: EndPoses) -> None:
         self._misses = 0
         last = self._last
         curve = resample_count(fit.curve, 400)

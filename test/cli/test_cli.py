@@ -253,8 +253,8 @@ def test_wrappers_are_those_of_the_table():
     [
         ("dlo_ros ident", {"identifier", "identify"}, {"demo"}),
         *(
-            pytest.param(*dear, marks=pytest.mark.slow)
-            for dear in [
+            pytest.param(*costly, marks=pytest.mark.slow)
+            for costly in [
                 ("dlo_ros play --", {"--rate", "--loop", "--no-clock", "--verbose"}, {"--pattern"}),
                 ("dlo_ros predict --start ", {"equilibrium", "observed", "moving"}, {"--params"}),
                 ("dlo_ros simulator --", {"--ros-args", "--verbose"}, {"--rate"}),

@@ -37,8 +37,8 @@ def watched(recording, guess, pieces=np.inf):
     [
         ("simple", 2),
         *(
-            pytest.param(*dear, marks=pytest.mark.slow)
-            for dear in [("c_shape", 1), ("approach_two", 3)]
+            pytest.param(*costly, marks=pytest.mark.slow)
+            for costly in [("c_shape", 1), ("approach_two", 3)]
         ),
     ],
 )
@@ -58,8 +58,8 @@ def test_it_is_silent_where_there_is_nothing(name, seed):
     [
         ("c_shape", {"point_mass": {"mass": 0.006, "position": 0.3}}),
         *(
-            pytest.param(*dear, marks=pytest.mark.slow)
-            for dear in [
+            pytest.param(*costly, marks=pytest.mark.slow)
+            for costly in [
                 ("c_shape", {"intrinsic_curvature": {"kink": 0.6, "position": 0.15}}),
                 ("simple", {"clamp_angle": {"start": 0.25}}),
                 ("c_shape", {"surface_friction": {"force": 0.02}}),

@@ -50,7 +50,7 @@ def test_cyclic_bending_closes_a_loop_whose_area_is_the_energy_lost():
     moments, bends = [], []
     for k in range(len(kappas)):
         state = settle(model, boundary, state, imposed, k * SECOND).state
-        moments.append(MOMENT * state.history.inner[:, 2].mean())
+        moments.append(MOMENT * state.internal.inner[:, 2].mean())
         bends.append(state.strains.other[:, 0].mean())
     # Dahl: along a branch from (x0, M0) towards larger x, M = m - (m - M0) exp(-(x - x0) / w).
     expected, before, moment = [], 0.0, 0.0
@@ -98,7 +98,7 @@ def still_arc(settings, kappas, times, seconds):
     for t in seconds:
         state = dynamics.advance(model, boundary, state, imposed, round(t * SECOND))
         relaxed = 1.0 - model.law.relaxing
-        inner = state.history.inner[:, 0].mean() if len(state.history.inner) else 0.0
+        inner = state.internal.inner[:, 0].mean() if len(state.internal.inner) else 0.0
         moments.append(B * (relaxed * state.strains.other[:, 0].mean() + inner))
     return np.array(moments), state
 

@@ -108,7 +108,7 @@ def total_energy(model, state):
     velocity = np.empty_like(state.velocity)
     rod_forces.multiply_scalar(model.mass, model.spin, state.velocity, velocity)
     stored = rod_forces.energy_of(
-        state.q, model.rule, state.reference, matter_of(model, state.history),
+        state.q, model.rule, state.reference, matter_of(model, state.internal),
         room(model.rule.weight.size),
     )  # fmt: skip
     return 0.5 * np.sum(velocity * state.velocity) + stored - np.sum(model.load * state.q)

@@ -302,4 +302,4 @@ def test_online_keeps_what_it_knows_beyond_its_window(swinging, monkeypatch):
     estimator = at_once(guess(0.3))
     estimate = run_online(estimator, swinging)
     assert estimate.specific_modulus == pytest.approx(TRUE_RATIO, rel=0.03)
-    assert len(estimator._past) <= 20
+    assert len(estimator._past.observations) <= 20

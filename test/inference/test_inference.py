@@ -57,7 +57,7 @@ def test_bands_tile_the_frequencies(frames):
 def test_a_spectrum_keeps_power_and_normal_equations():
     residual, jacobian, _ = made(np.random.default_rng(1))
     s = spectrum(residual, jacobian, N)
-    assert s.power.sum() == pytest.approx(np.sum(residual**2))
+    assert s.sum_of_squares.sum() == pytest.approx(np.sum(residual**2))
     assert s.count.sum() == residual.size
     assert np.allclose(s.hessian.sum(axis=0), np.einsum("fpk,fqk->pq", jacobian, jacobian))
     assert np.allclose(s.gradient.sum(axis=0), np.einsum("fpk,fk->p", jacobian, residual))

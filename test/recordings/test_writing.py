@@ -120,8 +120,8 @@ def test_folder_that_cannot_be_written(tool: str, inputs: Path, tmp_path: Path) 
 @pytest.mark.long
 @pytest.mark.parametrize(("tool", "rename"), [
     ("observe", 2),
-    *(pytest.param(*dear, marks=pytest.mark.slow)
-      for dear in [("predict", 1), ("synthesize", 1), ("identify", 1), ("identify", 2)]),
+    *(pytest.param(*costly, marks=pytest.mark.slow)
+      for costly in [("predict", 1), ("synthesize", 1), ("identify", 1), ("identify", 2)]),
 ])  # fmt: skip
 def test_killed_in_between(tool: str, rename: int, inputs: Path, tmp_path: Path) -> None:
     """Killed where it would show a result: what is there is whole, and a second run succeeds."""

@@ -12,7 +12,7 @@ from dlo_ros.command import Motion
 from dlo_ros.errors import InputError
 from dlo_ros.observation import Observation
 from dlo_ros.rod import dynamics, integration
-from dlo_ros.rod.measured_shapes import Camera
+from dlo_ros.rod.measured_shapes import MeasurementMap
 from dlo_ros.rod.sensitivity_parameters import known, tangent
 from dlo_ros.rod.simulation import Simulation
 from dlo_ros.spline import SplineBasis
@@ -131,7 +131,7 @@ def run(settings, imposed, parameters=(), first=None):
     Args:
         first: the true first shape, shape (n, 4); None: one that sags.
     """
-    shape = lying(settings) if first is None else Camera(settings).measured(first)
+    shape = lying(settings) if first is None else MeasurementMap(settings).measured(first)
     simulation = Simulation(settings, Motion([imposed]), parameters=parameters, spans=14)
     simulation.start([Observation(0, shape)])
     path = [simulation.prediction(), *(simulation.advance(stop) for stop in STOPS)]
@@ -149,8 +149,8 @@ def at_rest(settings, imposed):
     shape = lying(settings)
     for _ in range(2):
         simulation = Simulation(settings, Motion([imposed]), spans=14)
-        simulation.start([Observation(0, Camera(settings).measured(shape))])
-        shape = Camera(settings).true(simulation.prediction().control_points)
+        simulation.start([Observation(0, MeasurementMap(settings).measured(shape))])
+        shape = MeasurementMap(settings).true(simulation.prediction().control_points)
         shape[:, 3] = 0.0
     return shape
 

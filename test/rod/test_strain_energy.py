@@ -11,8 +11,8 @@ from dlo_ros.rod.elements import planar_assembly
 from dlo_ros.rod.elements.constitutive_law import respond, room
 from dlo_ros.rod.elements.rod_tables import (
     BAND,
-    History,
-    Law,
+    ConstitutiveLaw,
+    InternalVariables,
     Material,
     Reference,
     Stiffness,
@@ -24,7 +24,7 @@ from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.solve import banded_factorisation
 from dlo_ros.spline import SplineBasis
 
-LINEAR = Law(0.0, np.inf, np.inf, 0.0, 0.0, 1.0, 0.0, np.inf)
+LINEAR = ConstitutiveLaw(0.0, np.inf, np.inf, 0.0, 0.0, 1.0, 0.0, np.inf)
 SOFT = LINEAR._replace(active=1.0, half_curvature=20.0)
 
 
@@ -59,13 +59,13 @@ def rod():
 
 def material(stiff, law):
     nb = stiff.twist.size
-    history = History(np.zeros((nb, 2)), np.zeros((nb, 2)), np.zeros((0, 6)))
+    internal = InternalVariables(np.zeros((nb, 2)), np.zeros((nb, 2)), np.zeros((0, 6)))
     nothing = np.zeros((0, 3))
     around = Surroundings(
         0.0, 1.0, nothing, 0.0, np.zeros(0, np.int64), np.zeros((0, 4)), np.zeros(0), nothing, 0.0,
         nothing,
     )  # fmt: skip
-    return Material(stiff, 1.0, stiff.bend_rest, law, around, history, 0.0, 0.0)
+    return Material(stiff, 1.0, stiff.bend_rest, law, around, internal, 0.0, 0.0)
 
 
 def evaluate(rule, stiff, ref, q, law=LINEAR):

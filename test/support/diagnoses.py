@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from rods import PAPER
 
-from dlo_ros.diagnosis import Diagnosis, Fitted, Gain, NamedEffect, Number, Tried, View
+from dlo_ros.diagnosis import Diagnosis, Fitted, Gain, NamedEffect, Number, Trial, View
 from dlo_ros.diagnosis.residuals.relations import Pattern, Relation, Relations
 
 KNOWN = replace(PAPER, rod=replace(PAPER.rod, density_std=20.0))
@@ -42,6 +42,6 @@ def found(frames=12, n=10):
     return Diagnosis(
         "explained", (effect,), 1e-4, Fitted(KNOWN, *numbers, 1e-3, None),
         Fitted(extended, *numbers, 1e-4, 1.1e-4), Gain(0.9, 0.8, 0.95),
-        (Tried("intrinsic_curvature", 1.1e-4, 10.0, 0.1), Tried("none", None, 1e4, 9.0)),
+        (Trial("intrinsic_curvature", 1.1e-4, 10.0, 0.1), Trial("none", None, 1e4, 9.0)),
         "Turn the clamp.", 9.0, 0.1, 0.2, 1e-5, ("A remark.",), (view,), relations(),
     )  # fmt: skip

@@ -73,7 +73,7 @@ def dense_stiffness(model: RodModel, state: State) -> np.ndarray:
     stretch = np.empty((model.rule.weight.size, 3))
     other = np.zeros((model.rule.weight.size, 3, 8))
     assemble(
-        state.q, model.rule, state.reference, matter_of(model, state.history),
+        state.q, model.rule, state.reference, matter_of(model, state.internal),
         room(model.rule.weight.size), np.empty(0), gradient, band, stretch, other,
     )  # fmt: skip
     full = np.zeros((size, size))

@@ -9,7 +9,7 @@ from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.parameters import DampingParameters, RodParameters
 from dlo_ros.synthesis import rod_kernels
 from dlo_ros.synthesis.discrete_rod import DiscreteRod, centreline, lay_along, mesh
-from dlo_ros.synthesis.rod_simulation import Boundary, Simulation
+from dlo_ros.synthesis.rod_simulation import ImposedNodes, Simulation
 
 ROPE = RodParameters(length=0.4, diameter=0.004, young_modulus=5e7, density=2500.0)
 NO_DAMPING = DampingParameters(air_drag=0.0, relaxation_time=0.0)
@@ -17,12 +17,12 @@ ORIGIN = np.zeros(2)
 WEIGHTLESS = (0.0, 0.0)
 
 
-def clamped(_: float) -> Boundary:
-    return Boundary({0: ORIGIN}, start=0.0)
+def clamped(_: float) -> ImposedNodes:
+    return ImposedNodes({0: ORIGIN}, start=0.0)
 
 
-def free(_: float) -> Boundary:
-    return Boundary({})
+def free(_: float) -> ImposedNodes:
+    return ImposedNodes({})
 
 
 def straight(rod: DiscreteRod) -> np.ndarray:
@@ -128,7 +128,7 @@ def test_both_ends_clamped_agree_with_a_mesh_that_differs():
     def settle(nodes_at, edges):
         rod = DiscreteRod.uniform(ROPE, NO_DAMPING, edges=edges, nodes_at=nodes_at)
         last = len(rod.u) - 1
-        hold = Boundary({0: ORIGIN, last: np.array([0.25, 0.0])}, start=0.0, end=0.0)
+        hold = ImposedNodes({0: ORIGIN, last: np.array([0.25, 0.0])}, start=0.0, end=0.0)
         x = lay_along([(0, 0), (0.125, -0.15), (0.25, 0)], rod)
         x = Simulation(rod, lambda _: hold, x).settle()
         return centreline(rod, x, np.linspace(0, ROPE.length, 41))
@@ -142,7 +142,7 @@ def test_soft_rope_hangs_as_a_catenary():
     soft = RodParameters(0.4, 0.001, 5e6, 2500.0)
     rod = DiscreteRod.uniform(soft, NO_DAMPING, edges=160)
     rod.bending_stiffness *= 1e-3
-    hold = Boundary({0: ORIGIN, 160: np.array([0.3, 0.0])})
+    hold = ImposedNodes({0: ORIGIN, 160: np.array([0.3, 0.0])})
     x = lay_along([(0, 0), (0.15, -0.13), (0.3, 0)], rod)
     x = Simulation(rod, lambda _: hold, x).settle()
     low, high = 0.01, 1.0  # 2 a sinh(span / 2a) = L
@@ -228,7 +228,7 @@ def test_imposed_nodes_are_met_exactly_while_moving():
     assert rod.u[pin] == pytest.approx(0.15, abs=1e-15)
 
     def boundary(t):
-        return Boundary({0: ORIGIN, pin: np.array([0.1 - 0.05 * t, -0.05])}, start=0.0)
+        return ImposedNodes({0: ORIGIN, pin: np.array([0.1 - 0.05 * t, -0.05])}, start=0.0)
 
     simulation = Simulation(rod, boundary, lay_along([(0, 0), (0.1, -0.05), (0.2, -0.3)], rod))
     simulation.settle()
@@ -244,6 +244,6 @@ def test_mesh_and_bad_input():
     with pytest.raises(InputError, match="no length"):
         lay_along([(0.1, 0.1), (0.1, 0.1)], rod)
     balanced = DiscreteRod.uniform(ROPE, NO_DAMPING, gravity=(9.81, 0.0))
-    pushed = Boundary({0: ORIGIN, 160: np.array([0.399, 0.0])}, start=0.0, end=0.0)
+    pushed = ImposedNodes({0: ORIGIN, 160: np.array([0.399, 0.0])}, start=0.0, end=0.0)
     with pytest.raises(SimulationError, match="stable equilibrium"):
         Simulation(balanced, lambda _: pushed, straight(balanced)).settle()

@@ -12,7 +12,7 @@ from dlo_ros.parameters import DampingParameters, RodParameters, Settings
 from dlo_ros.synthesis.hidden import Hidden, read_effects
 from dlo_ros.synthesis.hidden_rod import build_rod
 from dlo_ros.synthesis.rod_laws import bend, yield_to
-from dlo_ros.synthesis.rod_simulation import Boundary, Simulation
+from dlo_ros.synthesis.rod_simulation import ImposedNodes, Simulation
 from dlo_ros.synthesis.rod_steps import evaluate
 
 LENGTH = 0.4
@@ -21,14 +21,14 @@ SETTINGS = Settings(ROPE, damping=DampingParameters(air_drag=0.02, relaxation_ti
 WEIGHTLESS = replace(SETTINGS, gravity=(0.0, 0.0, 0.0))
 B, EA, W = ROPE.bending_stiffness, ROPE.young_modulus * ROPE.area, ROPE.linear_density * 9.81
 ORIGIN = np.zeros(2)
-CLAMPED = Boundary({0: ORIGIN}, start=0.0)
+CLAMPED = ImposedNodes({0: ORIGIN}, start=0.0)
 
 
 def hidden(name: str, **values) -> Hidden:
     return Hidden(read_effects({name: values}, "test"))
 
 
-def settled(settings: Settings, what: Hidden, hold: Boundary = CLAMPED, edges: int = 200):
+def settled(settings: Settings, what: Hidden, hold: ImposedNodes = CLAMPED, edges: int = 200):
     """The rod and its nodes in equilibrium as a cantilever."""
     rod = build_rod(settings, what, edges=edges)
     a = hold.start or 0.0
@@ -255,7 +255,7 @@ def lying(force):
     rod = build_rod(settings, hidden("surface_friction", force=FRICTION), edges=40)
     rod.force[:, 1] = force * rod.vertex_lengths
     x = np.column_stack([rod.u, np.zeros(len(rod.u))])
-    return Simulation(rod, lambda _: Boundary({}), x, step=5e-4)
+    return Simulation(rod, lambda _: ImposedNodes({}), x, step=5e-4)
 
 
 def test_friction_holds_what_pulls_less_and_slides_under_more():

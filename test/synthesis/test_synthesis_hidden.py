@@ -19,7 +19,7 @@ from dlo_ros.synthesis.geometry import Geometry
 from dlo_ros.synthesis.hidden import EFFECTS, FOREIGN, Hidden, read_effects
 from dlo_ros.synthesis.hidden_rod import build_rod, change
 from dlo_ros.synthesis.rod_laws import press
-from dlo_ros.synthesis.rod_simulation import Boundary, Simulation
+from dlo_ros.synthesis.rod_simulation import ImposedNodes, Simulation
 from dlo_ros.synthesis.synthesize import measure, synthesize
 from dlo_ros.synthesis.truth import Grips, build_simulation, simulate
 
@@ -218,7 +218,7 @@ def test_hung_mass_swings_as_rayleigh_says():
     what = Hidden({"point_mass": {"mass": mass, "position": LENGTH}})
     rod = build_rod(settings, what, edges=60)
     rod.force[-1, 1] = 1e-3
-    hold = Boundary({0: np.zeros(2)}, start=0.0)
+    hold = ImposedNodes({0: np.zeros(2)}, start=0.0)
     x = np.column_stack([rod.u, np.zeros(len(rod.u))])
     simulation = Simulation(rod, lambda _: hold, x, step=5e-3)
     simulation.settle()
@@ -305,7 +305,7 @@ def over_a_peg(rod, x, settings):
 def test_a_peg_bears_the_rope_with_the_force_of_the_elastica():
     made = experiment({"obstacle": PEG})
     rod = build_rod(made.truth, made.hidden, edges=200)
-    hold = Boundary({0: np.zeros(2)}, start=0.0)
+    hold = ImposedNodes({0: np.zeros(2)}, start=0.0)
     x = np.column_stack([rod.u, np.zeros(len(rod.u))])
     simulation = Simulation(rod, lambda _: hold, x)
     simulation.settle()

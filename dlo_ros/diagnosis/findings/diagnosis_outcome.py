@@ -74,7 +74,7 @@ class Gain:
 
 
 @dataclass(frozen=True)
-class Tried:
+class Trial:
     """A candidate; a lower score is better."""
 
     name: str
@@ -140,7 +140,7 @@ class Diagnosis:
     baseline: Fitted
     extended: Fitted
     gain: Gain | None
-    candidates: tuple[Tried, ...]
+    candidates: tuple[Trial, ...]
     advice: str
     structure_before: float
     structure_after: float

@@ -54,11 +54,11 @@ def covariance(at: Evaluation, given: Settings, own: FloatArray | None = None) -
     Args:
         own: see `own_error`; it does not become smaller with more pictures.
     """
-    repeats = correlation_length([r[:, :, None] for r in at.residuals], 0)
+    autocorrelation_time = correlation_length([r[:, :, None] for r in at.residuals], 0)
     common = [len(r) * float(np.mean(r.mean(axis=0) ** 2)) for r in at.residuals]
-    repeats = max(repeats, float(np.mean(common)) / at.excess)
+    autocorrelation_time = max(autocorrelation_time, float(np.mean(common)) / at.excess)
     beforehand = known(at.model, given).hessian
-    information = (total(at, given).hessian - beforehand) / repeats + beforehand
+    information = (total(at, given).hessian - beforehand) / autocorrelation_time + beforehand
     spread = solve(information, np.eye(len(information)))
     return spread if own is None else spread + np.outer(own, own)
 

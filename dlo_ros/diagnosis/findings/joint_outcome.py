@@ -21,7 +21,7 @@ from dlo_ros.diagnosis.findings import holdout
 from dlo_ros.diagnosis.findings.diagnosis_outcome import (
     Diagnosis,
     NamedEffect,
-    Tried,
+    Trial,
 )
 from dlo_ros.diagnosis.findings.experiment_advice import REPEAT, SETTLED
 from dlo_ros.diagnosis.findings.joint_numbers import (
@@ -284,13 +284,13 @@ def _effect(
     )  # fmt: skip
 
 
-def _tried(found: Explanation) -> tuple[Tried, ...]:
+def _tried(found: Explanation) -> tuple[Trial, ...]:
     """The best of each candidate's trials: minus twice its log evidence over that without it."""
     best: dict[str, float] = {}
     for step in found.trace:
         best[step.name] = max(step.gain, best.get(step.name, -np.inf))
     order = sorted(best.items(), key=lambda row: -row[1])
-    return tuple(Tried(name, None, -2.0 * gain, 0.0) for name, gain in order)
+    return tuple(Trial(name, None, -2.0 * gain, 0.0) for name, gain in order)
 
 
 def _advice(verdict: Verdict, found: Explanation) -> str:

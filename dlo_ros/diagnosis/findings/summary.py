@@ -10,7 +10,7 @@ import numpy as np
 
 from dlo_ros.diagnosis.explain.joint_explanation import material_err, mean_length
 from dlo_ros.diagnosis.findings import holdout
-from dlo_ros.diagnosis.findings.diagnosis_outcome import Diagnosis, NamedEffect, Tried
+from dlo_ros.diagnosis.findings.diagnosis_outcome import Diagnosis, NamedEffect, Trial
 from dlo_ros.diagnosis.findings.experiment_advice import advise
 from dlo_ros.diagnosis.findings.fitted_numbers import fitted, numbers, own_error
 from dlo_ros.diagnosis.findings.joint_outcome import Learned, joint_outcome
@@ -87,7 +87,7 @@ def outcome(beginning: Beginning, plain: Candidate, found: Findings, given: Sett
     for c in verdict.best_forms([plain, *found.singles, *found.pairs]):
         err = kept_aside.foretold(c)
         label = "+".join(n for n in c.at.model.effects if n not in plain.at.model.effects)
-        tried.append(Tried(label or "none", err, c.score, c.structure))
+        tried.append(Trial(label or "none", err, c.score, c.structure))
     floors = [noise_floor(r, p, given) for r, p in zip(learned, best.at.predicted, strict=True)]
     suspects = found.suspects if decision.verdict == "unexplained" else []
     shown = suspects[0] if suspects else best

@@ -30,7 +30,7 @@ SLOW = 2
 """Degree of the polynomial in time that is taken out of each recording."""
 PATTERNS = 6
 """Shapes along the DLO that are looked at."""
-SURE = 0.01
+LARGEST_CHANCE = 0.01
 """Chance among Gaussian surrogates at which a relation is told."""
 SHIFTED = 0.02
 """Chance among shifted residuals at which a relation is told: a single recording has no more shifts
@@ -39,7 +39,7 @@ LEAST_SHARE = 0.05
 """Least share of the repeating, not drifting residual, for which a relation is told."""
 ALIKE = 0.8
 """Share over the best input's, from which another input cannot be told from it."""
-MOST = 3
+MOST_INPUTS = 3
 """Inputs that are told one after the other."""
 LEFT = 0.03
 """Least share of an input's variation that is no drift, to judge the input."""
@@ -177,7 +177,7 @@ def relate(
     told: list[Relation] = []
     first: dict[str, Relation] = {}
     left = dict(judged)
-    while left and len(told) < MOST:
+    while left and len(told) < MOST_INPUTS:
         by_chance = chances(amplitudes, slow, left, rng)
         field = np.concatenate(_moving(amplitudes, times))
         gains = {n: _foretold(field, b, times) for n, b in left.items()}
@@ -188,7 +188,8 @@ def relate(
         first = first or here
         sure = [
             r for n, r in here.items()
-            if by_chance[n][0] <= SURE and by_chance[n][1] <= SHIFTED and r.share >= LEAST_SHARE
+            if by_chance[n][0] <= LARGEST_CHANCE and by_chance[n][1] <= SHIFTED
+            and r.share >= LEAST_SHARE
         ]  # fmt: skip
         if not sure:
             break

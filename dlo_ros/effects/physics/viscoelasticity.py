@@ -9,7 +9,7 @@ from typing import ClassVar
 from dlo_ros.effects.base import Body, Effect, Scene, Start, quantity
 
 TIMES = (0.03, 0.3, 3.0)  # [s] from which one is looked for
-MOST = 0.9  # share that may relax: something must hold the DLO up
+LARGEST_SHARE = 0.9  # share that may relax: something must hold the DLO up
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class Viscoelasticity(Effect):
     batched: ClassVar[bool] = False
 
     share: float = quantity(
-        0.0, "", 0.0, MOST, "of the bending stiffness that relaxes", natural=0.3
+        0.0, "", 0.0, LARGEST_SHARE, "of the bending stiffness that relaxes", natural=0.3
     )
     time: float = quantity(
         1.0, "s", 1e-3, 1e4, "in which it relaxes", natural=1.0, search=(1e-2, 100.0)

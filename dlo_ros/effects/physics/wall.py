@@ -9,7 +9,7 @@ from typing import ClassVar
 
 from dlo_ros.effects.base import Body, Effect, Scene, Start, Wall, quantity
 
-FAR = -100.0  # [m] beyond every rope
+OUT_OF_REACH = -100.0  # [m] beyond every rope
 DEPTHS = (0.02, 0.08)  # of the length, that a wall may take of where shapes would be without it
 
 
@@ -27,7 +27,9 @@ class StraightWall(Effect):
     differentiable: ClassVar[bool] = False
     batched: ClassVar[bool] = False
 
-    offset: float = quantity(FAR, "m", FAR, 100.0, "of the wall along its normal", role="point")
+    offset: float = quantity(
+        OUT_OF_REACH, "m", OUT_OF_REACH, 100.0, "of the wall along its normal", role="point"
+    )
     angle: float = quantity(0.0, "rad", -3.2, 3.2, "of its normal against z")
 
     def shape_body(self, body: Body) -> None:

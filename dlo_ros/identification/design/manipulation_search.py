@@ -61,7 +61,7 @@ class Workspace:
 
 
 @dataclass(frozen=True)
-class Candidate:
+class ManipulationCandidate:
     """A manipulation as numbers.
 
     Args:
@@ -75,24 +75,26 @@ class Candidate:
     end: FloatArray
 
 
-def draw(kind: str, workspace: Workspace, length: float, rng: np.random.Generator) -> Candidate:
+def draw(
+    kind: str, workspace: Workspace, length: float, rng: np.random.Generator
+) -> ManipulationCandidate:
     """A candidate of a kind at random."""
     low, high = _ranges(workspace)
     start = low + (high - low) * rng.random((MOMENTS, 3))
     end = low + (high - low) * rng.random((MOMENTS, 3))
-    return possible(Candidate(kind, start, end), workspace, length)
+    return possible(ManipulationCandidate(kind, start, end), workspace, length)
 
 
 def varied(
-    candidate: Candidate, spread: float, workspace: Workspace, length: float,
+    candidate: ManipulationCandidate, spread: float, workspace: Workspace, length: float,
     rng: np.random.Generator,
-) -> Candidate:  # fmt: skip
+) -> ManipulationCandidate:  # fmt: skip
     """A candidate like another one."""
     low, high = _ranges(workspace)
     step = spread * (high - low)
     start = candidate.start + step * rng.normal(size=candidate.start.shape)
     end = candidate.end + step * rng.normal(size=candidate.end.shape)
-    return possible(Candidate(candidate.kind, start, end), workspace, length)
+    return possible(ManipulationCandidate(candidate.kind, start, end), workspace, length)
 
 
 def _ranges(workspace: Workspace) -> tuple[FloatArray, FloatArray]:
@@ -101,7 +103,9 @@ def _ranges(workspace: Workspace) -> tuple[FloatArray, FloatArray]:
     return low, high
 
 
-def possible(candidate: Candidate, workspace: Workspace, length: float) -> Candidate:
+def possible(
+    candidate: ManipulationCandidate, workspace: Workspace, length: float
+) -> ManipulationCandidate:
     """The nearest candidate within the bounds that is slow enough and can be reached."""
     low, high = _ranges(workspace)
     start, end = (np.clip(track, low, high) for track in (candidate.start, candidate.end))
@@ -114,7 +118,7 @@ def possible(candidate: Candidate, workspace: Workspace, length: float) -> Candi
         if candidate.kind != "free":
             _apart(start[k], end[k], length)
             end[k, :2] = np.clip(end[k, :2], low[:2], high[:2])
-    return Candidate(candidate.kind, start, end)
+    return ManipulationCandidate(candidate.kind, start, end)
 
 
 def _slow(track: FloatArray, k: int, time: float, workspace: Workspace) -> None:
@@ -147,7 +151,9 @@ def waypoints(track: FloatArray, duration: float) -> FloatArray:
     return np.array(rows)
 
 
-def imposed(candidate: Candidate, duration: float, control_points: int) -> dict[str, FloatArray]:
+def imposed(
+    candidate: ManipulationCandidate, duration: float, control_points: int
+) -> dict[str, FloatArray]:
     """`waypoints` of each name of dlo/command."""
     result = {START: waypoints(candidate.start, duration)}
     if candidate.kind == "tip":
@@ -157,7 +163,7 @@ def imposed(candidate: Candidate, duration: float, control_points: int) -> dict[
     return result
 
 
-def rough_shape(candidate: Candidate, length: float) -> FloatArray:
+def rough_shape(candidate: ManipulationCandidate, length: float) -> FloatArray:
     """A curve x, z [m] of about the DLO's length to settle from, shape (m, 2)."""
     if candidate.kind == "free":
         return _from_start(candidate.start[0], length)
@@ -206,7 +212,9 @@ def laid(curve: FloatArray, basis: SplineBasis) -> FloatArray:
     return shape
 
 
-def plan_of(candidate: Candidate, name: str, workspace: Workspace, settings: Settings) -> Plan:
+def plan_of(
+    candidate: ManipulationCandidate, name: str, workspace: Workspace, settings: Settings
+) -> Plan:
     """A candidate as a plan.
 
     Raises:
@@ -238,7 +246,7 @@ class Found:
         tried: candidates that were simulated.
     """
 
-    candidate: Candidate
+    candidate: ManipulationCandidate
     outlook: Outlook
     tried: int
 
@@ -270,10 +278,10 @@ def search(
     rng = np.random.default_rng(seed)
     length = settings.rod.length
     spans = 2 * SplineBasis(settings.rod.control_points, length).spans
-    found: list[tuple[float, Candidate]] = []
+    found: list[tuple[float, ManipulationCandidate]] = []
     tried = 0
 
-    def judge(candidate: Candidate) -> None:
+    def judge(candidate: ManipulationCandidate) -> None:
         nonlocal tried
         tried += 1
         progress(tried / budget)

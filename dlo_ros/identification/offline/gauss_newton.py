@@ -40,7 +40,7 @@ Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
-class Fit:
+class MaterialFit:
     """A point of the search.
 
     Args:
@@ -49,7 +49,7 @@ class Fit:
         cost: see above.
         normal: J^T J summed over recordings (4, 4) [m^2].
         gradient: J^T r (4,).
-        power: sum of squared residuals [m^2].
+        sum_of_squares: sum of squared residuals [m^2].
         count: residual numbers that can differ from zero.
     """
 
@@ -58,7 +58,7 @@ class Fit:
     cost: float
     normal: FloatArray
     gradient: FloatArray
-    power: float
+    sum_of_squares: float
     count: int
 
 
@@ -173,7 +173,7 @@ def evaluate(
     theta: FloatArray,
     simulations: Simulations,
     ignored: Sequence[np.ndarray] | None = None,
-) -> Fit:
+) -> MaterialFit:
     """Simulate all recordings with sensitivities at theta.
 
     Args:
@@ -203,7 +203,7 @@ def evaluate(
     off = np.where(np.isfinite(guess), theta - guess, 0.0)
     prior = float(off @ search_information(settings) @ off)
     cost = 0.5 * count * np.log(max(power / count, NOISE_LIMIT**2)) + 0.5 * prior
-    return Fit(theta, forecasts, cost, normal, gradient, power, count)
+    return MaterialFit(theta, forecasts, cost, normal, gradient, power, count)
 
 
 def without(found: Forecast, ignored: np.ndarray) -> Forecast:
@@ -237,7 +237,7 @@ def descend(
     ignored: Sequence[np.ndarray] | None = None,
     *,
     converged: float = CONVERGED,
-) -> tuple[Fit, int, bool]:
+) -> tuple[MaterialFit, int, bool]:
     """Levenberg-Marquardt; see `evaluate`.
 
     Args:
@@ -251,10 +251,10 @@ def descend(
     damping = 1e-3
     for iteration in range(1, MAX_ITERATIONS + 1):
         progress("fitting", iteration / MAX_ITERATIONS)
-        scale = fit.count / max(fit.power, fit.count * NOISE_LIMIT**2)
+        scale = fit.count / max(fit.sum_of_squares, fit.count * NOISE_LIMIT**2)
         off = np.where(np.isfinite(guess), fit.theta - guess, 0.0)
         normal = scale * fit.normal + prior
-        told_again = repeats(fit.forecasts)
+        told_again = autocorrelation_time(fit.forecasts)
         judged = normal / told_again
         slope = scale * fit.gradient - prior @ off
         accepted = False
@@ -285,7 +285,7 @@ def descend(
     return fit, MAX_ITERATIONS, False
 
 
-def repeats(forecasts: Sequence[Forecast]) -> float:
+def autocorrelation_time(forecasts: Sequence[Forecast]) -> float:
     """How often residuals tell the same: what the model misses is no reason to go on."""
     residuals = [f.residual for f in forecasts]
     return correlation_length(residuals, 0) * correlation_length(residuals, 1)
@@ -300,7 +300,7 @@ def _negligible(step: FloatArray, normal: FloatArray, converged: float) -> bool:
 def numerical_shifts(
     train: Sequence[Manipulation],
     settings: Settings,
-    fit: Fit,
+    fit: MaterialFit,
     ignored: Sequence[np.ndarray],
     simulations: Simulations,
 ) -> list[FloatArray]:
@@ -333,7 +333,9 @@ def numerical_shifts(
     return [inverse @ m for m in moved]
 
 
-def recentred(fit: Fit, guess: FloatArray, known: FloatArray, told: FloatArray) -> FloatArray:
+def recentred(
+    fit: MaterialFit, guess: FloatArray, known: FloatArray, told: FloatArray
+) -> FloatArray:
     """The best logarithms once it is known how much the data really tell.
 
     While searching, the data count as white; against what is known beforehand that is too much.

@@ -21,7 +21,7 @@ from dlo_ros.identification.estimate import (
 )
 from dlo_ros.identification.offline.gauss_newton import (
     CONVERGED,
-    Fit,
+    MaterialFit,
     Progress,
     Simulations,
     best_start,
@@ -177,7 +177,7 @@ class Fitted:
         forces: what measured forces have told, which theta and told contain; None: there are none.
     """
 
-    fit: Fit
+    fit: MaterialFit
     theta: FloatArray
     told: FloatArray
     ignored: list[np.ndarray]

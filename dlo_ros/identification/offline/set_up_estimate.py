@@ -31,9 +31,9 @@ from dlo_ros.spline import FloatArray
 
 LOG = logging.getLogger(__name__)
 
-SURE = 5.0
+WORSE_EVIDENCE = 5.0
 """Log evidence for an exact set-up, from which the open one is not fitted: 150 to one."""
-VALLEYS, FAR = (0.2, 5.0), 0.01
+VALLEYS, LARGE_ERR = (0.2, 5.0), 0.01
 """Factors of E from which the open set-up is fitted, too, where more than this share of L is left:
 on the right branch a set-up within its tolerances comes nearer."""
 VALLEY_ITERATIONS = 8
@@ -98,7 +98,7 @@ def weighed(
     try:
         start = evaluate(model, recordings)
         stated = restricted(start, own).evidence
-        if start.posterior.evidence < stated - SURE:
+        if start.posterior.evidence < stated - WORSE_EVIDENCE:
             return exact
         at = _best_valley(settled(start, recordings), start, recordings)
     except SimulationError as err:
@@ -122,7 +122,7 @@ def _seen(recording: Manipulation, ignored: np.ndarray, settings: Settings) -> R
 
 def _best_valley(at: Evaluation, start: Evaluation, recordings: Sequence[Recording]) -> Evaluation:
     """The fit, or a better one from elsewhere: far away a shape may lie on another branch."""
-    if at.mean_err < FAR * at.model.settings.rod.length:
+    if at.mean_err < LARGE_ERR * at.model.settings.rod.length:
         return at
     best = at
     for factor in VALLEYS:

@@ -31,7 +31,7 @@ class Linearised:
         theta: ln (E, mu, c, t_r).
         numbers: residual numbers of an observation that can differ from zero.
         normal, gradient: J^T J (4, 4) [m^2] and J^T r (4,) of all observations so far.
-        power: sum of squared residuals [m^2].
+        sum_of_squares: sum of squared residuals [m^2].
         used: number of observations.
     """
 
@@ -39,7 +39,7 @@ class Linearised:
     numbers: int
     normal: FloatArray = field(default_factory=lambda: np.zeros((4, 4)))
     gradient: FloatArray = field(default_factory=lambda: np.zeros(4))
-    power: float = 0.0
+    sum_of_squares: float = 0.0
     used: int = 0
 
     def add(self, residual: FloatArray, derivative: FloatArray) -> None:
@@ -47,13 +47,13 @@ class Linearised:
         j = derivative.reshape(4, -1)
         self.normal += j @ j.T
         self.gradient += j @ residual.ravel()
-        self.power += float(np.sum(residual**2))
+        self.sum_of_squares += float(np.sum(residual**2))
         self.used += 1
 
     def left(self, step: FloatArray) -> float:
         """Sum of squared residuals after a step from theta, as the linear model has it [m^2]."""
         gain = 2.0 * float(self.gradient @ step) - float(step @ self.normal @ step)
-        return max(self.power - max(gain, 0.0), 0.0)
+        return max(self.sum_of_squares - max(gain, 0.0), 0.0)
 
     def scale(self, step: FloatArray) -> float:
         """Information per squared metre of residual after a step, correlation left aside."""
@@ -92,14 +92,14 @@ class Judgement:
 
 
 @dataclass
-class Known:
-    """What is known besides the observations of the present window.
+class PriorInformation:
+    """Prior information on the parameters, beside the observations of the present window.
 
     Args:
         prior: information (4, 4) on ln (E, mu, c, t_r) that guides the search, about `guess`.
         guess: logarithms beforehand, -inf for a damping of zero.
         summary: information (4, 4) from before the window, about `centre`.
-        repeats: how often residuals tell the same.
+        autocorrelation_time: of the residuals, in observations.
         forces: information (4, 4) of measured forces, about `felt`.
     """
 
@@ -107,7 +107,7 @@ class Known:
     guess: FloatArray
     summary: FloatArray = field(default_factory=lambda: np.zeros((4, 4)))
     centre: FloatArray = field(default_factory=lambda: np.zeros(4))
-    repeats: float = 1.0
+    autocorrelation_time: float = 1.0
     forces: FloatArray = field(default_factory=lambda: np.zeros((4, 4)))
     felt: FloatArray = field(default_factory=lambda: np.zeros(4))
 
@@ -119,7 +119,7 @@ class Known:
         felt = np.where(usable, at.theta - self.felt, 0.0)
         step = np.zeros(4)
         for _ in range(2):  # how noisy the residuals are is known better after the first step
-            scale = at.scale(step) / self.repeats
+            scale = at.scale(step) / self.autocorrelation_time
             lhs = scale * at.normal + self.prior + self.summary + self.forces
             rhs = scale * at.gradient - self.prior @ off - self.summary @ old - self.forces @ felt
             step = np.where(usable, np.linalg.solve(lhs, rhs), 0.0)

@@ -17,13 +17,12 @@ from __future__ import annotations
 import logging
 import math
 import time
-from bisect import bisect_right
 from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
-from dlo_ros.command import NANOSECONDS, Command, Motion
+from dlo_ros.command import Command, Motion
 from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.identification.batched_forecast import varied_in_pieces
 from dlo_ros.identification.cooperative_tasks import LONG, SHORT, Pieces, Worker, short
@@ -36,15 +35,18 @@ from dlo_ros.identification.estimate import (
     with_logarithms,
     within_noise,
 )
-from dlo_ros.identification.online.linearised_model import Judgement, Known, Linearised, Run
+from dlo_ros.identification.online.linearised_model import (
+    Judgement,
+    Linearised,
+    PriorInformation,
+    Run,
+)
+from dlo_ros.identification.online.observed_window import ObservedWindow
 from dlo_ros.identification.online.online_force_scale import Forces
 from dlo_ros.identification.online.rival_branches import best_rival
-from dlo_ros.inference.forecast import Manipulation, Window
-from dlo_ros.inference.observation_operator import noise_unit
+from dlo_ros.inference.forecast import Manipulation
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
-from dlo_ros.rod.boundary.shape_orientation import along
-from dlo_ros.rod.sensitivity_parameters import MATERIAL
 from dlo_ros.rod.simulation import Simulation
 from dlo_ros.spline import DEGREE, FloatArray
 
@@ -56,7 +58,6 @@ PIECE_SHARE = 0.4  # of the budget that a piece of work should take
 FEWEST_AT_ONCE, MOST_AT_ONCE = 2, 20
 AT_ONCE = 6  # likewise, with several sets of parameters
 ITERATIONS = 4  # before the work begins that else would wait
-MOST_COMMANDS = 10_000  # that are remembered; 20 s of poses that are sent one by one at 500 Hz
 WINDOW = 20.0  # [s] of past that is simulated again; older information is kept as a summary
 FEWEST = 3  # observations before anything is concluded
 STUCK = 1.2  # growth of the past after which a relinearisation is tried again that did not help
@@ -65,7 +66,7 @@ SETTLED = 0.8  # [s] of past before which a finer simulation is not worth while
 SIGNIFICANT = 0.01  # change of a logarithm that is worth passing on
 UNKNOWN_WEIGHT = 0.1  # of a change that leaves E/mu alone where only E/mu is determined
 FORGETTING = 0.7  # weight of older windows: a DLO warms up and wears
-REPEATS_EVERY = 10  # observations between looks at the correlation of the residuals
+AUTOCORRELATION_EVERY = 10  # observations between looks at the correlation of the residuals
 UNJUDGED = 1e-3  # of L: the simulation's own error that is reckoned with before it is judged
 
 
@@ -97,15 +98,13 @@ class OnlineEstimator:
         """Forget all observations and return to the initial guess; commands are kept."""
         self._guess = logarithms(self._initial)
         self._passed = self._guess[:2]  # what the running simulation is known to have
-        self._past: list[Observation] = []
-        self._unit: float | None = None  # of measured points, by the first picture that has some
-        self._anchor: Simulation | None = None  # where the window starts, once it has moved
+        self._past = ObservedWindow(self._motion, self._initial.rod.length)
         self._judgement: Judgement | None = None
         self._run: Run | None = None
         self._worker.drop()
         self._stale = False  # whether the past is simulated with a motion that was not the true one
         self._retry = 0  # observations before which a relinearisation need not be tried again
-        self._known = Known(search_information(self._initial), self._guess)
+        self._prior = PriorInformation(search_information(self._initial), self._guess)
         self.forces = Forces(self._initial)
         self._pending = list(TRIALS)
         self._told = np.zeros((4, 4))  # by the present run, when it was last judged
@@ -129,18 +128,11 @@ class OnlineEstimator:
 
     def window(self) -> Manipulation | None:
         """What was imposed and seen since the start; None once its beginning has been let go."""
-        if self._anchor is not None:
-            return None
-        commands, past = tuple(self._motion.commands), tuple(self._past)
-        return Window("the present motion", commands, past, noise_unit=self._unit)
+        return self._past.manipulation()
 
     def set_command(self, command: Command) -> None:
         """Take an imposed motion; past observations it bears on are judged anew with it."""
-        self._motion.add(command)
-        # A robot that sends pose after pose does so for hours.
-        del self._motion.commands[:-MOST_COMMANDS]
-        if self._past and command.stamp < self._past[-1].stamp:
-            self._stale = True
+        self._stale |= self._past.impose(command)
 
     def observe(self, observation: Observation) -> None:
         """Take an observed spline and update the estimate.
@@ -159,21 +151,11 @@ class OnlineEstimator:
             )
         if not self._motion.commands:
             return
-        observation = along(self._motion, observation, self._initial.rod.length)
-        if any(o.stamp == observation.stamp for o in self._past[-50:]):
-            return
-        late = bool(self._past) and observation.stamp < self._past[-1].stamp
-        if late and observation.stamp < self._past[0].stamp:
-            return  # from before the window: its place is gone
-        self._past.append(observation)
-        if self._unit is None:
-            self._unit = noise_unit([observation], self._initial.rod.length)
-        if late:
-            self._past.sort(key=lambda o: o.stamp)
-            return  # it counts from the next relinearisation on
+        if not self._past.add(observation):
+            return  # one that came late counts from the next relinearisation on
         if self._run is not None:
             try:
-                self._run.add([observation])
+                self._run.add(self._past.observations[-1:])
             except SimulationError as err:
                 self._start_over(err)
         self._worker.turn(begin, self._due)
@@ -189,23 +171,24 @@ class OnlineEstimator:
     def _start_over(self, err: SimulationError) -> None:
         """Forget a past that the model cannot follow."""
         LOG.warning("the model cannot follow the observed motion: %s", err)
-        self._run, self._past = None, self._past[-1:]
+        self._run = None
+        self._past.forget()
         self._worker.drop()
 
     def _due(self) -> Pieces[None]:
         """All that is due, piece by piece."""
         if self._run is None:
-            if len(self._past) > (self._initial.simulation.start == "moving"):
+            if len(self._past.observations) > (self._initial.simulation.start == "moving"):
                 self._adopt((yield from self._again(self._current())))
                 if self._run is None:
-                    self._past = self._past[-1:]
+                    self._past.forget()
             return
         if self._stale:
             self._stale = False
             self._adopt((yield from self._again(self._current())))
         if self._run.used < FEWEST:
             return
-        elapsed = (self._past[-1].stamp - self._past[0].stamp) / NANOSECONDS
+        elapsed = self._past.elapsed
         rival = None
         if self._pending and elapsed >= self._pending[0]:
             self._pending = [t for t in self._pending if t > elapsed]
@@ -219,8 +202,8 @@ class OnlineEstimator:
         run = self._run
         settings, spans = run.simulation.settings, run.simulation.model.basis.spans
         yield from self.forces.weigh(
-            run, tuple(self._past), self._motion.commands, self._known,
-            lambda: self._started(settings, spans, loads=True),
+            run, tuple(self._past.observations), self._motion.commands, self._prior,
+            lambda: self._past.started(settings, spans, loads=True),
         )  # fmt: skip
 
     def _current(self) -> FloatArray:
@@ -245,28 +228,16 @@ class OnlineEstimator:
             if past is not None:
                 found = yield from short(varied_in_pieces(past, settings, spans, None, AT_ONCE))
                 if found is not None:
-                    run = Run.after(theta, self._numbers, found, self._unit, error)
+                    run = Run.after(theta, self._numbers, found, self._past.noise_unit, error)
             if run is None:
-                simulation = yield from self._started(settings, spans)
+                simulation = yield from self._past.started(settings, spans)
                 problem = Linearised(theta, self._numbers)
-                run = Run(problem, simulation, self._unit, error)
+                run = Run(problem, simulation, self._past.noise_unit, error)
             yield from self._catch_up(run)
             return run
         except SimulationError as err:
             LOG.warning("the past cannot be simulated with the new estimate: %s", err)
             return None
-
-    def _started(
-        self, settings: Settings, spans: int, *, loads: bool = False
-    ) -> Pieces[Simulation]:
-        """A simulation where the past begins, with sensitivities, or with loads instead."""
-        if self._anchor is not None:
-            return self._anchor.fork(settings, loads=loads)
-        names = () if loads else MATERIAL
-        simulation = Simulation(settings, self._motion, parameters=names, spans=spans, loads=loads)
-        for _ in simulation.starting(self._past[:2], self._past[-1].stamp):
-            yield SHORT
-        return simulation
 
     def _catch_up(self, run: Run) -> Pieces[None]:
         """Lead a run through the observations that it has not seen yet."""
@@ -281,8 +252,8 @@ class OnlineEstimator:
 
     def _unseen(self, run: Run) -> list[Observation]:
         """The observations that a run has not come to yet."""
-        seen = run.stamps[-1] if run.stamps else run.simulation.stamp - (self._anchor is None)
-        return self._past[bisect_right(self._past, seen, key=lambda o: o.stamp) :]
+        seen = run.stamps[-1] if run.stamps else run.simulation.stamp - (self._past.anchor is None)
+        return self._past.after(seen)
 
     def _resolution(self, settings: Settings) -> tuple[int, float]:
         """Knot spans to simulate with, and the error that they have over L."""
@@ -297,12 +268,12 @@ class OnlineEstimator:
         assert run is not None
         settings = self._finer(with_logarithms(self._initial, run.at.theta))
         before = self._judgement
-        if self._anchor is not None or (before is not None and before.holds(settings)):
+        if self._past.anchor is not None or (before is not None and before.holds(settings)):
             return
-        judge = Simulation(settings, self._motion)
+        judge, seen = Simulation(settings, self._motion), self._past.observations
         spans, error = run.simulation.model.basis.spans, UNJUDGED
         try:
-            for _ in judge.judging(self._past[:2], self._past[-1].stamp):
+            for _ in judge.judging(seen[:2], seen[-1].stamp):
                 yield SHORT
             assert judge.resolution is not None
             spans, error = judge.resolution.spans, judge.resolution.error
@@ -317,9 +288,9 @@ class OnlineEstimator:
     def _finer(self, settings: Settings) -> Settings:
         """Ask for a simulation whose own error lies below the noise, once that is known."""
         run = self._run
-        if run is None or run.used < REPEATS_EVERY:
+        if run is None or run.used < AUTOCORRELATION_EVERY:
             return settings
-        return within_noise(settings, math.sqrt(run.at.left(self._known.step(run.at)) / run.used))
+        return within_noise(settings, math.sqrt(run.at.left(self._prior.step(run.at)) / run.used))
 
     def _relinearise(self, rival: FloatArray | None) -> Pieces[None]:
         """Simulate the past anew while the estimate lies beyond what a linear model is good for.
@@ -333,13 +304,16 @@ class OnlineEstimator:
         for _ in range(ITERATIONS):
             run = self._run
             assert run is not None
-            step = self._known.step(run.at)
-            if self._known.linear(run.at, step) or run.used < self._retry:
+            step = self._prior.step(run.at)
+            if self._prior.linear(run.at, step) or run.used < self._retry:
                 return
             for share in (1.0, 0.3):
                 # A step that makes things worse was too long for a linear model.
                 new = yield from self._again(run.at.theta + share * step)
-                if new is not None and new.at.power / new.used <= run.at.power / run.used:
+                if (
+                    new is not None
+                    and new.at.sum_of_squares / new.used <= run.at.sum_of_squares / run.used
+                ):
                     self._adopt(new)
                     yield from self._judging()
                     break
@@ -352,14 +326,14 @@ class OnlineEstimator:
         run = self._run
         assert run is not None
         judged, used = self._judged
-        recent = run.used < used + max(REPEATS_EVERY, run.used // 10)
-        if judged is run and recent and run.used >= REPEATS_EVERY:
+        recent = run.used < used + max(AUTOCORRELATION_EVERY, run.used // 10)
+        if judged is run and recent and run.used >= AUTOCORRELATION_EVERY:
             return
         yield LONG
         told = run.information()
-        white = run.at.normal[0, 0] * run.at.scale(self._known.step(run.at))
+        white = run.at.normal[0, 0] * run.at.scale(self._prior.step(run.at))
         if told[0, 0] > 0.0:
-            self._known.repeats = max(1.0, float(white / told[0, 0]))
+            self._prior.autocorrelation_time = max(1.0, float(white / told[0, 0]))
         self._told, self._judged = told, (run, run.used)
 
     def _publish(self) -> None:
@@ -368,11 +342,11 @@ class OnlineEstimator:
         if run is None or run.used < FEWEST:
             return
         at = run.at
-        step = self._known.step(at)
-        linear = self._known.linear(at, step)
+        step = self._prior.step(at)
+        linear = self._prior.linear(at, step)
         stuck = not linear and run.used < self._retry
         theta = at.theta if stuck else at.theta + step
-        information = self._told + self._known.summary + self._known.forces
+        information = self._told + self._prior.summary + self._prior.forces
         low, high = self._guess - np.log(1e4), self._guess + np.log(1e4)
         theta = np.where(np.isfinite(self._guess), np.clip(theta, low, high), self._guess)
         estimate = summarise(self._initial, theta, information)
@@ -388,19 +362,19 @@ class OnlineEstimator:
     def _fold(self) -> None:
         """Keep what the window has told as a summary, and start a new one at the present state."""
         run = self._run
-        elapsed = (self._past[-1].stamp - self._past[0].stamp) / NANOSECONDS
+        elapsed = self._past.elapsed
         # Work that is under way may end first, but not for ever.
         if run is None or elapsed <= WINDOW or (self._worker.busy and elapsed <= 1.5 * WINDOW):
             return
         theta = self._current()
-        self._known.summary = FORGETTING * self._known.summary + self._told
+        self._prior.summary = FORGETTING * self._prior.summary + self._told
         self._told = np.zeros((4, 4))
-        self._known.centre = theta
-        self._known.forces = FORGETTING * self._known.forces
+        self._prior.centre = theta
+        self._prior.forces = FORGETTING * self._prior.forces
         self.forces.fold()
-        self._past = []
-        self._anchor = run.simulation.fork(with_logarithms(self._initial, theta))
-        simulation = self._anchor.fork(self._anchor.settings)
-        self._adopt(Run(Linearised(theta, self._numbers), simulation, self._unit, run.error))
+        anchor = run.simulation.fork(with_logarithms(self._initial, theta))
+        self._past.move(anchor)
+        problem, simulation = Linearised(theta, self._numbers), anchor.fork(anchor.settings)
+        self._adopt(Run(problem, simulation, self._past.noise_unit, run.error))
         self._worker.drop()
         self._pending, self._retry = [], 0

@@ -13,7 +13,7 @@ from dlo_ros.command import Command
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.cooperative_tasks import LONG, SHORT, Pieces
 from dlo_ros.identification.force_scale import borne_along, scale_in_pieces
-from dlo_ros.identification.online.linearised_model import Known, Run
+from dlo_ros.identification.online.linearised_model import PriorInformation, Run
 from dlo_ros.observation import Observation, Wrenches
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.loads.grip_reactions import Loading
@@ -23,7 +23,7 @@ from dlo_ros.spline import FloatArray
 
 LOG = logging.getLogger(__name__)
 
-MOST = 60_000
+MOST_SAMPLES = 60_000
 """Messages of an end that are remembered: a minute at 1 kHz."""
 FEWEST = 10
 """Shapes before forces are looked at."""
@@ -49,7 +49,7 @@ class Forces:
 
     def add(self, measured: Wrenches) -> None:
         """Take what was measured at an end."""
-        rows = self._rows.setdefault(measured.end, deque(maxlen=MOST))
+        rows = self._rows.setdefault(measured.end, deque(maxlen=MOST_SAMPLES))
         values = np.hstack([measured.force, measured.torque])
         rows.extend(zip(measured.stamps.tolist(), values, measured.axes, strict=True))
 
@@ -58,8 +58,8 @@ class Forces:
         self._used, self._ratio, self._told = 0, np.nan, False
 
     def weigh(
-        self, run: Run, past: Sequence[Observation], commands: Sequence[Command], known: Known,
-        begin: Callable[[], Pieces[Simulation]],
+        self, run: Run, past: Sequence[Observation], commands: Sequence[Command],
+        prior: PriorInformation, begin: Callable[[], Pieces[Simulation]],
     ) -> Pieces[None]:  # fmt: skip
         """Where it is due, learn the scale of all forces from those of the window.
 
@@ -67,7 +67,7 @@ class Forces:
             run: along the observations of the window.
             past: these observations.
             commands: what was imposed.
-            known: takes what was learned.
+            prior: takes what was learned.
             begin: starts a simulation of the window that tells loads, with the run's settings.
         """
         ratio = float(run.at.theta[0] - run.at.theta[1])
@@ -95,13 +95,13 @@ class Forces:
         found = yield from scale_in_pieces(
             borne, self._settings, diameter_std=rod.diameter_std / rod.diameter
         )
-        if found is None or (not self._told and found.information < known.forces[MU, MU]):
+        if found is None or (not self._told and found.information < prior.forces[MU, MU]):
             return  # an earlier window has told more
         self._told = True
-        known.forces = np.zeros_like(known.forces)
-        known.forces[MU, MU] = found.information
-        known.felt = theta.copy()
-        known.felt[MU] += found.log
+        prior.forces = np.zeros_like(prior.forces)
+        prior.forces[MU, MU] = found.information
+        prior.felt = theta.copy()
+        prior.felt[MU] += found.log
 
     def _wrenches(self) -> list[Wrenches]:
         """What was measured at each end."""

@@ -17,8 +17,8 @@ from dlo_ros.command import NANOSECONDS, Command
 from dlo_ros.errors import CommandError, InputError, SimulationError
 from dlo_ros.rod import integration
 from dlo_ros.rod.batch.simd_integration import DONE, NO_DIRECTION, march
-from dlo_ros.rod.batch.simd_kernels import COLUMN, Law, Scratch, tables_of
-from dlo_ros.rod.batch.simd_step import Motion, Room, Sets
+from dlo_ros.rod.batch.simd_kernels import COLUMN, BatchLaw, Scratch, tables_of
+from dlo_ros.rod.batch.simd_step import BatchState, Room, Sets
 from dlo_ros.rod.batch.tracks import Ends, Tracks
 from dlo_ros.rod.boundary import conditions
 from dlo_ros.rod.boundary.imposed_motion import NO_DIRECTION_TEXT, Boundary
@@ -75,7 +75,7 @@ class ParameterSets:
         stiff = [model.stiffness for model in self.models]
         weight = first.rule.weight
         self._sets = Sets(
-            Law(
+            BatchLaw(
                 self._lanes([weight * s.stretch for s in stiff]),
                 self._lanes([s.stretch_rest for s in stiff]),
                 self._lanes([weight * s.bend[:, 0] for s in stiff]),
@@ -88,7 +88,7 @@ class ParameterSets:
         )
         many = 2 * n + COLUMN - 1  # the factorisation reaches beyond the last column
         self._room = Room(
-            Law(rows(nb), rows(nb), rows(nb), rows(nb)),
+            BatchLaw(rows(nb), rows(nb), rows(nb), rows(nb)),
             Scratch(rows(2 * n), rows(many), rows(COLUMN * many), rows(42), rows(16), rows(2 * nb)),
             rows(4 * n), rows(2 * n), rows(2 * n), rows(2 * n), rows(2 * n), rows(2 * n),
             rows(2 * n), np.zeros((n, 2)),
@@ -146,7 +146,7 @@ class ParameterSets:
             self._lanes(np.array([getattr(state, name) for state in states])[:, :, IN_PLANE])
             for name in ("q", "velocity", "acceleration", "auxiliary")
         )
-        motion = Motion(
+        motion = BatchState(
             q, velocity, acceleration, auxiliary,
             self._lanes([state.strains.stretch for state in states]),
             self._lanes([state.previous.stretch for state in states]),

@@ -11,8 +11,8 @@ import numpy as np
 
 from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.adaptive_integration import FIRST_STEP
-from dlo_ros.rod.batch.simd_kernels import Law, Scratch, Tables, tensions
-from dlo_ros.rod.batch.simd_step import Motion, Room, Sets, accept, rate_weights, try_step
+from dlo_ros.rod.batch.simd_kernels import BatchLaw, Scratch, Tables, tensions
+from dlo_ros.rod.batch.simd_step import BatchState, Room, Sets, accept, rate_weights, try_step
 from dlo_ros.rod.boundary.conditions import Imposed, impose
 from dlo_ros.rod.simd.eight_lanes import address, load, store
 from dlo_ros.rod.solve.generalised_alpha import DONE, NO_CONVERGENCE, NO_DIRECTION, SMALLEST_STEP
@@ -41,7 +41,7 @@ def march(sets, tables, imposed, frames, motion, room, clock, reach, limit, stop
     )  # fmt: skip
     law, scratch = room.law, room.scratch
     space = Room(
-        Law(address(law.stretch), address(law.stretch_rest), address(law.bend),
+        BatchLaw(address(law.stretch), address(law.stretch_rest), address(law.bend),
             address(law.bend_rest)),
         Scratch(address(scratch.gradient), address(scratch.step), address(scratch.band),
                 address(scratch.point), address(scratch.line), address(scratch.tangent)),
@@ -51,12 +51,12 @@ def march(sets, tables, imposed, frames, motion, room, clock, reach, limit, stop
     for c in range(clock.shape[0]):
         law = sets.law
         group = Sets(
-            Law(address(law.stretch[c]), address(law.stretch_rest[c]), address(law.bend[c]),
+            BatchLaw(address(law.stretch[c]), address(law.stretch_rest[c]), address(law.bend[c]),
                 address(law.bend_rest[c])),
             address(sets.mass[c]), address(sets.drag[c]), address(sets.load[c]),
             address(sets.relaxation_time[c]),
         )  # fmt: skip
-        place = Motion(
+        place = BatchState(
             address(motion.q[c]), address(motion.velocity[c]), address(motion.acceleration[c]),
             address(motion.auxiliary[c]), address(motion.stretch[c]),
             address(motion.stretch_before[c]), address(motion.bend[c]),
@@ -72,7 +72,7 @@ def march(sets, tables, imposed, frames, motion, room, clock, reach, limit, stop
 @linked()
 def _march_group(sets, tables, imposed, frames, motion, room, target, clock, reach, limit, stops,
                  tolerance, newton, shapes):  # fmt: skip
-    """Integrate one group; `engine.march` says how steps are chosen."""
+    """Integrate one group; `adaptive_integration.march` says how steps are chosen."""
     steps = 0
     theta, pins = np.zeros(2), np.zeros((0, 3))
     at_rest = False  # whether the target is one that no longer changes

@@ -35,7 +35,7 @@ class Tables(NamedTuple):
     products: FloatArray  # (spans, PAIRS, 3, 4) of b1 and b2: 11, 12, 21, 22
 
 
-class Law(NamedTuple):
+class BatchLaw(NamedTuple):
     """Stiffness with weights and rest strains of one step; arrays (nb, LANES)."""
 
     stretch: FloatArray
@@ -99,7 +99,7 @@ def strains(q, tables, stretch, bend):
 
 @njit(inline="always")
 def _span_stretch(stretch, first, linear):
-    """`kernels.span_stretch` of a span whose first point is given."""
+    """`strains.span_stretch` of a span whose first point is given."""
     a, b, c = load(stretch, first), load(stretch, first + 1), load(stretch, first + 2)
     if linear:
         mean, tilt = OUTER * (a + c) + MIDDLE * b, 0.5 * (c - a)
@@ -298,7 +298,7 @@ def _add_block(point, products, row, band, j, apart):
 
 @njit()
 def _add_line(scratch, law, span, lo, hi):
-    """Add the square of the straight line through a span's stretches; see `kernels.add_square`."""
+    """Add the square of a span's linear stretch, see `element_stiffness.add_squares`."""
     line, band = scratch.line, scratch.band
     # law.stretch has the points' weights, which sum to the span's length.
     stiff = (load(law.stretch, 3 * span) + load(law.stretch, 3 * span + 1)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dlo_ros.kernel_cache import njit
-from dlo_ros.rod.batch.simd_kernels import Law, Scratch, assemble, strains, tensions
+from dlo_ros.rod.batch.simd_kernels import BatchLaw, Scratch, assemble, strains, tensions
 from dlo_ros.rod.batch.simd_solver import residual, solve
 from dlo_ros.rod.simd.eight_lanes import entry, largest, load, root, spread, store
 from dlo_ros.rod.solve.generalised_alpha import ALPHA_F, ALPHA_M, BETA, GAMMA, SMALLEST_STEP
@@ -20,19 +20,19 @@ MAX_NEWTON = 12
 class Sets(NamedTuple):
     """Constants of all sets: arrays (C, ..., LANES), x and z of a control point in turn.
 
-    Here and in `Motion` the first axis counts groups of LANES sets. Steps are those of one group,
-    whose arrays are without it, as addresses.
+    Here and in `BatchState` the first axis counts groups of LANES sets. Steps are those of one
+    group, whose arrays are without it, as addresses.
     """
 
-    law: Law  # without damping
+    law: BatchLaw  # without damping
     mass: FloatArray  # (4 n,) lower rows [kg]
     drag: FloatArray  # (4 n,) [N s/m]
     load: FloatArray  # (2 n,) [N]
     relaxation_time: FloatArray  # (1,) [s]
 
 
-class Motion(NamedTuple):
-    """Where all sets are; arrays (C, ..., LANES)."""
+class BatchState(NamedTuple):
+    """Positions, velocities and strains of all sets; arrays (C, ..., LANES)."""
 
     q: FloatArray  # (2 n,) [m]
     velocity: FloatArray
@@ -48,7 +48,7 @@ class Motion(NamedTuple):
 class Room(NamedTuple):
     """Scratch of one step; arrays (..., LANES) but for the target."""
 
-    law: Law  # of the incremental potential
+    law: BatchLaw  # of the incremental potential
     scratch: Scratch
     matrix: FloatArray  # (4 n,)
     rhs: FloatArray  # (2 n,)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_ros.errors import SimulationError
-from dlo_ros.rod.batch.simd_step import Motion
+from dlo_ros.rod.batch.simd_step import BatchState
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.planar_model import expand, flat_reference
 from dlo_ros.rod.simd.eight_lanes import LANES
@@ -23,7 +23,7 @@ class Ends:
 
     models: tuple[RodModel, ...]
     before: tuple[State, ...]
-    motion: Motion
+    motion: BatchState
     clock: FloatArray
     frames: FloatArray  # (C, 2, FRAME)
     directed: NDArray[np.bool_]  # (2, 1) whether the command gives an end its direction
@@ -36,7 +36,7 @@ class Ends:
             return self.alone[number]
         before, model = self.before[number], self.models[number]
         group, lane = divmod(number, LANES)
-        values = Motion(*(x[group, :, lane] for x in self.motion))
+        values = BatchState(*(x[group, :, lane] for x in self.motion))
         q, velocity, acceleration, auxiliary = (
             expand(x.reshape(-1, 2), before.q) for x in values[:4]
         )

@@ -11,7 +11,7 @@ import numpy as np
 from dlo_ros.command import CONTROL_POINT, END, START, Motion
 from dlo_ros.observation import Observation
 
-FAR = 0.05  # of the length: ends that lie nearer to where they are held are not questioned
+MISPLACED = 0.05  # of the length: ends that lie nearer to where they are held are not questioned
 CLEARLY = 2.0  # so many times nearer the other way round
 
 
@@ -36,7 +36,7 @@ def runs_backwards(observation: Observation, motion: Motion) -> bool:
         here += float(np.linalg.norm(first - position))
         there += float(np.linalg.norm(last - position))
     length = float(np.sum(np.linalg.norm(np.diff(shape, axis=0), axis=1)))
-    return here > FAR * length and here > CLEARLY * there
+    return here > MISPLACED * length and here > CLEARLY * there
 
 
 def turned_round(observation: Observation, length: float) -> Observation:

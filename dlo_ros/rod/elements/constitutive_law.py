@@ -16,7 +16,8 @@ Internal friction adds a moment M z, where z follows the curvature towards its d
     dz = (n - z) |dx| / w,    n = dx / |dx|
 
 (Dahl, A solid friction model, 1968), which is integrated exactly along the straight way from one
-step's curvature to the next. What relaxes is in the stiffness already, see `stepping.damped`.
+step's curvature to the next. What relaxes is in the stiffness already, see
+`generalised_alpha.damped`.
 """
 
 from __future__ import annotations
@@ -58,7 +59,7 @@ def bend(stiff1, stiff2, x1, x2, p1, p2, law):
         stiff1, stiff2: bending stiffness about both directors [N m^2].
         x1, x2: curvature against the rest curvature [1/m].
         p1, p2: plastic curvature before [1/m].
-        law: see `Law`.
+        law: see `ConstitutiveLaw`.
 
     Returns:
         Moments about both directors [N m], their tangent (11, 12, 22) [N m^2], energy [J/m].
@@ -103,7 +104,7 @@ def respond(stretch, other, weight, material, out):
     """Stress resultants and tangents of strains.
 
     Args:
-        stretch, other: strains (nb,) and (nb, 3), see `kernels.strains`.
+        stretch, other: strains (nb,) and (nb, 3), see `strains.strains`.
         weight: of the quadrature points [m], shape (nb,).
         material: see `Material`.
         out: output.
@@ -143,7 +144,7 @@ def rubbed(d1, d2, z1, z2, turn):
     Args:
         d1, d2: change of curvature [1/m].
         z1, z2: moment before, over its largest.
-        turn: see `Law`.
+        turn: see `ConstitutiveLaw`.
 
     Returns:
         The moment, its derivatives by the change (11, 12, 22) [m] and its work [1/m], over the
@@ -167,7 +168,7 @@ def rubbed(d1, d2, z1, z2, turn):
 @njit()
 def _rub(other, weight, material, out):
     """Add the moment of internal friction, its tangent; returns its work [J]."""
-    inner, law, energy = material.history.inner, material.law, 0.0
+    inner, law, energy = material.internal.inner, material.law, 0.0
     for e in range(weight.size):
         z1, z2, t11, t12, t22, work = rubbed(
             other[e, 0] - inner[e, 4], other[e, 1] - inner[e, 5], inner[e, 2], inner[e, 3],
@@ -185,7 +186,7 @@ def _rub(other, weight, material, out):
 @njit()
 def _beyond(other, weight, material, out):
     """Replace the linear elastic part of the moments by what the law makes of it."""
-    plastic, energy = material.history.plastic, 0.0
+    plastic, energy = material.internal.plastic, 0.0
     for e in range(weight.size):
         b1 = material.stiffness.bend[e, 0] / material.damping
         b2 = material.stiffness.bend[e, 1] / material.damping
@@ -203,8 +204,8 @@ def _beyond(other, weight, material, out):
 
 @linked()
 def remember(other, material, out):
-    """Write what bending remembers of a motion to strains `other` to out, see `History`."""
-    plastic, inner = material.history.plastic, material.history.inner
+    """Write the `InternalVariables` of bending after a motion to strains `other` to out."""
+    plastic, inner = material.internal.plastic, material.internal.inner
     for e in range(inner.shape[0]):
         z1, z2, _, _, _, _ = rubbed(
             other[e, 0] - inner[e, 4], other[e, 1] - inner[e, 5], inner[e, 2], inner[e, 3],

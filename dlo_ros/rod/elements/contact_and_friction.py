@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Compiled forces of what the DLO touches: friction with the board, pegs, walls, quadratic drag.
+"""Compiled contact forces: friction with the board, pegs, walls; and quadratic drag.
 
 Contact and friction act in the board's plane, on x and z. Friction is a spring to an anchor that
 slides along once its force reaches the Coulomb limit, so a DLO sticks truly; the anchor is part of
@@ -177,8 +177,8 @@ def resist(q, rule, around, anchor, gradient, band):
         q: configuration, shape (n, 4) or (n, 2).
         rule: quadrature tables.
         around: see `Surroundings`.
-        anchor: see `History`.
-        gradient, band: see `assembly.assemble`.
+        anchor: see `InternalVariables`.
+        gradient, band: see `spatial_assembly.assemble`.
 
     Returns:
         Their energy without that of quadratic drag, which is none at rest [J].

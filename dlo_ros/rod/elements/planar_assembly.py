@@ -78,7 +78,7 @@ def _derive(out, px, pz, sx, sz, rule, e):
 
 @linked(**FLAGS)
 def assemble(q, rule, other, response, gradient, band, grad_stretch, grad_other):
-    """Gradient (2 n,) and exact Hessian (2 n, 8); see `assembly.assemble`.
+    """Gradient (2 n,) and exact Hessian (2 n, 8); see `spatial_assembly.assemble`.
 
     grad_stretch (nb, 2) and grad_other (nb, 1, 4) become the derivatives of stretch and curvature
     with respect to p and (p, s).

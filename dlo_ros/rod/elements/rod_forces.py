@@ -24,7 +24,7 @@ from dlo_ros.rod.elements.planar_assembly import PLANAR
 
 @njit()
 def strains(q, rule, ref):
-    """Strains of a configuration; see `kernels.strains` and `plane.strains`."""
+    """Strains of a configuration; see `strains.strains` and `planar_assembly.strains`."""
     if q.shape[1] == PLANAR:
         return planar_assembly.strains(q, rule)
     return kernels.strains(q, rule, ref)
@@ -55,10 +55,10 @@ def assemble(q, rule, ref, matter, response, promised, gradient, band, grad_s, g
         q: configuration.
         rule, ref: quadrature tables, reference frame.
         matter: see `Material`.
-        response: room for stresses and tangents, see `material.room`.
+        response: room for stresses and tangents, see `constitutive_law.room`.
         promised: tensions that count in the Hessian instead of those at q, shape (nb,); none (0,)
             for the exact one.
-        gradient, band, grad_s, grad_o: outputs, see `assembly.assemble`.
+        gradient, band, grad_s, grad_o: outputs, see `spatial_assembly.assemble`.
     """
     stretch, other = strains(q, rule, ref)
     energy = constitutive_law.respond(stretch, other, rule.weight, matter, response)
@@ -71,7 +71,7 @@ def assemble(q, rule, ref, matter, response, promised, gradient, band, grad_s, g
     around = matter.around
     if contact_and_friction.touched(around):
         energy += contact_and_friction.resist(
-            q, rule, around, matter.history.anchor, gradient, band
+            q, rule, around, matter.internal.anchor, gradient, band
         )
     return energy
 
@@ -81,7 +81,7 @@ def energy_of(q, rule, ref, matter, response):
     """Energy of a configuration [J]; see `assemble`."""
     stretch, other = strains(q, rule, ref)
     energy = constitutive_law.respond(stretch, other, rule.weight, matter, response)
-    return energy + contact_and_friction.energy_of(q, rule, matter.around, matter.history.anchor)
+    return energy + contact_and_friction.energy_of(q, rule, matter.around, matter.internal.anchor)
 
 
 @linked()

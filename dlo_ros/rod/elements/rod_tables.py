@@ -47,7 +47,7 @@ class Stiffness(NamedTuple):
     twist_rest: FloatArray  # (nb,) [rad/m]
 
 
-class Law(NamedTuple):
+class ConstitutiveLaw(NamedTuple):
     """How bending departs from linear elasticity; see `constitutive_law`."""
 
     active: float  # 0: it does not
@@ -73,7 +73,7 @@ class Response(NamedTuple):
 
 
 class Surroundings(NamedTuple):
-    """What the DLO touches in the board's plane; see `contact_and_friction`."""
+    """Bodies in contact with the DLO, friction and quadratic drag; see `contact_and_friction`."""
 
     friction: float  # Coulomb friction with the board [N/m]
     creep: float  # displacement at which it acts fully [m]
@@ -86,11 +86,11 @@ class Surroundings(NamedTuple):
         FloatArray  # (k, 3) normal x, z to the free side, offset of the DLO's axis at contact [m]
     )
     brake: float  # c of the quadratic drag [N s^2/m^3]
-    tow: FloatArray  # (nb, 1 + 2 m) quadratic drag of a step, see `surroundings.towed`; or none
+    tow: FloatArray  # (nb, 1 + 2 m) quadratic drag, see `contact_and_friction.towed`; or none
 
 
-class History(NamedTuple):
-    """What bending and friction remember."""
+class InternalVariables(NamedTuple):
+    """Internal variables: the memory of bending and of friction."""
 
     plastic: FloatArray  # (nb, 2) plastic curvature [1/m]
     anchor: FloatArray  # (nb, 2) x and z where friction with the board is free of force [m]
@@ -104,9 +104,9 @@ class Material(NamedTuple):
     stiffness: Stiffness  # with damping
     damping: float  # stiffness with damping over that without
     bend_rest: FloatArray  # (nb, 2) without damping [1/m]
-    law: Law
+    law: ConstitutiveLaw
     around: Surroundings
-    history: History  # before
+    internal: InternalVariables  # before
     keep: float  # share of what has not relaxed that is left at the end of the step; 0 at rest
     gain: float  # what is added to that over the change of curvature; 0 at rest
 

@@ -128,7 +128,7 @@ def assemble(q, rule, ref, other, response, gradient, band, grad_stretch, grad_o
     Args:
         q: configuration, shape (n, 4).
         rule, ref: tables, reference frame.
-        other: bending and twist of q, shape (nb, 3), see `kernels.strains`.
+        other: bending and twist of q, shape (nb, 3), see `strains.strains`.
         response: stresses and tangents that belong to the strains of q.
         gradient: output, shape (4 n,), overwritten.
         band: output, lower rows of the Hessian, shape (4 n, 16): H[i, j] at [i, 15 - i + j].

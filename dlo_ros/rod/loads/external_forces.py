@@ -83,7 +83,7 @@ class ExternalForces:
             result[:, self._rough] -= longer * around.brake * weight * size * across
         flat = result[..., IN_PLANE]
         if around.friction > 0.0:
-            away = place[:, self._rough][..., IN_PLANE] - now.history.anchor
+            away = place[:, self._rough][..., IN_PLANE] - now.internal.anchor
             size = np.linalg.norm(away, axis=-1, keepdims=True)
             flat[:, self._rough] -= weight * around.friction * away / np.maximum(size, around.creep)
         if len(around.span):

@@ -18,7 +18,7 @@ import numpy as np
 
 from dlo_ros.command import NANOSECONDS, Command
 from dlo_ros.rod.boundary.imposed_motion import Boundary
-from dlo_ros.rod.elements.rod_tables import DOF, History
+from dlo_ros.rod.elements.rod_tables import DOF, InternalVariables
 from dlo_ros.rod.integration import Track
 from dlo_ros.rod.loads.external_forces import ExternalForces
 from dlo_ros.rod.loads.stress_resultants import Instants, Stresses, cross, dot
@@ -48,8 +48,8 @@ class Wrench:
 
 
 @dataclass(frozen=True)
-class Motion:
-    """What moves a DLO at S instants.
+class MotionForces:
+    """Acceleration of a DLO and the forces on it at S instants.
 
     Args:
         acceleration: of the control points [m/s^2], shape (S, n, 3).
@@ -111,7 +111,9 @@ def instants_of(states: Sequence[State], growth: tuple[float, float] = (1.0, 0.0
         stack(s.q for s in states), stack(s.velocity for s in states),
         stack(s.acceleration for s in states), stack(s.reference.director for s in states),
         stack(s.reference.twist for s in states),
-        History(*(stack(parts) for parts in zip(*(s.history for s in states), strict=True))),
+        InternalVariables(
+            *(stack(parts) for parts in zip(*(s.internal for s in states), strict=True))
+        ),
         growth,
     )  # fmt: skip
 
@@ -132,7 +134,9 @@ def loadings_along(
     acceleration = np.gradient(speeds, times, axis=0)[1:]
     count, nb = len(stamps), len(model.points)
     director = np.broadcast_to(np.array([0.0, 1.0, 0.0]), (count, nb, 3))
-    nothing = History(np.zeros((count, 0, 2)), np.zeros((count, 0, 2)), np.zeros((count, 0, 6)))
+    nothing = InternalVariables(
+        np.zeros((count, 0, 2)), np.zeros((count, 0, 2)), np.zeros((count, 0, 6))
+    )
     now = Instants(
         track.shapes, track.speeds, acceleration, director, np.zeros((count, nb)), nothing,
         (1.0, 0.0),
@@ -189,7 +193,7 @@ class Balance:
             [np.interp(self._places, knots, row) for row in np.eye(len(knots))]
         ).T
 
-    def solve(self, now: Instants) -> tuple[Motion, FloatArray]:
+    def solve(self, now: Instants) -> tuple[MotionForces, FloatArray]:
         """Motion and reactions at S instants; the reactions have shape (S, n, 4) [N; N m]."""
         longer = now.growth[0]
         gradient, tangent = self._stresses.at(now)
@@ -202,7 +206,7 @@ class Balance:
         reaction[..., 3:] = theta.reaction(gradient[..., 3:], turned)
         acceleration, pull = positions.free(lack, imposed)
         force -= self._external.mass(longer)[:, None] * (self._external.matrix @ acceleration)
-        return Motion(acceleration, np.concatenate([force, pull], axis=1)), reaction
+        return MotionForces(acceleration, np.concatenate([force, pull], axis=1)), reaction
 
     def loadings(self, now: Instants) -> list[Loading]:
         """What the rod bears at S instants."""

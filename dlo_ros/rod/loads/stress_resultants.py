@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from dlo_ros.rod.elements.rod_tables import History
+from dlo_ros.rod.elements.rod_tables import InternalVariables
 from dlo_ros.rod.elements.strains import MIDDLE, OUTER
 from dlo_ros.rod.model import RodModel
 from dlo_ros.spline import FloatArray
@@ -28,7 +28,7 @@ class Instants:
         acceleration: likewise; only that of what is held counts.
         director: first director of the reference frame, shape (S, nb, 3).
         twist: twist of the reference frame [rad/m], shape (S, nb).
-        history: what bending and friction remember, with a leading axis of S.
+        internal: variables of bending and friction, with a leading axis of S.
         growth: free length over the model's, and its rate [1/s]; the same for all.
     """
 
@@ -37,7 +37,7 @@ class Instants:
     acceleration: FloatArray
     director: FloatArray
     twist: FloatArray
-    history: History
+    internal: InternalVariables
     growth: tuple[float, float]
 
 
@@ -111,7 +111,7 @@ class Stresses:
             self._twist(rate + now.twist) - longer * stiff.twist_rest
             + t_r * self._twist(twist_rate)
         )  # fmt: skip
-        moment = self._moment(kappa, kappa_rate, longer, now.history)
+        moment = self._moment(kappa, kappa_rate, longer, now.internal)
         m1, m2 = moment[..., 0], moment[..., 1]
         pull = self._tension_share * tension
         g_p = pull[..., None] * t + (w * torque)[..., None] * bow
@@ -124,25 +124,25 @@ class Stresses:
         return gradient, t
 
     def _moment(
-        self, kappa: FloatArray, rate: FloatArray, longer: float, history: History
+        self, kappa: FloatArray, rate: FloatArray, longer: float, internal: InternalVariables
     ) -> FloatArray:
         """Bending moments about the two material directors [N m], shape (S, nb, 2).
 
         Args:
             kappa, rate: curvatures [1/m] and their rates, shape (S, nb, 2).
-            longer, history: see `Instants`.
+            longer, internal: see `Instants`.
         """
         model, law = self._model, self._model.law
         stiff, both = longer * model.stiffness.bend[:, :2], longer * model.stiffness.bend[:, 2:]
         x = kappa - model.stiffness.bend_rest
         strain = (1.0 - law.relaxing) * x + model.body.relaxation_time * rate
-        if history.inner.shape[1]:
-            strain = strain + history.inner[..., :2]
+        if internal.inner.shape[1]:
+            strain = strain + internal.inner[..., :2]
         result = stiff * strain + both * strain[..., ::-1]
-        if history.inner.shape[1]:
-            result += law.slide * history.inner[..., 2:4]
+        if internal.inner.shape[1]:
+            result += law.slide * internal.inner[..., 2:4]
         if law.active != 0.0:
-            elastic = x - history.plastic
+            elastic = x - internal.plastic
             mean = stiff.mean(axis=-1, keepdims=True)
             size = np.sqrt(np.sum(stiff * elastic**2, axis=-1, keepdims=True) / mean)
             ratio = np.maximum(size / law.half_curvature, 1e-9)

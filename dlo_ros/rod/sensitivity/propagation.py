@@ -62,7 +62,7 @@ def _forces(q, stretch, other, rule, ref, matter, grad_s, grad_o, response, grad
         rule, grad_s, grad_o, response.tension.reshape(1, weight.size), stress
     )[0]
     if contact_and_friction.touched(matter.around):
-        contact_and_friction.resist(q, rule, matter.around, matter.history.anchor, result, band)
+        contact_and_friction.resist(q, rule, matter.around, matter.internal.anchor, result, band)
     return result
 
 
@@ -222,20 +222,20 @@ def vary(system, imposed, old, new, varying):
 
 
 @linked(from_python=True)
-def vary_rest(system, imposed, before, rest, history, fresh, varying):
+def vary_rest(system, imposed, before, rest, internal, fresh, varying):
     """Let the derivatives be those of an equilibrium.
 
     Args:
         system, imposed: the rod and its command, with two variants for each parameter.
         before: configuration from which it was led there; its twist angles at the ends count.
         rest: the state there.
-        history: internal variables with which the equilibrium was found.
-        fresh: see `resting.settle`.
+        internal: internal variables with which the equilibrium was found.
+        fresh: see `equilibrium_continuation.settle`.
         varying: derivatives before, of which the frames count; become those at rest.
     """
     q, rule, time = rest.q, system.rule, rest.clock[TIME]
     none = np.zeros((q.shape[0], 4))
-    matter = matter_of(system, ITSELF, growth(imposed, ITSELF, time), history)
+    matter = matter_of(system, ITSELF, growth(imposed, ITSELF, time), internal)
     if fresh:
         matter = untouched(matter)
     band, gradient, response, grad_s, grad_o = newton_iteration.linearise(
@@ -249,7 +249,7 @@ def vary_rest(system, imposed, before, rest, history, fresh, varying):
             k = 1 + 2 * a + side
             share = 0.5 / (varying.step[a] if side == 0 else -varying.step[a])
             factor = growth(imposed, k, time)
-            matter = matter_of(system, k, factor, history)
+            matter = matter_of(system, k, factor, internal)
             if fresh:
                 matter = untouched(matter)
             elastic = _forces(
@@ -270,18 +270,18 @@ def vary_rest(system, imposed, before, rest, history, fresh, varying):
     d_q = rhs.reshape((count, q.shape[0], q.shape[1]))
     start = Moving(
         rest.clock, rest.q, rest.velocity, rest.acceleration, rest.auxiliary, rest.reference,
-        rest.frames, rest.stretch, rest.stretch_before, rest.other, rest.other_before, history,
+        rest.frames, rest.stretch, rest.stretch_before, rest.other, rest.other_before, internal,
     )  # fmt: skip
     unturned = np.zeros((count, rule.weight.size, 3))
     follow(system, q, rest.other, start, 0.0, fresh, varying, d_q, grad_s, grad_o, unturned)
-    if fresh and history.anchor.shape[0] > 0:
+    if fresh and internal.anchor.shape[0] > 0:
         shifted = np.empty(q.shape)
         for a in range(count):
             d = varying.step[a]
             shift(shifted, q, d, d_q[a])
             above = rest_anchor(shifted, rule)
             shift(shifted, q, -d, d_q[a])
-            rise(above, rest_anchor(shifted, rule), d, varying.history.anchor[a])
+            rise(above, rest_anchor(shifted, rule), d, varying.internal.anchor[a])
     assign(varying.q, d_q)
     assign(varying.stretch_before, varying.stretch)
     assign(varying.other_before, varying.other)

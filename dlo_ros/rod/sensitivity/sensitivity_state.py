@@ -8,7 +8,7 @@ from typing import NamedTuple
 from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.elements.planar_assembly import PLANAR
-from dlo_ros.rod.elements.rod_tables import History, Reference, Stiffness
+from dlo_ros.rod.elements.rod_tables import InternalVariables, Reference, Stiffness
 from dlo_ros.spline import FloatArray
 
 
@@ -40,7 +40,7 @@ class Varying(NamedTuple):
     stretch_before: FloatArray
     other: FloatArray
     other_before: FloatArray
-    history: History
+    internal: InternalVariables
 
 
 @njit()
@@ -70,9 +70,9 @@ def shift_state(target, state, v, a, d):
     shift(target.stretch_before, state.stretch_before, d, v.stretch_before[a])
     shift(target.other, state.other, d, v.other[a])
     shift(target.other_before, state.other_before, d, v.other_before[a])
-    shift(target.history.plastic, state.history.plastic, d, v.history.plastic[a])
-    shift(target.history.anchor, state.history.anchor, d, v.history.anchor[a])
-    shift(target.history.inner, state.history.inner, d, v.history.inner[a])
+    shift(target.internal.plastic, state.internal.plastic, d, v.internal.plastic[a])
+    shift(target.internal.anchor, state.internal.anchor, d, v.internal.anchor[a])
+    shift(target.internal.inner, state.internal.inner, d, v.internal.inner[a])
     if state.q.shape[1] != PLANAR:
         shift_frame(target.reference, state.reference, v.reference, a, d)
 

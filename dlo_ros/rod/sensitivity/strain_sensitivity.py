@@ -8,7 +8,7 @@ import numpy as np
 from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.elements import constitutive_law, rod_forces, spatial_assembly
 from dlo_ros.rod.elements.planar_assembly import PLANAR
-from dlo_ros.rod.elements.rod_tables import History
+from dlo_ros.rod.elements.rod_tables import InternalVariables
 from dlo_ros.rod.sensitivity.sensitivity_state import add, rise, shift, shift_frame
 from dlo_ros.rod.solve.equation_system import lagging, matter_of, untouched
 from dlo_ros.rod.solve.generalised_alpha import frame_at, remembered
@@ -76,10 +76,10 @@ def _remember(system, q, other, old, h, fresh, varying, d_q, d_other):
         h, fresh: see `follow`.
         d_q, d_other: their derivatives, shape (P, n, d) and (P, nb, 3).
     """
-    past = old.history
+    past = old.internal
     if past.plastic.shape[0] + past.anchor.shape[0] + past.inner.shape[0] == 0:
         return
-    above, below, before = another(old).history, another(old).history, varying.history
+    above, below, before = another(old).internal, another(old).internal, varying.internal
     shifted, strained = np.empty(q.shape), np.empty(other.shape)
     for a in range(varying.step.size):
         for side in range(2):
@@ -88,7 +88,9 @@ def _remember(system, q, other, old, h, fresh, varying, d_q, d_other):
             shift(plastic, past.plastic, d, before.plastic[a])
             shift(anchor, past.anchor, d, before.anchor[a])
             shift(inner, past.inner, d, before.inner[a])
-            matter = matter_of(system, 1 + 2 * a + side, 1.0, History(plastic, anchor, inner))
+            matter = matter_of(
+                system, 1 + 2 * a + side, 1.0, InternalVariables(plastic, anchor, inner)
+            )
             matter = untouched(matter) if fresh else lagging(matter, h)
             shift(shifted, q, d, d_q[a])
             shift(strained, other, d, d_other[a])
@@ -107,10 +109,10 @@ def follow(system, q, other, old, h, fresh, varying, d_q, grad_s, grad_o, by_fra
         q, other: shape and strains after the step.
         old: the state before it.
         h: length of the step [s], 0 to an equilibrium.
-        fresh: whether the DLO starts there, see `resting.settle`.
-        varying: derivatives; those of frame, strains and history are changed.
+        fresh: whether the DLO starts there, see `equilibrium_continuation.settle`.
+        varying: derivatives; those of frame, strains and internal variables are changed.
         d_q: derivatives of the shape, shape (P, n, d).
-        grad_s, grad_o: derivatives of the strains, see `assembly.assemble`.
+        grad_s, grad_o: derivatives of the strains, see `spatial_assembly.assemble`.
         by_frame: see `_turned`.
     """
     d_stretch, d_other = rod_forces.strain_sensitivities(system.rule, grad_s, grad_o, d_q)

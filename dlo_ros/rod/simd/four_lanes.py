@@ -20,7 +20,7 @@ from dlo_ros.kernel_cache import njit
 
 LANES = 4
 VECTOR = ir.VectorType(ir.DoubleType(), LANES)
-LOOSE = ("contract", "nsz")  # see `vectors.FLAGS`
+LOOSE = ("contract", "nsz")  # see `vector_algebra.FLAGS`
 
 
 class QuadType(types.Type):

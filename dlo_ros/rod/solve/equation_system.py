@@ -10,7 +10,13 @@ import numpy as np
 from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.boundary.conditions import Imposed, impose
-from dlo_ros.rod.elements.rod_tables import Law, Material, Quadrature, Stiffness, Surroundings
+from dlo_ros.rod.elements.rod_tables import (
+    ConstitutiveLaw,
+    Material,
+    Quadrature,
+    Stiffness,
+    Surroundings,
+)
 from dlo_ros.rod.solve.constraints import pin_gap
 from dlo_ros.spline import FloatArray
 
@@ -37,7 +43,7 @@ class System(NamedTuple):
 
     rule: Quadrature
     stiffness: Stiffness  # arrays with a leading axis of V
-    law: Law  # arrays of shape (V,)
+    law: ConstitutiveLaw  # arrays of shape (V,)
     around: Surroundings  # numbers as arrays of shape (V,), pegs (V, k, 3)
     mass: FloatArray  # (V, n, 4) band
     spin: FloatArray  # (V, n, 4) band
@@ -78,7 +84,7 @@ def growth(imposed, k, time):
 
 
 @linked()
-def matter_of(system, k, factor, history):
+def matter_of(system, k, factor, internal):
     """The material of variant k at rest, its free length multiplied by a factor.
 
     There is no damping, and what may relax has done so.
@@ -103,7 +109,7 @@ def matter_of(system, k, factor, history):
         stiffness.twist_rest[e] = factor * s.twist_rest[k, e]
     return Material(
         stiffness, left, s.bend_rest[k],
-        Law(
+        ConstitutiveLaw(
             law.active[k], law.half_curvature[k], law.yield_curvature[k], law.hardening[k],
             law.relaxing[k], law.lasting[k], law.slide[k], law.turn[k],
         ),
@@ -111,7 +117,7 @@ def matter_of(system, k, factor, history):
             a.friction[k], a.creep[k], a.pegs[k], a.contact[k], a.span, a.b, a.weight, a.walls[k],
             a.brake[k], np.zeros((0, 3)),
         ),
-        history, 0.0, 0.0,
+        internal, 0.0, 0.0,
     )  # fmt: skip
 
 
@@ -119,19 +125,19 @@ def matter_of(system, k, factor, history):
 def untouched(m):
     """The material without friction, inner or outer, which a DLO at its start has not felt yet."""
     a, w = m.around, m.law
-    law = Law(
+    law = ConstitutiveLaw(
         w.active, w.half_curvature, w.yield_curvature, w.hardening, w.relaxing, w.lasting, 0.0,
         np.inf,
     )  # fmt: skip
     around = Surroundings(
         0.0, a.creep, a.pegs, a.contact, a.span, a.b, a.weight, a.walls, a.brake, a.tow
     )
-    return Material(m.stiffness, m.damping, m.bend_rest, law, around, m.history, 0.0, 0.0)
+    return Material(m.stiffness, m.damping, m.bend_rest, law, around, m.internal, 0.0, 0.0)
 
 
 @linked()
 def lagging(m, h):
-    """The material whose history is brought over a step of length h; none: it is at rest.
+    """The material with internal variables brought over a step of length h; none: it is at rest.
 
     The moment of what relaxes is exact for a curvature that changes steadily over the step.
     """
@@ -140,19 +146,19 @@ def lagging(m, h):
     keep = np.exp(-h / m.law.lasting)
     gain = m.law.relaxing * (1.0 - keep) * m.law.lasting / h
     return Material(
-        m.stiffness, m.damping, m.bend_rest, m.law, m.around, m.history, keep, gain
+        m.stiffness, m.damping, m.bend_rest, m.law, m.around, m.internal, keep, gain
     )  # fmt: skip
 
 
 @linked()
 def drawn(m, tow):
-    """The material with the quadratic drag of one step, see `surroundings.towed`."""
+    """The material with the quadratic drag of one step, see `contact_and_friction.towed`."""
     a = m.around
     around = Surroundings(
         a.friction, a.creep, a.pegs, a.contact, a.span, a.b, a.weight, a.walls, a.brake, tow
     )
     return Material(
-        m.stiffness, m.damping, m.bend_rest, m.law, around, m.history, m.keep, m.gain
+        m.stiffness, m.damping, m.bend_rest, m.law, around, m.internal, m.keep, m.gain
     )  # fmt: skip
 
 

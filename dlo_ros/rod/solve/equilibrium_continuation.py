@@ -64,7 +64,7 @@ def settle(system, imposed, state, time, rate2, tolerance, fresh, rest):
     Args:
         system, imposed, state: the rod, its command, where it is.
         time: [s] from the command's start.
-        rate2: see `solver.equilibrium`.
+        rate2: see `newton_iteration.equilibrium`.
         tolerance: convergence, of L.
         fresh: whether the DLO starts there: it has come without friction, and bent but once.
         rest: output, a copy of the state that becomes the one at rest.
@@ -77,14 +77,14 @@ def settle(system, imposed, state, time, rate2, tolerance, fresh, rest):
     usable, target, gap = targets(system, ITSELF, imposed, time, state.q, rest.frames)
     if not usable:
         return NO_DIRECTION, 0, 0, False
-    q, ref, history, rule = rest.q, state.reference, rest.history, system.rule
+    q, ref, internal, rule = rest.q, state.reference, rest.internal, system.rule
     for a in range(gap.size):  # what the pins lack, each increment its share
         gap[a] -= np.dot(system.pins[a], q.ravel())
     count = _increments(system, q, target, gap, state.frames, rest.frames)
     total, negative, buckled = 0, 0, False
     load = load_of(system, ITSELF, factor).ravel()
     mass, spin = inertia_of(system, ITSELF, factor, 1.0, 0.0)
-    matter = matter_of(system, ITSELF, factor, history)
+    matter = matter_of(system, ITSELF, factor, internal)
     if fresh:
         matter = untouched(matter)
     longest = _longest(system.length, matter.around)
@@ -111,12 +111,12 @@ def settle(system, imposed, state, time, rate2, tolerance, fresh, rest):
             total += abs(iterations)
         if not fresh:
             _, other = rod_forces.strains(q, rule, ref)
-            remembered(q, other, rule, matter, history)
+            remembered(q, other, rule, matter, internal)
     stretch, other = rod_forces.strains(q, rule, ref)
     if fresh:
-        remembered(q, other, rule, matter, history)
-        if history.anchor.shape[0] > 0:
-            assign(history.anchor, rest_anchor(q, rule))
+        remembered(q, other, rule, matter, internal)
+        if internal.anchor.shape[0] > 0:
+            assign(internal.anchor, rest_anchor(q, rule))
     rest.clock[:] = 0.0
     rest.clock[TIME] = time
     rest.velocity[:, :] = 0.0
@@ -141,8 +141,8 @@ def _escape(q, system, matter, ref, load, mass, spin, rate2, longest, tolerance)
     between the sides, it is the one to which the DLO's softest point moves along the axes.
 
     Returns:
-        Iterations, negative eigenvalues and reference frame as `solver.equilibrium`; q is changed
-        where an equilibrium was found.
+        Iterations, negative eigenvalues and reference frame as `newton_iteration.equilibrium`; q is
+        changed where an equilibrium was found.
     """
     mode = newton_iteration.softest(
         q, system.fixed, system.pins, system.rule, matter, ref, mass, spin, rate2

@@ -56,9 +56,9 @@ def damped(system, k, imposed, state, h):
     # Material that slips in is no strain.
     slip = c0 * now + c1 * growth(imposed, k, time)
     slip += c2 * growth(imposed, k, time - state.clock[LAST])
-    matter = lagging(matter_of(system, k, now, state.history), h)
+    matter = lagging(matter_of(system, k, now, state.internal), h)
     s, damping, relaxed = matter.stiffness, 1.0 + t_r * c0, matter.damping
-    inner, bending = state.history.inner, relaxed + matter.gain + t_r * c0
+    inner, bending = state.internal.inner, relaxed + matter.gain + t_r * c0
     for e in range(s.stretch.size):
         past = c1 * state.stretch[e] + c2 * state.stretch_before[e] - slip
         s.stretch[e] *= damping
@@ -74,7 +74,7 @@ def damped(system, k, imposed, state, h):
         s.twist[e] *= damping
         s.twist_rest[e] = (s.twist_rest[e] - t_r * past) / damping
     m = Material(
-        s, bending, matter.bend_rest, matter.law, matter.around, matter.history, matter.keep,
+        s, bending, matter.bend_rest, matter.law, matter.around, matter.internal, matter.keep,
         matter.gain,
     )  # fmt: skip
     if m.around.brake == 0.0:
@@ -84,7 +84,7 @@ def damped(system, k, imposed, state, h):
 
 @linked()
 def _towed(rule, coefficient, state, h):
-    """Quadratic drag of a step of length h from a state; see `surroundings.towed`."""
+    """Quadratic drag of a step of length h from a state; see `contact_and_friction.towed`."""
     still, v_star, _ = extrapolated(state.q, state.velocity, state.acceleration, state.auxiliary, h)
     there, speed, (_, rate) = np.empty(still.shape), np.empty(still.shape), weights(h)
     x, v, a = state.q.ravel(), state.velocity.ravel(), state.auxiliary.ravel()
@@ -139,7 +139,7 @@ def step(system, imposed, state, h, tolerance, new):
 
     Args:
         system, imposed, state: the rod, its command, where it is.
-        tolerance: see `solver.implicit_step`.
+        tolerance: see `newton_iteration.implicit_step`.
         new: output, the state after the step; nothing where it fails.
 
     Returns:
@@ -184,7 +184,7 @@ def step(system, imposed, state, h, tolerance, new):
     assign(new.stretch_before, state.stretch)
     assign(new.other_before, state.other)
     frame_at(q, system.rule, state.reference, new.reference)
-    remembered(q, other, system.rule, matter, new.history)
+    remembered(q, other, system.rule, matter, new.internal)
     return DONE, error
 
 
@@ -201,9 +201,9 @@ def frame_at(q, rule, ref, out):
 
 @linked()
 def remembered(q, other, rule, matter, out):
-    """Write the history after a motion to q with strains `other` to out."""
+    """Write the internal variables after a motion to q with strains `other` to out."""
     remember(other, matter, out)
-    drag_along(q, rule, matter.around, matter.history.anchor, out.anchor)
+    drag_along(q, rule, matter.around, matter.internal.anchor, out.anchor)
 
 
 @njit()
@@ -227,7 +227,7 @@ def starting_acceleration(system, imposed, state):
     """The acceleration that the forces of a state cause, imposed points not accelerated."""
     factor = growth(imposed, ITSELF, state.clock[TIME])
     none = np.zeros((state.q.shape[0], 4))
-    matter = matter_of(system, ITSELF, factor, state.history)
+    matter = matter_of(system, ITSELF, factor, state.internal)
     if matter.around.brake != 0.0:
         still = state.q - state.velocity
         matter = drawn(

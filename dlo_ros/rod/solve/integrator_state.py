@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
-from dlo_ros.rod.elements.rod_tables import History, Reference
+from dlo_ros.rod.elements.rod_tables import InternalVariables, Reference
 from dlo_ros.spline import FloatArray
 
 
@@ -25,7 +25,7 @@ class Moving(NamedTuple):
     stretch_before: FloatArray
     other: FloatArray  # (nb, 3)
     other_before: FloatArray
-    history: History
+    internal: InternalVariables
 
 
 TIME, LAST, NEXT = range(3)  # of the clock
@@ -57,9 +57,9 @@ def commit(new, state):
     assign(state.stretch_before, new.stretch_before)
     assign(state.other, new.other)
     assign(state.other_before, new.other_before)
-    assign(state.history.plastic, new.history.plastic)
-    assign(state.history.anchor, new.history.anchor)
-    assign(state.history.inner, new.history.inner)
+    assign(state.internal.plastic, new.internal.plastic)
+    assign(state.internal.anchor, new.internal.anchor)
+    assign(state.internal.inner, new.internal.inner)
 
 
 @linked()
@@ -74,7 +74,7 @@ def another(state):
         ),
         state.frames.copy(), state.stretch.copy(), state.stretch_before.copy(),
         state.other.copy(), state.other_before.copy(),
-        History(
-            state.history.plastic.copy(), state.history.anchor.copy(), state.history.inner.copy()
+        InternalVariables(
+            state.internal.plastic.copy(), state.internal.anchor.copy(), state.internal.inner.copy()
         ),
     )  # fmt: skip

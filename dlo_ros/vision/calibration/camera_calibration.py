@@ -16,7 +16,7 @@ from dlo_ros.spline import FloatArray
 from dlo_ros.vision.calibration.camera_fit import (
     FULL,
     SIMPLE,
-    Fit,
+    CameraFit,
     Intrinsics,
     Lens,
     PatternPose,
@@ -38,7 +38,7 @@ from dlo_ros.vision.calibration.view_coverage import LEAST_VIEWS, Coverage
 SUBSET = 5  # views from which a first camera is guessed
 TRIALS = 15
 ROUNDS = 6
-FAR = 3.0  # times the median error: such a view is no worse picture but another thing
+OUTLIER_RATIO = 3.0  # times the median error: such a view is no worse picture but another thing
 FAR_PX = 0.15  # and at least so much above it
 BLURRED, BLURRED_PX = 2.5, 4.0  # edge width: times the median, and at least [px]
 WEAK = 0.003  # standard deviation of the focal length over itself above which it is told
@@ -253,7 +253,7 @@ def _consensus(views: Sequence[View], pattern: Pattern, rng: np.random.Generator
 
 def _limit(errors: FloatArray) -> float:
     middle = float(np.median(errors))
-    return max(FAR * middle, middle + FAR_PX)
+    return max(OUTLIER_RATIO * middle, middle + FAR_PX)
 
 
 def _agreeing(
@@ -267,7 +267,7 @@ def _agreeing(
 
 def _fitted(
     views: Sequence[View], chosen: Sequence[int], pattern: Pattern, lens: Lens, guess: Intrinsics
-) -> Fit:
+) -> CameraFit:
     _enough(len(chosen), "views that agree with each other")
     fit = fit_lenses([views[k] for k in chosen], pattern, guess, lens)[-1]
     if fit is None:

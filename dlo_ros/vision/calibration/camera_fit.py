@@ -151,7 +151,7 @@ def rms(residuals: FloatArray) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class CameraFit:
     """A camera fitted to views.
 
     Args:
@@ -167,7 +167,7 @@ class Fit:
 
 def fit_camera(
     views: Sequence[View], pattern: Pattern, lens: Lens, guess: Intrinsics | None = None
-) -> Fit:
+) -> CameraFit:
     """Fit a camera to views of the pattern (Zhang's method, then least squares over everything).
 
     Args:
@@ -202,18 +202,18 @@ def fit_camera(
         raise VisionError("the views determine no camera")
     found = Intrinsics(matrix, tuple(coefficients.tolist()), lens.model, width, height)
     poses = list(zip(turns, shifts, strict=True))
-    return Fit(found, _standard_deviations(views, pattern, found, poses, lens), lens)
+    return CameraFit(found, _standard_deviations(views, pattern, found, poses, lens), lens)
 
 
 def fit_lenses(
     views: Sequence[View], pattern: Pattern, guess: Intrinsics, last: Lens = LENSES[-1]
-) -> tuple[Fit | None, ...]:
+) -> tuple[CameraFit | None, ...]:
     """Fit the camera with each of `LENSES` up to the last; None where the views leave it open.
 
     Each starts from the one before it, so that the guess, which may rest on other views, is
     forgotten: the many coefficients of the last ones do not move far from where they start.
     """
-    fits: list[Fit | None] = []
+    fits: list[CameraFit | None] = []
     for lens in LENSES[: LENSES.index(last) + 1]:
         try:
             fits.append(fit_camera(views, pattern, lens, guess))

@@ -18,7 +18,7 @@ from dlo_ros.vision.calibration.patterns import Charuco, Pattern
 from dlo_ros.vision.segmentation.ridge_map import Image
 
 SEARCH_SIZES = (1280, 2560)  # [px] larger side of the picture in which it is searched
-MOST = 0.8  # share of the corners with which a search is content
+ENOUGH_CORNERS = 0.8  # share of the corners with which a search is content
 THOROUGH = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE
 LEAST_CORNERS = 8  # fewer do not tell six numbers of a pose and an error
 LEAST_SPACING = 6.0  # [px] between corners
@@ -106,7 +106,7 @@ def _search(gray: Image, pattern: Pattern, thorough: bool) -> tuple[NDArray[np.i
             continue
         if len(numbers) > len(corners):
             corners, pixels = numbers, (places + 0.5) * scale - 0.5
-        if len(corners) > MOST * len(pattern.points):
+        if len(corners) > ENOUGH_CORNERS * len(pattern.points):
             break
     if not len(corners):
         raise reason

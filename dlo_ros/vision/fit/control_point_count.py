@@ -15,7 +15,7 @@ from dlo_ros.spline import ORDER, FloatArray, SplineBasis
 
 FOLDS = 5
 BLOCK = 2  # neighbouring points left out together: their errors are a little alike
-MOST = 100
+MOST_CONTROL_POINTS = 100
 GROWTH = 1.12  # of one number that is tried to the next
 FOLLOWED = 2.5e-4  # of L: half of what counts as material, see diagnosis.material_err
 BEYOND_NOISE = 1.5  # times the stated std of the points, which no spline gets below
@@ -43,7 +43,7 @@ def choose_control_points(points: CentrelinePoints, length: float) -> int:
     folds = np.arange(count) // BLOCK % FOLDS
     tried, errors = [], []
     n, best, worse = ORDER, np.inf, 0
-    while n <= min(MOST, count // 2) and worse < 6:
+    while n <= min(MOST_CONTROL_POINTS, count // 2) and worse < 6:
         basis = SplineBasis(n, length)
         b = basis.matrix(points.u)
         squares = np.zeros(count)
@@ -108,15 +108,17 @@ def enough_control_points(points: CentrelinePoints, length: float) -> int:
         length: L [m].
 
     Raises:
-        VisionError: too few points to tell, or none of up to MOST control points would do.
+        VisionError: too few points to tell, or MOST_CONTROL_POINTS would not do.
     """
     n = ORDER
-    while n <= min(MOST, len(points.u) // 2):
+    while n <= min(MOST_CONTROL_POINTS, len(points.u) // 2):
         spline = SplineBasis(n, length).fit(points.u, points.positions, _weights(points))
         if follows(points, spline, length):
             return n
         n = max(n + 1, round(GROWTH * n))
-    raise VisionError(f"no spline of up to {MOST} control points follows the measured points")
+    raise VisionError(
+        f"no spline of up to {MOST_CONTROL_POINTS} control points follows the measured points"
+    )
 
 
 def _weights(points: CentrelinePoints) -> FloatArray:

@@ -11,7 +11,7 @@ from dlo_ros.spline import FloatArray
 from dlo_ros.vision.camera.pinhole import Camera
 from dlo_ros.vision.fit.control_point_count import choose_control_points
 from dlo_ros.vision.fit.planar_clamps import EndPoses
-from dlo_ros.vision.fit.spline_fit import Fit
+from dlo_ros.vision.fit.spline_fit import SplineFit
 from dlo_ros.vision.segmentation.edge_profile import Located
 from dlo_ros.vision.segmentation.ridge_map import Image
 
@@ -37,7 +37,7 @@ LOOKED_AT = 100  # rows of a picture that are looked at
 
 
 def check(
-    fit: Fit, located: Located, ends: EndPoses, camera: Camera, length: float, diameter: float
+    fit: SplineFit, located: Located, ends: EndPoses, camera: Camera, length: float, diameter: float
 ) -> None:
     """Refuse what is not credible.
 
@@ -103,7 +103,7 @@ def sharpest_turn(curve: FloatArray, width: float) -> float:
     return float(np.abs(turn).max())
 
 
-def _enough(fit: Fit, length: float) -> str:
+def _enough(fit: SplineFit, length: float) -> str:
     points = fit.observation.points
     try:
         return "" if points is None else f" ({choose_control_points(points, length)} would do)"

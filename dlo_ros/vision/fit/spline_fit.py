@@ -45,7 +45,7 @@ class ClampBoard:
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class SplineFit:
     """A fitted DLO.
 
     Args:
@@ -80,7 +80,7 @@ def fit_spline(
     start: ClampBoard | None = None,
     end: ClampBoard | None = None,
     found: Ends | None = None,
-) -> Fit:
+) -> SplineFit:
     """Fit the published spline.
 
     Args:
@@ -154,7 +154,7 @@ def fit_spline(
     at = np.linspace(0.0, total, len(grid))
     even = np.column_stack([np.interp(at, s, dense[:, 0]), np.interp(at, s, dense[:, 1])])
     even_seen = np.interp(at, s, grid_seen.astype(float)) > 0.5
-    return Fit(
+    return SplineFit(
         Observation(stamp, control_points, points),
         residual,
         residual / scale,

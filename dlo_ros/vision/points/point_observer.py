@@ -42,7 +42,7 @@ IN_ROWS = 0.3  # correlation of neighbours' offsets above which the curve does n
 BESIDE = 0.5  # the same, above which it is not the DLO's
 ALIKE = 0.03  # [L] courses closer than this lead to the same curve
 ELSEWHERE = 0.05  # [L] curves further apart than this are different ones
-SURE = 3.0  # log likelihood by which one curve must be better than another: 20 to one
+CLEARLY_BETTER = 3.0  # log likelihood by which one curve must be better than another: 20 to one
 CLOSE = 0.03  # [L] within which outliers that lie together are neighbours
 TOGETHER = 0.4  # of the neighbours of a point on the DLO that make outliers a part of a DLO
 FEW = 3  # outliers, or neighbours, that may lie together by chance
@@ -251,7 +251,7 @@ def _likeliest(
     best = max(credible, key=lambda c: c.likelihood)
     for other in credible:
         elsewhere = _apart(other.control_points, other.basis, best) > ELSEWHERE * length
-        if elsewhere and other.likelihood > best.likelihood - SURE:
+        if elsewhere and other.likelihood > best.likelihood - CLEARLY_BETTER:
             raise VisionError(
                 "the points can be joined in two ways that fit alike; points in order along the "
                 "DLO (u) or the command of its grips would tell"

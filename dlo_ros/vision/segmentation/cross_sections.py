@@ -23,7 +23,9 @@ FAINTEST = 0.3  # of the contrast: a DLO that must be fainter is not told from n
 SAME_GROUND = 0.12  # of the contrast: grounds that differ by less are one,
 SPREADS = 3.0  # or by less than so many times what the ground beside the DLO varies
 BROAD = 2.0  # range of the amplitudes that something unknown shows
-MOST = math.log(BROAD / (math.sqrt(2.0 * math.pi) * AMPLITUDE_STD))  # log odds of a perfect match
+BEST_LOG_ODDS = math.log(
+    BROAD / (math.sqrt(2.0 * math.pi) * AMPLITUDE_STD)
+)  # log odds of a perfect match
 LEAST_ODDS = -3.0  # log likelihood ratio of one cross-section at the least: gross errors happen
 EDGE_BREADTH = 0.3  # [widths] before and behind an edge, where the ground is compared
 SLANT = 1.0  # [widths] by which an edge may lie further on one side than in the middle
@@ -122,7 +124,7 @@ class Sections:
             visible = np.maximum(visible, self._visible(self.fit(strip, part)) - ONE_SIDED)
         _, amplitude, misfit, unlike = whole.T
         worse = np.maximum(misfit - self.misfit, 0.0) / MISFIT_STD
-        ended = MOST - 0.5 * (amplitude / AMPLITUDE_STD) ** 2 - 0.5 * worse**2
+        ended = BEST_LOG_ODDS - 0.5 * (amplitude / AMPLITUDE_STD) ** 2 - 0.5 * worse**2
         ended = np.where(unlike < self.same, np.maximum(ended, 0.0), 0.0)
         return np.maximum(visible, LEAST_ODDS), ended
 
@@ -137,7 +139,9 @@ class Sections:
         tone = 1.0 - ground
         expected = np.where(np.abs(amplitude - light) < np.abs(amplitude - tone), light, tone)
         worse = np.maximum(misfit - self.misfit, 0.0) / MISFIT_STD
-        visible = MOST - 0.5 * ((amplitude - expected) / AMPLITUDE_STD) ** 2 - 0.5 * worse**2
+        visible = (
+            BEST_LOG_ODDS - 0.5 * ((amplitude - expected) / AMPLITUDE_STD) ** 2 - 0.5 * worse**2
+        )
         # Before ground of its own tone the DLO cannot be told.
         return np.asarray(np.where(expected < FAINTEST, np.minimum(visible, 0.0), visible))
 

@@ -31,7 +31,7 @@ WIDTH_WINDOW = 8.0  # [widths] to each side, for the usual distance of the edges
 FAINT = 0.01  # weight of a profile without an edge but of the DLO's colour
 COLOUR_WINDOW = 4.0  # [widths] to each side, for the colour that the DLO has nearby
 FOREIGN = 1.5  # times the contrast: no light changes a DLO's colour by that much
-SURE = 0.75  # likeness that needs no second edge
+CERTAIN_LIKENESS = 0.75  # likeness that needs no second edge
 LONGEST_SINGLE = 4.0  # [widths] along which one edge alone may show the DLO
 ISLAND = 1.5  # [widths] a shorter piece between two longer gaps is chance
 WEAK_SIDE = 0.3  # a side of less than this share of the usual contrast shows no edge
@@ -80,7 +80,7 @@ class Located:
     @property
     def trust(self) -> FloatArray:
         """Weight of each profile in a fit: 1 where seen, little where only the colour fits."""
-        return np.where(self.seen, 1.0, np.where(self.likeness > SURE, FAINT, 0.0))
+        return np.where(self.seen, 1.0, np.where(self.likeness > CERTAIN_LIKENESS, FAINT, 0.0))
 
     @property
     def points(self) -> FloatArray:
@@ -157,7 +157,7 @@ def locate(
     likeness[~inside(image, curve)] = 0.0
     # The right width between two edges makes up for a changed colour, as in a shadow; a single
     # edge may be that of whatever hides the DLO.
-    alike = np.where(both, likeness > 1.0 - COLOUR_LIMIT, likeness > SURE)
+    alike = np.where(both, likeness > 1.0 - COLOUR_LIMIT, likeness > CERTAIN_LIKENESS)
     seen &= _eroded(alike, round(along))
     # Beside a hole a single edge will do; a long one is that of something else.
     seen &= both | ~_long_runs(seen & ~both, round(LONGEST_SINGLE * width / spacing))

@@ -21,7 +21,7 @@ from dlo_ros.vision.segmentation.picture_strip import normals_of
 Depths = NDArray[np.floating[Any]]
 
 CORE = np.linspace(-0.2, 0.2, 5)  # [widths] from the middle, where the depth is read
-NEAR, FAR = 0.05, 20.0  # [m] other depths are none
+NEAREST, FARTHEST = 0.05, 20.0  # [m] other depths are none
 LEAST_KNOWN = 0.3  # share of a course whose depth must be known
 MEDIAN = 6.0  # [widths] along which a first shape's depths are smoothed
 
@@ -45,7 +45,7 @@ def _across(
     x, y = np.rint(at[..., 0]).astype(np.int64), np.rint(at[..., 1]).astype(np.int64)
     inside = (x >= 0) & (y >= 0) & (x < wide) & (y < height)
     depth = image[y.clip(0, height - 1), x.clip(0, wide - 1)].astype(np.float64)
-    known = inside & (depth > NEAR) & (depth < FAR)
+    known = inside & (depth > NEAREST) & (depth < FARTHEST)
     # The sensor sees the surface, which lies before the axis.
     depth = np.where(known, depth + radius * np.sqrt(1.0 - (2.0 * CORE) ** 2), np.inf)
     ordered, number = np.sort(depth, axis=1), known.sum(axis=1)
