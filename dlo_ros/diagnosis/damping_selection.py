@@ -64,7 +64,7 @@ def wrong_guesses(at: Evaluation, given: Settings) -> tuple[Guess, ...]:
             continue
         value, fitted = (getattr(s.damping, name) for s in (given, at.model.settings))
         std = float(spread[at.model.free.index(name)])
-        if abs(np.log(fitted / value)) > verdicts.SURE * std:
+        if abs(np.log(fitted / value)) > verdicts.SIGNIFICANT_STDS * std:
             found.append(Guess(effect, value, fitted, std))
     return tuple(found)
 

@@ -175,7 +175,7 @@ def test_noise_is_told_from_what_repeats():
     assert np.median(recording.noise[:n]) == pytest.approx(3e-4 / 120**0.5, rel=0.3)
     assert beginning.error < 0.2 * 3e-4
     assert total(beginning.at, KNOWN).hessian.shape == (4, 4)
-    assert known(beginning.at.model, KNOWN).power >= 0.0
+    assert known(beginning.at.model, KNOWN).sum_of_squares >= 0.0
     again = fit(beginning.at, beginning.recordings, KNOWN, 2)
     assert again.cost <= beginning.at.cost
 
@@ -256,7 +256,9 @@ def test_a_step_stops_at_what_was_measured_and_the_rest_goes_on():
     ]  # fmt: skip
     assert 0 in inside
     rest = Normal(
-        equations.hessian[np.ix_(inside, inside)], equations.gradient[inside], equations.power
+        equations.hessian[np.ix_(inside, inside)],
+        equations.gradient[inside],
+        equations.sum_of_squares,
     )
     assert np.abs(rest.minimum()[0][0]) < 0.02
 

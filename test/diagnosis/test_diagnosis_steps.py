@@ -57,7 +57,7 @@ def test_long_recordings_are_tried_in_part(beginning, monkeypatch):
         assert shown >= 0.25
     begun = earlier(at, beginning.recordings, tried, KNOWN)
     coarse = evaluate(at.model, tried, KNOWN, derivatives=False)
-    assert begun.power == pytest.approx(coarse.power)
+    assert begun.sum_of_squares == pytest.approx(coarse.sum_of_squares)
 
 
 def test_a_simulation_is_refined_for_a_model_that_comes_near(beginning):
@@ -66,7 +66,10 @@ def test_a_simulation_is_refined_for_a_model_that_comes_near(beginning):
     sharper = finer(replace(beginning, recordings=rough), beginning.at.model, KNOWN)
     assert sharper is not None
     assert all(r.tolerance < 5e-3 for r in sharper.recordings)
-    assert sharper.at.power < evaluate(beginning.at.model, rough, KNOWN, derivatives=False).power
+    assert (
+        sharper.at.sum_of_squares
+        < evaluate(beginning.at.model, rough, KNOWN, derivatives=False).sum_of_squares
+    )
 
 
 def test_a_standard_deviation_knows_the_simulations_own_error(beginning):
@@ -119,10 +122,13 @@ def test_derivatives_beyond_all_bounds_are_refused(beginning, monkeypatch, wild)
 
 
 def fitted_with_a_wrong_clamp(beginning, count, monkeypatch):
-    """A fit whose derivatives are dear, and how often they were simulated."""
+    """A fit whose derivatives are expensive, and how often they were simulated."""
     model = beginning.at.model.extended("clamp_angle", {"start": 0.03}, ("start",))
     at = evaluate(model, beginning.recordings, KNOWN)
-    assert at.dear and not evaluate(beginning.at.model, beginning.recordings, KNOWN).dear
+    assert (
+        at.expensive_jacobian
+        and not evaluate(beginning.at.model, beginning.recordings, KNOWN).expensive_jacobian
+    )
     made = []
 
     def counted(*words, **more):

@@ -91,9 +91,11 @@ def hits(team: Workers, at: Evaluation, present: Sequence[str]) -> list[Start]:
     best = apart([peg for _, peg in tried], NEARER * length, FITTED)
     tasks: list[Task] = [(calm.model, astray, peg, typical) for peg in best]
     fits = [f for f in team.each(_fitted, tasks) if f is not None]
-    fits.sort(key=lambda f: f.power)
+    fits.sort(key=lambda f: f.sum_of_squares)
     own = tuple((calm.model.theta() - at.model.theta()).tolist())
-    pegs = [peg_of(f.model) for f in fits[:BEGUN] if f.power < WORSE * fits[0].power]
+    pegs = [
+        peg_of(f.model) for f in fits[:BEGUN] if f.sum_of_squares < WORSE * fits[0].sum_of_squares
+    ]
     return [_start(peg, k, own) for k, peg in enumerate(pegs)]
 
 

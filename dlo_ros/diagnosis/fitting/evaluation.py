@@ -36,30 +36,30 @@ class Evaluation:
         residuals: per recording in units of the noise, shape (F, K).
         jacobians: derivatives of the prediction by the open parameters as the fit sees them, per
             recording, shape (F, P, K); None where not asked for.
-        power: sum of squared residuals.
+        sum_of_squares: sum of squared residuals.
         cost: minus twice the log likelihood, the noise as large as what is left over but no smaller
             than measured, and what the prior adds: a model that misses much must not pay for it
             with what is known.
         predicted: control points per recording, shape (F, n, 4).
         err: eq. (10) per recording and frame [m].
-        dear: whether derivatives have cost as much as several simulations.
+        expensive_jacobian: whether derivatives have cost as much as several simulations.
         carried: whether they are carried on from those of other values, see `carried_on`.
     """
 
     model: Model
     residuals: tuple[FloatArray, ...]
     jacobians: tuple[FloatArray, ...] | None
-    power: float
+    sum_of_squares: float
     cost: float
     predicted: tuple[FloatArray, ...]
     err: tuple[FloatArray, ...]
-    dear: bool = False
+    expensive_jacobian: bool = False
     carried: bool = False
 
     @property
     def excess(self) -> float:
         """Mean square of the residuals where it is larger than the noise, else 1."""
-        return max(1.0, self.power / sum(r.size for r in self.residuals))
+        return max(1.0, self.sum_of_squares / sum(r.size for r in self.residuals))
 
 
 def is_differentiable(model: Model) -> bool:
@@ -93,16 +93,16 @@ def evaluate(
         SimulationError: one of them cannot be simulated with this model.
     """
     residuals, jacobians, predicted, err = [], [], [], []
-    dear = False
+    expensive_jacobian = False
     for recording in recordings:
         found, jacobian = _held_against(model, recording, derivatives, exact)
-        dear |= found.derivative is not None
+        expensive_jacobian |= found.derivative is not None
         residuals.append(recording.residual(found.predicted))
         predicted.append(found.predicted)
         err.append(found.err)
         if jacobian is not None:
             jacobians.append(jacobian)
-    power, cost = _judged(model, residuals, given)
+    sum_of_squares, cost = _judged(model, residuals, given)
     if not np.isfinite(cost):
         raise SimulationError("the simulation gives no finite shapes")
     if not all(np.abs(j).max(initial=0.0) < BOUNDLESS for j in jacobians):
@@ -111,11 +111,11 @@ def evaluate(
         model,
         tuple(residuals),
         tuple(jacobians) if derivatives else None,
-        power,
+        sum_of_squares,
         cost,
         tuple(predicted),
         tuple(err),
-        dear,
+        expensive_jacobian,
     )
 
 
@@ -136,7 +136,12 @@ def carried_on(before: Evaluation, after: Evaluation) -> Evaluation:
     ):
         missed = here - there - np.einsum("fpk,p->fk", jacobian, step)
         jacobians.append(jacobian + missed[:, None, :] * along[:, None])
-    return replace(after, jacobians=tuple(jacobians), dear=before.dear, carried=True)
+    return replace(
+        after,
+        jacobians=tuple(jacobians),
+        expensive_jacobian=before.expensive_jacobian,
+        carried=True,
+    )
 
 
 def differenced(
@@ -165,11 +170,11 @@ def differenced(
 
 
 def _judged(model: Model, residuals: Sequence[FloatArray], given: Settings) -> tuple[float, float]:
-    """See `Evaluation.power` and `Evaluation.cost`."""
+    """See `Evaluation.sum_of_squares` and `Evaluation.cost`."""
     centre, information = prior(model, given)
-    power, count = sum(float(np.sum(r**2)) for r in residuals), sum(r.size for r in residuals)
-    cost = count * (1.0 + np.log(power / count)) if power > count else power
-    return power, cost + float(information @ (model.theta() - centre) ** 2)
+    squares, count = sum(float(np.sum(r**2)) for r in residuals), sum(r.size for r in residuals)
+    cost = count * (1.0 + np.log(squares / count)) if squares > count else squares
+    return squares, cost + float(information @ (model.theta() - centre) ** 2)
 
 
 def earlier(
@@ -179,9 +184,15 @@ def earlier(
     ends = [len(d.times) - len(r.times) or None for r, d in zip(recordings, drafts, strict=True)]
     residuals = tuple(r[:end] for r, end in zip(at.residuals, ends, strict=True))
     jacobians = tuple(j[:end] for j, end in zip(at.jacobians or (), ends, strict=False)) or None
-    power, cost = _judged(at.model, residuals, given)
+    sum_of_squares, cost = _judged(at.model, residuals, given)
     return replace(
-        at, residuals=residuals, jacobians=jacobians, power=power, cost=cost, predicted=(), err=()
+        at,
+        residuals=residuals,
+        jacobians=jacobians,
+        sum_of_squares=sum_of_squares,
+        cost=cost,
+        predicted=(),
+        err=(),
     )
 
 

@@ -42,26 +42,28 @@ class Normal:
     Args:
         hessian: J^T J, shape (P, P).
         gradient: J^T r, shape (P,).
-        power: r^T r.
+        sum_of_squares: r^T r.
     """
 
     hessian: FloatArray
     gradient: FloatArray
-    power: float
+    sum_of_squares: float
 
     def __add__(self, other: Normal) -> Normal:
         return Normal(
-            self.hessian + other.hessian, self.gradient + other.gradient, self.power + other.power
+            self.hessian + other.hessian,
+            self.gradient + other.gradient,
+            self.sum_of_squares + other.sum_of_squares,
         )
 
     def scaled(self, factor: float) -> Normal:
         """With another weight."""
-        return Normal(factor * self.hessian, factor * self.gradient, factor * self.power)
+        return Normal(factor * self.hessian, factor * self.gradient, factor * self.sum_of_squares)
 
     def minimum(self) -> tuple[FloatArray, float]:
         """Where the linearised cost is smallest, from here, and its value there."""
         step = solve(self.hessian, self.gradient)
-        return step, self.power - float(self.gradient @ step)
+        return step, self.sum_of_squares - float(self.gradient @ step)
 
 
 def solve(hessian: FloatArray, right: FloatArray) -> FloatArray:
@@ -189,7 +191,7 @@ def _tried(
     Elsewhere the last ones are carried on; those of a nonsmooth effect are had if it is any use.
     """
     nonsmooth = not is_differentiable(model)
-    if nonsmooth or (before.dear and not exact):
+    if nonsmooth or (before.expensive_jacobian and not exact):
         after = evaluate(model, recordings, given, derivatives=False)
         if after.cost >= before.cost:
             return after

@@ -81,11 +81,11 @@ def _improved(
     for _ in range(TRIES):
         model = at.model.at(at.model.theta() + step)
         try:
-            after = evaluate(model, recordings, given, derivatives=not at.dear)
+            after = evaluate(model, recordings, given, derivatives=not at.expensive_jacobian)
         except SimulationError:
             after = None
         if after is not None and loss(after, typical, strict=strict) < before:
-            return carried_on(at, after) if at.dear else after
+            return carried_on(at, after) if at.expensive_jacobian else after
         step = SHORTER * step
     return None
 

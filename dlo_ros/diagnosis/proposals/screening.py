@@ -52,7 +52,7 @@ class Prospect:
     """
 
     start: Start
-    power: float
+    sum_of_squares: float
     own: FloatArray
     gain: float = np.nan
     by_chance: FloatArray | None = None
@@ -82,7 +82,9 @@ def _screen_sheet(problem: Problem, task: Task) -> list[Prospect]:
     equations = total(at, problem.given)
     own = list(range(len(before.model.free)))
     natural = sheet.natural()
-    alone = Normal(equations.hessian[np.ix_(own, own)], equations.gradient[own], equations.power)
+    alone = Normal(
+        equations.hessian[np.ix_(own, own)], equations.gradient[own], equations.sum_of_squares
+    )
     _, without = alone.minimum()
     drawn = _drawn(at)
     own_by_chance = _gain(alone.hessian, drawn[:, own])
@@ -93,7 +95,9 @@ def _screen_sheet(problem: Problem, task: Task) -> list[Prospect]:
         first += count
         pick = [*own, *added]
         part = Normal(
-            equations.hessian[np.ix_(pick, pick)], equations.gradient[pick], equations.power
+            equations.hessian[np.ix_(pick, pick)],
+            equations.gradient[pick],
+            equations.sum_of_squares,
         )
         step, _ = part.minimum()
         amounts = np.clip(step[len(own) :], -LOOSE * natural[added], LOOSE * natural[added])
@@ -141,7 +145,9 @@ def _with(equations: Normal, amounts: FloatArray) -> tuple[FloatArray, float]:
     count = len(equations.gradient) - len(amounts)
     inner, cross = equations.hessian[:count, :count], equations.hessian[:count, count:]
     step = np.append(solve(inner, equations.gradient[:count] - cross @ amounts), amounts)
-    return step, equations.power + float(step @ (equations.hessian @ step - 2 * equations.gradient))
+    return step, equations.sum_of_squares + float(
+        step @ (equations.hessian @ step - 2 * equations.gradient)
+    )
 
 
 def _shifted(start: Start, amounts: FloatArray) -> Start:
@@ -165,7 +171,7 @@ def _screen_alone(problem: Problem, task: Task) -> list[Prospect]:
     except SimulationError as err:
         LOG.info("%s: %s", start.effect, err)
         return []
-    promised = AT_LEAST * at.power
+    promised = AT_LEAST * at.sum_of_squares
     if at.jacobians is not None:
         # Far from its start a linearisation promises what it cannot keep.
         step, left = total(at, problem.given).minimum()
@@ -210,14 +216,14 @@ def screen(
 def chosen(prospects: Sequence[Prospect], before: float) -> list[Prospect]:
     """The best start of every form of every effect, and another place nearly as good."""
     groups: dict[tuple[str, str], list[Prospect]] = {}
-    for p in sorted(prospects, key=lambda p: p.power):
+    for p in sorted(prospects, key=lambda p: p.sum_of_squares):
         groups.setdefault((p.start.effect, p.start.form), []).append(p)
     result = []
     for group in groups.values():
         result.append(group[0])
-        best = before - group[0].power
-        result += [p for p in group[1:2] if before - p.power > OTHER_PLACE * best]
-    return sorted(result, key=lambda p: p.power)
+        best = before - group[0].sum_of_squares
+        result += [p for p in group[1:2] if before - p.sum_of_squares > OTHER_PLACE * best]
+    return sorted(result, key=lambda p: p.sum_of_squares)
 
 
 def _try(problem: Problem, task: tuple[Evaluation, Prospect]) -> Prospect | None:
@@ -229,9 +235,11 @@ def _try(problem: Problem, task: tuple[Evaluation, Prospect]) -> Prospect | None
             at = evaluate(extended, problem.drafts, problem.given, derivatives=False)
         except SimulationError:
             continue
-        if best is None or at.power < best.power:
-            best = Prospect(_part(prospect.start, share), at.power, share * prospect.own)
-        if before.power - at.power > GOOD_STEP * (before.power - prospect.power):
+        if best is None or at.sum_of_squares < best.sum_of_squares:
+            best = Prospect(_part(prospect.start, share), at.sum_of_squares, share * prospect.own)
+        if before.sum_of_squares - at.sum_of_squares > GOOD_STEP * (
+            before.sum_of_squares - prospect.sum_of_squares
+        ):
             break
     return best
 
@@ -251,7 +259,7 @@ def tried(
         progress("trying effects", (k + 1) / len(tasks))
         if prospect is not None:
             found.append(prospect)
-    return sorted(found, key=lambda p: p.power)
+    return sorted(found, key=lambda p: p.sum_of_squares)
 
 
 def _part(start: Start, share: float) -> Start:

@@ -92,7 +92,7 @@ def predictive_score(at: Evaluation, given: Settings) -> float:
         others = Normal(
             everything.hessian - piece.hessian,
             everything.gradient - piece.gradient,
-            everything.power - piece.power,
+            everything.sum_of_squares - piece.sum_of_squares,
         )
         _, left = others.minimum()
         score += lowest - left + volume - _log_determinant(others.hessian)

@@ -34,7 +34,7 @@ FALLING = 0.5
 """Excess of a fit over that one round before, below which it is carried on in any case."""
 SETTLED = 0.95
 """Excess of a fit over that one round before, from which it has come to its end."""
-FAR = 10.0
+COARSE_ENOUGH = 10.0
 """Structure over that of an explanation, from which the coarse simulation tells enough."""
 CARRIED = 3
 """Fits that are carried on in any case, where none explains the data."""
@@ -115,7 +115,7 @@ def _worth(prospects: Sequence[Prospect]) -> tuple[list[Prospect], list[Prospect
     for p in prospects:
         effect, form = p.start.effect, (p.start.effect, p.start.form)
         known.setdefault(effect, len(known))
-        worth = p.power < AS_PROMISING * prospects[0].power
+        worth = p.sum_of_squares < AS_PROMISING * prospects[0].sum_of_squares
         worth |= not differentiable(effect) and known[effect] < PLACES and form not in forms
         if worth or not any(q.start.effect == effect for q in first):
             first.append(p)
@@ -146,11 +146,11 @@ def search(
     """
     problem = team.problem
     short = earlier(before, problem.recordings, problem.drafts, problem.given)
-    first, rest = _worth(tried(team, short, chosen(prospects, short.power), progress))
+    first, rest = _worth(tried(team, short, chosen(prospects, short.sum_of_squares), progress))
     smooth = [p for p in first if differentiable(p.start.effect)]
     rough = [p for p in first if not differentiable(p.start.effect)]
     if not thorough:
-        rough = [p for p in rough if p.power < short.power]
+        rough = [p for p in rough if p.sum_of_squares < short.sum_of_squares]
         likely = list(dict.fromkeys(p.start.effect for p in smooth))[:SECONDS]
         smooth = [p for p in smooth if p.start.effect in likely]
     # In a motion nothing else does as well as a peg, and derivatives beside one take long.
@@ -184,7 +184,7 @@ class _Draft:
 
     def excess(self, noise: float) -> float:
         """Squared residuals beyond those of the noise; at least a tenth of these."""
-        return max(self.at.power - noise, 0.1 * noise)
+        return max(self.at.sum_of_squares - noise, 0.1 * noise)
 
 
 def _fitted(
@@ -206,7 +206,7 @@ def _fitted(
     for k, (p, at) in enumerate(zip(prospects, team.each(_fit_draft, tasks), strict=True)):
         progress("fitting effects", (k + 1) / len(tasks))
         if at is not None:
-            drafts.append(_Draft(p.start, at, p.power - noise))
+            drafts.append(_Draft(p.start, at, p.sum_of_squares - noise))
     for _ in range(ROUNDS):
         pick = [
             k for k in _promising(drafts, noise, enough, least)
@@ -220,7 +220,7 @@ def _fitted(
     carried = _likely(drafts, noise, enough, least)
     coarse = (
         bool(carried)
-        and residual_structure.structure(drafts[carried[0]].at.residuals) > FAR * enough
+        and residual_structure.structure(drafts[carried[0]].at.residuals) > COARSE_ENOUGH * enough
     )
     if coarse:
         names = [drafts[k].start.effect for k in carried]

@@ -26,7 +26,7 @@ SHARES = (0.5, 0.25)
 CALMER = 0.5
 """Largest residual structure of these beginnings over that of the whole."""
 ITERATIONS = 6
-MOST = 2
+MOST_EXPLANATIONS = 2
 
 
 def alone_before(
@@ -55,7 +55,7 @@ def alone_before(
             prospects = screen(team, at, begun, progress)
             most = verdict.limit(left)
             found = search(team, at, prospects, progress, most, thorough=False)
-        explaining = verdict.explanations(found, most)[:MOST]
+        explaining = verdict.explanations(found, most)[:MOST_EXPLANATIONS]
         if explaining:
             return [c for e in explaining if (c := _whole(problem, e.candidate)) is not None]
     return []

@@ -33,7 +33,7 @@ MOST_LEFT = 2.0
 """Structure above which nothing counts as explained, whatever it was before."""
 AS_GOOD = 0.6
 """Structure that one explanation may have beyond another and still rank beside it."""
-SURE = 3.0
+SIGNIFICANT_STDS = 3.0
 """Standard errors by which one explanation must be better than another to exclude it."""
 CONFIRMED = 1.5
 """ERR on what is kept aside, over the best one's, with which an explanation still holds."""
@@ -241,7 +241,9 @@ def suspects(
 def as_good(best: Candidate, other: Candidate) -> bool:
     """Whether another explanation cannot be excluded: within the noise, or nearly so."""
     gap = residual_structure.compare(best.at.residuals, other.at.residuals)
-    if gap.difference < SURE * gap.std and other.structure < ALIKE * max(best.structure, AS_GOOD):
+    if gap.difference < SIGNIFICANT_STDS * gap.std and other.structure < ALIKE * max(
+        best.structure, AS_GOOD
+    ):
         return True
     return other.structure**2 < max(best.structure, 0.0) ** 2 + AS_GOOD**2
 
