@@ -29,7 +29,7 @@ MATERIAL: dict[str, tuple[str, float, float, float]] = {
 """Unit, factor within which the parameter file's value is guessed where it states no std, range."""
 
 
-def material(given: Settings) -> tuple[Parameter, ...]:
+def material_priors(given: Settings) -> tuple[Parameter, ...]:
     """E, mu and damping, known or guessed; a damping of zero stays what it is.
 
     Args:
@@ -57,7 +57,7 @@ def joint_model(start: Settings, given: Settings, scene: Scene) -> ParametricMod
         given: the parameter file.
         scene: what the recordings look like.
     """
-    model = ParametricModel(start, material(given))
+    model = ParametricModel(start, material_priors(given))
     for name, effect in effects().items():
         block = effect.setup(scene)
         if name in start.effects:
@@ -94,7 +94,7 @@ def _parameter(
     )  # fmt: skip
 
 
-def cause(given: Settings, start: Start) -> tuple[tuple[Parameter, ...], tuple[str, ...]]:
+def cause_priors(given: Settings, start: Start) -> tuple[tuple[Parameter, ...], tuple[str, ...]]:
     """Parameters of an added effect, and names of those in which it is linear at first."""
     result = []
     for key in start.fitted:

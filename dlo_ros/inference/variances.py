@@ -76,7 +76,7 @@ def _components(
     bins: Spectrum | _Bins, frames: int | FloatArray, memory: float, noise_memory: float
 ) -> FloatArray:
     """Variance in each bin of each component with a variance of one, shape (5, B)."""
-    noise, fading = density(noise_memory, bins.frequency), density(memory, bins.frequency)
+    noise, fading = ar1_spectral_density(noise_memory, bins.frequency), ar1_spectral_density(memory, bins.frequency)
     still = np.where(bins.frequency == 0.0, frames, 0.0)
     return np.array(
         [
@@ -155,11 +155,11 @@ def posterior(
         precision: inverse variances of the prior, shape (P,).
     """
     v = np.concatenate([v.of(s) for s, v in zip(spectra, variances, strict=True)])
-    value, step, covariance, _ = _marginal(_Bins.of(spectra), v, offset, precision)
+    value, step, covariance, _ = _marginal_likelihood(_Bins.of(spectra), v, offset, precision)
     return Posterior(step, covariance, -value)
 
 
-def _marginal(
+def _marginal_likelihood(
     bins: _Bins, v: FloatArray, offset: FloatArray, precision: FloatArray
 ) -> tuple[float, FloatArray, FloatArray, FloatArray]:
     """Minus the log marginal likelihood, step, covariance, and its derivatives by variances."""
@@ -277,7 +277,7 @@ def _cost(
     """Minus the log marginal likelihood, and its derivatives by the packed numbers."""
     memory, noise_memory = (float(m) for m in -np.expm1(x[-2:]))
     parts = np.exp(x)[bins.row] * _components(bins, bins.frames, memory, noise_memory)
-    value, _, _, slope = _marginal(bins, parts.sum(axis=0), offset, precision)
+    value, _, _, slope = _marginal_likelihood(bins, parts.sum(axis=0), offset, precision)
     sizes = np.bincount(bins.row.ravel(), (slope * parts).ravel())
     noise, fading = slope * (parts[0] + parts[1]), slope * parts[2]
     memories = [
@@ -306,6 +306,6 @@ def _unlikely(x: FloatArray, bins: _Bins, length: float) -> FloatArray:
     return np.where(repeated, 0.5 * np.exp(x) / (REPEATED_STD * length) ** 2, 0.0)
 
 
-def density(memory: float, frequency: FloatArray) -> FloatArray:
+def ar1_spectral_density(memory: float, frequency: FloatArray) -> FloatArray:
     """Spectral density of an AR(1) process of unit variance."""
     return np.asarray((1.0 - memory**2) / (1.0 - 2.0 * memory * np.cos(frequency) + memory**2))

@@ -19,7 +19,7 @@ from scipy.fft import dct
 from scipy.optimize import minimize
 
 from dlo_ros.command import NANOSECONDS, Command, Motion
-from dlo_ros.inference.variances import LONGEST_MEMORY, density
+from dlo_ros.inference.variances import LONGEST_MEMORY, ar1_spectral_density
 from dlo_ros.inference.wrench_messages import near, scatter, shaken
 from dlo_ros.observation import Wrenches
 from dlo_ros.parameters import Settings
@@ -275,13 +275,13 @@ class _Transformed:
         white = self.white**2 * np.exp(2.0 * x[:2])[self.kinds]
         fading = self.scale**2 * np.exp(2.0 * x[2:4])[self.kinds]
         memory = float(-np.expm1(x[4]))
-        return np.asarray(white + density(memory, self.frequency)[:, None] * fading)
+        return np.asarray(white + ar1_spectral_density(memory, self.frequency)[:, None] * fading)
 
     def _slopes(self, x: FloatArray, by: FloatArray) -> FloatArray:
         """Derivatives by the five numbers, from those by the variances (F, C)."""
         memory = float(-np.expm1(x[4]))
         fading = self.scale**2 * np.exp(2.0 * x[2:4])[self.kinds]
-        shape = density(memory, self.frequency)[:, None]
+        shape = ar1_spectral_density(memory, self.frequency)[:, None]
         cosine = np.cos(self.frequency)
         below = 1.0 - 2.0 * memory * cosine + memory**2
         rate = -2.0 * memory * below - (1.0 - memory**2) * (2.0 * memory - 2.0 * cosine)

@@ -14,12 +14,12 @@ from dlo_ros.diagnosis.findings.joint_outcome import lesson
 from dlo_ros.diagnosis.fitting.initial_fit import begin
 from dlo_ros.diagnosis.proposals.linear_evidence import freed
 from dlo_ros.inference.parameter import ParametricModel
-from dlo_ros.inference.priors import material
+from dlo_ros.inference.priors import material_priors
 
 
 def told(settings):
     """Effects as which damping may be told."""
-    return {p.effect for p in freed(ParametricModel(settings, material(settings)))}
+    return {p.effect for p in freed(ParametricModel(settings, material_priors(settings)))}
 
 
 def test_only_guessed_damping_may_be_off():

@@ -45,7 +45,7 @@ from dlo_ros.inference.joint import (
 )
 from dlo_ros.inference.measured import Recording, measured
 from dlo_ros.inference.parameter import ParametricModel
-from dlo_ros.inference.priors import joint_model, material
+from dlo_ros.inference.priors import joint_model, material_priors
 from dlo_ros.inference.scene import imposed_names, scene
 from dlo_ros.inference.spectrum import spectrum
 from dlo_ros.inference.variances import fit_variances
@@ -170,7 +170,7 @@ def _model(recording: Recording, settings: Settings, view: Scene) -> ParametricM
     """The joint model around the estimate; in space the set-up is taken as exact."""
     if recording.planar:
         return joint_model(settings, settings, view)
-    return ParametricModel(settings, material(settings))
+    return ParametricModel(settings, material_priors(settings))
 
 
 def _bare(at: Evaluation) -> tuple[Hypothesis, Hypothesis]:

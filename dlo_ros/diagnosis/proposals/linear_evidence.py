@@ -115,7 +115,7 @@ def added(model: ParametricModel, begun: Sequence[Start]) -> list[Proposal]:
 
 def proposal_of(settings: Settings, start: Start) -> Proposal:
     """An effect that is added where it is looked for."""
-    fitted, names = priors.cause(settings, start)
+    fitted, names = priors.cause_priors(settings, start)
     return Proposal(start.effect, start.form or _place(start), start, fitted, names)
 
 

@@ -39,7 +39,7 @@ def room(points):
 
 
 @njit(inline="always")
-def yielded(x1, x2, p1, p2, law):
+def plastic_curvature(x1, x2, p1, p2, law):
     """The plastic curvature that a curvature (x1, x2) leaves where (p1, p2) was before."""
     h = 1.0 + law.hardening
     d1, d2 = x1 - h * p1, x2 - h * p2
@@ -52,7 +52,7 @@ def yielded(x1, x2, p1, p2, law):
 
 
 @njit()
-def bend(stiff1, stiff2, x1, x2, p1, p2, law):
+def bending_moment(stiff1, stiff2, x1, x2, p1, p2, law):
     """Moment of a curvature beyond linear elasticity.
 
     Args:
@@ -64,7 +64,7 @@ def bend(stiff1, stiff2, x1, x2, p1, p2, law):
     Returns:
         Moments about both directors [N m], their tangent (11, 12, 22) [N m^2], energy [J/m].
     """
-    q1, q2 = yielded(x1, x2, p1, p2, law)
+    q1, q2 = plastic_curvature(x1, x2, p1, p2, law)
     e1, e2 = x1 - q1, x2 - q2
     root1, root2, mean = np.sqrt(stiff1), np.sqrt(stiff2), 0.5 * (stiff1 + stiff2)
     y1, y2 = root1 * e1, root2 * e2
@@ -131,14 +131,14 @@ def respond(stretch, other, weight, material, out):
         )  # fmt: skip
     if material.law.active != 0.0:
         # The stiffness above contains damping; only its elastic share follows the law.
-        energy += _beyond(other, weight, material, out)
+        energy += _add_nonlinear_bending(other, weight, material, out)
     if material.law.slide != 0.0:
-        energy += _rub(other, weight, material, out)
+        energy += _add_hysteresis(other, weight, material, out)
     return energy
 
 
 @njit(inline="always")
-def rubbed(d1, d2, z1, z2, turn):
+def hysteresis_moment(d1, d2, z1, z2, turn):
     """Internal friction after a change of curvature.
 
     Args:
@@ -166,11 +166,11 @@ def rubbed(d1, d2, z1, z2, turn):
 
 
 @njit()
-def _rub(other, weight, material, out):
+def _add_hysteresis(other, weight, material, out):
     """Add the moment of internal friction, its tangent; returns its work [J]."""
     inner, law, energy = material.internal.inner, material.law, 0.0
     for e in range(weight.size):
-        z1, z2, t11, t12, t22, work = rubbed(
+        z1, z2, t11, t12, t22, work = hysteresis_moment(
             other[e, 0] - inner[e, 4], other[e, 1] - inner[e, 5], inner[e, 2], inner[e, 3],
             law.turn,
         )  # fmt: skip
@@ -184,7 +184,7 @@ def _rub(other, weight, material, out):
 
 
 @njit()
-def _beyond(other, weight, material, out):
+def _add_nonlinear_bending(other, weight, material, out):
     """Replace the linear elastic part of the moments by what the law makes of it."""
     plastic, energy = material.internal.plastic, 0.0
     for e in range(weight.size):
@@ -192,7 +192,9 @@ def _beyond(other, weight, material, out):
         b2 = material.stiffness.bend[e, 1] / material.damping
         x1 = other[e, 0] - material.bend_rest[e, 0]
         x2 = other[e, 1] - material.bend_rest[e, 1]
-        m1, m2, t11, t12, t22, w = bend(b1, b2, x1, x2, plastic[e, 0], plastic[e, 1], material.law)
+        m1, m2, t11, t12, t22, w = bending_moment(
+            b1, b2, x1, x2, plastic[e, 0], plastic[e, 1], material.law
+        )
         out.bend[e, 0] += m1 - b1 * x1
         out.bend[e, 1] += m2 - b2 * x2
         out.bend_tangent[e, 0] += t11 - b1
@@ -203,11 +205,11 @@ def _beyond(other, weight, material, out):
 
 
 @linked()
-def remember(other, material, out):
+def update_internal(other, material, out):
     """Write the `InternalVariables` of bending after a motion to strains `other` to out."""
     plastic, inner = material.internal.plastic, material.internal.inner
     for e in range(inner.shape[0]):
-        z1, z2, _, _, _, _ = rubbed(
+        z1, z2, _, _, _, _ = hysteresis_moment(
             other[e, 0] - inner[e, 4], other[e, 1] - inner[e, 5], inner[e, 2], inner[e, 3],
             material.law.turn,
         )  # fmt: skip
@@ -220,5 +222,5 @@ def remember(other, material, out):
         for e in range(other.shape[0]):
             x1 = other[e, 0] - material.bend_rest[e, 0]
             x2 = other[e, 1] - material.bend_rest[e, 1]
-            p1, p2 = yielded(x1, x2, plastic[e, 0], plastic[e, 1], material.law)
+            p1, p2 = plastic_curvature(x1, x2, plastic[e, 0], plastic[e, 1], material.law)
             out.plastic[e, 0], out.plastic[e, 1] = p1, p2

@@ -11,7 +11,7 @@ from dlo_ros.rod.elements.planar_assembly import PLANAR
 from dlo_ros.rod.elements.rod_tables import InternalVariables
 from dlo_ros.rod.sensitivity.sensitivity_state import add, rise, shift, shift_frame
 from dlo_ros.rod.solve.equation_system import lagging, matter_of, untouched
-from dlo_ros.rod.solve.generalised_alpha import frame_at, remembered
+from dlo_ros.rod.solve.generalised_alpha import frame_at, update_internal_variables
 from dlo_ros.rod.solve.integrator_state import another, assign
 
 
@@ -94,7 +94,9 @@ def _remember(system, q, other, old, h, fresh, varying, d_q, d_other):
             matter = untouched(matter) if fresh else lagging(matter, h)
             shift(shifted, q, d, d_q[a])
             shift(strained, other, d, d_other[a])
-            remembered(shifted, strained, system.rule, matter, above if side == 0 else below)
+            update_internal_variables(
+                shifted, strained, system.rule, matter, above if side == 0 else below
+            )
         d = varying.step[a]
         rise(above.plastic, below.plastic, d, before.plastic[a])
         rise(above.anchor, below.anchor, d, before.anchor[a])

@@ -21,7 +21,12 @@ from dlo_ros.rod.solve.equation_system import (
     targets,
     untouched,
 )
-from dlo_ros.rod.solve.generalised_alpha import DONE, NO_CONVERGENCE, NO_DIRECTION, remembered
+from dlo_ros.rod.solve.generalised_alpha import (
+    DONE,
+    NO_CONVERGENCE,
+    NO_DIRECTION,
+    update_internal_variables,
+)
 from dlo_ros.rod.solve.integrator_state import TIME, assign
 
 MOVE_LIMIT = 0.05  # imposed motion per increment, of L
@@ -111,10 +116,10 @@ def settle(system, imposed, state, time, rate2, tolerance, fresh, rest):
             total += abs(iterations)
         if not fresh:
             _, other = rod_forces.strains(q, rule, ref)
-            remembered(q, other, rule, matter, internal)
+            update_internal_variables(q, other, rule, matter, internal)
     stretch, other = rod_forces.strains(q, rule, ref)
     if fresh:
-        remembered(q, other, rule, matter, internal)
+        update_internal_variables(q, other, rule, matter, internal)
         if internal.anchor.shape[0] > 0:
             assign(internal.anchor, rest_anchor(q, rule))
     rest.clock[:] = 0.0

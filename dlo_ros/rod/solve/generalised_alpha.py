@@ -11,7 +11,7 @@ import numpy as np
 from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.elements import rod_forces
-from dlo_ros.rod.elements.constitutive_law import remember
+from dlo_ros.rod.elements.constitutive_law import update_internal
 from dlo_ros.rod.elements.contact_and_friction import drag_along, towed
 from dlo_ros.rod.elements.rod_tables import Material
 from dlo_ros.rod.solve import newton_iteration
@@ -184,7 +184,7 @@ def step(system, imposed, state, h, tolerance, new):
     assign(new.stretch_before, state.stretch)
     assign(new.other_before, state.other)
     frame_at(q, system.rule, state.reference, new.reference)
-    remembered(q, other, system.rule, matter, new.internal)
+    update_internal_variables(q, other, system.rule, matter, new.internal)
     return DONE, error
 
 
@@ -200,9 +200,9 @@ def frame_at(q, rule, ref, out):
 
 
 @linked()
-def remembered(q, other, rule, matter, out):
+def update_internal_variables(q, other, rule, matter, out):
     """Write the internal variables after a motion to q with strains `other` to out."""
-    remember(other, matter, out)
+    update_internal(other, matter, out)
     drag_along(q, rule, matter.around, matter.internal.anchor, out.anchor)
 
 
