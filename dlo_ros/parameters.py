@@ -5,15 +5,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from dlo_ros.effects import Body, RopeScale, Values, build, quantities
-from dlo_ros.effects.base import PREFIX
+from dlo_ros.effects import quantities
 from dlo_ros.effects.registry import STD, check_tolerance, tolerance_of
 from dlo_ros.effects.registry import check as check_effect
 from dlo_ros.errors import ParameterError
@@ -24,85 +20,16 @@ from dlo_ros.parameter_cameras import check_rotation, flat_cameras, read_cameras
 from dlo_ros.parameter_file import read_parameter_file
 from dlo_ros.parameter_table import PARAMETERS, TABLE, Value
 from dlo_ros.parameter_text import parameter_lines
-from dlo_ros.spline import FloatArray, SplineBasis
+from dlo_ros.rod_settings import EFFECTS_PREFIX as EFFECTS_PREFIX
+from dlo_ros.rod_settings import STANDARD_GRAVITY as STANDARD_GRAVITY
+from dlo_ros.rod_settings import DampingParameters as DampingParameters
+from dlo_ros.rod_settings import LimitParameters as LimitParameters
+from dlo_ros.rod_settings import RodParameters as RodParameters
+from dlo_ros.rod_settings import RodSettings as RodSettings
+from dlo_ros.rod_settings import SimulationParameters as SimulationParameters
+from dlo_ros.spline import FloatArray
 
 Quadruple = tuple[float, float, float, float]
-
-EFFECTS_PREFIX = PREFIX
-STANDARD_GRAVITY = 9.81  # [m/s^2] by which a weight is measured, however gravity is configured
-
-
-@dataclass(frozen=True)
-class RodParameters:
-    """Material and geometry of a round DLO, SI units."""
-
-    length: float
-    diameter: float
-    young_modulus: float
-    density: float
-    poisson_ratio: float = 0.33
-    density_std: float = 0.0
-    specific_modulus_std: float = 0.0
-    diameter_std: float = 0.0
-    length_std: float = 0.0
-    control_points: int = 10
-
-    @property
-    def area(self) -> float:
-        """Cross-section area A [m^2]."""
-        return math.pi * self.diameter**2 / 4.0
-
-    @property
-    def second_moment(self) -> float:
-        """Second moment of area I = pi D^4 / 64 [m^4]."""
-        return math.pi * self.diameter**4 / 64.0
-
-    @property
-    def bending_stiffness(self) -> float:
-        """B = E I [N m^2]."""
-        return self.young_modulus * self.second_moment
-
-    @property
-    def shear_modulus(self) -> float:
-        """G = E / (2 (1 + nu)) [Pa]."""
-        return self.young_modulus / (2.0 * (1.0 + self.poisson_ratio))
-
-    @property
-    def linear_density(self) -> float:
-        """Mass per length [kg/m]."""
-        return self.density * self.area
-
-    @property
-    def specific_modulus(self) -> float:
-        """E / mu [m^2/s^2], which is all that settled shapes can tell."""
-        return self.young_modulus / self.density
-
-
-@dataclass(frozen=True)
-class DampingParameters:
-    """Damping and how well it is known; a standard deviation of 0 means a guess."""
-
-    air_drag: float = 0.01
-    air_drag_std: float = 0.0
-    relaxation_time: float = 0.002
-    relaxation_time_std: float = 0.0
-
-
-@dataclass(frozen=True)
-class SimulationParameters:
-    """How the simulation is discretised, started and published."""
-
-    tolerance: float = 2e-4
-    start: str = "equilibrium"
-    rate: float = 50.0
-
-
-@dataclass(frozen=True)
-class LimitParameters:
-    """What the DLO bears: bend radius [m] and tension [N]; 0 where there is no limit."""
-
-    bend_radius: float = 0.0
-    tension: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -154,20 +81,16 @@ class VisionParameters:
 
 
 @dataclass(frozen=True)
-class Settings:
+class Settings(RodSettings):
     """A whole parameter file.
 
-    `effects` are the values of those that the model contains; `tolerances` ("clamp_angle.start":
+    Beside the physics, `tolerances` are ("clamp_angle.start":
     std) what the file states of how well a set-up was made, also of effects that the model does not
     contain, see `tolerance`; `cameras` the poses of several by name, empty where there is but one.
     """
 
-    rod: RodParameters
     frame_id: str = "board"
-    gravity: Vector = (0.0, 0.0, -9.81)
-    damping: DampingParameters = field(default_factory=DampingParameters)
     camera: CameraPose = field(default_factory=CameraPose)
-    simulation: SimulationParameters = field(default_factory=SimulationParameters)
     limits: LimitParameters = field(default_factory=LimitParameters)
     command: CommandParameters = field(default_factory=CommandParameters)
     wrench: WrenchParameters = field(default_factory=WrenchParameters)
@@ -176,7 +99,6 @@ class Settings:
     image_transport: str = "auto"
     publish_tf: bool = True
     simulator_node: str = "simulator"
-    effects: Values = field(default_factory=dict)
     tolerances: Mapping[str, float] = field(default_factory=dict)
     cameras: Mapping[str, CameraPose] = field(default_factory=dict)
 
@@ -239,45 +161,6 @@ class Settings:
         result.check_effects()
         return result
 
-    def check_effects(self) -> None:
-        """Refuse effects that leave no DLO.
-
-        Raises:
-            ParameterError: which quantity, its value, what is allowed.
-        """
-        if self.effects:
-            self.body(SplineBasis(self.rod.control_points, self.rod.length)).check()
-
-    @cached_property
-    def slips(self) -> bool:
-        """Whether a grip slips (maybe by nothing), so that the path of the motion counts."""
-        basis = SplineBasis(self.rod.control_points, self.rod.length)
-        return bool(self.effects) and self.body(basis).slip is not None
-
-    def body(self, basis: SplineBasis, section: Vector = (1.0, 1.0, 1.0)) -> Body:
-        """Material, mass and loads of the DLO, effects included, in a spline basis.
-
-        Args:
-            section: see `dlo_ros.rod.model.RodModel`.
-
-        Raises:
-            ParameterError: an effect acts on a place that is not on the DLO.
-        """
-        points, weight = basis.quadrature(3)
-        nb = weight.size
-        body = Body(
-            basis, points, weight, self.rod.bending_stiffness * np.tile(section[:2], (nb, 1)),
-            np.zeros((nb, 2)), np.zeros(nb), self.rod.linear_density, self.damping.air_drag,
-            self.damping.relaxation_time, np.array(self.gravity),
-        )  # fmt: skip
-        for effect in build(self.effects):
-            effect.shape_body(body)
-        for angle, place in body.kinks:  # an angle, however long the DLO is
-            hat = body.hat(place)
-            body.bend_rest[:, 0] += angle / (body.lengthening * (hat @ body.weight)) * hat
-        body.give_at_grips()
-        return body
-
     @classmethod
     def load(cls, path: Path | str) -> Settings:
         """Read a ROS 2 parameter file.
@@ -306,16 +189,10 @@ class Settings:
             result[f"{EFFECTS_PREFIX}{key}{STD}"] = std
         return result | flat_cameras(self.cameras)
 
-    @property
-    def scale(self) -> RopeScale:
-        """What numbers of effects are measured by."""
-        rod, damping = self.rod, self.damping
-        weight, mass = rod.linear_density * STANDARD_GRAVITY, rod.linear_density * rod.length
-        return RopeScale(rod.length, weight, mass, damping.air_drag, damping.relaxation_time)
-
-    def with_effects(self, effects: Values) -> Settings:
-        """The same settings with these effects, by name and key, and no others."""
-        return replace(self, effects=effects)
+    def with_physics(self, other: RodSettings) -> Settings:
+        """The same settings, with all that a simulated DLO depends on from others."""
+        parts = {f.name: getattr(other, f.name) for f in fields(RodSettings)}
+        return replace(self, **parts)
 
     def dump(self, path: Path | str, comment: str = "") -> None:
         """Write a parameter file that nodes and tools load as it is."""
@@ -335,10 +212,6 @@ class Settings:
     def camera_positions(self) -> dict[str, FloatArray]:
         """Positions [m] of the cameras that have names, shape (3,) each."""
         return {name: pose.position for name, pose in self.cameras.items()}
-
-    def with_material(self, young_modulus: float, density: float) -> Settings:
-        """The same settings with another E [Pa] and mu [kg/m^3]."""
-        return replace(self, rod=replace(self.rod, young_modulus=young_modulus, density=density))
 
 
 def _check_command(values: Mapping[str, Value]) -> None:

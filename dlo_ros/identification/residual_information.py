@@ -18,7 +18,7 @@ from scipy.signal import lfilter
 
 from dlo_ros.identification.residual_noise import correlation_length
 from dlo_ros.inference.forecast import Forecast
-from dlo_ros.parameters import Settings
+from dlo_ros.rod_settings import RodSettings
 from dlo_ros.spline import FloatArray, SplineBasis
 
 FITTED = 2.0  # numbers that a fit takes out of the residuals
@@ -53,14 +53,14 @@ class Errors:
     reach: float
 
 
-def discrepancy(found: Forecast, settings: Settings) -> float:
+def discrepancy(found: Forecast, settings: RodSettings) -> float:
     """Error of the shape that the model itself may have [m]: discretisation and rod theory."""
     rod, simulation = settings.rod, settings.simulation
     own = max(np.nan_to_num(found.resolution_error), simulation.tolerance)
     return float(rod.length * np.hypot(own, STRETCH_SHAPE * strain(settings)))
 
 
-def model_shifts(settings: Settings, count: int) -> list[FloatArray]:
+def model_shifts(settings: RodSettings, count: int) -> list[FloatArray]:
     """By which ln E may be wrong besides, of `count` logarithms: rod theory, and the diameter.
 
     Shapes tell E D^2 / mu.
@@ -73,7 +73,7 @@ def model_shifts(settings: Settings, count: int) -> list[FloatArray]:
     ]
 
 
-def strain(settings: Settings) -> float:
+def strain(settings: RodSettings) -> float:
     """By how much a DLO is stretched where it hangs from its end."""
     weight = float(np.linalg.norm(settings.gravity))
     return weight * settings.rod.length / settings.rod.specific_modulus
@@ -184,7 +184,7 @@ def gradient_covariance(
 
 def data_information(
     forecasts: Sequence[Forecast],
-    settings: Settings | None = None,
+    settings: RodSettings | None = None,
     shifts: Sequence[FloatArray] = (),
 ) -> FloatArray:
     """Information of residuals on the logarithms of the P parameters, shape (P, P).

@@ -189,7 +189,7 @@ def _went_on(estimator: OnlineEstimator, watch: Watch) -> bool:
         return estimator.estimate.significant or not estimator.busy
     run = estimator.run
     if run is not None and watch.due(run.used):
-        watch.look(run.forecast(), run.simulation.settings, estimator.window())
+        watch.look(run.forecast(), estimator.settings, estimator.window())
         return False
     watch.proceed()
     return not watch.busy

@@ -4,19 +4,20 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 import numpy as np
 
 from dlo_ros.command import Command, Motion
 from dlo_ros.observation import Observation
-from dlo_ros.parameters import RodParameters, Settings
 from dlo_ros.rod.batch.parameter_sets import follow_many
 from dlo_ros.rod.resolution import build
 from dlo_ros.rod.simulation import Simulation
 from dlo_ros.rod.state import rest_state
+from dlo_ros.rod_settings import RodParameters, RodSettings
 from dlo_ros.spline import FloatArray, SplineBasis
 
-SETTINGS = Settings(rod=RodParameters(0.4, 0.004, 5e7, 2500.0))
+SETTINGS = RodSettings(rod=RodParameters(0.4, 0.004, 5e7, 2500.0))
 POSITIONS = np.array([[[0.0, 0.0, 0.0], [0.2, 0.0, -0.1]]])
 
 
@@ -44,7 +45,7 @@ def compile_dynamics() -> None:
 
 def _simulation(start: str) -> Simulation:
     """A simulation that has started from a straight rod."""
-    settings = Settings.from_mapping({**SETTINGS.flat(), "simulation.start": start})
+    settings = replace(SETTINGS, simulation=replace(SETTINGS.simulation, start=start))
     command = _command(("start", "control_point_6"))
     simulation = Simulation(settings, Motion([command]), parameters=("young_modulus",), spans=7)
     simulation.start([Observation(0, _level()[1])])

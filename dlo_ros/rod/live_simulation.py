@@ -11,10 +11,10 @@ import numpy as np
 from dlo_ros.command import NANOSECONDS, Command, Motion
 from dlo_ros.errors import CommandError, DloError, InputError, SimulationError
 from dlo_ros.observation import Observation
-from dlo_ros.parameters import Settings
 from dlo_ros.rod.motion_rehearsal import Fork
 from dlo_ros.rod.prediction import Prediction
 from dlo_ros.rod.simulation import Simulation
+from dlo_ros.rod_settings import RodSettings
 
 LOG = logging.getLogger(__name__)
 
@@ -29,7 +29,7 @@ class LiveSimulation:
         settings: the parameter file.
     """
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: RodSettings) -> None:
         self.settings = settings
         self.motion = Motion()
         self._simulation: Simulation | None = None
@@ -135,7 +135,7 @@ class LiveSimulation:
         simulation = self._simulation
         return None if simulation is None else Fork.of(simulation, command, parameters)
 
-    def update(self, settings: Settings) -> None:
+    def update(self, settings: RodSettings) -> None:
         """Change parameters while running.
 
         Soon after the start a change of E/mu corrects the guess that the simulation started with:

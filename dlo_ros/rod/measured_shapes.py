@@ -9,8 +9,8 @@ import numpy as np
 
 from dlo_ros.command import NANOSECONDS
 from dlo_ros.effects import Effect, build
-from dlo_ros.parameters import EFFECTS_PREFIX, Settings
 from dlo_ros.rod.sensitivity_parameters import STEP, varied
+from dlo_ros.rod_settings import EFFECTS_PREFIX, RodSettings
 from dlo_ros.spline import FloatArray
 
 
@@ -22,7 +22,7 @@ class MeasurementMap:
         parameters: by which sensitivities are wanted, see `sensitivity_parameters`.
     """
 
-    def __init__(self, settings: Settings, parameters: Sequence[str] = ()) -> None:
+    def __init__(self, settings: RodSettings, parameters: Sequence[str] = ()) -> None:
         self._effects = build(settings.effects)
         self._map, _ = _affine(self._effects)
         count = len(parameters)

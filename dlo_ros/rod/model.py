@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_ros.effects import Body, Effect, build
-from dlo_ros.parameters import Settings
 from dlo_ros.rod.elements.rod_tables import (
     DOF,
     ConstitutiveLaw,
@@ -21,6 +20,7 @@ from dlo_ros.rod.elements.rod_tables import (
     Surroundings,
 )
 from dlo_ros.rod.elements.strains import span_twist
+from dlo_ros.rod_settings import RodSettings
 from dlo_ros.spline import FloatArray, SplineBasis
 
 CONTACTS = 8  # points of a knot span at which contact is looked for
@@ -48,7 +48,7 @@ class RodModel:
             the second material director, and of twist; a flat DLO differs in them.
     """
 
-    settings: Settings
+    settings: RodSettings
     basis: SplineBasis
     full_start: bool = False
     full_end: bool = False
@@ -56,7 +56,7 @@ class RodModel:
     point_forces: tuple[tuple[float, tuple[float, float, float]], ...] = ()
     section: tuple[float, float, float] = (1.0, 1.0, 1.0)
 
-    def with_settings(self, settings: Settings) -> RodModel:
+    def with_settings(self, settings: RodSettings) -> RodModel:
         """The same discretisation with other material, damping, gravity or effects."""
         same = replace(self, settings=settings)
         kept = {k: v for k, v in self.__dict__.items() if k in DISCRETISATION}

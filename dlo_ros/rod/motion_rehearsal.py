@@ -14,13 +14,13 @@ from scipy.spatial.transform import Rotation
 from dlo_ros.command import END, NANOSECONDS, START, Command, Motion
 from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.observation import Observation
-from dlo_ros.parameters import LimitParameters, Settings
 from dlo_ros.rod.loads.extreme_loads import Extremes
 from dlo_ros.rod.loads.grip_reactions import Loading
 from dlo_ros.rod.packing import nothing_varies
 from dlo_ros.rod.sensitivity_parameters import MATERIAL
 from dlo_ros.rod.simulation import Simulation
 from dlo_ros.rod.statics import settle
+from dlo_ros.rod_settings import LimitParameters, RodSettings
 from dlo_ros.spline import FloatArray, SplineBasis
 
 PLACES = 21
@@ -201,7 +201,7 @@ class Fork:
 
 
 def at_rest(
-    settings: Settings, command: Command, covariance: FloatArray | None, last: int | None = None
+    settings: RodSettings, command: Command, covariance: FloatArray | None, last: int | None = None
 ) -> Simulation:
     """A simulation of a DLO that hangs at rest where a command begins.
 
@@ -220,7 +220,7 @@ def at_rest(
     return result
 
 
-def slack(settings: Settings, command: Command) -> FloatArray:
+def slack(settings: RodSettings, command: Command) -> FloatArray:
     """A shape from which a DLO finds its equilibrium where a command begins, shape (n, 4).
 
     Held at both ends it sags in an arc, else it lies straight in the direction of the clamp.

@@ -10,9 +10,9 @@ import numpy as np
 
 from dlo_ros.command import END, NANOSECONDS, START, Command
 from dlo_ros.errors import ParameterError, SimulationError
-from dlo_ros.parameters import Settings
 from dlo_ros.rod.boundary.imposed_motion import Boundary
 from dlo_ros.rod.state import State
+from dlo_ros.rod_settings import RodSettings
 from dlo_ros.spline import FloatArray
 
 JUMP = 0.25  # of L: what may be imposed at once, as by poses that are sent one by one
@@ -112,7 +112,7 @@ def _direction(quaternion: FloatArray) -> FloatArray:
     return np.array([1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)])
 
 
-def possible(settings: Settings) -> None:
+def possible(settings: RodSettings) -> None:
     """Refuse parameters that no DLO has; a search over them tries on, so it is no input.
 
     Raises:

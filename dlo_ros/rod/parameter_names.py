@@ -6,7 +6,7 @@ from __future__ import annotations
 import re
 
 from dlo_ros.effects import quantities
-from dlo_ros.parameters import EFFECTS_PREFIX, Settings
+from dlo_ros.rod_settings import EFFECTS_PREFIX, RodSettings
 
 
 def parsed(name: str) -> tuple[str, str, int | None]:
@@ -17,7 +17,7 @@ def parsed(name: str) -> tuple[str, str, int | None]:
     return effect, key, None if index is None else int(index)
 
 
-def sideways(settings: Settings, name: str) -> bool:
+def sideways(settings: RodSettings, name: str) -> bool:
     """Whether a parameter (see `sensitivity_parameters`) acts out of the plane y = 0."""
     if not name.startswith(EFFECTS_PREFIX):
         return False

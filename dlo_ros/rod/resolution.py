@@ -15,11 +15,11 @@ import numpy as np
 
 from dlo_ros.command import Command
 from dlo_ros.errors import SimulationError
-from dlo_ros.parameters import Settings
 from dlo_ros.rod.boundary.imposed_motion import Boundary
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.state import State, refined, rest_state
 from dlo_ros.rod.statics import settle
+from dlo_ros.rod_settings import RodSettings
 from dlo_ros.spline import DEGREE, FloatArray, SplineBasis
 
 LOG = logging.getLogger(__name__)
@@ -41,7 +41,7 @@ class Resolution:
     error: float
 
 
-def build(settings: Settings, command: Command, spans: int) -> tuple[RodModel, Boundary]:
+def build(settings: RodSettings, command: Command, spans: int) -> tuple[RodModel, Boundary]:
     """Model and boundary conditions with the given number of knot spans."""
     rod = settings.rod
     basis = SplineBasis(spans + DEGREE, rod.length)
@@ -51,7 +51,7 @@ def build(settings: Settings, command: Command, spans: int) -> tuple[RodModel, B
 
 
 def choose(
-    settings: Settings, command: Command, shape: FloatArray, stamps: Sequence[int]
+    settings: RodSettings, command: Command, shape: FloatArray, stamps: Sequence[int]
 ) -> Resolution:
     """The coarsest nested refinement of the published basis that keeps simulation.tolerance.
 
@@ -76,7 +76,7 @@ def choose(
 
 
 def choosing(
-    settings: Settings, command: Command, shape: FloatArray, stamps: Sequence[int]
+    settings: RodSettings, command: Command, shape: FloatArray, stamps: Sequence[int]
 ) -> Generator[None, None, Resolution]:
     """As `choose`, piece by piece for who must not wait: it yields between equilibria."""
     rod = settings.rod
@@ -121,7 +121,7 @@ class _Path:
 
     @classmethod
     def led(
-        cls, settings: Settings, command: Command, shape: FloatArray, stamps: Sequence[int],
+        cls, settings: RodSettings, command: Command, shape: FloatArray, stamps: Sequence[int],
         spans: int, near: _Path | None,
     ) -> Generator[None, None, _Path]:  # fmt: skip
         """Each from the one before, or from that of a coarser path `near` at the same instant."""

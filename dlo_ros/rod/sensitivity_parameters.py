@@ -21,7 +21,6 @@ from dlo_ros.effects.measurement.length_error import LengthError
 from dlo_ros.effects.physics.clamp_angle import ClampAngle
 from dlo_ros.effects.physics.clamp_offset import ClampOffset
 from dlo_ros.errors import InputError
-from dlo_ros.parameters import EFFECTS_PREFIX, Settings
 from dlo_ros.rod.boundary import conditions
 from dlo_ros.rod.boundary.imposed_motion import Boundary
 from dlo_ros.rod.elements.rod_tables import Stiffness
@@ -30,6 +29,7 @@ from dlo_ros.rod.packing import imposed_of, parts_of, stacked, stacked_imposed, 
 from dlo_ros.rod.parameter_names import parsed
 from dlo_ros.rod.sensitivity.sensitivity_state import Rates, Varying
 from dlo_ros.rod.solve.equation_system import System
+from dlo_ros.rod_settings import EFFECTS_PREFIX, RodSettings
 from dlo_ros.spline import FloatArray
 
 MATERIAL = ("young_modulus", "density", "air_drag", "relaxation_time")
@@ -52,10 +52,10 @@ class Tangent:
 
     name: str
     step: float
-    vary: Callable[[Settings, Command, float], tuple[Settings, Command]]
+    vary: Callable[[RodSettings, Command, float], tuple[RodSettings, Command]]
 
 
-def known(settings: Settings) -> tuple[str, ...]:
+def known(settings: RodSettings) -> tuple[str, ...]:
     """All names of parameters that have sensitivities with these settings."""
     names = [*LOGARITHMIC, *POSES]
     for effect, keys in settings.effects.items():
@@ -70,7 +70,7 @@ def effect_names(effect: str, key: str, value: float | tuple[float, ...]) -> lis
     return [f"{name}[{i}]" for i in range(len(value))] if isinstance(value, tuple) else [name]
 
 
-def tangent(settings: Settings, name: str) -> Tangent:
+def tangent(settings: RodSettings, name: str) -> Tangent:
     """How a parameter is varied.
 
     Raises:
@@ -87,7 +87,7 @@ def tangent(settings: Settings, name: str) -> Tangent:
     return _effect_tangent(settings, name)
 
 
-def _scaled(settings: Settings, name: str, factor: float) -> Settings:
+def _scaled(settings: RodSettings, name: str, factor: float) -> RodSettings:
     """The settings with one of `LOGARITHMIC` multiplied."""
     if name == "gravity":
         x, y, z = settings.gravity
@@ -113,7 +113,7 @@ def _displaced(command: Command, end: str, what: str, amount: float) -> Command:
     return ClampOffset(**{end: tuple(amount * (what == axis) for axis in "xyz")}).impose(command)
 
 
-def varied(settings: Settings, name: str, amount: float) -> Settings:
+def varied(settings: RodSettings, name: str, amount: float) -> RodSettings:
     """The settings with one number of an effect, `effects.NAME.KEY[i]`, changed by an amount."""
     effect, key, index = parsed(name)
     effects = {k: dict(v) for k, v in settings.effects.items()}
@@ -125,7 +125,7 @@ def varied(settings: Settings, name: str, amount: float) -> Settings:
     return settings.with_effects(effects)
 
 
-def _effect_tangent(settings: Settings, name: str) -> Tangent:
+def _effect_tangent(settings: RodSettings, name: str) -> Tangent:
     effect, key, index = parsed(name)
     value: Any = settings.effects[effect][key]  # a number, or as many as there are indices
     size = abs(value if index is None else value[index])

@@ -13,7 +13,6 @@ import numpy as np
 from dlo_ros.command import NANOSECONDS, Command, Motion
 from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.observation import Observation
-from dlo_ros.parameters import Settings
 from dlo_ros.rod import dynamics, resolution
 from dlo_ros.rod.boundary.command_timeline import Course
 from dlo_ros.rod.boundary.conditions import HELD
@@ -35,6 +34,7 @@ from dlo_ros.rod.state import (
     with_history,
 )
 from dlo_ros.rod.statics import hold, reachable, relax_stretch, settle
+from dlo_ros.rod_settings import RodSettings
 from dlo_ros.spline import DEGREE, FloatArray, SplineBasis
 
 LOG = logging.getLogger(__name__)
@@ -58,7 +58,7 @@ class Simulation:
 
     def __init__(
         self,
-        settings: Settings,
+        settings: RodSettings,
         motion: Motion,
         *,
         parameters: Sequence[str] = (),
@@ -196,7 +196,7 @@ class Simulation:
         return self._started().stamp + self._measurement.later
 
     def fork(
-        self, settings: Settings, motion: Motion | None = None, *, loads: bool | None = None
+        self, settings: RodSettings, motion: Motion | None = None, *, loads: bool | None = None
     ) -> Simulation:
         """An independent simulation that goes on from the present state with other parameters.
 
@@ -357,7 +357,7 @@ class Simulation:
         speed = (down @ velocity)[:, :3]
         return Prediction(stamp, seen, self._measurement.sensitivity(shape, speed, change), borne)
 
-    def update(self, settings: Settings) -> None:
+    def update(self, settings: RodSettings) -> None:
         """Change material, damping, gravity, effects or tolerance while the simulation runs.
 
         The basis is refined where the new parameters need it (never coarsened). A DLO of another

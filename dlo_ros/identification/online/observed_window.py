@@ -10,10 +10,10 @@ from dlo_ros.identification.cooperative_tasks import SHORT, Pieces
 from dlo_ros.inference.forecast import Window
 from dlo_ros.inference.observation_operator import noise_unit
 from dlo_ros.observation import Observation
-from dlo_ros.parameters import Settings
 from dlo_ros.rod.boundary.shape_orientation import along
 from dlo_ros.rod.sensitivity_parameters import MATERIAL
 from dlo_ros.rod.simulation import Simulation
+from dlo_ros.rod_settings import RodSettings
 
 MOST_COMMANDS = 10_000  # that are remembered; 20 s of poses that are sent one by one at 500 Hz
 COMPARED = 50  # last observations among which one that came twice is looked for
@@ -84,7 +84,9 @@ class ObservedWindow:
         commands, seen = tuple(self.motion.commands), tuple(self.observations)
         return Window("the present motion", commands, seen, noise_unit=self.noise_unit)
 
-    def started(self, settings: Settings, spans: int, *, loads: bool = False) -> Pieces[Simulation]:
+    def started(
+        self, settings: RodSettings, spans: int, *, loads: bool = False
+    ) -> Pieces[Simulation]:
         """A simulation at the beginning of the window, with sensitivities, or with loads instead.
 
         Args:

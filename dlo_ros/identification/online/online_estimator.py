@@ -122,6 +122,12 @@ class OnlineEstimator:
         return self._run
 
     @property
+    def settings(self) -> Settings:
+        """The parameter file with the physics that the model runs along with."""
+        run = self._run
+        return self._initial if run is None else self._initial.with_physics(run.simulation.settings)
+
+    @property
     def busy(self) -> bool:
         """Whether work is left over that `observe` or `proceed` will go on with."""
         return self._worker.busy

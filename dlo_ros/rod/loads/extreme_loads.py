@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dlo_ros.parameters import LimitParameters
 from dlo_ros.rod.loads.grip_reactions import Loading, Wrench
 from dlo_ros.rod.loads.load_limits import BEND_RADIUS, TENSION, strained
+from dlo_ros.rod_settings import LimitParameters
 
 ALMOST_STRAIGHT = 1e4
 """Bend radius [m] beyond which it is no use to a person: a rope of 1 m is then off by 13 um."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from dlo_ros.parameters import LimitParameters
 from dlo_ros.rod.loads.grip_reactions import Loading
+from dlo_ros.rod_settings import LimitParameters
 
 TENSION, BEND_RADIUS = "limits.tension", "limits.bend_radius"
 NEAR = 0.9

@@ -129,7 +129,7 @@ def fit_spline(
     u = np.interp(p, grid, dense_u)
     normal = _normals(curve(p, 1))
     across = np.sum((plane - curve(p)) * normal, axis=1)
-    points = _publish(p, u, curve, across, located, scale)
+    points = _points_with_std(p, u, curve, across, located, scale)
     visible = total
     if found is not None and np.isfinite(found.visible):
         visible = found.visible
@@ -261,7 +261,7 @@ def _fit_across(
     return np.asarray(np.linalg.solve(normal, right).reshape(2, -1).T)
 
 
-def _publish(
+def _points_with_std(
     p: FloatArray,
     u: FloatArray,
     curve: SmoothCurve,
