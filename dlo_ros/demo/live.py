@@ -14,7 +14,7 @@ from dlo_ros.demo.plan import LiveRun
 from dlo_ros.demo.processes import Child, Children, ProcessError
 from dlo_ros.demo.terminal_progress import Progress
 from dlo_ros.nodes.monitor import NODES, Monitor, monitoring
-from dlo_ros.nodes.received_data import Heard
+from dlo_ros.nodes.received_data import ReceivedData
 
 READY_WITHIN = 60.0
 """Seconds that the nodes may take to start and to find each other."""
@@ -31,7 +31,7 @@ QUIET = 1.5
 DRAINED_WITHIN = 20.0
 
 
-def run_live(run: LiveRun, console: Console) -> Heard:
+def run_live(run: LiveRun, console: Console) -> ReceivedData:
     """Start the nodes, play the recording, listen, end the nodes.
 
     Raises:

@@ -14,7 +14,7 @@ from dlo_ros.command import Motion
 from dlo_ros.errors import DloError, RecordingError
 from dlo_ros.identification.residual_noise import noise_floor
 from dlo_ros.inference.forecast import Forecast, Manipulation, forecast
-from dlo_ros.nodes.received_data import Heard, Sample
+from dlo_ros.nodes.received_data import ReceivedData, Sample
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import read_recording
@@ -48,7 +48,7 @@ class Outcome:
     initial: Mapping[int, FloatArray]
 
 
-def assess(bag: Path, settings: Settings, heard: Heard) -> Outcome:
+def assess(bag: Path, settings: Settings, heard: ReceivedData) -> Outcome:
     """Compare the end of a run with its beginning.
 
     Args:

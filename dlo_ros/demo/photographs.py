@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from dlo_ros.demo.outcome import Outcome
-from dlo_ros.nodes.received_data import Heard
+from dlo_ros.nodes.received_data import ReceivedData
 from dlo_ros.parameters import CameraPose, Settings
 from dlo_ros.recordings import iterate_images
 from dlo_ros.recordings.images import CameraInfo, Image
@@ -67,7 +67,7 @@ class Window:
 
 
 def photographs(
-    bag: Path, settings: Settings, heard: Heard, outcome: Outcome, camera: str = ""
+    bag: Path, settings: Settings, heard: ReceivedData, outcome: Outcome, camera: str = ""
 ) -> dict[int, Photograph]:
     """Pictures by the stamp of the observed spline [ns], for as many as a report shows.
 

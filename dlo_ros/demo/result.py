@@ -21,7 +21,7 @@ from dlo_ros.nodes.received_data import (
     SPECIFIC_MODULUS,
     UNITS,
     YOUNG_MODULUS,
-    Heard,
+    ReceivedData,
     Sample,
 )
 from dlo_ros.report import (
@@ -67,7 +67,9 @@ def read_truth(bag: Path) -> dict[str, float]:
     return truth | {SPECIFIC_MODULUS: truth[YOUNG_MODULUS] / truth[DENSITY]}
 
 
-def estimate_tree(heard: Heard, outcome: Outcome, bag: str, truth: Mapping[str, float]) -> Any:
+def estimate_tree(
+    heard: ReceivedData, outcome: Outcome, bag: str, truth: Mapping[str, float]
+) -> Any:
     """What estimate.json holds: the keys of `identify`, and `true` where the truth is known."""
     sample = outcome.sample
     tree: dict[str, Any] = {
@@ -114,7 +116,7 @@ def with_std(sample: Sample, name: str) -> str:
 
 
 def report(
-    heard: Heard,
+    heard: ReceivedData,
     outcome: Outcome,
     bag: str,
     length: float,
@@ -169,7 +171,11 @@ def report(
 
 
 def _frames(
-    heard: Heard, outcome: Outcome, length: float, start: int, photographs: Mapping[int, Photograph]
+    heard: ReceivedData,
+    outcome: Outcome,
+    length: float,
+    start: int,
+    photographs: Mapping[int, Photograph],
 ) -> tuple[ShapeFrame, ...]:
     errors = heard.errors(length)
     return tuple(

@@ -11,7 +11,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 
 from dlo_ros.demo.result import with_std
-from dlo_ros.nodes.received_data import QUANTITIES, SYMBOLS, Heard
+from dlo_ros.nodes.received_data import QUANTITIES, SYMBOLS, ReceivedData
 
 NANOSECONDS = 1_000_000_000
 
@@ -45,7 +45,7 @@ class Progress:
         if self._live:
             self._live.stop()
 
-    def update(self, heard: Heard) -> None:
+    def update(self, heard: ReceivedData) -> None:
         """Show the state; called as often as one likes."""
         if not heard.now:
             return
@@ -58,7 +58,7 @@ class Progress:
             self._printed = int(time)
             self._console.print(line(time, heard), highlight=False, soft_wrap=True)
 
-    def _table(self, time: float, heard: Heard) -> Group:
+    def _table(self, time: float, heard: ReceivedData) -> Group:
         table = Table(box=None, show_header=False, padding=(0, 2))
         table.add_row("time", f"{time:.1f} of {self._duration:.1f} s")
         table.add_row("observed", f"{len(heard.observed)} splines")
@@ -69,7 +69,7 @@ class Progress:
         return Group(ProgressBar(total=self._duration, completed=time, width=60), table)
 
 
-def line(time: float, heard: Heard) -> str:
+def line(time: float, heard: ReceivedData) -> str:
     """The state in one line."""
     parts = [f"{time:5.1f} s", f"ERR {_err(heard)}"]
     sample = heard.estimate()
@@ -78,5 +78,5 @@ def line(time: float, heard: Heard) -> str:
     return "  ".join(parts)
 
 
-def _err(heard: Heard) -> str:
+def _err(heard: ReceivedData) -> str:
     return f"{heard.err[-1][1] * 1e3:.2f} mm" if heard.err else "not yet"

@@ -33,7 +33,7 @@ from dlo_ros.rod.batch.parameter_sets import ParameterSets
 from dlo_ros.rod.dynamics import in_lanes, with_consistent_acceleration
 from dlo_ros.rod.packing import nothing_varies, true_command
 from dlo_ros.rod.planar_model import in_plane
-from dlo_ros.rod.sensitivity.sensitivity_state import Varying
+from dlo_ros.rod.sensitivity.sensitivity_state import SensitivityState
 from dlo_ros.rod.sensitivity_parameters import MATERIAL
 from dlo_ros.rod.simulation import Simulation
 from dlo_ros.rod.state import State
@@ -113,7 +113,9 @@ class Varied:
     simulation: Simulation
 
 
-def _varying(state: State, pairs: Mapping[int, tuple[State, State]], *, follows: bool) -> Varying:
+def _varying(
+    state: State, pairs: Mapping[int, tuple[State, State]], *, follows: bool
+) -> SensitivityState:
     """Derivatives of a planar state by `MATERIAL`, from the states above and below."""
     result = nothing_varies(state, len(MATERIAL))
     parts: dict[str, Callable[[State], FloatArray]] = {

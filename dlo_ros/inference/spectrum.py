@@ -130,7 +130,9 @@ def spectrum(residual: FloatArray, jacobian: FloatArray, control_points: int) ->
                 rows.append(
                     (float(len(x)), float(x @ x), y.T @ x, y.T @ y, part, smooth, own, frequency)
                 )
-    count, sum_of_squares, gradient, hessian, parts, share, owns, frequencies = zip(*rows, strict=True)
+    count, sum_of_squares, gradient, hessian, parts, share, owns, frequencies = zip(
+        *rows, strict=True
+    )
     return Spectrum(
         frames, np.array(count), np.array(sum_of_squares), np.array(gradient), np.array(hessian),
         np.array(parts), np.array(share), np.full(len(rows), 1.0 / n), np.array(owns),

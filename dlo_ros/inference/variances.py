@@ -76,7 +76,10 @@ def _components(
     bins: Spectrum | _Bins, frames: int | FloatArray, memory: float, noise_memory: float
 ) -> FloatArray:
     """Variance in each bin of each component with a variance of one, shape (5, B)."""
-    noise, fading = ar1_spectral_density(noise_memory, bins.frequency), ar1_spectral_density(memory, bins.frequency)
+    noise, fading = (
+        ar1_spectral_density(noise_memory, bins.frequency),
+        ar1_spectral_density(memory, bins.frequency),
+    )
     still = np.where(bins.frequency == 0.0, frames, 0.0)
     return np.array(
         [
@@ -134,7 +137,15 @@ class _Bins:
         first += [np.full(sum(sizes), parts * (len(spectra) + k)) for k in range(4)]
         count, sum_of_squares, gradient, share, white, nodal, frequency = (
             np.concatenate([getattr(s, name) for s in spectra])
-            for name in ("count", "sum_of_squares", "gradient", "share", "white", "nodal", "frequency")
+            for name in (
+                "count",
+                "sum_of_squares",
+                "gradient",
+                "share",
+                "white",
+                "nodal",
+                "frequency",
+            )
         )
         hessian = np.concatenate([s.hessian.reshape(len(s.count), -1) for s in spectra])
         frames = np.repeat([float(s.frames) for s in spectra], sizes)

@@ -16,7 +16,7 @@ from rclpy.parameter import Parameter
 from dlo_ros.errors import InputError
 from dlo_ros.nodes.message_factory import message_class
 from dlo_ros.nodes.qos import LATCHED, RELIABLE
-from dlo_ros.nodes.received_data import Heard
+from dlo_ros.nodes.received_data import ReceivedData
 from dlo_ros.nodes.runtime import ros
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import read_spline, topics
@@ -46,7 +46,7 @@ class Monitor(Node):
     def __init__(self, settings: Settings) -> None:
         use_sim_time = Parameter("use_sim_time", Parameter.Type.BOOL, True)
         super().__init__("demo_monitor", parameter_overrides=[use_sim_time])
-        self.heard = Heard()
+        self.heard = ReceivedData()
         self.received = 0
         self._executor = SingleThreadedExecutor()
         self._settings = settings

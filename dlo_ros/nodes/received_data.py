@@ -42,7 +42,7 @@ class Sample:
 
 
 @dataclass
-class Heard:
+class ReceivedData:
     """Everything that came from the nodes so far, by the recording's time.
 
     Args:

@@ -14,9 +14,9 @@ from dlo_ros.rod.boundary.imposed_motion import Boundary
 from dlo_ros.rod.elements.rod_tables import InternalVariables, Reference, Stiffness
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.planar_model import IN_PLANE, expand, flat_reference, reduce
-from dlo_ros.rod.sensitivity.sensitivity_state import Rates, Varying
+from dlo_ros.rod.sensitivity.sensitivity_state import Rates, SensitivityState
 from dlo_ros.rod.solve.equation_system import System, Uniform
-from dlo_ros.rod.solve.integrator_state import LAST, NEXT, Moving
+from dlo_ros.rod.solve.integrator_state import LAST, NEXT, IntegratorState
 from dlo_ros.rod.state import State, Strains
 from dlo_ros.spline import FloatArray
 
@@ -94,10 +94,10 @@ def imposed_of(model: RodModel, boundary: Boundary, command: Command) -> conditi
     return imposed._replace(sudden=np.array([share, body.slip_onset + command.began_at]))
 
 
-def moving_of(state: State, command: Command, *, flat: bool) -> Moving:
+def moving_of(state: State, command: Command, *, flat: bool) -> IntegratorState:
     """A copy of a state for compiled code."""
     clock = [(state.stamp - command.stamp) / NANOSECONDS, state.last_step, state.next_step]
-    return Moving(
+    return IntegratorState(
         np.array(clock), reduce(state.q, flat), reduce(state.velocity, flat),
         reduce(state.acceleration, flat), reduce(state.auxiliary, flat),
         Reference(*(x.copy() for x in state.reference)), state.frames.copy(),
@@ -106,7 +106,7 @@ def moving_of(state: State, command: Command, *, flat: bool) -> Moving:
     )  # fmt: skip
 
 
-def varying_of(state: State, wanted: Varying, *, flat: bool) -> Varying:
+def varying_of(state: State, wanted: SensitivityState, *, flat: bool) -> SensitivityState:
     """A copy of a state's sensitivities for compiled code.
 
     Args:
@@ -114,7 +114,7 @@ def varying_of(state: State, wanted: Varying, *, flat: bool) -> Varying:
     """
     v = state.sensitivity
     assert v is not None
-    return Varying(
+    return SensitivityState(
         wanted.step, wanted.moves, wanted.rates, wanted.special, reduce(v.q, flat),
         reduce(v.velocity, flat), reduce(v.acceleration, flat), reduce(v.auxiliary, flat),
         Reference(*(x.copy() for x in v.reference)), v.frames.copy(), v.stretch.copy(),
@@ -123,7 +123,7 @@ def varying_of(state: State, wanted: Varying, *, flat: bool) -> Varying:
     )  # fmt: skip
 
 
-def nothing_varies(state: State, count: int, *, flat: bool = False) -> Varying:
+def nothing_varies(state: State, count: int, *, flat: bool = False) -> SensitivityState:
     """Sensitivities of a state that depends on none of `count` parameters."""
     n, nb = len(state.q), len(state.strains.other)
 
@@ -133,7 +133,7 @@ def nothing_varies(state: State, count: int, *, flat: bool = False) -> Varying:
     d = 2 if flat else 4
     stiffness = Stiffness(zeros(nb), zeros(nb), zeros(nb, 3), zeros(nb, 2), zeros(nb), zeros(nb))
     rates = Rates(stiffness, zeros(n, 4), zeros(n, 4), zeros(n, 4), zeros(n, d), zeros())
-    return Varying(
+    return SensitivityState(
         zeros(), zeros(), rates, 0.0, zeros(n, d), zeros(n, d), zeros(n, d), zeros(n, d),
         Reference(zeros(nb, 3), zeros(nb, 3), zeros(nb, 3), zeros(nb)),
         np.tile(state.frames, (count, 2, 1, 1)), zeros(nb), zeros(nb), zeros(nb, 3),
@@ -142,7 +142,8 @@ def nothing_varies(state: State, count: int, *, flat: bool = False) -> Varying:
 
 
 def state_of(
-    model: RodModel, before: State, m: Moving, stamp: int, varying: Varying | None = None,
+    model: RodModel, before: State, m: IntegratorState, stamp: int,
+    varying: SensitivityState | None = None,
     *, still: bool = False,
 ) -> State:  # fmt: skip
     """What compiled code left, as a state in space; `still` where it is at rest."""

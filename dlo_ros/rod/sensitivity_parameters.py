@@ -27,7 +27,7 @@ from dlo_ros.rod.elements.rod_tables import Stiffness
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.packing import imposed_of, parts_of, stacked, stacked_imposed, true_command
 from dlo_ros.rod.parameter_names import parsed
-from dlo_ros.rod.sensitivity.sensitivity_state import Rates, Varying
+from dlo_ros.rod.sensitivity.sensitivity_state import Rates, SensitivityState
 from dlo_ros.rod.solve.equation_system import System
 from dlo_ros.rod_settings import EFFECTS_PREFIX, RodSettings
 from dlo_ros.spline import FloatArray
@@ -141,7 +141,7 @@ class Compiled:
 
     Args:
         system, imposed: see there.
-        step, moves, rates, special: of the parameters, see `Varying`.
+        step, moves, rates, special: of the parameters, see `SensitivityState`.
     """
 
     system: System
@@ -151,7 +151,7 @@ class Compiled:
     rates: Rates
     special: float
 
-    def mark(self, varying: Varying) -> Varying:
+    def mark(self, varying: SensitivityState) -> SensitivityState:
         """Sensitivities that know their parameters."""
         return varying._replace(
             step=self.step, moves=self.moves, rates=self.rates, special=self.special

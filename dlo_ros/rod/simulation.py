@@ -14,7 +14,7 @@ from dlo_ros.command import NANOSECONDS, Command, Motion
 from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.observation import Observation
 from dlo_ros.rod import dynamics, resolution
-from dlo_ros.rod.boundary.command_timeline import Course
+from dlo_ros.rod.boundary.command_timeline import CommandTimeline
 from dlo_ros.rod.boundary.conditions import HELD
 from dlo_ros.rod.boundary.imposed_motion import Boundary
 from dlo_ros.rod.loads.grip_reactions import Loading, dense, loadings, loadings_along
@@ -72,7 +72,7 @@ class Simulation:
         self.published = SplineBasis(settings.rod.control_points, settings.rod.length)
         self.parameters = tuple(parameters)
         self._spans, self._loads = spans, loads
-        self._course = Course(motion)
+        self._timeline = CommandTimeline(motion)
         self._measurement = MeasurementMap(settings, self.parameters)
         self.resolution: resolution.Resolution | None = None
         self.state: State | None = None
@@ -148,7 +148,7 @@ class Simulation:
                 model, boundary, state, command, self.parameters
             )
         self._judged = self.settings.rod.specific_modulus
-        self._course.following = command
+        self._timeline.following = command
         self.state, self.model, self.boundary = state, model, boundary
 
     def judging(
@@ -185,7 +185,7 @@ class Simulation:
                 )
         possible(self.settings)
         seen = [replace(o, stamp=o.stamp - self._measurement.later) for o in observations[:needed]]
-        self._course.began = seen[0].stamp
+        self._timeline.began = seen[0].stamp
         command = self._command(seen[-1].stamp)
         shape = self._measurement.true(seen[-1].control_points)
         return seen, command, shape
@@ -206,9 +206,9 @@ class Simulation:
         """
         twin = copy(self)
         twin._loads = self._loads if loads is None else loads
-        twin._course = self._course.another()
+        twin._timeline = self._timeline.another()
         if motion is not None:
-            twin.motion = twin._course.motion = motion
+            twin.motion = twin._timeline.motion = motion
         twin.update(settings)
         return twin
 
@@ -216,8 +216,8 @@ class Simulation:
         """One that goes on from a state whose sensitivities to parameters were found elsewhere."""
         twin = copy(self)
         twin.state, twin.parameters = state, tuple(parameters)
-        twin._course, twin._measurement = (
-            self._course.another(),
+        twin._timeline, twin._measurement = (
+            self._timeline.another(),
             MeasurementMap(self.settings, parameters),
         )
         return twin
@@ -228,7 +228,7 @@ class Simulation:
         return replace(state, sensitivity=nothing_varies(state, count) if count else None)
 
     def _command(self, stamp: int) -> Command:
-        return self._course.at(stamp, slips=self.settings.slips)
+        return self._timeline.at(stamp, slips=self.settings.slips)
 
     def advance(self, stamp: int) -> Prediction:
         """Simulate to a stamp [ns]; see `advance_through`."""
@@ -251,7 +251,7 @@ class Simulation:
             )
         stamps = [stamp - self._measurement.later for stamp in stamps]
         predictions: list[Prediction] = []
-        course = self._course.another()
+        course = self._timeline.another()
         for stops in course.legs(state.stamp, stamps):
             command = course.at(max(stops[0] - 1, state.stamp), slips=self.settings.slips)
             held = boundary.names
@@ -284,7 +284,7 @@ class Simulation:
             borne = loadings(model, boundary, made, command) if self._loads and made else []
             for one in made:
                 predictions.append(self._published(one, model, borne.pop(0) if borne else None))
-        self.state, self.model, self.boundary, self._course = state, model, boundary, course
+        self.state, self.model, self.boundary, self._timeline = state, model, boundary, course
         return predictions
 
     def _regrip(self, state: State, command: Command) -> tuple[State, RodModel, Boundary]:
@@ -321,13 +321,13 @@ class Simulation:
             state, model, boundary = self._regrip(state, command)
         state = settle(model, boundary, state, command, stamp).state
         state = self._insensitive(state)
-        self._course.following = command
+        self._timeline.following = command
         self.state, self.model, self.boundary = state, model, boundary
         return self.prediction()
 
     def prediction(self) -> Prediction:
         """The present shape in the published basis."""
-        state, command, borne = self._started(), self._course.following, None
+        state, command, borne = self._started(), self._timeline.following, None
         if self._loads and command is not None:
             (borne,) = loadings(self.model, self.boundary, [state], command)
         return self._published(state, self.model, borne)

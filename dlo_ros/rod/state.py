@@ -14,7 +14,7 @@ from dlo_ros.rod.elements.contact_and_friction import rest_anchor
 from dlo_ros.rod.elements.rod_tables import DOF, InternalVariables, Reference
 from dlo_ros.rod.elements.strains import strains
 from dlo_ros.rod.model import RodModel
-from dlo_ros.rod.sensitivity.sensitivity_state import Varying
+from dlo_ros.rod.sensitivity.sensitivity_state import SensitivityState
 from dlo_ros.spline import FloatArray
 
 
@@ -55,7 +55,7 @@ class State:
     internal: InternalVariables
     last_step: float = 0.0
     next_step: float = 0.0
-    sensitivity: Varying | None = None
+    sensitivity: SensitivityState | None = None
 
 
 def strains_of(q: FloatArray, model: RodModel, reference: Reference) -> Strains:

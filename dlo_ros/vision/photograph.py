@@ -16,7 +16,7 @@ from dlo_ros.spline import FloatArray
 from dlo_ros.vision.fit.smoothing_spline import smooth
 from dlo_ros.vision.segmentation.edge_profile import Located, locate
 from dlo_ros.vision.segmentation.picture_strip import Mask, resample, smooth_curve, spacing_for
-from dlo_ros.vision.segmentation.ridge_map import BarMap, Image, as_bgr, bar_map
+from dlo_ros.vision.segmentation.ridge_map import Image, RidgeMap, as_bgr, map_ridges
 from dlo_ros.vision.segmentation.user_hints import Hints, limited
 from dlo_ros.vision.tracing.chain_grouping import join
 from dlo_ros.vision.tracing.chain_ordering import Path
@@ -89,7 +89,7 @@ def find_dlos(image: Image, hints: Hints | None = None) -> list[FoundDlo]:
         allowed = None if hints is None else hints.allowed(image, width)
         if allowed is not None and not allowed.any():
             return []
-        bars = bar_map(image, width, allowed)
+        bars = map_ridges(image, width, allowed)
         for path in join(_clear(find_chains(bars), bars.width), bars)[:MOST_COURSES]:
             if path.length < 0.7 * SHORTEST * bars.width:
                 break  # they come longest first
@@ -111,7 +111,7 @@ def _clear(chains: list[Chain], width: float) -> list[Chain]:
 
 
 def _measured(
-    image: Image, bars: BarMap, path: Path, width: float, allowed: Image | None
+    image: Image, bars: RidgeMap, path: Path, width: float, allowed: Image | None
 ) -> FoundDlo | None:
     """Follow a course in the full picture; None where it is no DLO after all."""
     points = bars.to_image(path.points)

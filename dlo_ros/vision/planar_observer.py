@@ -28,7 +28,7 @@ from dlo_ros.vision.planar_result import Rough, Shape, VisionResult
 from dlo_ros.vision.segmentation.camera_image import image_of
 from dlo_ros.vision.segmentation.edge_profile import Located, locate
 from dlo_ros.vision.segmentation.picture_strip import inside, resample, smooth_curve, spacing_for
-from dlo_ros.vision.segmentation.ridge_map import Image, bar_map
+from dlo_ros.vision.segmentation.ridge_map import Image, map_ridges
 from dlo_ros.vision.segmentation.user_hints import Hints, limited
 from dlo_ros.vision.tracing.centring import centred
 from dlo_ros.vision.tracing.chain_ordering import ClampPixel, PathSearch
@@ -154,7 +154,7 @@ class Observer:
         tones: bool,
     ) -> VisionResult:
         """Find and measure the DLO in the part of the image where it may be."""
-        bars = bar_map(image, width, allowed, tones=tones)
+        bars = map_ridges(image, width, allowed, tones=tones)
         chains = find_chains(bars)
         clamps = [
             None if end is None else to_pixel(end, self.camera, 0.2 * self.settings.rod.diameter)

@@ -32,7 +32,7 @@ from dlo_ros.demo.result import estimate_tree, last_line, read_truth, report, wi
 from dlo_ros.demo.terminal_progress import Progress, line
 from dlo_ros.errors import InputError, RecordingError
 from dlo_ros.inference.forecast import Manipulation, forecast
-from dlo_ros.nodes.received_data import QUANTITIES, Heard, Sample
+from dlo_ros.nodes.received_data import QUANTITIES, ReceivedData, Sample
 from dlo_ros.parameters import RodParameters, Settings
 from dlo_ros.recordings import (
     BAG_MESSAGES,
@@ -142,7 +142,7 @@ def test_nothing_leaves_this_machine(tmp_path, monkeypatch):
 
 def heard(std=300.0):
     """A run of 3 s: ERR falls from 30 to 2 mm, E/mu rises to 19800."""
-    result = Heard()
+    result = ReceivedData()
     basis = np.linspace(0.0, 0.3, 10)
     for k in range(91):
         stamp = START + round(k / 30 * SECOND)
@@ -188,7 +188,7 @@ def test_the_estimate_keeps_its_history():
 
 
 def test_nothing_is_known_before_both_values_came():
-    run = Heard()
+    run = ReceivedData()
     run.take_estimate(1e6, None)
     assert run.estimate() is None
     run.take_estimate(None, 2000.0)
@@ -264,7 +264,7 @@ def test_err_at_first_is_that_of_the_initial_guess(tmp_path):
     )
     settings = recordings_samples.SETTINGS
     recording = read_recording(bag, settings)
-    run = Heard()
+    run = ReceivedData()
     for k, observation in enumerate(recording.observations):
         run.observed[observation.stamp] = observation.control_points
         shift = np.array([0.0, 0.0, 0.001 * (k + 1), 0.0])
@@ -327,7 +327,7 @@ def test_a_pipe_gets_a_line_for_each_second(capsys):
     lines = capsys.readouterr().out.splitlines()
     assert [text.split(" s")[0].strip() for text in lines] == ["0.0", "1.0", "2.0"]
     assert "ERR 2.00 mm" in lines[0] and "E/mu 1.98e+04 +- 0.03e+04 m^2/s^2" in lines[0]
-    assert "ERR not yet" in line(0.0, Heard())
+    assert "ERR not yet" in line(0.0, ReceivedData())
 
 
 def test_a_terminal_gets_a_table():

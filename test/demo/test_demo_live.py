@@ -22,7 +22,7 @@ from dlo_ros.demo.processes import ProcessError
 from dlo_ros.demo.terminal_progress import Progress
 from dlo_ros.nodes.message_factory import ROS_MESSAGES
 from dlo_ros.nodes.monitor import monitoring
-from dlo_ros.nodes.received_data import Heard
+from dlo_ros.nodes.received_data import ReceivedData
 from dlo_ros.recordings import read_recording, spline_message, topics
 
 WARN, OK = DiagnosticStatus.WARN, DiagnosticStatus.OK
@@ -30,7 +30,7 @@ WARN, OK = DiagnosticStatus.WARN, DiagnosticStatus.OK
 
 def played(bag, settings):
     """What the nodes would publish if they predicted 1 mm too high."""
-    heard = Heard()
+    heard = ReceivedData()
     for k, seen in enumerate(read_recording(bag, settings).observations):
         heard.observed[seen.stamp] = seen.control_points
         heard.predicted[seen.stamp] = seen.control_points + np.array([0.0, 0.0, 0.001, 0.0])
@@ -74,7 +74,7 @@ class Nodes:
     """Stands for the listener and the processes."""
 
     def __init__(self, heard=None, missing=()):
-        self.heard = heard or Heard()
+        self.heard = heard or ReceivedData()
         self.received = 0
         self.process = SimpleNamespace(poll=lambda: 0 if self.received > 2 else None)
         self._missing = list(missing)
@@ -112,9 +112,9 @@ def test_a_run_without_result_says_what_each_node_waits_for(tmp_path, monkeypatc
             live._listen(nodes, nodes, nodes, progress)
 
     with pytest.raises(ProcessError, match=r"nothing was observed .* something that observer"):
-        listen(Heard())
+        listen(ReceivedData())
     with pytest.raises(ProcessError, match=r"could be compared .* simulator needs; identifier: "):
-        listen(Heard(observed=whole.observed))
+        listen(ReceivedData(observed=whole.observed))
     listen(whole)
 
 

@@ -20,7 +20,7 @@ from dlo_ros.demo.photographs import Photograph
 from dlo_ros.demo.plan import plan_run
 from dlo_ros.errors import InputError, RecordingError
 from dlo_ros.files import read_yaml
-from dlo_ros.nodes.received_data import Heard
+from dlo_ros.nodes.received_data import ReceivedData
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.bag import open_bag
@@ -138,7 +138,7 @@ def test_both_cameras_and_the_grippers_are_played(made, tmp_path, monkeypatch):
 
 def played(bag, settings, std):
     """What nodes would publish that see the DLO as a straight line, and know E/mu that well."""
-    heard = Heard()
+    heard = ReceivedData()
     line = np.column_stack([np.linspace(0.0, 0.3, 10), *np.zeros((3, 10))])
     for k, images in enumerate(iterate_together(bag, list(settings.cameras))):
         stamp = images["left"].stamp

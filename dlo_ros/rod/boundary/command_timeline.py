@@ -17,7 +17,7 @@ SAME_PLACE = 1e-6  # of L
 
 
 @dataclass
-class Course:
+class CommandTimeline:
     """The commands of a motion, each continued from what was imposed before it.
 
     Poses that are sent one by one leap from each to the next; no hand does, and a stiff rod that
@@ -37,7 +37,7 @@ class Course:
     whole_path: float = 0.0
     began: int | None = None
 
-    def another(self) -> Course:
+    def another(self) -> CommandTimeline:
         """A course of the same motion that goes its own way from here."""
         return replace(self, standing_in=dict(self.standing_in))
 

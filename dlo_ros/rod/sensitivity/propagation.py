@@ -39,7 +39,7 @@ from dlo_ros.rod.solve.generalised_alpha import (
     strain_rate_weights,
     weights,
 )
-from dlo_ros.rod.solve.integrator_state import LAST, TIME, Moving, another, assign
+from dlo_ros.rod.solve.integrator_state import LAST, TIME, IntegratorState, another, assign
 
 
 @linked()
@@ -268,7 +268,7 @@ def vary_rest(system, imposed, before, rest, internal, fresh, varying):
                 add(gaps[a], share, gap)
     _solve(system, band, rhs, increments, gaps)
     d_q = rhs.reshape((count, q.shape[0], q.shape[1]))
-    start = Moving(
+    start = IntegratorState(
         rest.clock, rest.q, rest.velocity, rest.acceleration, rest.auxiliary, rest.reference,
         rest.frames, rest.stretch, rest.stretch_before, rest.other, rest.other_before, internal,
     )  # fmt: skip

@@ -23,8 +23,8 @@ class Rates(NamedTuple):
     relaxation_time: FloatArray  # (P,)
 
 
-class Varying(NamedTuple):
-    """Derivatives of a moving rod by P parameters, changed in place; named as in `Moving`."""
+class SensitivityState(NamedTuple):
+    """Derivatives of the `IntegratorState` by P parameters, changed in place."""
 
     step: FloatArray  # (P,) half the distance of a parameter's two variants
     moves: FloatArray  # (P,) not 0 where the parameter changes what is imposed

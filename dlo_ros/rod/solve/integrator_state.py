@@ -11,7 +11,7 @@ from dlo_ros.rod.elements.rod_tables import InternalVariables, Reference
 from dlo_ros.spline import FloatArray
 
 
-class Moving(NamedTuple):
+class IntegratorState(NamedTuple):
     """The state of a rod, changed in place; d is 4 in space, 2 in the plane."""
 
     clock: FloatArray  # (3,) [s] time from the command's start, last step, proposed next step
@@ -65,7 +65,7 @@ def commit(new, state):
 @linked()
 def another(state):
     """A copy of a state."""
-    return Moving(
+    return IntegratorState(
         state.clock.copy(), state.q.copy(), state.velocity.copy(), state.acceleration.copy(),
         state.auxiliary.copy(),
         Reference(

@@ -33,7 +33,7 @@ PADDING = 8  # [px] the border is repeated by at least this, so that no comparis
 
 
 @dataclass(frozen=True)
-class BarMap:
+class RidgeMap:
     """Where an image looks like the middle of a bar of a given width.
 
     Args:
@@ -80,9 +80,9 @@ def as_bgr(image: NDArray[np.uint8]) -> Image:
     raise VisionError(f"the image has shape {image.shape}; (h, w) or (h, w, 3) is needed")
 
 
-def bar_map(
+def map_ridges(
     image: Image, width: float, allowed: Image | None = None, *, tones: bool = False
-) -> BarMap:
+) -> RidgeMap:
     """Search an image for bars of one width.
 
     Args:
@@ -131,7 +131,7 @@ def bar_map(
         float(threshold),
         tones,
     )
-    return BarMap(strength, orientation, smooth, scale, local, threshold, origin)
+    return RidgeMap(strength, orientation, smooth, scale, local, threshold, origin)
 
 
 def _part(image: Image, allowed: Image | None, margin: int) -> tuple[int, int, int, int]:

@@ -22,7 +22,7 @@ from dlo_ros.vision.segmentation.picture_strip import (
     smooth_curve,
     spacing_for,
 )
-from dlo_ros.vision.segmentation.ridge_map import Image, bar_map
+from dlo_ros.vision.segmentation.ridge_map import Image, map_ridges
 from dlo_ros.vision.segmentation.user_hints import Hints, limited
 from dlo_ros.vision.space.matching import SAMPLES, WAITING, align
 from dlo_ros.vision.space.reprojection import ClampPose
@@ -148,7 +148,7 @@ class ViewSearch:
         """
         width = self.width(clamps)
         allowed = self._hints.allowed(image, width)
-        bars = bar_map(image, width, allowed)
+        bars = map_ridges(image, width, allowed)
         plane = PlaneGrid.of_pixels(bars)
         local = []
         for clamp in clamps:

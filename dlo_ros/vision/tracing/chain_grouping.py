@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from dlo_ros.spline import FloatArray
-from dlo_ros.vision.segmentation.ridge_map import BarMap
+from dlo_ros.vision.segmentation.ridge_map import RidgeMap
 from dlo_ros.vision.tracing.chain_linking import Linker, bridge
 from dlo_ros.vision.tracing.chain_ordering import Path
 from dlo_ros.vision.tracing.metric_lengths import PlaneGrid
@@ -16,7 +16,7 @@ LINK_LIMIT = 3.0  # a dearer link is none
 FURTHEST = 8.0  # [widths] the longest gap that is bridged without knowing the length
 
 
-def join(chains: list[Chain], bars: BarMap) -> list[Path]:
+def join(chains: list[Chain], bars: RidgeMap) -> list[Path]:
     """Pair the ends of chains, the cheapest links first, and follow them.
 
     At a crossing four ends meet; straight on costs least, and what is left is paired then.

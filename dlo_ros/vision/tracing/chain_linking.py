@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from dlo_ros.kernel_cache import njit
 from dlo_ros.spline import FloatArray
-from dlo_ros.vision.segmentation.ridge_map import BarMap, Image
+from dlo_ros.vision.segmentation.ridge_map import Image, RidgeMap
 from dlo_ros.vision.tracing.metric_lengths import PlaneGrid, polyline_length
 from dlo_ros.vision.tracing.ridge_tracing import Chain, chain_end
 
@@ -63,7 +63,7 @@ class Link(NamedTuple):
 class Linker:
     """Links between the ends of chains in one bar map."""
 
-    def __init__(self, chains: list[Chain], bars: BarMap, plane: PlaneGrid) -> None:
+    def __init__(self, chains: list[Chain], bars: RidgeMap, plane: PlaneGrid) -> None:
         found = [chain_end(chain, last, bars.width) for chain in chains for last in (False, True)]
         strengths = [chain.strength for chain in chains]
         self.ends = Ends(

@@ -14,7 +14,7 @@ import numpy as np
 
 from dlo_ros.errors import VisionError
 from dlo_ros.spline import FloatArray
-from dlo_ros.vision.segmentation.ridge_map import BarMap
+from dlo_ros.vision.segmentation.ridge_map import RidgeMap
 from dlo_ros.vision.tracing.chain_linking import Link, Linker, bridge, split_at
 from dlo_ros.vision.tracing.metric_lengths import PlaneGrid
 from dlo_ros.vision.tracing.ridge_tracing import Chain
@@ -100,7 +100,7 @@ class PathSearch:
     def __init__(
         self,
         chains: list[Chain],
-        bars: BarMap,
+        bars: RidgeMap,
         length: float,
         plane: PlaneGrid,
         start: ClampPixel | None,

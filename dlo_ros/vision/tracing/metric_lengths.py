@@ -10,7 +10,7 @@ import numpy as np
 from dlo_ros.kernel_cache import njit
 from dlo_ros.spline import FloatArray
 from dlo_ros.vision.camera.pinhole import Camera
-from dlo_ros.vision.segmentation.ridge_map import BarMap
+from dlo_ros.vision.segmentation.ridge_map import RidgeMap
 
 CELL = 24.0  # [px of the bar map] distortion and perspective are straight over that
 
@@ -29,7 +29,7 @@ class PlaneGrid:
     nodes: FloatArray
 
     @classmethod
-    def of_board(cls, camera: Camera, bars: BarMap) -> PlaneGrid:
+    def of_board(cls, camera: Camera, bars: RidgeMap) -> PlaneGrid:
         """The board's plane, x and z [m]."""
         x, y = _lattice(bars)
         plane = camera.to_board(bars.to_image(np.column_stack([x.ravel(), y.ravel()])))[:, [0, 2]]
@@ -38,7 +38,7 @@ class PlaneGrid:
         return cls(np.ascontiguousarray(plane.reshape(*x.shape, 2)))
 
     @classmethod
-    def of_pixels(cls, bars: BarMap) -> PlaneGrid:
+    def of_pixels(cls, bars: RidgeMap) -> PlaneGrid:
         """The bar map itself [px], where no camera is known."""
         return cls(np.ascontiguousarray(np.stack(_lattice(bars), axis=-1)))
 
@@ -48,7 +48,7 @@ class PlaneGrid:
         return float(polyline_length(self.nodes, np.ascontiguousarray(some)))
 
 
-def _lattice(bars: BarMap) -> tuple[FloatArray, FloatArray]:
+def _lattice(bars: RidgeMap) -> tuple[FloatArray, FloatArray]:
     height, width = bars.strength.shape
     columns = max(2, int(np.ceil(width / CELL)) + 1)
     rows = max(2, int(np.ceil(height / CELL)) + 1)

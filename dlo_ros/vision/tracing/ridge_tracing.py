@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from dlo_ros.kernel_cache import njit
 from dlo_ros.spline import FloatArray
-from dlo_ros.vision.segmentation.ridge_map import ORIENTATIONS, BarMap
+from dlo_ros.vision.segmentation.ridge_map import ORIENTATIONS, RidgeMap
 
 SHORTEST = 1.5  # widths; a shorter chain is noise
 SHARP_TURN = 1.0  # [rad] over two widths: no bend of a DLO, so the chain is cut there
@@ -63,7 +63,7 @@ class ChainEnd:
     curvature: float
 
 
-def find_chains(bars: BarMap) -> list[Chain]:
+def find_chains(bars: RidgeMap) -> list[Chain]:
     """Trace the ridges of a bar map, strongest first."""
     rows, columns, offsets = _ridge(bars.strength, bars.orientation, round(0.9 * bars.width))
     if len(rows) == 0:
