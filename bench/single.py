@@ -113,7 +113,7 @@ class Statics:
                 rod.system, rod.imposed, before, before.clock[0], model.rate2, statics.TOLERANCE,
                 False, rest,
             )  # fmt: skip
-            vary_rest(rod.system, rod.imposed, before.q, rest, before.history, False, varying)
+            vary_rest(rod.system, rod.imposed, before.q, rest, before.internal, False, varying)
             return varying
 
         return run
