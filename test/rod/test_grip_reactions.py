@@ -282,7 +282,7 @@ def test_effects_are_part_of_the_balance(name):
     for k in range(1, 11):
         simulation.advance(SECOND + k * SECOND // 10)
         state = simulation.state
-        followed = simulation._course.following
+        followed = simulation._timeline.following
         now = instants_of([state], growth_of(model, boundary, followed, state.stamp))
         found = balance_of(model, boundary).solve(now)[0].acceleration[0]
         off.append(found - state.acceleration[:, :3])

@@ -97,7 +97,7 @@ def test_equations_are_those_of_one_rod(held, first):
     lo, hi = held[0], n - held[1]
     rng = np.random.default_rng(0)
     q, matrix, rhs = rows(2 * n), rows(4 * n), rows(2 * n)
-    law = simd_kernels.Law(rows(nb), rows(nb), rows(nb), rows(nb))
+    law = simd_kernels.BatchLaw(rows(nb), rows(nb), rows(nb), rows(nb))
     many = 2 * n + 7
     scratch = simd_kernels.Scratch(
         rows(2 * n), rows(many), rows(8 * many), rows(42), rows(16), rows(2 * nb)

@@ -41,7 +41,7 @@ def swing(
         return turn * np.clip(t / 0.3, 0.0, 1.0)
 
     def boundary(t):
-        return rod_simulation.Boundary({0: np.zeros(2)}, start=float(angle(t)))
+        return rod_simulation.ImposedNodes({0: np.zeros(2)}, start=float(angle(t)))
 
     straight = np.column_stack([rod.u, np.zeros(len(rod.u))])
     simulation = rod_simulation.Simulation(rod, boundary, straight, step=1e-3)
@@ -70,7 +70,7 @@ def at_rest(settings: Settings, *, frames=5, noise=3e-4, seed=0, same=True):
     rng = np.random.default_rng(seed)
     basis = SplineBasis(settings.rod.control_points, settings.rod.length)
     rod = discrete_rod.DiscreteRod.uniform(settings.rod, settings.damping, edges=120)
-    hold = rod_simulation.Boundary({0: np.zeros(2)}, start=0.0)
+    hold = rod_simulation.ImposedNodes({0: np.zeros(2)}, start=0.0)
     straight = np.column_stack([rod.u, np.zeros(len(rod.u))])
     nodes = rod_simulation.Simulation(rod, lambda _: hold, straight).settle()
     shapes = [spline_through(rod, nodes, basis, noise, rng) for _ in range(frames)]
