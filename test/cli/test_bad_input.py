@@ -230,4 +230,6 @@ def test_what_comes_later_leaves_the_slip_so_far_as_it_is():
     )
     after = simulation.advance(SECOND // 5 + SECOND // 1000).control_points
     assert np.abs(after - before)[:, :3].max() < 5e-3
-    assert simulation._timeline.at(SECOND // 4, slips=True).progress.tolist() == pytest.approx([1, 2])
+    assert simulation._timeline.at(SECOND // 4, slips=True).progress.tolist() == pytest.approx(
+        [1, 2]
+    )
