@@ -20,6 +20,9 @@ MOST_GROSS = 0.2
 """Share of the pictures up to which they may be grossly wrong; more are no exception."""
 FEWEST_FOR_JUMPS = 7
 """Pictures, from which one that jumps out of its neighbours can be told."""
+SAME, SLOPE = np.sqrt(2.0 / 1.5), np.sqrt(6.0 / 1.5)
+"""What noise does to the difference from the next picture, and from a slope through the next two,
+over what it does to the difference from the mean of two neighbours."""
 
 
 @dataclass(frozen=True)
@@ -159,8 +162,8 @@ def without_gross(recording: Recording, missed: FloatArray) -> Recording:
     Args:
         missed: observed minus predicted control points [m], shape (F, n, 3), of the last F frames.
     """
-    gross = outliers(recording.observed)
-    gross[-len(missed) :] &= outliers(missed)
+    gross = np.zeros(len(recording.observed), dtype=bool)
+    gross[-len(missed) :] = outliers(recording.observed[-len(missed) :], missed)
     if not 0 < gross.sum() <= MOST_GROSS * len(gross):
         return recording
     keep = ~gross
@@ -209,60 +212,69 @@ def spline_space(observed: FloatArray, settings: Settings) -> FloatArray:
     return np.concatenate(parts, axis=1)
 
 
-def outliers(residual: FloatArray, limit: float = 6.0) -> np.ndarray:
-    """Pictures whose residual jumps out of its neighbours', shape (F,).
+def outliers(*fields: FloatArray, limit: float = 6.0) -> np.ndarray:
+    """Pictures that jump out of their neighbours' in each of some fields, shape (F,).
 
     A model that is wrong is wrong in neighbouring pictures alike; a picture that was seen wrongly
     stands alone.
 
     Args:
-        residual: as in `Forecast`, shape (F, n, 3).
+        fields: such as residuals, shape (F, n, 3) each.
         limit: in typical jumps.
     """
-    frames = len(residual)
-    if frames < FEWEST_FOR_JUMPS:
-        return np.zeros(frames, dtype=bool)
-    flat = residual.reshape(frames, -1).copy()
-    wrong = np.zeros(frames, dtype=bool)
-    most = np.inf
-    for _ in range(frames):
-        jump, expected = _jumps(flat)
-        if not wrong.any():
-            middle = float(np.median(jump))
-            typical = 1.4826 * float(np.median(np.abs(jump - middle)))
-            most = middle + limit * max(typical, 0.1 * middle)
+    flat = [f.reshape(len(f), -1).copy() for f in fields]
+    wrong = np.zeros(len(flat[0]), dtype=bool)
+    if len(wrong) < FEWEST_FOR_JUMPS:
+        return wrong
+    most = [_usual(_jumps(f)[0], limit) for f in flat]
+    first, last = 0, len(wrong)
+    while last - first >= FEWEST_FOR_JUMPS and wrong.sum() <= MOST_GROSS * len(wrong):
+        found = [_jumps(f[first:last]) for f in flat]
         # Beside a picture that jumps its neighbours seem to jump as well: it goes first.
-        worst = (jump > most) & (jump >= maximum_filter1d(jump, 5)) & ~wrong
-        if not worst.any():
+        out = [
+            (jump > m) & (jump >= maximum_filter1d(jump, 5))
+            for (jump, _), m in zip(found, most, strict=True)
+        ]
+        worst = np.flatnonzero(np.all(out, axis=0))
+        if not len(worst):
             break
-        wrong |= worst
-        flat[worst] = expected[worst]
+        wrong[first + worst] = True
+        for f, (_, expected) in zip(flat, found, strict=True):
+            f[first + worst] = expected[worst]
+        # Where nothing comes after it, what is expected may be as wrong: a picture beside it is.
+        first, last = first + int(worst[0] == 0), last - int(first + worst[-1] == last - 1)
     return wrong
 
 
-COURSES = np.array([[1.0, 0.0, 0.0], [2.0, -1.0, 0.0], [3.0, -3.0, 1.0]])
-"""What the first of four pictures is beside the others: the same, on a slope, on a parabola."""
+def _usual(jump: FloatArray, limit: float) -> float:
+    """The largest jump that is no exception."""
+    middle = float(np.median(jump))
+    typical = 1.4826 * float(np.median(np.abs(jump - middle)))
+    return middle + limit * max(typical, 0.1 * middle)
 
 
 def _jumps(flat: FloatArray) -> tuple[FloatArray, FloatArray]:
     """How far each picture is from what its neighbours let expect, shape (F,), and that, (F, N).
 
-    Of several expectations that which comes nearest counts. At the ends, where noise does more to
+    Of several expectations that which comes nearest counts. Near the ends, where noise does more to
     an expectation, it is taken in units of what it does to the mean of two neighbours.
 
     Args:
         flat: shape (F, N).
     """
     frames = len(flat)
-    padded = np.concatenate([flat[2:0:-1], flat, flat[-2:-4:-1]])
+    beyond = np.zeros((2, flat.shape[1]))
+    padded = np.concatenate([beyond, flat, beyond])
     a, b, c, d, e = (padded[k : k + frames] for k in range(5))
-    courses = np.stack(
-        [np.median(np.stack([a, b, c, d, e]), axis=0), 0.5 * (b + d), (4.0 * (b + d) - a - e) / 6.0]
-    )
-    unit = np.ones((len(courses), frames))
-    unit[:, [0, -1]] = np.sqrt((1.0 + np.sum(COURSES**2, axis=1)) / 1.5)[:, None]
-    courses[:, 0], courses[:, -1] = COURSES @ flat[1:4], COURSES @ flat[-2:-5:-1]
+    between, parabola = 0.5 * (b + d), (4.0 * (b + d) - a - e) / 6.0
+    middle = np.median(np.stack([a, b, c, d, e]), axis=0)
+    unit = np.ones((3, frames))
+    for k, step in ((0, 1), (-1, -1)):
+        between[k], parabola[k] = flat[k + step], 2.0 * flat[k + step] - flat[k + 2 * step]
+        parabola[k + step] = 2.0 * flat[k + 2 * step] - flat[k + 3 * step]
+        middle[[k, k + step]] = np.inf
+        unit[0, k], unit[1, [k, k + step]] = SAME, SLOPE
+    courses = np.stack([between, parabola, middle])
     jump = np.linalg.norm(flat - courses, axis=2) / unit
-    nearest = np.argmin(jump, axis=0)
-    number = np.arange(frames)
+    nearest, number = np.argmin(jump, axis=0), np.arange(frames)
     return jump[nearest, number], courses[nearest, number]

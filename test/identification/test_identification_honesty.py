@@ -53,9 +53,11 @@ def test_pictures_that_jump_are_found_and_a_wrong_model_is_none():
     smooth[..., 2] = 0.02 * np.sin(np.arange(90) / 6.0)[:, None]
     smooth += 1e-4 * rng.normal(size=smooth.shape)
     assert not outliers(smooth).any()
-    wrong = [0, 20, 51, 53, 89]  # at both ends, too
-    smooth[wrong] += 0.03
-    assert list(np.flatnonzero(outliers(smooth))) == wrong
+    wrong = np.array([0, 20, 51, 53, 88, 89])  # at the ends, and side by side
+    smooth[wrong] += 0.03 * rng.normal(size=(len(wrong), 10, 3))
+    found = set(np.flatnonzero(outliers(smooth)))
+    assert found >= set(wrong)
+    assert len(found) <= len(wrong) + 2  # a neighbour may be lost with it
 
 
 def test_a_few_wrong_pictures_do_not_bend_the_estimate():
