@@ -68,7 +68,7 @@ def in_space(spatial: bool) -> Iterator[None]:
     own = [module.in_plane for module in modules]
     try:
         for module in modules if spatial else ():
-            module.in_plane = lambda model, state, command: False
+            module.in_plane = lambda *_: False
         yield
     finally:
         for module, function in zip(modules, own, strict=True):
