@@ -14,6 +14,10 @@ SPACE_OUTPUT ?= build/demo_space
 WORKERS ?= 2
 PYTEST_PARALLEL = $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
 
+# What compiles the rod's kernels: it is installed first, and compiles while the rest is installed. What
+# it has not reached then is compiled by whoever needs it.
+COMPILER := numba|llvmlite|numpy|scipy|pyyaml
+
 INSTALLED := $(VENV)/.installed
 COMPILED := $(VENV)/.compiled
 
@@ -38,7 +42,11 @@ $(INSTALLED): requirements.lock setup.cfg setup.py
 	@echo "Creating $(VENV) with the versions of requirements.lock (a minute or two)"
 	@$(PYTHON) -m venv --clear $(VENV) || { \
 		echo "Python cannot make a virtual environment; on Debian and Ubuntu: apt install python3-venv" >&2; exit 1; }
-	$(BIN)/pip install --quiet --no-compile --require-hashes -r requirements.lock
+	@awk '/^[a-z]/ { wanted = /^($(COMPILER))==/ } wanted' requirements.lock > $(VENV)/compiler.lock
+	$(BIN)/pip install --quiet --no-compile --no-deps --require-hashes -r $(VENV)/compiler.lock
+	@$(BIN)/python -m dlo_ros.compile rod > $(VENV)/compile.log 2>&1 & compiling=$$!; \
+	trap 'kill $$compiling 2> /dev/null' EXIT; \
+	$(BIN)/pip install --quiet --no-compile --require-hashes -r requirements.lock && \
 	$(BIN)/pip install --quiet --no-compile --no-deps --no-build-isolation --editable .
 	@touch $@
 
