@@ -5,10 +5,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from dlo_ros.kernel_cache import njit
+from dlo_ros.kernel_linking import linked
 
 
-@njit()
+@linked(from_python=True)
 def sample(times, positions, rotations, velocities, time, position, rotation):
     """Values of a trajectory at a time; before the first point and after the last they hold.
 
@@ -24,14 +24,19 @@ def sample(times, positions, rotations, velocities, time, position, rotation):
     after = np.searchsorted(times, time, side="right")
     if after == 0 or after == times.size:
         at = max(after - 1, 0)
-        position[:, :] = positions[at]
-        rotation[:, :] = rotations[at]
+        for k in range(position.shape[0]):
+            for c in range(3):
+                position[k, c] = positions[at, k, c]
+            for c in range(4):
+                rotation[k, c] = rotations[at, k, c]
     else:
         a, b = after - 1, after
         h = times[b] - times[a]
         s = (time - times[a]) / h
         for k in range(position.shape[0]):
-            smooth = np.all(np.isfinite(velocities[a, k])) and np.all(np.isfinite(velocities[b, k]))
+            smooth = True
+            for c in range(3):
+                smooth = smooth and np.isfinite(velocities[a, k, c] + velocities[b, k, c])
             for c in range(3):
                 p0, p1 = positions[a, k, c], positions[b, k, c]
                 if smooth:
@@ -48,7 +53,7 @@ def sample(times, positions, rotations, velocities, time, position, rotation):
         _normalise(rotation[k])
 
 
-@njit()
+@linked()
 def _slerp(a, b, s, out):
     """Spherical interpolation the short way round."""
     dot, size_a, size_b = 0.0, 0.0, 0.0
@@ -71,11 +76,11 @@ def _slerp(a, b, s, out):
         out[i] = wa * a[i] / size_a + sign * wb * b[i] / size_b
 
 
-@njit()
+@linked()
 def _normalise(q):
     norm = np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     if norm > 1e-9 and np.isfinite(norm):
-        q /= norm
+        for i in range(4):
+            q[i] /= norm
     else:
-        q[:] = 0.0
-        q[3] = 1.0
+        q[0], q[1], q[2], q[3] = 0.0, 0.0, 0.0, 1.0

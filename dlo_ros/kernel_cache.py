@@ -37,13 +37,15 @@ NUMBA_MISSING = "numba is not installed; pip install numba (Ubuntu 24.04 has no 
 _decorating = Lock()
 
 
-def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
+def njit(*, from_python: bool = True, **options: Any) -> Callable[[Callable[..., Any]], Any]:
     """Numba's decorator `njit`, which keeps the machine code in `cache_folder()`.
 
     Compiled functions release the interpreter's lock. Where the folder cannot be written, what is
-    not in it is compiled for this process alone.
+    not in it is compiled for this process alone. What would call them from C is left out.
 
     Args:
+        from_python: whether Python calls the function. What unpacks Python's objects, often more
+            code than the function itself, is left out otherwise.
         options: further options of `numba.njit`.
 
     Raises:
@@ -52,6 +54,7 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     numba = _numba()
     if numba.config.DISABLE_JIT:
         return numba.njit(**options)  # type: ignore[no-any-return]
+    options |= {"no_cfunc_wrapper": True, "no_cpython_wrapper": not from_python}
 
     def decorate(function: Callable[..., Any]) -> Any:
         folder = cache_folder()

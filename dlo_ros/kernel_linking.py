@@ -36,8 +36,7 @@ def linked(*, from_python: bool = False, **options: Any) -> Callable[[Callable[.
     """
 
     def decorate(function: Callable[..., Any]) -> Any:
-        bare = {} if from_python else {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-        compiled = njit(**options, **bare)(function)
+        compiled = njit(from_python=from_python, **options)(function)
         return compiled if jit_disabled() else LinkedKernel(compiled, from_python)
 
     return decorate
@@ -105,7 +104,12 @@ class Link:
 
     def __call__(self) -> None:
         """Load it."""
-        getattr(importlib.import_module(self.module), self.name).link(self.types)
+        importlib.import_module(self.module)
+        _kernels[self.module, self.name].link(self.types)
+
+
+_kernels: dict[tuple[str, str], LinkedKernel] = {}
+"""By module and name of the function, which may stand there under another name."""
 
 
 @contextmanager
@@ -143,6 +147,7 @@ def _register(kernel: LinkedKernel) -> None:
     from numba.core.typing.templates import AbstractTemplate, infer_global
     from numba.extending import lower_builtin
 
+    _kernels[kernel.py_func.__module__, kernel.py_func.__name__] = kernel
     name = f"{kernel.py_func.__module__}.{kernel.py_func.__name__}"
 
     @infer_global(kernel, typing_key=name)

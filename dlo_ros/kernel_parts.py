@@ -26,10 +26,10 @@ class Part:
 
 STAGES: dict[str, tuple[Part, ...]] = {
     "rod": (
-        Part("rod_statics", "dlo_ros.rod.compile:compile_statics", 50.0, 134),
-        Part("rod_dynamics", "dlo_ros.rod.compile:compile_dynamics", 50.0, 133),
+        Part("rod_statics", "dlo_ros.rod.compile:compile_statics", 40.0, 132),
+        Part("rod_dynamics", "dlo_ros.rod.compile:compile_dynamics", 40.0, 131),
     ),
-    "vision": (Part("vision", "dlo_ros.vision.compile:compile_kernels", 15.0, 21),),
-    "synthesis": (Part("synthesis", "dlo_ros.synthesis.compile:compile_kernels", 9.0, 14),),
+    "vision": (Part("vision", "dlo_ros.vision.compile:compile_kernels", 12.0, 24),),
+    "synthesis": (Part("synthesis", "dlo_ros.synthesis.compile:compile_kernels", 10.0, 20),),
 }
 """What a node or tool may ask for; each part of a stage is of that stage alone."""

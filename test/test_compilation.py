@@ -21,7 +21,7 @@ from dlo_ros.compilation import (
     held,
 )
 from dlo_ros.errors import KernelError
-from dlo_ros.kernel_cache import machine
+from dlo_ros.kernel_cache import cache_folder, machine
 from dlo_ros.kernel_parts import STAGES, Part
 from dlo_ros.own_process import command_of
 from dlo_ros.synthesis import compile as synthesis
@@ -135,6 +135,14 @@ def test_several_share_one_compilation(folder, begin):
         assert ended(one) == CompilationProgress(True, 1.0, 0.0)
     assert sorted(name for name, _ in begun(folder)) == ["quick", "slow"]
     assert not list(folder.glob("*.progress"))
+
+
+def test_no_kernel_has_numbas_strings_in_it():
+    # An array written to a slice of another compiles them, for the message of an error.
+    compilation.compile_first(list(STAGES), print)
+    codes = {code.name: code.read_bytes() for code in cache_folder().rglob("*.nbc")}
+    assert len(codes) > 200
+    assert not [name for name, code in codes.items() if b"raise_with_shape_context" in code]
 
 
 def test_nothing_is_compiled_where_all_is_there(folder, monkeypatch):

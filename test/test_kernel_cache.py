@@ -29,7 +29,7 @@ def carry(x):
 CALLEE = """
 from dlo_ros.kernel_cache import njit
 
-@njit()
+@njit(from_python=False)
 def carried(x):
     return x + {more}
 """
@@ -86,7 +86,9 @@ def test_a_changed_callee_is_compiled_anew_and_the_old_code_removed(package, pla
     variables, parent = place
     result, hits, first = answer(package, **variables)
     assert (result, hits) == (20, 0) and first.parent == parent
-    assert list(first.rglob("*.nbc"))
+    codes = {code.name.partition(".")[0]: code.read_bytes() for code in first.rglob("*.nbc")}
+    assert b"_ZN7cpython" in codes["caller"] and b"_ZN7cpython" not in codes["callee"]
+    assert not any(b"cfunc." in code for code in codes.values())
     assert answer(package, **variables) == (20, 1, first)  # loaded
     (package / "callee.py").write_text(CALLEE.format(more=5))
     result, hits, second = answer(package, **variables)

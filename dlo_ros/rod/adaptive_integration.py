@@ -23,7 +23,7 @@ from dlo_ros.rod.solve.integrator_state import NEXT, TIME, another, assign, comm
 FIRST_STEP = 1e-3  # [s]
 
 
-@njit()
+@njit(from_python=False)
 def _next_stop(times, now, stop):
     """The next corner of the imposed motion, or the stop itself."""
     after = np.searchsorted(times, now + 1e-9, side="right")

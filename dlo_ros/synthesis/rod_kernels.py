@@ -12,6 +12,7 @@ import math
 import numpy as np
 
 from dlo_ros.kernel_cache import njit
+from dlo_ros.kernel_linking import linked
 from dlo_ros.spline import FloatArray
 from dlo_ros.synthesis.rod_laws import BendingLaw, bend
 
@@ -181,8 +182,7 @@ def _solve(band: FloatArray, right: FloatArray) -> bool:
     return True
 
 
-_jit = njit()
-wrap = _jit(_wrap)
-strains = _jit(_strains)
-elastic = _jit(_elastic)
-solve = _jit(_solve)
+wrap = njit(from_python=False)(_wrap)
+strains = linked(from_python=True)(_strains)
+elastic = linked(from_python=True)(_elastic)
+solve = linked()(_solve)

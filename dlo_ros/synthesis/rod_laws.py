@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dlo_ros.kernel_cache import njit
+from dlo_ros.kernel_linking import linked
 from dlo_ros.spline import FloatArray
 
 
@@ -337,13 +338,12 @@ def _blow(wind: Wind, x: FloatArray, gradient: FloatArray, band: FloatArray) -> 
     return total
 
 
-_jit = njit()
-spring = _jit(_spring)
-slide = _jit(_slide)
-bend = _jit(_bend)
-yield_to = _jit(_yield_to)
-drag_nodes = _jit(_drag_nodes)
-pull_anchors = _jit(_pull_anchors)
-press = _jit(_press)
-lean = _jit(_lean)
-blow = _jit(_blow)
+spring = njit(from_python=False)(_spring)
+slide = njit(from_python=False)(_slide)
+bend = njit()(_bend)
+yield_to = njit()(_yield_to)
+pull_anchors = njit()(_pull_anchors)
+drag_nodes = linked()(_drag_nodes)
+press = linked(from_python=True)(_press)
+lean = linked(from_python=True)(_lean)
+blow = linked()(_blow)

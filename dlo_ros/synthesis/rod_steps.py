@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dlo_ros.kernel_cache import njit
+from dlo_ros.kernel_linking import linked
 from dlo_ros.spline import FloatArray
 from dlo_ros.synthesis.rod_kernels import BANDS, elastic, solve
 from dlo_ros.synthesis.rod_laws import (
@@ -108,8 +108,15 @@ def _direction(
         factor[0, 2 * i + 1] += shift[i]
     right = -gradient.copy().reshape(2 * nodes)
     definite: bool = solve(factor, right)
-    result[:] = right.reshape((nodes, 2))
+    copy(right.reshape((nodes, 2)), result)
     return definite
+
+
+def _copy(source: FloatArray, target: FloatArray) -> None:
+    """Write a matrix to another one of its shape."""
+    for i in range(source.shape[0]):
+        for j in range(source.shape[1]):
+            target[i, j] = source[i, j]
 
 
 def _minimise(x: FloatArray, p: Potential, tolerance: float) -> int:
@@ -142,7 +149,7 @@ def _minimise(x: FloatArray, p: Potential, tolerance: float) -> int:
             slope = np.sum(gradient * direction)
             start = x.copy()
             for _ in range(_TRIES):
-                x[:] = start + scale * direction
+                copy(start + scale * direction, x)
                 evaluate(x, p, gradient, band)
                 after = np.sum(gradient * direction)
                 if after <= -0.5 * slope:
@@ -180,10 +187,10 @@ def _descend(x: FloatArray, p: Potential, mass: FloatArray, rounding: float) -> 
             trial = x + direction * (limit / max(largest, limit))
             after = evaluate(trial, p, trial_gradient, trial_band)
             if after <= value + rounding + 1e-12 * abs(value):
-                x[:] = trial
+                copy(trial, x)
                 value = after
-                gradient[:] = trial_gradient
-                band[:] = trial_band
+                copy(trial_gradient, gradient)
+                copy(trial_band, band)
                 if h > 1e3 and largest < 1e-9:
                     return True
                 h *= 1.6
@@ -194,8 +201,8 @@ def _descend(x: FloatArray, p: Potential, mass: FloatArray, rounding: float) -> 
     return False
 
 
-_jit = njit()
-evaluate = _jit(_evaluate)
-newton = _jit(_direction)
-minimise = _jit(_minimise)
-descend = _jit(_descend)
+copy = linked()(_copy)
+evaluate = linked(from_python=True)(_evaluate)
+newton = linked()(_direction)
+minimise = linked(from_python=True)(_minimise)
+descend = linked(from_python=True)(_descend)

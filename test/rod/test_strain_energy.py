@@ -21,7 +21,7 @@ from dlo_ros.rod.elements.rod_tables import (
 from dlo_ros.rod.elements.spatial_assembly import assemble, scatter_stress, strain_increments
 from dlo_ros.rod.elements.strains import strains, transport
 from dlo_ros.rod.model import RodModel
-from dlo_ros.rod.solve import banded_factorisation
+from dlo_ros.rod.solve import banded_factorisation, constraints
 from dlo_ros.spline import SplineBasis
 
 LINEAR = ConstitutiveLaw(0.0, np.inf, np.inf, 0.0, 0.0, 1.0, 0.0, np.inf)
@@ -276,6 +276,20 @@ def test_banded_factorisation_reports_a_pivot_that_is_none(value):
     band[7, 15] = value
     assert banded_factorisation.factorise(band, np.empty(24)) == -1
     assert not np.isnan(full).any()
+
+
+@pytest.mark.parametrize("size", [1, 2, 6])
+def test_small_dense_systems_are_solved_with_row_pivots(size):
+    rng = np.random.default_rng(size)
+    matrix, right = rng.normal(size=(size, size)) * 1e-4, rng.normal(size=size)
+    if size > 1:
+        matrix[0, 0] = 0.0
+    x = right.copy()
+    assert constraints._solve_pivoted.py_func(matrix.copy(), x)
+    np.testing.assert_allclose(x, np.linalg.solve(matrix, right), rtol=1e-10)
+    for entries in (0.0, 3.0 if size > 1 else 0.0):
+        singular = np.full((size, size), entries)
+        assert not constraints._solve_pivoted.py_func(singular, right.copy())
 
 
 def test_banded_factorisation_refuses_other_widths():

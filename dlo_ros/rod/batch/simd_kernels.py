@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dlo_ros.kernel_cache import njit
+from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.elements.rod_tables import Quadrature
 from dlo_ros.rod.elements.strains import MIDDLE, OUTER
 from dlo_ros.rod.simd.eight_lanes import entry, load, root, spread, store
@@ -84,7 +85,7 @@ def _point(q, tables, e):
     return px, pz, sx, sz
 
 
-@njit()
+@linked()
 def strains(q, tables, stretch, bend):
     """Write stretch of whole spans and curvature, (nb, LANES)."""
     for e in range(3 * tables.spans):
@@ -111,7 +112,7 @@ def _span_stretch(stretch, first, linear):
         store(stretch, first + 2, b)
 
 
-@njit()
+@linked()
 def assemble(q, tables, law, scratch, matrix, tension, first):
     """Gradient of the elastic energy, and `matrix` plus its Hessian in the free ones.
 
@@ -164,7 +165,7 @@ def assemble(q, tables, law, scratch, matrix, tension, first):
                 pair += 1
 
 
-@njit()
+@njit(from_python=False)
 def _points(q, tables, law, scratch, span, linear, tension, first):
     """Forces on p and s (4 rows) and second derivatives (10 rows) at a span's three points."""
     point, line, zero = scratch.point, scratch.line, spread(0.0)
@@ -250,7 +251,7 @@ def _along(tangent, e, px, pz):
     return load(tangent, 2 * e) * px + load(tangent, 2 * e + 1) * pz
 
 
-@njit()
+@njit(from_python=False)
 def _lengths(q, tables, span, tangent, promised):
     """Mean and tilt of the straight line through |p| at a span's points; see `_along`."""
     a, b, c = spread(0.0), spread(0.0), spread(0.0)
@@ -262,7 +263,7 @@ def _lengths(q, tables, span, tangent, promised):
     return OUTER * (a + c) + MIDDLE * b, 0.5 * (c - a)
 
 
-@njit()
+@linked()
 def tensions(stretch, law, tables, out):
     """Write the tensions that `assemble` takes, from stretches of whole spans (nb, LANES)."""
     for e in range(3 * tables.spans):
@@ -296,7 +297,7 @@ def _add_block(point, products, row, band, j, apart):
         store(band, at + COLUMN + m - 1, xz)
 
 
-@njit()
+@njit(from_python=False)
 def _add_line(scratch, law, span, lo, hi):
     """Add the square of a span's linear stretch, see `element_stiffness.add_squares`."""
     line, band = scratch.line, scratch.band

@@ -6,12 +6,12 @@ For the layout of matrices see `simd_kernels`.
 
 from __future__ import annotations
 
-from dlo_ros.kernel_cache import njit
+from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.batch.simd_kernels import COLUMN
 from dlo_ros.rod.simd.eight_lanes import largest, load, smaller, spread, store
 
 
-@njit()
+@linked()
 def residual(q, matrix, rhs, scratch, n, lo, hi):
     """Write rhs - matrix q - gradient of the free degrees of freedom to scratch.step."""
     zero = spread(0.0)
@@ -28,7 +28,7 @@ def residual(q, matrix, rhs, scratch, n, lo, hi):
         store(scratch.step, i, zero)
 
 
-@njit()
+@linked()
 def solve(scratch, lo, hi):
     """Factorise the free part of the matrix and replace the right-hand side by the solution.
 

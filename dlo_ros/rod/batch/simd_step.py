@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dlo_ros.kernel_cache import njit
+from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.batch.simd_kernels import BatchLaw, Scratch, assemble, strains, tensions
 from dlo_ros.rod.batch.simd_solver import residual, solve
 from dlo_ros.rod.simd.eight_lanes import entry, largest, load, root, spread, store
@@ -60,7 +61,7 @@ class Room(NamedTuple):
     target: FloatArray  # (n, 2) where the held control points must be
 
 
-@njit()
+@linked()
 def _damped(points, relaxation, now, before, weights, stiffness, rest, out_stiffness, out_rest):
     """Stiffness and rest strains of one step's incremental potential, as in `generalised_alpha`."""
     t_r = load(relaxation, 0)
@@ -72,7 +73,7 @@ def _damped(points, relaxation, now, before, weights, stiffness, rest, out_stiff
         store(out_rest, e, (load(rest, e) - t_r * past) * inverse)
 
 
-@njit()
+@linked()
 def _predict(n, sets, motion, room, h, c_mass, c_drag):
     """What the step starts from: predictions, matrix and right-hand side."""
     for i in range(4 * n):
@@ -97,7 +98,7 @@ def _predict(n, sets, motion, room, h, c_mass, c_drag):
             store(room.rhs, 2 * i + c, x)
 
 
-@njit()
+@linked()
 def _newton(tables, room, tension, limit, tolerance):
     """Solve the step's equations from room.q.
 
@@ -129,7 +130,7 @@ def _newton(tables, room, tension, limit, tolerance):
     return False, 0.0
 
 
-@njit()
+@linked()
 def try_step(sets, tables, motion, room, h, weights, limit, newton):
     """Try a step of length h whose target is in place.
 
@@ -166,7 +167,7 @@ def try_step(sets, tables, motion, room, h, weights, limit, newton):
     return True, abs(BETA - 1.0 / 6.0) * h * h * jump
 
 
-@njit()
+@linked()
 def accept(tables, motion, room, h):
     """Move on to what `try_step` has found."""
     c_mass = (1.0 - ALPHA_M) / ((1.0 - ALPHA_F) * BETA * h * h)
@@ -185,7 +186,7 @@ def accept(tables, motion, room, h):
     tensions(motion.stretch, room.law, tables, motion.tension)
 
 
-@njit()
+@njit(from_python=False)
 def rate_weights(h, last):
     """Weights of the strains now, one and two steps ago in the strain rate [1/s]."""
     if last <= 0.0:

@@ -11,6 +11,7 @@ from dlo_ros.interpolation import sample
 from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.elements.strains import carry
+from dlo_ros.rod.simd.vector_algebra import cross, dot, mix, mix3, row
 from dlo_ros.spline import FloatArray
 
 # What an imposed thing is (columns of `Imposed`).
@@ -34,24 +35,29 @@ class Imposed(NamedTuple):
     sudden: FloatArray  # (2,) what slips in at one moment, of L, and when [s]
 
 
-@njit()
+@njit(from_python=False)
 def _column(q, column):
     """A column of the rotation matrix of a unit quaternion."""
     x, y, z, w = q[0], q[1], q[2], q[3]
     if column == 0:
-        return np.array([1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)])
+        return 1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)
     if column == 1:
-        return np.array([2 * (x * y - z * w), 1 - 2 * (x * x + z * z), 2 * (y * z + x * w)])
-    return np.array([2 * (x * z + y * w), 2 * (y * z - x * w), 1 - 2 * (x * x + y * y)])
+        return 2 * (x * y - z * w), 1 - 2 * (x * x + z * z), 2 * (y * z + x * w)
+    return 2 * (x * z + y * w), 2 * (y * z - x * w), 1 - 2 * (x * x + y * y)
 
 
 @linked()
 def _follow(frame, tangent):
-    """Transport the reference frame of an end to a new tangent."""
-    director = np.empty(3)
-    carry(frame[DIRECTOR:BODY], frame[TANGENT:DIRECTOR], tangent, director)
-    frame[TANGENT:DIRECTOR] = tangent
-    frame[DIRECTOR:BODY] = director
+    """Transport the reference frame of an end to a new tangent, a vector as a tuple."""
+    director = carry(_vector(frame, DIRECTOR), _vector(frame, TANGENT), tangent)
+    for c in range(3):
+        frame[TANGENT + c], frame[DIRECTOR + c] = tangent[c], director[c]
+
+
+@njit(from_python=False)
+def _vector(frame, at):
+    """A vector of the frame of an end, which begins there."""
+    return frame[at], frame[at + 1], frame[at + 2]
 
 
 @linked()
@@ -59,17 +65,18 @@ def _turn(frame, quaternion):
     """Follow a clamp to a new orientation: the twist angle that it imposes goes to the frame."""
     tangent = _column(quaternion, 0)
     _follow(frame, tangent)
-    director = frame[DIRECTOR:BODY]
-    second = np.cross(tangent, director)
+    director = _vector(frame, DIRECTOR)
+    second = cross(tangent, director)
     if frame[HELD] == 0.0:
-        material = np.cos(frame[THETA]) * director + np.sin(frame[THETA]) * second
+        material = mix(np.cos(frame[THETA]), director, np.sin(frame[THETA]), second)
         for c in range(3):
-            frame[BODY + c] = np.dot(_column(quaternion, c), material)
+            frame[BODY + c] = dot(_column(quaternion, c), material)
         frame[HELD] = 1.0
-    material = np.zeros(3)
-    for c in range(3):
-        material += frame[BODY + c] * _column(quaternion, c)
-    angle = np.arctan2(np.dot(material, second), np.dot(material, director))
+    material = mix3(
+        frame[BODY], tangent, frame[BODY + 1], _column(quaternion, 1),
+        frame[BODY + 2], _column(quaternion, 2),
+    )  # fmt: skip
+    angle = np.arctan2(dot(material, second), dot(material, director))
     change = (angle - frame[THETA] + np.pi) % (2.0 * np.pi) - np.pi
     frame[THETA] += change
 
@@ -88,15 +95,16 @@ def align(frame, base):
     Returns:
         By how much the twist angle grows [rad].
     """
-    tangent, director, own = frame[TANGENT:DIRECTOR], np.empty(3), frame[DIRECTOR:BODY].copy()
-    carry(base[DIRECTOR:BODY], base[TANGENT:DIRECTOR], tangent, director)
-    angle = np.arctan2(np.dot(own, np.cross(tangent, director)), np.dot(own, director))
-    frame[DIRECTOR:BODY] = director
+    tangent, own = _vector(frame, TANGENT), _vector(frame, DIRECTOR)
+    director = carry(_vector(base, DIRECTOR), _vector(base, TANGENT), tangent)
+    angle = np.arctan2(dot(own, cross(tangent, director)), dot(own, director))
+    for c in range(3):
+        frame[DIRECTOR + c] = director[c]
     frame[THETA] += angle
     return angle
 
 
-@njit()
+@njit(from_python=False)
 def _find(kinds, kind):
     """Which of the imposed things is of a kind; -1: none."""
     for k in range(kinds.size):
@@ -128,7 +136,8 @@ def impose(imposed, time, theta, reach, frames, target, pins):
     pinned = 0
     for k in range(count):
         if imposed.kinds[k] == PIN:
-            pins[pinned] = position[k]
+            for c in range(3):
+                pins[pinned, c] = position[k, c]
             pinned += 1
     last = target.shape[0] - 1
     for end in range(2):
@@ -142,11 +151,11 @@ def impose(imposed, time, theta, reach, frames, target, pins):
             _turn(frames[end], rotation[clamp])
             directed = True
         elif second >= 0:
-            chord = sign * (position[second] - position[at])
-            size = np.sqrt(np.dot(chord, chord))
+            chord = mix(sign, row(position, second), -sign, row(position, at))
+            size = np.sqrt(dot(chord, chord))
             if size < 1e-9 * reach:
                 return False
-            _follow(frames[end], chord / size)
+            _follow(frames[end], (chord[0] / size, chord[1] / size, chord[2] / size))
             directed = True
         if at >= 0:
             for c in range(3):

@@ -9,6 +9,7 @@ from dlo_ros.errors import InputError
 from dlo_ros.kernel_cache import njit
 from dlo_ros.rod.boundary.conditions import BODY, DIRECTOR, FRAME, TANGENT
 from dlo_ros.rod.elements.rod_tables import Reference
+from dlo_ros.rod.simd.vector_algebra import dot, mix, row, unit
 from dlo_ros.spline import FloatArray, SplineBasis
 
 LEAST_SPEED = 1e-3  # of the tangent dr/du, which is 1 in a DLO that is not stretched
@@ -71,13 +72,14 @@ def _carry_along(r, tangent, frame):
     Two reflections carry it from point to point with an error of fourth order in the spacing.
     """
     for k in range(len(r) - 1):
-        v1 = r[k + 1] - r[k]
-        c1 = max(np.sum(v1 * v1), 1e-300)
-        d = frame[k] - 2.0 / c1 * np.sum(v1 * frame[k]) * v1
-        t = tangent[k] - 2.0 / c1 * np.sum(v1 * tangent[k]) * v1
-        v2 = tangent[k + 1] - t
-        c2 = np.sum(v2 * v2)
+        v1 = mix(1.0, row(r, k + 1), -1.0, row(r, k))
+        c1 = max(dot(v1, v1), 1e-300)
+        before, t0, t1 = row(frame, k), row(tangent, k), row(tangent, k + 1)
+        d = mix(1.0, before, -2.0 / c1 * dot(v1, before), v1)
+        t = mix(1.0, t0, -2.0 / c1 * dot(v1, t0), v1)
+        v2 = mix(1.0, t1, -1.0, t)
+        c2 = dot(v2, v2)
         if c2 > 1e-30:
-            d = d - 2.0 / c2 * np.sum(v2 * d) * v2
-        d = d - tangent[k + 1] * np.sum(tangent[k + 1] * d)
-        frame[k + 1] = d / np.sqrt(np.sum(d * d))
+            d = mix(1.0, d, -2.0 / c2 * dot(v2, d), v2)
+        d = unit(mix(1.0, d, -dot(t1, d), t1))
+        frame[k + 1, 0], frame[k + 1, 1], frame[k + 1, 2] = d

@@ -51,7 +51,7 @@ def plastic_curvature(x1, x2, p1, p2, law):
     return p1, p2
 
 
-@njit()
+@njit(from_python=False)
 def bending_moment(stiff1, stiff2, x1, x2, p1, p2, law):
     """Moment of a curvature beyond linear elasticity.
 
@@ -165,7 +165,7 @@ def hysteresis_moment(d1, d2, z1, z2, turn):
     )  # fmt: skip
 
 
-@njit()
+@linked()
 def _add_hysteresis(other, weight, material, out):
     """Add the moment of internal friction, its tangent; returns its work [J]."""
     inner, law, energy = material.internal.inner, material.law, 0.0
@@ -183,7 +183,7 @@ def _add_hysteresis(other, weight, material, out):
     return energy
 
 
-@njit()
+@linked()
 def _add_nonlinear_bending(other, weight, material, out):
     """Replace the linear elastic part of the moments by what the law makes of it."""
     plastic, energy = material.internal.plastic, 0.0

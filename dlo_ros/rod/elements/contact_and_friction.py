@@ -76,7 +76,7 @@ def press(x0, x1, wall, stiff):
     )  # fmt: skip
 
 
-@njit()
+@njit(from_python=False)
 def touched(around):
     """Whether `resist` has anything to do."""
     return (
@@ -124,7 +124,7 @@ def towed(rule, coefficient, q, velocity, still, rate):
     return result
 
 
-@njit()
+@linked()
 def _tow(q, rule, tow, gradient, band):
     """Add the quadratic drag of a step and its tangent to gradient and banded matrix."""
     dof, last = q.shape[1], band.shape[1] - 1
@@ -151,7 +151,7 @@ def _tow(q, rule, tow, gradient, band):
                             band[row, last - row + column] += share * (unit - t[c] * t[d])
 
 
-@njit()
+@njit(from_python=False)
 def _add(span, b, weight, dof, force, gradient, band):
     """Add a point's force and tangent to gradient and banded matrix."""
     f0, f1, t00, t01, t11, _ = force

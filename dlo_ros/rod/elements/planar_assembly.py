@@ -52,7 +52,7 @@ def _slopes(q, rule, e):
     return px, pz, sx, sz
 
 
-@njit(**FLAGS)
+@linked(**FLAGS)
 def strains(q, rule):
     """Stretch (nb,) of whole spans, and the curvature in the first column of (nb, 3)."""
     stretch = np.empty(rule.weight.size)

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.elements import (
     constitutive_law,
@@ -22,7 +21,7 @@ from dlo_ros.rod.elements import strains as kernels
 from dlo_ros.rod.elements.planar_assembly import PLANAR
 
 
-@njit()
+@linked()
 def strains(q, rule, ref):
     """Strains of a configuration; see `strains.strains` and `planar_assembly.strains`."""
     if q.shape[1] == PLANAR:

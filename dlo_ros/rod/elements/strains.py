@@ -34,7 +34,7 @@ OUTER = 5.0 / 18.0  # weights of the three Gauss points in a mean
 MIDDLE = 8.0 / 18.0
 
 
-@njit(**FLAGS)
+@njit(from_python=False, **FLAGS)
 def span_line(x):
     """Replace values at a span's three points by the straight line that fits them best."""
     # Least squares with the quadrature's weights, so that this is its own adjoint.
@@ -42,7 +42,7 @@ def span_line(x):
     x[0], x[1], x[2] = mean - tilt, mean, mean + tilt
 
 
-@njit(**FLAGS)
+@njit(from_python=False, **FLAGS)
 def span_stretch(x, linear):
     """Stretch of a span from its values at the three points: the middle one, or a line."""
     if linear:
@@ -140,7 +140,7 @@ def _put(array, e, a):
             array[e + point, c] = lane(x, point)
 
 
-@njit(**FLAGS)
+@linked(from_python=True, **FLAGS)
 def strains(q, rule, ref):
     """All strains of a configuration.
 
@@ -194,12 +194,7 @@ def _clean(director, t):
     return unit(mix(1.0, director, -dot(director, t), t))
 
 
-@njit(**FLAGS)
-def carry(director, t0, t, out):
-    """Rotate a director the short way from tangent t0 to tangent t, and make it unit and normal.
-
-    All are arrays of shape (3,).
-    """
-    a = (t[0], t[1], t[2])
-    d = carried((director[0], director[1], director[2]), (t0[0], t0[1], t0[2]), a)
-    out[0], out[1], out[2] = _clean(d, a)
+@njit(from_python=False, **FLAGS)
+def carry(director, t0, t):
+    """A director rotated the short way from tangent t0 to tangent t, unit and normal to that."""
+    return _clean(carried(director, t0, t), t)

@@ -57,7 +57,8 @@ def _forces(q, stretch, other, rule, ref, matter, grad_s, grad_o, response, grad
     weight = rule.weight
     constitutive_law.respond(stretch, other, weight, matter, response)
     stress = np.zeros((1, weight.size, 3))
-    stress[0, :, 0] = response.bend[:, 0]
+    for e in range(weight.size):
+        stress[0, e, 0] = response.bend[e, 0]
     result = rod_forces.stress_forces(
         rule, grad_s, grad_o, response.tension.reshape(1, weight.size), stress
     )[0]

@@ -43,7 +43,7 @@ class SensitivityState(NamedTuple):
     internal: InternalVariables
 
 
-@njit()
+@linked()
 def rise(above, below, d, out):
     """Write (above - below) / (2 d) to out."""
     a, b, c = out.ravel(), above.ravel(), below.ravel()
@@ -51,7 +51,7 @@ def rise(above, below, d, out):
         a[i] = (b[i] - c[i]) / (2.0 * d)
 
 
-@njit()
+@linked()
 def shift(target, source, d, change):
     """Write source + d * change to target, arrays of one shape."""
     a, b, c = target.ravel(), source.ravel(), change.ravel()
@@ -86,7 +86,7 @@ def shift_frame(target, ref, change, a, d):
     shift(target.twist, ref.twist, d, change.twist[a])
 
 
-@njit()
+@njit(from_python=False)
 def add(target, factor, source):
     """Add factor * source to target, both of shape (m,)."""
     for i in range(target.size):

@@ -186,7 +186,7 @@ def lane(_, value, number):
     return types.float64(value, number), generate
 
 
-@njit()
+@njit(from_python=False)
 def largest(value):
     """The largest of the numbers; NaN where one is."""
     result = lane(value, 0)

@@ -130,7 +130,7 @@ def lane(typing, value, k):
     return types.float64(Quad, types.int32), generate
 
 
-@njit(forceinline=True)
+@njit(from_python=False, forceinline=True)
 def lanes(value):
     """The three numbers that `quad` was made of."""
     return lane(value, 0), lane(value, 1), lane(value, 2)

@@ -12,7 +12,8 @@ from dlo_ros.kernel_cache import njit
 # The flags of all compiled functions of the rod. Sums may be fused with products, but keep their
 # order, and infinities and NaN keep their meaning; a division by zero gives them.
 FLAGS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}}
-INLINE: dict[str, Any] = {**FLAGS, "forceinline": True}  # for what is cheaper than its call
+# For what is cheaper than its call; only compiled code calls it.
+INLINE: dict[str, Any] = {**FLAGS, "forceinline": True, "from_python": False}
 
 
 @njit(**INLINE)

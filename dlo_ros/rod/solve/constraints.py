@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.solve import banded_factorisation
+
+LEAST_DETERMINANT = 1e-200  # of a matrix whose largest entry is 1; below it is singular
 
 
 @linked()
@@ -75,19 +76,54 @@ def constrain(pins, y, schur, gap, x):
     m = pins.shape[0]
     if m == 0:
         return True
-    if abs(np.linalg.det(schur / np.abs(schur).max())) < 1e-200:
-        return False
-    excess = np.empty(m)
+    force = np.empty(m)
     for a in range(m):
-        excess[a] = np.dot(pins[a], x) - gap[a]
-    force = np.linalg.solve(schur, excess)
+        force[a] = np.dot(pins[a], x) - gap[a]
+    if not _solve_pivoted(schur.copy(), force):
+        return False
     for a in range(m):
         for i in range(x.size):
             x[i] -= force[a] * y[a, i]
     return True
 
 
-@njit()
+@linked()
+def _solve_pivoted(matrix, x):
+    """Solve a small dense system in place of x (m,); returns False where it is singular.
+
+    Gaussian elimination with row pivots, as LAPACK does it, of which numba compiles ten times as
+    much code. The matrix is changed.
+    """
+    m, scale, determinant = x.size, 0.0, 1.0
+    for a in range(m):
+        for b in range(m):
+            scale = max(scale, abs(matrix[a, b]))
+    if scale == 0.0:
+        return False
+    for k in range(m):
+        pivot = k
+        for a in range(k + 1, m):
+            if abs(matrix[a, k]) > abs(matrix[pivot, k]):
+                pivot = a
+        determinant *= matrix[pivot, k] / scale
+        if abs(determinant) < LEAST_DETERMINANT:
+            return False
+        x[k], x[pivot] = x[pivot], x[k]
+        for b in range(m):
+            matrix[k, b], matrix[pivot, b] = matrix[pivot, b], matrix[k, b]
+        for a in range(k + 1, m):
+            factor = matrix[a, k] / matrix[k, k]
+            x[a] -= factor * x[k]
+            for b in range(k + 1, m):
+                matrix[a, b] -= factor * matrix[k, b]
+    for a in range(m - 1, -1, -1):
+        for b in range(a + 1, m):
+            x[a] -= matrix[a, b] * x[b]
+        x[a] /= matrix[a, a]
+    return True
+
+
+@linked()
 def held_back(negative, schur):
     """Negative eigenvalues that are left where the pins hold, of `negative` without them.
 

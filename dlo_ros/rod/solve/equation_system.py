@@ -58,7 +58,7 @@ class System(NamedTuple):
     length: float  # [m]
 
 
-@njit()
+@njit(from_python=False)
 def variant(imposed, k):
     """Variant k of an imposed motion."""
     return Imposed(

@@ -53,7 +53,7 @@ def _increments(system, q, target, gap, before, after):
     return max(1, int(np.ceil(steps)))
 
 
-@njit()
+@njit(from_python=False)
 def _longest(length, around):
     """How far a control point may move in one iteration [m]: not over a peg."""
     result = 0.1 * length
@@ -160,7 +160,7 @@ def _escape(q, system, matter, ref, load, mass, spin, rate2, longest, tolerance)
         energies[side] = rod_forces.energy_of(trial, system.rule, ref, matter, response)
         energies[side] -= np.dot(load, trial.ravel())
     sign = 1.0 if energies[0] <= energies[1] else -1.0
-    if abs(energies[0] - energies[1]) < 1e-9 * np.abs(energies).max():
+    if abs(energies[0] - energies[1]) < 1e-9 * max(abs(energies[0]), abs(energies[1])):
         sign = 1.0 if mode.sum() >= 0.0 else -1.0
     trial = q + sign * reach * mode
     iterations, negative, frame = newton_iteration.equilibrium(
@@ -169,5 +169,5 @@ def _escape(q, system, matter, ref, load, mass, spin, rate2, longest, tolerance)
     )  # fmt: skip
     if iterations < 0 or not np.all(np.isfinite(trial)):
         return abs(iterations), 1, ref
-    q[:, :] = trial
+    assign(q, trial)
     return iterations, negative, frame

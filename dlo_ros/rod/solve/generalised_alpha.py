@@ -38,7 +38,7 @@ SMALLEST_STEP = 1e-6  # [s]
 DONE, NO_CONVERGENCE, NO_DIRECTION = 0, 1, 2
 
 
-@njit()
+@njit(from_python=False)
 def strain_rate_weights(h, last):
     """Weights of the strains now, one and two steps ago in the strain rate [1/s]."""
     if last <= 0.0:
@@ -112,7 +112,7 @@ def extrapolated(q, velocity, acceleration, auxiliary, h):
     return q_star, v_star, lag
 
 
-@njit()
+@njit(from_python=False)
 def weights(h):
     """Factors of q in the acceleration [1/s^2] and in the velocity [1/s] at the end of a step."""
     return (1.0 - ALPHA_M) / ((1.0 - ALPHA_F) * BETA * h * h), GAMMA / (BETA * h)
@@ -206,7 +206,7 @@ def update_internal_variables(q, other, rule, matter, out):
     drag_along(q, rule, matter.around, matter.internal.anchor, out.anchor)
 
 
-@njit()
+@njit(from_python=False)
 def _mean_jump(fixed, new, old):
     """Mean change of the auxiliary acceleration over the free control points [m/s^2]."""
     total, count = 0.0, 0

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.elements.rod_tables import InternalVariables, Reference
 from dlo_ros.spline import FloatArray
@@ -31,7 +30,7 @@ class IntegratorState(NamedTuple):
 TIME, LAST, NEXT = range(3)  # of the clock
 
 
-@njit()
+@linked()
 def assign(target, source):
     """Copy an array into another of the same shape."""
     a, b = target.ravel(), source.ravel()

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.elements.constitutive_law import room
 from dlo_ros.rod.elements.rod_forces import (
@@ -22,6 +21,7 @@ from dlo_ros.rod.elements.rod_forces import (
 )
 from dlo_ros.rod.solve import banded_factorisation
 from dlo_ros.rod.solve.constraints import compliance, constrain, eliminate, held_back
+from dlo_ros.rod.solve.integrator_state import assign
 
 MAX_STATIC_ITERATIONS = 300
 MAX_NEWTON = 50
@@ -33,7 +33,7 @@ LEAST_SHIFT = 1e-2  # likewise, where the stiffness is not positive
 FREE_ITERATIONS = 60  # of those, without a check of the energy
 
 
-@njit()
+@linked()
 def _largest(x, dof):
     """Largest move of a control point [m] and largest change of theta [rad]."""
     move, turn = 0.0, 0.0
@@ -86,7 +86,7 @@ def equilibrium(q, increment, fixed, pins, gap, rule, matter, ref, load, mass, s
         negative = 0
         move, turn = 0.0, 0.0
         for _ in range(60):
-            work[:, :] = band
+            assign(work, band)
             if shift > 0.0:
                 add_scalar_band(work, mass, spin, shift)
             for i in range(size):
@@ -118,7 +118,7 @@ def equilibrium(q, increment, fixed, pins, gap, rule, matter, ref, load, mass, s
                 scale = abs(energy) + np.abs(load * q.ravel()).sum()
                 accepted = new <= energy + 1e-13 * scale
             if accepted:
-                q[:, :] = trial
+                assign(q, trial)
                 break
             shift = max(4.0 * shift, LEAST_SHIFT * rate2)
         if not accepted:
@@ -130,7 +130,7 @@ def equilibrium(q, increment, fixed, pins, gap, rule, matter, ref, load, mass, s
                 return iteration, negative, ref
             # Converged; the inertia without shift tells whether the equilibrium is stable.
             for least in (0.0, NEUTRAL * rate2):
-                work[:, :] = band
+                assign(work, band)
                 add_scalar_band(work, mass, spin, least)
                 eliminate(work, fixed, steps, still)
                 negative = banded_factorisation.factorise(work, diagonal)
@@ -261,7 +261,7 @@ def softest(q, fixed, pins, rule, matter, ref, mass, spin, rate2):
     shift, work, diagonal = 1e-3 * rate2, np.empty(band.shape), np.empty(q.size)
     nothing = np.zeros((0, q.size))
     for _ in range(60):
-        work[:, :] = band
+        assign(work, band)
         add_scalar_band(work, mass, spin, shift)
         eliminate(work, fixed, nothing, nothing)
         negative = banded_factorisation.factorise(work, diagonal)
@@ -285,7 +285,9 @@ def softest(q, fixed, pins, rule, matter, ref, mass, spin, rate2):
         move, _ = _largest(flat, q.shape[1])
         if move == 0.0:
             break
-        mode[:, :] = flat.reshape(q.shape) / move
+        for i in range(q.shape[0]):
+            for c in range(q.shape[1]):
+                mode[i, c] = flat[q.shape[1] * i + c] / move
     return mode
 
 

@@ -68,7 +68,7 @@ def undistort(points: FloatArray, coefficients: FloatArray, tolerance: float) ->
     return result
 
 
-@njit(error_model="numpy")
+@njit(from_python=False, error_model="numpy")
 def _evaluate(
     x: float, y: float, coefficients: FloatArray
 ) -> tuple[float, float, float, float, float, float]:

@@ -151,9 +151,14 @@ def compare(strip: Float32, shape: FloatArray, board: FloatArray, axis: FloatArr
     """See `Sections.fit`."""
     rows, count, _ = strip.shape
     contrast = max(math.sqrt(axis[0] ** 2 + axis[1] ** 2 + axis[2] ** 2), 1.0)
-    unit = axis / contrast
-    mean_shape = shape.mean()
-    power = max(float(np.sum((shape - mean_shape) ** 2)), 1e-9)
+    unit = (axis[0] / contrast, axis[1] / contrast, axis[2] / contrast)
+    mean_shape, power = 0.0, 0.0
+    for j in range(count):
+        mean_shape += shape[j]
+    mean_shape /= count
+    for j in range(count):
+        power += (shape[j] - mean_shape) ** 2
+    power = max(power, 1e-9)
     result = np.empty((rows, 4))
     away = np.empty((count, 3))
     along = np.empty(count)

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_ros.kernel_cache import njit
+from dlo_ros.kernel_linking import linked
 
 Planes = NDArray[np.uint8]
 Float32 = NDArray[np.float32]
@@ -17,7 +18,7 @@ ALIKE = 0.3  # share of the contrast that must be left after the change along: a
 OPPOSITE = 0.5  # cosine between the differences to both sides, beyond which it is an edge
 
 
-@njit()
+@linked(from_python=True)
 def bars(
     planes: Planes,
     padding: int,
@@ -68,7 +69,7 @@ def bars(
     return strength, orientation
 
 
-@njit()
+@njit(from_python=False)
 def _next_run(searched: NDArray[np.uint8], begin: int) -> tuple[int, int]:
     """First and last (exclusive) of the next columns to search, over short gaps; or nothing."""
     width = len(searched)
@@ -84,7 +85,7 @@ def _next_run(searched: NDArray[np.uint8], begin: int) -> tuple[int, int]:
     return first, last
 
 
-@njit()
+@linked()
 def _search_run(
     planes: Planes,
     y: int,
@@ -131,7 +132,7 @@ def _search_run(
                 which[i] = k
 
 
-@njit(fastmath=True)
+@njit(from_python=False, fastmath=True)
 def _sides(
     planes: Planes,
     y: int,
@@ -172,7 +173,7 @@ def _opposite(left: float, right: float, product: float) -> bool:
     return bool(product < np.float32(0.0) and product * product > limit)
 
 
-@njit(fastmath=True)
+@njit(from_python=False, fastmath=True)
 def _keep_best(
     best: Float32,
     which: NDArray[np.int8],

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_ros.kernel_cache import njit
+from dlo_ros.kernel_linking import linked
 from dlo_ros.spline import FloatArray
 from dlo_ros.vision.segmentation.ridge_map import Image, RidgeMap
 from dlo_ros.vision.tracing.metric_lengths import PlaneGrid, polyline_length
@@ -125,7 +126,7 @@ class Linker:
         return [Link(float(costs[i]), float(lengths[i]), int(reached[i])) for i in order]
 
 
-@njit()
+@linked(from_python=True)
 def bridge(
     position: FloatArray, direction: FloatArray, target: FloatArray, arriving: FloatArray
 ) -> FloatArray:
@@ -147,7 +148,7 @@ def bridge(
     return points
 
 
-@njit()
+@njit(from_python=False)
 def _bend(
     position: FloatArray,
     direction: FloatArray,
@@ -179,7 +180,7 @@ def _bend(
     return BENDING * energy, max(distance - 2.0 * back, 0.0)
 
 
-@njit()
+@njit(from_python=False)
 def _unlike(points: FloatArray, colour: FloatArray, strength: float, image: Image) -> float:
     """Share of a bridge over pixels that do not look like the DLO."""
     height, width = image.shape[0], image.shape[1]
@@ -195,7 +196,7 @@ def _unlike(points: FloatArray, colour: FloatArray, strength: float, image: Imag
     return total / len(points)
 
 
-@njit()
+@linked(from_python=True)
 def _links(
     position: FloatArray,
     direction: FloatArray,
@@ -248,13 +249,18 @@ def _links(
             cost += COLOUR * min(square / (scale * scale), 6.0) + LINK
         basic[j] = cost
         rank[j] = cost + PREFER_NEAR * gap / width
-    order = np.argsort(rank)
     costs = np.empty(min(EXAMINED, count))
     lengths = np.empty(len(costs))
     reached = np.empty(len(costs), dtype=np.int64)
     found = 0
-    for i in range(len(costs)):
-        j = order[i]
+    for _ in range(len(costs)):
+        j = 0
+        for k in range(1, count):
+            if rank[k] < rank[j]:
+                j = k
+        if math.isinf(rank[j]):
+            break
+        rank[j] = math.inf
         if not basic[j] < limit:
             continue
         out = direction if directed else -directions[j]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dlo_ros.kernel_cache import njit
+from dlo_ros.kernel_linking import linked
 from dlo_ros.spline import FloatArray
 from dlo_ros.vision.camera.pinhole import Camera
 from dlo_ros.vision.segmentation.ridge_map import RidgeMap
@@ -56,7 +56,7 @@ def _lattice(bars: RidgeMap) -> tuple[FloatArray, FloatArray]:
     return x, y
 
 
-@njit()
+@linked(from_python=True)
 def polyline_length(nodes: FloatArray, points: FloatArray) -> float:
     """Length in the plane of a polyline in the bar map."""
     rows, columns = nodes.shape[0], nodes.shape[1]

@@ -91,7 +91,7 @@ def best_course(score: FloatArray, steepness: float, largest: int) -> FloatArray
                         source = k
             new[j] = best + score[i, j]
             origin[i, j] = source
-        value[:] = new
+        value, new = new, value
     result = np.empty(rows)
     j = int(np.argmax(value))
     for i in range(rows - 1, -1, -1):

@@ -122,10 +122,14 @@ def _describe(
                 x += kernel[j + reach] * xy[at, 0]
                 y += kernel[j + reach] * xy[at, 1]
             smooth[i, 0], smooth[i, 1] = x, y
-        which = members[first:last]
-        medians[c] = np.median(strength[which])
+        values = np.empty(last - first)
+        for i in range(first, last):
+            values[i - first] = strength[members[i]]
+        medians[c] = np.median(values)
         for channel in range(3):
-            tones[c, channel] = np.median(colours[which, channel])
+            for i in range(first, last):
+                values[i - first] = colours[members[i], channel]
+            tones[c, channel] = np.median(values)
     return smooth, medians, tones
 
 
@@ -194,10 +198,29 @@ def _end_of(points: FloatArray, width: float) -> tuple[FloatArray, FloatArray, f
                 normal[a, b] += row[a] * row[b]
             right[a, 0] += row[a] * points[i, 0]
             right[a, 1] += row[a] * points[i, 1]
-    c = np.linalg.solve(normal, right)
+    c = _solved(normal, right)
     direction = c[1] / max(math.sqrt(c[1, 0] ** 2 + c[1, 1] ** 2), 1e-9)
     curvature = direction[0] * c[2, 1] - direction[1] * c[2, 0] if terms == 3 else 0.0
     return c[0].copy(), direction, curvature
+
+
+@njit(from_python=False)
+def _solved(normal: FloatArray, right: FloatArray) -> FloatArray:
+    """Solution of normal equations, in place of the right-hand sides (Gauss, no pivots needed)."""
+    count = len(normal)
+    for a in range(count):
+        for b in range(a + 1, count):
+            factor = normal[b, a] / normal[a, a]
+            for k in range(a, count):
+                normal[b, k] -= factor * normal[a, k]
+            for k in range(2):
+                right[b, k] -= factor * right[a, k]
+    for a in range(count - 1, -1, -1):
+        for k in range(2):
+            for b in range(a + 1, count):
+                right[a, k] -= normal[a, b] * right[b, k]
+            right[a, k] /= normal[a, a]
+    return right
 
 
 @njit()
