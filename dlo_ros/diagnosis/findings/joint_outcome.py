@@ -171,7 +171,7 @@ def joint_outcome(
             (holdout.mean(after), found.at.mean_err),
         )
     )
-    verdict = _verdict(bare.mean_err, final.mean_err, matters, bool(found.causes))
+    verdict = _verdict(bare.mean_err, final.mean_err, matters, found.causes)
     missed = (holdout.mean(seen_before) or 0.0) - own
     base = held_against(plain.at.model, first, given, derivatives=False)
     ours = held_against(Model(final.model.settings, ()), first, given, derivatives=False)
@@ -246,16 +246,19 @@ def _errors(
     return held, seen
 
 
-def _verdict(setup: float, after: float, matters: float, named: bool) -> Verdict:
+def _verdict(setup: float, after: float, matters: float, causes: Sequence[Cause]) -> Verdict:
     """The verdict by the ERR [m] of the set-up and of the full model, fitted to everything.
+
+    What is named of the set-up lies beyond its tolerance: a fit of the set-up alone has that in it,
+    and yet it is no set-up within tolerances where it matters.
 
     Args:
         matters: ERR [m] below which nothing is left to explain.
-        named: whether a cause is.
+        causes: that are named.
     """
-    if setup < matters:
+    if setup < matters and all(c.err < matters for c in causes):
         return "adequate"
-    if named and after < matters:
+    if causes and after < matters:
         return "explained"
     return "unexplained"
 
