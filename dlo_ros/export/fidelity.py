@@ -163,19 +163,15 @@ def measure(
     if len(scene.stamps) > 1:
         followed = cable.follow(scene.pose, scene.stamps[0], scene.stamps[1:], scene.basis)
         shapes, seconds = np.concatenate([shapes, followed.shapes]), followed.seconds
-        err = _errors(shapes, scene.shapes, scene) / scene.basis.length
+        err = shape_errors(shapes, scene.shapes, scene.basis) / scene.basis.length
         mean, largest = float(err.mean()), float(err.max())
     recorded = rod_recorded = math.nan
     if scene.observed is not None and scene.camera is not None:
         recorded, rod_recorded = (
-            float(_errors(_measured(scene, s), scene.observed, scene).mean())
+            float(shape_errors(_measured(scene, s), scene.observed, scene.basis).mean())
             for s in (shapes, scene.shapes)
         )
     return Fidelity(scene.name, static, mean, largest, recorded, rod_recorded, seconds)
-
-
-def _errors(a: np.ndarray, b: np.ndarray, scene: Scene) -> np.ndarray:
-    return shape_errors(a, b, scene.basis)
 
 
 def _measured(scene: Scene, shapes: np.ndarray) -> np.ndarray:

@@ -42,10 +42,8 @@ def deviation(a: FloatArray, b: FloatArray, basis: SplineBasis) -> Deviation:
         a, b: control points, shape (n, 3) or more columns, of which x, y, z count.
         basis: the basis of both.
     """
-    matrix, weight = _rule(basis.control_points, basis.length)
-    difference = a[:, :3] - b[:, :3]
-    distance = np.linalg.norm(matrix @ difference, axis=1)
-    ends = np.linalg.norm(difference[[0, -1]], axis=1)
+    distance, weight = _apart(a, b, basis)
+    ends = np.linalg.norm((a - b)[[0, -1], :3], axis=1)
     mean = float(weight @ distance / basis.length)
     variance = float(weight @ (distance - mean) ** 2 / basis.length)
     return Deviation(mean, math.sqrt(variance), float(max(distance.max(), ends.max())))
@@ -63,6 +61,15 @@ def shape_errors(a: FloatArray, b: FloatArray, basis: SplineBasis) -> FloatArray
         a, b: control points, shape (F, n, 3) or more columns, of which x, y, z count.
         basis: the basis of all.
     """
+    distance, weight = _apart(a, b, basis)
+    return np.asarray(distance @ weight / basis.length)
+
+
+def _apart(a: FloatArray, b: FloatArray, basis: SplineBasis) -> tuple[FloatArray, FloatArray]:
+    """Distances at Q points along u, shape (..., Q), and weights of their quadrature, shape (Q,).
+
+    Args:
+        a, b: shape (..., n, 3) or more columns.
+    """
     matrix, weight = _rule(basis.control_points, basis.length)
-    apart = matrix @ (a[..., :3] - b[..., :3])
-    return np.asarray(np.linalg.norm(apart, axis=2) @ weight / basis.length)
+    return np.linalg.norm(matrix @ (a[..., :3] - b[..., :3]), axis=-1), weight

@@ -10,7 +10,7 @@ bin their variance is one number. The normal equations of each bin are all that 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import lru_cache
 from itertools import pairwise
 
@@ -33,7 +33,7 @@ class Spectrum:
     """Normal equations of one recording, bin by bin; B bins, P parameters.
 
     Args:
-        frames: number of frames F.
+        frames: number of frames F; of joined spectra that of all of them.
         count: of numbers in each bin, shape (B,).
         sum_of_squares: sum of squared residuals [m^2], shape (B,).
         gradient: J^T r, shape (B, P).
@@ -43,6 +43,8 @@ class Spectrum:
         white: the same of an error that is white along the DLO, shape (B,).
         nodal: the same of one that every control point has of its own, shape (B,).
         frequency: mean of the bin, in radians a frame, shape (B,).
+        still: F where the frequency is zero, else 0: by how much more the variance of an error that
+            is the same in all frames is seen there, shape (B,).
     """
 
     frames: int
@@ -55,6 +57,7 @@ class Spectrum:
     white: FloatArray
     nodal: FloatArray
     frequency: FloatArray
+    still: FloatArray
 
     @property
     def parts(self) -> int:
@@ -67,8 +70,17 @@ class Spectrum:
         return Spectrum(
             self.frames, self.count, self.sum_of_squares, self.gradient[:, pick],
             self.hessian[:, pick][:, :, pick], self.part, self.share, self.white, self.nodal,
-            self.frequency,
+            self.frequency, self.still,
         )  # fmt: skip
+
+
+def joined(spectra: Sequence[Spectrum]) -> Spectrum:
+    """The bins of some recordings, one after the other."""
+    arrays = {
+        f.name: np.concatenate([getattr(s, f.name) for s in spectra])
+        for f in fields(Spectrum) if f.name != "frames"
+    }  # fmt: skip
+    return Spectrum(frames=sum(s.frames for s in spectra), **arrays)
 
 
 @lru_cache(maxsize=32)
@@ -133,8 +145,9 @@ def spectrum(residual: FloatArray, jacobian: FloatArray, control_points: int) ->
     count, sum_of_squares, gradient, hessian, parts, share, owns, frequencies = zip(
         *rows, strict=True
     )
+    frequency = np.array(frequencies)
     return Spectrum(
         frames, np.array(count), np.array(sum_of_squares), np.array(gradient), np.array(hessian),
-        np.array(parts), np.array(share), np.full(len(rows), 1.0 / n), np.array(owns),
-        np.array(frequencies),
+        np.array(parts), np.array(share), np.full(len(rows), 1.0 / n), np.array(owns), frequency,
+        np.where(frequency == 0.0, float(frames), 0.0),
     )  # fmt: skip

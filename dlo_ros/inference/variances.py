@@ -21,7 +21,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import minimize
 
-from dlo_ros.inference.spectrum import Spectrum
+from dlo_ros.inference.spectrum import Spectrum, joined
 from dlo_ros.spline import FloatArray
 
 LEAST_NOISE = 2e-6
@@ -68,23 +68,20 @@ class Variances:
     def of(self, spectrum: Spectrum) -> FloatArray:
         """Variance of a number in each bin [m^2], shape (B,)."""
         sizes = np.array([self.white, self.nodal, self.fading, self.lasting, self.rough])
-        rows = _components(spectrum, spectrum.frames, self.memory, self.noise_memory)
+        rows = _components(spectrum, self.memory, self.noise_memory)
         return np.asarray(np.sum(sizes[:, spectrum.part] * rows, axis=0))
 
 
-def _components(
-    bins: Spectrum | _Bins, frames: int | FloatArray, memory: float, noise_memory: float
-) -> FloatArray:
+def _components(bins: Spectrum, memory: float, noise_memory: float) -> FloatArray:
     """Variance in each bin of each component with a variance of one, shape (5, B)."""
     noise, fading = (
         ar1_spectral_density(noise_memory, bins.frequency),
         ar1_spectral_density(memory, bins.frequency),
     )
-    still = np.where(bins.frequency == 0.0, frames, 0.0)
     return np.array(
         [
-            noise * bins.white, noise * bins.nodal, fading * bins.share, still * bins.share,
-            still * bins.white,
+            noise * bins.white, noise * bins.nodal, fading * bins.share, bins.still * bins.share,
+            bins.still * bins.white,
         ]
     )  # fmt: skip
 
@@ -104,57 +101,6 @@ class Posterior:
     evidence: float
 
 
-@dataclass(frozen=True)
-class _Bins:
-    """The bins of all recordings, one after the other; R recordings, B bins in all.
-
-    Args:
-        count, sum_of_squares, gradient, part, share, white, nodal, frequency: as in `Spectrum`.
-        hessian: J^T J, shape (B, P * P).
-        frames: of each bin's recording, shape (B,).
-        row: of the bin's variances among the packed numbers, for each component, shape (5, B).
-    """
-
-    count: FloatArray
-    sum_of_squares: FloatArray
-    gradient: FloatArray
-    hessian: FloatArray
-    part: np.ndarray
-    share: FloatArray
-    white: FloatArray
-    nodal: FloatArray
-    frequency: FloatArray
-    frames: FloatArray
-    row: np.ndarray
-
-    @classmethod
-    def of(cls, spectra: Sequence[Spectrum]) -> _Bins:
-        """The bins of some recordings."""
-        parts, number = spectra[0].parts, np.arange(len(spectra))
-        sizes = [len(s.count) for s in spectra]
-        part = np.concatenate([s.part for s in spectra])
-        first = [parts * np.repeat(number, sizes)]
-        first += [np.full(sum(sizes), parts * (len(spectra) + k)) for k in range(4)]
-        count, sum_of_squares, gradient, share, white, nodal, frequency = (
-            np.concatenate([getattr(s, name) for s in spectra])
-            for name in (
-                "count",
-                "sum_of_squares",
-                "gradient",
-                "share",
-                "white",
-                "nodal",
-                "frequency",
-            )
-        )
-        hessian = np.concatenate([s.hessian.reshape(len(s.count), -1) for s in spectra])
-        frames = np.repeat([float(s.frames) for s in spectra], sizes)
-        return cls(
-            count, sum_of_squares, gradient, hessian, part, share, white, nodal, frequency, frames,
-            np.array(first) + part,
-        )  # fmt: skip
-
-
 def posterior(
     spectra: Sequence[Spectrum], variances: Sequence[Variances], offset: FloatArray,
     precision: FloatArray,
@@ -166,16 +112,16 @@ def posterior(
         precision: inverse variances of the prior, shape (P,).
     """
     v = np.concatenate([v.of(s) for s, v in zip(spectra, variances, strict=True)])
-    value, step, covariance, _ = _marginal_likelihood(_Bins.of(spectra), v, offset, precision)
+    value, step, covariance, _ = _marginal_likelihood(joined(spectra), v, offset, precision)
     return Posterior(step, covariance, -value)
 
 
 def _marginal_likelihood(
-    bins: _Bins, v: FloatArray, offset: FloatArray, precision: FloatArray
+    bins: Spectrum, v: FloatArray, offset: FloatArray, precision: FloatArray
 ) -> tuple[float, FloatArray, FloatArray, FloatArray]:
     """Minus the log marginal likelihood, step, covariance, and its derivatives by variances."""
-    each = 1.0 / v
-    lhs = np.diag(precision) + (each @ bins.hessian).reshape(len(precision), -1)
+    each, hessian = 1.0 / v, bins.hessian.reshape(len(v), -1)
+    lhs = np.diag(precision) + (each @ hessian).reshape(len(precision), -1)
     rhs = precision * offset + each @ bins.gradient
     value = float(offset @ (precision * offset)) - float(np.sum(np.log(precision)))
     value += float(bins.count @ np.log(v) + bins.sum_of_squares @ each)
@@ -186,7 +132,7 @@ def _marginal_likelihood(
     value -= float(rhs @ step)
     value += 2.0 * float(np.sum(np.log(np.diag(factor[0]))) - np.sum(np.log(scale)))
     spread = covariance + np.outer(step, step)
-    left = bins.sum_of_squares - 2.0 * bins.gradient @ step + bins.hessian @ spread.ravel()
+    left = bins.sum_of_squares - 2.0 * bins.gradient @ step + hessian @ spread.ravel()
     return 0.5 * value, step, covariance, 0.5 * each * (bins.count - left * each)
 
 
@@ -209,11 +155,11 @@ def fit_variances(
     if start:
         # The likelihood is flat where a component is nearly zero.
         x0 = np.maximum(_packed(start), x0 + np.log(LEAST_START))
-    bounds, bins = _bounds(spectra, length), _Bins.of(spectra)
+    bounds, bins, rows = _bounds(spectra, length), joined(spectra), _rows(spectra)
 
     def cost(x: FloatArray) -> tuple[float, FloatArray]:
-        value, slope = _cost(x, bins, offset, precision)
-        unlikely = _unlikely(x, bins, length)
+        value, slope = _cost(x, bins, rows, offset, precision)
+        unlikely = _unlikely(x, rows, length)
         return value + float(np.sum(unlikely)), slope + unlikely
 
     x0 = np.clip(x0, [b[0] for b in bounds], [b[1] for b in bounds])
@@ -222,7 +168,7 @@ def fit_variances(
     )
     found = _unpacked(done.x, spectra)
     best = posterior(spectra, found, offset, precision)
-    unlikely = float(np.sum(_unlikely(done.x, bins, length)))
+    unlikely = float(np.sum(_unlikely(done.x, rows, length)))
     return found, replace(best, evidence=best.evidence - unlikely)
 
 
@@ -259,6 +205,14 @@ def _packed(found: Sequence[Variances]) -> FloatArray:
     return np.concatenate([*own, *common, memories])
 
 
+def _rows(spectra: Sequence[Spectrum]) -> np.ndarray:
+    """Place of each component's variance in each bin among the packed numbers, shape (5, B)."""
+    parts = spectra[0].parts
+    own = parts * np.repeat(np.arange(len(spectra)), [len(s.count) for s in spectra])
+    common = [np.full_like(own, parts * (len(spectra) + k)) for k in range(4)]
+    return np.asarray(np.array([own, *common]) + np.concatenate([s.part for s in spectra]))
+
+
 def _unpacked(x: FloatArray, spectra: Sequence[Spectrum]) -> tuple[Variances, ...]:
     parts = spectra[0].parts
     rows = np.exp(x[:-2]).reshape(-1, parts)
@@ -283,13 +237,17 @@ def _bounds(spectra: Sequence[Spectrum], length: float) -> list[tuple[float, flo
 
 
 def _cost(
-    x: FloatArray, bins: _Bins, offset: FloatArray, precision: FloatArray
+    x: FloatArray, bins: Spectrum, rows: np.ndarray, offset: FloatArray, precision: FloatArray
 ) -> tuple[float, FloatArray]:
-    """Minus the log marginal likelihood, and its derivatives by the packed numbers."""
+    """Minus the log marginal likelihood, and its derivatives by the packed numbers.
+
+    Args:
+        rows: see `_rows`.
+    """
     memory, noise_memory = (float(m) for m in -np.expm1(x[-2:]))
-    parts = np.exp(x)[bins.row] * _components(bins, bins.frames, memory, noise_memory)
+    parts = np.exp(x)[rows] * _components(bins, memory, noise_memory)
     value, _, _, slope = _marginal_likelihood(bins, parts.sum(axis=0), offset, precision)
-    sizes = np.bincount(bins.row.ravel(), (slope * parts).ravel())
+    sizes = np.bincount(rows.ravel(), (slope * parts).ravel())
     noise, fading = slope * (parts[0] + parts[1]), slope * parts[2]
     memories = [
         -float(fading @ _rate(memory, bins.frequency)),
@@ -307,12 +265,12 @@ def _rate(memory: float, frequency: FloatArray) -> FloatArray:
     )
 
 
-def _unlikely(x: FloatArray, bins: _Bins, length: float) -> FloatArray:
+def _unlikely(x: FloatArray, rows: np.ndarray, length: float) -> FloatArray:
     """Minus the log prior of each packed number: errors that are not new in every frame are small.
 
     It is its own derivative.
     """
-    repeated = np.arange(len(x)) >= bins.row[2].min()
+    repeated = np.arange(len(x)) >= rows[2].min()
     repeated[-2:] = False
     return np.where(repeated, 0.5 * np.exp(x) / (REPEATED_STD * length) ** 2, 0.0)
 

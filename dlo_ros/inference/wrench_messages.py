@@ -23,7 +23,8 @@ SHAKEN = 6.0
 """Scatter of messages over the usual one, from which a DLO is shaken: where a motion begins or
 ends abruptly it rings along itself, faster than a picture or a sensor follows."""
 SMOOTH = 0.01
-"""The same over the largest force: a sensor without noise shows every motion."""
+"""Scatter over the largest force, up to which a DLO is not shaken: without noise a sensor shows all
+motions."""
 
 
 def near(

@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 
 from dlo_ros.inference import variances as core
 from dlo_ros.inference.parameter import Parameter, ParametricModel
-from dlo_ros.inference.spectrum import bands, modes, nodal_shares, spectrum
+from dlo_ros.inference.spectrum import bands, joined, modes, nodal_shares, spectrum
 from dlo_ros.inference.variances import Variances, fit_variances, guess, posterior
 from dlo_ros.parameters import RodParameters, Settings
 
@@ -67,11 +67,11 @@ def test_derivatives_of_the_marginal_likelihood():
     rng = np.random.default_rng(2)
     spectra = [spectrum(*made(rng, frames)[:2], N) for frames in (40, 60)]
     offset, precision = 0.1 * rng.normal(size=6), np.full(6, 10.0)
-    bins = core._Bins.of(spectra)
+    bins, rows = joined(spectra), core._rows(spectra)
 
     def cost(x):
-        value, slope = core._cost(x, bins, offset, precision)
-        unlikely = core._unlikely(x, bins, LENGTH)
+        value, slope = core._cost(x, bins, rows, offset, precision)
+        unlikely = core._unlikely(x, rows, LENGTH)
         return value + unlikely.sum(), slope + unlikely
 
     x = core._packed([guess(s, LENGTH) for s in spectra])

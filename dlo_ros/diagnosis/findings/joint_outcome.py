@@ -62,12 +62,12 @@ class Learned:
     Args:
         explanation: of the recordings learned from.
         masks: frames of each recording of the beginning that are held out, shape (F,).
-        foretelling: the set-up alone and the full model, with values that know nothing of these.
+        foretelling: the full model, with values that know nothing of these.
     """
 
     explanation: Explanation
     masks: tuple[np.ndarray, ...]
-    foretelling: tuple[ParametricModel, ParametricModel]
+    foretelling: ParametricModel
 
 
 @dataclass(frozen=True)
@@ -129,15 +129,15 @@ def learn(lesson: Lesson, given: Settings, pegs: Sequence[Start] = ()) -> Learne
     masks = [np.full(f, k >= count or k == spare) for k, f in enumerate(frames)]
     try:
         found = explain(lesson.prepared, given, pegs)
-        models = found.setup, found.at
+        foretelling = found.at
         if len(recordings) == count and spare is None and min(frames) >= FEWEST:
             masks = [np.arange(f) >= (holdout.TRAINED + 0.1) * (f - 1) for f in frames]
             stops = [int(holdout.TRAINED * (f - 1)) + 1 for f in frames]
             begun = [r.until(s) for r, s in zip(lesson.prepared.recordings, stops, strict=True)]
-            models = _refitted(found.setup, begun), _refitted(found.at, begun)
+            foretelling = _refitted(found.at, begun)
     except SimulationError:
         return None
-    return Learned(found, tuple(masks), (models[0].model, models[1].model))
+    return Learned(found, tuple(masks), foretelling.model)
 
 
 def _spare(recordings: Sequence[Recording]) -> int | None:
@@ -157,20 +157,16 @@ def joint_outcome(
     """Measure on what is held out, fit the model to everything, and put all together."""
     found, recordings = learned.explanation, beginning.recordings
     first = recordings[: len(plain.at.residuals)]
-    bare, final = (_refitted(at, first) for at in (found.setup, found.at))
+    final = _refitted(found.at, first)
+    bare = final if found.setup is found.at else _refitted(found.setup, first)
     own = own_err(final, first) if len(final.err) == len(first) else found.own_err
     matters = material_err(own, given)
     before, seen_before = _errors(ParametricModel(plain.at.model.settings, ()), recordings, learned)
-    setup, _ = _errors(learned.foretelling[0], recordings, learned)
-    after, seen_after = _errors(learned.foretelling[1], recordings, learned)
-    errs = tuple(
-        held if held is not None else seen
-        for held, seen in (
-            (holdout.mean(before), holdout.mean(seen_before)),
-            (holdout.mean(setup), found.setup.mean_err),
-            (holdout.mean(after), found.at.mean_err),
-        )
-    )
+    after, seen_after = _errors(learned.foretelling, recordings, learned)
+    missing, left = holdout.mean(before), holdout.mean(after)
+    missing = holdout.mean(seen_before) if missing is None else missing
+    left = found.at.mean_err if left is None else left
+    share = _share(missing, left, own)
     verdict = _verdict(bare.mean_err, final.mean_err, matters, found.causes)
     missed = (holdout.mean(seen_before) or 0.0) - own
     base = held_against(plain.at.model, first, given, derivatives=False)
@@ -181,8 +177,8 @@ def joint_outcome(
             relations(first, at.residuals, at.predicted, at.model.settings) for at in (base, ours)
         )
     remarks = (
-        f"{_percent(_share(errs[0], errs[2], own))} of what the plain model misses beyond the "
-        f"measurement's own error is explained; {_mm(errs[2])} remain, and {_mm(matters)} would be "
+        f"{_percent(share)} of what the plain model misses beyond the measurement's own error is "
+        f"explained; {_mm(left)} remain, and {_mm(matters)} would be "
         "immaterial.",
     )
     return Diagnosis(
@@ -208,7 +204,7 @@ def joint_outcome(
         related_before,
         related_after,
         matters,
-        _share(errs[0], errs[2], own),
+        share,
         set_up_numbers(final, found.causes),
         systematic_errors(final),
         found.trace,
@@ -317,5 +313,5 @@ def _percent(share: float | None) -> str:
     return "An unknown share" if share is None else f"{100.0 * share:.0f} %"
 
 
-def _mm(value: float | None) -> str:
-    return "unknown" if value is None else f"{1e3 * value:.2f} mm"
+def _mm(value: float) -> str:
+    return f"{1e3 * value:.2f} mm"

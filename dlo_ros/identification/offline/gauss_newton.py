@@ -20,7 +20,7 @@ from dlo_ros.identification.estimate import search_information, with_logarithms
 from dlo_ros.identification.residual_information import NOISE_LIMIT
 from dlo_ros.identification.residual_noise import correlation_length
 from dlo_ros.inference.forecast import Forecast, Manipulation
-from dlo_ros.inference.measured import outliers
+from dlo_ros.inference.measured import MOST_GROSS, outliers
 from dlo_ros.inference.parallel import Pool, Threads
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import DEGREE, FloatArray
@@ -224,7 +224,7 @@ def without(found: Forecast, ignored: np.ndarray) -> Forecast:
 def seen_wrongly(forecasts: Sequence[Forecast]) -> list[np.ndarray]:
     """Pictures of each recording that stand alone; at most a fifth of it, else none."""
     masks = [outliers(f.residual) for f in forecasts]
-    return [m if m.mean() < 0.2 else np.zeros_like(m) for m in masks]
+    return [m if m.mean() < MOST_GROSS else np.zeros_like(m) for m in masks]
 
 
 def descend(
