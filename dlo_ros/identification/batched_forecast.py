@@ -200,6 +200,7 @@ def _together(
         yield from first.starting(observations[:2], observations[-1].stamp)
     except SimulationError:
         return None
+    first.warn_of_instability()
     assert first.state is not None
     begin, last = first.stamp, observations[-1].stamp
     if any(begin < c.stamp < last for c in motion.commands):

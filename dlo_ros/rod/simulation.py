@@ -77,6 +77,7 @@ class Simulation:
         self.resolution: resolution.Resolution | None = None
         self.state: State | None = None
         self.stable = True
+        self._flat = False  # whether the first equilibrium is one in the plane
         self._judged = settings.rod.specific_modulus
 
     def start(self, observations: Sequence[Observation], last_stamp: int | None = None) -> None:
@@ -93,11 +94,25 @@ class Simulation:
         """
         for _ in self.starting(observations, last_stamp):
             pass
+        self.warn_of_instability()
+
+    def warn_of_instability(self) -> None:
+        """Log a warning where a real DLO would leave the equilibrium that was started from.
+
+        It is no news where the parameters are a hypothesis, such as an effect that is tried.
+        """
+        if not self.stable:
+            LOG.warning(
+                "a real DLO would not stay in the first shape at rest: it is unstable%s",
+                " out of the plane y = 0, in which it is simulated all the same"
+                if self._flat
+                else "",
+            )
 
     def starting(
         self, observations: Sequence[Observation], last_stamp: int | None = None
     ) -> Generator[None, None, None]:
-        """As `start`, piece by piece for who must not wait."""
+        """As `start`, piece by piece for who must not wait; whether it is stable is not told."""
         if self._spans is None:
             yield from self.judging(observations, last_stamp)
         assert self._spans is not None
@@ -109,8 +124,9 @@ class Simulation:
         at_rest = rest_state(first.stamp, lift @ shape, model)
         yield
         if mode == "equilibrium":
-            flat = in_plane(model, at_rest, true_command(model, command), self.parameters)
-            compiled(model, boundary, command, self.parameters, flat=flat)  # is kept
+            moved = true_command(model, command)
+            self._flat = in_plane(model, at_rest, moved, self.parameters)
+            compiled(model, boundary, command, self.parameters, flat=self._flat)  # is kept
             yield
             found = settle(
                 model, boundary, at_rest, command, first.stamp, fresh=True,
@@ -121,13 +137,6 @@ class Simulation:
                 LOG.info(
                     "the DLO buckles on its way to its first equilibrium; where nothing decides "
                     "between two sides, its weight or the camera's first shape should"
-                )
-            if not found.stable:
-                LOG.warning(
-                    "a real DLO would not stay in the first shape at rest: it is unstable%s",
-                    " out of the plane y = 0, in which it is simulated all the same"
-                    if flat
-                    else "",
                 )
         else:
             held = hold(model, boundary, at_rest, command, first.stamp)

@@ -112,6 +112,19 @@ def test_an_equilibrium_that_would_leave_the_plane_is_called_unstable():
     np.testing.assert_array_equal(np.array(left) > 1e-3, ~np.array(stable))
 
 
+def test_an_unstable_start_is_told_of_the_dlo_and_not_of_a_hypothesis(caplog):
+    """Clamps near each other: the rope between them would turn out of the plane."""
+    motion = Motion([command(["start", "end"], [0.0], [[[0, 0, 0], [0.04, 0, 0]]])])
+    u = SplineBasis(10, 0.4).greville / 0.4
+    sagging = np.column_stack([0.04 * u, 0 * u, -0.19 * np.sin(np.pi * u), 0 * u])
+    tried, whole = (Simulation(PAPER, motion, spans=14) for _ in range(2))
+    list(tried.starting([Observation(0, sagging)]))
+    assert not tried.stable and not caplog.records
+    whole.start([Observation(0, sagging)])
+    (record,) = caplog.records
+    assert "unstable out of the plane y = 0" in record.getMessage()
+
+
 def test_a_forecast_in_one_go_is_the_same_as_stamp_by_stamp():
     basis = SplineBasis(10, 0.4)
     shape = np.zeros((10, 4))
