@@ -54,10 +54,17 @@ class RosLog(logging.Handler):
 
     def __init__(self, name: str, level: int = logging.WARNING) -> None:
         super().__init__(level)
-        self._logger = get_logger(name)
-        if level < logging.INFO:
-            self._logger.set_level(LoggingSeverity.DEBUG)
+        self._use(get_logger(name))
         self._last: dict[tuple[str, int], float] = {}
+
+    def speak_for(self, node: Node) -> None:
+        """Log under the full name of the node from now on; by another one nothing is on /rosout."""
+        self._use(node.get_logger())
+
+    def _use(self, logger: Any) -> None:
+        self._logger = logger
+        if self.level < logging.INFO:
+            logger.set_level(LoggingSeverity.DEBUG)
 
     def emit(self, record: logging.LogRecord) -> None:
         """Pass a message on; a warning of the same place only now and then."""
@@ -123,7 +130,7 @@ def ros(arguments: Sequence[str], *, interrupts: bool = True) -> Iterator[Stop]:
 
 
 @contextmanager
-def logging_to_ros(name: str, choice: LogChoice = WARNINGS) -> Iterator[None]:
+def logging_to_ros(name: str, choice: LogChoice = WARNINGS) -> Iterator[RosLog]:
     """The package's warnings, and what was chosen besides, go to the log of a node.
 
     Raises:
@@ -133,7 +140,7 @@ def logging_to_ros(name: str, choice: LogChoice = WARNINGS) -> Iterator[None]:
     logger.addHandler(handler)
     try:
         with package_logging(choice):
-            yield
+            yield handler
     finally:
         logger.removeHandler(handler)
 
@@ -176,13 +183,14 @@ def run(name: str, make: Callable[[], Any], arguments: Sequence[str] | None = No
         for flag, path in pairwise(words):
             if flag == "--params-file":
                 parameter_blocks(Path(path))  # whose messages a person understands
-        with ros(words, interrupts=False) as stop, logging_to_ros(name, choice):
+        with ros(words, interrupts=False) as stop, logging_to_ros(name, choice) as log:
             unknown = remove_ros_args(words)
             if unknown:
                 return complain(
                     name, f"unknown argument '{unknown[0]}'; ROS arguments follow --ros-args"
                 )
             node = make()
+            log.speak_for(node)
             stop.building = False
             try:
                 spin(node, stop, lambda: node.failure is not None)

@@ -286,6 +286,20 @@ def test_warnings_from_below_reach_the_log_of_the_node(monkeypatch, capsys):
     assert "unstable" not in capsys.readouterr().err
 
 
+def test_warnings_from_below_carry_the_full_name_of_the_node(monkeypatch):
+    """The logger of `observer` alone is none of /left/observer, and is not on /rosout."""
+    pytest.importorskip("rclpy")
+    from dlo_ros.nodes import runtime
+
+    short, full = LoggingNode(), LoggingNode()
+    monkeypatch.setattr(runtime, "get_logger", lambda name: short)
+    below = logging.getLogger("dlo_ros.rod.simulation")
+    with runtime.logging_to_ros("simulator") as log:
+        log.speak_for(full)
+        below.warning("unstable")
+    assert (short.logged, full.logged) == ([], ["unstable"])
+
+
 def test_steps_from_below_reach_the_log_of_the_node_on_request(monkeypatch, tmp_path):
     pytest.importorskip("rclpy")
     from dlo_ros.logs import LogChoice
