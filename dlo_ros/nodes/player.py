@@ -134,10 +134,7 @@ class Player:
                 report.say(pending)
             elif first is None:
                 if now - idle > min(APPEAR, patience):
-                    raise InputError(
-                        f"nobody listens to {', '.join(matched)}; start the nodes, "
-                        "with use_sim_time:=true, or give more time with --wait SECONDS"
-                    )
+                    raise InputError(nobody_listens(matched, patience))
                 report.say({"a node": "nobody listens yet"})
             else:
                 settled = now - changed > SETTLED or now - first > COMPLETE + DISCOVERY
@@ -212,6 +209,15 @@ class Report:
         if now - self._at > (NEWS if kind != self._last else REMINDER):
             self._last, self._at = kind, now
             self._node.get_logger().info(text)
+
+
+def nobody_listens(topics: Collection[str], patience: float) -> str:
+    """What to do where no topic has a subscriber after `patience` [s], of which `APPEAR` count."""
+    more = ", or give more time with --wait SECONDS" if patience < APPEAR else ""
+    return (
+        f"nobody listens to {', '.join(topics)}; start the nodes, with use_sim_time:=true, "
+        f"in the same domain and namespace{more}"
+    )
 
 
 def told(pending: Mapping[str, str]) -> str:

@@ -262,6 +262,14 @@ def test_nobody_listens(alone, splines, tmp_path):
     assert process.wait() == 0 and f"nobody listens to {topics} yet" in process.said
 
 
+def test_more_time_is_advised_only_where_it_helps():
+    pytest.importorskip("rclpy")
+    from dlo_ros.nodes.player import APPEAR, nobody_listens
+
+    assert "--wait SECONDS" in nobody_listens(["/dlo/command"], 0.5 * APPEAR)
+    assert "--wait" not in nobody_listens(["/dlo/command"], 600.0)
+
+
 @pytest.mark.slow
 def test_a_second_clock_in_the_graph_is_told_of(alone, splines, tmp_path):
     from live_graph import Process
