@@ -3,7 +3,16 @@
 
 from types import SimpleNamespace
 
+import numpy as np
+import pytest
+from rods import PAPER
+
 from dlo_ros.diagnosis.explain import cause_search
+from dlo_ros.diagnosis.explain.joint_explanation import SCALES, certain
+from dlo_ros.diagnosis.proposals.linear_evidence import Promise, proposal_of, with_sheet
+from dlo_ros.effects import Start
+from dlo_ros.inference.parameter import ParametricModel
+from dlo_ros.inference.priors import material_priors
 
 
 def evaluation(evidence, err):
@@ -40,3 +49,52 @@ def test_what_moves_predictions_away_from_the_shapes_is_not(monkeypatch):
 def test_a_small_gain_is_no_cause(monkeypatch):
     added, told = best_of(monkeypatch, {"mass": (2.0, 1e-3)})
     assert added is None and told == {"mass": "gains too little"}
+
+
+def test_the_size_of_what_begins_at_a_finite_one_is_looked_for(monkeypatch):
+    """A yield at one and a half times the curvature from which it is looked for."""
+    keys = ("yield_curvature", "hardening")
+    start = Start("plasticity", {keys[0]: 4.0, keys[1]: 0.35}, keys, keys, neutral=False)
+    begin, _ = with_sheet(
+        ParametricModel(PAPER, material_priors(PAPER)), [proposal := proposal_of(PAPER, start)]
+    )
+
+    def simulate(model, *_):
+        off = np.log(model.settings.effects["plasticity"]["yield_curvature"] / 6.0)
+        return SimpleNamespace(err=[np.full(3, 1e-3 * (1.0 + off**2))])
+
+    monkeypatch.setattr(cause_search, "simulate", simulate)
+    err, promise = cause_search._checked(Promise(proposal, 10.0, begin, begin), ())
+    found = promise.model.settings.effects["plasticity"]
+    assert found["yield_curvature"] == pytest.approx(6.0, rel=0.05)
+    assert found["hardening"] == 0.35 and err == pytest.approx(1e-3, rel=0.01)
+
+
+def test_what_has_no_size_is_simulated_where_it_is_promised():
+    peg = {"x": 0.1, "z": -0.1, "radius": 0.01}
+    for start in (
+        Start("obstacle", peg, (), tuple(peg), neutral=False),
+        Start("wall", {"offset": -0.2, "angle": 0.0}, ("offset",), ("offset",), neutral=False),
+        Start("point_mass", {"mass": 0.0}, ("mass",), ("mass",)),
+    ):
+        assert cause_search._size(proposal_of(PAPER, start)) is None
+
+
+def test_what_is_not_known_of_the_weight_makes_no_force_doubtful():
+    """A force that is known to a hundredth of the weight, on a DLO that was not weighed."""
+    names = ["young_modulus", "density", "effects.constant_force.x"]
+    off, share = np.array([0.0, 0.0, -0.04]), 1e-2
+    force = np.array([0.0, 0.04, 0.0])  # for a change of ln mu
+    covariance = np.diag([0.01, 0.49, (share * 0.04) ** 2])
+    covariance[2, 2] += 0.49 * force[1] ** 2
+    covariance[1, 2] = covariance[2, 1] = 0.49 * force[1]
+    at = SimpleNamespace(
+        model=SimpleNamespace(names=names, offset=lambda: off, index=names.index),
+        posterior=SimpleNamespace(covariance=covariance),
+    )
+    start = Start("constant_force", {"x": 0.0}, ("x",), ("x",))
+    group = proposal_of(PAPER, start)
+    assert not certain(at, group)
+    assert certain(at, group, SCALES)
+    covariance[2, 2] += 0.03**2
+    assert not certain(at, group, SCALES)

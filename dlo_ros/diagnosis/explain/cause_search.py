@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from dlo_ros.diagnosis.proposals.linear_evidence import (
     Extra,
@@ -27,13 +28,14 @@ from dlo_ros.diagnosis.proposals.linear_evidence import (
     sheets,
     with_sheet,
 )
-from dlo_ros.effects import Start
+from dlo_ros.effects import Start, quantities
 from dlo_ros.errors import SimulationError
 from dlo_ros.inference.joint import Evaluation, borrowed, evaluate, fit, misfit, simulate
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import Parameter, ParametricModel
 from dlo_ros.inference.priors import SLAB
 from dlo_ros.inference.variances import posterior
+from dlo_ros.spline import FloatArray
 
 LOG = logging.getLogger(__name__)
 
@@ -47,11 +49,13 @@ promise: a promise is linear, and no better than that."""
 WORSE = 2.0
 """ERR over that without a proposal, from which where it promises most is no place to fit from."""
 INDISPENSABLE = 10.0 * WORTH
-"""Loss of log evidence without a cause, from which there is no doubt that it is needed: the search
-tries no fit without it where the linearised posterior tells of such a loss, and naming asks for
-fewer standard deviations of its size (`joint_explanation.KNOWN`)."""
+"""Loss of log evidence without a cause by the linearised posterior, from which no fit without it
+need be tried."""
 SHARES = (1.0, 0.5)
 """Shares of the way to the promised model that are simulated."""
+SIZES, SIZE_TRIALS = 2.2, 6
+"""Factor up to which the size of an effect that begins at a finite one may be larger or smaller
+where its fit begins, and number of sizes that are simulated: no derivative tells of it."""
 TRIALS = 3
 """Proposals that are fitted, those that come nearest in a simulation."""
 FIRST_ITERATIONS, FIT_ITERATIONS = 4, 12
@@ -263,16 +267,45 @@ def _best_of(
 def _checked(promise: Promise, recordings: Sequence[Recording]) -> tuple[float, Promise] | None:
     """ERR [m] of a proposal where it promises most, and from where it is fitted; None: nowhere."""
     begin, end = promise.begin.theta(), promise.model.theta()
-    found = []
-    for share in SHARES:
-        model = promise.begin.at(begin + share * (end - begin))
+    found: list[tuple[float, Promise]] = []
+
+    def tried(theta: FloatArray) -> float:
+        model = promise.begin.at(theta)
         try:
-            err = np.mean([e.mean() for e in simulate(model, recordings, ()).err])
+            err = float(np.mean([e.mean() for e in simulate(model, recordings, ()).err]))
         except SimulationError as reason:
             LOG.info("%s: %s", promise.proposal.label, reason)
-            continue
-        found.append((float(err), replace(promise, model=model)))
+            return float(np.finfo(float).max)
+        found.append((err, replace(promise, model=model)))
+        return err
+
+    for share in SHARES:
+        tried(begin + share * (end - begin))
+    size = _size(promise.proposal)
+    if size is not None and found:
+        here = min(found, key=lambda row: row[0])[1].model
+        k, theta, most = here.index(size.name), here.theta(), float(np.log(SIZES))
+        value = size.outer(theta[k])
+
+        def resized(factor: float) -> float:
+            theta[k] = size.inner(value * float(np.exp(factor)))
+            return tried(theta)
+
+        minimize_scalar(
+            resized, bounds=(-most, most), method="bounded", options={"maxiter": SIZE_TRIALS}
+        )
     return min(found, key=lambda row: row[0], default=None)
+
+
+def _size(proposal: Proposal) -> Parameter | None:
+    """The size of an effect that begins at a finite one; None where it has none, as a peg."""
+    start = proposal.start
+    if start is None or start.neutral or not start.screened:
+        return None
+    key = start.screened[0]
+    if quantities(start.effect)[key].geometric:
+        return None
+    return next((p for p in proposal.parameters if p.key == key), None)
 
 
 def fitted(

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dlo_ros.diagnosis.explain.cause_search import (
-    INDISPENSABLE,
     Offer,
     Search,
     Step,
@@ -37,10 +36,9 @@ RIVAL = 3.0
 """Log evidence by which a rival may be worse."""
 CERTAIN = 3.0
 """Standard deviations from neutral, from which a cause is named."""
-KNOWN = 2.0
-"""Standard deviations from neutral, from which a cause is named whose loss of log evidence is
-INDISPENSABLE: the data may tell less about its size than about its presence, such as the mass of a
-weight on a DLO of unknown stiffness."""
+SCALES = ("young_modulus", "density")
+"""What is not known of these scales a cause without making it doubtful: a force on a DLO that was
+not weighed is known as a share of the weight, a mass on one of unknown stiffness likewise."""
 BEYOND = 2.0
 """Tolerances from neutral, from which a number of the set-up may be a cause."""
 NOTABLE = 0.2
@@ -201,14 +199,12 @@ def _named(
     at, offer = found.at, found.offer
     result = []
     for group in (*found.causes, *beyond(at)):
-        if not certain(at, group, KNOWN):
+        if not certain(at, group, SCALES):
             continue
         bare = without(at, group, recordings, wholly=True)
         if bare is None:
             continue
         loss = at.posterior.evidence - bare.posterior.evidence
-        if loss < INDISPENSABLE and not certain(at, group):
-            continue
         if loss < NAMED or at.mean_err > (1.0 - LOWERS) * bare.mean_err:
             continue
         if not _beyond(at, group):
@@ -263,15 +259,22 @@ def _geometric(p: Parameter) -> bool:
     return bool(p.effect) and quantities(p.effect)[split_name(p.name)[1]].geometric
 
 
-def certain(at: Evaluation, group: Proposal, stds: float = CERTAIN) -> bool:
-    """Whether a group is away from neutral by more than its uncertainty (Wald)."""
+def certain(at: Evaluation, group: Proposal, held: Sequence[str] = ()) -> bool:
+    """Whether a group is away from neutral by more than its uncertainty (Wald).
+
+    Args:
+        held: parameters of which what is not known does not count.
+    """
     linear = [n for n in group.columns if n in at.model.names]
     if not linear or not group.from_nothing:
         return group.start is not None
     k = [at.model.index(n) for n in linear]
     off = at.model.offset()[k]
-    spread = at.posterior.covariance[np.ix_(k, k)]
-    return float(off @ np.linalg.solve(spread, off)) > stds**2 * len(k)
+    h = [at.model.index(n) for n in held if n in at.model.names]
+    # With some parameters held, the rest of the inverse covariance stays as it is.
+    covariance = at.posterior.covariance[np.ix_([*k, *h], [*k, *h])]
+    information = np.linalg.inv(covariance)[: len(k), : len(k)]
+    return float(off @ information @ off) > CERTAIN**2 * len(k)
 
 
 def departures(at: Evaluation, causes: Sequence[Proposal] = ()) -> int:
