@@ -10,11 +10,16 @@ from dataclasses import replace
 import numpy as np
 
 from dlo_ros.diagnosis import damping_selection
-from dlo_ros.diagnosis.contact.contact_search import hits
-from dlo_ros.diagnosis.explain.joint_explanation import Explanation, departures, material_err
+from dlo_ros.diagnosis.contact.contact_search import Hit, hits, hits_in_set_up
+from dlo_ros.diagnosis.explain.joint_explanation import (
+    Explanation,
+    departures,
+    material_err,
+    own_err,
+)
 from dlo_ros.diagnosis.findings import holdout as held_out
 from dlo_ros.diagnosis.findings.diagnosis_outcome import Diagnosis
-from dlo_ros.diagnosis.findings.joint_outcome import Learned, learn, lesson
+from dlo_ros.diagnosis.findings.joint_outcome import Learned, Lesson, learn, lesson
 from dlo_ros.diagnosis.findings.measured_force_scale import with_forces
 from dlo_ros.diagnosis.findings.remarks import left_out
 from dlo_ros.diagnosis.findings.summary import Findings, is_immaterial, outcome
@@ -31,7 +36,6 @@ from dlo_ros.diagnosis.selection import verdict
 from dlo_ros.diagnosis.selection.effect_pairs import BASES, bases, other_pegs
 from dlo_ros.diagnosis.selection.effect_search import Candidate, apart, candidate, reformed, search
 from dlo_ros.diagnosis.selection.pre_contact import alone_before
-from dlo_ros.effects import Start
 from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.identification.estimate import searchable
 from dlo_ros.inference.forecast import Manipulation
@@ -239,16 +243,10 @@ def _explain(
     names = imposed_names(r.manipulation for r in recordings)
     most = verdict.limit(plain.structure)
 
-    def met(at: Evaluation, present: Sequence[str]) -> list[Start]:
-        progress("looking for what was hit", 0.0)
-        return hits(team, at, present)
-
-    def screened(
-        at: Evaluation, present: Sequence[str], pegs: Sequence[Start] | None = None
-    ) -> list[Prospect]:
+    def screened(at: Evaluation, present: Sequence[str]) -> list[Prospect]:
         here = scene(at.model.settings, names, at.predicted)
-        found = met(at, present) if pegs is None else pegs
-        return screen(team, at, [*starts(here, present), *found], progress)
+        progress("looking for what was hit", 0.0)
+        return screen(team, at, [*starts(here, present), *hits(team, at, present)], progress)
 
     def judge_of(candidates: Sequence[Candidate]) -> held_out.KeptAside:
         """What is kept aside goes with the best of what explains the data."""
@@ -263,15 +261,14 @@ def _explain(
     if not immaterial:
         progress("fitting the joint model", 0.0)
         begun = lesson(beginning, len(recordings), plain.at.model.settings, given)
-    joint, pegs = None, None
+    joint = None
     if begun is not None and departures(begun.prepared.setup) >= SEVERAL:
         # No single effect does what several do: none is looked for by itself first.
-        pegs = met(plain.at, known)
-        joint = learn(begun, given, pegs)
+        joint = learn(begun, given, _met(team, plain, begun, progress))
         if joint is not None and _takes_over(joint.explanation, [plain]):
             judge = kept_aside(plain)
             return Findings(verdict.Decision("unexplained", None), judge, joint=joint)
-    prospects = screened(plain.at, known, pegs)
+    prospects = screened(plain.at, known)
     promise, by_chance = alarm(prospects)
     if promise < by_chance and verdict.excusable(plain.at.residuals):
         return Findings(verdict.Decision("adequate", None), kept_aside(plain))
@@ -338,6 +335,15 @@ def _explain(
     decision = verdict.Decision("unexplained", *(verdict.sure(plain, everything, judge) or (None,)))
     findings = Findings(decision, judge, tuple(singles), tuple(pairs))
     return findings if decision.chosen is not None else _beside(findings, joint, plain)
+
+
+def _met(team: Workers, plain: Candidate, begun: Lesson, progress: Progress) -> list[Hit]:
+    """What the DLO may have hit, where the set-up alone leaves what matters."""
+    setup, recordings = begun.prepared.setup, begun.prepared.recordings
+    if setup.mean_err < material_err(own_err(setup, recordings), team.problem.given):
+        return []
+    progress("looking for what was hit", 0.0)
+    return hits_in_set_up(team, plain.at, begun.prepared.scene)
 
 
 def _misses(plain: Candidate, recordings: Sequence[Recording], given: Settings) -> bool:

@@ -3,6 +3,7 @@
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from rods import PAPER
 from dlo_ros.cli.loading import load_manipulation
 from dlo_ros.diagnosis.contact.contact_search import glimpsed, hits
 from dlo_ros.diagnosis.contact.peg_places import apart, places, sight
+from dlo_ros.diagnosis.contact.undisturbed import _beginnings
 from dlo_ros.diagnosis.fitting.evaluation import evaluate
 from dlo_ros.diagnosis.fitting.initial_fit import begin, drafts
 from dlo_ros.diagnosis.fitting.levenberg_marquardt import attempt
@@ -76,6 +78,15 @@ def test_what_goes_astray_without_meeting_anything_is_no_peg():
     wrong = np.ones(len(seen), dtype=np.bool_)
     assert places(sight(ROD, [seen], [expected], [wrong]), 0.01)[0].left >= HIT - 1
     assert glimpsed(sight(ROD, [seen], [expected], [wrong])) == []
+
+
+def test_a_recording_counts_up_to_where_it_goes_astray():
+    times = np.arange(31) / 30.0
+    whole = SimpleNamespace(times=times, until=lambda stop: ("until", stop))
+    off = np.zeros(30, dtype=bool)  # the first picture begins the motion, and is not compared
+    late, early = off.copy(), off.copy()
+    late[20:], early[5:] = True, True
+    assert _beginnings([whole] * 3, [off, late, early]) == [("until", 31), ("until", 21)]
 
 
 @pytest.fixture(scope="module")

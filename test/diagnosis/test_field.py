@@ -71,7 +71,8 @@ def test_a_set_up_within_its_tolerances_is_adequate_and_told(no_cause):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "name", ["point_mass", "stiff_segment", "nonlinear_stiffness", "clamp_angle", "plasticity"]
+    "name",
+    ["point_mass", "stiff_segment", "nonlinear_stiffness", "clamp_angle", "plasticity", "obstacle"],
 )
 def test_the_cause_is_found_beside_all_that(tmp_path, name):
     case = draw(204, 1, (name,))

@@ -1,27 +1,30 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Looks for what a DLO may have hit: nothing tells of a peg but that some pictures go astray.
 
-From the fit to what is right before (`robust`) and the places that no shape enters (`pegs`), a peg
-is found by simulating only the recordings that go astray, all other numbers as they are.
+From the fit to what is right before (`robust_fit`, `undisturbed`) and the places that no shape
+enters (`peg_places`), a peg is found by simulating only the recordings that go astray, all other
+numbers as they are.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize
 
 from dlo_ros.diagnosis.contact.peg_places import Sight, apart, places, sight
+from dlo_ros.diagnosis.contact.undisturbed import undisturbed
 from dlo_ros.diagnosis.fitting import robust_fit
 from dlo_ros.diagnosis.fitting.candidate_model import Model, names
 from dlo_ros.diagnosis.fitting.evaluation import Evaluation, evaluate
 from dlo_ros.diagnosis.fitting.levenberg_marquardt import attempt
 from dlo_ros.diagnosis.fitting.worker_processes import Problem, Workers
-from dlo_ros.effects import Peg, Start
+from dlo_ros.effects import Peg, Scene, Start
 from dlo_ros.effects.physics.obstacle import Obstacle
 from dlo_ros.errors import SimulationError
+from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.spline import FloatArray
 
 EFFECT = Obstacle.name
@@ -51,6 +54,14 @@ WORSE = 4.0
 Task = tuple[Model, tuple[int, ...], Peg, float]
 
 
+@dataclass(frozen=True)
+class Hit:
+    """A peg that may have been hit, and the joint model that the pictures before tell of."""
+
+    before: ParametricModel
+    peg: Start
+
+
 def hits(team: Workers, at: Evaluation, present: Sequence[str]) -> list[Start]:
     """Pegs that the DLO may have hit; none where it moves in space, off the board they stand on.
 
@@ -58,13 +69,46 @@ def hits(team: Workers, at: Evaluation, present: Sequence[str]) -> list[Start]:
         at: the fit to all pictures.
         present: effects of the model.
     """
-    length = at.model.settings.rod.length
-    observed = [d.observed for d in team.problem.drafts]
-    in_space = any(np.abs(shapes[..., 1]).max() > OFF_BOARD * length for shapes in observed)
-    found = None if EFFECT in present or in_space else robust_fit.calm(team, at)
+    found = None if EFFECT in present or _in_space(team) else robust_fit.calm(team, at)
     if found is None:
         return []
     calm, typical = found
+    own = tuple((calm.model.theta() - at.model.theta()).tolist())
+    return [_start(peg, k, own) for k, peg in enumerate(_pegs(team, calm, typical))]
+
+
+def hits_in_set_up(team: Workers, at: Evaluation, scene: Scene) -> list[Hit]:
+    """Pegs that the DLO may have hit, beside a set-up that is off within its tolerances.
+
+    Args:
+        at: see `hits`.
+        scene: what the recordings look like.
+    """
+    if EFFECT in at.model.effects or _in_space(team):
+        return []
+    before = undisturbed(team, at, scene)
+    if before is None:
+        return []
+    pegs = _pegs(team, before.at, before.typical)
+    return [Hit(before.model, _start(peg, k)) for k, peg in enumerate(pegs)]
+
+
+def _in_space(team: Workers) -> bool:
+    """Whether the DLO leaves the board on which pegs stand."""
+    length = team.problem.given.rod.length
+    shapes = [d.observed for d in team.problem.drafts]
+    return any(np.abs(s[..., 1]).max() > OFF_BOARD * length for s in shapes)
+
+
+def _pegs(team: Workers, calm: Evaluation, typical: float) -> list[Peg]:
+    """The pegs with which a fit to undisturbed pictures comes nearest to the others.
+
+    Args:
+        calm: the fit, held against the drafts.
+        typical: of pictures that are right, see `robust_fit.robust`.
+    """
+    length = calm.model.settings.rod.length
+    observed = [d.observed for d in team.problem.drafts]
     wrong = [o > 1.0 for o in robust_fit.off(calm, typical)]
     if not any(w.any() for w in wrong):
         return []
@@ -92,11 +136,9 @@ def hits(team: Workers, at: Evaluation, present: Sequence[str]) -> list[Start]:
     tasks: list[Task] = [(calm.model, astray, peg, typical) for peg in best]
     fits = [f for f in team.each(_fitted, tasks) if f is not None]
     fits.sort(key=lambda f: f.sum_of_squares)
-    own = tuple((calm.model.theta() - at.model.theta()).tolist())
-    pegs = [
+    return [
         peg_of(f.model) for f in fits[:BEGUN] if f.sum_of_squares < WORSE * fits[0].sum_of_squares
     ]
-    return [_start(peg, k, own) for k, peg in enumerate(pegs)]
 
 
 def glimpsed(view: Sight) -> list[Start]:

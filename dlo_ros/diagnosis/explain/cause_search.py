@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import minimize_scalar
 
+from dlo_ros.diagnosis.contact.contact_search import Hit
 from dlo_ros.diagnosis.proposals.linear_evidence import (
     Extra,
     Promise,
@@ -25,6 +26,7 @@ from dlo_ros.diagnosis.proposals.linear_evidence import (
     linear_posterior,
     pinned,
     promises,
+    proposal_of,
     sheets,
     with_sheet,
 )
@@ -111,20 +113,47 @@ class Search:
     offer: Offer | None
 
 
+def best_hit(
+    at: Evaluation, recordings: Sequence[Recording], hits: Sequence[Hit]
+) -> tuple[Evaluation, Proposal] | None:
+    """The fit with the peg that explains most, from what was right before it was hit.
+
+    Args:
+        at: the joint model without a peg, fitted to the same recordings, perhaps in another valley.
+    """
+    found = []
+    for hit in hits:
+        proposal = proposal_of(hit.before.settings, hit.peg)
+        model, _ = with_sheet(hit.before, [proposal])
+        here = fitted(model, recordings)
+        if here is not None and here.mean_err < at.mean_err:
+            found.append((here, proposal))
+    best = max(found, key=lambda row: row[0].posterior.evidence, default=None)
+    gained = best is not None and best[0].posterior.evidence - at.posterior.evidence >= WORTH
+    return best if gained else None
+
+
 def search(
-    at: Evaluation, recordings: Sequence[Recording], begun: Sequence[Start], enough: float
-) -> Search:
+    at: Evaluation, recordings: Sequence[Recording], begun: Sequence[Start], enough: float,
+    met: tuple[Evaluation, Proposal] | None = None,
+) -> Search:  # fmt: skip
     """Add causes one by one, that which raises the log evidence most first.
 
     Args:
         at: the joint model with its set-up within tolerance, fitted.
         begun: effects that might be added, where they are looked for.
         enough: ERR [m] below which nothing is looked for.
+        met: what the DLO has hit, see `best_hit`.
     """
     causes: list[Proposal] = []
     dropped: set[str] = set()
     trace: list[Step] = []
     offer: Offer | None = None
+    if met is not None:
+        gain = met[0].posterior.evidence - at.posterior.evidence
+        at, causes = met[0], [met[1]]
+        trace.append(Step(1, met[1].label, gain, at.mean_err, "added"))
+        _tell(trace)
     while len(causes) < MOST_CAUSES and at.mean_err > enough:
         known = {c.label for c in causes} | {c.effect for c in causes if c.start is not None}
         known |= dropped

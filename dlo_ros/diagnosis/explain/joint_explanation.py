@@ -8,10 +8,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dlo_ros.diagnosis.contact.contact_search import Hit
 from dlo_ros.diagnosis.explain.cause_search import (
     Offer,
     Search,
     Step,
+    best_hit,
     fitted,
     offered,
     promised,
@@ -129,19 +131,20 @@ def prepare(recordings: Sequence[Recording], plain: Settings, given: Settings) -
     return Prepared(recordings, here, at)
 
 
-def explain(prepared: Prepared, given: Settings, pegs: Sequence[Start] = ()) -> Explanation:
+def explain(prepared: Prepared, given: Settings, hits: Sequence[Hit] = ()) -> Explanation:
     """Look for causes beyond a set-up.
 
     Args:
         given: the parameter file.
-        pegs: that the DLO may have hit.
+        hits: pegs that the DLO may have hit.
 
     Raises:
         SimulationError: the joint model cannot be simulated.
     """
     recordings = prepared.recordings
-    begun = (*starts(prepared.scene), *pegs)
-    found = search(prepared.setup, recordings, begun, material_err(0.0, given))
+    begun = starts(prepared.scene)
+    met = best_hit(prepared.setup, recordings, hits)
+    found = search(prepared.setup, recordings, begun, material_err(0.0, given), met)
     # Judged in the end: what a cause does to a DLO looks like an error of the camera before.
     own = own_err(found.at, recordings)
     matters = material_err(own, given)
@@ -193,8 +196,9 @@ def _named(
 ) -> tuple[Cause, ...]:  # fmt: skip
     """Causes without which the best model is clearly worse; numbers of the set-up are no less.
 
-    What lies within its tolerance is none where all that it explains is immaterial, or little of
-    what the set-up alone misses.
+    What lies within its tolerance, or is no part of every set-up, is none where all that it
+    explains is immaterial, or little of what the set-up alone misses: beside a cause whose true law
+    is another than the model's, a further effect mends that law a little.
     """
     at, offer = found.at, found.offer
     result = []
@@ -207,7 +211,7 @@ def _named(
         loss = at.posterior.evidence - bare.posterior.evidence
         if loss < NAMED or at.mean_err > (1.0 - LOWERS) * bare.mean_err:
             continue
-        if not _beyond(at, group):
+        if group.start is not None or not _beyond(at, group):
             little = bare.mean_err - at.mean_err < LOWERS * missed
             if bare.mean_err < material or (little and group.from_nothing):
                 continue

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dlo_ros.diagnosis.contact.contact_search import Hit
 from dlo_ros.diagnosis.explain.joint_explanation import (
     Cause,
     Explanation,
@@ -40,7 +41,7 @@ from dlo_ros.diagnosis.residuals import residual_structure
 from dlo_ros.diagnosis.residuals.relations import relations, sentences
 from dlo_ros.diagnosis.selection.effect_search import Candidate
 from dlo_ros.diagnosis.selection.verdict import Verdict
-from dlo_ros.effects import Start, effects
+from dlo_ros.effects import effects
 from dlo_ros.errors import SimulationError
 from dlo_ros.inference.joint import Evaluation, borrowed, evaluate, fit, simulate
 from dlo_ros.inference.measured import Recording
@@ -114,7 +115,7 @@ def lesson(beginning: Beginning, count: int, plain: Settings, given: Settings) -
         return None
 
 
-def learn(lesson: Lesson, given: Settings, pegs: Sequence[Start] = ()) -> Learned | None:
+def learn(lesson: Lesson, given: Settings, hits: Sequence[Hit] = ()) -> Learned | None:
     """Explain what is not held out; None where the joint model cannot be simulated.
 
     Where all recordings are needed to find causes, the values alone are learned from their
@@ -122,13 +123,13 @@ def learn(lesson: Lesson, given: Settings, pegs: Sequence[Start] = ()) -> Learne
 
     Args:
         given: the parameter file.
-        pegs: that the DLO may have hit.
+        hits: pegs that the DLO may have hit.
     """
     recordings, count, spare = lesson.recordings, lesson.count, lesson.spare
     frames = [len(r.times) for r in recordings]
     masks = [np.full(f, k >= count or k == spare) for k, f in enumerate(frames)]
     try:
-        found = explain(lesson.prepared, given, pegs)
+        found = explain(lesson.prepared, given, hits)
         foretelling = found.at
         if len(recordings) == count and spare is None and min(frames) >= FEWEST:
             masks = [np.arange(f) >= (holdout.TRAINED + 0.1) * (f - 1) for f in frames]

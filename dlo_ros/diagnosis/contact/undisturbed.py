@@ -1,0 +1,97 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""The joint model as those pictures tell of it in which the DLO has not hit anything yet.
+
+Beside a set-up that is off, the plain model is wrong in every picture: what a hit does shows only
+in what the set-up leaves, and a fit of the set-up to all pictures takes some of the hit for its
+own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dlo_ros.diagnosis.fitting import robust_fit
+from dlo_ros.diagnosis.fitting.evaluation import Evaluation, evaluate
+from dlo_ros.diagnosis.fitting.worker_processes import Workers
+from dlo_ros.effects import Scene
+from dlo_ros.errors import SimulationError
+from dlo_ros.inference import joint
+from dlo_ros.inference.measured import Recording
+from dlo_ros.inference.parameter import ParametricModel
+from dlo_ros.inference.priors import joint_model
+
+ROUNDS = 2
+"""Fits: the first one knows the disturbed pictures by the plain model alone."""
+FEWEST = 8
+"""Pictures of a recording, from which its beginning counts."""
+RIGHT = 0.9
+"""Share of the fitted pictures that are right for certain."""
+STANDS_OUT = 3.0
+"""Deviation of the worst picture over that of the right ones, from which something was hit."""
+
+
+@dataclass(frozen=True)
+class Undisturbed:
+    """A fit to undisturbed pictures.
+
+    Args:
+        model: the fitted joint model.
+        at: its values, held against all drafts, without derivatives.
+        typical: deviation that tells right from disturbed pictures, in units of the noise.
+    """
+
+    model: ParametricModel
+    at: Evaluation
+    typical: float
+
+
+def undisturbed(team: Workers, at: Evaluation, scene: Scene) -> Undisturbed | None:
+    """Fit the joint model to the beginnings of recordings, up to where they go astray.
+
+    Args:
+        at: the plain model, fitted to all pictures.
+        scene: what the recordings look like.
+
+    Returns:
+        None where nothing goes astray, or all does.
+    """
+    found = robust_fit.calm(team, at)
+    if found is None:
+        return None
+    calm, typical = found
+    drafts, given = team.problem.drafts, team.problem.given
+    model = joint_model(calm.model.settings, given, scene)
+    wrong = [o > 1.0 for o in robust_fit.off(calm, typical)]
+    for _ in range(ROUNDS):
+        parts = _beginnings(drafts, wrong)
+        if not parts:
+            return None
+        try:
+            model = joint.settled(joint.evaluate(model, parts), parts).model
+            plain = replace(at.model, settings=model.settings)
+            right = np.concatenate(
+                robust_fit.off(evaluate(plain, parts, given, derivatives=False), 1.0)
+            )
+            calm = evaluate(plain, drafts, given, derivatives=False)
+        except SimulationError:
+            return None
+        each = np.sqrt(np.concatenate(robust_fit.off(calm, 1.0)))
+        usual, worst = float(np.sqrt(np.quantile(right, RIGHT))), float(each.max())
+        if worst < STANDS_OUT * usual:
+            return None
+        typical = float(np.sqrt(usual * worst))
+        wrong = [o > 1.0 for o in robust_fit.off(calm, typical)]
+    return Undisturbed(model, calm, typical)
+
+
+def _beginnings(drafts: Sequence[Recording], wrong: Sequence[np.ndarray]) -> list[Recording]:
+    """The recordings up to the first picture that is off."""
+    result = []
+    for draft, w in zip(drafts, wrong, strict=True):
+        stop = len(draft.times) - len(w) + (int(np.argmax(w)) if w.any() else len(w))
+        if stop >= FEWEST:
+            result.append(draft.until(stop))
+    return result
