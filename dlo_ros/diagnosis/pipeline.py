@@ -19,7 +19,13 @@ from dlo_ros.diagnosis.explain.joint_explanation import (
 )
 from dlo_ros.diagnosis.findings import holdout as held_out
 from dlo_ros.diagnosis.findings.diagnosis_outcome import Diagnosis
-from dlo_ros.diagnosis.findings.joint_outcome import Learned, Lesson, learn, lesson
+from dlo_ros.diagnosis.findings.joint_outcome import (
+    Learned,
+    Lesson,
+    learn,
+    lesson,
+    surprising,
+)
 from dlo_ros.diagnosis.findings.measured_force_scale import with_forces
 from dlo_ros.diagnosis.findings.remarks import left_out
 from dlo_ros.diagnosis.findings.summary import Findings, is_immaterial, outcome
@@ -265,6 +271,13 @@ def _explain(
     if begun is not None and departures(begun.prepared.setup) >= SEVERAL:
         # No single effect does what several do: none is looked for by itself first.
         joint = learn(begun, given, _met(team, plain, begun, progress))
+        if joint is not None and surprising(begun, joint):
+            progress("fitting the joint model to all recordings", 0.3)
+            begun = lesson(
+                beginning, len(recordings), plain.at.model.settings, given, all_of_them=True
+            )
+            hit = _met(team, plain, begun, progress) if begun is not None else []
+            joint = learn(begun, given, hit) if begun is not None else None
         if joint is not None and _takes_over(joint.explanation, [plain]):
             judge = kept_aside(plain)
             return Findings(verdict.Decision("unexplained", None), judge, joint=joint)

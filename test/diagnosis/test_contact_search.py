@@ -86,7 +86,10 @@ def test_a_recording_counts_up_to_where_it_goes_astray():
     off = np.zeros(30, dtype=bool)  # the first picture begins the motion, and is not compared
     late, early = off.copy(), off.copy()
     late[20:], early[5:] = True, True
-    assert _beginnings([whole] * 3, [off, late, early]) == [("until", 31), ("until", 21)]
+    recordings, wrong = [whole] * 3, [off, late, early]
+    assert _beginnings(recordings, wrong, 0.0) == [("until", 31), ("until", 21)]
+    # What is wrong from the beginning on may be gripped as no other recording is.
+    assert _beginnings(recordings, wrong, 0.5) == [("until", 31), ("until", 21), ("until", 16)]
 
 
 @pytest.fixture(scope="module")

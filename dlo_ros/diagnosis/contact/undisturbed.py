@@ -23,8 +23,9 @@ from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.priors import joint_model
 
-ROUNDS = 2
-"""Fits: the first one knows the disturbed pictures by the plain model alone."""
+LEADS = (0.0, 0.25)
+"""Shares of each recording, from its beginning, that count as right at first: what is wrong from
+the first picture on may lie on a peg, or be gripped as no other recording is."""
 FEWEST = 8
 """Pictures of a recording, from which its beginning counts."""
 RIGHT = 0.9
@@ -62,36 +63,57 @@ def undisturbed(team: Workers, at: Evaluation, scene: Scene) -> Undisturbed | No
     if found is None:
         return None
     calm, typical = found
-    drafts, given = team.problem.drafts, team.problem.given
-    model = joint_model(calm.model.settings, given, scene)
+    model = joint_model(calm.model.settings, team.problem.given, scene)
     wrong = [o > 1.0 for o in robust_fit.off(calm, typical)]
-    for _ in range(ROUNDS):
-        parts = _beginnings(drafts, wrong)
-        if not parts:
-            return None
-        try:
-            model = joint.settled(joint.evaluate(model, parts), parts).model
-            plain = replace(at.model, settings=model.settings)
-            right = np.concatenate(
-                robust_fit.off(evaluate(plain, parts, given, derivatives=False), 1.0)
-            )
-            calm = evaluate(plain, drafts, given, derivatives=False)
-        except SimulationError:
-            return None
-        each = np.sqrt(np.concatenate(robust_fit.off(calm, 1.0)))
-        usual, worst = float(np.sqrt(np.quantile(right, RIGHT))), float(each.max())
-        if worst < STANDS_OUT * usual:
-            return None
-        typical = float(np.sqrt(usual * worst))
-        wrong = [o > 1.0 for o in robust_fit.off(calm, typical)]
-    return Undisturbed(model, calm, typical)
+    fits = [_fitted(team, at, model, wrong, lead) for lead in LEADS]
+    begun = [f for f in fits if f is not None]
+    if not begun:
+        return None
+    best = min(begun, key=lambda f: robust_fit.loss(f.at))
+    wrong = [o > 1.0 for o in robust_fit.off(best.at, best.typical)]
+    return _fitted(team, at, best.model, wrong, 0.0)
 
 
-def _beginnings(drafts: Sequence[Recording], wrong: Sequence[np.ndarray]) -> list[Recording]:
-    """The recordings up to the first picture that is off."""
+def _fitted(
+    team: Workers, at: Evaluation, model: ParametricModel, wrong: Sequence[np.ndarray], lead: float
+) -> Undisturbed | None:
+    """The joint model fitted to the beginnings of recordings.
+
+    Args:
+        at: the plain model.
+        model: where the fit begins.
+        wrong: pictures that are off, shape (F,) for each recording.
+        lead: see `LEADS`.
+
+    Returns:
+        None where no picture stands out of what is fitted.
+    """
+    drafts, given = team.problem.drafts, team.problem.given
+    parts = _beginnings(drafts, wrong, lead)
+    if not parts:
+        return None
+    try:
+        model = joint.settled(joint.evaluate(model, parts), parts).model
+        plain = replace(at.model, settings=model.settings)
+        right = evaluate(plain, parts, given, derivatives=False)
+        calm = evaluate(plain, drafts, given, derivatives=False)
+    except SimulationError:
+        return None
+    most = float(np.quantile(np.concatenate(robust_fit.off(right, 1.0)), RIGHT))
+    worst = float(np.concatenate(robust_fit.off(calm, 1.0)).max())
+    if worst < STANDS_OUT**2 * most:
+        return None
+    return Undisturbed(model, calm, float((most * worst) ** 0.25))
+
+
+def _beginnings(
+    drafts: Sequence[Recording], wrong: Sequence[np.ndarray], lead: float
+) -> list[Recording]:
+    """The recordings up to the first picture that is off, and at least a share of each."""
     result = []
     for draft, w in zip(drafts, wrong, strict=True):
-        stop = len(draft.times) - len(w) + (int(np.argmax(w)) if w.any() else len(w))
+        first = int(np.argmax(w)) if w.any() else len(w)
+        stop = len(draft.times) - len(w) + max(first, round(lead * len(w)))
         if stop >= FEWEST:
             result.append(draft.until(stop))
     return result

@@ -54,6 +54,9 @@ SPARE = 3
 FEWEST = 10
 """Frames, from which the end of a recording can be foretold from its beginning."""
 FINAL_ITERATIONS = 8
+SURPRISING = 3.0
+"""ERR on the recording that is held out over that on the others, from which it shows what they do
+not."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +91,9 @@ class Lesson:
     prepared: Prepared
 
 
-def lesson(beginning: Beginning, count: int, plain: Settings, given: Settings) -> Lesson | None:
+def lesson(
+    beginning: Beginning, count: int, plain: Settings, given: Settings, *, all_of_them: bool = False
+) -> Lesson | None:
     """The recordings to learn from, with the set-up fitted; None where it cannot be simulated.
 
     Held out are the recordings after the first `count`, or one of several; nothing is selected by
@@ -98,9 +103,10 @@ def lesson(beginning: Beginning, count: int, plain: Settings, given: Settings) -
         count: recordings that may be learned from.
         plain: settings of the plain model's fit.
         given: the parameter file.
+        all_of_them: whether none of those is held out.
     """
     recordings = beginning.recordings
-    spare = _spare(recordings) if len(recordings) == count else None
+    spare = _spare(recordings) if len(recordings) == count and not all_of_them else None
     chosen = [k for k in range(count) if k != spare]
     learned = [recordings[k] for k in chosen]
     residuals, predicted = (
@@ -139,6 +145,19 @@ def learn(lesson: Lesson, given: Settings, hits: Sequence[Hit] = ()) -> Learned 
     except SimulationError:
         return None
     return Learned(found, tuple(masks), foretelling.model)
+
+
+def surprising(lesson: Lesson, learned: Learned) -> bool:
+    """Whether the one that is held out shows what the others do not, such as a hit.
+
+    It is then needed to find causes.
+    """
+    if lesson.spare is None:
+        return False
+    held, seen = (holdout.mean(e) for e in _errors(learned.foretelling, lesson.recordings, learned))
+    if held is None or seen is None:
+        return True
+    return held > SURPRISING * max(seen, learned.explanation.material_err)
 
 
 def _spare(recordings: Sequence[Recording]) -> int | None:
