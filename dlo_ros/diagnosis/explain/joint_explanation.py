@@ -28,12 +28,14 @@ from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import Parameter, split_name
 from dlo_ros.inference.priors import SLAB, joint_model
 from dlo_ros.inference.scene import imposed_names, scene
+from dlo_ros.inference.spectrum import Spectrum
 from dlo_ros.inference.variances import FEWEST_FRAMES, Variances
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 
 NAMED = 5.0
-"""Loss of log evidence without a cause, from which it is named: 150 to one."""
+"""Loss of log evidence without a cause, from which it is named: 150 to one. One that is no part of
+every set-up must lose as much beyond the number of effects that might be one."""
 RIVAL = 3.0
 """Log evidence by which a rival may be worse."""
 CERTAIN = 3.0
@@ -159,10 +161,14 @@ def material_err(own: float, given: Settings) -> float:
 
 
 def own_err(at: Evaluation, recordings: Sequence[Recording]) -> float:
-    """ERR that the measurement alone has [m]: noise, and errors that stay while the DLO moves."""
+    """ERR that the measurement alone has [m]: noise, and errors that stay while the DLO moves.
+
+    Of the latter those that each recording shows, since a few numbers make them: their variance is
+    that of all recordings together.
+    """
     found = []
-    for variances, recording in zip(at.variances, recordings, strict=True):
-        staying = variances.lasting + variances.rough
+    for variances, s, recording in zip(at.variances, at.spectra, recordings, strict=True):
+        staying = _staying(variances, s)
         moved = recording.observed - recording.observed.mean(axis=0)
         still = np.mean(np.sum(moved**2, axis=2)) < np.sum(staying)
         own = (STILL if still else 1.0) ** 2 * staying
@@ -170,6 +176,14 @@ def own_err(at: Evaluation, recordings: Sequence[Recording]) -> float:
         variance[1] += recording.along_std**2
         found.append(mean_length(np.sqrt(variance)))
     return float(np.mean(found))
+
+
+def _staying(variances: Variances, s: Spectrum) -> FloatArray:
+    """Mean square of the errors that stay, in each direction, as far as the data tell [m^2]."""
+    still = s.still * (variances.lasting[s.part] * s.share + variances.rough[s.part] * s.white)
+    weight = still / variances.of(s)
+    squares = weight**2 * s.sum_of_squares + s.count * (1.0 - weight) * still
+    return np.bincount(s.part, squares) / s.frames
 
 
 def _noise(variances: Variances, recording: Recording) -> FloatArray:
@@ -209,7 +223,9 @@ def _named(
         if bare is None:
             continue
         loss = at.posterior.evidence - bare.posterior.evidence
-        if loss < NAMED or at.mean_err > (1.0 - LOWERS) * bare.mean_err:
+        # One of many that were tried gains a little by chance.
+        least = NAMED + (np.log(len({s.effect for s in begun})) if group.start is not None else 0.0)
+        if loss < least or at.mean_err > (1.0 - LOWERS) * bare.mean_err:
             continue
         if group.start is not None or not _beyond(at, group):
             little = bare.mean_err - at.mean_err < LOWERS * missed
