@@ -1,10 +1,16 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The verdict of the joint model, by what matters."""
 
+from types import SimpleNamespace
+
+import numpy as np
 import pytest
 
-from dlo_ros.diagnosis.explain.joint_explanation import Cause
-from dlo_ros.diagnosis.findings.joint_outcome import _verdict
+from dlo_ros.diagnosis.explain.joint_explanation import Cause, _staying
+from dlo_ros.diagnosis.findings import joint_outcome
+from dlo_ros.diagnosis.findings.joint_outcome import _verdict, surprising
+from dlo_ros.inference.spectrum import modes, spectrum
+from dlo_ros.inference.variances import fit_variances
 
 MATTERS = 1e-3
 
@@ -23,3 +29,43 @@ MATTERS = 1e-3
 def test_the_verdict_says_whether_what_matters_is_explained(setup, after, without, verdict):
     causes = [Cause("camera_scale", (), (), 20.0, err) for err in without]
     assert _verdict(setup, after, MATTERS, causes) == verdict
+
+
+def test_errors_that_stay_are_those_that_each_recording_shows():
+    """One recording lies three times as far off as the other; their variance is common."""
+    n, length, rng = 10, 0.5, np.random.default_rng(4)
+    vectors, shares = modes(n)
+    spectra, true = [], []
+    for size in (0.5e-3, 1.5e-3):
+        lasting = size * np.sqrt(shares) * rng.choice([-1.0, 1.0], n) @ vectors.T
+        residual = np.zeros((90, 2 * n))
+        residual[:, n:] = lasting
+        residual += 1e-4 / np.sqrt(n) * rng.normal(size=residual.shape)
+        spectra.append(spectrum(residual, np.zeros((90, 1, 2 * n)), n))
+        true.append(np.sum(lasting**2))
+    variances, _ = fit_variances(spectra, np.zeros(1), np.ones(1), length)
+    assert np.allclose(variances[0].lasting, variances[1].lasting)
+    for v, s, own in zip(variances, spectra, true, strict=True):
+        across, along = _staying(v, s)
+        assert along == pytest.approx(own, rel=0.1)
+        assert across < 0.01 * own
+
+
+@pytest.mark.parametrize(
+    ("spare", "held", "seen", "surprised"),
+    [
+        (None, 9e-3, 1e-3, False),  # none is held out
+        (2, 2e-3, 1e-3, False),
+        (2, 9e-3, 1e-3, True),
+        (2, 2e-3, 1e-4, False),  # all that is too much lies within what matters
+        (2, None, 1e-3, True),  # it cannot be simulated
+    ],
+)
+def test_a_recording_that_shows_what_others_do_not_is_told(
+    monkeypatch, spare, held, seen, surprised
+):
+    errors = tuple(None if e is None else [np.full(5, e)] for e in (held, seen))
+    monkeypatch.setattr(joint_outcome, "_errors", lambda *_: errors)
+    lesson = SimpleNamespace(spare=spare, recordings=())
+    learned = SimpleNamespace(foretelling=None, explanation=SimpleNamespace(material_err=MATTERS))
+    assert surprising(lesson, learned) is surprised

@@ -34,8 +34,8 @@ from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 
 NAMED = 5.0
-"""Loss of log evidence without a cause, from which it is named: 150 to one. One that is no part of
-every set-up must lose as much beyond the number of effects that might be one."""
+"""Loss of log evidence without a cause, from which it is named: 150 to one. Of one that is no part
+of every set-up, but one of K effects that were tried, ln K more."""
 RIVAL = 3.0
 """Log evidence by which a rival may be worse."""
 CERTAIN = 3.0
@@ -223,9 +223,8 @@ def _named(
         if bare is None:
             continue
         loss = at.posterior.evidence - bare.posterior.evidence
-        # One of many that were tried gains a little by chance.
-        least = NAMED + (np.log(len({s.effect for s in begun})) if group.start is not None else 0.0)
-        if loss < least or at.mean_err > (1.0 - LOWERS) * bare.mean_err:
+        tried = len({s.effect for s in begun}) if group.start is not None else 1
+        if loss < NAMED + np.log(tried) or at.mean_err > (1.0 - LOWERS) * bare.mean_err:
             continue
         if group.start is not None or not _beyond(at, group):
             little = bare.mean_err - at.mean_err < LOWERS * missed
