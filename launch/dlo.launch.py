@@ -279,14 +279,14 @@ def parameter_file(given):
 def observe(given, bag):
     """Whether the observer makes the splines: from a camera, or from this recording."""
     if not bag:
-        return given == "auto" or switch("observe", given)
+        return given == "auto" or switch("observe", given, "auto, ")
     bag = Path(bag)
     if not bag.exists():
         raise RuntimeError(f"bag:={bag}: no such bag; give the folder of a rosbag2 recording")
     kinds = recorded(bag)
     images = any(k in IMAGES and not topic.endswith(NO_CAMERA) for topic, k in kinds.items())
     splines = any(topic.endswith("/dlo/observed") for topic in kinds)
-    wanted = images or not splines if given == "auto" else switch("observe", given)
+    wanted = images or not splines if given == "auto" else switch("observe", given, "auto, ")
     if kinds and not (images or splines):
         raise RuntimeError(f"bag:={bag}: holds neither images nor dlo/observed")
     if kinds and not (images if wanted else splines):
@@ -331,7 +331,7 @@ def several_cameras(parameters):
 
 def with_rviz(given):
     if given != "auto":
-        if not switch("rviz", given):
+        if not switch("rviz", given, "auto, "):
             return False
         demand("rviz2", "rviz")
         return True
@@ -359,8 +359,8 @@ def installed(package):
     return True
 
 
-def switch(name, given):
+def switch(name, given, other=""):
     values = {"true": True, "1": True, "false": False, "0": False}
     if given.lower() not in values:
-        raise RuntimeError(f"{name}:={given}: give true or false")
+        raise RuntimeError(f"{name}:={given}: give {other}true or false")
     return values[given.lower()]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from dlo_ros import __version__
 from dlo_ros.doctor import environment, installation
 from dlo_ros.doctor.finding import Finding, Level, page, warning, worst, wrong
-from dlo_ros.errors import InputError
+from dlo_ros.errors import InputError, KernelError
 
 if TYPE_CHECKING:
     from dlo_ros.doctor.graph import Graph
@@ -86,6 +86,8 @@ def _listen(seconds: float, settings: Settings | None) -> dict[str, list[Finding
         return judge(watch(seconds), settings)
     except ModuleNotFoundError as err:
         return {"Heard": [warning(f"nothing can be heard without {err.name}")]}
+    except KernelError as err:
+        return {"Heard": [warning(f"nothing can be heard: {err}")]}
     except Exception as err:  # the middleware fails in many ways, with exceptions of its own
         if isinstance(err, (InputError, OSError)):
             raise

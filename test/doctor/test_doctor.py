@@ -19,6 +19,7 @@ from dlo_ros.doctor.graph import Endpoint, Graph, Header, NodeState
 from dlo_ros.doctor.node_states import nodes
 from dlo_ros.doctor.parameter_check import judge, judge_file
 from dlo_ros.doctor.times_and_frames import clocks, frames
+from dlo_ros.errors import KernelError
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
 
@@ -442,6 +443,14 @@ def test_the_tool_listens(monkeypatch, capsys):
     monkeypatch.setattr(watching, "watch", fail)
     assert cli.main(["doctor"]) == 1
     assert "ROS does not start: failed to initialize rcl node" in capsys.readouterr().out
+
+    def without_kernels(seconds):
+        raise KernelError("numba is not installed")
+
+    monkeypatch.setattr(watching, "watch", without_kernels)
+    assert cli.main(["doctor"]) == 0
+    out = capsys.readouterr().out
+    assert "nothing can be heard: numba is not installed" in out and "ROS does not" not in out
 
 
 def test_without_ros_the_rest_is_told(monkeypatch, capsys):
