@@ -24,6 +24,7 @@ from dlo_ros.diagnosis.findings.joint_outcome import (
     Lesson,
     learn,
     lesson,
+    nearer,
     surprising,
 )
 from dlo_ros.diagnosis.findings.measured_force_scale import with_forces
@@ -273,11 +274,13 @@ def _explain(
         joint = learn(begun, given, _met(team, plain, begun, progress))
         if joint is not None and surprising(begun, joint):
             progress("fitting the joint model to all recordings", 0.3)
-            begun = lesson(
+            wider = lesson(
                 beginning, len(recordings), plain.at.model.settings, given, all_of_them=True
             )
-            hit = _met(team, plain, begun, progress) if begun is not None else []
-            joint = learn(begun, given, hit) if begun is not None else None
+            if wider is not None:
+                again = learn(wider, given, _met(team, plain, wider, progress))
+                if again is not None and nearer(wider, again, joint):
+                    begun, joint = wider, again
         if joint is not None and _takes_over(joint.explanation, [plain]):
             judge = kept_aside(plain)
             return Findings(verdict.Decision("unexplained", None), judge, joint=joint)

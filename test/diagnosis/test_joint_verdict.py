@@ -8,7 +8,7 @@ import pytest
 
 from dlo_ros.diagnosis.explain.joint_explanation import Cause, _staying
 from dlo_ros.diagnosis.findings import joint_outcome
-from dlo_ros.diagnosis.findings.joint_outcome import _verdict, surprising
+from dlo_ros.diagnosis.findings.joint_outcome import _completed, _verdict, nearer, surprising
 from dlo_ros.inference.spectrum import modes, spectrum
 from dlo_ros.inference.variances import fit_variances
 
@@ -69,3 +69,29 @@ def test_a_recording_that_shows_what_others_do_not_is_told(
     lesson = SimpleNamespace(spare=spare, recordings=())
     learned = SimpleNamespace(foretelling=None, explanation=SimpleNamespace(material_err=MATTERS))
     assert surprising(lesson, learned) is surprised
+
+
+def fitted_to(*errs):
+    """A fit with these ERR [m], one for each recording."""
+    return SimpleNamespace(err=tuple(np.full(4, e) for e in errs), mean_err=np.mean(errs))
+
+
+@pytest.mark.parametrize(
+    ("all_of_them", "spoilt"), [((1.1e-3, 1.1e-3, 3e-3), False), ((4e-3, 4e-3, 2e-3), True)]
+)
+def test_a_recording_that_is_not_explained_does_not_spoil_the_rest(
+    monkeypatch, all_of_them, spoilt
+):
+    found, final = fitted_to(1e-3, 1e-3), fitted_to(*all_of_them)
+    monkeypatch.setattr(joint_outcome, "_refitted", lambda *_: final)
+    assert _completed(found, (0, 1, 2), (0, 1)) is (found if spoilt else final)
+    assert _completed(found, (0, 1, 2), (0, 1, 2)) is final  # all have been learned from
+
+
+@pytest.mark.parametrize(("held", "closer"), [(9e-3, True), (2e-3, False), (None, True)])
+def test_all_recordings_teach_where_they_come_nearer_so(monkeypatch, held, closer):
+    errors = (None if held is None else [np.full(4, held)], [np.full(4, 1e-3)])
+    monkeypatch.setattr(joint_outcome, "_errors", lambda *_: errors)
+    again = SimpleNamespace(explanation=SimpleNamespace(at=fitted_to(2e-3, 2e-3)))
+    before = SimpleNamespace(foretelling=None)
+    assert nearer(SimpleNamespace(recordings=()), again, before) is closer

@@ -52,6 +52,9 @@ LOWERS = 0.1
 """Share of ERR that a named cause must take away."""
 OWN = 1.3
 """ERR over that of the measurement itself, up to which nothing is left to explain."""
+LARGEST_STAYING = 0.01
+"""Largest error over the length that stays and counts as the measurement's own: no calibration that
+deserves the name errs more."""
 STILL = 0.1
 """Share of the error that stays which counts as the measurement's where the DLO does not move:
 there nothing tells it from an error of the model."""
@@ -168,7 +171,8 @@ def own_err(at: Evaluation, recordings: Sequence[Recording]) -> float:
     """
     found = []
     for variances, s, recording in zip(at.variances, at.spectra, recordings, strict=True):
-        staying = _staying(variances, s)
+        most = (LARGEST_STAYING * at.model.settings.rod.length) ** 2
+        staying = np.minimum(_staying(variances, s), most)
         moved = recording.observed - recording.observed.mean(axis=0)
         still = np.mean(np.sum(moved**2, axis=2)) < np.sum(staying)
         own = (STILL if still else 1.0) ** 2 * staying

@@ -10,6 +10,7 @@ import numpy as np
 
 from dlo_ros.diagnosis.contact.contact_search import Hit
 from dlo_ros.diagnosis.explain.joint_explanation import (
+    OWN,
     Cause,
     Explanation,
     Prepared,
@@ -160,6 +161,13 @@ def surprising(lesson: Lesson, learned: Learned) -> bool:
     return held > SURPRISING * max(seen, learned.explanation.material_err)
 
 
+def nearer(lesson: Lesson, learned: Learned, other: Learned) -> bool:
+    """Whether a model that has learned from all recordings comes nearer to them than another."""
+    held, seen = _errors(other.foretelling, lesson.recordings, other)
+    err = holdout.mean([*(held or ()), *(seen or ())])
+    return held is None or err is None or learned.explanation.at.mean_err < err
+
+
 def _spare(recordings: Sequence[Recording]) -> int | None:
     """The recording to be held out: the last that is gripped as another is.
 
@@ -177,8 +185,9 @@ def joint_outcome(
     """Measure on what is held out, fit the model to everything, and put all together."""
     found, recordings = learned.explanation, beginning.recordings
     first = recordings[: len(plain.at.residuals)]
-    final = _refitted(found.at, first)
-    bare = final if found.setup is found.at else _refitted(found.setup, first)
+    known = [k for k in range(len(first)) if not learned.masks[k].all()]
+    final = _completed(found.at, first, known)
+    bare = final if found.setup is found.at else _completed(found.setup, first, known)
     own = own_err(final, first) if len(final.err) == len(first) else found.own_err
     matters = material_err(own, given)
     before, seen_before = _errors(ParametricModel(plain.at.model.settings, ()), recordings, learned)
@@ -187,7 +196,9 @@ def joint_outcome(
     missing = holdout.mean(seen_before) if missing is None else missing
     left = found.at.mean_err if left is None else left
     share = _share(missing, left, own)
-    verdict = _verdict(bare.mean_err, final.mean_err, matters, found.causes)
+    # What is held out and cannot be fitted beside the others is not explained.
+    least = 0.0 if len(final.err) == len(first) else left
+    verdict = _verdict(bare.mean_err, max(final.mean_err, least), matters, found.causes)
     missed = (holdout.mean(seen_before) or 0.0) - own
     base = held_against(plain.at.model, first, given, derivatives=False)
     ours = held_against(Model(final.model.settings, ()), first, given, derivatives=False)
@@ -229,6 +240,22 @@ def joint_outcome(
         systematic_errors(final),
         found.trace,
     )
+
+
+def _completed(at: Evaluation, recordings: Sequence[Recording], known: Sequence[int]) -> Evaluation:
+    """The model fitted to all recordings, or as it was where that spoils it.
+
+    A recording that shows something else leads all numbers astray.
+
+    Args:
+        at: fitted to those that are known.
+        known: numbers of these.
+    """
+    found = _refitted(at, recordings)
+    if len(found.err) != len(recordings) or len(known) == len(recordings):
+        return found
+    spoilt = np.mean([found.err[k].mean() for k in known]) > OWN * at.mean_err
+    return at if spoilt else found
 
 
 def _refitted(at: Evaluation, recordings: Sequence[Recording]) -> Evaluation:
