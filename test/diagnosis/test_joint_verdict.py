@@ -94,4 +94,4 @@ def test_all_recordings_teach_where_they_come_nearer_so(monkeypatch, held, close
     monkeypatch.setattr(joint_outcome, "_errors", lambda *_: errors)
     again = SimpleNamespace(explanation=SimpleNamespace(at=fitted_to(2e-3, 2e-3)))
     before = SimpleNamespace(foretelling=None)
-    assert nearer(SimpleNamespace(recordings=()), again, before) is closer
+    assert nearer(SimpleNamespace(recordings=()), again, before) == closer
