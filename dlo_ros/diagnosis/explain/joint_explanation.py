@@ -41,8 +41,9 @@ RIVAL = 3.0
 CERTAIN = 3.0
 """Standard deviations from neutral, from which a cause is named."""
 SCALES = ("young_modulus", "density")
-"""What is not known of these scales a cause without making it doubtful: a force on a DLO that was
-not weighed is known as a share of the weight, a mass on one of unknown stiffness likewise."""
+"""Parameters in proportion to which a cause may be larger: what is not known of them makes its
+presence no less certain. A force on a DLO that was not weighed is known as a share of the weight, a
+mass on one of unknown stiffness likewise."""
 BEYOND = 2.0
 """Tolerances from neutral, from which a number of the set-up may be a cause."""
 NOTABLE = 0.2
