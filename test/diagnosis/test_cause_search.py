@@ -1,6 +1,7 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The search for causes: what is added, and why the others are not."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 from rods import PAPER
 
 from dlo_ros.diagnosis.contact.contact_search import Hit
-from dlo_ros.diagnosis.explain import cause_search
+from dlo_ros.diagnosis.explain import cause_search, joint_explanation
 from dlo_ros.diagnosis.explain.joint_explanation import SCALES, certain
 from dlo_ros.diagnosis.proposals.linear_evidence import Promise, proposal_of, with_sheet
 from dlo_ros.effects import Start
@@ -122,3 +123,27 @@ def test_what_is_not_known_of_the_weight_makes_no_force_doubtful():
     assert certain(at, group, SCALES)
     covariance[2, 2] += 0.03**2
     assert not certain(at, group, SCALES)
+
+
+@pytest.mark.parametrize(
+    ("loss", "without", "named"),
+    [
+        (40.0, 2.0e-3, True),
+        (6.0, 2.0e-3, False),  # one of many that were tried
+        (40.0, 1.05e-3, False),  # immaterial
+        (40.0, 1.3e-3, False),  # no more than another's law asks for
+    ],
+)
+def test_a_cause_matters_or_is_not_named(monkeypatch, loss, without, named):
+    start = Start("point_mass", {"mass": 0.0}, ("mass",), ("mass",))
+    others = [replace(start, effect=f"effect {k}") for k in range(15)]
+    monkeypatch.setattr(joint_explanation, "certain", lambda *_: True)
+    monkeypatch.setattr(joint_explanation, "beyond", lambda _: [])
+    monkeypatch.setattr(joint_explanation, "_rivals", lambda *_: ())
+    bare = evaluation(-loss, without)
+    monkeypatch.setattr(joint_explanation, "without", lambda *_, wholly: bare)
+    found = SimpleNamespace(
+        at=evaluation(0.0, 0.9e-3), causes=(proposal_of(PAPER, start),), offer=object()
+    )
+    causes = joint_explanation._named(found, (), [start, *others], 1.1e-3, 0.5e-3)
+    assert [c.effect for c in causes] == (["point_mass"] if named else [])

@@ -23,9 +23,9 @@ from dlo_ros.diagnosis.explain.cause_search import (
 from dlo_ros.diagnosis.proposals.candidate_effects import starts
 from dlo_ros.diagnosis.proposals.linear_evidence import Proposal, freed
 from dlo_ros.effects import Scene, Start, quantities
-from dlo_ros.inference.joint import Evaluation, evaluate, settled
+from dlo_ros.inference.joint import Evaluation, evaluate, settled, simulate
 from dlo_ros.inference.measured import Recording
-from dlo_ros.inference.parameter import Parameter, split_name
+from dlo_ros.inference.parameter import Parameter, ParametricModel, split_name
 from dlo_ros.inference.priors import SLAB, joint_model
 from dlo_ros.inference.scene import imposed_names, scene
 from dlo_ros.inference.spectrum import Spectrum
@@ -51,6 +51,10 @@ NOTABLE = 0.2
 simulate the same DLO differ by."""
 LOWERS = 0.1
 """Share of ERR that a named cause must take away."""
+MENDS = 0.05
+"""Share of what the plain model misses beyond the measurement's own error, up to which an effect
+may only mend the law of another one, such as a segment that of a gradient: true ones have taken
+away a tenth and more, such mends a thirtieth."""
 OWN = 1.3
 """ERR over that of the measurement itself, up to which nothing is left to explain."""
 LARGEST_STAYING = 0.01
@@ -111,11 +115,13 @@ class Prepared:
     Args:
         recordings: to learn from.
         scene: what the recordings look like.
+        plain_err: ERR of the plain model [m].
         setup: the fit.
     """
 
     recordings: Sequence[Recording]
     scene: Scene
+    plain_err: float
     setup: Evaluation
 
 
@@ -134,7 +140,8 @@ def prepare(recordings: Sequence[Recording], plain: Settings, given: Settings) -
     here = scene(plain, names, [r.observed for r in recordings])
     model = joint_model(plain, given, here)
     at = settled(evaluate(model, recordings), recordings)
-    return Prepared(recordings, here, at)
+    bare = simulate(ParametricModel(plain, ()), recordings, ())
+    return Prepared(recordings, here, float(np.mean([e.mean() for e in bare.err])), at)
 
 
 def explain(prepared: Prepared, given: Settings, hits: Sequence[Hit] = ()) -> Explanation:
@@ -154,8 +161,9 @@ def explain(prepared: Prepared, given: Settings, hits: Sequence[Hit] = ()) -> Ex
     # Judged in the end: what a cause does to a DLO looks like an error of the camera before.
     own = own_err(found.at, recordings)
     matters = material_err(own, given)
-    missed = max(prepared.setup.mean_err - own, 0.0)
-    causes = _named(found, recordings, begun, matters, missed)
+    missed = LOWERS * (prepared.setup.mean_err - own)
+    least = max(missed, MENDS * (prepared.plain_err - own))
+    causes = _named(found, recordings, begun, matters, least)
     return Explanation(prepared.setup, found.at, causes, own, matters, found.causes, found.trace)
 
 
@@ -211,13 +219,13 @@ def mean_length(sizes: FloatArray) -> float:
 
 def _named(
     found: Search, recordings: Sequence[Recording], begun: Sequence[Start], material: float,
-    missed: float,
+    least: float,
 ) -> tuple[Cause, ...]:  # fmt: skip
     """Causes without which the best model is clearly worse; numbers of the set-up are no less.
 
     What lies within its tolerance, or is no part of every set-up, is none where all that it
-    explains is immaterial, or little of what the set-up alone misses: beside a cause whose true law
-    is another than the model's, a further effect mends that law a little.
+    explains is immaterial, or takes away less than `least` [m] of ERR: beside a cause whose true
+    law is another than the model's, a further effect mends that law a little.
     """
     at, offer = found.at, found.offer
     result = []
@@ -232,7 +240,7 @@ def _named(
         if loss < NAMED + np.log(tried) or at.mean_err > (1.0 - LOWERS) * bare.mean_err:
             continue
         if group.start is not None or not _beyond(at, group):
-            little = bare.mean_err - at.mean_err < LOWERS * missed
+            little = bare.mean_err - at.mean_err < least
             if bare.mean_err < material or (little and group.from_nothing):
                 continue
         offer = offer or offered(at, recordings, begun)
