@@ -279,7 +279,7 @@ def _explain(
             )
             if wider is not None:
                 again = learn(wider, given, _met(team, plain, wider, progress))
-                if again is not None and nearer(wider, again, joint):
+                if again is not None and nearer(again, joint):
                     begun, joint = wider, again
         if joint is not None and _takes_over(joint.explanation, [plain]):
             judge = kept_aside(plain)
@@ -354,7 +354,7 @@ def _explain(
 
 
 def _met(team: Workers, plain: Candidate, begun: Lesson, progress: Progress) -> list[Hit]:
-    """What the DLO may have hit, where the set-up alone leaves what matters."""
+    """Pegs that the DLO may have hit, where the set-up alone leaves an ERR that matters."""
     setup, recordings = begun.prepared.setup, begun.prepared.recordings
     if setup.mean_err < material_err(own_err(setup, recordings), team.problem.given):
         return []

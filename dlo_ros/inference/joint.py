@@ -65,8 +65,8 @@ class Evaluation:
 
     @property
     def mean_err(self) -> float:
-        """Mean over recordings of the time mean of eq. (10) [m]."""
-        return float(np.mean([e.mean() for e in self.err]))
+        """See `_mean`."""
+        return _mean(self.err)
 
 
 @dataclass(frozen=True)
@@ -76,6 +76,16 @@ class Simulated:
     fields: tuple[Field, ...]
     err: tuple[FloatArray, ...]
     predicted: tuple[FloatArray, ...]
+
+    @property
+    def mean_err(self) -> float:
+        """See `_mean`."""
+        return _mean(self.err)
+
+
+def _mean(err: Sequence[FloatArray]) -> float:
+    """Mean over recordings of the time mean of eq. (10) [m]."""
+    return float(np.mean([e.mean() for e in err]))
 
 
 def simulate(

@@ -212,7 +212,7 @@ class Report:
 
 
 def nobody_listens(topics: Collection[str], patience: float) -> str:
-    """What to do where no topic has a subscriber after `patience` [s], of which `APPEAR` count."""
+    """The message where no topic has a subscriber after `patience` [s], of which `APPEAR` count."""
     more = ", or give more time with --wait SECONDS" if patience < APPEAR else ""
     return (
         f"nobody listens to {', '.join(topics)}; start the nodes, with use_sim_time:=true, "

@@ -86,7 +86,7 @@ def test_the_size_of_what_begins_at_a_finite_one_is_looked_for(monkeypatch):
 
     def simulate(model, *_):
         off = np.log(model.settings.effects["plasticity"]["yield_curvature"] / 6.0)
-        return SimpleNamespace(err=[np.full(3, 1e-3 * (1.0 + off**2))])
+        return SimpleNamespace(mean_err=1e-3 * (1.0 + off**2))
 
     monkeypatch.setattr(cause_search, "simulate", simulate)
     err, promise = cause_search._checked(Promise(proposal, 10.0, begin, begin), ())

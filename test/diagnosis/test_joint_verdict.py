@@ -61,13 +61,11 @@ def test_errors_that_stay_are_those_that_each_recording_shows():
         (2, None, 1e-3, True),  # it cannot be simulated
     ],
 )
-def test_a_recording_that_shows_what_others_do_not_is_told(
-    monkeypatch, spare, held, seen, surprised
-):
-    errors = tuple(None if e is None else [np.full(5, e)] for e in (held, seen))
-    monkeypatch.setattr(joint_outcome, "_errors", lambda *_: errors)
-    lesson = SimpleNamespace(spare=spare, recordings=())
-    learned = SimpleNamespace(foretelling=None, explanation=SimpleNamespace(material_err=MATTERS))
+def test_a_recording_that_shows_what_others_do_not_is_told(spare, held, seen, surprised):
+    errors = [None if e is None else [np.full(5, e)] for e in (held, seen)]
+    lesson = SimpleNamespace(spare=spare)
+    explanation = SimpleNamespace(material_err=MATTERS)
+    learned = SimpleNamespace(held=errors[0], seen=errors[1], explanation=explanation)
     assert surprising(lesson, learned) is surprised
 
 
@@ -89,9 +87,8 @@ def test_a_recording_that_is_not_explained_does_not_spoil_the_rest(
 
 
 @pytest.mark.parametrize(("held", "closer"), [(9e-3, True), (2e-3, False), (None, True)])
-def test_all_recordings_teach_where_they_come_nearer_so(monkeypatch, held, closer):
-    errors = (None if held is None else [np.full(4, held)], [np.full(4, 1e-3)])
-    monkeypatch.setattr(joint_outcome, "_errors", lambda *_: errors)
+def test_all_recordings_teach_where_they_come_nearer_so(held, closer):
+    told = None if held is None else [np.full(4, held)]
     again = SimpleNamespace(explanation=SimpleNamespace(at=fitted_to(2e-3, 2e-3)))
-    before = SimpleNamespace(foretelling=None)
-    assert nearer(SimpleNamespace(recordings=()), again, before) == closer
+    before = SimpleNamespace(held=told, seen=[np.full(4, 1e-3)])
+    assert nearer(again, before) == closer

@@ -109,7 +109,7 @@ def _pegs(team: Workers, calm: Evaluation, typical: float) -> list[Peg]:
     """
     length = calm.model.settings.rod.length
     observed = [d.observed for d in team.problem.drafts]
-    wrong = [o > 1.0 for o in robust_fit.off(calm, typical)]
+    wrong = robust_fit.astray(calm, typical)
     if not any(w.any() for w in wrong):
         return []
     view = sight(calm.model.settings.rod, observed, calm.predicted, wrong)

@@ -24,8 +24,8 @@ from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.priors import joint_model
 
 LEADS = (0.0, 0.25)
-"""Shares of each recording, from its beginning, that count as right at first: what is wrong from
-the first picture on may lie on a peg, or be gripped as no other recording is."""
+"""Shares of each recording, from its beginning, that count as right at first: a DLO that is wrong
+from the first picture on may lie on a peg, or be gripped as in no other recording."""
 FEWEST = 8
 """Pictures of a recording, from which its beginning counts."""
 RIGHT = 0.9
@@ -64,14 +64,13 @@ def undisturbed(team: Workers, at: Evaluation, scene: Scene) -> Undisturbed | No
         return None
     calm, typical = found
     model = joint_model(calm.model.settings, team.problem.given, scene)
-    wrong = [o > 1.0 for o in robust_fit.off(calm, typical)]
+    wrong = robust_fit.astray(calm, typical)
     fits = [_fitted(team, at, model, wrong, lead) for lead in LEADS]
     begun = [f for f in fits if f is not None]
     if not begun:
         return None
     best = min(begun, key=lambda f: robust_fit.loss(f.at))
-    wrong = [o > 1.0 for o in robust_fit.off(best.at, best.typical)]
-    return _fitted(team, at, best.model, wrong, 0.0)
+    return _fitted(team, at, best.model, robust_fit.astray(best.at, best.typical), 0.0)
 
 
 def _fitted(

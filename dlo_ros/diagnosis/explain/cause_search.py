@@ -301,7 +301,7 @@ def _checked(promise: Promise, recordings: Sequence[Recording]) -> tuple[float, 
     def tried(theta: FloatArray) -> float:
         model = promise.begin.at(theta)
         try:
-            err = float(np.mean([e.mean() for e in simulate(model, recordings, ()).err]))
+            err = simulate(model, recordings, ()).mean_err
         except SimulationError as reason:
             LOG.info("%s: %s", promise.proposal.label, reason)
             return float(np.finfo(float).max)

@@ -141,7 +141,7 @@ def prepare(recordings: Sequence[Recording], plain: Settings, given: Settings) -
     model = joint_model(plain, given, here)
     at = settled(evaluate(model, recordings), recordings)
     bare = simulate(ParametricModel(plain, ()), recordings, ())
-    return Prepared(recordings, here, float(np.mean([e.mean() for e in bare.err])), at)
+    return Prepared(recordings, here, bare.mean_err, at)
 
 
 def explain(prepared: Prepared, given: Settings, hits: Sequence[Hit] = ()) -> Explanation:

@@ -50,6 +50,8 @@ from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 
+Errors = list[FloatArray] | None
+
 SPARE = 3
 """Recordings, from which one of them is held out whole."""
 FEWEST = 10
@@ -67,12 +69,14 @@ class Learned:
     Args:
         explanation: of the recordings learned from.
         masks: frames of each recording of the beginning that are held out, shape (F,).
-        foretelling: the full model, with values that know nothing of these.
+        held, seen: ERR [m] of the frames that are held out, and of the others, see `_errors`, of
+            the full model with values that know nothing of the former.
     """
 
     explanation: Explanation
     masks: tuple[np.ndarray, ...]
-    foretelling: ParametricModel
+    held: Errors
+    seen: Errors
 
 
 @dataclass(frozen=True)
@@ -145,27 +149,26 @@ def learn(lesson: Lesson, given: Settings, hits: Sequence[Hit] = ()) -> Learned 
             foretelling = _refitted(found.at, begun)
     except SimulationError:
         return None
-    return Learned(found, tuple(masks), foretelling.model)
+    return Learned(found, tuple(masks), *_errors(foretelling.model, recordings, masks))
 
 
 def surprising(lesson: Lesson, learned: Learned) -> bool:
-    """Whether the one that is held out shows what the others do not, such as a hit.
+    """Whether the recording that is held out shows a cause that the others do not, such as a hit.
 
     It is then needed to find causes.
     """
     if lesson.spare is None:
         return False
-    held, seen = (holdout.mean(e) for e in _errors(learned.foretelling, lesson.recordings, learned))
+    held, seen = holdout.mean(learned.held), holdout.mean(learned.seen)
     if held is None or seen is None:
         return True
     return held > SURPRISING * max(seen, learned.explanation.material_err)
 
 
-def nearer(lesson: Lesson, learned: Learned, other: Learned) -> bool:
+def nearer(learned: Learned, other: Learned) -> bool:
     """Whether a model that has learned from all recordings comes nearer to them than another."""
-    held, seen = _errors(other.foretelling, lesson.recordings, other)
-    err = holdout.mean([*(held or ()), *(seen or ())])
-    return held is None or err is None or learned.explanation.at.mean_err < err
+    err = holdout.mean([*(other.held or ()), *(other.seen or ())])
+    return other.held is None or err is None or learned.explanation.at.mean_err < err
 
 
 def _spare(recordings: Sequence[Recording]) -> int | None:
@@ -190,13 +193,14 @@ def joint_outcome(
     bare = final if found.setup is found.at else _completed(found.setup, first, known)
     own = own_err(final, first) if len(final.err) == len(first) else found.own_err
     matters = material_err(own, given)
-    before, seen_before = _errors(ParametricModel(plain.at.model.settings, ()), recordings, learned)
-    after, seen_after = _errors(learned.foretelling, recordings, learned)
+    bare_model = ParametricModel(plain.at.model.settings, ())
+    before, seen_before = _errors(bare_model, recordings, learned.masks)
+    after, seen_after = learned.held, learned.seen
     missing, left = holdout.mean(before), holdout.mean(after)
     missing = holdout.mean(seen_before) if missing is None else missing
     left = found.at.mean_err if left is None else left
     share = _share(missing, left, own)
-    # What is held out and cannot be fitted beside the others is not explained.
+    # A recording that is held out and cannot be fitted beside the others is not explained.
     least = 0.0 if len(final.err) == len(first) else left
     verdict = _verdict(bare.mean_err, max(final.mean_err, least), matters, found.causes)
     missed = (holdout.mean(seen_before) or 0.0) - own
@@ -272,18 +276,15 @@ def _refitted(at: Evaluation, recordings: Sequence[Recording]) -> Evaluation:
         return at
 
 
-Errors = list[FloatArray] | None
-
-
 def _errors(
-    model: ParametricModel, recordings: Sequence[Recording], learned: Learned
+    model: ParametricModel, recordings: Sequence[Recording], masks: Sequence[np.ndarray]
 ) -> tuple[Errors, Errors]:
     """ERR [m] of the frames that are held out, and of the others, per recording that has any."""
     try:
         err = simulate(model, recordings, ()).err
     except SimulationError:
         return None, None
-    masks = [m[-len(e) :] for m, e in zip(learned.masks, err, strict=True)]
+    masks = [m[-len(e) :] for m, e in zip(masks, err, strict=True)]
     held = [e[m] for e, m in zip(err, masks, strict=True) if m.any()]
     seen = [e[~m] for e, m in zip(err, masks, strict=True) if not m.all()]
     return held, seen

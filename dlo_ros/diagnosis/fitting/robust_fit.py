@@ -135,6 +135,11 @@ def off(at: Evaluation, typical: float = TYPICAL) -> list[FloatArray]:
     return [np.mean(r**2, axis=1) / typical**2 for r in at.residuals]
 
 
+def astray(at: Evaluation, typical: float) -> list[np.ndarray]:
+    """Which pictures deviate by more than is typical, shape (F,) per recording."""
+    return [o > 1.0 for o in off(at, typical)]
+
+
 def loss(at: Evaluation, typical: float = TYPICAL, *, strict: bool = False) -> float:
     """What `robust` makes small; with `strict` nearly the number of pictures that are off."""
     each = np.concatenate(off(at, typical))
