@@ -13,6 +13,7 @@ from dlo_ros.inference.spectrum import modes, spectrum
 from dlo_ros.inference.variances import fit_variances
 
 MATTERS = 1e-3
+NAMEABLE = 0.5e-3
 
 
 @pytest.mark.parametrize(
@@ -24,11 +25,13 @@ MATTERS = 1e-3
         (5e-3, 0.5e-3, [5e-3], "explained"),
         (5e-3, 2e-3, [9e-3], "unexplained"),
         (5e-3, 0.5e-3, [], "unexplained"),
+        (1.1e-3, 0.8e-3, [], "adequate"),  # nobody would name what takes so little away
+        (1.1e-3, 1.05e-3, [], "unexplained"),
     ],
 )
 def test_the_verdict_says_whether_what_matters_is_explained(setup, after, without, verdict):
     causes = [Cause("camera_scale", (), (), 20.0, err) for err in without]
-    assert _verdict(setup, after, MATTERS, causes) == verdict
+    assert _verdict(setup, after, MATTERS, NAMEABLE, causes) == verdict
 
 
 def test_errors_that_stay_are_those_that_each_recording_shows():

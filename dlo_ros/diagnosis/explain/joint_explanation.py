@@ -95,6 +95,7 @@ class Explanation:
         causes: those that are certain.
         own_err: ERR that the measurement alone has [m].
         material_err: ERR [m] below which nothing is left to explain.
+        nameable_err: ERR [m] that an effect which has been added must take away to be named.
         proposals: all that the search has added or freed, certain or not.
         trace: every candidate of every step.
     """
@@ -104,6 +105,7 @@ class Explanation:
     causes: tuple[Cause, ...]
     own_err: float
     material_err: float
+    nameable_err: float
     proposals: tuple[Proposal, ...]
     trace: tuple[Step, ...]
 
@@ -164,7 +166,9 @@ def explain(prepared: Prepared, given: Settings, hits: Sequence[Hit] = ()) -> Ex
     missed = LOWERS * (prepared.setup.mean_err - own)
     least = max(missed, MENDS * (prepared.plain_err - own))
     causes = _named(found, recordings, begun, matters, least)
-    return Explanation(prepared.setup, found.at, causes, own, matters, found.causes, found.trace)
+    return Explanation(
+        prepared.setup, found.at, causes, own, matters, least, found.causes, found.trace
+    )
 
 
 def material_err(own: float, given: Settings) -> float:

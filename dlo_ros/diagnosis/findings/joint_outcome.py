@@ -202,7 +202,9 @@ def joint_outcome(
     share = _share(missing, left, own)
     # A recording that is held out and cannot be fitted beside the others is not explained.
     least = 0.0 if len(final.err) == len(first) else left
-    verdict = _verdict(bare.mean_err, max(final.mean_err, least), matters, found.causes)
+    verdict = _verdict(
+        bare.mean_err, max(final.mean_err, least), matters, found.nameable_err, found.causes
+    )
     missed = (holdout.mean(seen_before) or 0.0) - own
     base = held_against(plain.at.model, first, given, derivatives=False)
     ours = held_against(Model(final.model.settings, ()), first, given, derivatives=False)
@@ -290,21 +292,27 @@ def _errors(
     return held, seen
 
 
-def _verdict(setup: float, after: float, matters: float, causes: Sequence[Cause]) -> Verdict:
+def _verdict(
+    setup: float, after: float, matters: float, nameable: float, causes: Sequence[Cause]
+) -> Verdict:
     """The verdict by the ERR [m] of the set-up and of the full model, fitted to everything.
 
     What is named of the set-up lies beyond its tolerance: a fit of the set-up alone has that in it,
-    and yet it is no set-up within tolerances where it matters.
+    and yet it is no set-up within tolerances where it matters. Where nothing is named, what the
+    full model takes away matters as little as a cause that may only mend the set-up's laws.
 
     Args:
         matters: ERR [m] below which nothing is left to explain.
+        nameable: ERR [m] that a cause must take away to be named.
         causes: that are named.
     """
     if setup < matters and all(c.err < matters for c in causes):
         return "adequate"
-    if causes and after < matters:
+    if after >= matters:
+        return "unexplained"
+    if causes:
         return "explained"
-    return "unexplained"
+    return "adequate" if setup - after < nameable else "unexplained"
 
 
 def _share(before: float | None, after: float | None, own: float) -> float | None:
