@@ -53,6 +53,7 @@ from dlo_ros.parameter_table import TABLE
 from dlo_ros.parameters import EFFECTS_PREFIX, CameraPose, Settings
 from dlo_ros.share import shared_file
 from dlo_ros.spline import FloatArray
+from dlo_ros.synthesis.geometry import Geometry
 from dlo_ros.synthesis.gripper_frames import check_frames
 from dlo_ros.synthesis.hidden import FOREIGN, Hidden, read_effects
 from dlo_ros.synthesis.hidden_rod import true_length
@@ -113,6 +114,11 @@ class Experiment:
     def camera_pose(self) -> CameraPose:
         """True pose of the camera; `truth` has the one that it is said to have."""
         return self.hidden.camera(self.truth.camera)
+
+    @property
+    def geometry(self) -> Geometry:
+        """The one camera where it really stands."""
+        return Geometry(self.camera, self.camera_pose)
 
     @property
     def spatial(self) -> bool:

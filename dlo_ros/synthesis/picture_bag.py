@@ -15,9 +15,11 @@ from dlo_ros.recordings.building import BAG_MESSAGES
 from dlo_ros.recordings.image_building import camera_info_message, compressed_message, depth_message
 from dlo_ros.recordings.images import CameraInfo
 from dlo_ros.recordings.write import BagWriter
+from dlo_ros.spline import FloatArray
 from dlo_ros.synthesis.experiment import Experiment
 from dlo_ros.synthesis.geometry import Geometry
 from dlo_ros.synthesis.look import SimulatedCamera
+from dlo_ros.synthesis.render import Renderer
 from dlo_ros.synthesis.spatial_render import SpatialRenderer
 from dlo_ros.synthesis.truth import Truth
 
@@ -65,10 +67,7 @@ def record_pictures(
     for i in frames:
         stamp = truth.stamps[i]
         for prefix, renderer, info in drawing:
-            exposure = renderer.geometry.camera.exposure
-            instants = BLUR_INSTANTS if exposure > 0.0 else 1
-            within = exposure * ((np.arange(instants) + 0.5) / instants - 0.5)
-            lines = [truth.centreline(i, u, later=float(dt)) for dt in within]
+            lines = _exposed(truth, i, u, renderer.geometry.camera.exposure)
             data = renderer.encode(renderer.frame(lines, u))
             message = camera_info_message(BAG_MESSAGES, stamp, info)
             writer.write(prefix + topics.CAMERA_INFO, message, stamp)
@@ -80,6 +79,39 @@ def record_pictures(
                 writer.write(topics.DEPTH_INFO, message, stamp)
                 message = depth_message(BAG_MESSAGES, stamp, info.frame_id, depth)
                 writer.write(topics.DEPTH, message, stamp)
+
+
+def record_board_pictures(
+    experiment: Experiment, truth: Truth, writer: BagWriter, frames: Iterable[int],
+    renderer: Renderer, held: FloatArray,
+) -> None:  # fmt: skip
+    """Draw all frames of a rope in front of its board, as the one camera sees them.
+
+    Args:
+        experiment: with its camera.
+        truth: the motion.
+        writer: of the bag.
+        frames: indices of the frames.
+        renderer: of the board.
+        held: material coordinates [m] where a pin holds the rope, shape (k,).
+    """
+    u = renderer.spacing(experiment.truth.rod.length)
+    info = camera_info(experiment.camera, CAMERA_FRAME)
+    for i in frames:
+        stamp = truth.stamps[i]
+        lines = _exposed(truth, i, u, experiment.camera.exposure)
+        data = renderer.encode(renderer.frame(lines, u, held))
+        message = camera_info_message(BAG_MESSAGES, stamp, info)
+        writer.write(topics.CAMERA_INFO, message, stamp)
+        message = compressed_message(BAG_MESSAGES, stamp, CAMERA_FRAME, data)
+        writer.write(topics.COMPRESSED, message, stamp)
+
+
+def _exposed(truth: Truth, frame: int, u: FloatArray, exposure: float) -> list[FloatArray]:
+    """The rope's axis at instants spread over an exposure [s] about a frame's stamp."""
+    instants = BLUR_INSTANTS if exposure > 0.0 else 1
+    within = exposure * ((np.arange(instants) + 0.5) / instants - 0.5)
+    return [truth.centreline(frame, u, later=float(dt)) for dt in within]
 
 
 def camera_info(camera: SimulatedCamera, frame_id: str) -> CameraInfo:

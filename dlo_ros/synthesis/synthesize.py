@@ -20,17 +20,13 @@ from dlo_ros.recordings.building import (
     points_message,
     spline_message,
 )
-from dlo_ros.recordings.image_building import camera_info_message, compressed_message
 from dlo_ros.recordings.wrenches import write_wrenches
 from dlo_ros.recordings.write import BagWriter
 from dlo_ros.spline import FloatArray, SplineBasis
 from dlo_ros.synthesis.experiment import Experiment
-from dlo_ros.synthesis.geometry import Geometry
 from dlo_ros.synthesis.gripper_frames import write_frames
 from dlo_ros.synthesis.picture_bag import (
-    BLUR_INSTANTS,
-    CAMERA_FRAME,
-    camera_info,
+    record_board_pictures,
     record_pictures,
     warn_out_of_sight,
 )
@@ -99,22 +95,10 @@ def synthesize(
         if images and (experiment.spatial or experiment.cameras or experiment.depth):
             record_pictures(experiment, truth, writer, frames, seed)
         elif images:
-            camera = experiment.camera
-            geometry = Geometry(camera, experiment.camera_pose)
-            instants = BLUR_INSTANTS if camera.exposure > 0.0 else 1
-            within = camera.exposure * ((np.arange(instants) + 0.5) / instants - 0.5)
-            warn_out_of_sight(geometry, truth)
-            renderer = Renderer(geometry, experiment.look, experiment.truth.rod.diameter, seed)
-            u = renderer.spacing(experiment.truth.rod.length)
-            info = camera_info(camera, CAMERA_FRAME)
-            for i in frames:
-                stamp = truth.stamps[i]
-                lines = [truth.centreline(i, u, later=float(dt)) for dt in within]
-                data = renderer.encode(renderer.frame(lines, u, grips.places))
-                message = camera_info_message(BAG_MESSAGES, stamp, info)
-                writer.write(topics.CAMERA_INFO, message, stamp)
-                message = compressed_message(BAG_MESSAGES, stamp, CAMERA_FRAME, data)
-                writer.write(topics.COMPRESSED, message, stamp)
+            warn_out_of_sight(experiment.geometry, truth)
+            rod = experiment.truth.rod
+            renderer = Renderer(experiment.geometry, experiment.look, rod.diameter, seed)
+            record_board_pictures(experiment, truth, writer, frames, renderer, grips.places)
         else:
             for i, points, control_points in measure(experiment, truth, frames, seed):
                 stamp = truth.stamps[i]

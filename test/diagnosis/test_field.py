@@ -11,11 +11,14 @@ import pytest
 from field import draw
 from field.evaluate import judge
 from field.nuisances import Errors, set_up, smooth
+from field.pictures import Cluttered, drawn
 
 from dlo_ros.cli.loading import load_manipulation
 from dlo_ros.cli.main import main as dlo_ros
 from dlo_ros.identification import identify
 from dlo_ros.parameters import Settings
+from dlo_ros.synthesis.experiment import read_experiment
+from dlo_ros.synthesis.render import Renderer
 
 
 def solved(folder, case, bags):
@@ -118,3 +121,22 @@ def test_a_set_up_has_errors_of_the_size_of_its_tolerances():
     assert np.std([smooth(rng, np.linspace(0.0, 1.0, 9))[4] for _ in range(300)]) == (
         pytest.approx(1.0, rel=0.15)
     )
+
+
+def test_pictures_have_another_light_and_things_that_lie_about():
+    tree = {
+        "parameters": {
+            "rod": {"length": 0.4, "diameter": 0.004, "young_modulus": 1e6, "density": 1500.0}
+        },
+        "duration": 1.0, "initial_shape": [[0.0, 0.0], [0.4, 0.0]],
+        "motion": {"control_point_1": [{"time": 0.0, "position": [0.0, 0.0, 0.0]}]},
+    }  # fmt: skip
+    one, two = (
+        read_experiment(tree | drawn(np.random.default_rng(k)), "case", "a test") for k in (0, 1)
+    )
+    assert one.camera.exposure != two.camera.exposure and one.look != two.look
+    clean, cluttered = (
+        kind(one.geometry, one.look, 0.004, seed=5).board for kind in (Renderer, Cluttered)
+    )
+    changed = np.abs(clean - cluttered).max(axis=2) > 20.0
+    assert 0.0005 < changed.mean() < 0.2

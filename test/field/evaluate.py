@@ -89,9 +89,9 @@ def share(report: dict, floor: float) -> float | None:
     return (before - max(after, floor)) / (before - floor)
 
 
-def solve(case: Case, folder: Path) -> Result:
+def solve(case: Case, folder: Path, *, pictures: bool = False) -> Result:
     """Write a case and let the tool work on it."""
-    bags, floor = case.write(folder)
+    bags, floor = case.write(folder, pictures=pictures)
     output = folder / "diagnosis"
     words = ["diagnose", "--params", folder / "params.yaml", "--output", output, *bags]
     began = _used()
@@ -108,7 +108,8 @@ def solve(case: Case, folder: Path) -> Result:
     return Result(
         case.seed, tuple(case.causes), report["verdict"],
         tuple(e["name"] for e in report["effects"]), main, wrong,
-        share(report, floor), *compare(case.causes, report), off, std, seconds,
+        share(report, floor or report["noise_floor"]), *compare(case.causes, report), off, std,
+        seconds,
     )  # fmt: skip
 
 
@@ -153,6 +154,7 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=1000, help="seed of the first")
     parser.add_argument("--count", type=int, default=20, help="of cases of each number of causes")
     parser.add_argument("--causes", type=int, action="append", choices=range(4), default=[])
+    parser.add_argument("--pictures", action="store_true", help="render a camera's pictures")
     parser.add_argument("--keep", type=Path, help="folder in which the cases are kept")
     arguments = parser.parse_args()
     results: list[Result] = []
@@ -161,7 +163,7 @@ def main() -> None:
             case = draw(seed, count)
             with tempfile.TemporaryDirectory() as folder:
                 kept = arguments.keep and arguments.keep / f"{seed}_{count}"
-                r = solve(case, kept or Path(folder))
+                r = solve(case, kept or Path(folder), pictures=arguments.pictures)
             results.append(r)
             print(f"{seed}_{count}: {_line(r)}", flush=True)
     print("\n".join(summary(results)))

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 from challenge import manipulations
-from challenge.draws import NAMED
+from challenge.draws import NAMED, Drawn
 from challenge.generate import _recordings, _scene
 from challenge.residual import Refit, changed
 
@@ -25,10 +25,12 @@ from dlo_ros.spline import SplineBasis
 from dlo_ros.synthesis.discrete_rod import DiscreteRod
 from dlo_ros.synthesis.experiment import Experiment, read_experiment
 from dlo_ros.synthesis.hidden_rod import build_rod, change, stretched, true_length
+from dlo_ros.synthesis.picture_bag import record_board_pictures
 from dlo_ros.synthesis.rod_simulation import Simulation
 from dlo_ros.synthesis.synthesize import LEAD, measure, parameter_text, truth_text
 from dlo_ros.synthesis.truth import Grips, Truth, lay_along, simulate
 from field.nuisances import Errors, set_up
+from field.pictures import Cluttered, drawn
 
 EDGES, STEP = 120, 1e-3
 VISIBLE = (4.0, 20.0)
@@ -61,11 +63,15 @@ class Case:
     manipulations: tuple[str, ...]
     trees: tuple[dict, ...]
 
-    def write(self, folder: Path) -> tuple[list[Path], float]:
+    def write(self, folder: Path, *, pictures: bool = False) -> tuple[list[Path], float | None]:
         """Write a bag for each recording, `params.yaml`, and the answer as `case.json`.
 
+        Args:
+            folder: to write into; it is made.
+            pictures: whether a camera's pictures are written instead of shapes.
+
         Returns:
-            The bags, and the measurement's own mean error [m].
+            The bags, and the measurement's own mean error [m], which pictures do not tell.
         """
         folder.mkdir(parents=True, exist_ok=True)
         rng = np.random.default_rng([self.seed, 1])
@@ -73,39 +79,48 @@ class Case:
         basis = SplineBasis(rod["control_points"], rod["length"])
         u = basis.greville / rod["length"]
         errors = Errors.drawn(rng, u, rod["length"])
+        seen = drawn(rng) if pictures else {}
         bags, own = [], []
         for k, (name, tree) in enumerate(zip(self.manipulations, self.trees, strict=True)):
-            made = read_experiment(tree, name, f"case {self.seed}")
+            made = read_experiment(tree | seen, name, f"case {self.seed}")
+            truth = simulated(made, rng, "clamp_slip" in self.causes)
             bags.append(folder / f"{k}_{name}")
-            own.append(write(made, bags[-1], errors, rng, self.causes))
+            with BagWriter(bags[-1], False) as writer:
+                message = command_message(BAG_MESSAGES, made.command)
+                writer.write(topics.COMMAND, message, made.command.stamp - LEAD)
+                if pictures:
+                    _film(made, truth, writer, self.seed)
+                else:
+                    own.append(_observe(made, truth, writer, errors, rng))
+                writer.write_text("params.yaml", parameter_text(made))
+                writer.write_text("truth.yaml", truth_text(made, truth))
         (folder / "params.yaml").write_text((bags[0] / "params.yaml").read_text())
         answer = {k: v for k, v in asdict(self).items() if k != "trees"}
         (folder / "case.json").write_text(json.dumps(answer, indent=2))
-        return bags, float(np.mean(own))
+        return bags, float(np.mean(own)) if own else None
 
 
-def write(
-    made: Experiment, bag: Path, errors: Errors, rng: np.random.Generator, causes: dict
+def _film(made: Experiment, truth: Truth, writer: BagWriter, seed: int) -> None:
+    """What a camera sees of an experiment."""
+    renderer = Cluttered(made.geometry, made.look, made.truth.rod.diameter, seed)
+    frames = range(len(truth.stamps))
+    record_board_pictures(made, truth, writer, frames, renderer, Grips(made).places)
+
+
+def _observe(
+    made: Experiment, truth: Truth, writer: BagWriter, errors: Errors, rng: np.random.Generator
 ) -> float:
-    """Simulate an experiment and record what its camera sees; returns its mean error [m]."""
-    truth = simulated(made, rng, "clamp_slip" in causes)
+    """What is measured of an experiment; returns its mean error [m]."""
     basis = SplineBasis(made.truth.rod.control_points, made.truth.rod.length)
     frames = range(len(truth.stamps))
-    seen = measure(made, truth, frames, int(rng.integers(1 << 30)))
-    shapes = np.array([points for _, _, points in seen])
+    true = [points for _, _, points in measure(made, truth, frames, int(rng.integers(1 << 30)))]
     names = made.command.names
     free = "end" not in names and f"control_point_{basis.control_points}" not in names
-    true = shapes
-    shapes, kept = errors.of(rng, shapes, basis.greville / basis.length, free)
-    with BagWriter(bag, False) as writer:
-        frame = made.truth.frame_id
-        message = command_message(BAG_MESSAGES, made.command)
-        writer.write(topics.COMMAND, message, made.command.stamp - LEAD)
-        for stamp, points in zip(np.array(truth.stamps)[kept], shapes[kept], strict=True):
-            message = spline_message(BAG_MESSAGES, int(stamp), frame, points)
-            writer.write(topics.OBSERVED, message, int(stamp))
-        writer.write_text("params.yaml", parameter_text(made))
-        writer.write_text("truth.yaml", truth_text(made, truth))
+    u = basis.greville / basis.length
+    shapes, kept = errors.of(rng, np.array(true), u, free)
+    for stamp, points in zip(np.array(truth.stamps)[kept], shapes[kept], strict=True):
+        message = spline_message(BAG_MESSAGES, int(stamp), made.truth.frame_id, points)
+        writer.write(topics.OBSERVED, message, int(stamp))
     return float(np.median(np.linalg.norm(shapes - true, axis=2).mean(axis=1)))
 
 
@@ -191,10 +206,10 @@ def _try(rng: np.random.Generator, seed: int, names: tuple[str, ...]) -> Case | 
     errors = set_up(rng, length, ends)
     causes, ratios = {}, {}
     for name in names:
-        drawn = NAMED[name](rng, scene)
-        if drawn is None:
+        strengths = NAMED[name](rng, scene)
+        if strengths is None:
             return None
-        block, ratio = _visible(rng, refit, name, drawn)
+        block, ratio = _visible(rng, refit, name, strengths)
         if block is None:
             return None
         causes[name], ratios[name] = block, round(ratio, 1)
@@ -206,11 +221,11 @@ def _try(rng: np.random.Generator, seed: int, names: tuple[str, ...]) -> Case | 
     )  # fmt: skip
 
 
-def _visible(rng, refit: Refit, name: str, drawn) -> tuple[dict | None, float]:
+def _visible(rng, refit: Refit, name: str, strengths: Drawn) -> tuple[dict | None, float]:
     """Values of a cause that shows, at a strength drawn at random; None where there are none."""
-    low, high = np.log([drawn.lower, drawn.upper])
+    low, high = np.log([strengths.lower, strengths.upper])
     for _ in range(6):
-        block = drawn.values(float(np.exp(rng.uniform(0.3 * low + 0.7 * high, high))))
+        block = strengths.values(float(np.exp(rng.uniform(0.3 * low + 0.7 * high, high))))
         ratio, _ = refit.ratio({name: block}, {})
         if VISIBLE[0] <= ratio <= VISIBLE[1]:
             return block, ratio
