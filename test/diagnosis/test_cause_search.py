@@ -53,6 +53,22 @@ def test_a_small_gain_is_no_cause(monkeypatch):
     assert added is None and told == {"mass": "gains too little"}
 
 
+def test_the_search_ends_with_a_cause_that_takes_too_little_away_to_be_named(monkeypatch):
+    starts = [Start(f"effect {k}", {"size": 0.0}, ("size",), ("size",)) for k in range(4)]
+    offers = [SimpleNamespace(label=s.effect, effect=s.effect, start=s) for s in starts]
+    left = [1.2e-3, 0.6e-3, 0.58e-3, 0.3e-3]
+    monkeypatch.setattr(cause_search, "offered", lambda *_: object())
+    monkeypatch.setattr(cause_search, "promised", lambda *_: [])
+    monkeypatch.setattr(cause_search, "linear_loss", lambda *_: 1e3)
+    monkeypatch.setattr(
+        cause_search, "_best_of",
+        lambda number, *_: ((evaluation(40.0 * number, left[number - 1]), offers[number - 1]), []),
+    )  # fmt: skip
+    found = cause_search.search(evaluation(0.0, 2e-3), (), starts, 0.1e-3)
+    assert [c.label for c in found.causes] == ["effect 0", "effect 1", "effect 2"]
+    assert found.at.mean_err == left[2]
+
+
 def test_the_peg_that_explains_most_is_where_the_search_begins(monkeypatch):
     """Unless predictions come no nearer, or it gains too little."""
     peg = {"x": 0.1, "z": -0.1, "radius": 0.01}
@@ -126,19 +142,21 @@ def test_what_is_not_known_of_the_weight_makes_no_force_doubtful():
 
 
 @pytest.mark.parametrize(
-    ("loss", "without", "named"),
+    ("linear", "loss", "without", "named"),
     [
-        (40.0, 2.0e-3, True),
-        (6.0, 2.0e-3, False),  # one of many that were tried
-        (40.0, 1.05e-3, False),  # immaterial
-        (40.0, 1.3e-3, False),  # no more than another's law asks for
+        (40.0, 40.0, 2.0e-3, True),
+        (4.0, 40.0, 2.0e-3, False),  # not worth a fit without it
+        (40.0, 6.0, 2.0e-3, False),  # one of many that were tried
+        (40.0, 40.0, 1.05e-3, False),  # immaterial
+        (40.0, 40.0, 1.3e-3, False),  # no more than another's law asks for
     ],
 )
-def test_a_cause_matters_or_is_not_named(monkeypatch, loss, without, named):
+def test_a_cause_matters_or_is_not_named(monkeypatch, linear, loss, without, named):
     start = Start("point_mass", {"mass": 0.0}, ("mass",), ("mass",))
     others = [replace(start, effect=f"effect {k}") for k in range(15)]
     monkeypatch.setattr(joint_explanation, "certain", lambda *_: True)
     monkeypatch.setattr(joint_explanation, "beyond", lambda _: [])
+    monkeypatch.setattr(joint_explanation, "linear_loss", lambda *_, wholly: linear)
     monkeypatch.setattr(joint_explanation, "_rivals", lambda *_: ())
     bare = evaluation(-loss, without)
     monkeypatch.setattr(joint_explanation, "without", lambda *_, wholly: bare)

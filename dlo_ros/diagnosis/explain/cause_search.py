@@ -43,6 +43,8 @@ LOG = logging.getLogger(__name__)
 
 WORTH = 3.0
 """Gain in log evidence for which a cause is added: twenty to one."""
+LOWERS = 0.1
+"""Share of ERR that a cause must take away to be named."""
 MOST_CAUSES = 6
 CHECKED = 10
 NEAR = 0.3
@@ -139,6 +141,9 @@ def search(
 ) -> Search:  # fmt: skip
     """Add causes one by one, that which raises the log evidence most first.
 
+    The search ends with one that takes too little away to be named: what is left then is how the
+    laws of the others differ from the true ones, which many effects can mend a little.
+
     Args:
         at: the joint model with its set-up within tolerance, fitted.
         begun: effects that might be added, where they are looked for.
@@ -167,6 +172,7 @@ def search(
         _tell(steps)
         if found is None:
             break
+        little = found[0].mean_err > (1.0 - LOWERS) * at.mean_err
         at, causes, offer = found[0], [*causes, found[1]], None
         for cause in reversed(causes):
             if linear_loss(at, cause) > INDISPENSABLE:
@@ -179,6 +185,8 @@ def search(
             _tell(trace[-1:])
             at, causes = bare, [c for c in causes if c is not cause]
             dropped.add(cause.label)
+        if little:
+            break
     return Search(at, tuple(causes), tuple(trace), offer)
 
 
@@ -189,11 +197,15 @@ def _tell(steps: Sequence[Step]) -> None:
         LOG.info("cause %d: %s: %+.1f, ERR %s: %s", s.step, s.name, s.gain, err, s.outcome)
 
 
-def linear_loss(at: Evaluation, cause: Proposal) -> float:
-    """Log evidence lost without a cause, by the linearised posterior; 0 where it tells nothing."""
-    if cause.start is None:
+def linear_loss(at: Evaluation, cause: Proposal, *, wholly: bool = False) -> float:
+    """Log evidence lost without a cause, by the linearised posterior; 0 where it tells nothing.
+
+    Args:
+        wholly: see `without`.
+    """
+    if cause.start is None and not wholly:
         bare = at.model.with_prior([_tolerated(p) for p in cause.parameters])
-    elif cause.start.neutral:
+    elif cause.from_nothing:
         bare = at.model.with_prior([pinned(p) for p in cause.parameters])
     else:
         return 0.0

@@ -10,11 +10,13 @@ import numpy as np
 
 from dlo_ros.diagnosis.contact.contact_search import Hit
 from dlo_ros.diagnosis.explain.cause_search import (
+    LOWERS,
     Offer,
     Search,
     Step,
     best_hit,
     fitted,
+    linear_loss,
     offered,
     promised,
     search,
@@ -49,8 +51,6 @@ BEYOND = 2.0
 NOTABLE = 0.2
 """Tolerances from neutral, from which a number of the set-up is off by more than two programs that
 simulate the same DLO differ by."""
-LOWERS = 0.1
-"""Share of ERR that a named cause must take away."""
 MENDS = 0.05
 """Share of what the plain model misses beyond the measurement's own error, up to which an effect
 may only mend the law of another one, such as a segment that of a gradient: true ones have taken
@@ -235,6 +235,8 @@ def _named(
     result = []
     for group in (*found.causes, *beyond(at)):
         if not certain(at, group, SCALES):
+            continue
+        if group.from_nothing and linear_loss(at, group, wholly=True) < NAMED:
             continue
         bare = without(at, group, recordings, wholly=True)
         if bare is None:

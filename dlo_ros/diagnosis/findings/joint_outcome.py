@@ -190,9 +190,11 @@ def joint_outcome(
     first = recordings[: len(plain.at.residuals)]
     known = [k for k in range(len(first)) if not learned.masks[k].all()]
     final = _completed(found.at, first, known)
-    bare = final if found.setup is found.at else _completed(found.setup, first, known)
     own = own_err(final, first) if len(final.err) == len(first) else found.own_err
     matters = material_err(own, given)
+    bare = final if found.setup is found.at else found.setup
+    if bare.mean_err < matters:  # of what was learned from: is it so of all?
+        bare = _completed(bare, first, known)
     bare_model = ParametricModel(plain.at.model.settings, ())
     before, seen_before = _errors(bare_model, recordings, learned.masks)
     after, seen_after = learned.held, learned.seen
