@@ -18,7 +18,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg.lapack import dpotrf, dpotri
 from scipy.optimize import minimize
 
 from dlo_ros.inference.spectrum import Spectrum, joined
@@ -126,11 +126,15 @@ def _marginal_likelihood(
     value = float(offset @ (precision * offset)) - float(np.sum(np.log(precision)))
     value += float(bins.count @ np.log(v) + bins.sum_of_squares @ each)
     scale = 1.0 / np.sqrt(np.diag(lhs))
-    factor = cho_factor(lhs * np.outer(scale, scale) + 1e-13 * np.eye(len(scale)))
-    step = scale * cho_solve(factor, scale * rhs)
-    covariance = cho_solve(factor, np.diag(scale)) * scale[:, None]
+    # LAPACK itself: what SciPy checks before takes longer than these small matrices.
+    factor, failed = dpotrf(lhs * np.outer(scale, scale) + 1e-13 * np.eye(len(scale)))
+    if failed:
+        raise np.linalg.LinAlgError("the information matrix is not positive definite")
+    upper = dpotri(factor)[0]
+    covariance = (upper + np.triu(upper, 1).T) * np.outer(scale, scale)
+    step = covariance @ rhs
     value -= float(rhs @ step)
-    value += 2.0 * float(np.sum(np.log(np.diag(factor[0]))) - np.sum(np.log(scale)))
+    value += 2.0 * float(np.sum(np.log(np.diag(factor))) - np.sum(np.log(scale)))
     spread = covariance + np.outer(step, step)
     left = bins.sum_of_squares - 2.0 * bins.gradient @ step + hessian @ spread.ravel()
     return 0.5 * value, step, covariance, 0.5 * each * (bins.count - left * each)
