@@ -151,10 +151,77 @@ def _independent(
     return directions * (white * frames * n + (1.0 - white) * lasting)
 
 
-def gradient_covariance(
+@dataclass(frozen=True)
+class NormalEquations:
+    """J^T J of a least-squares problem, and how wrong its J^T r is.
+
+    Args:
+        hessian: J^T J, shape (P, P).
+        passing: covariance of J^T r by errors that are new in every picture or die out, (P, P).
+        staying: change of J^T r by each of C independent errors of unit variance that are the same
+            in all pictures, shape (P, C).
+    """
+
+    hessian: FloatArray
+    passing: FloatArray
+    staying: FloatArray
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Of J^T r, shape (P, P)."""
+        return np.asarray(self.passing + self.staying @ self.staying.T)
+
+    def scaled(self, weight: float) -> NormalEquations:
+        """The same with residuals and derivatives in another unit."""
+        return NormalEquations(
+            weight * self.hessian, weight**2 * self.passing, weight * self.staying
+        )
+
+    def remembered(self, share: float) -> NormalEquations:
+        """The same as if the variance of what passes were larger by the inverse of a share."""
+        return NormalEquations(share * self.hessian, share * self.passing, share * self.staying)
+
+    def followed_by(self, other: NormalEquations) -> NormalEquations:
+        """Both together: what stays is the same error in both, so that it does not average out."""
+        return NormalEquations(
+            self.hessian + other.hessian,
+            self.passing + other.passing,
+            self.staying + other.staying,
+        )
+
+    def information(self, shifts: Sequence[FloatArray] = ()) -> FloatArray:
+        """Information on the P parameters, shape (P, P).
+
+        Args:
+            shifts: see `data_information`.
+        """
+        return sandwich(self.hessian, self.covariance + _shifted(self.hessian, shifts))
+
+
+def _shifted(hessian: FloatArray, shifts: Sequence[FloatArray]) -> FloatArray:
+    """Covariance of J^T r by parameters that are wrong by shifts, shape (P, P)."""
+    moved = [hessian @ shift for shift in shifts]
+    return np.asarray(sum((np.outer(m, m) for m in moved), np.zeros_like(hessian)))
+
+
+def normal_equations(found: Forecast, settings: RodSettings | None = None) -> NormalEquations:
+    """Normal equations of one recording, for what its residuals are made of.
+
+    Args:
+        found: with derivatives.
+        settings: of the model, for its own error; None leaves that out.
+    """
+    assert found.derivative is not None
+    direction = tangents(found.predicted)
+    own = 0.0 if settings is None else discrepancy(found, settings)
+    errors = residual_errors(found.residual, direction)
+    return _normal_equations(found.derivative, direction, errors, own)
+
+
+def _normal_equations(
     derivative: FloatArray, direction: FloatArray, errors: Errors, own: float
-) -> FloatArray:
-    """Covariance (P, P) of J^T r.
+) -> NormalEquations:
+    """See `normal_equations`.
 
     Args:
         derivative: as in `Forecast`, shape (F, P, n, 3).
@@ -162,11 +229,11 @@ def gradient_covariance(
         errors: of the residuals.
         own: error of the model [m], the same in all pictures and smooth along the DLO.
     """
-    n = derivative.shape[2]
+    parameters, n = derivative.shape[1:3]
     lengthwise = np.sum(derivative * direction[:, None], axis=3)  # (F, P, n)
     total = np.einsum("fpic,fqic->pq", derivative, derivative)
     slide = np.einsum("fpi,fqi->pq", lengthwise, lengthwise)
-    result = errors.across * (total - slide) + errors.along * slide
+    passing = errors.across * (total - slide) + errors.along * slide
     apart = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
     near = np.exp(-2.0 * apart / errors.reach) if errors.reach > 1.0 else np.eye(n)
     if errors.lasting > 0.0:
@@ -175,11 +242,14 @@ def gradient_covariance(
         carried = lfilter(*decay, derivative, axis=0) - derivative
         carried += lfilter(*decay, derivative[::-1], axis=0)[::-1]
         carried = np.einsum("ij,fpjc->fpic", near, carried)
-        result = result + errors.lasting * np.einsum("fpic,fqic->pq", derivative, carried)
+        passing = passing + errors.lasting * np.einsum("fpic,fqic->pq", derivative, carried)
     summed = derivative.sum(axis=0)  # (P, n, 3)
-    for variance, shape in ((errors.constant, near), (own**2 / n, np.exp(-2.0 * apart / n))):
-        result = result + variance * np.einsum("pic,ij,qjc->pq", summed, shape, summed)
-    return np.asarray(result)
+    staying = [
+        np.sqrt(variance) * np.einsum("pic,ik->pkc", summed, np.linalg.cholesky(shape))
+        for variance, shape in ((errors.constant, near), (own**2 / n, np.exp(-2.0 * apart / n)))
+    ]
+    columns = np.stack(staying, axis=1).reshape(parameters, -1)
+    return NormalEquations(total, np.asarray(passing), np.asarray(columns))
 
 
 def data_information(
@@ -197,26 +267,24 @@ def data_information(
         settings: of the model, for its own error; None leaves that out.
         shifts: by which the logarithms are known to be wrong without being corrected, each (P,).
     """
-    hessians, covariances, pulls = [], [], []
-    for f in forecasts:
-        assert f.derivative is not None
-        direction = tangents(f.predicted)
-        own = 0.0 if settings is None else discrepancy(f, settings)
-        errors = residual_errors(f.residual, direction)
-        covariance = gradient_covariance(f.derivative, direction, errors, own)
-        gradient = np.einsum("fpic,fic->p", f.derivative, f.residual)
-        hessians.append(np.einsum("fpic,fqic->pq", f.derivative, f.derivative))
-        covariances.append(covariance)
-        pulls.append(float(gradient[0] ** 2 / max(covariance[0, 0], 1e-300)))
-    hessian, covariance = np.sum(hessians, axis=0), np.sum(covariances, axis=0)
-    if len(pulls) > 1:
+    found = [normal_equations(f, settings) for f in forecasts]
+    hessian = np.sum([e.hessian for e in found], axis=0)
+    covariance = np.sum([e.covariance for e in found], axis=0)
+    if len(found) > 1:
+        pulls = [
+            _pull(f) ** 2 / max(e.covariance[0, 0], 1e-300)
+            for f, e in zip(forecasts, found, strict=True)
+        ]
         covariance = covariance * max(1.0, float(np.sum(pulls)) / (len(pulls) - 1))
     if settings is not None:
         shifts = [*shifts, *model_shifts(settings, len(hessian))]
-    for shift in shifts:
-        moved = hessian @ shift
-        covariance = covariance + np.outer(moved, moved)
-    return sandwich(hessian, covariance)
+    return sandwich(hessian, covariance + _shifted(hessian, shifts))
+
+
+def _pull(found: Forecast) -> float:
+    """J^T r of the first parameter, which is ln E [m^2]."""
+    assert found.derivative is not None
+    return float(np.sum(found.derivative[:, 0] * found.residual))
 
 
 def told_directions(information: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -14,7 +14,12 @@ from rods import PAPER
 
 from dlo_ros.identification import identify
 from dlo_ros.identification.identifiability import knowledge, sentences
-from dlo_ros.identification.residual_information import data_information, residual_errors
+from dlo_ros.identification.online.linearised_model import Linearised, PriorInformation
+from dlo_ros.identification.residual_information import (
+    NormalEquations,
+    data_information,
+    residual_errors,
+)
 from dlo_ros.inference.measured import outliers
 from dlo_ros.synthesis.experiment import find_experiment
 
@@ -114,6 +119,43 @@ def test_information_of_repeated_pictures_is_that_of_one():
     often = identify([at_rest(PAPER, frames=30)], PAPER).fitted
     one, many = (data_information(f.fit.forecasts)[0, 0] for f in (once, often))
     assert many == pytest.approx(one, rel=0.3)
+
+
+def test_what_stays_from_window_to_window_does_not_average_out():
+    hessian, staying = np.diag([4.0, 1.0]), np.array([[2.0], [1.0]])
+    passing = NormalEquations(hessian, hessian, 0.0 * staying)
+    once = passing.information()
+    np.testing.assert_allclose(once, hessian)
+    np.testing.assert_allclose(passing.followed_by(passing).information(), 2.0 * once)
+    np.testing.assert_allclose(passing.scaled(3.0).information(), once)
+    np.testing.assert_allclose(passing.remembered(0.5).information(), 0.5 * once)
+    both = NormalEquations(hessian, hessian, staying)
+    many = both
+    for _ in range(10_000):
+        many = many.followed_by(both)
+    error = np.linalg.solve(hessian, staying[:, 0])
+    np.testing.assert_allclose(np.linalg.inv(many.information()), np.outer(error, error), atol=2e-4)
+
+
+def test_what_was_known_beforehand_counts_once_however_many_windows_there_are():
+    """Ten windows of a linear problem have the estimate of one with all of their pictures."""
+    rng = np.random.default_rng(3)
+    truth = np.array([0.3, -0.2, 0.4, 0.1])
+    guess, known = np.zeros(4), np.diag([1e-2, 40.0, 4.0, 4.0])
+    derivatives = rng.normal(size=(10, 4, 20, 3))
+    noise = 0.5 * rng.normal(size=(10, 20, 3))
+    at, prior = Linearised(guess, 60), PriorInformation(known, guess)
+    for derivative, error in zip(derivatives, noise, strict=True):
+        at.add(np.einsum("p,pnc->nc", truth, derivative) + error, derivative)
+    whole = prior.step(at)
+    theta, prior = guess, PriorInformation(known, guess)
+    for derivative, error in zip(derivatives, noise, strict=True):
+        at = Linearised(theta, 60)
+        at.add(np.einsum("p,pnc->nc", truth - theta, derivative) + error, derivative)
+        theta = theta + prior.step(at)
+        prior.fold(at, theta, 1.0)
+    # Each window judges the noise by itself.
+    np.testing.assert_allclose(theta, whole, atol=0.01)
 
 
 @pytest.mark.slow

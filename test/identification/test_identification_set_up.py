@@ -9,7 +9,7 @@ from measured import at_rest, swing
 from rods import PAPER
 
 from dlo_ros.cli.main import main
-from dlo_ros.identification import identify
+from dlo_ros.identification import OnlineEstimator, identify
 from dlo_ros.identification.offline.set_up_estimate import mixed, widened
 from dlo_ros.parameters import Settings, tolerance
 from dlo_ros.rod.sensitivity_parameters import tangent
@@ -96,6 +96,39 @@ def test_what_cannot_be_told_apart_widens_the_std(guess):
     unsure = with_values(guess, rod__diameter_std=0.02 * PAPER.rod.diameter)
     found = identify([at_rest(PAPER, same=False)], unsure).estimate
     assert found.specific_modulus_std > 0.039 * RATIO > exact.specific_modulus_std
+
+
+def watched(recording, settings):
+    """What the live estimator ends with that does all work at once."""
+    estimator = OnlineEstimator(settings, budget=np.inf)
+    for imposed in recording.commands:
+        estimator.set_command(imposed)
+    for observation in recording.observations:
+        estimator.observe(observation)
+    return estimator.estimate
+
+
+def test_live_a_clamp_that_points_elsewhere_is_counted_in_the_std(turned, guess):
+    found = watched(turned, guess)
+    off = abs(found.specific_modulus - RATIO)
+    assert off > 0.01 * RATIO
+    assert off < 2.0 * found.specific_modulus_std
+    exact = watched(swing(PAPER, seconds=1.5), guess)
+    assert exact.specific_modulus_std < 0.2 * found.specific_modulus_std
+
+
+def test_live_the_set_up_waits_for_the_time_between_pictures(turned, guess):
+    estimator = OnlineEstimator(guess, clock=lambda: 0.0)  # all that is due fits into an update
+    estimator.set_command(turned.commands[0])
+    for observation in turned.observations:
+        estimator.observe(observation)
+    before = estimator.estimate
+    assert estimator.busy
+    while estimator.busy:
+        estimator.proceed()
+    after = estimator.estimate
+    assert after.specific_modulus == before.specific_modulus
+    assert after.specific_modulus_std > 2.0 * before.specific_modulus_std
 
 
 def test_a_negative_std_is_told_in_a_line(tmp_path, capsys):

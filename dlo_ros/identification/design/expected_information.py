@@ -1,10 +1,12 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Which manipulation would tell most, before it is made.
 
-A planned manipulation is simulated with the sensitivities of every shape; with the observer's
-noise they give the Fisher information on ln (E, mu, c, t_r). Its gain is how much the volume of
-what is possible for (E, mu) shrinks by it, damping being a nuisance (D-optimality in what is still
-unknown). Two models are told apart by what no choice of (E, mu, c, t_r) can make up for.
+A planned manipulation is simulated with the sensitivities of every shape; with the errors of the
+observer they give the Fisher information on ln (E, mu, c, t_r) and on all numbers of the set-up,
+which have their tolerances as priors and are integrated out, as in `identify`: where a rope stands
+near a snap such trifles decide, and it tells nothing about E. A plan's gain is how much the volume
+of what is possible for (E, mu) shrinks by it, damping being a nuisance (D-optimality in what is
+still unknown). Two models are told apart by what no choice of (E, mu, c, t_r) can make up for.
 """
 
 from __future__ import annotations
@@ -16,10 +18,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dlo_ros.command import END, NANOSECONDS, START, Command
-from dlo_ros.effects.physics.gravity_tilt import GravityTilt
-from dlo_ros.effects.physics.intrinsic_curvature import IntrinsicCurvature
 from dlo_ros.errors import SimulationError
-from dlo_ros.identification.batched_forecast import forecast_each, forecast_varied
+from dlo_ros.identification.batched_forecast import forecast_varied
 from dlo_ros.identification.estimate import (
     COMBINATIONS,
     logarithms,
@@ -29,6 +29,15 @@ from dlo_ros.identification.estimate import (
 from dlo_ros.identification.force_scale import grip_wrenches
 from dlo_ros.identification.residual_information import STRETCH_STIFFNESS, strain
 from dlo_ros.inference.forecast import Forecast, Manipulation, forecast, whitening
+from dlo_ros.inference.joint import field
+from dlo_ros.inference.measured import measured
+from dlo_ros.inference.observation_operator import ALONG_STD
+from dlo_ros.inference.parallel import Threads
+from dlo_ros.inference.parameter import ParametricModel
+from dlo_ros.inference.priors import DIAMETER_STD, joint_model
+from dlo_ros.inference.scene import imposed_names, scene
+from dlo_ros.inference.spectrum import spectrum
+from dlo_ros.inference.variances import Variances
 from dlo_ros.inference.wrench import expected, wrench_field
 from dlo_ros.observation import Observation, Wrenches
 from dlo_ros.parameters import Settings
@@ -39,8 +48,6 @@ from dlo_ros.spline import FloatArray, SplineBasis
 HYPOTHESES = (0.5, 1.0, 2.0)
 REFITS = 6  # rounds in which the second model is fitted to the first
 POINTS = 81  # along the DLO, where displacements are told
-# Of the logarithms of E, c and t_r, to either side; what mu does follows from E and c.
-DIFFERENCES = ((0, 0.02), (2, 0.1), (3, 0.1))
 
 
 @dataclass(frozen=True)
@@ -52,16 +59,11 @@ class Noise:
         spacing: distance between measured points along the DLO [m].
         common: error that is the same in all pictures of a recording, such as that of the
             calibration; root mean square along the DLO [m].
-        tilt: standard deviation of the board's and the clamps' angles [rad].
-        bend: standard deviation of the angle by which the DLO is curved at rest, from its start to
-            its end [rad].
     """
 
     std: float = 3e-4
     spacing: float = 4e-3
     common: float = 1e-4
-    tilt: float = 5e-3
-    bend: float = 0.03
 
 
 @dataclass(frozen=True)
@@ -113,47 +115,63 @@ class Outlook:
     forecast: Forecast
 
 
-def information(derivative: FloatArray, settings: Settings, noise: Noise) -> FloatArray:
-    """Information of a recording with white noise, a common error and small imperfections.
+def information(
+    recording: Manipulation, model: ParametricModel, found: Forecast, noise: Noise
+) -> FloatArray:
+    """Expected information of a recording on ln (E, mu, c, t_r), the set-up integrated out.
 
     Args:
-        derivative: of the shapes with respect to P parameters and then to the imperfections that
-            `imperfect` makes, in the coefficients of `Forecast`, shape (F, P + 2, n, 3).
-        settings: of the rod.
+        recording: whose shapes are to come.
+        model: with the set-up open within its tolerances.
+        found: its forecast with derivatives by all of its parameters.
         noise: of the observer.
 
     Returns:
-        Shape (P, P).
+        Shape (4, 4).
     """
-    j = _columns(derivative)
-    full = _weighted(j, j, settings, noise)
-    full[-2:, -2:] += np.eye(2)  # imperfections are in units of their standard deviation
-    kept = full[:-2, :-2] - full[:-2, -2:] @ np.linalg.solve(full[-2:, -2:], full[-2:, :-2])
-    return np.asarray(kept)
+    settings = model.settings
+    seen = [
+        replace(o, control_points=q)
+        for o, q in zip(recording.observations, found.predicted, strict=True)
+    ]
+    shapes = measured(replace(recording, observations=tuple(seen)), settings)
+    residual, jacobian = field(shapes, found.predicted, found.sensitivity, model.chain())
+    bins = spectrum(residual, jacobian, settings.rod.control_points)
+    weight = 1.0 / _variances(settings, noise, bins.parts).of(bins)
+    hessian = np.einsum("b,bpq->pq", weight, bins.hessian)
+    own = np.array([not p.effect for p in model.parameters])
+    others = hessian[~own][:, ~own] + np.diag(model.precision()[~own])
+    cross = hessian[own][:, ~own]
+    kept = hessian[own][:, own] - cross @ np.linalg.solve(others, cross.T)
+    place = _material(model)
+    result = np.zeros((len(MATERIAL), len(MATERIAL)))
+    result[np.ix_(place, place)] = kept
+    return result
+
+
+def _variances(settings: Settings, noise: Noise, parts: int) -> Variances:
+    """Errors of an observer across the DLO, along it and, in space, out of the plane.
+
+    Along the DLO each picture has an error of u, which is smooth, as `identify` takes it.
+    """
+    rod = settings.rod
+    points = max(rod.length / noise.spacing, 1.0) + 1.0
+    white = np.full(parts, noise.std**2 * rod.control_points / points)
+    common = np.full(parts, noise.common**2)
+    sliding, none = np.zeros(parts), np.zeros(parts)
+    sliding[1] = (ALONG_STD * rod.length) ** 2
+    return Variances(white, none, sliding, common, none, 0.0, 0.0)
+
+
+def _material(model: ParametricModel) -> list[int]:
+    """Places in `MATERIAL` of a model's parameters that are no effect's."""
+    return [MATERIAL.index(p.name) for p in model.parameters if not p.effect]
 
 
 def _columns(derivative: FloatArray) -> FloatArray:
     """Derivatives as columns for each picture, shape (F, 3n, P)."""
     frames, parameters = derivative.shape[:2]
     return derivative.reshape(frames, parameters, -1).transpose(0, 2, 1)
-
-
-def imperfect(settings: Settings, noise: Noise) -> list[Settings]:
-    """The rod with gravity tilted and with a curvature at rest, to either side of what it is.
-
-    Where a rope stands near a snap such trifles decide, and it tells nothing about E.
-    """
-    result = []
-    for name, key, size in (
-        (GravityTilt.name, "angle", noise.tilt),
-        (IntrinsicCurvature.name, "curvature", noise.bend / settings.rod.length),
-    ):
-        for side in (1.0, -1.0):
-            effects = {k: dict(v) for k, v in settings.effects.items()}
-            values = effects.setdefault(name, {})
-            values[key] = float(np.mean(values.get(key, 0.0))) + side * size
-            result.append(settings.with_effects(effects))
-    return result
 
 
 def _weighted(a: FloatArray, b: FloatArray, settings: Settings, noise: Noise) -> FloatArray:
@@ -192,37 +210,41 @@ def outlook(
     """
     before = search_information(settings) if known is None else known
     recording = plan.manipulation()
-    sets: list[Settings] = []
-    places: list[int] = []
-    for factor in hypotheses:
+    shapes = forecast(recording, settings, spans=spans).predicted
+    view = scene(settings, imposed_names([recording]), [shapes[:, :, :3]])
+    forces = _felt(plan, settings, spans)
+
+    def told_by(factor: float) -> tuple[ParametricModel, Forecast, FloatArray] | None:
         theta = logarithms(settings)
         theta[0] += math.log(factor)
-        places.append(len(sets))
-        sets += _around(with_logarithms(settings, theta), noise)
-    found = forecast_each(recording, sets, spans=spans)
-    forces = _felt(plan, settings, spans)
-    gains, nominal, told = [], None, np.zeros((4, 4))
-    for factor, at in zip(hypotheses, places, strict=True):
-        group = [f for f in found[at : at + len(sets) // len(places)] if f is not None]
-        if len(group) < len(sets) // len(places):
-            gains.append(0.0)
-            continue
-        derivative = _differences(group)
-        here = information(derivative, settings, noise) + forces
-        gains.append(_gain(before, here))
-        if factor == 1.0:
-            nominal, told = replace(group[0], derivative=derivative[:, : len(MATERIAL)]), here
+        here = with_logarithms(settings, theta)
+        model = joint_model(here, here, view)
+        try:
+            found = forecast(recording, model.settings, parameters=model.names, spans=spans)
+            return model, found, information(recording, model, found, noise) + forces
+        except SimulationError:
+            return None
+
+    each = Threads().map(told_by, list(hypotheses))
+    gains = [0.0 if found is None else _gain(before, found[2]) for found in each]
+    nominal = each[list(hypotheses).index(1.0)]
     if nominal is None:
         raise SimulationError(f"{plan.name}: the manipulation cannot be simulated")
+    model, found, told = nominal
+    assert found.derivative is not None
+    derivative = np.zeros((len(found.stamps), len(MATERIAL), *found.residual.shape[1:]))
+    derivative[:, _material(model)] = found.derivative[:, : len(_material(model))]
+    found = replace(found, derivative=derivative)
     covariance = np.linalg.inv(before + told)
     std = {k: math.sqrt(max(float(c @ covariance @ c), 0.0)) for k, c in COMBINATIONS.items()}
-    # Rod theories differ by that much (see `residual_information`).
+    # Rod theories differ by that much (see `residual_information`), and shapes tell E D^2 / mu.
     theory = STRETCH_STIFFNESS * strain(settings)
+    thickness = 2.0 * (settings.rod.diameter_std / settings.rod.diameter or DIAMETER_STD)
     for name in ("young_modulus", "specific_modulus"):
-        std[name] = math.hypot(std[name], theory)
-    shift = displacement(nominal, settings)
+        std[name] = math.hypot(std[name], theory, thickness)
+    shift = displacement(found, settings)
     response = float(shift.mean()) / settings.rod.length
-    return Outlook(plan, float(np.mean(gains)), std, response, told, nominal)
+    return Outlook(plan, float(np.mean(gains)), std, response, told, found)
 
 
 def _felt(plan: Plan, settings: Settings, spans: int | None) -> FloatArray:
@@ -252,32 +274,6 @@ def _felt(plan: Plan, settings: Settings, spans: int | None) -> FloatArray:
             told[1, 1] = float(expected(field)[0, 0])
         return told
     return told
-
-
-def _around(settings: Settings, noise: Noise) -> list[Settings]:
-    """The settings, and to either side of them what derivatives are taken from."""
-    theta = logarithms(settings)
-    sets = [settings]
-    for k, step in DIFFERENCES:
-        for side in (1.0, -1.0):
-            moved = theta.copy()
-            moved[k] += side * step
-            sets.append(with_logarithms(settings, moved))
-    return sets + imperfect(settings, noise)
-
-
-def _differences(group: Sequence[Forecast]) -> FloatArray:
-    """Derivatives by `MATERIAL` and by both imperfections from the forecasts of `_around`."""
-    here, *sides = group
-    count = len(MATERIAL)
-    result = np.zeros((len(here.stamps), count + 2, *here.residual.shape[1:]))
-    for i, (k, step) in enumerate(DIFFERENCES):
-        result[:, k] = (sides[2 * i + 1].residual - sides[2 * i].residual) / (2.0 * step)
-    result[:, 1] = -result[:, 0] - result[:, 2]
-    for i in range(2):
-        above, below = sides[2 * len(DIFFERENCES) + 2 * i : 2 * len(DIFFERENCES) + 2 * i + 2]
-        result[:, count + i] = (below.residual - above.residual) / 2.0
-    return result
 
 
 def displacement(found: Forecast, settings: Settings) -> FloatArray:

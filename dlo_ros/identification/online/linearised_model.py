@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dlo_ros.identification.batched_forecast import Varied
-from dlo_ros.identification.residual_information import data_information
+from dlo_ros.identification.residual_information import NormalEquations, normal_equations
 from dlo_ros.inference.forecast import Forecast, compared
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
@@ -98,7 +98,9 @@ class PriorInformation:
     Args:
         prior: information (4, 4) on ln (E, mu, c, t_r) that guides the search, about `guess`.
         guess: logarithms beforehand, -inf for a damping of zero.
-        summary: information (4, 4) from before the window, about `centre`.
+        summary: J^T J (4, 4) from before the window, in the units of information.
+        centre, pull: where it is linearised, and J^T r (4,) there: of the data alone, so that what
+            was known beforehand counts once.
         autocorrelation_time: of the residuals, in observations.
         forces: information (4, 4) of measured forces, about `felt`.
     """
@@ -107,6 +109,7 @@ class PriorInformation:
     guess: FloatArray
     summary: FloatArray = field(default_factory=lambda: np.zeros((4, 4)))
     centre: FloatArray = field(default_factory=lambda: np.zeros(4))
+    pull: FloatArray = field(default_factory=lambda: np.zeros(4))
     autocorrelation_time: float = 1.0
     forces: FloatArray = field(default_factory=lambda: np.zeros((4, 4)))
     felt: FloatArray = field(default_factory=lambda: np.zeros(4))
@@ -119,11 +122,33 @@ class PriorInformation:
         felt = np.where(usable, at.theta - self.felt, 0.0)
         step = np.zeros(4)
         for _ in range(2):  # how noisy the residuals are is known better after the first step
-            scale = at.scale(step) / self.autocorrelation_time
+            scale = self.scale(at, step)
             lhs = scale * at.normal + self.prior + self.summary + self.forces
-            rhs = scale * at.gradient - self.prior @ off - self.summary @ old - self.forces @ felt
+            rhs = scale * at.gradient - self.prior @ off - self.forces @ felt
+            rhs += self.pull - self.summary @ old
             step = np.where(usable, np.linalg.solve(lhs, rhs), 0.0)
         return np.asarray(step * min(1.0, LONGEST_STEP / max(float(np.abs(step).max()), 1e-300)))
+
+    def scale(self, at: Linearised, step: FloatArray) -> float:
+        """Information per squared metre of residual after a step, correlation counted."""
+        return at.scale(step) / self.autocorrelation_time
+
+    def fold(self, at: Linearised, theta: FloatArray, share: float) -> None:
+        """Take what a window has told into the summary.
+
+        Args:
+            at: the window's problem.
+            theta: the estimate, about which the summary is from now on, shape (4,).
+            share: of the older summary that is kept.
+        """
+        usable = np.isfinite(self.guess)
+        step = np.where(usable, theta - at.theta, 0.0)
+        old = np.where(usable, theta - self.centre, 0.0)
+        scale = self.scale(at, step)
+        self.pull = share * (self.pull - self.summary @ old)
+        self.pull = self.pull + scale * (at.gradient - at.normal @ step)
+        self.summary = share * self.summary + scale * at.normal
+        self.centre, self.forces = theta, share * self.forces
 
     def linear(self, at: Linearised, step: FloatArray) -> bool:
         """Whether a step is so short that what the linear model neglects lies below the noise."""
@@ -215,6 +240,6 @@ class Run:
             self.error,
         )
 
-    def information(self) -> FloatArray:
-        """Information on the parameters, by noise and autocorrelation of the residuals, (4, 4)."""
-        return data_information([self.forecast()], self.simulation.settings)
+    def equations(self) -> NormalEquations:
+        """Normal equations of its residuals, for what these are made of, in m^2."""
+        return normal_equations(self.forecast(), self.simulation.settings)

@@ -44,6 +44,8 @@ from dlo_ros.identification.online.linearised_model import (
 from dlo_ros.identification.online.observed_window import ObservedWindow
 from dlo_ros.identification.online.online_force_scale import Forces
 from dlo_ros.identification.online.rival_branches import best_rival
+from dlo_ros.identification.online.set_up_shifts import Weighting, set_up_shifts
+from dlo_ros.identification.residual_information import NormalEquations, model_shifts
 from dlo_ros.inference.forecast import Manipulation
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
@@ -67,6 +69,8 @@ SIGNIFICANT = 0.01  # change of a logarithm that is worth passing on
 UNKNOWN_WEIGHT = 0.1  # of a change that leaves E/mu alone where only E/mu is determined
 FORGETTING = 0.7  # weight of older windows: a DLO warms up and wears
 AUTOCORRELATION_EVERY = 10  # observations between looks at the correlation of the residuals
+SET_UP_GROWTH = 1.5  # of the past after which the set-up's tolerances are looked at again
+OTHER_RATIO = 0.05  # change of ln(E/mu) after which they are
 UNJUDGED = 1e-3  # of L: the simulation's own error that is reckoned with before it is judged
 
 
@@ -92,6 +96,7 @@ class OnlineEstimator:
         self._numbers = 2 * settings.rod.control_points
         self._motion = Motion()
         self._worker = Worker(budget, clock)
+        self._set_up_worker = Worker(budget, clock)
         self.reset()
 
     def reset(self) -> None:
@@ -107,7 +112,11 @@ class OnlineEstimator:
         self._prior = PriorInformation(search_information(self._initial), self._guess)
         self.forces = Forces(self._initial)
         self._pending = list(TRIALS)
-        self._told = np.zeros((4, 4))  # by the present run, when it was last judged
+        self._present: NormalEquations | None = None  # of the present run, when last judged
+        self._earlier: NormalEquations | None = None  # of older windows, in units of information
+        self._set_up_worker.drop()
+        self._set_up: tuple[FloatArray, ...] = ()  # see `set_up_shifts`
+        self._looked: tuple[int, float] = (0, math.nan)  # at the set-up: observations, ln(E/mu)
         self._judged: tuple[Run | None, int] = (None, 0)
         self._estimate = summarise(self._initial, self._guess, np.zeros((4, 4)))
 
@@ -130,7 +139,7 @@ class OnlineEstimator:
     @property
     def busy(self) -> bool:
         """Whether work is left over that `observe` or `proceed` will go on with."""
-        return self._worker.busy
+        return self._worker.busy or self._set_up_worker.busy or self._set_up_is_due()
 
     def window(self) -> Manipulation | None:
         """What was imposed and seen since the start; None once its beginning has been let go."""
@@ -166,13 +175,21 @@ class OnlineEstimator:
                 self._start_over(err)
         self._worker.turn(begin, self._due)
         self._publish()
+        if math.isinf(self._worker.budget) and self._set_up_is_due():
+            self._set_up_worker.turn(begin, self._look_at_set_up)
+            self._publish()
         self._fold()
 
     def proceed(self) -> None:
         """Go on with the work that the last observation left over; see `busy`."""
-        if self.busy:
+        if self._worker.busy:
             self._worker.turn(self._worker.clock(), self._due)
-            self._publish()
+        elif self.busy:
+            # Its pieces are too long for an update.
+            self._set_up_worker.turn(self._worker.clock(), self._look_at_set_up)
+        else:
+            return
+        self._publish()
 
     def _start_over(self, err: SimulationError) -> None:
         """Forget a past that the model cannot follow."""
@@ -336,11 +353,45 @@ class OnlineEstimator:
         if judged is run and recent and run.used >= AUTOCORRELATION_EVERY:
             return
         yield LONG
-        told = run.information()
+        found = run.equations()
+        told = found.information(model_shifts(run.simulation.settings, 4))
         white = run.at.normal[0, 0] * run.at.scale(self._prior.step(run.at))
         if told[0, 0] > 0.0:
             self._prior.autocorrelation_time = max(1.0, float(white / told[0, 0]))
-        self._told, self._judged = told, (run, run.used)
+        self._present, self._judged = found, (run, run.used)
+
+    def _weighed(self, run: Run, step: FloatArray) -> NormalEquations | None:
+        """Normal equations of all that was seen, in units of information.
+
+        Errors that stay in all pictures are the same in all windows, too.
+        """
+        if self._present is None:
+            return self._earlier
+        present = self._present.scaled(self._prior.scale(run.at, step))
+        return present if self._earlier is None else self._earlier.followed_by(present)
+
+    def _set_up_is_due(self) -> bool:
+        """Whether the set-up's tolerances are to be looked at, while the start is in the window."""
+        run, past = self._run, self._past
+        if run is None or past.anchor is not None or run.used < FEWEST or past.elapsed < SETTLED:
+            return False
+        used, ratio = self._looked
+        other = abs(math.log(self._estimate.specific_modulus) - ratio) > OTHER_RATIO
+        return not used or other or run.used > SET_UP_GROWTH * used
+
+    def _look_at_set_up(self) -> Pieces[None]:
+        """What the set-up's tolerances do to the estimate."""
+        run, past = self._run, self.window()
+        if run is None or past is None:
+            return
+        self._looked = (run.used, math.log(self._estimate.specific_modulus))
+        step = self._prior.step(run.at)
+        weighting = Weighting(self._prior.scale(run.at, step), self._prior.prior)
+        settings, spans = self._estimate.settings, run.simulation.model.basis.spans
+        try:
+            self._set_up = yield from set_up_shifts(past, settings, self._initial, spans, weighting)
+        except SimulationError as err:
+            LOG.info("the set-up's tolerances are not looked at: %s", err)
 
     def _publish(self) -> None:
         """Solve for the estimate."""
@@ -352,13 +403,17 @@ class OnlineEstimator:
         linear = self._prior.linear(at, step)
         stuck = not linear and run.used < self._retry
         theta = at.theta if stuck else at.theta + step
-        information = self._told + self._prior.summary + self._prior.forces
+        information = self._prior.forces
+        known = self._weighed(run, step)
+        if known is not None:
+            shifts = [*model_shifts(run.simulation.settings, 4), *self._set_up]
+            information = information + known.information(shifts)
         low, high = self._guess - np.log(1e4), self._guess + np.log(1e4)
         theta = np.where(np.isfinite(self._guess), np.clip(theta, low, high), self._guess)
         estimate = summarise(self._initial, theta, information)
         change = logarithms(estimate.settings)[:2] - self._passed
-        known = estimate.identifiable["density"]
-        scale = float(np.abs(change).max()) * (1.0 if known else UNKNOWN_WEIGHT)
+        whole = estimate.identifiable["density"]
+        scale = float(np.abs(change).max()) * (1.0 if whole else UNKNOWN_WEIGHT)
         large = max(scale, abs(float(change[0] - change[1]))) > SIGNIFICANT
         if large and (linear or stuck):
             self._passed = self._passed + change
@@ -373,10 +428,14 @@ class OnlineEstimator:
         if run is None or elapsed <= WINDOW or (self._worker.busy and elapsed <= 1.5 * WINDOW):
             return
         theta = self._current()
-        self._prior.summary = FORGETTING * self._prior.summary + self._told
-        self._told = np.zeros((4, 4))
-        self._prior.centre = theta
-        self._prior.forces = FORGETTING * self._prior.forces
+        if self._present is not None:
+            present = self._present.scaled(self._prior.scale(run.at, theta - run.at.theta))
+            earlier = self._earlier
+            self._earlier = (
+                present if earlier is None else earlier.remembered(FORGETTING).followed_by(present)
+            )
+        self._present = None
+        self._prior.fold(run.at, theta, FORGETTING)
         self.forces.fold()
         anchor = run.simulation.fork(with_logarithms(self._initial, theta))
         self._past.move(anchor)

@@ -1,0 +1,130 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""How wrong an estimate may be because of a set-up that is right within its tolerances only.
+
+The estimate is that of the set-up as the parameter file states it, which is what a running
+simulation has. As in `identify` that model is weighed by its evidence against one with every number
+of the set-up open within its tolerance (Hoeting et al., Bayesian model averaging: a tutorial,
+1999), here linear about the estimate; what the open one would change is an error of the estimate.
+It is the same in everything that is seen afterwards, so that more pictures do not make it smaller.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import expit
+
+from dlo_ros.identification.cooperative_tasks import LONG, SHORT, Pieces
+from dlo_ros.inference.forecast import Manipulation, motion_of
+from dlo_ros.inference.joint import Field, field
+from dlo_ros.inference.measured import Recording, measured
+from dlo_ros.inference.parameter import ParametricModel
+from dlo_ros.inference.priors import DIAMETER_STD, joint_model
+from dlo_ros.inference.scene import imposed_names, scene
+from dlo_ros.inference.spectrum import Spectrum, spectrum
+from dlo_ros.inference.variances import Posterior, Variances, fit_variances
+from dlo_ros.parameters import Settings
+from dlo_ros.rod.sensitivity_parameters import MATERIAL
+from dlo_ros.rod.simulation import Simulation
+from dlo_ros.spline import FloatArray
+
+ITERATIONS, ROUNDS = 5, 8
+"""Iterations of the search for the variances in a piece of work, and pieces."""
+
+
+@dataclass(frozen=True)
+class Weighting:
+    """How an estimate weighs pictures.
+
+    Args:
+        scale: information per squared metre of a residual number [1/m^2].
+        prior: information on ln (E, mu, c, t_r) beside that of the pictures, shape (4, 4).
+    """
+
+    scale: float
+    prior: FloatArray
+
+
+def set_up_shifts(
+    past: Manipulation, settings: Settings, given: Settings, spans: int, weighting: Weighting
+) -> Pieces[tuple[FloatArray, ...]]:
+    """Independent errors of ln (E, mu, c, t_r) with unit variance, each (4,), piece by piece.
+
+    None where no number of the set-up has a tolerance, and where shapes leave the plane: there the
+    set-up counts as exact.
+
+    Args:
+        past: what was imposed and seen, from the start of the simulation on.
+        settings: with the estimate.
+        given: the parameter file, whose values the priors lie around.
+        spans: knot spans of the simulation.
+        weighting: of the estimate.
+
+    Raises:
+        SimulationError: the motion cannot be simulated.
+    """
+    recording = measured(past, settings)
+    if not recording.planar:
+        return ()
+    view = scene(settings, imposed_names([past]), [recording.observed])
+    model = joint_model(settings, given, view)
+    own = np.array([not p.effect for p in model.parameters])
+    if own.all():
+        return ()
+    residual, jacobian = yield from _simulated(model, recording, spans)
+    yield LONG
+    bins = spectrum(residual, jacobian, settings.rod.control_points)
+    offset, precision, length = model.offset(), model.precision(), settings.rod.length
+    pick = np.flatnonzero(own)
+    opened = yield from _fitted(bins, offset, precision, length)
+    exact = yield from _fitted(bins.chosen(pick.tolist()), offset[pick], precision[pick], length)
+    probability = float(expit(opened.evidence - exact.evidence))
+    set_up = np.flatnonzero(~own)
+    off = opened.step[set_up]
+    square = opened.covariance[np.ix_(set_up, set_up)] + np.outer(off, off)
+    place = [MATERIAL.index(model.names[k]) for k in pick]
+    j = jacobian.transpose(1, 0, 2).reshape(len(own), -1)
+    lhs = weighting.prior[np.ix_(place, place)] + weighting.scale * (j[pick] @ j[pick].T)
+    moves = np.zeros((len(MATERIAL), len(set_up)))
+    moves[place] = weighting.scale * np.linalg.solve(lhs, j[pick] @ j[set_up].T)
+    covariance = moves @ square @ moves.T
+    if not settings.rod.diameter_std:
+        young_modulus = MATERIAL.index("young_modulus")
+        covariance[young_modulus, young_modulus] += (2.0 * DIAMETER_STD) ** 2
+    values, vectors = np.linalg.eigh(probability * covariance)
+    return tuple(vectors.T * np.sqrt(np.maximum(values, 0.0))[:, None])
+
+
+def _simulated(model: ParametricModel, recording: Recording, spans: int) -> Pieces[Field]:
+    """Residuals and derivatives by all parameters, a picture at a time."""
+    past, settings = recording.manipulation, model.settings
+    simulation = Simulation(settings, motion_of(past), parameters=model.names, spans=spans)
+    for _ in simulation.starting(past.observations[:2], past.observations[-1].stamp):
+        yield SHORT
+    stamps = [o.stamp for o in past.observations]
+    if settings.simulation.start == "moving":
+        stamps = stamps[1:]
+    predictions = [simulation.prediction()] if stamps[0] == simulation.stamp else []
+    for stamp in stamps[len(predictions) :]:
+        yield SHORT
+        predictions += simulation.advance_through([stamp])
+    moves = np.array([p.sensitivity for p in predictions])
+    shapes = np.array([p.control_points for p in predictions])
+    return field(recording, shapes, moves, model.chain())
+
+
+def _fitted(
+    bins: Spectrum, offset: FloatArray, precision: FloatArray, length: float
+) -> Pieces[Posterior]:
+    """Posterior with variances that maximise the marginal likelihood, some iterations at a time.
+
+    Args:
+        offset, precision, length: see `fit_variances`.
+    """
+    start: Sequence[Variances] | None = None
+    for _ in range(ROUNDS):
+        yield LONG
+        start, found = fit_variances([bins], offset, precision, length, start, ITERATIONS)
+    return found
