@@ -112,7 +112,8 @@ def _value(effect: str, key: str, n: Number) -> str:
     if not isinstance(n.value, tuple):
         assert n.std is None or isinstance(n.std, float)
         if q is not None and q.role == "size" and not n.unit:
-            return f"{words} {off_by(n.value, n.std, effect, key)}"
+            std = None if n.std is None else 100.0 * n.std
+            return f"{words} {amount(100.0 * n.value, std, '%')}"
         return f"{words} {amount(n.value, n.std, n.unit)}"
     stds = n.std if isinstance(n.std, tuple) else (None,) * len(n.value)
     if q is not None and q.counts:

@@ -41,6 +41,11 @@ def changed(tree: dict, effects: dict, foreign: dict, material=(0.0, 0.0)) -> di
     return tree | {"parameters": parameters, "foreign": foreign}
 
 
+def beside(known: dict, effects: dict) -> dict:
+    """Effects beside others that are there all the same."""
+    return known | {name: {**known.get(name, {}), **block} for name, block in effects.items()}
+
+
 def shapes(trees: list[dict], effects: dict, foreign: dict, material=(0.0, 0.0)) -> Shapes:
     """Simulate recordings coarsely."""
     points, normals, nodes = [], [], []
@@ -68,20 +73,24 @@ class Refit:
         trees: recordings without effects.
         noise: of a measured point [m].
         density_std: of ln mu beforehand.
+        known: effects that the fitted model has as well.
     """
 
-    def __init__(self, trees: list[dict], noise: float, density_std: float) -> None:
+    def __init__(
+        self, trees: list[dict], noise: float, density_std: float, known: dict | None = None
+    ) -> None:
         self.trees, self.noise, self.density_std = trees, noise, density_std
-        self.plain = shapes(trees, {}, {})
+        self.known = known or {}
+        self.plain = shapes(trees, self.known, {})
         self._by_density: np.ndarray | None = None
 
     def _column(self, at: Shapes, material: np.ndarray, k: int) -> np.ndarray:
-        other = shapes(self.trees, {}, {}, material + DIFFERENCE * np.eye(2)[k])
+        other = shapes(self.trees, self.known, {}, material + DIFFERENCE * np.eye(2)[k])
         return _across(other, at) / DIFFERENCE
 
     def ratio(self, effects: dict, foreign: dict) -> tuple[float, np.ndarray]:
         """Residual over noise, and the changes of ln E and ln mu that absorbed the rest."""
-        true = shapes(self.trees, effects, foreign)
+        true = shapes(self.trees, beside(self.known, effects), foreign)
         # A picture has some hundred measured points, of which these are a few.
         weight = 100.0 / POINTS * EVERY / self.noise**2
         material, model = np.zeros(2), self.plain
@@ -99,7 +108,7 @@ class Refit:
             step = np.clip(np.linalg.solve(normal, right), -1.0, 1.0)
             for share in (1.0, 0.3):
                 trial = material + share * step
-                other = shapes(self.trees, {}, {}, trial)
+                other = shapes(self.trees, self.known, {}, trial)
                 left = _across(true, other)
                 after = weight * left @ left + (trial[1] / self.density_std) ** 2
                 if after < cost:

@@ -242,5 +242,7 @@ def test_several_values_are_told_in_one_phrase():
     assert values(curved) == "curvature from -0.50 to 2.1 1/m, each +- 0.2"
     graded = NamedEffect("stiffness_gradient", {"change": Number(0.866, 0.006, "")}, ())
     assert values(graded) == "change 86.6 +- 0.6 %"
+    numbers = {"hardening": Number(0.23, 0.01, "")}
+    assert values(NamedEffect("plasticity", numbers, ())) == "hardening 23.0 +- 1.0 %"
     moved = NamedEffect("clamp_offset", {"end": Number((0.002, -0.001), (0.0004, 0.0003), "m")}, ())
     assert values(moved) == "at the end x 2.0 +- 0.4 mm, z -1.0 +- 0.3 mm"

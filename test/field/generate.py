@@ -15,7 +15,7 @@ import numpy as np
 from challenge import manipulations
 from challenge.draws import NAMED, Drawn
 from challenge.generate import _recordings, _scene
-from challenge.residual import Refit, changed
+from challenge.residual import Refit, beside, changed
 
 from dlo_ros.errors import SimulationError
 from dlo_ros.recordings import topics
@@ -200,10 +200,11 @@ def _try(rng: np.random.Generator, seed: int, names: tuple[str, ...]) -> Case | 
     _guessed(guess, weighed, factor)
     guess["rod"]["diameter"] = parameters["rod"]["diameter"] * (1.0 + 0.02 * rng.normal())
     scale = OWN * length
-    refit = Refit(trees, scale, 0.015 if weighed else 0.5)
-    scene = _scene(parameters, chosen, refit)
-    ends = tuple(e for e in ("start", "end") if getattr(scene, f"clamps_{e}"))
+    ends = tuple(e for e in ("start", "end") if any(getattr(m, f"clamps_{e}") for m in chosen))
     errors = set_up(rng, length, ends)
+    # A wall that only a rope of another rest shape would have met is no cause.
+    refit = Refit(trees, scale, 0.015 if weighed else 0.5, errors)
+    scene = _scene(parameters, chosen, refit)
     causes, ratios = {}, {}
     for name in names:
         strengths = NAMED[name](rng, scene)
@@ -213,7 +214,7 @@ def _try(rng: np.random.Generator, seed: int, names: tuple[str, ...]) -> Case | 
         if block is None:
             return None
         causes[name], ratios[name] = block, round(ratio, 1)
-    effects = errors | {name: {**errors.get(name, {}), **block} for name, block in causes.items()}
+    effects = beside(errors, causes)
     return Case(
         seed, dict(sorted(causes.items(), key=lambda c: -ratios[c[0]])),
         {k: v for k, v in errors.items() if k not in causes}, ratios,
