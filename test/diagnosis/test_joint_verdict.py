@@ -1,16 +1,19 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The verdict of the joint model, by what matters."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from rods import PAPER
 
-from dlo_ros.diagnosis.explain.joint_explanation import Cause, _staying
+from dlo_ros.diagnosis.explain.joint_explanation import Cause, _along, _staying
 from dlo_ros.diagnosis.findings import joint_outcome
 from dlo_ros.diagnosis.findings.joint_outcome import _completed, _verdict, nearer, surprising
 from dlo_ros.inference.spectrum import modes, spectrum
 from dlo_ros.inference.variances import fit_variances
+from dlo_ros.spline import SplineBasis
 
 MATTERS = 1e-3
 NAMEABLE = 0.5e-3
@@ -52,6 +55,16 @@ def test_errors_that_stay_are_those_that_each_recording_shows():
         across, along = _staying(v, s)
         assert along == pytest.approx(own, rel=0.1)
         assert across < 0.01 * own
+
+
+def test_u_that_is_counted_from_another_place_is_an_error_of_the_measurement():
+    """A straight DLO whose u begins 3 mm beside where it was taken to begin."""
+    settings = replace(PAPER, rod=replace(PAPER.rod, length=0.5, control_points=10))
+    shape = np.zeros((10, 4))
+    shape[:, 0] = SplineBasis(10, 0.5).greville
+    recording = SimpleNamespace(observed=np.array([shape, shape])[..., :3])
+    predicted = np.array([shape, shape]) + [0.003, 0.0, 0.001, 0.0]
+    assert _along(recording, predicted, settings) == pytest.approx(0.003**2)
 
 
 @pytest.mark.parametrize(

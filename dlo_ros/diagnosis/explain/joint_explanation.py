@@ -26,7 +26,7 @@ from dlo_ros.diagnosis.proposals.candidate_effects import starts
 from dlo_ros.diagnosis.proposals.linear_evidence import Proposal, freed
 from dlo_ros.effects import Scene, Start, quantities
 from dlo_ros.inference.joint import Evaluation, evaluate, settled, simulate
-from dlo_ros.inference.measured import Recording
+from dlo_ros.inference.measured import Recording, spline_space
 from dlo_ros.inference.parameter import Parameter, ParametricModel, split_name
 from dlo_ros.inference.priors import SLAB, joint_model
 from dlo_ros.inference.scene import imposed_names, scene
@@ -180,17 +180,21 @@ def own_err(at: Evaluation, recordings: Sequence[Recording]) -> float:
     """ERR that the measurement alone has [m]: noise, and errors that stay while the DLO moves.
 
     Of the latter those that each recording shows, since a few numbers make them: their variance is
-    that of all recordings together.
+    that of all recordings together. The error of u that measured points leave open counts as each
+    recording shows it, too.
     """
     found = []
-    for variances, s, recording in zip(at.variances, at.spectra, recordings, strict=True):
-        most = (LARGEST_STAYING * at.model.settings.rod.length) ** 2
+    most = (LARGEST_STAYING * at.model.settings.rod.length) ** 2
+    for variances, s, recording, predicted in zip(
+        at.variances, at.spectra, recordings, at.predicted, strict=True
+    ):
         staying = np.minimum(_staying(variances, s), most)
         moved = recording.observed - recording.observed.mean(axis=0)
         still = np.mean(np.sum(moved**2, axis=2)) < np.sum(staying)
         own = (STILL if still else 1.0) ** 2 * staying
         variance = _noise(variances, recording) + own
-        variance[1] += recording.along_std**2
+        if recording.beyond is not None:
+            variance[1] += min(_along(recording, predicted, at.model.settings), most)
         found.append(mean_length(np.sqrt(variance)))
     return float(np.mean(found))
 
@@ -201,6 +205,19 @@ def _staying(variances: Variances, s: Spectrum) -> FloatArray:
     weight = still / variances.of(s)
     squares = weight**2 * s.sum_of_squares + s.count * (1.0 - weight) * still
     return np.bincount(s.part, squares) / s.frames
+
+
+def _along(recording: Recording, predicted: FloatArray, settings: Settings) -> float:
+    """Mean square by which a recording's splines lie along the DLO from a simulation [m^2].
+
+    Residuals of measured points hold next to nothing of it: a camera sees u where it sees an end,
+    and counts it from where a clamp should be.
+    """
+    seen, n = recording.observed[-len(predicted) :], predicted.shape[1]
+    along = spline_space(seen, settings)[:, n : 2 * n]
+    return float(
+        np.mean(np.sum(np.einsum("fknc,fnc->fk", along, seen - predicted[..., :3]) ** 2, axis=1))
+    )
 
 
 def _noise(variances: Variances, recording: Recording) -> FloatArray:
