@@ -63,7 +63,7 @@ def test_u_that_is_counted_from_another_place_is_an_error_of_the_measurement():
     shape = np.zeros((10, 4))
     shape[:, 0] = SplineBasis(10, 0.5).greville
     recording = SimpleNamespace(observed=np.array([shape, shape])[..., :3])
-    predicted = np.array([shape, shape]) + [0.003, 0.0, 0.001, 0.0]
+    predicted = np.array([shape, shape]) + np.array([0.003, 0.0, 0.001, 0.0])
     assert _along(recording, predicted, settings) == pytest.approx(0.003**2)
 
 
