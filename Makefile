@@ -106,7 +106,7 @@ observer: $(COMPILED)
 	$(BIN)/python test/support/vision_space_accuracy.py 4 $(or $(FIRST),0)
 	$(BIN)/python test/support/vision_space_accuracy.py 1 $(or $(FIRST),0) --late 8
 	$(BIN)/python test/support/vision_space_accuracy.py 2 $(or $(FIRST),0) --depth
-	@for set in "issue" "issue --ends none" other "other --ends none" "dark --ends start" "cell --ends start" absent; do \
+	@for set in "issue" "issue --ends none" motion "issue --kind clutter --ends none --hint right" other "other --ends none" "dark --ends start" "cell --ends start" absent; do \
 		echo "set $$set"; $(BIN)/python test/support/vision_stress.py $(or $(COUNT),40) $(or $(FIRST),0) --set $$set || exit 1; \
 	done
 

@@ -62,7 +62,7 @@ INSIDE = {
         ("segmentation",),
         ("calibration", "tracing"),
         ("fit",),
-        ("photograph", "planar_result"),
+        ("photograph", "planar_result", "predictions"),
         ("overlay", "planar_observer"),
         ("compile", "contact_sheet", "space"),
         ("points",),

@@ -29,7 +29,12 @@ from dlo_ros.recordings import topics
 from dlo_ros.recordings.bag import open_bag
 from dlo_ros.recordings.building import observation_messages
 from dlo_ros.recordings.images import Image
-from dlo_ros.recordings.read import iterate_images, iterate_masks, read_recording
+from dlo_ros.recordings.read import (
+    iterate_images,
+    iterate_masks,
+    iterate_predictions,
+    read_recording,
+)
 from dlo_ros.recordings.several import count_images
 from dlo_ros.recordings.write import BagWriter, copy_topics
 from dlo_ros.vision.camera.pinhole import Camera
@@ -41,6 +46,7 @@ from dlo_ros.vision.overlay import PALETTE, draw_curve, draw_overlay, write_mess
 from dlo_ros.vision.photograph import FoundDlo, find_dlos
 from dlo_ros.vision.planar_observer import Observer
 from dlo_ros.vision.planar_result import VisionResult
+from dlo_ros.vision.predictions import Predictions
 from dlo_ros.vision.segmentation.user_hints import Hints
 
 LOG = logging.getLogger(__name__)
@@ -160,6 +166,8 @@ def observe_recording(
     known = None
     masks = iterate_masks(path, on_skip)
     coming, mask = next(masks, None), None
+    predictions, predicted = Predictions(), iterate_predictions(path, settings, on_skip)
+    foretold, latest = next(predicted, None), 0
     for stamp, image, info in iterate_images(path, on_skip):
         if observer is None:
             _prepare()
@@ -171,8 +179,12 @@ def observe_recording(
         while coming is not None and coming[0] <= stamp:  # a mask holds until the next one
             mask, coming = coming[1], next(masks, None)
         observer.mask = mask
+        while foretold is not None and latest < stamp:  # up to the first one after the image
+            latest = foretold[0]
+            predictions.add(*foretold)
+            foretold = next(predicted, None)
         try:
-            result, reason = observer.observe(stamp, image), ""
+            result, reason = observer.observe(stamp, image, predictions.at(stamp)), ""
         except VisionError as err:
             LOG.info("%s: image %d ns: %s", path, stamp, err)
             result, reason = None, str(err)

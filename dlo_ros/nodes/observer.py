@@ -35,6 +35,7 @@ from dlo_ros.vision.fit.control_point_count import enough_control_points, follow
 from dlo_ros.vision.overlay import draw_overlay
 from dlo_ros.vision.planar_observer import Observer
 from dlo_ros.vision.planar_result import VisionResult
+from dlo_ros.vision.predictions import Predictions
 from dlo_ros.vision.segmentation.user_hints import Hints
 
 POLL = 0.2
@@ -49,9 +50,6 @@ Without it nobody knows which end of the DLO is the start.
 HELD_IMAGES = 10
 """Images that may wait so; the oldest are dropped."""
 
-RECENT = 1.0
-"""Seconds for which a prediction is drawn beside the observed curve."""
-
 JUDGED_EVERY = 5.0
 """Seconds between two looks at whether the splines have enough control points: 10 ms of work."""
 
@@ -65,7 +63,7 @@ class ObserverNode(DloNode):
         self._info: CameraInfo | None = None
         self.check_settings(self.settings)
         self._observer: Observer | None = None
-        self._predicted: tuple[int, FloatArray] | None = None
+        self._predictions = Predictions()
         self._mask: Image | None = None
         self._last_stamp = 0
         self._frames = Frames()
@@ -78,7 +76,7 @@ class ObserverNode(DloNode):
         self._transform = BoardTransform(self)
         self._markers = Markers(self, "observed", (0.2, 0.9, 0.3))
         self._command_subscription = CommandSubscription(self, self._on_command)
-        self._views = ViewsListener(self, self._motion, self._publish, self._prediction)
+        self._views = ViewsListener(self, self._motion, self._publish, self._predictions.at)
         if not self._views.cameras:
             self.subscribe(topics.CAMERA_INFO, self._on_camera_info, qos.SENSOR)
         self.subscribe(topics.MASK, self._on_mask, qos.SENSOR)
@@ -105,7 +103,7 @@ class ObserverNode(DloNode):
 
     def reset(self) -> None:
         """Forget the last shape; the next image is searched as a whole."""
-        self._predicted = None
+        self._predictions.clear()
         self._last_stamp = 0
         self._frames.reset()
         if self._observer is not None:
@@ -150,8 +148,9 @@ class ObserverNode(DloNode):
 
     def _on_predicted(self, message: Any) -> None:
         shape = read_spline(message, self.settings, topics.PREDICTED)
+        self.health.solved(topics.PREDICTED)
         if not self.is_earlier(stamp_of(message)):
-            self._predicted = (stamp_of(message), shape)
+            self._predictions.add(stamp_of(message), shape)
 
     def _on_mask(self, message: Any) -> None:
         """It holds until the next one comes."""
@@ -225,7 +224,7 @@ class ObserverNode(DloNode):
         self._last_stamp = stamp
         image = read_image(message)
         try:
-            result = self._observer.observe(stamp, image)
+            result = self._observer.observe(stamp, image, self._predictions.at(stamp))
         except VisionError as err:
             self.health.warn("image", f"no DLO found: {err}")
             self.health.values["last image"] = str(err)
@@ -291,12 +290,6 @@ class ObserverNode(DloNode):
         missed = 1000.0 * misfit(points, control_points, length)
         self.health.values["control points"] = f"{n} miss it by {missed:.2f} mm; {enough}"
 
-    def _prediction(self, stamp: int) -> FloatArray | None:
-        """Predicted control points at about a stamp [ns], where there are any."""
-        if self._predicted and abs(stamp - self._predicted[0]) <= RECENT * NANOSECONDS:
-            return self._predicted[1]
-        return None
-
     def _publish_overlay(
         self,
         stamp: int,
@@ -307,7 +300,7 @@ class ObserverNode(DloNode):
     ) -> None:
         if self._observer is None or not self._overlay_publisher.get_subscription_count():
             return
-        predicted = self._prediction(stamp)
+        predicted = self._predictions.at(stamp)
         length = self.settings.rod.length
         picture = draw_overlay(image, self._observer.camera, length, result, predicted, problem)
         frame = str(message.header.frame_id)

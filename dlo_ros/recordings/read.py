@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -28,10 +28,12 @@ from dlo_ros.recordings.messages import (
     read_command,
     read_observation,
     read_points,
+    read_spline,
     stamp_of,
     unwrap_in_time,
 )
 from dlo_ros.recordings.wrenches import read_wrenches
+from dlo_ros.spline import FloatArray, SplineBasis
 
 LOG = logging.getLogger(__name__)
 
@@ -180,6 +182,36 @@ def iterate_masks(
                 on_skip(f"{path}: {raw.topic} at {raw.stamp / 1e9:.3f} s skipped: {err}")
                 continue
             yield mask
+
+
+def iterate_predictions(
+    path: Path | str, settings: Settings, on_skip: Callable[[str], None] = LOG.warning
+) -> Iterator[tuple[int, FloatArray]]:
+    """The predicted splines of a bag in the order of recording; none where it has none.
+
+    Args:
+        path: rosbag2 folder.
+        settings: whose frame they must be in; their number of control points is their own.
+        on_skip: is told one line for each spline that is unusable.
+
+    Yields:
+        Stamp [ns], control points, shape (n, 4).
+
+    Raises:
+        RecordingError: no bag, or damaged.
+    """
+    path = Path(path)
+    with open_bag(path) as bag:
+        for raw in bag.messages(bag.find(topics.PREDICTED)):
+            try:
+                message = deserialise(raw)
+                basis = SplineBasis(len(message.poses), settings.rod.length)
+                rod = replace(settings.rod, control_points=basis.control_points)
+                shape = read_spline(message, replace(settings, rod=rod), topics.PREDICTED)
+            except InputError as err:
+                on_skip(f"{path}: {raw.topic} at {raw.stamp / 1e9:.3f} s skipped: {err}")
+                continue
+            yield stamp_of(message), shape
 
 
 def _camera_infos(bag: Bag, image_topic: str) -> tuple[list[int], list[CameraInfo]]:

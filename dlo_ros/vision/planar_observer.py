@@ -5,6 +5,10 @@ A frame is first searched where the last shape predicts the DLO. Where that fail
 the whole image is searched. A frame without a credible DLO raises a VisionError that says why: a
 wrong shape would be worse than none.
 
+Where several courses are equally plausible, shapes that are expected choose between them: the one
+that continues the last picture's and the predicted one. Nothing else follows from them, so that a
+wrong prediction changes nothing.
+
 Without a command the start is the end that lies further left on the board (smaller x; the lower one
 where x agrees to a diameter). Once found, the ends keep their names as long as the DLO is tracked.
 """
@@ -12,13 +16,14 @@ where x agrees to a diameter). Once found, the ends keep their names as long as 
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
 
 import numpy as np
 
 from dlo_ros.command import Motion
-from dlo_ros.errors import VisionError
+from dlo_ros.errors import InputError, VisionError
 from dlo_ros.parameters import Settings
-from dlo_ros.spline import FloatArray, SplineBasis
+from dlo_ros.spline import ORDER, FloatArray, SplineBasis
 from dlo_ros.vision.camera.pinhole import Camera
 from dlo_ros.vision.fit.material_coordinates import find_ends
 from dlo_ros.vision.fit.planar_clamps import EndPoses, ends_at, to_pixel
@@ -45,6 +50,7 @@ TONES_EVERY = 5  # images without a DLO between two that are searched for ropes 
 MOST_PROLONGED = 3  # times that a free end is looked for beyond where it was found
 TRACKING_SEARCH = (2.0, 5.0)  # [widths] to each side, second attempt where the first fails
 FRESH = 500_000_000  # [ns] an older shape predicts nothing
+EXPECTED_POINTS = 400  # of an expected shape: a point every few pixels of a DLO
 
 
 class Observer:
@@ -66,6 +72,7 @@ class Observer:
         self.basis = SplineBasis(settings.rod.control_points, settings.rod.length)
         self._last: Shape | None = None
         self._velocity: FloatArray | None = None
+        self._seen_last: tuple[Shape, FloatArray | None] | None = None
         self._misses = 0
         self._found: tuple[SplineFit, Located] | None = None
         self._hints = Hints(settings.vision)
@@ -81,20 +88,39 @@ class Observer:
 
     def reset(self) -> None:
         """Forget the last shape."""
+        self._lose()
+        self._seen_last = None
+
+    def _lose(self) -> None:
+        """Track no longer; what was seen last may still choose between plausible courses."""
         self._last = None
         self._velocity = None
 
-    def observe(self, stamp: int, image: Image) -> VisionResult:
+    def observe(
+        self, stamp: int, image: Image, predicted: FloatArray | None = None
+    ) -> VisionResult:
         """Find the DLO in an image.
 
         Args:
             stamp: of the image [ns].
             image: BGR or mono, uint8, shape (h, w, 3) or (h, w).
+            predicted: control points that are expected at the stamp, x, y, z [m] (and theta), of
+                any number n from 4, shape (n, 3) or (n, 4). They choose between courses that the
+                picture shows to be equally plausible, and do nothing else.
 
         Raises:
             VisionError: no credible DLO; the message says why.
-            InputError: a mask has another size than the image.
+            InputError: a mask has another size than the image, or the prediction is malformed.
         """
+        if predicted is not None:
+            check_prediction(predicted)
+        result = self._look(stamp, image, predicted)
+        assert self._last is not None
+        self._seen_last = self._last, self._velocity
+        return result
+
+    def _look(self, stamp: int, image: Image, predicted: FloatArray | None) -> VisionResult:
+        """Track, or else search the whole image."""
         image = image_of(self.camera, image)
         ends = ends_at(self.motion, stamp)
         last = self._last
@@ -107,21 +133,49 @@ class Observer:
                     return self._track(stamp, image, ends, last, search)
                 except (VisionError, np.linalg.LinAlgError) as err:
                     LOG.debug("not tracked within %g widths: %s", search, err)
-        self.reset()
+        self._lose()
         try:
-            return self._acquire(stamp, image, ends, last)
+            expected = self._expected(stamp, ends, predicted)
+            return self._acquire(stamp, image, ends, last, expected)
         except np.linalg.LinAlgError as err:
-            self.reset()
+            self._lose()
             raise VisionError(f"the fit has no solution ({err})") from err
         except VisionError as err:
-            self.reset()  # what was found on the way is not credible
+            self._lose()  # what was found on the way is not credible
             fault = unusable(image, self._expected_width(ends))
             if fault:
                 raise VisionError(f"{fault} ({err})") from err
             raise
 
+    def _expected(
+        self, stamp: int, ends: EndPoses, predicted: FloatArray | None
+    ) -> list[FloatArray]:
+        """Shapes that the DLO may have, from start to end [px], each of shape (m, 2)."""
+        shapes = []
+        if self._seen_last is not None:
+            last, velocity = self._seen_last
+            if 0 <= stamp - last.stamp <= FRESH:
+                shapes.append(self._predict(stamp, last, velocity, ends))
+        if predicted is not None:
+            basis = SplineBasis(len(predicted), self.basis.length)
+            u = np.linspace(0.0, basis.length, EXPECTED_POINTS)
+            shapes.append(basis.evaluate(predicted, u)[:, [0, 2]])
+        pixels = [self._project(shape) for shape in shapes]
+        return [shape for shape in pixels if np.all(np.isfinite(shape))]
+
+    def _project(self, plane: FloatArray) -> FloatArray:
+        """Pixels, shape (m, 2), of points (x, z) of the board [m]."""
+        return self.camera.project(
+            np.column_stack([plane[:, 0], np.zeros(len(plane)), plane[:, 1]])
+        )
+
     def _acquire(
-        self, stamp: int, image: Image, ends: EndPoses, before: Shape | None
+        self,
+        stamp: int,
+        image: Image,
+        ends: EndPoses,
+        before: Shape | None,
+        expected: Sequence[FloatArray],
     ) -> VisionResult:
         """Search the whole image; a shape that was just lost tells which end is the start."""
         width = self._expected_width(ends)
@@ -132,13 +186,15 @@ class Observer:
         if hinted is not None:
             allowed = hinted if allowed is None else hinted & spread(allowed, hinted)
         try:
-            return self._search(stamp, image, ends, before, width, allowed, tones=False)
+            return self._search(stamp, image, ends, before, width, allowed, expected, tones=False)
         except VisionError as err:
             self._misses += 1
             if self._misses % TONES_EVERY != 1:
                 raise
             try:  # a rope of twisted or braided colours
-                return self._search(stamp, image, ends, before, width, allowed, tones=True)
+                return self._search(
+                    stamp, image, ends, before, width, allowed, expected, tones=True
+                )
             except (VisionError, np.linalg.LinAlgError):
                 raise err from None
 
@@ -150,6 +206,7 @@ class Observer:
         before: Shape | None,
         width: float,
         allowed: Image | None,
+        expected: Sequence[FloatArray],
         *,
         tones: bool,
     ) -> VisionResult:
@@ -166,7 +223,8 @@ class Observer:
         ]
 
         plane = PlaneGrid.of_board(self.camera, bars)
-        path = PathSearch(chains, bars, self.basis.length, plane, local[0], local[1]).find()
+        search = PathSearch(chains, bars, self.basis.length, plane, local[0], local[1])
+        path = search.find([bars.from_image(shape) for shape in expected])
         points = bars.to_image(path.points)
         if ends.start is None and ends.end is None and self._backwards(points, before):
             points = points[::-1]
@@ -226,9 +284,7 @@ class Observer:
         self, stamp: int, image: Image, ends: EndPoses, last: Shape, search: float
     ) -> VisionResult:
         """Search around where the last shape and the imposed motion predict the DLO."""
-        plane = self._predict(stamp, last, ends)
-        board = np.column_stack([plane[:, 0], np.zeros(len(plane)), plane[:, 1]])
-        points = self.camera.project(board)
+        points = self._project(self._predict(stamp, last, self._velocity, ends))
         if not np.all(np.isfinite(points)) or np.mean(inside(image, points)) < LEAST_SEEN:
             raise VisionError("the DLO has left the picture")
         spacing = spacing_for(last.width)
@@ -248,11 +304,14 @@ class Observer:
         located = limited(located, self._hints.allowed(image, last.width))
         return self._finish(stamp, image, located, ends, before, last, True)
 
-    def _predict(self, stamp: int, last: Shape, ends: EndPoses) -> FloatArray:
+    def _predict(
+        self, stamp: int, last: Shape, velocity: FloatArray | None, ends: EndPoses
+    ) -> FloatArray:
+        """Points (x, z) [m] of the last shape, carried on by its velocity and the clamps."""
         curve = last.curve
         dt = (stamp - last.stamp) * 1e-9
-        if self._velocity is not None:
-            curve = curve + dt * self._velocity
+        if velocity is not None:
+            curve = curve + dt * velocity
         share = np.linspace(0.0, 1.0, len(curve))[:, None]
         for end, at, weight in ((ends.start, 0, 1.0 - share), (ends.end, -1, share)):
             if end is not None:
@@ -279,8 +338,7 @@ class Observer:
             check(fit, located, ends, self.camera, rod.length, rod.diameter)
         if last is not None:
             check_change(fit.seen_length, last.seen_length)
-        board = np.column_stack([fit.curve[:, 0], np.zeros(len(fit.curve)), fit.curve[:, 1]])
-        pixels = self.camera.project(board)
+        pixels = self._project(fit.curve)
         if final:
             check_bridges(image, pixels, fit.curve_seen, located.width)
         self._remember(stamp, fit, located, ends)
@@ -346,6 +404,25 @@ class Observer:
         if abs(first[0] - last[0]) > self.settings.rod.diameter:
             return bool(first[0] > last[0])
         return bool(first[1] > last[1])
+
+
+def check_prediction(control_points: FloatArray) -> None:
+    """Refuse control points that are no spline's.
+
+    Args:
+        control_points: x, y, z [m] (and theta [rad]), shape (n, 3) or (n, 4).
+
+    Raises:
+        InputError: with what is wrong.
+    """
+    shape = control_points.shape
+    if len(shape) != 2 or shape[0] < ORDER or shape[1] not in (3, 4):
+        raise InputError(
+            f"the predicted control points have shape {shape}; (n, 3) or (n, 4) with n of at least "
+            f"{ORDER} is needed"
+        )
+    if not np.all(np.isfinite(control_points)):
+        raise InputError("the predicted control points hold a number that is not finite")
 
 
 def resample_count(points: FloatArray, count: int) -> FloatArray:

@@ -11,12 +11,14 @@ import time
 from array import array
 from dataclasses import replace
 from types import SimpleNamespace
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
 import recordings_samples as samples
 from conftest import ROOT
 
+from dlo_ros.errors import InputError, VisionError
 from dlo_ros.nodes.pairing import GAP, WAITING, Pairing
 from dlo_ros.recordings import BAG_MESSAGES
 
@@ -368,7 +370,6 @@ def test_an_estimator_that_is_too_slow_keeps_a_sample_of_all_that_was_seen(monke
 def test_commands_through_two_subscriptions_hold_in_the_order_of_receipt():
     """The latched one was handed over first, the last of a storm before it afterwards."""
     pytest.importorskip("rclpy")
-    from unittest.mock import MagicMock
 
     from dlo_ros.command import Motion
     from dlo_ros.nodes.commands import LATE, CommandSubscription
@@ -411,3 +412,48 @@ def test_the_observer_says_how_many_control_points_would_do():
         ObserverNode._judge(node, points, spline)
         assert (f"{n} miss it by " in values["control points"]) == few
         assert ("would do" in values["control points"]) == few
+
+
+def test_the_observer_gives_the_prediction_of_the_image_to_the_search():
+    pytest.importorskip("rclpy")
+    from dlo_ros.nodes.message_factory import ROS_MESSAGES
+    from dlo_ros.nodes.observer import ObserverNode
+    from dlo_ros.recordings.building import spline_message
+    from dlo_ros.recordings.image_building import image_message
+    from dlo_ros.vision.predictions import Predictions
+
+    search = MagicMock()
+    search.observe.side_effect = VisionError("none")
+    node = MagicMock(settings=samples.SETTINGS, _observer=search, _last_stamp=0)
+    node._predictions, node.is_earlier = Predictions(), lambda stamp: False
+    n = samples.SETTINGS.rod.control_points
+    shape = np.column_stack([np.linspace(0.0, 0.3, n), np.zeros((n, 3))])
+
+    def predict(stamp, points, spoil=lambda message: None):
+        message = spline_message(ROS_MESSAGES, stamp, samples.SETTINGS.frame_id, points)
+        spoil(message)
+        ObserverNode._on_predicted(node, message)
+
+    def spoil_number(message):
+        message.poses[1].position.z = float("nan")
+
+    def spoil_frame(message):
+        message.header.frame_id = "map"
+
+    picture = image_message(ROS_MESSAGES, 1000 * MS, "camera", np.zeros((8, 8, 3), np.uint8))
+    ObserverNode._see(node, picture)
+    assert search.observe.call_args.args[2] is None
+    predict(990 * MS, shape)
+    predict(1010 * MS, shape + np.array([0.02, 0.0, 0.0, 0.0]))
+    for spoil, words in ((spoil_number, "not finite"), (spoil_frame, "frame_id")):
+        with pytest.raises(InputError, match=words):
+            predict(1000 * MS, shape, spoil)
+    with pytest.raises(InputError, match=f"{n - 1} poses"):
+        predict(1000 * MS, shape[1:])
+    ObserverNode._see(node, picture)
+    np.testing.assert_allclose(
+        search.observe.call_args.args[2], shape + np.array([0.01, 0.0, 0.0, 0.0])
+    )
+    later = image_message(ROS_MESSAGES, 2000 * MS, "camera", np.zeros((8, 8, 3), np.uint8))
+    ObserverNode._see(node, later)
+    assert search.observe.call_args.args[2] is None

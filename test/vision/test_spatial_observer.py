@@ -216,7 +216,9 @@ def test_depth_is_read_in_the_core_and_of_the_axis():
     curve = np.column_stack([x, np.full(50, 20.0)])
     n = np.tile([0.0, 1.0], (50, 1))
     one = np.ones(50)
-    located = Located(curve, n, 0 * one, one > 0, one, 7.0, 90.0, np.zeros(3), 1.0, 0.1, 0.1)
+    located = Located(
+        curve, n, 0 * one, one > 0, one, 7.0, 90.0, np.zeros(3), 1.0, 0.1, 0.1, 0 * one
+    )
     depth = profile_depths(image, located, 2e-3)
     assert np.all(np.abs(depth - 1.202) < 3e-4)
     image[15:26, 30:] = 0.0

@@ -4,6 +4,10 @@
 The picture is sampled on lines across the curve, which straightens the DLO into a strip. In the
 strip its two edges are located, each against its own background, so that texture of the DLO, uneven
 light and different ground on the two sides do not shift the middle.
+
+A DLO that moves while the picture is taken has edges that climb over the exposure's path. The
+window in which an edge is looked for holds the whole of it: in a shorter one the slope is alike
+everywhere, and the edge would be found wherever it is expected.
 """
 
 from __future__ import annotations
@@ -38,6 +42,9 @@ WEAK_SIDE = 0.3  # a side of less than this share of the usual contrast shows no
 MOST_TONES = 4  # of a DLO that changes its colour, those between two counted as well
 FREE_HALF = (0.3, 0.75)  # [widths] that half the measured width may be
 KNOWN_HALF = (0.44, 0.56)  # the same where the width is known
+FADE = 0.3  # share of the window of an edge over which it fades out
+BLUR_WINDOW = 4.0  # [widths] to each side, for the length over which edges climb
+WIDEST_WINDOW = 0.65  # [widths] from an edge to the end of the strip that is sampled
 COLOUR_LIMIT = 0.6  # of the contrast: a larger change of colour is another object
 
 
@@ -58,6 +65,8 @@ class Located:
         width_spread: standard deviation of the width along the DLO [px] (robust).
         imbalance: difference of the backgrounds on the two sides over the contrast to the nearer
             one, median; large along the edge of an object.
+        blur: length over which light was smeared across the DLO, by motion or by the lens [px],
+            shape (m,).
         known_width, tones: what `locate` was told.
         excluded: where it cannot be, as somebody said, shape (m,); None: nowhere.
     """
@@ -73,6 +82,7 @@ class Located:
     spacing: float
     width_spread: float
     imbalance: float
+    blur: FloatArray
     known_width: bool = False
     tones: bool = False
     excluded: Mask | None = None
@@ -133,10 +143,22 @@ def locate(
     fine = gaussian_filter1d(strip, along, axis=0, mode="nearest")
     middle = np.zeros(len(curve))
     half = 0.5 * width
+    slope_left, climb_left = _slope(fine, offsets, core_left - left)
+    slope_right, climb_right = _slope(fine, offsets, right - core_right)
+    least = min(0.42 * width, 0.25 * width + 2.0)
     for _ in range(2):
-        edge_left, found_left = _edge(fine, offsets, core_left - left, middle - half, width, 1.0)
+        # A motion smears both edges alike, and its path changes slowly along the DLO. What climbs
+        # more slowly at one edge, or for a short way, is something else beside the DLO.
+        ramp = np.minimum(
+            _ramp(slope_left, offsets, climb_left, middle - half, least),
+            _ramp(slope_right, offsets, climb_right, middle + half, least),
+        )
+        ramp = running_median(ramp, 2 * round(BLUR_WINDOW * width / spacing) + 1)
+        # The expected place may be anywhere in the ramp, so the window is as wide to either side.
+        window = np.clip(ramp / (1.0 - FADE), least, max(least, WIDEST_WINDOW * width))
+        edge_left, found_left = _edge(slope_left, offsets, climb_left, middle - half, window, width)
         edge_right, found_right = _edge(
-            fine, offsets, core_right - right, middle + half, width, -1.0
+            slope_right, offsets, climb_right, middle + half, window, width
         )
         found_left &= contrast_left > WEAK_SIDE * usual
         found_right &= contrast_right > WEAK_SIDE * usual
@@ -176,9 +198,21 @@ def locate(
         spacing,
         _spread((edge_right - edge_left)[both]),
         float(np.median(np.linalg.norm(left - right, axis=1))) / usual,
+        _blur(ramp, step),
         known_width,
         tones,
     )
+
+
+def _blur(ramp: FloatArray, step: float) -> FloatArray:
+    """Length over which light was smeared [px], shape (m,), by that over which edges climb.
+
+    A Gaussian edge of standard deviation sigma has its contrast over its slope equal to
+    sigma sqrt(2 pi). Pixels, their interpolation and the difference of samples that lie a step
+    apart on either side have variances of 1/12, 1/6 and step^2 / 3, which are no blur.
+    """
+    sharp = 2.0 * np.pi * (1.0 / 12.0 + 1.0 / 6.0 + step**2 / 3.0)
+    return np.asarray(np.sqrt(np.maximum(ramp**2 - sharp, 0.0)))
 
 
 def _likeness(
@@ -232,36 +266,64 @@ def _spread(values: FloatArray) -> float:
     return 1.4826 * float(np.median(np.abs(values - np.median(values))))
 
 
+def _slope(strip: Float32, offsets: FloatArray, change: Float32) -> tuple[FloatArray, FloatArray]:
+    """How steeply the picture climbs across the DLO towards a colour.
+
+    Args:
+        strip: colours, shape (m, k, 3).
+        offsets: of the samples [px], shape (k,).
+        change: of the colour at an edge, in the direction of growing offsets, shape (m, 3).
+
+    Returns:
+        Slope [grey levels/px], 0 where it falls, shape (m, k), and the whole change [grey levels],
+        shape (m,).
+    """
+    climb = np.linalg.norm(change, axis=1)
+    unit = change / np.maximum(climb, 1e-6)[:, None]
+    profile = np.einsum("ikc,ic->ik", strip, unit)
+    return np.maximum(np.gradient(profile, offsets, axis=1), 0.0), climb
+
+
+def _ramp(
+    slope: FloatArray, offsets: FloatArray, climb: FloatArray, expected: FloatArray, window: float
+) -> FloatArray:
+    """Length over which an edge near an expected offset climbs by all of it [px], shape (m,)."""
+    distance = np.abs(offsets[None, :] - expected[:, None])
+    peak = (slope * _taper(distance, np.array(window))).max(axis=1)
+    return np.asarray(climb / np.maximum(peak, 1e-6))
+
+
 def _edge(
-    strip: Float32,
+    slope: FloatArray,
     offsets: FloatArray,
-    axis: Float32,
+    climb: FloatArray,
     expected: FloatArray,
+    window: FloatArray,
     width: float,
-    sign: float,
 ) -> tuple[FloatArray, Mask]:
     """Position of the steepest change towards the DLO's colour near an expected offset.
 
     The centroid of the squared slope is taken: it depends on neither level, so that a rope that is
     brighter on one side is not shifted.
     """
-    norm = np.linalg.norm(axis, axis=1, keepdims=True)
-    unit = axis / np.maximum(norm, 1e-6)
-    profile = np.einsum("ikc,ic->ik", strip, unit)
-    slope = sign * np.gradient(profile, offsets, axis=1)
-    window = min(0.42 * width, 0.25 * width + 2.0)
     distance = np.abs(offsets[None, :] - expected[:, None])
-    # A window that fades out does not jump when a sample enters or leaves it.
-    taper = np.clip((window - distance) / (0.3 * window), 0.0, 1.0)
-    slope = np.maximum(slope, 0.0) * taper
+    slope = slope * _taper(distance, window[:, None])
     peak = slope.max(axis=1, keepdims=True)
     weight = np.maximum(slope - 0.25 * peak, 0.0) ** 2
     total = weight.sum(axis=1)
     good = total > 1e-9
     position = np.where(good, (weight * offsets).sum(axis=1) / np.where(good, total, 1.0), expected)
     # An edge climbs at least a quarter of the contrast within a third of the width.
-    good &= peak[:, 0] > 0.25 * norm[:, 0] / max(0.33 * width, 2.0)
+    good &= peak[:, 0] > 0.25 * climb / max(0.33 * width, 2.0)
     return position, np.asarray(good, dtype=np.bool_)
+
+
+def _taper(distance: FloatArray, window: FloatArray) -> FloatArray:
+    """Weights of samples at distances from a window's middle.
+
+    A window that fades out does not jump when a sample enters or leaves it.
+    """
+    return np.asarray(np.clip((window - distance) / (FADE * window), 0.0, 1.0))
 
 
 def _middle(

@@ -2,12 +2,14 @@
 """Orders chains into one DLO from its start to its end.
 
 Best-first search over sequences of chains. Known clamps fix where a path starts and ends; the known
-length decides between paths that are equally smooth.
+length decides between paths that are equally smooth. Where several are equally plausible, shapes
+that are expected may choose between them, and nothing else.
 """
 
 from __future__ import annotations
 
 import heapq
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,6 +32,11 @@ DIFFERENT = 4.0  # [widths] two paths that are nowhere further apart are one
 COST_LIMIT = 9.0  # of a whole course, and more the longer it is
 COST_LIMIT_PER_WIDTH = 0.02
 AMBIGUITY = 2.0  # a second path that is dearer by less makes the first doubtful
+MOST_TO_CHOOSE = 8  # equally plausible courses between which an expected shape may choose
+
+
+_PLAUSIBLE = "courses of the DLO are equally plausible (an ambiguous crossing or gap)"
+TWO_COURSES, MANY_COURSES = f"two {_PLAUSIBLE}", f"many {_PLAUSIBLE}"
 
 
 @dataclass(frozen=True)
@@ -121,13 +128,32 @@ class PathSearch:
     def _measure(self, points: FloatArray) -> float:
         return self.plane.length(points, max(1, round(self.bars.width / 2)))
 
-    def find(self) -> Path:
+    def find(self, expected: Sequence[FloatArray] = ()) -> Path:
         """The best path.
 
+        Args:
+            expected: shapes that the DLO may have, in pixels of the bar map, from the start to the
+                end, shapes (m, 2). They choose between paths that are equally plausible, and change
+                nothing where one is the best by itself.
+
         Raises:
-            VisionError: no path of about the right length, or two that are equally good.
+            VisionError: no path of about the right length, or several that are equally good of
+                which the expected shapes do not single out one.
         """
-        return self.candidates(most=1)[0]
+        if not expected:
+            return self.candidates(most=1)[0]
+        found = self.candidates(most=MOST_TO_CHOOSE)
+        if len(found) == 1:
+            return found[0]
+        alike = [
+            [k for k, path in enumerate(found) if self._follows(path.points, shape)]
+            for shape in expected
+        ]
+        # A shape that fits none of the paths, or several, tells nothing.
+        chosen = {fitting[0] for fitting in alike if len(fitting) == 1}
+        if len(chosen) != 1:
+            raise VisionError(TWO_COURSES)
+        return found[chosen.pop()]
 
     def candidates(self, most: int) -> list[Path]:
         """The best paths that run differently, the best one first.
@@ -192,11 +218,7 @@ class PathSearch:
             if cost - best[0] < AMBIGUITY and all(self._differ(p, partial) for _, p in kept):
                 kept.append((cost, partial))
                 if len(kept) > most:
-                    number = "two" if most == 1 else "many"
-                    raise VisionError(
-                        f"{number} courses of the DLO are equally plausible "
-                        "(an ambiguous crossing or gap)"
-                    )
+                    raise VisionError(TWO_COURSES if most == 1 else MANY_COURSES)
         return [self._path(*one) for one in kept]
 
     def _beginnings(self) -> list[tuple[float, float, int]]:
@@ -255,10 +277,14 @@ class PathSearch:
     def _differ(self, one: _Partial, other: _Partial) -> bool:
         """Whether two paths run differently, and not only through other pieces of one course."""
         a, b = (self._path(0.0, partial).points for partial in (one, other))
-        distances = [_apart(a, b)]
+        return not self._follows(a, b)
+
+    def _follows(self, points: FloatArray, other: FloatArray) -> bool:
+        """Whether two courses, shapes (m, 2), are one."""
+        distances = [_apart(points, other)]
         if self.start is None and self.end is None:  # the same path backwards is no other path
-            distances.append(_apart(a, b[::-1]))
-        return min(distances) > DIFFERENT * self.bars.width
+            distances.append(_apart(points, other[::-1]))
+        return min(distances) <= DIFFERENT * self.bars.width
 
     def _path(self, cost: float, partial: _Partial) -> Path:
         pieces: list[FloatArray] = []
