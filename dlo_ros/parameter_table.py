@@ -343,6 +343,14 @@ PARAMETERS: tuple[Parameter, ...] = (
         nodes=MODEL,
     ),
     Parameter(
+        "simulation.model",
+        "string",
+        "spline",
+        "the rod model; other packages may add theirs beside spline",
+        nodes=MODEL,
+        read_only=True,
+    ),
+    Parameter(
         "simulation.rate",
         "double",
         50.0,

@@ -16,7 +16,7 @@ from dlo_ros.inference.forecast import Manipulation, motion_of
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.measured_shapes import MeasurementMap
-from dlo_ros.rod.simulation import Simulation
+from dlo_ros.rod.rod_simulations import simulation_of
 from dlo_ros.spline import FloatArray, SplineBasis
 
 CONTROL_POINTS = 40  # of the standard motion's shapes, at least
@@ -140,17 +140,15 @@ def _simulated(
     name: str, settings: Settings, motion: Motion, observations: Sequence[Observation],
     stamps: Sequence[int],
 ) -> Scene:  # fmt: skip
-    simulation = Simulation(settings, motion)
+    simulation = simulation_of(settings, motion)
     simulation.start(observations, stamps[-1])
-    assert simulation.state is not None
-    fine, first = simulation.model.basis, simulation.state.q.copy()
+    fine, first = simulation.basis, simulation.true_shape()
     shapes, soon = [simulation.prediction()], None
     settled = settings.simulation.start == "equilibrium"
     if settings.simulation.start == "moving":
         probe = simulation.fork(settings)
         probe.advance(stamps[0] + INSTANT)
-        assert probe.state is not None
-        soon = probe.state.q.copy()
+        soon = probe.true_shape()
     if len(stamps) > 1:
         shapes += simulation.advance_through(stamps[1:])
     points = np.array([s.control_points[:, :3] for s in shapes])
