@@ -28,7 +28,7 @@ LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class Beginning:
+class FirstShape:
     """What a simulation starts from, as it truly was.
 
     Args:
@@ -67,7 +67,7 @@ def beginning(
     timeline: CommandTimeline,
     measurement: MeasurementMap,
     observations: Sequence[Observation],
-) -> Beginning:
+) -> FirstShape:
     """The true beginning, from the first observed shapes; the timeline learns when it was.
 
     Raises:
@@ -89,13 +89,13 @@ def beginning(
     seen = [replace(o, stamp=o.stamp - measurement.later) for o in observations[:needed]]
     timeline.began = seen[0].stamp
     command = timeline.at(seen[-1].stamp, slips=settings.slips)
-    return Beginning(tuple(seen), command, measurement.true(seen[-1].control_points))
+    return FirstShape(tuple(seen), command, measurement.true(seen[-1].control_points))
 
 
 def initial_state(
     model: RodModel,
     boundary: Boundary,
-    begin: Beginning,
+    begin: FirstShape,
     measurement: MeasurementMap,
     parameters: Sequence[str],
 ) -> Generator[None, None, InitialState]:
