@@ -21,7 +21,7 @@ MODEL = ("simulator", "identifier")
 
 
 @dataclass(frozen=True)
-class Parameter:
+class FileParameter:
     """One row of the table.
 
     Args:
@@ -117,12 +117,14 @@ WRENCH = (
 )
 """Of sensors at the grips: name, default, description, unit, largest value."""
 
-PARAMETERS: tuple[Parameter, ...] = (
-    Parameter(
+PARAMETERS: tuple[FileParameter, ...] = (
+    FileParameter(
         "frame_id", "string", "board", "fixed frame of all splines and commands", read_only=True
     ),
-    Parameter("rod.length", "double", None, "length of the DLO", "m", 1e-2, 1e2, read_only=True),
-    Parameter(
+    FileParameter(
+        "rod.length", "double", None, "length of the DLO", "m", 1e-2, 1e2, read_only=True
+    ),
+    FileParameter(
         "rod.diameter",
         "double",
         None,
@@ -132,7 +134,7 @@ PARAMETERS: tuple[Parameter, ...] = (
         1e-1,
         read_only=True,
     ),
-    Parameter(
+    FileParameter(
         "rod.poisson_ratio",
         "double",
         0.33,
@@ -142,7 +144,7 @@ PARAMETERS: tuple[Parameter, ...] = (
         0.5,
         nodes=MODEL,
     ),
-    Parameter(
+    FileParameter(
         "rod.young_modulus",
         "double",
         None,
@@ -153,7 +155,7 @@ PARAMETERS: tuple[Parameter, ...] = (
         nodes=MODEL,
         unused=1e6,
     ),
-    Parameter(
+    FileParameter(
         "rod.density",
         "double",
         None,
@@ -164,7 +166,7 @@ PARAMETERS: tuple[Parameter, ...] = (
         nodes=MODEL,
         unused=1e3,
     ),
-    Parameter(
+    FileParameter(
         "rod.density_std",
         "double",
         0.0,
@@ -174,7 +176,7 @@ PARAMETERS: tuple[Parameter, ...] = (
         1e5,
         nodes=MODEL,
     ),
-    Parameter(
+    FileParameter(
         "rod.specific_modulus_std",
         "double",
         0.0,
@@ -184,7 +186,7 @@ PARAMETERS: tuple[Parameter, ...] = (
         1e12,
         nodes=("simulator",),
     ),
-    Parameter(
+    FileParameter(
         "rod.diameter_std",
         "double",
         0.0,
@@ -194,7 +196,7 @@ PARAMETERS: tuple[Parameter, ...] = (
         1e-1,
         nodes=("identifier",),
     ),
-    Parameter(
+    FileParameter(
         "rod.length_std",
         "double",
         0.0,
@@ -204,7 +206,7 @@ PARAMETERS: tuple[Parameter, ...] = (
         1e2,
         nodes=("identifier",),
     ),
-    Parameter(
+    FileParameter(
         "rod.control_points",
         "integer",
         10,
@@ -214,7 +216,7 @@ PARAMETERS: tuple[Parameter, ...] = (
         200,
         read_only=True,
     ),
-    Parameter(
+    FileParameter(
         "gravity",
         "double[3]",
         (0.0, 0.0, -9.81),
@@ -224,7 +226,7 @@ PARAMETERS: tuple[Parameter, ...] = (
         100.0,
         nodes=MODEL,
     ),
-    Parameter(
+    FileParameter(
         "command.source",
         "string",
         "topic",
@@ -232,21 +234,21 @@ PARAMETERS: tuple[Parameter, ...] = (
         choices=("topic", "tf", "pose"),
         read_only=True,
     ),
-    Parameter(
+    FileParameter(
         "command.start_frame",
         "string",
         "",
         "source tf: frame that holds the start of the DLO; empty: it is free",
         read_only=True,
     ),
-    Parameter(
+    FileParameter(
         "command.end_frame",
         "string",
         "",
         "source tf: frame that holds the end of the DLO; empty: it is free",
         read_only=True,
     ),
-    Parameter(
+    FileParameter(
         "command.start_offset",
         "double[7]",
         (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0),
@@ -255,7 +257,7 @@ PARAMETERS: tuple[Parameter, ...] = (
         upper=1e2,
         read_only=True,
     ),
-    Parameter(
+    FileParameter(
         "command.end_offset",
         "double[7]",
         (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0),
@@ -264,7 +266,7 @@ PARAMETERS: tuple[Parameter, ...] = (
         upper=1e2,
         read_only=True,
     ),
-    Parameter(
+    FileParameter(
         "damping.air_drag",
         "double",
         0.01,
@@ -274,7 +276,7 @@ PARAMETERS: tuple[Parameter, ...] = (
         1e3,
         nodes=MODEL,
     ),
-    Parameter(
+    FileParameter(
         "damping.air_drag_std",
         "double",
         0.0,
@@ -284,7 +286,7 @@ PARAMETERS: tuple[Parameter, ...] = (
         1e3,
         nodes=MODEL,
     ),
-    Parameter(
+    FileParameter(
         "damping.relaxation_time",
         "double",
         0.002,
@@ -294,7 +296,7 @@ PARAMETERS: tuple[Parameter, ...] = (
         10.0,
         nodes=MODEL,
     ),
-    Parameter(
+    FileParameter(
         "damping.relaxation_time_std",
         "double",
         0.0,
@@ -304,7 +306,7 @@ PARAMETERS: tuple[Parameter, ...] = (
         10.0,
         nodes=MODEL,
     ),
-    Parameter(
+    FileParameter(
         "camera.translation",
         "double[3]",
         (0.0, 0.0, 1.2),
@@ -314,7 +316,7 @@ PARAMETERS: tuple[Parameter, ...] = (
         1e3,
         nodes=("observer",),
     ),
-    Parameter(
+    FileParameter(
         "camera.rotation",
         "double[4]",
         (0.70710678, 0.0, 0.0, 0.70710678),
@@ -324,7 +326,7 @@ PARAMETERS: tuple[Parameter, ...] = (
         1.0001,
         nodes=("observer",),
     ),
-    Parameter(
+    FileParameter(
         "simulation.tolerance",
         "double",
         2e-4,
@@ -334,7 +336,7 @@ PARAMETERS: tuple[Parameter, ...] = (
         0.1,
         nodes=MODEL,
     ),
-    Parameter(
+    FileParameter(
         "simulation.start",
         "string",
         "equilibrium",
@@ -342,7 +344,15 @@ PARAMETERS: tuple[Parameter, ...] = (
         choices=("equilibrium", "observed", "moving"),
         nodes=MODEL,
     ),
-    Parameter(
+    FileParameter(
+        "simulation.model",
+        "string",
+        "spline",
+        "the rod model; other packages may add theirs beside spline",
+        nodes=MODEL,
+        read_only=True,
+    ),
+    FileParameter(
         "simulation.rate",
         "double",
         50.0,
@@ -353,7 +363,7 @@ PARAMETERS: tuple[Parameter, ...] = (
         read_only=True,
         nodes=("simulator",),
     ),
-    Parameter(
+    FileParameter(
         "limits.bend_radius",
         "double",
         0.0,
@@ -363,7 +373,7 @@ PARAMETERS: tuple[Parameter, ...] = (
         1e2,
         nodes=("simulator",),
     ),
-    Parameter(
+    FileParameter(
         "limits.tension",
         "double",
         0.0,
@@ -374,10 +384,12 @@ PARAMETERS: tuple[Parameter, ...] = (
         nodes=("simulator",),
     ),
     *(
-        Parameter(f"wrench.{name}", "double", default, text, unit, 0.0, most, nodes=("identifier",))
+        FileParameter(
+            f"wrench.{name}", "double", default, text, unit, 0.0, most, nodes=("identifier",)
+        )
         for name, default, text, unit, most in WRENCH
     ),
-    Parameter(
+    FileParameter(
         "diagnosis.material_err",
         "double",
         5e-4,
@@ -387,7 +399,7 @@ PARAMETERS: tuple[Parameter, ...] = (
         0.1,
         nodes=("identifier",),
     ),
-    Parameter(
+    FileParameter(
         "vision.region",
         "double[4]",
         (0.0, 0.0, 0.0, 0.0),
@@ -397,7 +409,7 @@ PARAMETERS: tuple[Parameter, ...] = (
         1e5,
         nodes=("observer",),
     ),
-    Parameter(
+    FileParameter(
         "vision.colour_low",
         "double[3]",
         (0.0, 0.0, 0.0),
@@ -408,7 +420,7 @@ PARAMETERS: tuple[Parameter, ...] = (
         255.0,
         nodes=("observer",),
     ),
-    Parameter(
+    FileParameter(
         "vision.colour_high",
         "double[3]",
         (180.0, 255.0, 255.0),
@@ -418,21 +430,21 @@ PARAMETERS: tuple[Parameter, ...] = (
         255.0,
         nodes=("observer",),
     ),
-    Parameter(
+    FileParameter(
         "vision.mask",
         "string",
         "",
         "image file, black where the DLO cannot be",
         nodes=("observer",),
     ),
-    Parameter(
+    FileParameter(
         "vision.empty_board",
         "string",
         "",
         "image file of the same view without the DLO",
         nodes=("observer",),
     ),
-    Parameter(
+    FileParameter(
         "vision.depth",
         "string",
         "auto",
@@ -441,7 +453,7 @@ PARAMETERS: tuple[Parameter, ...] = (
         nodes=("observer",),
         read_only=True,
     ),
-    Parameter(
+    FileParameter(
         "image_transport",
         "string",
         "auto",
@@ -450,7 +462,7 @@ PARAMETERS: tuple[Parameter, ...] = (
         nodes=("observer",),
         read_only=True,
     ),
-    Parameter(
+    FileParameter(
         "publish_tf",
         "bool",
         True,
@@ -458,7 +470,7 @@ PARAMETERS: tuple[Parameter, ...] = (
         nodes=("observer",),
         read_only=True,
     ),
-    Parameter(
+    FileParameter(
         "simulator_node",
         "string",
         "simulator",
@@ -468,4 +480,4 @@ PARAMETERS: tuple[Parameter, ...] = (
     ),
 )
 
-TABLE: Mapping[str, Parameter] = {p.name: p for p in PARAMETERS}
+TABLE: Mapping[str, FileParameter] = {p.name: p for p in PARAMETERS}

@@ -16,6 +16,7 @@ from dlo_ros.parameter_cameras import Vector
 from dlo_ros.spline import SplineBasis
 
 EFFECTS_PREFIX = PREFIX
+DEFAULT_MODEL = "spline"  # the rod model of this package, see `dlo_ros.rod.rod_simulations`
 STANDARD_GRAVITY = 9.81  # [m/s^2] by which a weight is measured, however gravity is configured
 
 
@@ -82,6 +83,7 @@ class SimulationParameters:
     tolerance: float = 2e-4
     start: str = "equilibrium"
     rate: float = 50.0
+    model: str = DEFAULT_MODEL
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 from dlo_ros.effects import effects
-from dlo_ros.parameter_table import NODES, PARAMETERS, Parameter
+from dlo_ros.parameter_table import NODES, PARAMETERS, FileParameter
 
 UNITS = {"m": "L", "1/m": "/L", "kg": "rope masses", "N/m": "of the weight per length"}
 """Units of the rope in which tolerances are given."""
@@ -28,7 +28,7 @@ def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
     return "".join("| " + " | ".join(line) + " |\n" for line in lines)
 
 
-def value(parameter: Parameter) -> str:
+def value(parameter: FileParameter) -> str:
     """The default as it is written in a parameter file."""
     given = parameter.default
     if given is None:
@@ -40,7 +40,7 @@ def value(parameter: Parameter) -> str:
     return f'`"{given}"`' if given == "" else f"`{given}`"
 
 
-def allowed(parameter: Parameter) -> str:
+def allowed(parameter: FileParameter) -> str:
     """Range or choices."""
     if parameter.choices:
         return ", ".join(f"`{choice}`" for choice in parameter.choices)
@@ -52,7 +52,7 @@ def allowed(parameter: Parameter) -> str:
     return f"{each}{parameter.lower:g} to {parameter.upper:g}"
 
 
-def change(parameter: Parameter) -> str:
+def change(parameter: FileParameter) -> str:
     """Whether it changes while the node runs."""
     return "at start" if parameter.read_only else "live"
 
@@ -70,7 +70,7 @@ def parameters_of(node: str) -> str:
 def all_parameters() -> str:
     """Every parameter, with the nodes that declare it."""
 
-    def nodes(parameter: Parameter) -> str:
+    def nodes(parameter: FileParameter) -> str:
         return "all" if set(parameter.nodes) == set(NODES) else ", ".join(parameter.nodes)
 
     rows = (

@@ -15,7 +15,7 @@ from dlo_ros.parameters import Vector
 from dlo_ros.recordings.pictures import SUFFIXES, read_picture
 from dlo_ros.vision.calibration.camera_file import read_camera_file
 from dlo_ros.vision.calibration.camera_network import CalibratedCameras, calibrate_cameras
-from dlo_ros.vision.calibration.pattern_search import View, find_pattern
+from dlo_ros.vision.calibration.pattern_search import PatternView, find_pattern
 from dlo_ros.vision.calibration.patterns import Pattern
 
 LOG = logging.getLogger(__name__)
@@ -61,10 +61,10 @@ def calibrate_together(
     )  # fmt: skip
     if board.name not in names:
         raise InputError(f"--board {board.name}: is in none of the folders")
-    instants: list[dict[str, View]] = []
+    instants: list[dict[str, PatternView]] = []
     lying = -1
     for picture in names:
-        views: dict[str, View] = {}
+        views: dict[str, PatternView] = {}
         for name, folder in zip(intrinsics, folders, strict=True):
             path = folder / picture
             if not path.is_file():

@@ -20,7 +20,7 @@ from dlo_ros.cli.diagnosis_words import (
     title,
     values,
 )
-from dlo_ros.diagnosis import Diagnosis, NamedEffect, SetupNumber, View
+from dlo_ros.diagnosis import Diagnosis, NamedEffect, RecordingView, SetupNumber
 from dlo_ros.effects import quantities
 from dlo_ros.identification.identifiability import enumerated
 from dlo_ros.inference.parameter import split_name
@@ -153,7 +153,7 @@ def _spread(found: Diagnosis) -> str:
     return f", and between {mm(float(low))} and {mm(float(high))} in nine of ten pictures"
 
 
-def _places(views: Sequence[View], length: float) -> list[str]:
+def _places(views: Sequence[RecordingView], length: float) -> list[str]:
     """Where along the DLO the plain model is wrong, and when."""
     if not views:
         return []
@@ -179,7 +179,7 @@ def _places(views: Sequence[View], length: float) -> list[str]:
     return told
 
 
-def distances(view: View, length: float) -> FloatArray:
+def distances(view: RecordingView, length: float) -> FloatArray:
     """Distance between the observed and the plain model's DLO [m], shape (F, STATIONS)."""
     basis = SplineBasis(view.observed.shape[1], length)
     values = basis.matrix(np.linspace(0.0, length, STATIONS))

@@ -30,7 +30,7 @@ from dlo_ros.export.fidelity import (
 from dlo_ros.export.formats import FORMATS, Format
 from dlo_ros.export.grips import pinned
 from dlo_ros.export.said import unsaid
-from dlo_ros.export.scenes import Scene, recorded_scene, standard_scene
+from dlo_ros.export.scenes import ComparedMotion, recorded_scene, standard_scene
 from dlo_ros.files import write_text
 from dlo_ros.inference.forecast import Manipulation
 from dlo_ros.parameters import Settings
@@ -131,7 +131,9 @@ def _finer(settings: Settings, max_err: float) -> Settings:
     return replace(settings, simulation=replace(simulation, tolerance=tolerance))
 
 
-def _scenes(manipulation: Manipulation | None, settings: Settings, full: Settings) -> list[Scene]:
+def _scenes(
+    manipulation: Manipulation | None, settings: Settings, full: Settings
+) -> list[ComparedMotion]:
     """The recording's motion where there is one, and the standard one unless that says it all."""
     if manipulation is None:
         return [standard_scene(settings)]
@@ -140,7 +142,11 @@ def _scenes(manipulation: Manipulation | None, settings: Settings, full: Setting
 
 
 def _chosen(
-    mujoco: Any | None, form: Format, scenes: Sequence[Scene], settings: Settings, max_err: float
+    mujoco: Any | None,
+    form: Format,
+    scenes: Sequence[ComparedMotion],
+    settings: Settings,
+    max_err: float,
 ) -> tuple[list[str], Choice]:
     """The resolution, and what is to be said of how it was found."""
     default = Choice(

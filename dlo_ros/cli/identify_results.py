@@ -19,11 +19,11 @@ from dlo_ros.inference.forecast import Forecast, Manipulation
 from dlo_ros.inference.parameter import split_name
 from dlo_ros.parameters import EFFECTS_PREFIX, Settings
 from dlo_ros.report import (
-    Estimate as ReportedEstimate,
+    EstimateRow as ReportedEstimate,
 )
 from dlo_ros.report import (
     IdentificationReport,
-    RecordingResult,
+    RecordingRow,
     ShapeFrame,
 )
 from dlo_ros.report.elements import measured, number
@@ -233,7 +233,7 @@ def report(
             for name, words, unit in QUANTITIES
         ),
         recordings=tuple(
-            RecordingResult(
+            RecordingRow(
                 r.name, r.role, length, r.err_initial, r.err, _frames(r.forecast, measured, first),
                 _residuals(r.forecast, measured, length),
             )

@@ -21,6 +21,8 @@ def borne(recordings: Sequence[Manipulation], settings: Settings) -> tuple[LoadR
     for recording in recordings:
         with suppress(DloError):
             found = forecast(recording, settings, loads=True)
+            if not found.loadings:  # the rod model does not say what is borne
+                continue
             times = 1e-9 * (found.stamps - found.stamps[0]).astype(np.float64)
             extremes = Extremes(found.loadings, times.tolist())
             pulled, bent = extremes.loadings[extremes.pulled], extremes.loadings[extremes.bent]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +37,7 @@ from dlo_ros.recordings.command_file import read_command_file
 from dlo_ros.recordings.write import BagWriter, copy_topics
 from dlo_ros.rod.loads.extreme_loads import Extremes
 from dlo_ros.rod.loads.grip_reactions import Loading
-from dlo_ros.rod.motion_rehearsal import at_rest, rehearse, stamps_of
+from dlo_ros.rod.motion_rehearsal import NO_LOADS, at_rest, rehearse, stamps_of
 from dlo_ros.spline import FloatArray
 
 MADE = (topics.PREDICTED, *topics.LOADS, topics.ERR)
@@ -92,7 +93,7 @@ def _follow(arguments: argparse.Namespace, settings: Settings) -> int:
         found = forecast(manipulation, settings, loads=True)
         copy_topics(bag, writer, exclude=(*MADE, *_images()))
         for k, stamp in enumerate(int(stamp) for stamp in found.stamps):
-            _write(writer, settings, stamp, found.predicted[k], found.loadings[k])
+            _write(writer, settings, stamp, found.predicted[k], found.loadings[k : k + 1])
             writer.write(topics.ERR, float_message(BAG_MESSAGES, float(found.err[k])), stamp)
     own = 1e3 * found.resolution_error * settings.rod.length
     accuracy = "" if np.isnan(own) else f" (the simulation's own error is {own:.2g} mm)"
@@ -102,7 +103,8 @@ def _follow(arguments: argparse.Namespace, settings: Settings) -> int:
         f"{1e3 * found.err.max():.2f} mm at most{accuracy}"
     )
     times = (found.stamps - found.stamps[0]) / NANOSECONDS
-    for line in Extremes(found.loadings, times).sentences(settings.limits):
+    extremes = Extremes(found.loadings, times)
+    for line in extremes.sentences(settings.limits) if found.loadings else [NO_LOADS]:
         print(line)
     return 0
 
@@ -126,7 +128,7 @@ def _try(arguments: argparse.Namespace, settings: Settings) -> int:
             raise SimulationError(f"{arguments.command}: {err}") from err
         writer.write(topics.COMMAND, command_message(BAG_MESSAGES, command), stamps[0])
         for k, stamp in enumerate(stamps):
-            _write(writer, settings, stamp, found.shapes[k], found.loadings[k])
+            _write(writer, settings, stamp, found.shapes[k], found.loadings[k : k + 1])
     seconds = (stamps[-1] - stamps[0]) / NANOSECONDS
     print(
         f"{arguments.output}: {len(stamps)} predicted splines of {seconds:.2f} s, "
@@ -138,17 +140,23 @@ def _try(arguments: argparse.Namespace, settings: Settings) -> int:
 
 
 def _write(
-    writer: BagWriter, settings: Settings, stamp: int, shape: FloatArray, loading: Loading
-) -> None:
-    """Write a predicted spline (n, 4) at a stamp [ns], and what the DLO and its grips bear."""
+    writer: BagWriter, settings: Settings, stamp: int, shape: FloatArray,
+    loadings: Sequence[Loading],
+) -> None:  # fmt: skip
+    """Write a predicted spline (n, 4) at a stamp [ns], and what the DLO and its grips bear.
+
+    Args:
+        loadings: one at most; none where the rod model does not say what is borne.
+    """
     message = spline_message(BAG_MESSAGES, stamp, settings.frame_id, shape)
     writer.write(topics.PREDICTED, message, stamp)
-    messages = load_messages(
-        BAG_MESSAGES, stamp, settings.frame_id, tension=loading.tension,
-        bend_radius=loading.bend_radius, wrenches=loading.wrenches,
-    )  # fmt: skip
-    for topic, load in messages.items():
-        writer.write(topic, load, stamp)
+    for loading in loadings:
+        messages = load_messages(
+            BAG_MESSAGES, stamp, settings.frame_id, tension=loading.tension,
+            bend_radius=loading.bend_radius, wrenches=loading.wrenches,
+        )  # fmt: skip
+        for topic, load in messages.items():
+            writer.write(topic, load, stamp)
 
 
 def _images() -> tuple[str, ...]:

@@ -14,7 +14,7 @@ from dlo_ros.command import Motion
 from dlo_ros.errors import DloError, RecordingError
 from dlo_ros.identification.residual_noise import noise_floor
 from dlo_ros.inference.forecast import Forecast, Manipulation, forecast
-from dlo_ros.nodes.received_data import ReceivedData, Sample
+from dlo_ros.nodes.received_data import EstimateSample, ReceivedData
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import read_recording
@@ -28,7 +28,7 @@ LAST_MOMENTS = 500_000_000
 
 
 @dataclass(frozen=True)
-class Outcome:
+class LiveOutcome:
     """The result of a live run.
 
     Args:
@@ -41,14 +41,14 @@ class Outcome:
         initial: what the initial guess predicts, control points, shape (n, 4), by stamp [ns].
     """
 
-    sample: Sample
+    sample: EstimateSample
     err_initial: float | None
     err: float
     noise_floor: float | None
     initial: Mapping[int, FloatArray]
 
 
-def assess(bag: Path, settings: Settings, heard: ReceivedData) -> Outcome:
+def assess(bag: Path, settings: Settings, heard: ReceivedData) -> LiveOutcome:
     """Compare the end of a run with its beginning.
 
     Args:
@@ -66,7 +66,7 @@ def assess(bag: Path, settings: Settings, heard: ReceivedData) -> Outcome:
     before = _initial_guess(bag, settings, observations)
     after = [value for stamp, value in errors.items() if stamp >= max(errors) - LAST_MOMENTS]
     basis = SplineBasis(settings.rod.control_points, settings.rod.length)
-    return Outcome(
+    return LiveOutcome(
         sample,
         None if before is None else float(np.mean(before.err)),
         float(np.mean(after)),

@@ -10,7 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from dlo_ros.demo.outcome import Outcome
+from dlo_ros.demo.outcome import LiveOutcome
 from dlo_ros.nodes.received_data import ReceivedData
 from dlo_ros.parameters import CameraPose, Settings
 from dlo_ros.recordings import iterate_images
@@ -32,7 +32,7 @@ Curves = Mapping[str, FloatArray]
 
 
 @dataclass(frozen=True)
-class Window:
+class ImageWindow:
     """The part of the images that is shown, columns and rows [px]."""
 
     left: int
@@ -41,7 +41,7 @@ class Window:
     bottom: int
 
     @classmethod
-    def around(cls, points: FloatArray, width: int, height: int) -> Window:
+    def around(cls, points: FloatArray, width: int, height: int) -> ImageWindow:
         """The part of an image that holds the points, shape (m, 2), with a margin."""
         low, high = points.min(axis=0), points.max(axis=0)
         margin = MARGIN * float((high - low).max()) + 10.0
@@ -67,7 +67,7 @@ class Window:
 
 
 def photographs(
-    bag: Path, settings: Settings, heard: ReceivedData, outcome: Outcome, camera: str = ""
+    bag: Path, settings: Settings, heard: ReceivedData, outcome: LiveOutcome, camera: str = ""
 ) -> dict[int, Photograph]:
     """Pictures by the stamp of the observed spline [ns], for as many as a report shows.
 
@@ -92,7 +92,7 @@ def photographs(
         for k in chosen
     }
     curves: dict[int, Curves] = {}
-    window: Window | None = None
+    window: ImageWindow | None = None
     result = {}
     pose = settings.cameras[camera] if camera else settings.camera
     for stamp, picture, info in _pictures(bag, settings, camera):
@@ -102,7 +102,7 @@ def photographs(
             curves = {s: _in_pixels(shape, info, pose, settings) for s, shape in shapes.items()}
             points = np.concatenate([line for c in curves.values() for line in c.values()])
             finite = points[np.all(np.isfinite(points), axis=1)]
-            window = Window.around(finite, info.width, info.height)
+            window = ImageWindow.around(finite, info.width, info.height)
         result[stamp] = window.show(picture, curves[stamp])
     return result
 

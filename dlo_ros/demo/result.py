@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from dlo_ros.demo.outcome import Outcome
+from dlo_ros.demo.outcome import LiveOutcome
 from dlo_ros.errors import InputError
 from dlo_ros.files import write_text
 from dlo_ros.nodes.received_data import (
@@ -21,15 +21,15 @@ from dlo_ros.nodes.received_data import (
     SPECIFIC_MODULUS,
     UNITS,
     YOUNG_MODULUS,
+    EstimateSample,
     ReceivedData,
-    Sample,
 )
 from dlo_ros.report import (
-    Estimate,
+    EstimateRow,
     IdentificationReport,
     ParameterTrack,
     Photograph,
-    RecordingResult,
+    RecordingRow,
     ShapeFrame,
 )
 from dlo_ros.spline import FloatArray
@@ -68,7 +68,7 @@ def read_truth(bag: Path) -> dict[str, float]:
 
 
 def estimate_tree(
-    heard: ReceivedData, outcome: Outcome, bag: str, truth: Mapping[str, float]
+    heard: ReceivedData, outcome: LiveOutcome, bag: str, truth: Mapping[str, float]
 ) -> Any:
     """What estimate.json holds: the keys of `identify`, and `true` where the truth is known."""
     sample = outcome.sample
@@ -91,7 +91,7 @@ def write_json(path: Path, tree: Any) -> None:
     write_text(path, json.dumps(tree, indent=2, allow_nan=False) + "\n")
 
 
-def last_line(outcome: Outcome, truth: Mapping[str, float]) -> str:
+def last_line(outcome: LiveOutcome, truth: Mapping[str, float]) -> str:
     """The result in one line, such as `ERR 31.2 -> 1.4 mm; E/mu 1.98e+04 +- 0.03e+04 m^2/s^2`."""
     before = "unknown" if outcome.err_initial is None else f"{1e3 * outcome.err_initial:.1f}"
     text = (
@@ -101,7 +101,7 @@ def last_line(outcome: Outcome, truth: Mapping[str, float]) -> str:
     return f"{text} (true {truth[SPECIFIC_MODULUS]:.2e})" if truth else text
 
 
-def with_std(sample: Sample, name: str) -> str:
+def with_std(sample: EstimateSample, name: str) -> str:
     """A quantity with its standard deviation, both with one power of ten, and its unit."""
     value, std = sample.values[name], sample.std[name]
     exponent = math.floor(math.log10(abs(value))) if value else 0
@@ -117,7 +117,7 @@ def with_std(sample: Sample, name: str) -> str:
 
 def report(
     heard: ReceivedData,
-    outcome: Outcome,
+    outcome: LiveOutcome,
     bag: str,
     length: float,
     truth: Mapping[str, float],
@@ -140,7 +140,7 @@ def report(
     start = min(heard.observed)
     sample = outcome.sample
     estimates = [
-        Estimate(
+        EstimateRow(
             NAMES[name],
             UNITS[name],
             sample.values[name],
@@ -150,7 +150,7 @@ def report(
         )
         for name in QUANTITIES
     ]
-    recording = RecordingResult(
+    recording = RecordingRow(
         bag,
         "live",
         length,
@@ -172,7 +172,7 @@ def report(
 
 def _frames(
     heard: ReceivedData,
-    outcome: Outcome,
+    outcome: LiveOutcome,
     length: float,
     start: int,
     photographs: Mapping[int, Photograph],
@@ -191,7 +191,9 @@ def _frames(
     )
 
 
-def _track(samples: Sequence[Sample], name: str, start: int, true: float | None) -> ParameterTrack:
+def _track(
+    samples: Sequence[EstimateSample], name: str, start: int, true: float | None
+) -> ParameterTrack:
     return ParameterTrack(
         NAMES[name],
         UNITS[name],

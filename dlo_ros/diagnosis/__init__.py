@@ -7,9 +7,9 @@ from dlo_ros.diagnosis.findings.diagnosis_outcome import (
     Gain,
     NamedEffect,
     Number,
+    RecordingView,
     SetupNumber,
     Trial,
-    View,
 )
 from dlo_ros.diagnosis.pipeline import diagnose
 
@@ -19,8 +19,8 @@ __all__ = [
     "Gain",
     "NamedEffect",
     "Number",
+    "RecordingView",
     "SetupNumber",
     "Trial",
-    "View",
     "diagnose",
 ]

@@ -16,7 +16,7 @@ import numpy as np
 from dlo_ros.diagnosis.findings.fitted_numbers import covariance
 from dlo_ros.diagnosis.findings.joint_numbers import damping_as_effects
 from dlo_ros.diagnosis.fitting.candidate_model import Model
-from dlo_ros.diagnosis.fitting.evaluation import Evaluation
+from dlo_ros.diagnosis.fitting.evaluation import CandidateEvaluation
 from dlo_ros.diagnosis.fitting.levenberg_marquardt import attempt, fit, renewed, solve, total
 from dlo_ros.diagnosis.fitting.worker_processes import Problem, Workers
 from dlo_ros.diagnosis.selection import verdict as verdicts
@@ -55,7 +55,7 @@ def guessed(model: Model, given: Settings) -> tuple[str, ...]:
     )  # fmt: skip
 
 
-def wrong_guesses(at: Evaluation, given: Settings) -> tuple[Guess, ...]:
+def wrong_guesses(at: CandidateEvaluation, given: Settings) -> tuple[Guess, ...]:
     """Of the damping that the fit was free to choose, what lies clearly off the file's value."""
     spread = np.sqrt(np.maximum(np.diag(covariance(at, given)), 0.0))
     found = []
@@ -69,7 +69,9 @@ def wrong_guesses(at: Evaluation, given: Settings) -> tuple[Guess, ...]:
     return tuple(found)
 
 
-def with_guess(at: Evaluation, given: Settings, effects: Sequence[str] = ()) -> list[Model]:
+def with_guess(
+    at: CandidateEvaluation, given: Settings, effects: Sequence[str] = ()
+) -> list[Model]:
     """The model with the file's damping, and effects that make good for it: beginnings of a fit.
 
     In one of them all else has followed: of weight, stiffness and damping only ratios may count.
@@ -102,7 +104,7 @@ def _with_guess(
     return result
 
 
-def _fitted(problem: Problem, beginnings: Sequence[Model]) -> Evaluation | None:
+def _fitted(problem: Problem, beginnings: Sequence[Model]) -> CandidateEvaluation | None:
     """The fit from the best of some beginnings."""
     begun = [attempt(m, problem.recordings, problem.given, 0) for m in beginnings]
     best = min((at for at in begun if at is not None), key=lambda at: at.cost, default=None)
@@ -216,6 +218,6 @@ def decided(
     names = tuple(n for n in best.at.model.effects if n in earlier or n not in known)
     return verdicts.Decision(
         "explained" if before.verdict == "adequate" else before.verdict,
-        verdicts.Explanation(names, best),
+        verdicts.SufficientEffects(names, best),
         tuple(earlier.get(n, tuple(rivals)) for n in names),
     )

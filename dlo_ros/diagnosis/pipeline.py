@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from dlo_ros.diagnosis import damping_selection
-from dlo_ros.diagnosis.contact.contact_search import Hit, hits, hits_in_set_up
+from dlo_ros.diagnosis.contact.contact_search import PegBesideSetUp, pegs_beside_set_up, pegs_met
 from dlo_ros.diagnosis.explain.joint_explanation import (
     Explanation,
     departures,
@@ -31,7 +31,7 @@ from dlo_ros.diagnosis.findings.measured_force_scale import with_forces
 from dlo_ros.diagnosis.findings.remarks import left_out
 from dlo_ros.diagnosis.findings.summary import Findings, is_immaterial, outcome
 from dlo_ros.diagnosis.fitting.candidate_model import Model
-from dlo_ros.diagnosis.fitting.evaluation import Evaluation, evaluate
+from dlo_ros.diagnosis.fitting.evaluation import CandidateEvaluation, evaluate
 from dlo_ros.diagnosis.fitting.initial_fit import Beginning, begin, drafts, finer
 from dlo_ros.diagnosis.fitting.levenberg_marquardt import fit, renewed
 from dlo_ros.diagnosis.fitting.recording_noise import noise_floor
@@ -232,7 +232,7 @@ def _search(
     )
 
 
-def _only(at: Evaluation, count: int) -> Evaluation:
+def _only(at: CandidateEvaluation, count: int) -> CandidateEvaluation:
     """The part of an evaluation that belongs to the first recordings."""
     assert at.jacobians is not None
     return replace(
@@ -250,10 +250,10 @@ def _explain(
     names = imposed_names(r.manipulation for r in recordings)
     most = verdict.limit(plain.structure)
 
-    def screened(at: Evaluation, present: Sequence[str]) -> list[Prospect]:
+    def screened(at: CandidateEvaluation, present: Sequence[str]) -> list[Prospect]:
         here = scene(at.model.settings, names, at.predicted)
         progress("looking for what was hit", 0.0)
-        return screen(team, at, [*starts(here, present), *hits(team, at, present)], progress)
+        return screen(team, at, [*starts(here, present), *pegs_met(team, at, present)], progress)
 
     def judge_of(candidates: Sequence[Candidate]) -> held_out.KeptAside:
         """What is kept aside goes with the best of what explains the data."""
@@ -353,13 +353,15 @@ def _explain(
     return findings if decision.chosen is not None else _beside(findings, joint, plain)
 
 
-def _met(team: Workers, plain: Candidate, begun: Lesson, progress: Progress) -> list[Hit]:
+def _met(
+    team: Workers, plain: Candidate, begun: Lesson, progress: Progress
+) -> list[PegBesideSetUp]:
     """Pegs that the DLO may have hit, where the set-up alone leaves an ERR that matters."""
     setup, recordings = begun.prepared.setup, begun.prepared.recordings
     if setup.mean_err < material_err(own_err(setup, recordings), team.problem.given):
         return []
     progress("looking for what was hit", 0.0)
-    return hits_in_set_up(team, plain.at, begun.prepared.scene)
+    return pegs_beside_set_up(team, plain.at, begun.prepared.scene)
 
 
 def _misses(plain: Candidate, recordings: Sequence[Recording], given: Settings) -> bool:

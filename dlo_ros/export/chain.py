@@ -35,7 +35,7 @@ SLOWEST = 1.875**4  # squared frequency of a cantilever's first mode over B / (l
 
 
 @dataclass(frozen=True)
-class Chain:
+class CableChain:
     """The cable in its formats' common form; N joints, N + 1 links.
 
     Args:
@@ -135,7 +135,7 @@ class Chain:
 def build_chain(
     settings: Settings, command: Command, stamp: int, basis: SplineBasis, shape: FloatArray,
     joints: int,
-) -> Chain:  # fmt: skip
+) -> CableChain:  # fmt: skip
     """The chain of a cable that a command holds.
 
     Args:
@@ -178,7 +178,7 @@ def build_chain(
     root = Pose(np.asarray(origin), frames[0])
     stop = Pose(basis.evaluate(shape[:, :3], [settings.rod.length])[0], frames[joints])
     begin = Pose(basis.evaluate(shape[:, :3], [0.0])[0], frames[0])
-    return Chain(
+    return CableChain(
         length, settings.rod.diameter, bend, twist, body.relaxation_time, curved,
         body.line_density, tuple(masses), body.gravity, body.air_drag,
         body.quadratic_drag or 0.0, _grips(model, command, stamp, begin, stop), root, turns,
@@ -228,10 +228,10 @@ def _frames(basis: SplineBasis, shape: FloatArray, joints: int) -> Rotation:
 
 
 def part_lines(
-    chain: Chain,
-    link: Callable[[Chain, int, Pose], list[str]],
-    joint: Callable[[Chain, int], list[str]],
-    grip: Callable[[Chain, Grip], list[str]],
+    chain: CableChain,
+    link: Callable[[CableChain, int, Pose], list[str]],
+    joint: Callable[[CableChain, int], list[str]],
+    grip: Callable[[CableChain, Grip], list[str]],
 ) -> list[str]:
     """Lines of a text format for all links, joints and grips, in this order."""
     lines = [line for k, pose in enumerate(chain.poses) for line in link(chain, k, pose)]

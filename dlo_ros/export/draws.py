@@ -27,7 +27,7 @@ SEED = 22  # of the draws: the same call gives the same cables
 
 
 @dataclass(frozen=True)
-class Knowledge:
+class ParameterKnowledge:
     """Knowledge of the material and of the rod's other numbers.
 
     Args:
@@ -46,7 +46,7 @@ class Knowledge:
         return math.sqrt(max(float(RATIO @ self.covariance @ RATIO), 0.0))
 
 
-def read_knowledge(settings: Settings, estimate: Path | None) -> Knowledge:
+def read_knowledge(settings: Settings, estimate: Path | None) -> ParameterKnowledge:
     """The knowledge in estimate.json, or in the parameter file's standard deviations without it.
 
     Raises:
@@ -73,7 +73,7 @@ def read_knowledge(settings: Settings, estimate: Path | None) -> Knowledge:
     whole = information + told + np.diag(NOBODY**-2)
     absent = ~np.isfinite(logarithms(settings))  # a damping of zero stays what it is
     whole[np.ix_(absent, absent)] += 1e12 * np.eye(int(absent.sum()))
-    return Knowledge(
+    return ParameterKnowledge(
         np.asarray(np.linalg.inv(whole), dtype=np.float64),
         bool(told.any()),
         _numbers(settings, set_up),
@@ -95,7 +95,7 @@ def _numbers(settings: Settings, set_up: dict[str, Any]) -> dict[tuple[str, str]
     return found
 
 
-def statement(settings: Settings, known: Knowledge) -> str:
+def statement(settings: Settings, known: ParameterKnowledge) -> str:
     """E/mu with its 95 % interval, as a sentence."""
     ratio, spread = settings.rod.specific_modulus, TWO_SIDED * known.ratio_std
     if not known.told:
@@ -107,7 +107,7 @@ def statement(settings: Settings, known: Knowledge) -> str:
     return f"E/mu is {ratio:.4g} m^2/s^2; 95 % interval {low:.4g} to {high:.4g} m^2/s^2"
 
 
-def draw(settings: Settings, known: Knowledge, count: int) -> Iterator[Settings]:
+def draw(settings: Settings, known: ParameterKnowledge, count: int) -> Iterator[Settings]:
     """Plausible cables, independent of each other and the same in every call."""
     random = np.random.default_rng(SEED)
     centre = logarithms(settings)

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from dlo_ros.errors import SimulationError
-from dlo_ros.export.chain import Chain, build_chain
+from dlo_ros.export.chain import CableChain, build_chain
 from dlo_ros.export.mjcf import mjcf
 from dlo_ros.export.mujoco_run import MujocoCable
-from dlo_ros.export.scenes import Scene
+from dlo_ros.export.scenes import ComparedMotion
 from dlo_ros.inference.err import shape_error, shape_errors
 from dlo_ros.parameters import Settings
 
@@ -74,12 +74,12 @@ class Choice:
         return max((f.worst for f in self.achieved), default=math.inf)
 
 
-def first_chain(scene: Scene, settings: Settings, elements: int) -> Chain:
+def first_chain(scene: ComparedMotion, settings: Settings, elements: int) -> CableChain:
     """The chain with which a scene begins, for a cable that may be another than the scene's."""
     return build_chain(settings, scene.command, scene.stamps[0], scene.fine, scene.first, elements)
 
 
-def longest_step(chain: Chain) -> float:
+def longest_step(chain: CableChain) -> float:
     """The longest step of `STEPS` with which an undamped chain is stable [s].
 
     The highest frequency of a chain's bending is 4 sqrt(k / (m h^2)).
@@ -90,7 +90,12 @@ def longest_step(chain: Chain) -> float:
 
 
 def choose(
-    mujoco: Any, scenes: Sequence[Scene], settings: Settings, *, plugin: bool, max_err: float
+    mujoco: Any,
+    scenes: Sequence[ComparedMotion],
+    settings: Settings,
+    *,
+    plugin: bool,
+    max_err: float,
 ) -> Choice | None:
     """The coarsest cable that follows the rod.
 
@@ -129,7 +134,7 @@ def choose(
     return best
 
 
-def _steps(scenes: Sequence[Scene], settings: Settings, elements: int) -> Iterator[float]:
+def _steps(scenes: Sequence[ComparedMotion], settings: Settings, elements: int) -> Iterator[float]:
     """Steps that may be stable."""
     chain = first_chain(scenes[0], settings, elements)
     stiff = float(chain.bend.max()) / (chain.line_density * chain.cell**3)
@@ -139,7 +144,13 @@ def _steps(scenes: Sequence[Scene], settings: Settings, elements: int) -> Iterat
 
 
 def measure(
-    mujoco: Any, scene: Scene, settings: Settings, elements: int, step: float, *, plugin: bool
+    mujoco: Any,
+    scene: ComparedMotion,
+    settings: Settings,
+    elements: int,
+    step: float,
+    *,
+    plugin: bool,
 ) -> Fidelity:
     """Run a scene in MuJoCo and compare.
 
@@ -174,7 +185,7 @@ def measure(
     return Fidelity(scene.name, static, mean, largest, recorded, rod_recorded, seconds)
 
 
-def _measured(scene: Scene, shapes: np.ndarray) -> np.ndarray:
+def _measured(scene: ComparedMotion, shapes: np.ndarray) -> np.ndarray:
     """Shapes (F, n, 3) as the camera sees them."""
     assert scene.camera is not None
     zero = np.zeros((shapes.shape[1], 1))

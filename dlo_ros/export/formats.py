@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from dlo_ros.export import mjcf, newton, sdf, usd
-from dlo_ros.export.chain import Chain
+from dlo_ros.export.chain import CableChain
 
 Write = Callable[..., str]
 
@@ -32,7 +32,7 @@ class Format:
     simulator: str
     write: Write
     says: frozenset[str]
-    approximations: Callable[[Chain], tuple[str, ...]]
+    approximations: Callable[[CableChain], tuple[str, ...]]
     plugin: str
     run: bool
     use: str

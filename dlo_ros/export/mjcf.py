@@ -16,7 +16,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from dlo_ros.export.chain import Chain
+from dlo_ros.export.chain import CableChain
 from dlo_ros.export.grips import Grip, Pose
 from dlo_ros.export.said import CHAIN, body_fields
 from dlo_ros.spline import FloatArray
@@ -30,7 +30,7 @@ BOX = math.sqrt(0.75)  # side of the box that has a cylinder's inertia, over its
 REST = "start"  # name of the keyframe
 
 
-def mjcf(chain: Chain, *, plugin: bool, step: float, comment: str) -> str:
+def mjcf(chain: CableChain, *, plugin: bool, step: float, comment: str) -> str:
     """The cable as MJCF.
 
     Args:
@@ -66,7 +66,7 @@ def mjcf(chain: Chain, *, plugin: bool, step: float, comment: str) -> str:
     return "\n".join(lines)
 
 
-def fluid(chain: Chain) -> tuple[float, float]:
+def fluid(chain: CableChain) -> tuple[float, float]:
     """Viscosity [Pa s] and density [kg/m^3] of a fluid that drags links as the air does.
 
     MuJoCo drags a body by its box of equal inertia: by 3 pi d b v with d the mean of its sides and
@@ -76,12 +76,12 @@ def fluid(chain: Chain) -> tuple[float, float]:
     return viscosity(chain, chain.air_drag), 2.0 * chain.quadratic_drag / (BOX * chain.diameter)
 
 
-def viscosity(chain: Chain, air_drag: float) -> float:
+def viscosity(chain: CableChain, air_drag: float) -> float:
     """Viscosity [Pa s] that drags by a force per length over velocity [N s/m^2]."""
     return air_drag * chain.cell / (math.pi * (chain.cell + 2.0 * BOX * chain.diameter))
 
 
-def approximations(chain: Chain, *, plugin: bool) -> tuple[str, ...]:
+def approximations(chain: CableChain, *, plugin: bool) -> tuple[str, ...]:
     """What the format says by something else, one line each."""
     ratio = float(np.mean(chain.twist)) / float(np.mean(chain.bend))
     if plugin and not chain.uniform:
@@ -96,7 +96,7 @@ def approximations(chain: Chain, *, plugin: bool) -> tuple[str, ...]:
     )
 
 
-def coordinates(chain: Chain) -> FloatArray:
+def coordinates(chain: CableChain) -> FloatArray:
     """Coordinates (qpos) when the motion begins, shape (7 + 4 N,)."""
     turns = [Pose(np.zeros(3), turn).quaternion for turn in chain.turns]
     return np.concatenate([chain.root.position, chain.root.quaternion, *turns])
@@ -125,7 +125,7 @@ def _grip(grip: Grip) -> list[str]:
     ]
 
 
-def _moduli(chain: Chain) -> tuple[float, float]:
+def _moduli(chain: CableChain) -> tuple[float, float]:
     """E and G with which the plugin makes the softest joint of a cable of its own diameter [Pa]."""
     radius = 0.5 * chain.diameter
     bend = 4.0 * float(chain.bend.min()) * chain.cell / (math.pi * radius**4)
@@ -134,7 +134,7 @@ def _moduli(chain: Chain) -> tuple[float, float]:
     return bend, 0.5 * ratio * bend
 
 
-def _plugin(chain: Chain) -> list[str]:
+def _plugin(chain: CableChain) -> list[str]:
     bend, twist = _moduli(chain)
     return [
         "  <extension>",
@@ -149,7 +149,7 @@ def _plugin(chain: Chain) -> list[str]:
     ]
 
 
-def _links(chain: Chain, plugin: bool) -> list[str]:
+def _links(chain: CableChain, plugin: bool) -> list[str]:
     """The links as nested bodies; fixed masses come after all links, as the plugin wants it."""
     opened, closed = [], []
     for k in range(chain.joints + 1):
@@ -168,7 +168,7 @@ def _links(chain: Chain, plugin: bool) -> list[str]:
     return opened + [line for part in reversed(closed) for line in part]
 
 
-def _link(chain: Chain, k: int, plugin: bool) -> list[str]:
+def _link(chain: CableChain, k: int, plugin: bool) -> list[str]:
     """The parts of a link: joint, inertia, geoms, plugin, the site at an end."""
     begin, stop = chain.extent(k)
     along, across = chain.inertia(k)
@@ -203,7 +203,7 @@ def _link(chain: Chain, k: int, plugin: bool) -> list[str]:
     return lines
 
 
-def _keyframe(chain: Chain) -> list[str]:
+def _keyframe(chain: CableChain) -> list[str]:
     places = np.ravel([grip.commanded.position for grip in chain.grips])
     turns = np.ravel([grip.commanded.quaternion for grip in chain.grips])
     return [

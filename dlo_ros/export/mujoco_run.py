@@ -14,7 +14,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 from dlo_ros.command import NANOSECONDS
 from dlo_ros.errors import SimulationError
-from dlo_ros.export.chain import Chain
+from dlo_ros.export.chain import CableChain
 from dlo_ros.export.grips import Pose
 from dlo_ros.export.mjcf import REST, coordinates, viscosity
 from dlo_ros.export.scenes import INSTANT
@@ -70,7 +70,7 @@ class MujocoCable:
         SimulationError: MuJoCo does not take the text.
     """
 
-    def __init__(self, mujoco: Any, text: str, chain: Chain) -> None:
+    def __init__(self, mujoco: Any, text: str, chain: CableChain) -> None:
         self._mujoco, self._chain = mujoco, chain
         try:
             self._model = mujoco.MjModel.from_xml_string(text)
@@ -87,7 +87,7 @@ class MujocoCable:
         """Time step [s]."""
         return float(self._model.opt.timestep)
 
-    def throw(self, soon: Chain) -> None:
+    def throw(self, soon: CableChain) -> None:
         """Give it the velocity that leads to another shape within a millisecond."""
         self._mujoco.mj_differentiatePos(
             self._model, self._data.qvel, INSTANT / NANOSECONDS, self.coordinates(),

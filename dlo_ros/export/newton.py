@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dlo_ros.export.chain import Chain
+from dlo_ros.export.chain import CableChain
 from dlo_ros.export.grips import Pose
 from dlo_ros.export.mjcf import SAYS, fluid
 from dlo_ros.spline import FloatArray
@@ -105,7 +105,7 @@ if __name__ == "__main__":
 '''
 
 
-def approximations(chain: Chain) -> tuple[str, ...]:
+def approximations(chain: CableChain) -> tuple[str, ...]:
     """What the format says by something else, one line each."""
     ratio = float(np.mean(chain.twist)) / float(np.mean(chain.bend))
     lines = [
@@ -118,7 +118,7 @@ def approximations(chain: Chain) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def newton(chain: Chain, *, step: float, comment: str) -> str:
+def newton(chain: CableChain, *, step: float, comment: str) -> str:
     """The cable as a script.
 
     Args:

@@ -16,7 +16,7 @@ from dlo_ros.inference.forecast import Manipulation, motion_of
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.measured_shapes import MeasurementMap
-from dlo_ros.rod.simulation import Simulation
+from dlo_ros.rod.rod_simulations import simulation_of
 from dlo_ros.spline import FloatArray, SplineBasis
 
 CONTROL_POINTS = 40  # of the standard motion's shapes, at least
@@ -28,7 +28,7 @@ INSTANT = 1_000_000  # [ns] in which the velocity of a moving start is seen
 
 
 @dataclass(frozen=True)
-class Scene:
+class ComparedMotion:
     """A motion of the rod, and what was seen of it.
 
     Args:
@@ -78,7 +78,7 @@ class Scene:
         return pose_at(command, end, stamp)
 
 
-def standard_scene(settings: Settings) -> Scene:
+def standard_scene(settings: Settings) -> ComparedMotion:
     """The standard motion: clamped level at its start, moved to and fro once, then watched as long.
 
     The clamp goes by a quarter of the length in the time of a pendulum's swing, smoothly.
@@ -113,7 +113,9 @@ def standard_scene(settings: Settings) -> Scene:
     raise failure
 
 
-def recorded_scene(manipulation: Manipulation, settings: Settings, full: Settings) -> Scene:
+def recorded_scene(
+    manipulation: Manipulation, settings: Settings, full: Settings
+) -> ComparedMotion:
     """A recording's motion, from its first observed shape.
 
     Args:
@@ -139,22 +141,20 @@ def recorded_scene(manipulation: Manipulation, settings: Settings, full: Setting
 def _simulated(
     name: str, settings: Settings, motion: Motion, observations: Sequence[Observation],
     stamps: Sequence[int],
-) -> Scene:  # fmt: skip
-    simulation = Simulation(settings, motion)
+) -> ComparedMotion:  # fmt: skip
+    simulation = simulation_of(settings, motion)
     simulation.start(observations, stamps[-1])
-    assert simulation.state is not None
-    fine, first = simulation.model.basis, simulation.state.q.copy()
+    fine, first = simulation.basis, simulation.true_shape()
     shapes, soon = [simulation.prediction()], None
     settled = settings.simulation.start == "equilibrium"
     if settings.simulation.start == "moving":
         probe = simulation.fork(settings)
         probe.advance(stamps[0] + INSTANT)
-        assert probe.state is not None
-        soon = probe.state.q.copy()
+        soon = probe.true_shape()
     if len(stamps) > 1:
         shapes += simulation.advance_through(stamps[1:])
     points = np.array([s.control_points[:, :3] for s in shapes])
-    return Scene(
+    return ComparedMotion(
         name, settings, motion, tuple(stamps), simulation.published, points, fine, first, soon,
         settled,
     )  # fmt: skip

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dlo_ros.export.chain import Chain, part_lines
+from dlo_ros.export.chain import CableChain, part_lines
 from dlo_ros.export.grips import Grip, Pose
 from dlo_ros.export.said import CHAIN
 from dlo_ros.spline import FloatArray
@@ -24,7 +24,7 @@ VERSION = "1.9"
 FURTHEST = 2.0  # [rad] that a joint may turn to either side
 
 
-def approximations(chain: Chain) -> tuple[str, ...]:
+def approximations(chain: CableChain) -> tuple[str, ...]:
     """What the format says by something else, one line each."""
     lines = ["twist: a universal joint does not twist at all"]
     if chain.grips:
@@ -32,7 +32,7 @@ def approximations(chain: Chain) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def sdf(chain: Chain, *, step: float, comment: str) -> str:
+def sdf(chain: CableChain, *, step: float, comment: str) -> str:
     """The cable as the one model of a world.
 
     Args:
@@ -71,7 +71,7 @@ def _pose(pose: Pose) -> str:
     return f"<pose>{_text([*pose.position, roll, pitch, yaw])}</pose>"
 
 
-def _link(chain: Chain, k: int, pose: Pose) -> list[str]:
+def _link(chain: CableChain, k: int, pose: Pose) -> list[str]:
     mass, centre, inertia = chain.loaded(k)
     begin, stop = chain.extent(k)
     place = f"<pose>{0.5 * (begin + stop):.9g} 0 0 0 {0.5 * math.pi:.9g} 0</pose>"
@@ -91,7 +91,7 @@ def _link(chain: Chain, k: int, pose: Pose) -> list[str]:
     ]
 
 
-def _joint(chain: Chain, k: int) -> list[str]:
+def _joint(chain: CableChain, k: int) -> list[str]:
     stiffness = float(chain.bend[k - 1])
     turn = chain.turns[k - 1].as_rotvec()
     lines = [
@@ -109,7 +109,7 @@ def _joint(chain: Chain, k: int) -> list[str]:
     return [*lines, "</joint>"]
 
 
-def _grip(chain: Chain, grip: Grip) -> list[str]:
+def _grip(chain: CableChain, grip: Grip) -> list[str]:
     link = 0 if grip.end == "start" else chain.joints
     kind = "fixed" if grip.kind == "clamp" else "ball"
     at = chain.extent(link)[link > 0]

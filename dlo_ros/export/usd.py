@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from dlo_ros.export.chain import Chain, part_lines
+from dlo_ros.export.chain import CableChain, part_lines
 from dlo_ros.export.grips import Grip, Pose
 from dlo_ros.export.said import CHAIN, body_fields
 from dlo_ros.spline import FloatArray
@@ -27,12 +27,12 @@ LOCKED = ("transX", "transY", "transZ")
 DRIVEN = ("rotX", "rotY", "rotZ")
 
 
-def approximations(chain: Chain) -> tuple[str, ...]:
+def approximations(chain: CableChain) -> tuple[str, ...]:
     """What the format says by something else, one line each."""
     return ("springs are drives about three axes, right for small angles of a joint",)
 
 
-def usd(chain: Chain, *, step: float, comment: str) -> str:
+def usd(chain: CableChain, *, step: float, comment: str) -> str:
     """The cable as a stage.
 
     Args:
@@ -85,7 +85,7 @@ def _schemas(*names: str) -> str:
     return f"    prepend apiSchemas = [{quoted}]"
 
 
-def _link(chain: Chain, k: int, pose: Pose) -> list[str]:
+def _link(chain: CableChain, k: int, pose: Pose) -> list[str]:
     mass, centre, inertia = chain.loaded(k)
     begin, stop = chain.extent(k)
     drag = chain.air_drag * (stop - begin) / mass
@@ -115,7 +115,7 @@ def _link(chain: Chain, k: int, pose: Pose) -> list[str]:
     ]
 
 
-def _joint(chain: Chain, k: int) -> list[str]:
+def _joint(chain: CableChain, k: int) -> list[str]:
     apis = [f"PhysicsLimitAPI:{axis}" for axis in LOCKED]
     apis += [f"PhysicsDriveAPI:{axis}" for axis in DRIVEN]
     lines = [
@@ -159,7 +159,7 @@ def _frames(first: Pose, second: Pose) -> list[str]:
     return lines
 
 
-def _grip(chain: Chain, grip: Grip) -> list[str]:
+def _grip(chain: CableChain, grip: Grip) -> list[str]:
     link = 0 if grip.end == "start" else chain.joints
     at = np.array([chain.extent(link)[link > 0], 0.0, 0.0])
     kind = "PhysicsFixedJoint" if grip.kind == "clamp" else "PhysicsSphericalJoint"

@@ -2,20 +2,18 @@
 """Many forecasts of one recording at once, and derivatives from them.
 
 Where the rod stays in the plane, eight parameter sets are simulated at the price of little more
-than one (`dlo_ros.rod.batch.parameter_sets`). Their differences are the derivatives: all eight
+than one (`dlo_ros.rod.protocol.RodBatch`). Their differences are the derivatives: all eight
 share their time steps, so that the error of these cancels. Elsewhere the forecasts are made one by
 one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Mapping, Sequence
-from copy import copy
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dlo_ros.effects import effects
 from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.identification.cooperative_tasks import exhausted
 from dlo_ros.identification.estimate import logarithms, with_logarithms
@@ -29,15 +27,9 @@ from dlo_ros.inference.forecast import (
     unit_of,
 )
 from dlo_ros.parameters import Settings
-from dlo_ros.rod.batch.parameter_sets import ParameterSets
-from dlo_ros.rod.dynamics import in_lanes, with_consistent_acceleration
-from dlo_ros.rod.packing import nothing_varies, true_command
-from dlo_ros.rod.planar_model import in_plane
-from dlo_ros.rod.sensitivity.sensitivity_state import SensitivityState
+from dlo_ros.rod.protocol import RodBatch, RodSimulation
+from dlo_ros.rod.rod_simulations import simulation_of
 from dlo_ros.rod.sensitivity_parameters import MATERIAL
-from dlo_ros.rod.simulation import Simulation
-from dlo_ros.rod.state import State
-from dlo_ros.rod.statics import settle
 from dlo_ros.spline import FloatArray
 
 DIFFERENCE = (0.02, 0.02, 0.1, 0.1)  # of the logarithms of MATERIAL, to either side
@@ -91,18 +83,21 @@ def varied_in_pieces(
     together = yield from _together(manipulation, sets, spans, last_stamp, frames)
     if together is None or any(f is None for f in together.forecasts):
         return None
-    here, *sides = (f for f in together.forecasts if f is not None)
-    state, *states = together.states
-    derivative = np.zeros((len(here.stamps), len(MATERIAL), *here.residual.shape[1:]))
-    for i, k in enumerate(vary):
-        above, below = sides[2 * i], sides[2 * i + 1]
-        derivative[:, k] = (below.residual - above.residual) / (2.0 * DIFFERENCE[k])
-    if follows:
-        derivative[:, DENSITY] = -derivative[:, 0] - derivative[:, 2]
-    pairs = {k: (states[2 * i], states[2 * i + 1]) for i, k in enumerate(vary)}
-    varying = _varying(state, pairs, follows=follows)
-    end = together.first.carrying(replace(state, sensitivity=varying), MATERIAL)
-    return Varied(replace(here, derivative=derivative), end)
+    forecasts = [f for f in together.forecasts if f is not None]
+
+    def quotient(values: FloatArray) -> FloatArray:
+        """Derivatives by `MATERIAL`, shape (4, ...), of what the sets differ in, (S, ...)."""
+        result = np.zeros((len(MATERIAL), *values.shape[1:]))
+        for k, above, below in zip(vary, values[1::2], values[2::2], strict=True):
+            result[k] = (above - below) / (2.0 * DIFFERENCE[k])
+        if follows:
+            result[DENSITY] = -result[0] - result[2]
+        return result
+
+    derivative = -quotient(np.array([f.residual for f in forecasts]))
+    derivative = np.ascontiguousarray(derivative.swapaxes(0, 1))  # (F, 4, n, 3)
+    here = replace(forecasts[0], derivative=derivative)
+    return Varied(here, together.batch.differentiated(MATERIAL, quotient))
 
 
 @dataclass(frozen=True)
@@ -110,31 +105,7 @@ class Varied:
     """A forecast with derivatives by `MATERIAL`, and the simulation at its end, which has them."""
 
     forecast: Forecast
-    simulation: Simulation
-
-
-def _varying(
-    state: State, pairs: Mapping[int, tuple[State, State]], *, follows: bool
-) -> SensitivityState:
-    """Derivatives of a planar state by `MATERIAL`, from the states above and below."""
-    result = nothing_varies(state, len(MATERIAL))
-    parts: dict[str, Callable[[State], FloatArray]] = {
-        "q": lambda s: s.q,
-        "velocity": lambda s: s.velocity,
-        "acceleration": lambda s: s.acceleration,
-        "auxiliary": lambda s: s.auxiliary,
-        "stretch": lambda s: s.strains.stretch,
-        "stretch_before": lambda s: s.previous.stretch,
-        "other": lambda s: s.strains.other,
-        "other_before": lambda s: s.previous.other,
-    }
-    for name, part in parts.items():
-        rate = getattr(result, name)
-        for k, (above, below) in pairs.items():
-            rate[k] = (part(above) - part(below)) / (2.0 * DIFFERENCE[k])
-        if follows:
-            rate[DENSITY] = -rate[0] - rate[2]
-    return result
+    simulation: RodSimulation
 
 
 def forecast_each(
@@ -195,127 +166,60 @@ def _together(
     """Forecasts from one run of all sets; None where that cannot be done."""
     observations = seen_until(manipulation, last_stamp)
     motion = motion_of(manipulation)
-    first = Simulation(sets[0], motion, spans=spans)
+    first = simulation_of(sets[0], motion, spans=spans)
     try:
         yield from first.starting(observations[:2], observations[-1].stamp)
     except SimulationError:
         return None
     first.warn_of_instability()
-    assert first.state is not None
-    begin, last = first.stamp, observations[-1].stamp
-    if any(begin < c.stamp < last for c in motion.commands):
-        return None
-    command = motion.at(begin)
-    assert command is not None
-    model, boundary, state = first.model, first.boundary, first.state
-    alone = not all(effects()[name].batched for one in sets for name in one.effects)
-    if alone or not in_lanes(model, boundary):
-        return None
-    if not in_plane(model, state, true_command(model, command)):
+    batch = yield from first.batching(sets, observations[-1].stamp)
+    if batch is None:
         return None
     if sets[0].simulation.start == "moving":
         observations = observations[1:]
-    simulations, failed = [first], {}
-    for k, settings in enumerate(sets[1:], start=1):
-        yield
-        try:
-            simulations.append(_started(first, settings))
-        except SimulationError as err:
-            failed[k] = str(err)
     stamps = [o.stamp for o in observations]
-    later = [s for s in stamps if s > begin]
-    states = [s.state for s in simulations if s.state is not None]
-    begun, moved = states, [s.q[None, :0] for s in states]
-    lost: dict[int, str] = {}
+    later = [s for s in stamps if s > first.stamp]
+    pieces: list[FloatArray] = [] if len(later) == len(stamps) else [batch.shapes[:, None]]
     if later:
         yield
         try:
-            parameter_sets = ParameterSets([s.model for s in simulations], boundary)
-            pieces: list[FloatArray] = []
             for leg in _legs(later, frames):
-                tracks = parameter_sets.follow(states, command, leg)
-                pieces.append(tracks.shapes)
-                lost |= tracks.failures
-                # What has failed stands still from here on.
-                states = [s if k in lost else tracks.state(k) for k, s in enumerate(states)]
-                states = [replace(s, stamp=leg[-1]) for s in states]
+                pieces.append(batch.advance_through(leg))
                 yield
         except InputError:
             return None
-        moved = list(np.concatenate(pieces, axis=1))
-    published = first.published
-    down = published.projection(model.basis)
+    shapes = np.concatenate(pieces, axis=1)
     error = first.resolution.error if first.resolution else np.nan
     result: list[Forecast | None] = []
-    row = iter(range(len(simulations)))
     for k in range(len(sets)):
         yield
-        if k in failed:
+        if k in batch.failures:
             result.append(None)
             continue
-        i = next(row)
-        if i in lost:
-            result.append(None)
-            continue
-        shapes = moved[i]
-        if len(later) < len(stamps):
-            first_shape = begun[i].q[None]
-            shapes = np.concatenate([first_shape, shapes]) if later else first_shape
         result.append(
             compared(
                 observations,
-                _projected(down, shapes),
+                shapes[k],
                 None,
-                published,
-                model.basis.spans,
+                first.published,
+                first.basis.spans,
                 error,
-                stable=simulations[i].stable,
+                stable=batch.stable[k],
                 unit=unit_of(manipulation),
             )
         )
-    return _Together(result, states, first)
+    return _Together(result, batch)
 
 
 @dataclass(frozen=True)
 class _Together:
-    """Forecasts of all sets, None where one has failed, and the states of the others at the end.
-
-    `first` is the simulation of the first set at its start.
-    """
+    """Forecasts of all sets, None where one has failed, and the sets themselves at the end."""
 
     forecasts: list[Forecast | None]
-    states: list[State]
-    first: Simulation
+    batch: RodBatch
 
 
 def _legs(stamps: list[int], frames: int | None) -> list[list[int]]:
     """Stamps in pieces."""
     size = frames or len(stamps)
     return [stamps[k : k + size] for k in range(0, len(stamps), size)]
-
-
-def _projected(down: FloatArray, shapes: FloatArray) -> FloatArray:
-    """Shapes (F, m, 4) in the published basis, free of twist as in the plane."""
-    result = np.asarray(down @ shapes)
-    result[:, :, 3] = 0.0
-    return result
-
-
-def _started(first: Simulation, settings: Settings) -> Simulation:
-    """A simulation with other parameters, started as another one was."""
-    assert first.state is not None
-    twin = copy(first)
-    twin.settings = settings
-    twin.model = first.model.with_settings(settings)
-    command = twin.motion.at(first.state.stamp)
-    assert command is not None
-    state: State
-    if settings.simulation.start == "equilibrium":
-        found = settle(
-            twin.model, twin.boundary, first.state, command, first.state.stamp, fresh=True
-        )
-        state, twin.stable = found.state, found.stable
-    else:
-        state = with_consistent_acceleration(twin.model, twin.boundary, first.state, command)
-    twin.state = state
-    return twin

@@ -16,7 +16,7 @@ from dlo_ros.inference.observation_operator import noise_unit, operator_of
 from dlo_ros.observation import Observation, Wrenches
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.loads.grip_reactions import Loading
-from dlo_ros.rod.simulation import Simulation
+from dlo_ros.rod.rod_simulations import simulation_of
 from dlo_ros.spline import FloatArray, SplineBasis
 
 
@@ -131,7 +131,7 @@ def _forecast(
 ) -> Forecast:
     observations = seen_until(manipulation, last_stamp)
     motion = motion_of(manipulation)
-    simulation = Simulation(settings, motion, parameters=parameters, spans=spans, loads=loads)
+    simulation = simulation_of(settings, motion, parameters=parameters, spans=spans, loads=loads)
     simulation.start(observations[:2], observations[-1].stamp)
     if settings.simulation.start == "moving":
         observations = observations[1:]
@@ -145,7 +145,7 @@ def _forecast(
         np.array([p.control_points for p in predictions]),
         np.array(changes) if changes else None,
         simulation.published,
-        simulation.model.basis.spans,
+        simulation.basis.spans,
         judged.error if judged else np.nan,
         stable=simulation.stable,
         unit=unit_of(manipulation),

@@ -15,13 +15,13 @@ from rcl_interfaces.msg import (
     SetParametersResult,
 )
 from rclpy.node import Node
-from rclpy.parameter import Parameter as RosParameter
+from rclpy.parameter import FileParameter as RosParameter
 
 from dlo_ros.effects import quantities
 from dlo_ros.effects.registry import STD
 from dlo_ros.errors import DloError, ParameterError
 from dlo_ros.parameter_cameras import CAMERAS, DESCRIPTION, flat_cameras, of_cameras
-from dlo_ros.parameter_table import PARAMETERS, TABLE, Parameter, Value
+from dlo_ros.parameter_table import PARAMETERS, TABLE, FileParameter, Value
 from dlo_ros.parameters import EFFECTS_PREFIX, Settings
 
 # Present in every node, and rclpy's business.
@@ -96,7 +96,7 @@ def _declare_effect(
     )
 
 
-def descriptor(parameter: Parameter) -> ParameterDescriptor:
+def descriptor(parameter: FileParameter) -> ParameterDescriptor:
     """What `ros2 param describe` shows."""
     result = ParameterDescriptor(
         type=parameter_type(parameter),
@@ -125,7 +125,7 @@ def descriptor(parameter: Parameter) -> ParameterDescriptor:
     return result
 
 
-def parameter_type(parameter: Parameter) -> int:
+def parameter_type(parameter: FileParameter) -> int:
     """The type of the value as rcl_interfaces/ParameterType numbers it."""
     if parameter.size:
         return int(ParameterType.PARAMETER_DOUBLE_ARRAY)

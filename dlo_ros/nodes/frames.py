@@ -18,7 +18,7 @@ LATE = 1.6
 """Times the usual interval that two neighbouring images may lie apart."""
 
 
-class Frames:
+class FrameStatistics:
     """Statistics over the stamps of images, in the order of their arrival."""
 
     def __init__(self) -> None:

@@ -13,7 +13,7 @@ from dlo_ros.command import NANOSECONDS, Command, Motion
 from dlo_ros.errors import InputError, VisionError
 from dlo_ros.nodes import qos
 from dlo_ros.nodes.commands import CommandSubscription
-from dlo_ros.nodes.frames import Frames
+from dlo_ros.nodes.frames import FrameStatistics
 from dlo_ros.nodes.markers import Markers
 from dlo_ros.nodes.message_factory import ROS_MESSAGES
 from dlo_ros.nodes.node_base import JUMP_BACK, DloNode
@@ -66,7 +66,7 @@ class ObserverNode(DloNode):
         self._predictions = Predictions()
         self._mask: Image | None = None
         self._last_stamp = 0
-        self._frames = Frames()
+        self._frames = FrameStatistics()
         self._held: deque[Any] = deque(maxlen=HELD_IMAGES)
         self._hold_until = 0.0
         self._judge_at = 0.0

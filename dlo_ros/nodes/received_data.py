@@ -27,7 +27,7 @@ SYMBOLS: Mapping[str, str] = {YOUNG_MODULUS: "E", DENSITY: "mu", SPECIFIC_MODULU
 
 
 @dataclass(frozen=True)
-class Sample:
+class EstimateSample:
     """The estimate at one instant.
 
     Args:
@@ -57,14 +57,14 @@ class ReceivedData:
     observed: dict[int, FloatArray] = field(default_factory=dict)
     predicted: dict[int, FloatArray] = field(default_factory=dict)
     err: list[tuple[int, float]] = field(default_factory=list)
-    samples: list[Sample] = field(default_factory=list)
+    samples: list[EstimateSample] = field(default_factory=list)
     facts: dict[str, str] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
     now: int = 0
     young_modulus: float = math.nan
     density: float = math.nan
 
-    def estimate(self) -> Sample | None:
+    def estimate(self) -> EstimateSample | None:
         """The estimate as it stands, None before the first."""
         if not (math.isfinite(self.young_modulus) and math.isfinite(self.density)):
             return None
@@ -73,7 +73,7 @@ class ReceivedData:
             DENSITY: self.density,
             SPECIFIC_MODULUS: self.young_modulus / self.density,
         }
-        return Sample(self.now, values, {name: self._std(name) for name in QUANTITIES})
+        return EstimateSample(self.now, values, {name: self._std(name) for name in QUANTITIES})
 
     def tick(self, now: int) -> None:
         """The clock [ns]; the first tick dates what was known before."""

@@ -116,7 +116,7 @@ class Rehearsing:
         health.count("rehearsals")
         seconds = (found.stamps[-1] - found.stamps[0]) / NANOSECONDS
         limits = self._node.settings.limits
-        alarms = found.extremes.alarms(limits)
+        alarms = found.extremes.alarms(limits) if found.loadings else []
         told = found.sentences(replace(limits, tension=0.0, bend_radius=0.0))
         self._node.get_logger().info(
             f"rehearsal of {seconds:.2f} s in {answer.took:.2f} s: {'; '.join(told)}"
@@ -126,5 +126,6 @@ class Rehearsing:
         values = health.values
         values["rehearsal computing time [s]"] = answer.took
         values["rehearsal band [mm]"] = None if found.std is None else 1e3 * float(found.std.max())
-        for key, number in found.extremes.numbers.items():
+        numbers = found.extremes.numbers if found.loadings else {}
+        for key, number in numbers.items():
             values[f"rehearsal {key}"] = number

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from dlo_ros.errors import DloError
 from dlo_ros.nodes.worker import NICENESS, SWITCH
 from dlo_ros.rod.motion_rehearsal import Rehearsal
-from dlo_ros.rod.simulation import Simulation
+from dlo_ros.rod.protocol import RodSimulation
 
 WAITING = 4
 """Motions that may wait; one that comes beyond is refused."""
@@ -30,8 +30,8 @@ class Request:
         simulate: what is done with it.
     """
 
-    prepare: Callable[[], Simulation]
-    simulate: Callable[[Simulation], Rehearsal]
+    prepare: Callable[[], RodSimulation]
+    simulate: Callable[[RodSimulation], Rehearsal]
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ COMMANDS = 2000
 """Commands that may wait; poses that are sent one by one may be a thousand a second."""
 
 
-class Outcome(NamedTuple):
+class EstimateOutcome(NamedTuple):
     """What an observed spline led to: an estimate, or the reason why there is none.
 
     `stamp` is that of the newest spline behind it [ns]; `later` marks an estimate that further work
@@ -61,7 +61,7 @@ class EstimatorThread:
         self._ready = ready
         self._changed = threading.Condition()
         self._tasks: deque[Task] = deque([settings])
-        self._outcomes: deque[Outcome] = deque(maxlen=WAITING)
+        self._outcomes: deque[EstimateOutcome] = deque(maxlen=WAITING)
         self._generation = 0
         self._stopping = False
         self.dropped = 0
@@ -110,7 +110,7 @@ class EstimatorThread:
             self._generation += 1
         self._put(settings)
 
-    def take(self) -> list[Outcome]:
+    def take(self) -> list[EstimateOutcome]:
         """The outcomes since the last call."""
         with self._changed:
             outcomes = list(self._outcomes)
@@ -171,7 +171,7 @@ class EstimatorThread:
             with self._changed:
                 if generation == self._generation:
                     self._outcomes.append(
-                        Outcome(newest, estimate, problem, task is None, watch.suspicion)
+                        EstimateOutcome(newest, estimate, problem, task is None, watch.suspicion)
                     )
             self._ready()
 

@@ -12,10 +12,10 @@ from dlo_ros.report.calibration import (
     write_calibration_report,
 )
 from dlo_ros.report.identification import (
-    Estimate,
+    EstimateRow,
     IdentificationReport,
     ParameterTrack,
-    RecordingResult,
+    RecordingRow,
     write_identification_report,
 )
 from dlo_ros.report.shape_player import Photograph, ShapeFrame
@@ -24,11 +24,11 @@ __all__ = [
     "BoardPicture",
     "CalibrationReport",
     "CalibrationView",
-    "Estimate",
+    "EstimateRow",
     "IdentificationReport",
     "ParameterTrack",
     "Photograph",
-    "RecordingResult",
+    "RecordingRow",
     "ShapeFrame",
     "write_calibration_report",
     "write_identification_report",

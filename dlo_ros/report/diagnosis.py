@@ -25,7 +25,7 @@ from dlo_ros.report.force import FORCE_CAPTION, force_arrows, force_maps
 from dlo_ros.report.loads import loads_table
 from dlo_ros.report.maps import field_maps
 from dlo_ros.report.page import Section, page, write_page
-from dlo_ros.report.plots import Level, LinePlot, Series, line_plot
+from dlo_ros.report.plots import LinePlot, ReferenceLine, Series, line_plot
 from dlo_ros.report.shape_player import ShapeFrame, player
 
 FORETELLS = (
@@ -131,9 +131,9 @@ def _over_time(k: int, r: DiagnosedRecording, report: DiagnosisReport) -> list[s
     series = [Series("plain model", "predicted", r.times, 1e3 * r.err_before, dashed=True)]
     if report.extends:
         series.append(Series("extended model", "observed", r.times, 1e3 * r.err_after))
-    levels: tuple[Level, ...] = ()
+    levels: tuple[ReferenceLine, ...] = ()
     if report.noise_floor is not None:
-        levels = (Level("the measurement itself", "true", 1e3 * report.noise_floor),)
+        levels = (ReferenceLine("the measurement itself", "true", 1e3 * report.noise_floor),)
     plot = LinePlot(f"err{k}", "time [s]", "ERR [mm]", tuple(series), levels)
     titles = ["plain model", "extended model"][: 2 if report.extends else 1]
     fields = [1e3 * f for f in (r.field_before, r.field_after)][: len(titles)]

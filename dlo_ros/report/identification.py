@@ -22,14 +22,14 @@ from dlo_ros.report.elements import (
 )
 from dlo_ros.report.loads import LoadRow, loads_table
 from dlo_ros.report.page import Section, page, write_page
-from dlo_ros.report.plots import Level, LinePlot, Series, line_plot
+from dlo_ros.report.plots import LinePlot, ReferenceLine, Series, line_plot
 from dlo_ros.report.shape_player import ShapeFrame, player
 from dlo_ros.report.uncertainty import Ellipse, ResidualMap, ellipse_picture, residual_picture
 from dlo_ros.spline import FloatArray
 
 
 @dataclass(frozen=True)
-class Estimate:
+class EstimateRow:
     """One parameter as it was found.
 
     Args:
@@ -53,7 +53,7 @@ class ParameterTrack:
     """How an estimate moved.
 
     Args:
-        name, unit: as in `Estimate`.
+        name, unit: as in `EstimateRow`.
         times: [s], or the number of the iteration, shape (m,).
         values, std: in the unit, shape (m,); a std that is unknown is NaN.
         true: the truth where it is known.
@@ -68,7 +68,7 @@ class ParameterTrack:
 
 
 @dataclass(frozen=True)
-class RecordingResult:
+class RecordingRow:
     """One recording.
 
     Args:
@@ -109,8 +109,8 @@ class IdentificationReport:
 
     title: str
     headline: str
-    estimates: tuple[Estimate, ...]
-    recordings: tuple[RecordingResult, ...]
+    estimates: tuple[EstimateRow, ...]
+    recordings: tuple[RecordingRow, ...]
     tracks: tuple[ParameterTrack, ...] = ()
     track_label: str = "time [s]"
     noise_floor: float | None = None
@@ -186,13 +186,13 @@ def _yes_no(flag: bool | None) -> str:
     return UNKNOWN if flag is None else ("yes" if flag else "no")
 
 
-def _error(estimate: Estimate) -> str:
+def _error(estimate: EstimateRow) -> str:
     if estimate.true is None or estimate.value is None or estimate.true == 0.0:
         return UNKNOWN
     return f"{100.0 * (estimate.value / estimate.true - 1.0):+.2f} %"
 
 
-def _shapes(recording: RecordingResult, several: bool, cameras: Mapping[str, FloatArray]) -> str:
+def _shapes(recording: RecordingRow, several: bool, cameras: Mapping[str, FloatArray]) -> str:
     if not any(f.observed is not None or f.predicted is not None for f in recording.frames):
         return ""
     heading = f"<h3>{markup(f'{recording.name} ({recording.role})')}</h3>" if several else ""
@@ -203,7 +203,7 @@ def _shapes(recording: RecordingResult, several: bool, cameras: Mapping[str, Flo
     return heading + figure(player(recording.frames, recording.length, cameras=cameras), caption)
 
 
-def _residuals(recording: RecordingResult) -> str:
+def _residuals(recording: RecordingRow) -> str:
     assert recording.residuals is not None
     caption = (
         "Observed beside predicted, across the DLO: to the left of growing u in one colour, to the "
@@ -236,9 +236,9 @@ def _err(report: IdentificationReport) -> str:
                 dashed=recording.role == "validate",
             )
         )
-    levels: tuple[Level, ...] = ()
+    levels: tuple[ReferenceLine, ...] = ()
     if report.noise_floor is not None and math.isfinite(report.noise_floor):
-        levels = (Level("noise floor", "true", 1e3 * report.noise_floor),)
+        levels = (ReferenceLine("noise floor", "true", 1e3 * report.noise_floor),)
     plot = LinePlot("err", "time [s]", "ERR [mm]", tuple(series), levels)
     caption = (
         "Mean distance between the observed and the predicted spline, eq. (10) of the paper. "
@@ -258,7 +258,7 @@ def _track(k: int, track: ParameterTrack, x_label: str) -> str:
     lower = track.values * np.exp(-relative) if positive else track.values - relative
     upper = track.values * np.exp(relative) if positive else track.values + relative
     series = Series("estimate, band: 1 std", "observed", track.times, track.values, lower, upper)
-    levels = () if track.true is None else (Level("true value", "true", track.true),)
+    levels = () if track.true is None else (ReferenceLine("true value", "true", track.true),)
     label = f"{track.name} [{track.unit}]"
     plot = LinePlot(f"track{k}", x_label, label, (series,), levels, logarithmic=positive)
     last = measured(float(track.values[-1]), float(track.std[-1]), track.unit)
@@ -276,7 +276,7 @@ def _recordings(report: IdentificationReport) -> str:
     return table(headers, rows) + text
 
 
-def _share(recording: RecordingResult) -> str:
+def _share(recording: RecordingRow) -> str:
     if recording.err is None:
         return UNKNOWN
     return f"{100.0 * recording.err / recording.length:.2f} %"

@@ -66,7 +66,7 @@ class Series:
 
 
 @dataclass(frozen=True)
-class Level:
+class ReferenceLine:
     """A horizontal line, such as a true value or the noise floor."""
 
     label: str
@@ -90,7 +90,7 @@ class LinePlot:
     x_label: str
     y_label: str
     series: tuple[Series, ...]
-    levels: tuple[Level, ...] = ()
+    levels: tuple[ReferenceLine, ...] = ()
     logarithmic: bool = False
     size: tuple[float, float] = field(default=(6.4, 2.7))
 

@@ -4,6 +4,17 @@
 from dlo_ros.rod.live_simulation import LiveSimulation
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.prediction import Prediction
+from dlo_ros.rod.protocol import RodBatch, RodSimulation
+from dlo_ros.rod.rod_simulations import rod_simulations, simulation_of
 from dlo_ros.rod.simulation import Simulation
 
-__all__ = ["LiveSimulation", "Prediction", "RodModel", "Simulation"]
+__all__ = [
+    "LiveSimulation",
+    "Prediction",
+    "RodBatch",
+    "RodModel",
+    "RodSimulation",
+    "Simulation",
+    "rod_simulations",
+    "simulation_of",
+]

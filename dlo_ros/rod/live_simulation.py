@@ -13,7 +13,8 @@ from dlo_ros.errors import CommandError, DloError, InputError, SimulationError
 from dlo_ros.observation import Observation
 from dlo_ros.rod.motion_rehearsal import Fork
 from dlo_ros.rod.prediction import Prediction
-from dlo_ros.rod.simulation import Simulation
+from dlo_ros.rod.protocol import RodSimulation
+from dlo_ros.rod.rod_simulations import rod_simulation, simulation_of
 from dlo_ros.rod_settings import RodSettings
 
 LOG = logging.getLogger(__name__)
@@ -27,12 +28,16 @@ class LiveSimulation:
 
     Args:
         settings: the parameter file.
+
+    Raises:
+        ParameterError: there is no such rod model as simulation.model names.
     """
 
     def __init__(self, settings: RodSettings) -> None:
+        rod_simulation(settings.simulation.model)
         self.settings = settings
         self.motion = Motion()
-        self._simulation: Simulation | None = None
+        self._simulation: RodSimulation | None = None
         self._first: tuple[Observation, ...] = ()
         self._held = False
 
@@ -49,7 +54,7 @@ class LiveSimulation:
     @property
     def control_points(self) -> int:
         """Control points of the simulation's own basis, 0 before the start."""
-        return self._simulation.control_points if self._simulation else 0
+        return self._simulation.basis.control_points if self._simulation else 0
 
     def set_command(self, command: Command) -> None:
         """Take an imposed motion; it replaces the old one from its start on.
@@ -84,9 +89,9 @@ class LiveSimulation:
             return 0.0
         return (self._simulation.stamp - self._first[-1].stamp) / NANOSECONDS
 
-    def _start_again(self, simulation: Simulation) -> bool:
+    def _start_again(self, simulation: RodSimulation) -> bool:
         """Whether the run could be repeated from its start to where it is."""
-        again = Simulation(self.settings, self.motion, loads=True)
+        again = simulation_of(self.settings, self.motion, loads=True)
         try:
             again.start(self._first)
             again.advance(simulation.stamp)
@@ -100,9 +105,9 @@ class LiveSimulation:
         """Start from the first observed shapes as simulation.start says.
 
         Raises:
-            InputError, SimulationError: see `Simulation.start`; nothing is changed then.
+            InputError, SimulationError: see `RodSimulation.starting`; nothing is changed then.
         """
-        simulation = Simulation(self.settings, self.motion, loads=True)
+        simulation = simulation_of(self.settings, self.motion, loads=True)
         simulation.start(observations)
         self._simulation = simulation
         self._first = tuple(observations)

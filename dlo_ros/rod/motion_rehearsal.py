@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,10 +15,9 @@ from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.observation import Observation
 from dlo_ros.rod.loads.extreme_loads import Extremes
 from dlo_ros.rod.loads.grip_reactions import Loading
-from dlo_ros.rod.packing import nothing_varies
+from dlo_ros.rod.protocol import RodSimulation
+from dlo_ros.rod.rod_simulations import simulation_of, with_sensitivities
 from dlo_ros.rod.sensitivity_parameters import MATERIAL
-from dlo_ros.rod.simulation import Simulation
-from dlo_ros.rod.statics import settle
 from dlo_ros.rod_settings import LimitParameters, RodSettings
 from dlo_ros.spline import FloatArray, SplineBasis
 
@@ -27,8 +25,7 @@ PLACES = 21
 """Places along the DLO at which the band is given."""
 LONGEST = 36_000
 """Instants of one rehearsal: twelve minutes at 50 Hz, some hundred megabytes."""
-RESTING = 0.01
-"""Speed over the length below which a DLO counts as resting [1/s]."""
+NO_LOADS = "loads: none, since the rod model does not say what the DLO bears"
 SLACK = 1e-3
 """Of the distance of two ends: a DLO that is longer by less lies straight between them."""
 
@@ -42,7 +39,7 @@ class Rehearsal:
         shapes: control points x, y, z [m], theta [rad], shape (S, n, 4).
         std: standard deviation of the position that the parameters' gives [m], at equally spaced
             places from u = 0 to L, shape (S, `PLACES`); None where none is known.
-        loadings: what the DLO and its grips bear, S of them.
+        loadings: what the DLO and its grips bear, S of them; none where the rod model says none.
         length: L [m].
     """
 
@@ -73,11 +70,11 @@ class Rehearsal:
                 f"{1e3 * self.std[k, place]:.3g} mm at most, at u = {u:.3g} m, "
                 f"{self._times[k]:.2f} s; by {1e3 * self.std[-1].max():.3g} mm at the end"
             )
-        return [band, *self.extremes.sentences(limits)]
+        return [band, *(self.extremes.sentences(limits) if self.loadings else [NO_LOADS])]
 
 
 def rehearse(
-    simulation: Simulation, stamps: Sequence[int], covariance: FloatArray | None
+    simulation: RodSimulation, stamps: Sequence[int], covariance: FloatArray | None
 ) -> Rehearsal:
     """Simulate through stamps.
 
@@ -156,12 +153,14 @@ class Fork:
         parameters: by which sensitivities are wanted.
     """
 
-    simulation: Simulation
+    simulation: RodSimulation
     present: Command
     parameters: tuple[str, ...]
 
     @classmethod
-    def of(cls, simulation: Simulation, command: Command, parameters: Sequence[str] = ()) -> Fork:
+    def of(
+        cls, simulation: RodSimulation, command: Command, parameters: Sequence[str] = ()
+    ) -> Fork:
         """From a simulation that has started, with `loads`.
 
         Args:
@@ -182,27 +181,14 @@ class Fork:
         """The instant from which it goes on [ns]."""
         return self.simulation.stamp
 
-    def prepared(self) -> Simulation:
-        """The simulation, with its state's sensitivities to the parameters.
-
-        A DLO at rest would rest elsewhere with others; one that moves is taken to be where it is.
-        """
-        twin, names = self.simulation, self.parameters
-        state = twin.state
-        assert state is not None  # there is a stamp
-        state = replace(state, sensitivity=nothing_varies(state, len(names)) if names else None)
-        slowest = RESTING * twin.published.length
-        if names and twin.model.plain and np.abs(state.velocity[:, :3]).max() < slowest:
-            with suppress(SimulationError):
-                state = settle(
-                    twin.model, twin.boundary, state, self.present, state.stamp, parameters=names
-                ).state
-        return twin.carrying(state, names)
+    def prepared(self) -> RodSimulation:
+        """The simulation, with its state's sensitivities to the parameters."""
+        return with_sensitivities(self.simulation, self.parameters, self.present)
 
 
 def at_rest(
     settings: RodSettings, command: Command, covariance: FloatArray | None, last: int | None = None
-) -> Simulation:
+) -> RodSimulation:
     """A simulation of a DLO that hangs at rest where a command begins.
 
     Args:
@@ -210,10 +196,10 @@ def at_rest(
         last: stamp until which the motion matters for the resolution [ns].
 
     Raises:
-        InputError, SimulationError: see `Simulation.start`.
+        InputError, SimulationError: see `RodSimulation.starting`.
     """
     settings = replace(settings, simulation=replace(settings.simulation, start="equilibrium"))
-    result = Simulation(
+    result = simulation_of(
         settings, Motion([command]), parameters=varied_by(covariance), loads=True
     )  # fmt: skip
     result.start([Observation(command.stamp, slack(settings, command))], last)

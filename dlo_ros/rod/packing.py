@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -139,6 +140,11 @@ def nothing_varies(state: State, count: int, *, flat: bool = False) -> Sensitivi
         np.tile(state.frames, (count, 2, 1, 1)), zeros(nb), zeros(nb), zeros(nb, 3),
         zeros(nb, 3), InternalVariables(*(zeros(*x.shape) for x in state.internal)),
     )  # fmt: skip
+
+
+def insensitive(state: State, count: int) -> State:
+    """The state as given, whatever `count` parameters are; without sensitivities where 0."""
+    return replace(state, sensitivity=nothing_varies(state, count) if count else None)
 
 
 def state_of(

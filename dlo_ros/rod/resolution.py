@@ -25,6 +25,7 @@ from dlo_ros.spline import DEGREE, FloatArray, SplineBasis
 LOG = logging.getLogger(__name__)
 
 LARGEST = 300  # knot spans
+RECHECK_RATIO = 1.5  # change of E/mu after which the resolution is judged anew
 PROBES = 8  # instants of a motion at which the error is estimated
 
 

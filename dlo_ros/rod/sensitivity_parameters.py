@@ -113,6 +113,16 @@ def _displaced(command: Command, end: str, what: str, amount: float) -> Command:
     return ClampOffset(**{end: tuple(amount * (what == axis) for axis in "xyz")}).impose(command)
 
 
+def changed(settings: RodSettings, name: str, amount: float) -> RodSettings:
+    """The settings with one parameter changed by an amount, in the unit of `Tangent.step`.
+
+    The poses of clamps are no settings: they leave them as they are.
+    """
+    if name in LOGARITHMIC:
+        return _scaled(settings, name, float(np.exp(amount)))
+    return settings if name in POSES else varied(settings, name, amount)
+
+
 def varied(settings: RodSettings, name: str, amount: float) -> RodSettings:
     """The settings with one number of an effect, `effects.NAME.KEY[i]`, changed by an amount."""
     effect, key, index = parsed(name)

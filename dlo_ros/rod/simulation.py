@@ -5,45 +5,44 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Generator, Sequence
+from contextlib import suppress
 from copy import copy
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 
 from dlo_ros.command import NANOSECONDS, Command, Motion
+from dlo_ros.effects import effects
 from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.observation import Observation
 from dlo_ros.rod import dynamics, resolution
 from dlo_ros.rod.boundary.command_timeline import CommandTimeline
 from dlo_ros.rod.boundary.conditions import HELD
 from dlo_ros.rod.boundary.imposed_motion import Boundary
+from dlo_ros.rod.initial_state import beginning, initial_state
 from dlo_ros.rod.loads.grip_reactions import Loading, dense, loadings, loadings_along
 from dlo_ros.rod.measured_shapes import MeasurementMap
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.motion_validation import possible, steady
-from dlo_ros.rod.packing import nothing_varies, true_command
+from dlo_ros.rod.packing import insensitive, true_command
 from dlo_ros.rod.planar_model import in_plane
 from dlo_ros.rod.prediction import Prediction
-from dlo_ros.rod.sensitivity_parameters import compiled, tangent
-from dlo_ros.rod.state import (
-    State,
-    refined,
-    rest_state,
-    strains_of,
-    twist_angle,
-    with_history,
-)
-from dlo_ros.rod.statics import hold, reachable, relax_stretch, settle
+from dlo_ros.rod.protocol import RodSimulation
+from dlo_ros.rod.sensitivity_parameters import tangent
+from dlo_ros.rod.simulation_batch import SimulationBatch, StartedSet, started_set
+from dlo_ros.rod.state import State, refined, strains_of, twist_angle, with_history
+from dlo_ros.rod.statics import hold, reachable, settle
 from dlo_ros.rod_settings import RodSettings
-from dlo_ros.spline import DEGREE, FloatArray, SplineBasis
+from dlo_ros.spline import FloatArray, SplineBasis
 
 LOG = logging.getLogger(__name__)
 
-RECHECK_RATIO = 1.5  # change of E/mu after which the resolution is judged anew
+RESTING = 0.01  # speed over the length below which a DLO counts as resting [1/s]
 
 
-class Simulation:
-    """One simulated DLO.
+class Simulation(RodSimulation):
+    """One simulated DLO, a dynamic spline.
 
     Args:
         settings: the parameter file.
@@ -55,6 +54,8 @@ class Simulation:
     Raises:
         InputError: an unknown parameter is asked for.
     """
+
+    differentiable: ClassVar[bool] = True
 
     def __init__(
         self,
@@ -80,22 +81,6 @@ class Simulation:
         self._flat = False  # whether the first equilibrium is one in the plane
         self._judged = settings.rod.specific_modulus
 
-    def start(self, observations: Sequence[Observation], last_stamp: int | None = None) -> None:
-        """Set the initial state as simulation.start says.
-
-        Args:
-            observations: the first observed shapes; one, or two for `moving`.
-            last_stamp: until when the motion matters for the resolution [ns]; default: the
-                command's end.
-
-        Raises:
-            InputError: too few observations, a wrong number of control points, no command.
-            SimulationError: no equilibrium, or imposed ends out of reach.
-        """
-        for _ in self.starting(observations, last_stamp):
-            pass
-        self.warn_of_instability()
-
     def warn_of_instability(self) -> None:
         """Log a warning where a real DLO would leave the equilibrium that was started from.
 
@@ -116,49 +101,13 @@ class Simulation:
         if self._spans is None:
             yield from self.judging(observations, last_stamp)
         assert self._spans is not None
-        mode = self.settings.simulation.start
-        seen, command, shape = self._beginning(observations)
-        first = seen[-1]
-        model, boundary = resolution.build(self.settings, command, self._spans)
-        lift = model.basis.projection(self.published)
-        at_rest = rest_state(first.stamp, lift @ shape, model)
-        yield
-        if mode == "equilibrium":
-            moved = true_command(model, command)
-            self._flat = in_plane(model, at_rest, moved, self.parameters)
-            compiled(model, boundary, command, self.parameters, flat=self._flat)  # is kept
-            yield
-            found = settle(
-                model, boundary, at_rest, command, first.stamp, fresh=True,
-                parameters=self.parameters,
-            )  # fmt: skip
-            state, self.stable = found.state, found.stable
-            if found.buckled:
-                LOG.info(
-                    "the DLO buckles on its way to its first equilibrium; where nothing decides "
-                    "between two sides, its weight or the camera's first shape should"
-                )
-        else:
-            held = hold(model, boundary, at_rest, command, first.stamp)
-            reachable(model, held, boundary)
-            state = rest_state(
-                first.stamp, relax_stretch(model, boundary, held, lift @ shape), model
-            )
-            if mode == "moving":
-                before = seen[0]
-                elapsed = (first.stamp - before.stamp) / NANOSECONDS
-                if elapsed <= 0.0:
-                    raise InputError("the first two observed shapes have the same stamp")
-                velocity = lift @ (shape - self._measurement.true(before.control_points)) / elapsed
-                velocity[:, 3] = 0.0
-                state = replace(state, velocity=velocity)
-            state = self._insensitive(state)
-            state = dynamics.with_consistent_acceleration(
-                model, boundary, state, command, self.parameters
-            )
+        begin = beginning(self.settings, self._timeline, self._measurement, observations)
+        model, boundary = resolution.build(self.settings, begin.command, self._spans)
+        found = yield from initial_state(model, boundary, begin, self._measurement, self.parameters)
+        self.stable, self._flat = found.stable, found.flat
         self._judged = self.settings.rod.specific_modulus
-        self._timeline.following = command
-        self.state, self.model, self.boundary = state, model, boundary
+        self._timeline.following = begin.command
+        self.state, self.model, self.boundary = found.state, model, boundary
 
     def judging(
         self, observations: Sequence[Observation], last_stamp: int | None = None
@@ -168,36 +117,15 @@ class Simulation:
         Raises:
             InputError, SimulationError: as `start`.
         """
-        observations, command, shape = self._beginning(observations)
-        first = observations[-1].stamp
-        stop = command.end_stamp if last_stamp is None else last_stamp - self._measurement.later
-        stamps = np.linspace(first, max(stop, first), 200).astype(np.int64)
+        begin = beginning(self.settings, self._timeline, self._measurement, observations)
+        stop = begin.command.end_stamp
+        if last_stamp is not None:
+            stop = last_stamp - self._measurement.later
+        stamps = np.linspace(begin.stamp, max(stop, begin.stamp), 200).astype(np.int64)
         self.resolution = yield from resolution.choosing(
-            self.settings, command, shape, [int(s) for s in stamps]
+            self.settings, begin.command, begin.shape, [int(s) for s in stamps]
         )
         self._spans = self.resolution.spans
-
-    def _beginning(
-        self, observations: Sequence[Observation]
-    ) -> tuple[list[Observation], Command, FloatArray]:
-        """The observations that are needed, at true instants; the command; the true first shape."""
-        mode = self.settings.simulation.start
-        needed = 2 if mode == "moving" else 1
-        if len(observations) < needed:
-            raise InputError(f"simulation.start '{mode}' needs {needed} observed shapes")
-        n = self.published.control_points
-        for observation in observations[:needed]:
-            if len(observation.control_points) != n:
-                raise InputError(
-                    f"the observed spline has {len(observation.control_points)} control points; "
-                    f"rod.control_points is {n}"
-                )
-        possible(self.settings)
-        seen = [replace(o, stamp=o.stamp - self._measurement.later) for o in observations[:needed]]
-        self._timeline.began = seen[0].stamp
-        command = self._command(seen[-1].stamp)
-        shape = self._measurement.true(seen[-1].control_points)
-        return seen, command, shape
 
     @property
     def stamp(self) -> int:
@@ -221,7 +149,7 @@ class Simulation:
         twin.update(settings)
         return twin
 
-    def carrying(self, state: State, parameters: Sequence[str]) -> Simulation:
+    def _carrying(self, state: State, parameters: Sequence[str]) -> Simulation:
         """One that goes on from a state whose sensitivities to parameters were found elsewhere."""
         twin = copy(self)
         twin.state, twin.parameters = state, tuple(parameters)
@@ -231,19 +159,50 @@ class Simulation:
         )
         return twin
 
+    def with_sensitivities(self, parameters: Sequence[str], present: Command) -> Simulation:
+        """An independent simulation; see `RodSimulation.with_sensitivities`."""
+        names = tuple(parameters)
+        state = insensitive(self._started(), len(names))
+        slowest = RESTING * self.published.length
+        if names and self.model.plain and np.abs(state.velocity[:, :3]).max() < slowest:
+            with suppress(SimulationError):
+                state = settle(
+                    self.model, self.boundary, state, present, state.stamp, parameters=names
+                ).state
+        return self._carrying(state, names)
+
+    def batching(
+        self, sets: Sequence[RodSettings], last_stamp: int
+    ) -> Generator[None, None, SimulationBatch | None]:
+        """Parameter sets of a rod that stays in the plane; see `RodSimulation.batching`."""
+        state, begin = self._started(), self.stamp
+        if any(begin < c.stamp < last_stamp for c in self.motion.commands):
+            return None
+        command = self.motion.at(begin)
+        assert command is not None  # it has started
+        model, boundary = self.model, self.boundary
+        alone = not all(effects()[name].batched for one in sets for name in one.effects)
+        if alone or not dynamics.in_lanes(model, boundary):
+            return None
+        if not in_plane(model, state, true_command(model, command)):
+            return None
+        started, failures = {0: StartedSet(model, state, self.stable)}, {}
+        for k, settings in enumerate(sets[1:], start=1):
+            yield
+            try:
+                started[k] = started_set(model.with_settings(settings), boundary, state, command)
+            except SimulationError as err:
+                failures[k] = str(err)
+        return SimulationBatch(
+            started, failures, boundary, command, self.published, self._carrying
+        )  # fmt: skip
+
     def _insensitive(self, state: State) -> State:
         """The state as given, whatever the parameters are."""
-        count = len(self.parameters)
-        return replace(state, sensitivity=nothing_varies(state, count) if count else None)
+        return insensitive(state, len(self.parameters))
 
     def _command(self, stamp: int) -> Command:
         return self._timeline.at(stamp, slips=self.settings.slips)
-
-    def advance(self, stamp: int) -> Prediction:
-        """Simulate to a stamp [ns]; see `advance_through`."""
-        if stamp == self.stamp:
-            return self.prediction()
-        return self.advance_through([stamp])[0]
 
     def advance_through(self, stamps: Sequence[int]) -> list[Prediction]:
         """Simulate to a series of stamps [ns], growing.
@@ -389,7 +348,7 @@ class Simulation:
             except SimulationError as err:
                 LOG.warning("the DLO goes on with its other length from where it was: %s", err)
         ratio = settings.rod.specific_modulus / self._judged
-        if max(ratio, 1.0 / ratio) < RECHECK_RATIO or self.resolution is None:
+        if max(ratio, 1.0 / ratio) < resolution.RECHECK_RATIO or self.resolution is None:
             return
         self._judged = settings.rod.specific_modulus
         command = self._command(self.state.stamp)
@@ -411,6 +370,14 @@ class Simulation:
         return self.state
 
     @property
-    def control_points(self) -> int:
-        """Control points of the simulation's own basis."""
-        return (self._spans or self.published.spans) + DEGREE
+    def basis(self) -> SplineBasis:
+        """The simulation's own spline basis, once it has started."""
+        self._started()
+        return self.model.basis
+
+    def true_shape(self) -> FloatArray:
+        """Control points x, y, z [m], theta [rad] in `basis`, effects of measurement not applied.
+
+        Shape (m, 4).
+        """
+        return self._started().q.copy()

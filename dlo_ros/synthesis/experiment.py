@@ -58,7 +58,7 @@ from dlo_ros.synthesis.gripper_frames import check_frames
 from dlo_ros.synthesis.hidden import FOREIGN, Hidden, read_effects
 from dlo_ros.synthesis.hidden_rod import true_length
 from dlo_ros.synthesis.look import DepthSensor, Look, Measurement, SimulatedCamera
-from dlo_ros.synthesis.sections import Section
+from dlo_ros.synthesis.sections import ExperimentBlock
 from dlo_ros.synthesis.wrench_sensor import WrenchSensor
 
 START_STAMP = 1_760_000_000 * NANOSECONDS
@@ -160,7 +160,7 @@ def read_experiment(tree: Any, name: str, where: str) -> Experiment:
     Raises:
         InputError: something is missing, unknown or out of range.
     """
-    top = Section(tree, where)
+    top = ExperimentBlock(tree, where)
     name = str(top.raw("name", name))
     top.raw("description")
     given = top.required("parameters", "the rope's true parameters")
@@ -217,13 +217,13 @@ def with_wrench(experiment: Experiment, sensor: WrenchSensor | None = None) -> E
     return replace(experiment, wrench=sensor, guess=replace(experiment.guess, wrench=stated))
 
 
-def _finished(read: Any, section: Section) -> Any:
+def _finished(read: Any, section: ExperimentBlock) -> Any:
     result = read(section)
     section.finish()
     return result
 
 
-def _cameras(top: Section) -> dict[str, tuple[SimulatedCamera, CameraPose]]:
+def _cameras(top: ExperimentBlock) -> dict[str, tuple[SimulatedCamera, CameraPose]]:
     """The block `cameras`; their pictures come at the rate of `camera`."""
     section, rate = top.block("cameras"), SimulatedCamera.read(top.block("camera")).rate
     result = {}
@@ -291,7 +291,7 @@ def _check_effects(experiment: Experiment, where: str) -> None:
             )
 
 
-def _curve(top: Section) -> FloatArray:
+def _curve(top: ExperimentBlock) -> FloatArray:
     points = top.required("initial_shape", "a rough curve, a list of [x, z] or [x, y, z] in m")
     if not isinstance(points, list) or len(points) < 2:
         raise InputError(
@@ -301,7 +301,7 @@ def _curve(top: Section) -> FloatArray:
     return np.array([top.check_all(p, "initial_shape", axes, -REACH, REACH) for p in points])
 
 
-def _motion(section: Section, truth: Settings) -> Command:
+def _motion(section: ExperimentBlock, truth: Settings) -> Command:
     """The command of the block `motion`: all names get points at all the times that occur."""
     names = section.names
     tracks: list[tuple[list[float], FloatArray]] = []
@@ -311,7 +311,7 @@ def _motion(section: Section, truth: Settings) -> Command:
             raise InputError(f"{section.where}: {name} must be a list of {{time, position}}")
         times, rows = [], []
         for point in points:
-            entry = Section(point, f"{section.where}: {name}")
+            entry = ExperimentBlock(point, f"{section.where}: {name}")
             times.append(entry.number("time", 0.0, 0.0, 1e5))
             position = entry.required("position", "[x, y, z] in m")
             row = [*entry.check_all(position, "position", 3, -REACH, REACH), 0.0, 0.0, 0.0]

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from dlo_ros.errors import InputError
 from dlo_ros.parameters import CameraPose
 from dlo_ros.spline import FloatArray
-from dlo_ros.synthesis.sections import Section
+from dlo_ros.synthesis.sections import ExperimentBlock
 
 Values = Mapping[str, float | tuple[float, ...]]
 Effects = Mapping[str, Values]
@@ -139,7 +139,7 @@ def read_effects(
     Raises:
         InputError: an unknown name or key, a missing or an unusable value.
     """
-    section = Section(tree, where)
+    section = ExperimentBlock(tree, where)
     result: dict[str, Values] = {}
     for name in section.names:
         if name not in table:

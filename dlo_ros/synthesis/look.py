@@ -9,7 +9,7 @@ import numpy as np
 
 from dlo_ros.errors import InputError
 from dlo_ros.spline import FloatArray
-from dlo_ros.synthesis.sections import Section
+from dlo_ros.synthesis.sections import ExperimentBlock
 
 Colour = tuple[float, float, float]
 
@@ -52,7 +52,7 @@ class SimulatedCamera:
         return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
 
     @classmethod
-    def read(cls, section: Section) -> SimulatedCamera:
+    def read(cls, section: ExperimentBlock) -> SimulatedCamera:
         """From the block `camera` of an experiment file."""
         width = section.whole("width", cls.width, 32, 8192)
         height = section.whole("height", cls.height, 32, 8192)
@@ -115,7 +115,7 @@ class Look:
     board_distance: float = 0.25
 
     @classmethod
-    def read(cls, section: Section) -> Look:
+    def read(cls, section: ExperimentBlock) -> Look:
         """From the block `look` of an experiment file."""
 
         def colour(key: str, default: Colour) -> Colour:
@@ -157,7 +157,7 @@ class DepthSensor:
     thin: float = 1.5
 
     @classmethod
-    def read(cls, section: Section) -> DepthSensor:
+    def read(cls, section: ExperimentBlock) -> DepthSensor:
         """From the block `depth` of an experiment file."""
         return cls(
             std=section.number("std", cls.std, 0.0, 1.0),
@@ -182,7 +182,7 @@ class Measurement:
     twist_std: float = 0.0
 
     @classmethod
-    def read(cls, section: Section) -> Measurement:
+    def read(cls, section: ExperimentBlock) -> Measurement:
         """From the block `measurement` of an experiment file."""
         return cls(
             std=section.number("std", cls.std, 0.0, 1.0),

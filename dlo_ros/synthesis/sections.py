@@ -10,7 +10,7 @@ from typing import Any
 from dlo_ros.errors import InputError
 
 
-class Section:
+class ExperimentBlock:
     """One block of an experiment file.
 
     Args:
@@ -49,9 +49,9 @@ class Section:
             raise InputError(f"{self.where}: '{key}' is missing; give {what}")
         return value
 
-    def block(self, key: str) -> Section:
+    def block(self, key: str) -> ExperimentBlock:
         """A block within this one, empty where it is missing."""
-        return Section(self.raw(key), f"{self.where}: {key}")
+        return ExperimentBlock(self.raw(key), f"{self.where}: {key}")
 
     def number(self, key: str, default: float, lower: float, upper: float) -> float:
         """A finite number within a range, both ends allowed."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from dlo_ros.synthesis.sections import Section
+from dlo_ros.synthesis.sections import ExperimentBlock
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class WrenchSensor:
     tool_mass: float = 0.0
 
     @classmethod
-    def read(cls, section: Section) -> WrenchSensor:
+    def read(cls, section: ExperimentBlock) -> WrenchSensor:
         """From the block `wrench` of an experiment file."""
         return cls(
             rate=section.number("rate", cls.rate, 1.0, 1e4),

@@ -24,15 +24,15 @@ from rich.console import Console
 from dlo_ros.cli import main as cli
 from dlo_ros.demo import processes
 from dlo_ros.demo.network import FIRST_PORT, PORTS, free_domain, isolate, looks_free
-from dlo_ros.demo.outcome import Outcome, assess
-from dlo_ros.demo.photographs import Window
+from dlo_ros.demo.outcome import LiveOutcome, assess
+from dlo_ros.demo.photographs import ImageWindow
 from dlo_ros.demo.plan import params_beside, plan_run
 from dlo_ros.demo.processes import Children, ProcessError
 from dlo_ros.demo.result import estimate_tree, last_line, read_truth, report, with_std, write_json
 from dlo_ros.demo.terminal_progress import Progress, line
 from dlo_ros.errors import InputError, RecordingError
 from dlo_ros.inference.forecast import Manipulation, forecast
-from dlo_ros.nodes.received_data import QUANTITIES, ReceivedData, Sample
+from dlo_ros.nodes.received_data import QUANTITIES, EstimateSample, ReceivedData
 from dlo_ros.parameters import RodParameters, Settings
 from dlo_ros.recordings import (
     BAG_MESSAGES,
@@ -214,7 +214,7 @@ def outcome(run, **changes):
         "noise_floor": 0.0011,
         "initial": {s: shape + 0.03 for s, shape in run.observed.items()},
     }
-    return Outcome(**(known | changes))
+    return LiveOutcome(**(known | changes))
 
 
 def test_estimate_json_has_the_contract_s_keys(tmp_path):
@@ -254,7 +254,7 @@ def test_last_line():
     ],
 )
 def test_value_and_std_share_their_power_of_ten(value, std, text):
-    sample = Sample(0, {"specific_modulus": value}, {"specific_modulus": std})
+    sample = EstimateSample(0, {"specific_modulus": value}, {"specific_modulus": std})
     assert with_std(sample, "specific_modulus") == text
 
 
@@ -300,7 +300,7 @@ def test_curves_lie_where_they_lay_in_the_whole_picture(size):
     line = np.array([[0.3, 0.4], [0.6, 0.7]]) * size
     for x, y in line.astype(int):
         cv2.circle(picture, (int(x), int(y)), max(width // 60, 3), (255, 255, 255), -1)
-    window = Window.around(line.astype(int).astype(float), width, height)
+    window = ImageWindow.around(line.astype(int).astype(float), width, height)
     shown = window.show(picture, {"observed": line.astype(int).astype(float)})
     small = cv2.imdecode(np.frombuffer(shown.jpeg, np.uint8), cv2.IMREAD_GRAYSCALE)
     assert small.shape == (shown.height, shown.width) and shown.width <= 640

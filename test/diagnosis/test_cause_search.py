@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from rods import PAPER
 
-from dlo_ros.diagnosis.contact.contact_search import Hit
+from dlo_ros.diagnosis.contact.contact_search import PegBesideSetUp
 from dlo_ros.diagnosis.explain import cause_search, joint_explanation
 from dlo_ros.diagnosis.explain.joint_explanation import SCALES, certain
 from dlo_ros.diagnosis.proposals.linear_evidence import Promise, proposal_of, with_sheet
@@ -74,7 +74,9 @@ def test_the_peg_that_explains_most_is_where_the_search_begins(monkeypatch):
     peg = {"x": 0.1, "z": -0.1, "radius": 0.01}
     before = ParametricModel(PAPER, material_priors(PAPER))
     hits = [
-        Hit(before, Start("obstacle", {**peg, "x": x}, (), tuple(peg), neutral=False, form=f"{x}"))
+        PegBesideSetUp(
+            before, Start("obstacle", {**peg, "x": x}, (), tuple(peg), neutral=False, form=f"{x}")
+        )
         for x in (0.1, 0.2, 0.3)
     ]
 

@@ -11,7 +11,7 @@ from challenge.generate import draw
 from rods import PAPER
 
 from dlo_ros.cli.loading import load_manipulation
-from dlo_ros.diagnosis.contact.contact_search import glimpsed, hits
+from dlo_ros.diagnosis.contact.contact_search import glimpsed, pegs_met
 from dlo_ros.diagnosis.contact.peg_places import apart, places, sight
 from dlo_ros.diagnosis.contact.undisturbed import _beginnings
 from dlo_ros.diagnosis.fitting.evaluation import evaluate
@@ -109,8 +109,8 @@ def test_a_hidden_peg_is_found_where_it_stands(hidden):
     at = beginning.at
     problem = Problem(beginning.recordings, settings, drafts(beginning.recordings, at))
     with workers(problem, 1) as team:
-        begun = hits(team, at, ())
-        assert hits(team, at, ("obstacle",)) == []
+        begun = pegs_met(team, at, ())
+        assert pegs_met(team, at, ("obstacle",)) == []
     start = begun[0]
     assert not start.neutral
     # The rope touches it on one side: its near edge is known best.
@@ -137,7 +137,7 @@ def test_in_space_no_peg_is_looked_for(hidden, monkeypatch):
         observed[..., 1] += 0.1 * settings.rod.length
         aloft.append(replace(r, observed=observed))
     with workers(Problem(tuple(aloft), settings, tuple(aloft)), 1) as team:
-        assert hits(team, beginning.at, ()) == []
+        assert pegs_met(team, beginning.at, ()) == []
 
 
 @pytest.mark.slow
@@ -147,7 +147,7 @@ def test_a_peg_that_does_not_help_is_not_fitted(hidden, monkeypatch):
     problem = Problem(beginning.recordings, settings, drafts(beginning.recordings, beginning.at))
     monkeypatch.setattr("dlo_ros.diagnosis.contact.contact_search._loss", lambda problem, task: 1e9)
     with workers(problem, 1) as team:
-        assert hits(team, beginning.at, ()) == []
+        assert pegs_met(team, beginning.at, ()) == []
 
 
 @pytest.mark.slow

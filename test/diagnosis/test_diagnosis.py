@@ -135,8 +135,8 @@ def test_names_stand_beside_their_rivals():
 
 def test_an_explanation_must_hold_on_what_was_kept_aside():
     noise = [np.random.default_rng(6).normal(size=(60, 10))]
-    first = verdict.Explanation(("obstacle",), candidate(["obstacle"], 0.1, 1.0, noise))
-    second = verdict.Explanation(("point_mass",), candidate(["point_mass"], 0.2, 2.0, noise))
+    first = verdict.SufficientEffects(("obstacle",), candidate(["obstacle"], 0.1, 1.0, noise))
+    second = verdict.SufficientEffects(("point_mass",), candidate(["point_mass"], 0.2, 2.0, noise))
     errors = {"obstacle": 5e-3, "point_mass": 1e-3}
 
     def kept_aside(c):
@@ -324,8 +324,8 @@ def test_few_pictures_exclude_no_explanation_that_foretells_as_well():
         found = verdict.foretold(best, [best, alike, worse], kept_aside)
         rivals = [e.effects for e in found if e.candidate is not best]
         assert rivals == expected
-    one = verdict.Explanation(("intrinsic_curvature",), best)
-    two = verdict.Explanation(("gravity_tilt",), alike)
+    one = verdict.SufficientEffects(("intrinsic_curvature",), best)
+    two = verdict.SufficientEffects(("gravity_tilt",), alike)
     assert verdict.choose([one], [two]).rivals == (("gravity_tilt",),)
 
 

@@ -136,7 +136,7 @@ def test_beside_something_certain_only_that_and_the_damping_are_named():
     names = ("point_mass+clamp_angle+air_drag", "point_mass+clamp_angle+internal_damping")
     found = held(dict(zip(names, (100.0, 900.0), strict=True)))
     chosen = candidate(["point_mass", "clamp_angle"], 2000.0, 4e6, [np.ones((200, 20))])
-    sure = verdict.Explanation(("point_mass",), chosen)
+    sure = verdict.SufficientEffects(("point_mass",), chosen)
     before = verdict.Decision("unexplained", sure, (("constant_force",),))
     decided = damping_selection.decided(found, chosen, before)
     assert dict(zip(decided.chosen.effects, decided.rivals, strict=True)) == {
@@ -152,6 +152,8 @@ def test_a_damping_that_foretells_worse_alone_is_not_told(with_it, without, told
     """Beside causes that nobody names it may be certain and still be of no use."""
     noise = [np.random.default_rng(8).normal(size=(60, 10))]
     plain, drag = candidate([], 9.0, 1e5, noise), candidate(["air_drag"], 8.0, 9e4, noise)
-    decision = verdict.Decision("unexplained", verdict.Explanation(("air_drag",), drag), ((),))
+    decision = verdict.Decision(
+        "unexplained", verdict.SufficientEffects(("air_drag",), drag), ((),)
+    )
     errors = {id(plain): without, id(drag): with_it}
     assert damping_selection._holds(decision, plain, lambda c: errors[id(c)]) is told

@@ -14,18 +14,18 @@ from html_check import checked
 
 from dlo_ros.errors import InputError
 from dlo_ros.report import (
-    Estimate,
+    EstimateRow,
     IdentificationReport,
     ParameterTrack,
     Photograph,
-    RecordingResult,
+    RecordingRow,
     ShapeFrame,
     write_identification_report,
 )
 from dlo_ros.report.elements import measured, millimetres, number, table
 from dlo_ros.report.identification import identification_page
 from dlo_ros.report.page import write_page
-from dlo_ros.report.plots import Level, LinePlot, Series, line_plot
+from dlo_ros.report.plots import LinePlot, ReferenceLine, Series, line_plot
 from dlo_ros.report.shape_player import MOST_FRAMES, player
 from dlo_ros.spline import SplineBasis
 
@@ -67,10 +67,10 @@ def report(**changes):
     values = 2e4 * (1.0 - 0.8 * np.exp(-3.0 * times))
     tracks = (ParameterTrack("E/mu", "m^2/s^2", times, values, 0.05 * values, 2.0e4),)
     estimates = (
-        Estimate("Young's modulus E", "Pa", 5.1e7, math.inf, 5e7, False),
-        Estimate("E/mu", "m^2/s^2", 19876.0, 321.0, 2e4, True),
+        EstimateRow("Young's modulus E", "Pa", 5.1e7, math.inf, 5e7, False),
+        EstimateRow("E/mu", "m^2/s^2", 19876.0, 321.0, 2e4, True),
     )
-    recordings = (RecordingResult("c_shape", "train", LENGTH, 0.0312, 0.00142, frames()),)
+    recordings = (RecordingRow("c_shape", "train", LENGTH, 0.0312, 0.00142, frames()),)
     content = {
         "title": "Identification of <c_shape>",
         "headline": "ERR 31.2 -> 1.4 mm",
@@ -96,7 +96,7 @@ def test_it_is_whole_html_with_unique_ids(html):
 
 def test_it_points_nowhere_outside(tmp_path):
     path = tmp_path / "report.html"
-    recordings = (RecordingResult("c", "train", LENGTH, None, None, frames(3, pictures=True)),)
+    recordings = (RecordingRow("c", "train", LENGTH, None, None, frames(3, pictures=True)),)
     write_identification_report(path, report(recordings=recordings))
     html = path.read_text()
     assert "http" not in html and "//" not in re.sub(r"base64,[\w+/=]+", "", html).replace(
@@ -122,7 +122,7 @@ def test_the_numbers_stand_in_it_with_units(html):
 
 def test_what_is_not_identifiable_is_said_in_words(html):
     assert "Young&#x27;s modulus E is not determined by these data" in html
-    flags = (Estimate("E", "Pa", 1.0, 0.1, identifiable=True),)
+    flags = (EstimateRow("E", "Pa", 1.0, 0.1, identifiable=True),)
     assert "not determined by these data" not in identification_page(report(estimates=flags))
 
 
@@ -132,7 +132,7 @@ def test_text_is_escaped(html):
 
 
 def test_it_needs_neither_frames_nor_tracks():
-    bare = RecordingResult("a", "train", LENGTH, None, None)
+    bare = RecordingRow("a", "train", LENGTH, None, None)
     html = identification_page(report(recordings=(bare,), tracks=(), noise_floor=None))
     checked(html)
     assert "ERR over time" not in html and 'class="player"' not in html
@@ -209,7 +209,9 @@ def test_player_refuses_what_it_cannot_draw():
 def test_plot_follows_the_page_colours():
     x = np.arange(3.0)
     series = Series("a", "observed", x, x + 1, lower=x, upper=x + 2)
-    svg = line_plot(LinePlot("p", "t [s]", "v [m]", (series,), (Level("truth", "true", 1.5),)))
+    svg = line_plot(
+        LinePlot("p", "t [s]", "v [m]", (series,), (ReferenceLine("truth", "true", 1.5),))
+    )
     assert "var(--observed)" in svg and "var(--true)" in svg and "var(--ink)" in svg
     assert "#0072b2" not in svg
     for text in ("t [s]", "v [m]", "truth"):
@@ -272,7 +274,7 @@ CHROMIUM = next(
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium to draw the page with")
 def test_a_browser_draws_the_last_frame(tmp_path):
     path = tmp_path / "report.html"
-    recordings = (RecordingResult("c", "train", LENGTH, None, None, frames(3, pictures=True)),)
+    recordings = (RecordingRow("c", "train", LENGTH, None, None, frames(3, pictures=True)),)
     write_identification_report(path, report(recordings=recordings))
     options = ["--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path}/u"]
     done = subprocess.run(

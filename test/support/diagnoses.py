@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 from rods import PAPER
 
-from dlo_ros.diagnosis import Diagnosis, Fitted, Gain, NamedEffect, Number, Trial, View
-from dlo_ros.diagnosis.residuals.relations import Pattern, Relation, Relations
+from dlo_ros.diagnosis import Diagnosis, Fitted, Gain, NamedEffect, Number, RecordingView, Trial
+from dlo_ros.diagnosis.residuals.relations import Relation, Relations, ResidualPattern
 
 KNOWN = replace(PAPER, rod=replace(PAPER.rod, density_std=20.0))
 
@@ -15,7 +15,7 @@ KNOWN = replace(PAPER, rod=replace(PAPER.rod, density_std=20.0))
 def relations():
     related = (Relation("the speed of the grip", 0.6, 0.003, True, ("the bending of the DLO",)),
                Relation("the position of the grip", 0.1, 0.4))  # fmt: skip
-    pattern = Pattern(0.8, 0.3, 1)
+    pattern = ResidualPattern(0.8, 0.3, 1)
     return Relations(9.0, 1e-3, 0.3, 0.1, pattern, related, ("the motion of the DLO",))
 
 
@@ -28,8 +28,10 @@ def found(frames=12, n=10):
     field = np.sin(times)[:, None] * np.cos(8.0 * u)
     force = np.stack([field, 0.0 * field, -field], axis=-1)
     err = np.full(frames, 1e-3)
-    view = View("one", "holdout", times, shape, shape, shape, err, 0.1 * err, u, field, field,
-                force, np.abs(force) / 4.0)  # fmt: skip
+    view = RecordingView(
+        "one", "holdout", times, shape, shape, shape, err, 0.1 * err, u, field, field, force,
+        np.abs(force) / 4.0,
+    )  # fmt: skip
     block = {"curvature": (0.5, 1.0), "position": 0.1}
     effect = NamedEffect(
         "intrinsic_curvature",

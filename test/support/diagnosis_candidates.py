@@ -7,7 +7,7 @@ import numpy as np
 from rods import PAPER
 
 from dlo_ros.diagnosis.fitting.candidate_model import baseline
-from dlo_ros.diagnosis.fitting.evaluation import Evaluation
+from dlo_ros.diagnosis.fitting.evaluation import CandidateEvaluation
 from dlo_ros.diagnosis.selection.effect_search import Candidate
 
 KNOWN = replace(
@@ -26,7 +26,7 @@ def evaluation(residuals, jacobians=None):
         jacobians = [np.zeros((len(r), parameters, r.shape[1])) for r in residuals]
     empty = tuple(np.zeros((len(r), 4, 4)) for r in residuals)
     err = tuple(np.zeros(len(r)) for r in residuals)
-    return Evaluation(model, tuple(residuals), tuple(jacobians), power, power, empty, err)
+    return CandidateEvaluation(model, tuple(residuals), tuple(jacobians), power, power, empty, err)
 
 
 def candidate(names, structure, score, residuals, err=1e-3):

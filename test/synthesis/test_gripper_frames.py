@@ -26,7 +26,7 @@ from dlo_ros.recordings import topics
 from dlo_ros.recordings.bag import open_bag
 from dlo_ros.recordings.read import read_recording
 from dlo_ros.recordings.several import iterate_together
-from dlo_ros.report import IdentificationReport, RecordingResult, ShapeFrame
+from dlo_ros.report import IdentificationReport, RecordingRow, ShapeFrame
 from dlo_ros.synthesis.experiment import START_STAMP, find_experiment, read_experiment
 from dlo_ros.synthesis.gripper_frames import MARGIN
 from dlo_ros.synthesis.synthesize import synthesize
@@ -183,7 +183,7 @@ def test_the_view_in_space_shows_the_clamps_ways_without_pictures_too(tmp_path):
     frames = tuple(ShapeFrame(time=0.1 * k, observed=line, err=0.001) for k in range(3))
     page = IdentificationReport(
         title="", headline="", estimates=(), tracks=(), noise_floor=None, remarks=(),
-        recordings=(RecordingResult("a", "live", 0.4, None, 0.001, frames),),
+        recordings=(RecordingRow("a", "live", 0.4, None, 0.001, frames),),
     )  # fmt: skip
     write_space_overview(tmp_path / "a.png", page, {}, motion, START_STAMP)
     lone = Photograph(b"", 1, 1)

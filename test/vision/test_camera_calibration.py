@@ -24,7 +24,7 @@ from dlo_ros.errors import InputError, VisionError
 from dlo_ros.vision.calibration.camera_calibration import calibrate, check_camera
 from dlo_ros.vision.calibration.camera_file import camera_file, read_camera_file
 from dlo_ros.vision.calibration.camera_fit import LENSES, Intrinsics, fit_camera, locate
-from dlo_ros.vision.calibration.pattern_search import View, board_size, find_pattern
+from dlo_ros.vision.calibration.pattern_search import PatternView, board_size, find_pattern
 from dlo_ros.vision.calibration.patterns import Charuco, Pattern, parse_pattern
 from dlo_ros.vision.calibration.print_pattern import INCH, RESOLUTION, print_pattern
 from dlo_ros.vision.calibration.view_collection import ViewCollector
@@ -41,7 +41,7 @@ def true_views(count, noise, seed, coefficients=DISTORTION, **options):
     for k, (rotation, translation) in enumerate(poses(count, BOARD.points, rng, **options)):
         p = pixels_of(BOARD.points, rotation, translation, MATRIX, coefficients)
         p = p + rng.normal(0.0, noise, p.shape)
-        views.append(View(f"view {k}", *SIZE, np.arange(len(p)), p, 2.5))
+        views.append(PatternView(f"view {k}", *SIZE, np.arange(len(p)), p, 2.5))
     return views
 
 
@@ -211,7 +211,7 @@ def test_views_without_tilt_leave_the_focal_length_open():
         shift = np.array([0.01 * k - 0.05, 0.004 * k - 0.02, 0.45])
         p = pixels_of(BOARD.points, np.eye(3), shift)
         p = p + rng.normal(0.0, 0.05, p.shape)
-        views.append(View(f"{k}", *SIZE, np.arange(54), p, 2.5))
+        views.append(PatternView(f"{k}", *SIZE, np.arange(54), p, 2.5))
     try:
         found = calibrate(views, BOARD)
     except InputError as err:
@@ -243,7 +243,7 @@ def test_coverage_names_what_is_missing():
     shifts = [(-0.10, -0.08), (0.10, -0.08), (0.0, 0.0)]
     for x, y in shifts:
         p = pixels_of(BOARD.points, np.eye(3), np.array([x, y, 0.4]))
-        coverage.add(View("", *SIZE, np.arange(54), p, 2.5))
+        coverage.add(PatternView("", *SIZE, np.arange(54), p, 2.5))
     hints = " | ".join(coverage.hints())
     assert "bottom left and bottom right" in hints and "top left" not in hints
     assert "top or bottom tilted" in hints and "left or right side" in hints
@@ -264,7 +264,7 @@ def test_tilts_are_told_apart():
         coverage = Coverage(BOARD)
         for _ in range(3):
             p = pixels_of(BOARD.points, turned(*angles), np.array([0.0, 0.0, 0.4]))
-            coverage.add(View("", *SIZE, np.arange(54), p, 2.5))
+            coverage.add(PatternView("", *SIZE, np.arange(54), p, 2.5))
         hints = " | ".join(coverage.hints())
         assert ("top or" in hints) != ("left or" in hints) and there not in hints
 
@@ -301,7 +301,7 @@ def test_the_pose_and_its_uncertainty():
     p = pixels_of(BOARD.points, rotation, shift)
     scores = []
     for _ in range(60):
-        view = View("", *SIZE, np.arange(54), p + rng.normal(0.0, 0.1, p.shape), 2.5)
+        view = PatternView("", *SIZE, np.arange(54), p + rng.normal(0.0, 0.1, p.shape), 2.5)
         pose = locate(view, BOARD, TRUE)
         turn = cv2.Rodrigues(pose.rotation @ rotation.T)[0].ravel()
         error = np.concatenate([turn, pose.translation - shift])

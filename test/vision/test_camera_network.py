@@ -13,7 +13,7 @@ from dlo_ros.parameters import Settings
 from dlo_ros.vision.calibration.camera_file import camera_file
 from dlo_ros.vision.calibration.camera_fit import Intrinsics
 from dlo_ros.vision.calibration.camera_network import calibrate_cameras
-from dlo_ros.vision.calibration.pattern_search import View
+from dlo_ros.vision.calibration.pattern_search import PatternView
 from dlo_ros.vision.calibration.patterns import parse_pattern
 
 PATTERN = parse_pattern("chessboard:7x5:0.02")
@@ -35,7 +35,7 @@ def view(name, rotation, translation, rng, half_turn=False):
     corners = np.arange(len(PATTERN.points))
     points = PATTERN.points * ([-1.0, -1.0, 1.0] if half_turn else 1.0)
     pixels = pixels_of(points, rotation, translation) + rng.normal(0.0, 0.05, (len(points), 2))
-    return View(name, *SIZE, corners, pixels, 2.0)
+    return PatternView(name, *SIZE, corners, pixels, 2.0)
 
 
 def instants(rng, aside=ASIDE):

@@ -18,7 +18,7 @@ from dlo_ros.diagnosis.contact.peg_places import Sight, apart, places, sight
 from dlo_ros.diagnosis.contact.undisturbed import undisturbed
 from dlo_ros.diagnosis.fitting import robust_fit
 from dlo_ros.diagnosis.fitting.candidate_model import Model, names
-from dlo_ros.diagnosis.fitting.evaluation import Evaluation, evaluate
+from dlo_ros.diagnosis.fitting.evaluation import CandidateEvaluation, evaluate
 from dlo_ros.diagnosis.fitting.levenberg_marquardt import attempt
 from dlo_ros.diagnosis.fitting.worker_processes import Problem, Workers
 from dlo_ros.effects import Peg, Scene, Start
@@ -55,14 +55,14 @@ Task = tuple[Model, tuple[int, ...], Peg, float]
 
 
 @dataclass(frozen=True)
-class Hit:
+class PegBesideSetUp:
     """A peg that may have been hit, and the joint model that the pictures before tell of."""
 
     before: ParametricModel
     peg: Start
 
 
-def hits(team: Workers, at: Evaluation, present: Sequence[str]) -> list[Start]:
+def pegs_met(team: Workers, at: CandidateEvaluation, present: Sequence[str]) -> list[Start]:
     """Pegs that the DLO may have hit; none where it moves in space, off the board they stand on.
 
     Args:
@@ -77,11 +77,13 @@ def hits(team: Workers, at: Evaluation, present: Sequence[str]) -> list[Start]:
     return [_start(peg, k, own) for k, peg in enumerate(_pegs(team, calm, typical))]
 
 
-def hits_in_set_up(team: Workers, at: Evaluation, scene: Scene) -> list[Hit]:
+def pegs_beside_set_up(
+    team: Workers, at: CandidateEvaluation, scene: Scene
+) -> list[PegBesideSetUp]:
     """Pegs that the DLO may have hit, beside a set-up that is off within its tolerances.
 
     Args:
-        at: see `hits`.
+        at: see `pegs_met`.
         scene: what the recordings look like.
     """
     if EFFECT in at.model.effects or _in_space(team):
@@ -90,7 +92,7 @@ def hits_in_set_up(team: Workers, at: Evaluation, scene: Scene) -> list[Hit]:
     if before is None:
         return []
     pegs = _pegs(team, before.at, before.typical)
-    return [Hit(before.model, _start(peg, k)) for k, peg in enumerate(pegs)]
+    return [PegBesideSetUp(before.model, _start(peg, k)) for k, peg in enumerate(pegs)]
 
 
 def _in_space(team: Workers) -> bool:
@@ -100,7 +102,7 @@ def _in_space(team: Workers) -> bool:
     return any(np.abs(s[..., 1]).max() > OFF_BOARD * length for s in shapes)
 
 
-def _pegs(team: Workers, calm: Evaluation, typical: float) -> list[Peg]:
+def _pegs(team: Workers, calm: CandidateEvaluation, typical: float) -> list[Peg]:
     """The pegs with which a fit to undisturbed pictures comes nearest to the others.
 
     Args:
@@ -186,7 +188,7 @@ def _loss(problem: Problem, task: Task) -> float | None:
     return robust_fit.loss(at, typical)
 
 
-def _fitted(problem: Problem, task: Task) -> Evaluation | None:
+def _fitted(problem: Problem, task: Task) -> CandidateEvaluation | None:
     """Fit a peg's numbers: downhill first, since what a peg does changes in jumps."""
     model, astray, peg, typical = task
     length = model.settings.rod.length

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dlo_ros.diagnosis.fitting import robust_fit
-from dlo_ros.diagnosis.fitting.evaluation import Evaluation, evaluate
+from dlo_ros.diagnosis.fitting.evaluation import CandidateEvaluation, evaluate
 from dlo_ros.diagnosis.fitting.worker_processes import Workers
 from dlo_ros.effects import Scene
 from dlo_ros.errors import SimulationError
@@ -45,11 +45,11 @@ class Undisturbed:
     """
 
     model: ParametricModel
-    at: Evaluation
+    at: CandidateEvaluation
     typical: float
 
 
-def undisturbed(team: Workers, at: Evaluation, scene: Scene) -> Undisturbed | None:
+def undisturbed(team: Workers, at: CandidateEvaluation, scene: Scene) -> Undisturbed | None:
     """Fit the joint model to the beginnings of recordings, up to where they go astray.
 
     Args:
@@ -74,7 +74,11 @@ def undisturbed(team: Workers, at: Evaluation, scene: Scene) -> Undisturbed | No
 
 
 def _fitted(
-    team: Workers, at: Evaluation, model: ParametricModel, wrong: Sequence[np.ndarray], lead: float
+    team: Workers,
+    at: CandidateEvaluation,
+    model: ParametricModel,
+    wrong: Sequence[np.ndarray],
+    lead: float,
 ) -> Undisturbed | None:
     """The joint model fitted to the beginnings of recordings.
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from dlo_ros.diagnosis.contact.contact_search import Hit
+from dlo_ros.diagnosis.contact.contact_search import PegBesideSetUp
 from dlo_ros.diagnosis.proposals.linear_evidence import (
     Extra,
     Promise,
@@ -116,7 +116,7 @@ class Search:
 
 
 def best_hit(
-    at: Evaluation, recordings: Sequence[Recording], hits: Sequence[Hit]
+    at: Evaluation, recordings: Sequence[Recording], hits: Sequence[PegBesideSetUp]
 ) -> tuple[Evaluation, Proposal] | None:
     """The fit with the peg that explains most, from what was right before it was hit.
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dlo_ros.diagnosis.contact.contact_search import Hit
+from dlo_ros.diagnosis.contact.contact_search import PegBesideSetUp
 from dlo_ros.diagnosis.explain.cause_search import (
     LOWERS,
     Offer,
@@ -146,7 +146,9 @@ def prepare(recordings: Sequence[Recording], plain: Settings, given: Settings) -
     return Prepared(recordings, here, bare.mean_err, at)
 
 
-def explain(prepared: Prepared, given: Settings, hits: Sequence[Hit] = ()) -> Explanation:
+def explain(
+    prepared: Prepared, given: Settings, hits: Sequence[PegBesideSetUp] = ()
+) -> Explanation:
     """Look for causes beyond a set-up.
 
     Args:

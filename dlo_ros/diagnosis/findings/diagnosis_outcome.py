@@ -84,7 +84,7 @@ class Trial:
 
 
 @dataclass(frozen=True)
-class View:
+class RecordingView:
     """One recording as the plain and the extended model see it.
 
     Args:
@@ -147,7 +147,7 @@ class Diagnosis:
     chance: float
     simulation_error: float | None
     remarks: tuple[str, ...]
-    views: tuple[View, ...]
+    views: tuple[RecordingView, ...]
     relations_before: Relations | None = None
     relations_after: Relations | None = None
     material_err: float | None = None

@@ -10,7 +10,7 @@ import numpy as np
 
 from dlo_ros.diagnosis.findings.diagnosis_outcome import Fitted, Number
 from dlo_ros.diagnosis.fitting.candidate_model import logarithmic, names
-from dlo_ros.diagnosis.fitting.evaluation import Evaluation, evaluate
+from dlo_ros.diagnosis.fitting.evaluation import CandidateEvaluation, evaluate
 from dlo_ros.diagnosis.fitting.levenberg_marquardt import known, solve, total
 from dlo_ros.effects import quantities
 from dlo_ros.errors import SimulationError
@@ -24,7 +24,9 @@ FINER, SHORTER = 2, 10.0
 """Times the knot spans, and smaller time steps' tolerance, that tell of the simulation's error."""
 
 
-def own_error(at: Evaluation, recordings: Sequence[Recording], given: Settings) -> FloatArray:
+def own_error(
+    at: CandidateEvaluation, recordings: Sequence[Recording], given: Settings
+) -> FloatArray:
     """How far the open parameters would move with a finer simulation, shape (P,)."""
     assert at.jacobians is not None
     finer = [_finer(r, given) for r in recordings]
@@ -45,7 +47,9 @@ def _finer(recording: Recording, given: Settings) -> Recording:
     return replace(recording, spans=FINER * spans, tolerance=tolerance / SHORTER)
 
 
-def covariance(at: Evaluation, given: Settings, own: FloatArray | None = None) -> FloatArray:
+def covariance(
+    at: CandidateEvaluation, given: Settings, own: FloatArray | None = None
+) -> FloatArray:
     """Of the open parameters as the fit sees them, shape (P, P).
 
     What is left over counts as noise, model errors included, and what repeats in time counts once;
@@ -64,7 +68,7 @@ def covariance(at: Evaluation, given: Settings, own: FloatArray | None = None) -
 
 
 def fitted(
-    at: Evaluation, given: Settings, err_train: float | None, err_holdout: float | None,
+    at: CandidateEvaluation, given: Settings, err_train: float | None, err_holdout: float | None,
     own: FloatArray | None = None,
 ) -> Fitted:  # fmt: skip
     """A model's material, with standard deviations, and its errors [m].
@@ -90,10 +94,10 @@ def fitted(
 
 
 def numbers(
-    at: Evaluation,
+    at: CandidateEvaluation,
     effect: str,
     given: Settings,
-    alike: Sequence[Evaluation] = (),
+    alike: Sequence[CandidateEvaluation] = (),
     own: FloatArray | None = None,
 ) -> dict[str, Number]:
     """The values of an effect's keys.

@@ -10,7 +10,7 @@ import numpy as np
 
 from dlo_ros.diagnosis.findings.diagnosis_outcome import Gain
 from dlo_ros.diagnosis.fitting.candidate_model import Model
-from dlo_ros.diagnosis.fitting.evaluation import Evaluation, evaluate
+from dlo_ros.diagnosis.fitting.evaluation import CandidateEvaluation, evaluate
 from dlo_ros.diagnosis.fitting.levenberg_marquardt import fit, solve, total
 from dlo_ros.diagnosis.selection.effect_search import Candidate
 from dlo_ros.errors import SimulationError
@@ -43,8 +43,8 @@ class Split:
 
 
 def split(
-    recordings: Sequence[Recording], holdout: int, plain: Evaluation, best: Evaluation,
-    given: Settings,
+    recordings: Sequence[Recording], holdout: int, plain: CandidateEvaluation,
+    best: CandidateEvaluation, given: Settings,
 ) -> Split:  # fmt: skip
     """Set aside the given recordings, or one that the others predict, or the end of each.
 
@@ -76,7 +76,7 @@ def split(
     )
 
 
-def _open(at: Evaluation, k: int, given: Settings) -> float:
+def _open(at: CandidateEvaluation, k: int, given: Settings) -> float:
     """Standard deviation of a recording's prediction from the others, in units of the noise."""
     assert at.jacobians is not None
     others = [np.full(len(r), j != k) for j, r in enumerate(at.residuals)]
@@ -87,7 +87,7 @@ def _open(at: Evaluation, k: int, given: Settings) -> float:
     return float(np.sqrt(np.mean(np.maximum(variance, 0.0))))
 
 
-def trained(at: Evaluation, masks: Sequence[np.ndarray], given: Settings) -> Model:
+def trained(at: CandidateEvaluation, masks: Sequence[np.ndarray], given: Settings) -> Model:
     """The model with parameters from the masked frames alone, by one linearised step."""
     equations = total(at, given, masks)
     step, _ = equations.minimum()
@@ -96,7 +96,10 @@ def trained(at: Evaluation, masks: Sequence[np.ndarray], given: Settings) -> Mod
 
 
 def refitted(
-    at: Evaluation, recordings: Sequence[Recording], masks: Sequence[np.ndarray], given: Settings
+    at: CandidateEvaluation,
+    recordings: Sequence[Recording],
+    masks: Sequence[np.ndarray],
+    given: Settings,
 ) -> Model:
     """The model fitted to the masked frames alone."""
     used = [k for k, mask in enumerate(masks) if mask.any()]

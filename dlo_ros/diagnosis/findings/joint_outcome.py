@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dlo_ros.diagnosis.contact.contact_search import Hit
+from dlo_ros.diagnosis.contact.contact_search import PegBesideSetUp
 from dlo_ros.diagnosis.explain.joint_explanation import (
     OWN,
     Cause,
@@ -126,7 +126,7 @@ def lesson(
         return None
 
 
-def learn(lesson: Lesson, given: Settings, hits: Sequence[Hit] = ()) -> Learned | None:
+def learn(lesson: Lesson, given: Settings, hits: Sequence[PegBesideSetUp] = ()) -> Learned | None:
     """Explain what is not held out; None where the joint model cannot be simulated.
 
     Where all recordings are needed to find causes, the values alone are learned from their

@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from dlo_ros.diagnosis.findings.diagnosis_outcome import View
-from dlo_ros.diagnosis.fitting.evaluation import Evaluation, evaluate
+from dlo_ros.diagnosis.findings.diagnosis_outcome import RecordingView
+from dlo_ros.diagnosis.fitting.evaluation import CandidateEvaluation, evaluate
 from dlo_ros.diagnosis.residuals.missing_force import missing_force
 from dlo_ros.errors import SimulationError
 from dlo_ros.inference.forecast import whitening
@@ -20,9 +20,9 @@ STATIONS = 60
 
 
 def views(
-    recordings: Sequence[Recording], before: Evaluation, after: Evaluation,
+    recordings: Sequence[Recording], before: CandidateEvaluation, after: CandidateEvaluation,
     holdout: Sequence[np.ndarray], given: Settings,
-) -> tuple[View, ...]:  # fmt: skip
+) -> tuple[RecordingView, ...]:  # fmt: skip
     """One view for each recording.
 
     Args:
@@ -51,7 +51,7 @@ def views(
         across = _across(recording, values, given)
         force = missing_force(recording, old, before.model.settings, u)
         result.append(
-            View(
+            RecordingView(
                 recording.name,
                 "holdout" if holdout[k].any() else "train",
                 recording.times[-frames:],

@@ -14,7 +14,7 @@ from dlo_ros.inference.forecast import Manipulation
 from dlo_ros.inference.measured import Recording
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
-from dlo_ros.rod.simulation import Simulation
+from dlo_ros.rod.rod_simulations import simulation_of
 from dlo_ros.spline import FloatArray, SplineBasis
 
 RATE = 20.0  # frames a second
@@ -117,7 +117,7 @@ def simulated(made: Standard, settings: Settings) -> Manipulation:
     """
     stamps = FIRST + (np.arange(0.0, made.duration, 1.0 / RATE) * NANOSECONDS).astype(np.int64)
     motion = Motion([made.command])
-    simulation = Simulation(settings, motion)
+    simulation = simulation_of(settings, motion)
     # The first shape is a guess only, so the DLO starts at rest.
     simulation.start([Observation(int(stamps[0]), made.shape)], int(stamps[-1]))
     predictions = [simulation.prediction()]

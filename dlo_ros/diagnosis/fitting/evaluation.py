@@ -28,7 +28,7 @@ DIFFERENCE = 0.01
 
 
 @dataclass(frozen=True)
-class Evaluation:
+class CandidateEvaluation:
     """A model held against recordings.
 
     Args:
@@ -81,7 +81,7 @@ def differs_in_batch(names: Sequence[str]) -> bool:
 def evaluate(
     model: Model, recordings: Sequence[Recording], given: Settings, *, derivatives: bool = True,
     exact: bool = False,
-) -> Evaluation:  # fmt: skip
+) -> CandidateEvaluation:  # fmt: skip
     """Simulate recordings.
 
     Args:
@@ -107,7 +107,7 @@ def evaluate(
         raise SimulationError("the simulation gives no finite shapes")
     if not all(np.abs(j).max(initial=0.0) < BOUNDLESS for j in jacobians):
         raise SimulationError("the simulation gives no finite derivatives")
-    return Evaluation(
+    return CandidateEvaluation(
         model,
         tuple(residuals),
         tuple(jacobians) if derivatives else None,
@@ -119,7 +119,7 @@ def evaluate(
     )
 
 
-def carried_on(before: Evaluation, after: Evaluation) -> Evaluation:
+def carried_on(before: CandidateEvaluation, after: CandidateEvaluation) -> CandidateEvaluation:
     """An evaluation with another's derivatives, corrected along the way between them (Broyden).
 
     Args:
@@ -145,8 +145,11 @@ def carried_on(before: Evaluation, after: Evaluation) -> Evaluation:
 
 
 def differenced(
-    before: Evaluation, at: Evaluation, recordings: Sequence[Recording], given: Settings
-) -> Evaluation:
+    before: CandidateEvaluation,
+    at: CandidateEvaluation,
+    recordings: Sequence[Recording],
+    given: Settings,
+) -> CandidateEvaluation:
     """An evaluation with derivatives by what its model has more than another's, in differences.
 
     Args:
@@ -170,7 +173,7 @@ def differenced(
 
 
 def _judged(model: Model, residuals: Sequence[FloatArray], given: Settings) -> tuple[float, float]:
-    """See `Evaluation.sum_of_squares` and `Evaluation.cost`."""
+    """See `CandidateEvaluation.sum_of_squares` and `CandidateEvaluation.cost`."""
     centre, information = prior(model, given)
     squares, count = sum(float(np.sum(r**2)) for r in residuals), sum(r.size for r in residuals)
     cost = count * (1.0 + np.log(squares / count)) if squares > count else squares
@@ -178,8 +181,11 @@ def _judged(model: Model, residuals: Sequence[FloatArray], given: Settings) -> t
 
 
 def earlier(
-    at: Evaluation, recordings: Sequence[Recording], drafts: Sequence[Recording], given: Settings
-) -> Evaluation:
+    at: CandidateEvaluation,
+    recordings: Sequence[Recording],
+    drafts: Sequence[Recording],
+    given: Settings,
+) -> CandidateEvaluation:
     """What an evaluation says of recordings that may end earlier."""
     ends = [len(d.times) - len(r.times) or None for r, d in zip(recordings, drafts, strict=True)]
     residuals = tuple(r[:end] for r, end in zip(at.residuals, ends, strict=True))

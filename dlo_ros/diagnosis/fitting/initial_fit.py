@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dlo_ros.diagnosis.fitting.candidate_model import Model, baseline
-from dlo_ros.diagnosis.fitting.evaluation import Evaluation, evaluate
+from dlo_ros.diagnosis.fitting.evaluation import CandidateEvaluation, evaluate
 from dlo_ros.diagnosis.fitting.levenberg_marquardt import CLEARLY_WRONG, attempt, fit, polished
 from dlo_ros.diagnosis.fitting.recording_noise import with_bias, with_noise
 from dlo_ros.errors import SimulationError
@@ -67,7 +67,7 @@ class Beginning:
     """
 
     recordings: tuple[Recording, ...]
-    at: Evaluation
+    at: CandidateEvaluation
     error: float
     left_out: tuple[int, ...] = ()
 
@@ -106,7 +106,9 @@ def begin(
     return Beginning(recordings, at, error, left_out)
 
 
-def _first(recordings: tuple[Recording, ...], settings: Settings, near: Model | None) -> Evaluation:
+def _first(
+    recordings: tuple[Recording, ...], settings: Settings, near: Model | None
+) -> CandidateEvaluation:
     """The model that a fit begins with, held against recordings."""
     if near is None:
         return _best_start(recordings, baseline(settings))
@@ -133,10 +135,10 @@ def _rms(residuals: Sequence[FloatArray]) -> float:
     return float(np.sqrt(np.mean(np.concatenate([r.ravel() for r in residuals]) ** 2)))
 
 
-def _best_start(recordings: tuple[Recording, ...], model: Model) -> Evaluation:
+def _best_start(recordings: tuple[Recording, ...], model: Model) -> CandidateEvaluation:
     """The plain model near the best of some fits: a motion may have several valleys of E."""
     coarse = tuple(replace(r, spans=2 * (r.observed.shape[1] - DEGREE)) for r in recordings)
-    begun: list[Evaluation] = []
+    begun: list[CandidateEvaluation] = []
     failure: SimulationError | None = None
     theta = model.theta()
     for factor in FACTORS:
@@ -163,13 +165,13 @@ def _best_start(recordings: tuple[Recording, ...], model: Model) -> Evaluation:
     return best
 
 
-def _mean_err(at: Evaluation) -> float:
+def _mean_err(at: CandidateEvaluation) -> float:
     """ERR [m], all recordings counting the same."""
     return float(np.mean([np.mean(e) for e in at.err]))
 
 
 def _finer(
-    recordings: tuple[Recording, ...], at: Evaluation
+    recordings: tuple[Recording, ...], at: CandidateEvaluation
 ) -> tuple[tuple[Recording, ...], float]:
     """Recordings with as many knot spans and time steps as keep the simulation's error small."""
     result, errors = [], []
@@ -243,7 +245,7 @@ def _in_time(recording: Recording, model: Model, fineness: float) -> tuple[Recor
     return here, error * noise
 
 
-def drafts(recordings: Sequence[Recording], at: Evaluation) -> tuple[Recording, ...]:
+def drafts(recordings: Sequence[Recording], at: CandidateEvaluation) -> tuple[Recording, ...]:
     """The recordings with coarser simulations, as far as these do not deceive, long ones shortened.
 
     Args:

@@ -9,7 +9,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dlo_ros.diagnosis.fitting.candidate_model import Model, prior
-from dlo_ros.diagnosis.fitting.evaluation import Evaluation, carried_on, evaluate, is_differentiable
+from dlo_ros.diagnosis.fitting.evaluation import (
+    CandidateEvaluation,
+    carried_on,
+    evaluate,
+    is_differentiable,
+)
 from dlo_ros.errors import SimulationError
 from dlo_ros.inference.measured import Recording
 from dlo_ros.parameters import Settings
@@ -91,7 +96,9 @@ def known(model: Model, given: Settings) -> Normal:
     return Normal(np.diag(information), information * off, float(information @ off**2))
 
 
-def total(at: Evaluation, given: Settings, masks: Sequence[np.ndarray] | None = None) -> Normal:
+def total(
+    at: CandidateEvaluation, given: Settings, masks: Sequence[np.ndarray] | None = None
+) -> Normal:
     """Normal equations of everything, the noise as large as what is left over.
 
     Args:
@@ -125,9 +132,9 @@ def bounded(model: Model, hessian: FloatArray, gradient: FloatArray) -> FloatArr
 
 
 def fit(
-    start: Evaluation, recordings: Sequence[Recording], given: Settings, iterations: int, *,
-    exact: bool = False, damping: float = DAMPING,
-) -> Evaluation:  # fmt: skip
+    start: CandidateEvaluation, recordings: Sequence[Recording], given: Settings,
+    iterations: int, *, exact: bool = False, damping: float = DAMPING,
+) -> CandidateEvaluation:  # fmt: skip
     """Levenberg-Marquardt from an evaluation with derivatives.
 
     A step that cannot be simulated or makes things worse is shortened; what leaves its range stays
@@ -151,7 +158,7 @@ def fit(
     return best
 
 
-def _enough(at: Evaluation) -> float:
+def _enough(at: CandidateEvaluation) -> float:
     """Gain of the cost below which a fit has come to its end."""
     count = sum(r.size for r in at.residuals)
     coarse = COARSE * count if at.excess > CLEARLY_WRONG else 0.0
@@ -159,8 +166,12 @@ def _enough(at: Evaluation) -> float:
 
 
 def _improved(
-    best: Evaluation, recordings: Sequence[Recording], given: Settings, exact: bool, damping: float
-) -> tuple[Evaluation | None, float]:
+    best: CandidateEvaluation,
+    recordings: Sequence[Recording],
+    given: Settings,
+    exact: bool,
+    damping: float,
+) -> tuple[CandidateEvaluation | None, float]:
     """One iteration: what is better, None where nothing is, and Marquardt's damping then."""
     equations, enough = total(best, given), _enough(best)
     for k in range(TRIES):
@@ -184,8 +195,12 @@ def _improved(
 
 
 def _tried(
-    model: Model, recordings: Sequence[Recording], given: Settings, exact: bool, before: Evaluation
-) -> Evaluation:
+    model: Model,
+    recordings: Sequence[Recording],
+    given: Settings,
+    exact: bool,
+    before: CandidateEvaluation,
+) -> CandidateEvaluation:
     """An evaluation whose derivatives are simulated where they are cheap or must be.
 
     Elsewhere the last ones are carried on; those of a nonsmooth effect are had if it is any use.
@@ -200,7 +215,9 @@ def _tried(
     return evaluate(model, recordings, given, exact=exact)
 
 
-def renewed(at: Evaluation, recordings: Sequence[Recording], given: Settings) -> Evaluation:
+def renewed(
+    at: CandidateEvaluation, recordings: Sequence[Recording], given: Settings
+) -> CandidateEvaluation:
     """An evaluation with derivatives of its own, if it can have any."""
     if not at.carried:
         return at
@@ -213,7 +230,7 @@ def renewed(at: Evaluation, recordings: Sequence[Recording], given: Settings) ->
 def attempt(
     model: Model, recordings: Sequence[Recording], given: Settings, iterations: int, *,
     damping: float = DAMPING,
-) -> Evaluation | None:  # fmt: skip
+) -> CandidateEvaluation | None:  # fmt: skip
     """A fit that begins with a model; None where that cannot be simulated."""
     try:
         at = evaluate(model, recordings, given)
@@ -222,7 +239,9 @@ def attempt(
     return fit(at, recordings, given, iterations, damping=damping)
 
 
-def polished(at: Evaluation, recordings: Sequence[Recording], given: Settings) -> Evaluation:
+def polished(
+    at: CandidateEvaluation, recordings: Sequence[Recording], given: Settings
+) -> CandidateEvaluation:
     """The fit finished with exact derivatives: what the data leave open is as known beforehand.
 
     Of nonsmooth effects there are none; their fit goes on as it was, with the fine simulation.

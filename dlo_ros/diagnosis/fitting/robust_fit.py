@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dlo_ros.diagnosis.fitting.evaluation import Evaluation, carried_on, evaluate
+from dlo_ros.diagnosis.fitting.evaluation import CandidateEvaluation, carried_on, evaluate
 from dlo_ros.diagnosis.fitting.levenberg_marquardt import (
     Normal,
     bounded,
@@ -45,9 +45,9 @@ PART_ITERATIONS = 6
 
 
 def robust(
-    at: Evaluation, recordings: Sequence[Recording], given: Settings, typical: float = TYPICAL,
-    *, strict: bool = False,
-) -> Evaluation:  # fmt: skip
+    at: CandidateEvaluation, recordings: Sequence[Recording], given: Settings,
+    typical: float = TYPICAL, *, strict: bool = False,
+) -> CandidateEvaluation:  # fmt: skip
     """Fit a model to recordings so that a picture that is far off counts little.
 
     Args:
@@ -70,9 +70,9 @@ def robust(
 
 
 def _improved(
-    at: Evaluation, recordings: Sequence[Recording], given: Settings, typical: float, *,
+    at: CandidateEvaluation, recordings: Sequence[Recording], given: Settings, typical: float, *,
     strict: bool,
-) -> Evaluation | None:  # fmt: skip
+) -> CandidateEvaluation | None:  # fmt: skip
     """One iteration; None where no step makes it better."""
     equations = _weighted(at, given, typical, strict)
     lhs = equations.hessian + DAMPING * np.diag(np.diag(equations.hessian))
@@ -90,7 +90,7 @@ def _improved(
     return None
 
 
-def calm(team: Workers, at: Evaluation) -> tuple[Evaluation, float] | None:
+def calm(team: Workers, at: CandidateEvaluation) -> tuple[CandidateEvaluation, float] | None:
     """The fit that explains most pictures, from several beginnings, and what is typical of these.
 
     Args:
@@ -114,7 +114,9 @@ def calm(team: Workers, at: Evaluation) -> tuple[Evaluation, float] | None:
     return best, typical
 
 
-def _calm_from(problem: Problem, task: tuple[Evaluation, float, float]) -> Evaluation | None:
+def _calm_from(
+    problem: Problem, task: tuple[CandidateEvaluation, float, float]
+) -> CandidateEvaluation | None:
     """A robust fit that begins with the fit to the first part of each recording."""
     at, share, typical = task
     drafts, given, model = problem.drafts, problem.given, at.model
@@ -130,23 +132,23 @@ def _calm_from(problem: Problem, task: tuple[Evaluation, float, float]) -> Evalu
         return None
 
 
-def off(at: Evaluation, typical: float = TYPICAL) -> list[FloatArray]:
+def off(at: CandidateEvaluation, typical: float = TYPICAL) -> list[FloatArray]:
     """Mean square of each picture's residual, over what is typical, shape (F,) per recording."""
     return [np.mean(r**2, axis=1) / typical**2 for r in at.residuals]
 
 
-def astray(at: Evaluation, typical: float) -> list[np.ndarray]:
+def astray(at: CandidateEvaluation, typical: float) -> list[np.ndarray]:
     """Which pictures deviate by more than is typical, shape (F,) per recording."""
     return [o > 1.0 for o in off(at, typical)]
 
 
-def loss(at: Evaluation, typical: float = TYPICAL, *, strict: bool = False) -> float:
+def loss(at: CandidateEvaluation, typical: float = TYPICAL, *, strict: bool = False) -> float:
     """What `robust` makes small; with `strict` nearly the number of pictures that are off."""
     each = np.concatenate(off(at, typical))
     return float(np.sum(each / (1.0 + each) if strict else np.log1p(each)))
 
 
-def _weighted(at: Evaluation, given: Settings, typical: float, strict: bool) -> Normal:
+def _weighted(at: CandidateEvaluation, given: Settings, typical: float, strict: bool) -> Normal:
     assert at.jacobians is not None
     result = known(at.model, given)
     for residual, jacobian, o in zip(at.residuals, at.jacobians, off(at, typical), strict=True):

@@ -50,7 +50,7 @@ from dlo_ros.inference.scene import imposed_names, scene
 from dlo_ros.inference.spectrum import spectrum
 from dlo_ros.inference.variances import fit_variances
 from dlo_ros.parameters import Settings
-from dlo_ros.rod.simulation import Simulation
+from dlo_ros.rod.rod_simulations import simulation_of
 from dlo_ros.spline import FloatArray
 
 LOG = logging.getLogger(__name__)
@@ -240,7 +240,7 @@ def _simulated(
 ) -> Pieces[Simulated]:
     """As `dlo_ros.inference.joint.simulate`, some pictures at a time."""
     past, settings = recording.manipulation, as_fine(model.settings, recording)
-    simulation = Simulation(settings, motion_of(past), parameters=names, spans=recording.spans)
+    simulation = simulation_of(settings, motion_of(past), parameters=names, spans=recording.spans)
     for _ in simulation.starting(past.observations[:2], past.observations[-1].stamp):
         yield SHORT
     stamps = [o.stamp for o in past.observations]

@@ -15,7 +15,7 @@ import numpy as np
 
 from dlo_ros.diagnosis.fitting.candidate_model import LARGEST_LOG_STEP, LOOSE, Model, names
 from dlo_ros.diagnosis.fitting.evaluation import (
-    Evaluation,
+    CandidateEvaluation,
     differenced,
     differs_in_batch,
     earlier,
@@ -64,7 +64,7 @@ class Prospect:
         return model.extended(start.effect, start.block, start.fitted)
 
 
-Task = tuple[Evaluation, tuple[Start, ...]]
+Task = tuple[CandidateEvaluation, tuple[Start, ...]]
 
 
 def _screen_sheet(problem: Problem, task: Task) -> list[Prospect]:
@@ -111,7 +111,7 @@ def _screen_sheet(problem: Problem, task: Task) -> list[Prospect]:
     return found
 
 
-def _drawn(at: Evaluation) -> FloatArray:
+def _drawn(at: CandidateEvaluation) -> FloatArray:
     """J^T r of residuals whose pictures have been given random signs, shape (DRAWS, P).
 
     What repeats from picture to picture is lost, the noise with its size and its correlation along
@@ -186,7 +186,7 @@ def _screen(problem: Problem, task: Task) -> list[Prospect]:
 
 
 def screen(
-    team: Workers, before: Evaluation, starts: Sequence[Start], progress: Progress
+    team: Workers, before: CandidateEvaluation, starts: Sequence[Start], progress: Progress
 ) -> list[Prospect]:
     """The linear test of all starts; those that cannot be simulated are left out."""
     problem = team.problem
@@ -226,7 +226,7 @@ def chosen(prospects: Sequence[Prospect], before: float) -> list[Prospect]:
     return sorted(result, key=lambda p: p.sum_of_squares)
 
 
-def _try(problem: Problem, task: tuple[Evaluation, Prospect]) -> Prospect | None:
+def _try(problem: Problem, task: tuple[CandidateEvaluation, Prospect]) -> Prospect | None:
     before, prospect = task
     best: Prospect | None = None
     for share in SHARES if prospect.start.neutral else (1.0, 0.0):
@@ -245,7 +245,7 @@ def _try(problem: Problem, task: tuple[Evaluation, Prospect]) -> Prospect | None
 
 
 def tried(
-    team: Workers, before: Evaluation, prospects: Sequence[Prospect], progress: Progress
+    team: Workers, before: CandidateEvaluation, prospects: Sequence[Prospect], progress: Progress
 ) -> list[Prospect]:
     """One simulation of each prospect, best first; E and mu stay.
 

@@ -48,7 +48,7 @@ SPANS = 4
 
 
 @dataclass(frozen=True)
-class Pattern:
+class ResidualPattern:
     """The strongest shape along the DLO.
 
     Args:
@@ -100,7 +100,7 @@ class Relations:
     size: float
     constant: float
     slow: float
-    pattern: Pattern | None
+    pattern: ResidualPattern | None
     inputs: tuple[Relation, ...]
     unjudged: tuple[str, ...]
 
@@ -326,7 +326,7 @@ def _foretold(field: FloatArray, basis: FloatArray, times: Sequence[FloatArray])
     return gain
 
 
-def _pattern(fields: Sequence[FloatArray], total: float, settings: Settings) -> Pattern:
+def _pattern(fields: Sequence[FloatArray], total: float, settings: Settings) -> ResidualPattern:
     """The strongest pattern along the DLO of what repeats."""
     common = sum(f[1:].T @ f[:-1] for f in fields if len(f) > 1) + sum(
         f.T @ f for f in fields if len(f) == 1
@@ -343,4 +343,4 @@ def _pattern(fields: Sequence[FloatArray], total: float, settings: Settings) -> 
     frames = sum(len(f) for f in fields)
     common_frames = sum(max(len(f) - 1, 1) for f in fields)
     share = float(values[-1]) * frames / common_frames / total
-    return Pattern(float(np.clip(share, 0.0, 1.0)), float(u[int(np.argmax(size))]), signs)
+    return ResidualPattern(float(np.clip(share, 0.0, 1.0)), float(u[int(np.argmax(size))]), signs)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dlo_ros.diagnosis.fitting.evaluation import Evaluation
+from dlo_ros.diagnosis.fitting.evaluation import CandidateEvaluation
 from dlo_ros.diagnosis.fitting.levenberg_marquardt import Normal, known, normal
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
@@ -60,7 +60,7 @@ def chance(residuals: Sequence[FloatArray], seed: int = 0) -> float:
     return float(np.percentile(found, 99.0))
 
 
-def parts(at: Evaluation) -> list[tuple[int, slice]]:
+def parts(at: CandidateEvaluation) -> list[tuple[int, slice]]:
     """What is kept aside in turn: whole recordings, or spans of time of the only one."""
     if len(at.residuals) > 1:
         return [(k, slice(None)) for k in range(len(at.residuals))]
@@ -72,7 +72,7 @@ def parts(at: Evaluation) -> list[tuple[int, slice]]:
     ]
 
 
-def predictive_score(at: Evaluation, given: Settings) -> float:
+def predictive_score(at: CandidateEvaluation, given: Settings) -> float:
     """How badly each part is predicted from the others: minus twice the log likelihood, summed.
 
     By the linearised model at a fit to all: leaving a part out moves the parameters by one step of
@@ -127,7 +127,7 @@ def compare(a: Sequence[FloatArray], b: Sequence[FloatArray]) -> Comparison:
     return Comparison(float(np.sum(gains)), float(np.std(gains) * np.sqrt(len(gains))))
 
 
-def description(at: Evaluation) -> str:
+def description(at: CandidateEvaluation) -> str:
     """Where and when the residual is largest, in a sentence."""
     power = [np.mean(r**2, axis=1) for r in at.residuals]
     k = int(np.argmax([float(np.mean(p)) for p in power]))

@@ -12,7 +12,7 @@ import numpy as np
 from dlo_ros.diagnosis.contact import peg_places
 from dlo_ros.diagnosis.contact.contact_search import peg_of
 from dlo_ros.diagnosis.fitting.candidate_model import Model
-from dlo_ros.diagnosis.fitting.evaluation import Evaluation, earlier
+from dlo_ros.diagnosis.fitting.evaluation import CandidateEvaluation, earlier
 from dlo_ros.diagnosis.fitting.levenberg_marquardt import CONTINUED, attempt, fit, renewed
 from dlo_ros.diagnosis.fitting.worker_processes import Problem, Progress, Workers
 from dlo_ros.diagnosis.proposals.screening import Prospect, chosen, tried
@@ -65,21 +65,21 @@ class Candidate:
 
     effect: str
     form: str
-    at: Evaluation
+    at: CandidateEvaluation
     score: float
     structure: float
 
 
-def _fit_draft(problem: Problem, task: tuple[Model, Prospect]) -> Evaluation | None:
+def _fit_draft(problem: Problem, task: tuple[Model, Prospect]) -> CandidateEvaluation | None:
     model, prospect = task
     return attempt(prospect.beginning(model), problem.drafts, problem.given, FIRST_ITERATIONS)
 
 
-def _continue(problem: Problem, at: Evaluation) -> Evaluation:
+def _continue(problem: Problem, at: CandidateEvaluation) -> CandidateEvaluation:
     return fit(at, problem.drafts, problem.given, ROUND_ITERATIONS, damping=CONTINUED)
 
 
-def _carry_on(problem: Problem, task: tuple[Model, bool]) -> Evaluation | None:
+def _carry_on(problem: Problem, task: tuple[Model, bool]) -> CandidateEvaluation | None:
     model, coarse = task
     recordings = _whole(problem) if coarse else problem.recordings
     at = attempt(model, recordings, problem.given, MORE_ITERATIONS, damping=CONTINUED)
@@ -94,7 +94,7 @@ def _whole(problem: Problem) -> list[Recording]:
     ]
 
 
-def _complete(problem: Problem, model: Model) -> Evaluation | None:
+def _complete(problem: Problem, model: Model) -> CandidateEvaluation | None:
     return attempt(model, _whole(problem), problem.given, 0)
 
 
@@ -127,7 +127,7 @@ def _worth(prospects: Sequence[Prospect]) -> tuple[list[Prospect], list[Prospect
 
 def search(
     team: Workers,
-    before: Evaluation,
+    before: CandidateEvaluation,
     prospects: Sequence[Prospect],
     progress: Progress,
     enough: float,
@@ -179,7 +179,7 @@ class _Draft:
     """A fit with the coarse simulation, and what its excess was a round before."""
 
     start: Start
-    at: Evaluation
+    at: CandidateEvaluation
     before: float
 
     def excess(self, noise: float) -> float:
@@ -216,7 +216,7 @@ def _fitted(
         for i, (k, at) in enumerate(zip(pick, team.each(_continue, ats), strict=True)):
             progress("fitting the likely effects", (i + 1) / len(pick))
             drafts[k] = replace(drafts[k], at=at, before=drafts[k].excess(noise))
-    found: list[Evaluation | None] = [d.at for d in drafts]
+    found: list[CandidateEvaluation | None] = [d.at for d in drafts]
     carried = _likely(drafts, noise, enough, least)
     coarse = (
         bool(carried)
@@ -336,7 +336,7 @@ def _likely(drafts: Sequence[_Draft], noise: float, enough: float, least: float)
     ]
 
 
-def candidate(effect: str, form: str, at: Evaluation, given: Settings) -> Candidate:
+def candidate(effect: str, form: str, at: CandidateEvaluation, given: Settings) -> Candidate:
     """Judge a fit."""
     score = residual_structure.predictive_score(at, given)
     return Candidate(effect, form, at, score, residual_structure.structure(at.residuals))

@@ -54,7 +54,7 @@ ALIKE = 2.0
 
 
 @dataclass(frozen=True)
-class Explanation:
+class SufficientEffects:
     """A set of effects that brings the residual down to the noise.
 
     Args:
@@ -77,7 +77,7 @@ class Decision:
     """
 
     verdict: Verdict
-    chosen: Explanation | None
+    chosen: SufficientEffects | None
     rivals: tuple[tuple[str, ...], ...] = ()
 
 
@@ -135,10 +135,10 @@ def best_forms(
     return list(found.values())
 
 
-def explanations(candidates: Sequence[Candidate], most: float) -> list[Explanation]:
+def explanations(candidates: Sequence[Candidate], most: float) -> list[SufficientEffects]:
     """The candidates that leave no structure, one form of each set of effects, best first."""
     return [
-        Explanation(c.at.model.effects, c)
+        SufficientEffects(c.at.model.effects, c)
         for c in best_forms(candidates, lambda c: explains(c, most))
     ]
 
@@ -147,7 +147,7 @@ def sure(
     plain: Candidate,
     candidates: Sequence[Candidate],
     kept_aside: Callable[[Candidate], float | None],
-) -> tuple[Explanation, tuple[tuple[str, ...], ...]] | None:
+) -> tuple[SufficientEffects, tuple[tuple[str, ...], ...]] | None:
     """What is certain although structure remains: without it, everything is much worse.
 
     Judged by ERR, every recording counting the same: where no model is right, what each misses is
@@ -180,7 +180,7 @@ def sure(
         other = kept_aside(min(rest, key=_missed))
         if err is not None and other is not None and err < SURE_SHARE * other:
             found[effect] = rivals
-    return (Explanation(tuple(found), best), tuple(found.values())) if found else None
+    return (SufficientEffects(tuple(found), best), tuple(found.values())) if found else None
 
 
 def _missed(c: Candidate) -> float:
@@ -197,12 +197,12 @@ def _stand_ins(candidates: Sequence[Candidate], not_these: set[str]) -> tuple[st
 
 
 def confirmed(
-    found: Sequence[Explanation],
+    found: Sequence[SufficientEffects],
     before: float | None,
     kept_aside: Callable[[Candidate], float | None],
     *,
     up_to: float = CONFIRMED,
-) -> list[Explanation]:
+) -> list[SufficientEffects]:
     """Those explanations that also hold on what was kept aside.
 
     Args:
@@ -233,7 +233,7 @@ def suspects(
         return []
     least = min(c.structure for c in forms)
     near = [c for c in forms if c.structure < ALIKE * least][:SUSPECTS]
-    found = [Explanation(c.at.model.effects, c) for c in near]
+    found = [SufficientEffects(c.at.model.effects, c) for c in near]
     held = confirmed(found, None, kept_aside, up_to=SUSPECTED)
     return [e.candidate for e in held]
 
@@ -252,7 +252,7 @@ def foretold(
     best: Candidate,
     candidates: Sequence[Candidate],
     kept_aside: Callable[[Candidate], float | None],
-) -> list[Explanation]:
+) -> list[SufficientEffects]:
     """What predicts as well as the best although it leaves more over, where pictures are few.
 
     A few pictures tell little of what is noise and what is not; what was kept aside tells more.
@@ -268,20 +268,22 @@ def foretold(
         other = kept_aside(c)
         return other is not None and other < FORETOLD * err
 
-    return [Explanation(c.at.model.effects, c) for c in best_forms(candidates, as_well)]
+    return [SufficientEffects(c.at.model.effects, c) for c in best_forms(candidates, as_well)]
 
 
-def without_idle(best: Candidate, singles: Sequence[Candidate]) -> list[Explanation]:
+def without_idle(best: Candidate, singles: Sequence[Candidate]) -> list[SufficientEffects]:
     """Single effects of a pair that do as well as both, best first: the other did nothing."""
     names = set(best.at.model.effects)
     return [
-        Explanation(c.at.model.effects, c)
+        SufficientEffects(c.at.model.effects, c)
         for c in sorted(singles, key=lambda c: c.score)
         if set(c.at.model.effects) < names and as_good(best, c)
     ][:1]
 
 
-def choose(found: Sequence[Explanation], others: Sequence[Explanation] = ()) -> Decision:
+def choose(
+    found: Sequence[SufficientEffects], others: Sequence[SufficientEffects] = ()
+) -> Decision:
     """The best explanation and its rivals.
 
     Args:

@@ -311,7 +311,7 @@ def rank(
 
 
 @dataclass(frozen=True)
-class Separation:
+class ModelSeparation:
     """How well a plan would tell two models apart.
 
     Args:
@@ -331,7 +331,7 @@ def separation(
     first: Settings,
     second: Settings,
     noise: Noise = Noise(),
-) -> Separation:
+) -> ModelSeparation:
     """How well a plan would tell two models apart, such as two with different effects.
 
     Raises:
@@ -358,7 +358,7 @@ def separation(
             best = min(best, total - float(pull @ step)) if iteration else best
             break
         theta = theta + np.clip(step, -1.0, 1.0)
-    return Separation(plan, math.sqrt(max(best, 0.0)), distance)
+    return ModelSeparation(plan, math.sqrt(max(best, 0.0)), distance)
 
 
 def _whitened_gap(a: Forecast, b: Forecast) -> FloatArray:
@@ -372,7 +372,7 @@ def rank_separation(
     first: Settings,
     second: Settings,
     noise: Noise = Noise(),
-) -> list[Separation]:
+) -> list[ModelSeparation]:
     """Plans by how well they tell two models apart, the best first; see `separation`.
 
     Plans that one of the models cannot follow are left out.

@@ -17,7 +17,7 @@ from dlo_ros.identification.estimate import (
     with_logarithms,
 )
 from dlo_ros.identification.offline.gauss_newton import Simulations, descend
-from dlo_ros.identification.offline.recording_identification import Fitted
+from dlo_ros.identification.offline.recording_identification import FittedMaterial
 from dlo_ros.inference.forecast import Manipulation
 from dlo_ros.inference.parallel import Pool, Threads
 from dlo_ros.parameters import Settings
@@ -57,7 +57,7 @@ class Sample:
 def sample(
     train: Sequence[Manipulation],
     settings: Settings,
-    found: Fitted,
+    found: FittedMaterial,
     *,
     count: int = 400,
     seed: int = 0,
@@ -136,7 +136,7 @@ def _gradients(
 def bootstrap(
     train: Sequence[Manipulation],
     settings: Settings,
-    found: Fitted,
+    found: FittedMaterial,
     *,
     count: int = 50,
     seed: int = 0,

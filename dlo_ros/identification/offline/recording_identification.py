@@ -88,7 +88,7 @@ class Identification:
     noise_floor: float | None
     iterations: int
     converged: bool
-    fitted: Fitted | None = None
+    fitted: FittedMaterial | None = None
     set_up: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
@@ -164,7 +164,7 @@ def identify(
 
 
 @dataclass(frozen=True)
-class Fitted:
+class FittedMaterial:
     """What the search has found.
 
     Args:
@@ -193,7 +193,7 @@ def fitted(
     settings: Settings,
     progress: Progress = lambda text, share: None,
     pool: Pool | None = None,
-) -> Fitted:
+) -> FittedMaterial:
     """Search from several starts, then with a simulation whose own error lies below the noise.
 
     Args:
@@ -247,12 +247,12 @@ def fitted(
         except SimulationError as err:
             LOG.warning("the estimate stays where the search ended: %s", err)
             theta = fit.theta
-    return Fitted(fit, theta, told, ignored, fine, iterations, converged, shifts)
+    return FittedMaterial(fit, theta, told, ignored, fine, iterations, converged, shifts)
 
 
 def _with_set_up(
-    train: Sequence[Manipulation], found: Fitted, given: Settings, pool: Pool | None
-) -> tuple[Fitted, Mapping[str, tuple[float, float]]]:
+    train: Sequence[Manipulation], found: FittedMaterial, given: Settings, pool: Pool | None
+) -> tuple[FittedMaterial, Mapping[str, tuple[float, float]]]:
     """The fit with what is known of the set-up, and the set-up's numbers."""
     spans = [f.spans for f in found.fit.forecasts]
     more = weighed(
@@ -285,9 +285,9 @@ def _words(theta: FloatArray) -> str:
 
 
 def _with_forces(
-    train: Sequence[Manipulation], found: Fitted, given: Settings,
+    train: Sequence[Manipulation], found: FittedMaterial, given: Settings,
     known: Mapping[str, tuple[float, float]], pool: Pool | None,
-) -> Fitted:  # fmt: skip
+) -> FittedMaterial:  # fmt: skip
     """The fit with the forces that were measured at the grips."""
     spans = [f.spans for f in found.fit.forecasts]
     try:

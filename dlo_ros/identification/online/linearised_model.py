@@ -13,7 +13,8 @@ from dlo_ros.identification.residual_information import NormalEquations, normal_
 from dlo_ros.inference.forecast import Forecast, compared
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
-from dlo_ros.rod.simulation import RECHECK_RATIO, Simulation
+from dlo_ros.rod.protocol import RodSimulation
+from dlo_ros.rod.resolution import RECHECK_RATIO
 from dlo_ros.spline import FloatArray
 
 SMALLEST_STD = 1e-6  # [m] of a residual number; below is rounding
@@ -171,7 +172,7 @@ class Run:
     """
 
     at: Linearised
-    simulation: Simulation
+    simulation: RodSimulation
     unit: float | None
     error: float
     residuals: list[FloatArray] = field(default_factory=list)
@@ -199,7 +200,7 @@ class Run:
             np.array([p.control_points for p in predictions]),
             np.array([p.sensitivity for p in predictions]),
             self.simulation.published,
-            self.simulation.model.basis.spans,
+            self.simulation.basis.spans,
             self.error,
             unit=self.unit,
         )
@@ -236,7 +237,7 @@ class Run:
             np.array(self.residuals),
             np.array(self.derivatives),
             np.zeros(self.used),
-            self.simulation.model.basis.spans,
+            self.simulation.basis.spans,
             self.error,
         )
 

@@ -11,8 +11,9 @@ from dlo_ros.inference.forecast import Window
 from dlo_ros.inference.observation_operator import noise_unit
 from dlo_ros.observation import Observation
 from dlo_ros.rod.boundary.shape_orientation import along
+from dlo_ros.rod.protocol import RodSimulation
+from dlo_ros.rod.rod_simulations import simulation_of
 from dlo_ros.rod.sensitivity_parameters import MATERIAL
-from dlo_ros.rod.simulation import Simulation
 from dlo_ros.rod_settings import RodSettings
 
 MOST_COMMANDS = 10_000  # that are remembered; 20 s of poses that are sent one by one at 500 Hz
@@ -31,7 +32,7 @@ class ObservedWindow:
         self.motion = motion
         self.observations: list[Observation] = []
         self.noise_unit: float | None = None  # of the first picture with measured points
-        self.anchor: Simulation | None = None  # the state at the beginning, once it has moved
+        self.anchor: RodSimulation | None = None  # the state at the beginning, once it has moved
         self._length = length
 
     @property
@@ -73,7 +74,7 @@ class ObservedWindow:
         """Keep the last observation alone."""
         self.observations = self.observations[-1:]
 
-    def move(self, anchor: Simulation) -> None:
+    def move(self, anchor: RodSimulation) -> None:
         """Begin anew, without observations, at the present state of a simulation."""
         self.observations, self.anchor = [], anchor
 
@@ -86,7 +87,7 @@ class ObservedWindow:
 
     def started(
         self, settings: RodSettings, spans: int, *, loads: bool = False
-    ) -> Pieces[Simulation]:
+    ) -> Pieces[RodSimulation]:
         """A simulation at the beginning of the window, with sensitivities, or with loads instead.
 
         Args:
@@ -98,7 +99,9 @@ class ObservedWindow:
         if self.anchor is not None:
             return self.anchor.fork(settings, loads=loads)
         names = () if loads else MATERIAL
-        simulation = Simulation(settings, self.motion, parameters=names, spans=spans, loads=loads)
+        simulation = simulation_of(
+            settings, self.motion, parameters=names, spans=spans, loads=loads
+        )
         for _ in simulation.starting(self.observations[:2], self.observations[-1].stamp):
             yield SHORT
         return simulation

@@ -49,7 +49,7 @@ from dlo_ros.identification.residual_information import NormalEquations, model_s
 from dlo_ros.inference.forecast import Manipulation
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
-from dlo_ros.rod.simulation import Simulation
+from dlo_ros.rod.rod_simulations import simulation_of
 from dlo_ros.spline import DEGREE, FloatArray
 
 LOG = logging.getLogger(__name__)
@@ -223,7 +223,7 @@ class OnlineEstimator:
         if elapsed >= SETTLED:
             yield from self._resolve()
         run = self._run
-        settings, spans = run.simulation.settings, run.simulation.model.basis.spans
+        settings, spans = run.simulation.settings, run.simulation.basis.spans
         yield from self.forces.weigh(
             run, tuple(self._past.observations), self._motion.commands, self._prior,
             lambda: self._past.started(settings, spans, loads=True),
@@ -293,17 +293,17 @@ class OnlineEstimator:
         before = self._judgement
         if self._past.anchor is not None or (before is not None and before.holds(settings)):
             return
-        judge, seen = Simulation(settings, self._motion), self._past.observations
-        spans, error = run.simulation.model.basis.spans, UNJUDGED
+        judge, seen = simulation_of(settings, self._motion), self._past.observations
+        spans, error = run.simulation.basis.spans, UNJUDGED
         try:
             for _ in judge.judging(seen[:2], seen[-1].stamp):
                 yield SHORT
-            assert judge.resolution is not None
-            spans, error = judge.resolution.spans, judge.resolution.error
+            if judge.resolution is not None:
+                spans, error = judge.resolution.spans, judge.resolution.error
         except SimulationError as err:
             LOG.warning("the resolution cannot be judged: %s", err)
         self._judgement = Judgement.of(settings, spans, error)
-        if spans == run.simulation.model.basis.spans:
+        if spans == run.simulation.basis.spans:
             run.error = error
         else:
             self._adopt((yield from self._again(run.at.theta)))

@@ -17,8 +17,8 @@ from dlo_ros.identification.online.linearised_model import PriorInformation, Run
 from dlo_ros.observation import Observation, Wrenches
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.loads.grip_reactions import Loading
+from dlo_ros.rod.protocol import RodSimulation
 from dlo_ros.rod.sensitivity_parameters import MATERIAL
-from dlo_ros.rod.simulation import Simulation
 from dlo_ros.spline import FloatArray
 
 LOG = logging.getLogger(__name__)
@@ -59,7 +59,7 @@ class Forces:
 
     def weigh(
         self, run: Run, past: Sequence[Observation], commands: Sequence[Command],
-        prior: PriorInformation, begin: Callable[[], Pieces[Simulation]],
+        prior: PriorInformation, begin: Callable[[], Pieces[RodSimulation]],
     ) -> Pieces[None]:  # fmt: skip
         """Where it is due, learn the scale of all forces from those of the window.
 

@@ -19,7 +19,7 @@ from dlo_ros.rod import integration
 from dlo_ros.rod.batch.simd_integration import DONE, NO_DIRECTION, march
 from dlo_ros.rod.batch.simd_kernels import COLUMN, BatchLaw, Scratch, tables_of
 from dlo_ros.rod.batch.simd_step import BatchState, Room, Sets
-from dlo_ros.rod.batch.tracks import Ends, Tracks
+from dlo_ros.rod.batch.tracks import EndStates, Tracks
 from dlo_ros.rod.boundary import conditions
 from dlo_ros.rod.boundary.imposed_motion import NO_DIRECTION_TEXT, Boundary
 from dlo_ros.rod.elements.rod_tables import DOF
@@ -172,7 +172,7 @@ class ParameterSets:
         flat = shapes.transpose(0, 3, 1, 2).reshape(-1, len(times), n, 2)[:count]
         stamp = int(stamps[-1]) if len(stamps) else states[0].stamp
         directed = np.array([[self.boundary.clamped_start], [self.boundary.clamped_end]])
-        ends = Ends(self.models, tuple(states), motion, clock, frames, directed, stamp)
+        ends = EndStates(self.models, tuple(states), motion, clock, frames, directed, stamp)
         tracks = Tracks(expand(flat, states[0].q), status[:, 1].repeat(LANES)[:count], {}, ends)
         for group in np.flatnonzero(status[:, 0] != DONE):
             for k in np.unique(self._order[group]):

@@ -18,7 +18,7 @@ from dlo_ros.spline import FloatArray
 
 
 @dataclass(frozen=True)
-class Ends:
+class EndStates:
     """Where all sets are at the last stamp, as compiled code left them."""
 
     models: tuple[RodModel, ...]
@@ -78,7 +78,7 @@ class Tracks:
     shapes: FloatArray
     steps: NDArray[np.int64]
     failures: dict[int, str]
-    ends: Ends = field(repr=False)
+    ends: EndStates = field(repr=False)
 
     def state(self, number: int) -> State:
         """The state of a set at the last stamp.

@@ -19,7 +19,7 @@ from dlo_ros.errors import InputError, VisionError
 from dlo_ros.parameters import CameraPose, Vector
 from dlo_ros.spline import FloatArray
 from dlo_ros.vision.calibration.camera_fit import Intrinsics, PatternPose, locate, without_outliers
-from dlo_ros.vision.calibration.pattern_search import View
+from dlo_ros.vision.calibration.pattern_search import PatternView
 from dlo_ros.vision.calibration.patterns import Pattern
 from dlo_ros.vision.camera.pinhole import Camera
 from dlo_ros.vision.segmentation.ridge_map import Image
@@ -61,7 +61,7 @@ class BoardPose:
 
 
 def board_pose(
-    view: View,
+    view: PatternView,
     pattern: Pattern,
     intrinsics: Intrinsics,
     pattern_at: Vector = (0.0, 0.0, 0.0),
@@ -158,7 +158,7 @@ def _hints(found: PatternPose, rotation: FloatArray, top: FloatArray) -> list[st
     return hints
 
 
-def check_view_size(view: View, intrinsics: Intrinsics) -> None:
+def check_view_size(view: PatternView, intrinsics: Intrinsics) -> None:
     """Refuse a view of another size than the camera was calibrated for.
 
     Raises:

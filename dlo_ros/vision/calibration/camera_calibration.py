@@ -31,7 +31,7 @@ from dlo_ros.vision.calibration.lens_selection import (
     compare_lenses,
     prediction_errors,
 )
-from dlo_ros.vision.calibration.pattern_search import View
+from dlo_ros.vision.calibration.pattern_search import PatternView
 from dlo_ros.vision.calibration.patterns import Pattern
 from dlo_ros.vision.calibration.view_coverage import LEAST_VIEWS, Coverage
 
@@ -60,7 +60,7 @@ class ViewResult:
         dropped: number of corners taken out.
     """
 
-    view: View
+    view: PatternView
     used: bool
     reason: str
     pose: PatternPose | None
@@ -107,7 +107,7 @@ class Calibration:
 
 
 def calibrate(
-    views: Sequence[View],
+    views: Sequence[PatternView],
     pattern: Pattern,
     seed: int = 0,
     progress: Progress = lambda text, share: None,
@@ -181,7 +181,9 @@ def calibrate(
     return found
 
 
-def check_camera(views: Sequence[View], pattern: Pattern, intrinsics: Intrinsics) -> Calibration:
+def check_camera(
+    views: Sequence[PatternView], pattern: Pattern, intrinsics: Intrinsics
+) -> Calibration:
     """How well views fit a camera that was calibrated before.
 
     Raises:
@@ -204,7 +206,7 @@ def check_camera(views: Sequence[View], pattern: Pattern, intrinsics: Intrinsics
     return found
 
 
-def _check(views: Sequence[View]) -> None:
+def _check(views: Sequence[PatternView]) -> None:
     _enough(len(views), "usable views")
     first = views[0]
     for view in views[1:]:
@@ -223,7 +225,7 @@ def _enough(count: int, what: str) -> None:
         )
 
 
-def _blurred(views: Sequence[View]) -> dict[int, str]:
+def _blurred(views: Sequence[PatternView]) -> dict[int, str]:
     """Views that are much less sharp than the others, with the reason."""
     widths = np.array([v.edge_width for v in views])
     limit = max(BLURRED * float(np.median(widths)), BLURRED_PX)
@@ -234,7 +236,9 @@ def _blurred(views: Sequence[View]) -> dict[int, str]:
     }
 
 
-def _consensus(views: Sequence[View], pattern: Pattern, rng: np.random.Generator) -> Intrinsics:
+def _consensus(
+    views: Sequence[PatternView], pattern: Pattern, rng: np.random.Generator
+) -> Intrinsics:
     """The camera of a few views with which most views agree (least median of squares)."""
     best, camera = np.inf, None
     for _ in range(TRIALS):
@@ -257,7 +261,7 @@ def _limit(errors: FloatArray) -> float:
 
 
 def _agreeing(
-    views: Sequence[View], among: Sequence[int], pattern: Pattern, camera: Intrinsics
+    views: Sequence[PatternView], among: Sequence[int], pattern: Pattern, camera: Intrinsics
 ) -> list[int]:
     errors = prediction_errors([views[k] for k in among], pattern, camera)
     whole = np.array([len(views[k].corners) for k in among])
@@ -266,7 +270,11 @@ def _agreeing(
 
 
 def _fitted(
-    views: Sequence[View], chosen: Sequence[int], pattern: Pattern, lens: Lens, guess: Intrinsics
+    views: Sequence[PatternView],
+    chosen: Sequence[int],
+    pattern: Pattern,
+    lens: Lens,
+    guess: Intrinsics,
 ) -> CameraFit:
     _enough(len(chosen), "views that agree with each other")
     fit = fit_lenses([views[k] for k in chosen], pattern, guess, lens)[-1]
@@ -275,7 +283,9 @@ def _fitted(
     return fit
 
 
-def _trimmed(views: Sequence[View], pattern: Pattern, camera: Intrinsics) -> list[View]:
+def _trimmed(
+    views: Sequence[PatternView], pattern: Pattern, camera: Intrinsics
+) -> list[PatternView]:
     """The views without corners that are outliers."""
     poses: list[PatternPose | None] = []
     for view in views:
@@ -291,8 +301,8 @@ def _trimmed(views: Sequence[View], pattern: Pattern, camera: Intrinsics) -> lis
 
 
 def _results(
-    views: Sequence[View],
-    kept: Sequence[View],
+    views: Sequence[PatternView],
+    kept: Sequence[PatternView],
     chosen: Sequence[int],
     reasons: dict[int, str],
     pattern: Pattern,

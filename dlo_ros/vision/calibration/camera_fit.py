@@ -12,7 +12,7 @@ import numpy as np
 from dlo_ros.errors import InputError, VisionError
 from dlo_ros.parameters import CameraPose
 from dlo_ros.spline import FloatArray
-from dlo_ros.vision.calibration.pattern_search import View
+from dlo_ros.vision.calibration.pattern_search import PatternView
 from dlo_ros.vision.calibration.patterns import Pattern
 from dlo_ros.vision.camera.pinhole import Camera
 
@@ -166,7 +166,7 @@ class CameraFit:
 
 
 def fit_camera(
-    views: Sequence[View], pattern: Pattern, lens: Lens, guess: Intrinsics | None = None
+    views: Sequence[PatternView], pattern: Pattern, lens: Lens, guess: Intrinsics | None = None
 ) -> CameraFit:
     """Fit a camera to views of the pattern (Zhang's method, then least squares over everything).
 
@@ -206,7 +206,7 @@ def fit_camera(
 
 
 def fit_lenses(
-    views: Sequence[View], pattern: Pattern, guess: Intrinsics, last: Lens = LENSES[-1]
+    views: Sequence[PatternView], pattern: Pattern, guess: Intrinsics, last: Lens = LENSES[-1]
 ) -> tuple[CameraFit | None, ...]:
     """Fit the camera with each of `LENSES` up to the last; None where the views leave it open.
 
@@ -224,7 +224,7 @@ def fit_lenses(
     return tuple(fits)
 
 
-def locate(view: View, pattern: Pattern, intrinsics: Intrinsics) -> PatternPose:
+def locate(view: PatternView, pattern: Pattern, intrinsics: Intrinsics) -> PatternPose:
     """The pattern's pose in one view of a known camera.
 
     Raises:
@@ -268,7 +268,7 @@ def locate(view: View, pattern: Pattern, intrinsics: Intrinsics) -> PatternPose:
     )
 
 
-def without_outliers(view: View, pose: PatternPose, typical: float) -> View:
+def without_outliers(view: PatternView, pose: PatternPose, typical: float) -> PatternView:
     """The view without single corners that were found in a wrong place (a glare, a finger).
 
     Args:
@@ -284,7 +284,7 @@ def without_outliers(view: View, pose: PatternPose, typical: float) -> View:
 
 
 def _standard_deviations(
-    views: Sequence[View],
+    views: Sequence[PatternView],
     pattern: Pattern,
     camera: Intrinsics,
     poses: Sequence[tuple[FloatArray, FloatArray]],

@@ -20,7 +20,7 @@ from dlo_ros.parameters import CameraPose, Vector
 from dlo_ros.spline import FloatArray
 from dlo_ros.vision.calibration.board_pose import board_pose, check_view_size
 from dlo_ros.vision.calibration.camera_fit import Intrinsics, locate
-from dlo_ros.vision.calibration.pattern_search import View
+from dlo_ros.vision.calibration.pattern_search import PatternView
 from dlo_ros.vision.calibration.patterns import Pattern
 
 ROBUST = 1.0  # [px] beyond which a corner counts less
@@ -57,7 +57,7 @@ class _Sight:
 
 
 def calibrate_cameras(
-    instants: Sequence[Mapping[str, View]],
+    instants: Sequence[Mapping[str, PatternView]],
     board: int,
     intrinsics: Mapping[str, Intrinsics],
     pattern: Pattern,
@@ -152,7 +152,9 @@ def calibrate_cameras(
     return CalibratedCameras(result, rms, len(start), distances)
 
 
-def _located(view: View, pattern: Pattern, intrinsics: Intrinsics) -> tuple[FloatArray, FloatArray]:
+def _located(
+    view: PatternView, pattern: Pattern, intrinsics: Intrinsics
+) -> tuple[FloatArray, FloatArray]:
     """Rotation and translation of the pattern in a camera."""
     check_view_size(view, intrinsics)
     try:

@@ -11,7 +11,7 @@ import numpy as np
 from dlo_ros.errors import InputError, VisionError
 from dlo_ros.spline import FloatArray
 from dlo_ros.vision.calibration.camera_fit import LENSES, Intrinsics, Lens, fit_lenses, locate
-from dlo_ros.vision.calibration.pattern_search import View
+from dlo_ros.vision.calibration.pattern_search import PatternView
 from dlo_ros.vision.calibration.patterns import Pattern
 
 FOLDS = 6
@@ -33,7 +33,7 @@ class LensScore:
 
 
 def compare_lenses(
-    views: Sequence[View], pattern: Pattern, guess: Intrinsics, rng: np.random.Generator
+    views: Sequence[PatternView], pattern: Pattern, guess: Intrinsics, rng: np.random.Generator
 ) -> tuple[LensScore, ...]:
     """Cross-validation over views: each is predicted by a camera fitted without it.
 
@@ -71,7 +71,9 @@ def choose_lens(scores: Sequence[LensScore]) -> Lens:
     return next(s.lens for s in scores if s.worse <= 1.0)
 
 
-def prediction_errors(views: Sequence[View], pattern: Pattern, camera: Intrinsics) -> FloatArray:
+def prediction_errors(
+    views: Sequence[PatternView], pattern: Pattern, camera: Intrinsics
+) -> FloatArray:
     """Reprojection error of each view, only its pose fitted [px], infinite where it fits none."""
     errors = np.full(len(views), np.inf)
     for k, view in enumerate(views):

@@ -26,7 +26,7 @@ CONTINUES = 0.7  # share of the places beyond an edge that look like further cor
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class PatternView:
     """One picture of the pattern.
 
     Args:
@@ -45,7 +45,9 @@ class View:
     edge_width: float
 
 
-def find_pattern(image: Image, pattern: Pattern, name: str = "", thorough: bool = True) -> View:
+def find_pattern(
+    image: Image, pattern: Pattern, name: str = "", thorough: bool = True
+) -> PatternView:
     """Find the pattern in a picture.
 
     Args:
@@ -72,7 +74,7 @@ def find_pattern(image: Image, pattern: Pattern, name: str = "", thorough: bool 
         _refuse_part(gray, pattern, pixels)
     height, width = gray.shape
     sharpness = _edge_width(gray, pattern, corners, pixels)
-    return View(name, width, height, corners, pixels, sharpness)
+    return PatternView(name, width, height, corners, pixels, sharpness)
 
 
 def board_size(image: Image) -> tuple[int, int] | None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from dlo_ros.errors import InputError, VisionError
 from dlo_ros.spline import FloatArray
-from dlo_ros.vision.calibration.pattern_search import View, board_size, find_pattern
+from dlo_ros.vision.calibration.pattern_search import PatternView, board_size, find_pattern
 from dlo_ros.vision.calibration.patterns import Charuco, Pattern
 from dlo_ros.vision.calibration.view_coverage import LEAST_VIEWS, Coverage
 from dlo_ros.vision.segmentation.ridge_map import Image
@@ -41,7 +41,7 @@ class ViewCollector:
         self.pattern = pattern
         self.coverage = Coverage(pattern)
         self.skipped: list[Skipped] = []
-        self._views: list[View] = []
+        self._views: list[PatternView] = []
         self._shapes: list[FloatArray] = []
         self._size: tuple[int, int] | None = None
         self._first = ""
@@ -76,7 +76,7 @@ class ViewCollector:
         self.coverage.add(view)
         return True
 
-    def views(self) -> list[View]:
+    def views(self) -> list[PatternView]:
         """What was collected; where it is very much, those that differ most.
 
         Raises:
@@ -150,7 +150,7 @@ class ViewCollector:
         return sorted(chosen)
 
 
-def _outline(view: View, pattern: Pattern) -> FloatArray:
+def _outline(view: PatternView, pattern: Pattern) -> FloatArray:
     """Roughly where the pattern's outer corners are [px], shape (4, 2), seen or not."""
     transform, _ = cv2.findHomography(pattern.points[view.corners, :2], view.pixels)
     corners = pattern.points[[0, pattern.columns - 1, -1, -pattern.columns], :2]

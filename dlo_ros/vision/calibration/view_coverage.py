@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dlo_ros.errors import VisionError
 from dlo_ros.vision.calibration.camera_fit import Intrinsics, PatternPose, locate
-from dlo_ros.vision.calibration.pattern_search import View
+from dlo_ros.vision.calibration.pattern_search import PatternView
 from dlo_ros.vision.calibration.patterns import Pattern
 
 LEAST_VIEWS = 6
@@ -40,7 +40,7 @@ class Coverage:
         self._tilts: list[tuple[float, float]] = []
         self._scales: list[float] = []
 
-    def add(self, view: View, pose: PatternPose | None = None) -> None:
+    def add(self, view: PatternView, pose: PatternPose | None = None) -> None:
         """Take a view in.
 
         Args:

@@ -37,7 +37,7 @@ PREFER_NEAR = 0.12  # per width of bridge, when choosing which to look at
 
 
 @dataclass(frozen=True, eq=False)
-class Ends:
+class ChainEnds:
     """The ends of all chains, seen as entrances or exits; arrays of length 2 x chains.
 
     Index 2 k is the first point of chain k, 2 k + 1 the last. `directions` point out of the chain.
@@ -53,7 +53,7 @@ class Ends:
         return len(self.positions)
 
 
-class Link(NamedTuple):
+class Continuation(NamedTuple):
     """A possible continuation: its cost, the length of the bridge in the plane, the end reached."""
 
     cost: float
@@ -67,7 +67,7 @@ class Linker:
     def __init__(self, chains: list[Chain], bars: RidgeMap, plane: PlaneGrid) -> None:
         found = [chain_end(chain, last, bars.width) for chain in chains for last in (False, True)]
         strengths = [chain.strength for chain in chains]
-        self.ends = Ends(
+        self.ends = ChainEnds(
             np.array([e.position for e in found]).reshape(-1, 2),
             np.array([e.direction for e in found]).reshape(-1, 2),
             np.array([e.curvature for e in found]),
@@ -76,7 +76,7 @@ class Linker:
         )
         self._bars, self._plane = bars, plane
 
-    def from_end(self, k: int, limit: float = LINK_LIMIT) -> list[Link]:
+    def from_end(self, k: int, limit: float = LINK_LIMIT) -> list[Continuation]:
         """Links that leave a chain at end k, the cheapest first."""
         ends = self.ends
         return self._links(
@@ -89,7 +89,7 @@ class Linker:
             limit,
         )
 
-    def from_clamp(self, position: FloatArray, direction: FloatArray | None) -> list[Link]:
+    def from_clamp(self, position: FloatArray, direction: FloatArray | None) -> list[Continuation]:
         """Links that leave a clamp into a direction, or into any where None is known."""
         away = np.zeros(2) if direction is None else direction
         return self._links(position, away, 0.0, np.zeros(3), 0.0, -1, LINK_LIMIT)
@@ -103,7 +103,7 @@ class Linker:
         strength: float,
         own: int,
         limit: float,
-    ) -> list[Link]:
+    ) -> list[Continuation]:
         ends = self.ends
         costs, lengths, reached = _links(
             np.ascontiguousarray(position, dtype=np.float64),
@@ -123,7 +123,7 @@ class Linker:
             limit,
         )
         order = np.argsort(costs, kind="stable")
-        return [Link(float(costs[i]), float(lengths[i]), int(reached[i])) for i in order]
+        return [Continuation(float(costs[i]), float(lengths[i]), int(reached[i])) for i in order]
 
 
 @linked(from_python=True)

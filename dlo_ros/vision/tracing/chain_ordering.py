@@ -17,7 +17,7 @@ import numpy as np
 from dlo_ros.errors import VisionError
 from dlo_ros.spline import FloatArray
 from dlo_ros.vision.segmentation.ridge_map import RidgeMap
-from dlo_ros.vision.tracing.chain_linking import Link, Linker, bridge, split_at
+from dlo_ros.vision.tracing.chain_linking import Continuation, Linker, bridge, split_at
 from dlo_ros.vision.tracing.metric_lengths import PlaneGrid
 from dlo_ros.vision.tracing.ridge_tracing import Chain
 
@@ -122,7 +122,7 @@ class PathSearch:
         self._linker = Linker(chains, bars, plane)
         self.ends = self._linker.ends
         self.lengths = np.array([self._measure(c.points) for c in chains])
-        self._links: dict[int, list[Link]] = {}
+        self._links: dict[int, list[Continuation]] = {}
         self._closings: dict[int, tuple[float, float]] | None = None
 
     def _measure(self, points: FloatArray) -> float:
@@ -262,7 +262,7 @@ class PathSearch:
             self._closings = {k: (c, gap) for c, gap, k in self._from_clamp(self.end, False)}
         return self._closings.get(state, (np.inf, 0.0))
 
-    def _next(self, state: int) -> list[Link]:
+    def _next(self, state: int) -> list[Continuation]:
         """Cheapest links from the exit of a chain, which is not where it was entered."""
         if state not in self._links:
             self._links[state] = self._linker.from_end(state ^ 1)[:MOST_LINKS]

@@ -1,0 +1,144 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""The state that a simulation starts from: an equilibrium, or the shape that was observed."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass, replace
+
+from dlo_ros.command import NANOSECONDS, Command
+from dlo_ros.errors import InputError
+from dlo_ros.observation import Observation
+from dlo_ros.rod import dynamics
+from dlo_ros.rod.boundary.command_timeline import CommandTimeline
+from dlo_ros.rod.boundary.imposed_motion import Boundary
+from dlo_ros.rod.measured_shapes import MeasurementMap
+from dlo_ros.rod.model import RodModel
+from dlo_ros.rod.motion_validation import possible
+from dlo_ros.rod.packing import insensitive, true_command
+from dlo_ros.rod.planar_model import in_plane
+from dlo_ros.rod.sensitivity_parameters import compiled
+from dlo_ros.rod.state import State, rest_state
+from dlo_ros.rod.statics import hold, reachable, relax_stretch, settle
+from dlo_ros.rod_settings import RodSettings
+from dlo_ros.spline import FloatArray, SplineBasis
+
+LOG = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class FirstShape:
+    """What a simulation starts from, as it truly was.
+
+    Args:
+        observations: one, or two for `moving`, at the instants at which they truly were so.
+        command: that holds then.
+        shape: true control points at the last of these instants, published basis, shape (n, 4).
+    """
+
+    observations: tuple[Observation, ...]
+    command: Command
+    shape: FloatArray
+
+    @property
+    def stamp(self) -> int:
+        """The instant of the start [ns]."""
+        return self.observations[-1].stamp
+
+
+@dataclass(frozen=True)
+class InitialState:
+    """The state that a simulation starts from.
+
+    Args:
+        state: of the rod.
+        stable: whether the equilibrium is stable; true where it starts from none.
+        flat: whether it is an equilibrium in the plane y = 0.
+    """
+
+    state: State
+    stable: bool = True
+    flat: bool = False
+
+
+def beginning(
+    settings: RodSettings,
+    timeline: CommandTimeline,
+    measurement: MeasurementMap,
+    observations: Sequence[Observation],
+) -> FirstShape:
+    """The true beginning, from the first observed shapes; the timeline learns when it was.
+
+    Raises:
+        InputError: too few observations, a wrong number of control points, no command.
+        ParameterError: effects leave no DLO.
+    """
+    mode = settings.simulation.start
+    needed = 2 if mode == "moving" else 1
+    if len(observations) < needed:
+        raise InputError(f"simulation.start '{mode}' needs {needed} observed shapes")
+    n = settings.rod.control_points
+    for observation in observations[:needed]:
+        if len(observation.control_points) != n:
+            raise InputError(
+                f"the observed spline has {len(observation.control_points)} control points; "
+                f"rod.control_points is {n}"
+            )
+    possible(settings)
+    seen = [replace(o, stamp=o.stamp - measurement.later) for o in observations[:needed]]
+    timeline.began = seen[0].stamp
+    command = timeline.at(seen[-1].stamp, slips=settings.slips)
+    return FirstShape(tuple(seen), command, measurement.true(seen[-1].control_points))
+
+
+def initial_state(
+    model: RodModel,
+    boundary: Boundary,
+    begin: FirstShape,
+    measurement: MeasurementMap,
+    parameters: Sequence[str],
+) -> Generator[None, None, InitialState]:
+    """The state as simulation.start says, piece by piece for who must not wait.
+
+    Args:
+        parameters: by which sensitivities are wanted, see `sensitivity_parameters`.
+
+    Raises:
+        InputError: the first two observed shapes have the same stamp.
+        SimulationError: no equilibrium, or imposed ends out of reach.
+    """
+    settings, command = model.settings, begin.command
+    published = SplineBasis(settings.rod.control_points, settings.rod.length)
+    lift = model.basis.projection(published)
+    at_rest = rest_state(begin.stamp, lift @ begin.shape, model)
+    yield
+    if settings.simulation.start == "equilibrium":
+        flat = in_plane(model, at_rest, true_command(model, command), parameters)
+        compiled(model, boundary, command, parameters, flat=flat)  # is kept
+        yield
+        found = settle(
+            model, boundary, at_rest, command, begin.stamp, fresh=True, parameters=parameters
+        )
+        if found.buckled:
+            LOG.info(
+                "the DLO buckles on its way to its first equilibrium; where nothing decides "
+                "between two sides, its weight or the camera's first shape should"
+            )
+        return InitialState(found.state, found.stable, flat)
+    held = hold(model, boundary, at_rest, command, begin.stamp)
+    reachable(model, held, boundary)
+    relaxed = relax_stretch(model, boundary, held, lift @ begin.shape)
+    state = rest_state(begin.stamp, relaxed, model)
+    if settings.simulation.start == "moving":
+        before = begin.observations[0]
+        elapsed = (begin.stamp - before.stamp) / NANOSECONDS
+        if elapsed <= 0.0:
+            raise InputError("the first two observed shapes have the same stamp")
+        velocity = lift @ (begin.shape - measurement.true(before.control_points)) / elapsed
+        velocity[:, 3] = 0.0
+        state = replace(state, velocity=velocity)
+    state = insensitive(state, len(parameters))
+    return InitialState(
+        dynamics.with_consistent_acceleration(model, boundary, state, command, parameters)
+    )

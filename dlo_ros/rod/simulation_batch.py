@@ -1,0 +1,131 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Many parameter sets of one DLO simulated at once, and sensitivities from their differences."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dlo_ros.command import Command
+from dlo_ros.errors import SimulationError
+from dlo_ros.rod.batch.parameter_sets import ParameterSets
+from dlo_ros.rod.boundary.imposed_motion import Boundary
+from dlo_ros.rod.dynamics import with_consistent_acceleration
+from dlo_ros.rod.model import RodModel
+from dlo_ros.rod.packing import nothing_varies
+from dlo_ros.rod.protocol import Quotient, RodSimulation
+from dlo_ros.rod.state import State
+from dlo_ros.rod.statics import settle
+from dlo_ros.spline import FloatArray, SplineBasis
+
+
+@dataclass(frozen=True)
+class StartedSet:
+    """A parameter set at the beginning of a simulation."""
+
+    model: RodModel
+    state: State
+    stable: bool
+
+
+def started_set(model: RodModel, boundary: Boundary, state: State, command: Command) -> StartedSet:
+    """A parameter set, started as the simulation of another one was.
+
+    Args:
+        state: of that one, at its start.
+
+    Raises:
+        SimulationError: it has no equilibrium.
+    """
+    if model.settings.simulation.start == "equilibrium":
+        found = settle(model, boundary, state, command, state.stamp, fresh=True)
+        return StartedSet(model, found.state, found.stable)
+    return StartedSet(model, with_consistent_acceleration(model, boundary, state, command), True)
+
+
+class SimulationBatch:
+    """S parameter sets of a planar rod; see `RodBatch`.
+
+    Args:
+        sets: those that could be started, by their number; the first among them.
+        failures: why the others could not.
+        boundary: common to all.
+        command: that holds all the time.
+        published: basis of the shapes.
+        resumed: a simulation of the first set that goes on from a state whose sensitivities to
+            some parameters are known.
+    """
+
+    def __init__(
+        self, sets: Mapping[int, StartedSet], failures: Mapping[int, str], boundary: Boundary,
+        command: Command, published: SplineBasis,
+        resumed: Callable[[State, Sequence[str]], RodSimulation],
+    ) -> None:  # fmt: skip
+        self.failures = dict(failures)
+        self.stable: Sequence[bool] = [
+            k in sets and sets[k].stable for k in range(len(sets) + len(failures))
+        ]
+        self._numbers = sorted(sets)
+        self._models = [sets[k].model for k in self._numbers]
+        self._states = [sets[k].state for k in self._numbers]
+        self._boundary, self._command, self._resumed = boundary, command, resumed
+        self._published = published
+        self._down = published.projection(self._models[0].basis)
+        self._together: ParameterSets | None = None
+
+    @property
+    def shapes(self) -> FloatArray:
+        """The present control points in the published basis, shape (S, n, 4)."""
+        return self._projected(np.array([state.q[None] for state in self._states]))[:, 0]
+
+    def advance_through(self, stamps: Sequence[int]) -> FloatArray:
+        """Simulate to a series of stamps [ns], growing; see `RodBatch.advance_through`.
+
+        What fails stands still from there on.
+        """
+        if self._together is None:
+            self._together = ParameterSets(self._models, self._boundary)
+        tracks = self._together.follow(self._states, self._command, stamps)
+        for row, why in tracks.failures.items():
+            self.failures.setdefault(self._numbers[row], why)
+        self._states = [
+            replace(state, stamp=stamps[-1]) if self._numbers[row] in self.failures
+            else tracks.state(row)
+            for row, state in enumerate(self._states)
+        ]  # fmt: skip
+        return self._projected(tracks.shapes)
+
+    def _projected(self, shapes: FloatArray) -> FloatArray:
+        """Shapes (sets that started, T, m, 4) in the published basis, free of twist."""
+        result = np.full((len(self.stable), shapes.shape[1], len(self._down), 4), np.nan)
+        for row, number in enumerate(self._numbers):
+            result[number] = self._down @ shapes[row]
+        result[..., 3] = 0.0
+        return result
+
+    def differentiated(self, parameters: Sequence[str], quotient: Quotient) -> RodSimulation:
+        """The simulation of the first set at the present instant, with sensitivities.
+
+        Raises:
+            SimulationError: a set has failed.
+        """
+        if self.failures:
+            raise SimulationError(f"a parameter set has failed: {min(self.failures.items())[1]}")
+        state = self._states[0]
+        sensitivity = nothing_varies(state, len(parameters))
+        parts: dict[str, Callable[[State], FloatArray]] = {
+            "q": lambda s: s.q,
+            "velocity": lambda s: s.velocity,
+            "acceleration": lambda s: s.acceleration,
+            "auxiliary": lambda s: s.auxiliary,
+            "stretch": lambda s: s.strains.stretch,
+            "stretch_before": lambda s: s.previous.stretch,
+            "other": lambda s: s.strains.other,
+            "other_before": lambda s: s.previous.other,
+        }
+        for name, part in parts.items():
+            rate = getattr(sensitivity, name)
+            rate[...] = quotient(np.array([part(s) for s in self._states]))
+        return self._resumed(replace(state, sensitivity=sensitivity), parameters)
