@@ -73,7 +73,7 @@ INSIDE = {
     ),
     "identification": (
         ("cooperative_tasks", "estimate", "residual_noise"),
-        ("batched_forecast", "identifiability", "residual_information"),
+        ("batched_forecast", "gradual_simulation", "identifiability", "residual_information"),
         ("force_scale",),
         ("offline", "online", "design"),
         ("__init__",),

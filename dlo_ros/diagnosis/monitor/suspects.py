@@ -30,14 +30,12 @@ from dlo_ros.diagnosis.proposals.linear_evidence import (
 )
 from dlo_ros.effects import Scene
 from dlo_ros.errors import DloError
-from dlo_ros.identification.cooperative_tasks import LONG, SHORT, Pieces
-from dlo_ros.inference.forecast import Manipulation, motion_of
+from dlo_ros.identification.cooperative_tasks import LONG, Pieces
+from dlo_ros.identification.gradual_simulation import simulated
+from dlo_ros.inference.forecast import Manipulation
 from dlo_ros.inference.joint import (
     Evaluation,
     Field,
-    Simulated,
-    as_fine,
-    field,
     judged,
     least,
     linearly_fitted,
@@ -50,7 +48,6 @@ from dlo_ros.inference.scene import imposed_names, scene
 from dlo_ros.inference.spectrum import spectrum
 from dlo_ros.inference.variances import fit_variances
 from dlo_ros.parameters import Settings
-from dlo_ros.rod.rod_simulations import simulation_of
 from dlo_ros.spline import FloatArray
 
 LOG = logging.getLogger(__name__)
@@ -148,7 +145,7 @@ def suspects(past: Manipulation, settings: Settings, spans: int, noise: float) -
     view = scene(settings, imposed_names([past]), [recording.observed])
     model = _model(recording, settings, view)
     yield LONG
-    at = judged(model, (yield from _simulated(model, recording, model.names)))
+    at = judged(model, (yield from simulated(model, recording, model.names, AT_ONCE)))
     yield LONG
     plain, joint = _bare(at)
     fitted = linearly_fitted(at)
@@ -203,7 +200,7 @@ def _added(
     for sheet in sheets(_proposals(at, recording, view)):
         model, names = with_sheet(at.model, sheet)
         try:
-            extra = columns(at, sheet, (yield from _simulated(model, recording, names)))
+            extra = columns(at, sheet, (yield from simulated(model, recording, names, AT_ONCE)))
         except DloError as err:
             LOG.info("%s: %s", ", ".join(p.label for p in sheet), err)
             continue
@@ -233,28 +230,3 @@ def _proposals(at: Evaluation, recording: Recording, view: Scene) -> list[Propos
         if p.from_nothing or sum(p.effect == other.effect for other in result) < AT_MOST:
             result.append(p)
     return result
-
-
-def _simulated(
-    model: ParametricModel, recording: Recording, names: Sequence[str]
-) -> Pieces[Simulated]:
-    """As `dlo_ros.inference.joint.simulate`, some pictures at a time."""
-    past, settings = recording.manipulation, as_fine(model.settings, recording)
-    simulation = simulation_of(settings, motion_of(past), parameters=names, spans=recording.spans)
-    for _ in simulation.starting(past.observations[:2], past.observations[-1].stamp):
-        yield SHORT
-    stamps = [o.stamp for o in past.observations]
-    if settings.simulation.start == "moving":
-        stamps = stamps[1:]
-    predictions = [simulation.prediction()] if stamps[0] == simulation.stamp else []
-    later = stamps[len(predictions) :]
-    for k in range(0, len(later), AT_ONCE):
-        yield SHORT
-        predictions += simulation.advance_through(later[k : k + AT_ONCE])
-    shapes = np.array([p.control_points for p in predictions])
-    chain = dict(zip(model.names, model.chain(), strict=True))
-    moves = [p.sensitivity for p in predictions if p.sensitivity is not None]
-    found = field(
-        recording, shapes, np.array(moves) if moves else None, np.array([chain[n] for n in names])
-    )
-    return Simulated((found,), (np.linalg.norm(found[0], axis=1),), (shapes,))

@@ -387,7 +387,7 @@ class OnlineEstimator:
         self._looked = (run.used, math.log(self._estimate.specific_modulus))
         step = self._prior.step(run.at)
         weighting = Weighting(self._prior.scale(run.at, step), self._prior.prior)
-        settings, spans = self._estimate.settings, run.simulation.model.basis.spans
+        settings, spans = self._estimate.settings, run.simulation.basis.spans
         try:
             self._set_up = yield from set_up_shifts(past, settings, self._initial, spans, weighting)
         except SimulationError as err:

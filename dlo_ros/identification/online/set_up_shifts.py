@@ -11,23 +11,21 @@ It is the same in everything that is seen afterwards, so that more pictures do n
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import expit
 
-from dlo_ros.identification.cooperative_tasks import LONG, SHORT, Pieces
-from dlo_ros.inference.forecast import Manipulation, motion_of
-from dlo_ros.inference.joint import Field, field
-from dlo_ros.inference.measured import Recording, measured
-from dlo_ros.inference.parameter import ParametricModel
+from dlo_ros.identification.cooperative_tasks import LONG, Pieces
+from dlo_ros.identification.gradual_simulation import simulated
+from dlo_ros.inference.forecast import Manipulation
+from dlo_ros.inference.measured import measured
 from dlo_ros.inference.priors import DIAMETER_STD, joint_model
 from dlo_ros.inference.scene import imposed_names, scene
 from dlo_ros.inference.spectrum import Spectrum, spectrum
 from dlo_ros.inference.variances import Posterior, Variances, fit_variances
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.sensitivity_parameters import MATERIAL
-from dlo_ros.rod.simulation import Simulation
 from dlo_ros.spline import FloatArray
 
 ITERATIONS, ROUNDS = 5, 8
@@ -65,7 +63,7 @@ def set_up_shifts(
     Raises:
         SimulationError: the motion cannot be simulated.
     """
-    recording = measured(past, settings)
+    recording = replace(measured(past, settings), spans=spans)
     if not recording.planar:
         return ()
     view = scene(settings, imposed_names([past]), [recording.observed])
@@ -73,7 +71,7 @@ def set_up_shifts(
     own = np.array([not p.effect for p in model.parameters])
     if own.all():
         return ()
-    residual, jacobian = yield from _simulated(model, recording, spans)
+    ((residual, jacobian),) = (yield from simulated(model, recording, model.names)).fields
     yield LONG
     bins = spectrum(residual, jacobian, settings.rod.control_points)
     offset, precision, length = model.offset(), model.precision(), settings.rod.length
@@ -95,24 +93,6 @@ def set_up_shifts(
         covariance[young_modulus, young_modulus] += (2.0 * DIAMETER_STD) ** 2
     values, vectors = np.linalg.eigh(probability * covariance)
     return tuple(vectors.T * np.sqrt(np.maximum(values, 0.0))[:, None])
-
-
-def _simulated(model: ParametricModel, recording: Recording, spans: int) -> Pieces[Field]:
-    """Residuals and derivatives by all parameters, a picture at a time."""
-    past, settings = recording.manipulation, model.settings
-    simulation = Simulation(settings, motion_of(past), parameters=model.names, spans=spans)
-    for _ in simulation.starting(past.observations[:2], past.observations[-1].stamp):
-        yield SHORT
-    stamps = [o.stamp for o in past.observations]
-    if settings.simulation.start == "moving":
-        stamps = stamps[1:]
-    predictions = [simulation.prediction()] if stamps[0] == simulation.stamp else []
-    for stamp in stamps[len(predictions) :]:
-        yield SHORT
-        predictions += simulation.advance_through([stamp])
-    moves = np.array([p.sensitivity for p in predictions])
-    shapes = np.array([p.control_points for p in predictions])
-    return field(recording, shapes, moves, model.chain())
 
 
 def _fitted(
