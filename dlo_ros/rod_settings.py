@@ -16,7 +16,7 @@ from dlo_ros.parameter_cameras import Vector
 from dlo_ros.spline import SplineBasis
 
 EFFECTS_PREFIX = PREFIX
-DEFAULT_MODEL = "spline"  # the rod model of this package, see `dlo_ros.rod.rod_simulations`
+DEFAULT_MODEL = "spline"  # the rod model of this package, see `dlo_ros.rod.model_registry`
 STANDARD_GRAVITY = 9.81  # [m/s^2] by which a weight is measured, however gravity is configured
 
 

@@ -55,7 +55,7 @@ INSIDE = {
         ("initial_state", "protocol"),
         ("simulation_batch", "difference_quotients"),
         ("simulation",),
-        ("rod_simulations", "compile"),
+        ("model_registry", "compile"),
         ("motion_rehearsal",),
         ("live_simulation",),
         ("__init__",),

@@ -9,18 +9,19 @@ from contextlib import suppress
 import numpy as np
 
 from dlo_ros.errors import DloError
-from dlo_ros.inference.forecast import Manipulation, forecast
+from dlo_ros.inference.forecast import Manipulation, forecast, warn_of_instability
 from dlo_ros.parameters import Settings
 from dlo_ros.report.loads import LoadRow
 from dlo_ros.rod.loads.extreme_loads import Extremes
 
 
 def borne(recordings: Sequence[Manipulation], settings: Settings) -> tuple[LoadRow, ...]:
-    """A row for each recording that can be simulated with these settings."""
+    """A row for each recording that can be simulated with these settings, which are a result's."""
     rows = []
     for recording in recordings:
         with suppress(DloError):
             found = forecast(recording, settings, loads=True)
+            warn_of_instability(found, recording.name)
             if not found.loadings:  # the rod model does not say what is borne
                 continue
             times = 1e-9 * (found.stamps - found.stamps[0]).astype(np.float64)

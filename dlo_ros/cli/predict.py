@@ -23,7 +23,7 @@ from dlo_ros.cli.loading import (
 from dlo_ros.command import NANOSECONDS
 from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.identification.estimate import stated_covariance, told_covariance
-from dlo_ros.inference.forecast import forecast
+from dlo_ros.inference.forecast import forecast, warn_of_instability
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.building import (
@@ -91,6 +91,7 @@ def _follow(arguments: argparse.Namespace, settings: Settings) -> int:
         manipulation = load_manipulation(bag, settings)
         prepare()
         found = forecast(manipulation, settings, loads=True)
+        warn_of_instability(found, manipulation.name)
         copy_topics(bag, writer, exclude=(*MADE, *_images()))
         for k, stamp in enumerate(int(stamp) for stamp in found.stamps):
             _write(writer, settings, stamp, found.predicted[k], found.loadings[k : k + 1])

@@ -16,7 +16,7 @@ from dlo_ros.inference.forecast import Manipulation, motion_of
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.measured_shapes import MeasurementMap
-from dlo_ros.rod.rod_simulations import simulation_of
+from dlo_ros.rod.model_registry import simulation_of
 from dlo_ros.spline import FloatArray, SplineBasis
 
 CONTROL_POINTS = 40  # of the standard motion's shapes, at least

@@ -27,8 +27,8 @@ from dlo_ros.inference.forecast import (
     unit_of,
 )
 from dlo_ros.parameters import Settings
+from dlo_ros.rod.model_registry import simulation_of
 from dlo_ros.rod.protocol import RodBatch, RodSimulation
-from dlo_ros.rod.rod_simulations import simulation_of
 from dlo_ros.rod.sensitivity_parameters import MATERIAL
 from dlo_ros.spline import FloatArray
 
@@ -171,7 +171,6 @@ def _together(
         yield from first.starting(observations[:2], observations[-1].stamp)
     except SimulationError:
         return None
-    first.warn_of_instability()
     batch = yield from first.batching(sets, observations[-1].stamp)
     if batch is None:
         return None

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -16,8 +17,10 @@ from dlo_ros.inference.observation_operator import noise_unit, operator_of
 from dlo_ros.observation import Observation, Wrenches
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.loads.grip_reactions import Loading
-from dlo_ros.rod.rod_simulations import simulation_of
+from dlo_ros.rod.model_registry import simulation_of
 from dlo_ros.spline import FloatArray, SplineBasis
+
+LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -132,7 +135,8 @@ def _forecast(
     observations = seen_until(manipulation, last_stamp)
     motion = motion_of(manipulation)
     simulation = simulation_of(settings, motion, parameters=parameters, spans=spans, loads=loads)
-    simulation.start(observations[:2], observations[-1].stamp)
+    for _ in simulation.starting(observations[:2], observations[-1].stamp):
+        pass
     if settings.simulation.start == "moving":
         observations = observations[1:]
     first = [simulation.prediction()] if observations[0].stamp == simulation.stamp else []
@@ -151,6 +155,24 @@ def _forecast(
         unit=unit_of(manipulation),
     )
     return replace(found, loadings=tuple(p.loading for p in predictions if p.loading is not None))
+
+
+def warn_of_instability(found: Forecast, name: str) -> None:
+    """Log a warning where a real DLO would leave the equilibrium that a forecast starts from.
+
+    It is for results: of a hypothesis, such as a material or an effect that is tried, it is no
+    news.
+
+    Args:
+        name: of the recording.
+    """
+    if not found.stable:
+        flat = not np.any(found.predicted[..., 1])
+        LOG.warning(
+            "%s: a real DLO would not stay in the first shape at rest: it is unstable%s",
+            name,
+            " out of the plane y = 0, in which it is simulated all the same" if flat else "",
+        )
 
 
 def seen_until(manipulation: Manipulation, last_stamp: int | None) -> list[Observation]:

@@ -15,7 +15,7 @@ from rcl_interfaces.msg import (
     SetParametersResult,
 )
 from rclpy.node import Node
-from rclpy.parameter import FileParameter as RosParameter
+from rclpy.parameter import Parameter as RosParameter
 
 from dlo_ros.effects import quantities
 from dlo_ros.effects.registry import STD

@@ -3,9 +3,9 @@
 
 from dlo_ros.rod.live_simulation import LiveSimulation
 from dlo_ros.rod.model import RodModel
+from dlo_ros.rod.model_registry import rod_simulations, simulation_of
 from dlo_ros.rod.prediction import Prediction
 from dlo_ros.rod.protocol import RodBatch, RodSimulation
-from dlo_ros.rod.rod_simulations import rod_simulations, simulation_of
 from dlo_ros.rod.simulation import Simulation
 
 __all__ = [

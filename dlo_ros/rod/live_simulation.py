@@ -11,10 +11,10 @@ import numpy as np
 from dlo_ros.command import NANOSECONDS, Command, Motion
 from dlo_ros.errors import CommandError, DloError, InputError, SimulationError
 from dlo_ros.observation import Observation
+from dlo_ros.rod.model_registry import rod_simulation, simulation_of
 from dlo_ros.rod.motion_rehearsal import Fork
 from dlo_ros.rod.prediction import Prediction
 from dlo_ros.rod.protocol import RodSimulation
-from dlo_ros.rod.rod_simulations import rod_simulation, simulation_of
 from dlo_ros.rod_settings import RodSettings
 
 LOG = logging.getLogger(__name__)

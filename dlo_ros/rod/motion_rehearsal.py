@@ -15,8 +15,8 @@ from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.observation import Observation
 from dlo_ros.rod.loads.extreme_loads import Extremes
 from dlo_ros.rod.loads.grip_reactions import Loading
+from dlo_ros.rod.model_registry import simulation_of, with_sensitivities
 from dlo_ros.rod.protocol import RodSimulation
-from dlo_ros.rod.rod_simulations import simulation_of, with_sensitivities
 from dlo_ros.rod.sensitivity_parameters import MATERIAL
 from dlo_ros.rod_settings import LimitParameters, RodSettings
 from dlo_ros.spline import FloatArray, SplineBasis

@@ -48,7 +48,7 @@ CASES = {
          "camera_shift": {"x": 0.002, "y": 0.006, "z": -0.003}}),
 }  # fmt: skip
 COARSE = {"duration": 0.4, "step": 2e-3, "control_points": 16}
-EDGES = {"swung": 160, "twisted": 80}  # a soft free end needs more
+EDGES = {"swung": 240, "twisted": 80}  # a soft free end needs more
 
 
 @cache

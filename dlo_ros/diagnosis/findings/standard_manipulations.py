@@ -14,7 +14,7 @@ from dlo_ros.inference.forecast import Manipulation
 from dlo_ros.inference.measured import Recording
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
-from dlo_ros.rod.rod_simulations import simulation_of
+from dlo_ros.rod.model_registry import simulation_of
 from dlo_ros.spline import FloatArray, SplineBasis
 
 RATE = 20.0  # frames a second

@@ -11,8 +11,8 @@ from dlo_ros.inference.forecast import Window
 from dlo_ros.inference.observation_operator import noise_unit
 from dlo_ros.observation import Observation
 from dlo_ros.rod.boundary.shape_orientation import along
+from dlo_ros.rod.model_registry import simulation_of
 from dlo_ros.rod.protocol import RodSimulation
-from dlo_ros.rod.rod_simulations import simulation_of
 from dlo_ros.rod.sensitivity_parameters import MATERIAL
 from dlo_ros.rod_settings import RodSettings
 

@@ -49,7 +49,7 @@ from dlo_ros.identification.residual_information import NormalEquations, model_s
 from dlo_ros.inference.forecast import Manipulation
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
-from dlo_ros.rod.rod_simulations import simulation_of
+from dlo_ros.rod.model_registry import simulation_of
 from dlo_ros.spline import DEGREE, FloatArray
 
 LOG = logging.getLogger(__name__)

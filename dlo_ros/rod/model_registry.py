@@ -2,7 +2,7 @@
 """Which rod models there are, and the one place where a simulation is made from the settings.
 
 The model is the one that `simulation.model` names: `spline`, the package's own, or one that
-another package registers through the entry point group `dlo_ros.rod_simulations`.
+another package registers through the entry point group "dlo_ros.rod_simulations".
 """
 
 from __future__ import annotations
