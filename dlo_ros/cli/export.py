@@ -27,9 +27,9 @@ from dlo_ros.export.fidelity import (
     first_chain,
     longest_step,
 )
+from dlo_ros.export.format_support import unsupported
 from dlo_ros.export.formats import FORMATS, Format
 from dlo_ros.export.grips import pinned
-from dlo_ros.export.said import unsaid
 from dlo_ros.export.scenes import ComparedMotion, recorded_scene, standard_scene
 from dlo_ros.files import write_text
 from dlo_ros.inference.forecast import Manipulation
@@ -87,7 +87,7 @@ def run(arguments: argparse.Namespace) -> int:
     _check(arguments)
     full = Settings.load(arguments.params)
     known = read_knowledge(full, arguments.estimate)
-    left_out = unsaid(full, form.says)
+    left_out = unsupported(full, form.says)
     fine = _finer(left_out.settings, arguments.max_err)
     manipulation = load_manipulation(arguments.bag, full) if arguments.bag else None
     prepare()

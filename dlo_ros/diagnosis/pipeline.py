@@ -21,11 +21,11 @@ from dlo_ros.diagnosis.findings import holdout as held_out
 from dlo_ros.diagnosis.findings.diagnosis_outcome import Diagnosis
 from dlo_ros.diagnosis.findings.joint_outcome import (
     Learned,
-    Lesson,
+    TrainingSet,
     learn,
-    lesson,
     nearer,
     surprising,
+    training_set,
 )
 from dlo_ros.diagnosis.findings.measured_force_scale import with_forces
 from dlo_ros.diagnosis.findings.remarks import left_out
@@ -218,7 +218,7 @@ def _search(
         if found.decision.verdict == "adequate" and _misses(plain, learned, given):
             # Too few shapes for a test, and yet far from them.
             progress("fitting the joint model", 0.5)
-            begun = lesson(beginning, count, at.model.settings, given)
+            begun = training_set(beginning, count, at.model.settings, given)
             found = _beside(found, learn(begun, given) if begun else None, plain)
         if found.joint is not None:
             return plain, found
@@ -267,14 +267,14 @@ def _explain(
     begun = None
     if not immaterial:
         progress("fitting the joint model", 0.0)
-        begun = lesson(beginning, len(recordings), plain.at.model.settings, given)
+        begun = training_set(beginning, len(recordings), plain.at.model.settings, given)
     joint = None
     if begun is not None and departures(begun.prepared.setup) >= SEVERAL:
         # No single effect does what several do: none is looked for by itself first.
         joint = learn(begun, given, _met(team, plain, begun, progress))
         if joint is not None and surprising(begun, joint):
             progress("fitting the joint model to all recordings", 0.3)
-            wider = lesson(
+            wider = training_set(
                 beginning, len(recordings), plain.at.model.settings, given, all_of_them=True
             )
             if wider is not None:
@@ -354,7 +354,7 @@ def _explain(
 
 
 def _met(
-    team: Workers, plain: Candidate, begun: Lesson, progress: Progress
+    team: Workers, plain: Candidate, begun: TrainingSet, progress: Progress
 ) -> list[PegBesideSetUp]:
     """Pegs that the DLO may have hit, where the set-up alone leaves an ERR that matters."""
     setup, recordings = begun.prepared.setup, begun.prepared.recordings

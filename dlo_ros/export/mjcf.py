@@ -17,8 +17,8 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from dlo_ros.export.chain import CableChain
+from dlo_ros.export.format_support import CHAIN, body_fields
 from dlo_ros.export.grips import Grip, Pose
-from dlo_ros.export.said import CHAIN, body_fields
 from dlo_ros.spline import FloatArray
 
 SAYS = CHAIN | body_fields("air_drag quadratic_drag twist_rest")

@@ -14,8 +14,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from dlo_ros.export.chain import CableChain, part_lines
+from dlo_ros.export.format_support import CHAIN
 from dlo_ros.export.grips import Grip, Pose
-from dlo_ros.export.said import CHAIN
 from dlo_ros.spline import FloatArray
 
 SAYS = CHAIN

@@ -16,8 +16,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from dlo_ros.export.chain import CableChain, part_lines
+from dlo_ros.export.format_support import CHAIN, body_fields
 from dlo_ros.export.grips import Grip, Pose
-from dlo_ros.export.said import CHAIN, body_fields
 from dlo_ros.spline import FloatArray
 
 SAYS = CHAIN | body_fields("air_drag twist_rest")

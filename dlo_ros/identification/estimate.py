@@ -18,8 +18,9 @@ LOG = logging.getLogger(__name__)
 
 IDENTIFIED = 0.25  # relative standard deviation below which the data determine a parameter
 UNBOUNDED = 1.0  # relative standard deviation above which no number is given
-# Guesses guide the search but are no knowledge: standard deviations of the logarithms.
-GUESS = {"young_modulus": 4.0, "density": 0.3, "air_drag": 3.0, "relaxation_time": 2.0}
+# A guess guides the search and is no knowledge: standard deviations of the logarithms, wider than
+# those of `dlo_ros.inference.priors`, with which a set-up is compared by evidence.
+SEARCH_STD = {"young_modulus": 4.0, "density": 0.3, "air_drag": 3.0, "relaxation_time": 2.0}
 NOISE_SHARE = 0.1  # of the residual that the simulation's own error may be
 FINEST = 1e-5  # of the length: no finer simulation is asked for
 RIDGE = 1e-8  # keeps flat directions finite: standard deviation 1e4 of a logarithm
@@ -166,7 +167,7 @@ def told_covariance(settings: Settings, information: FloatArray) -> FloatArray:
 def search_information(settings: Settings) -> FloatArray:
     """Information (4, 4) that guides the search: what is known, and weakly the guesses."""
     known = np.diag(known_information(settings, weighed=True))
-    guess = np.array([GUESS[name] ** -2 for name in MATERIAL])
+    guess = np.array([SEARCH_STD[name] ** -2 for name in MATERIAL])
     # A parameter of value zero has no logarithm; it stays what it is.
     absent = ~np.isfinite(logarithms(settings))
     return np.diag(np.where(absent, 1e12, np.where(known > 0.0, known, guess)))

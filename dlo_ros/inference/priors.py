@@ -1,5 +1,8 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Priors: a set-up as careful people build it, and the wider ones of causes."""
+"""Priors of the joint model: a set-up as careful people build it, and the wider ones of causes.
+
+A fit of the material alone begins further away: `dlo_ros.identification.estimate.SEARCH_STD`.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,8 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Quality of service of the topics, as the interface promises it."""
+"""Profiles of quality of service, as the interface promises them.
+
+Which topic has which stands where its publisher is made, and on the pages of the nodes.
+"""
 
 from __future__ import annotations
 

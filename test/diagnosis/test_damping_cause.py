@@ -10,7 +10,7 @@ from rods import PAPER
 
 from dlo_ros.diagnosis.explain.joint_explanation import explain
 from dlo_ros.diagnosis.findings.joint_numbers import damping_as_effects, effect_numbers
-from dlo_ros.diagnosis.findings.joint_outcome import lesson
+from dlo_ros.diagnosis.findings.joint_outcome import training_set
 from dlo_ros.diagnosis.fitting.initial_fit import begin
 from dlo_ros.diagnosis.proposals.linear_evidence import freed
 from dlo_ros.inference.parameter import ParametricModel
@@ -45,7 +45,7 @@ def test_damping_far_off_the_file_is_a_cause():
     hidden = {"internal_damping": {"relaxation_time": 0.25}, "clamp_angle": {"start": 0.02}}
     recording, given = moving("simple", hidden, 11)
     begun = begin([recording], given)
-    prepared = lesson(begun, 1, begun.at.model.settings, given)
+    prepared = training_set(begun, 1, begun.at.model.settings, given)
     assert prepared is not None
     found = explain(prepared.prepared, given)
     assert "internal_damping" in {c.effect for c in found.causes}

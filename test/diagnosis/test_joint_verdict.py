@@ -79,10 +79,10 @@ def test_u_that_is_counted_from_another_place_is_an_error_of_the_measurement():
 )
 def test_a_recording_that_shows_what_others_do_not_is_told(spare, held, seen, surprised):
     errors = [None if e is None else [np.full(5, e)] for e in (held, seen)]
-    lesson = SimpleNamespace(spare=spare)
+    training = SimpleNamespace(held_out=spare)
     explanation = SimpleNamespace(material_err=MATTERS)
     learned = SimpleNamespace(held=errors[0], seen=errors[1], explanation=explanation)
-    assert surprising(lesson, learned) is surprised
+    assert surprising(training, learned) is surprised
 
 
 def fitted_to(*errs):

@@ -8,7 +8,7 @@ import pytest
 from dlo_ros.cli.loading import load_manipulation
 from dlo_ros.diagnosis.explain.joint_explanation import explain
 from dlo_ros.diagnosis.findings.joint_numbers import effect_numbers
-from dlo_ros.diagnosis.findings.joint_outcome import lesson
+from dlo_ros.diagnosis.findings.joint_outcome import training_set
 from dlo_ros.diagnosis.fitting.initial_fit import begin
 from dlo_ros.identification.estimate import searchable
 from dlo_ros.parameters import Settings
@@ -22,7 +22,7 @@ def explained(folder):
     given = searchable(Settings.load(folder / "params.yaml"))
     sweeps = [load_manipulation(folder / f"static_{s}", given) for s in ("positive", "negative")]
     begun = begin(sweeps, given)
-    prepared = lesson(begun, len(sweeps), begun.at.model.settings, given)
+    prepared = training_set(begun, len(sweeps), begun.at.model.settings, given)
     assert prepared is not None
     return explain(prepared.prepared, given), given
 

@@ -141,8 +141,8 @@ def search(
 ) -> Search:  # fmt: skip
     """Add causes one by one, that which raises the log evidence most first.
 
-    The search ends with one that takes too little away to be named: what is left then is how the
-    laws of the others differ from the true ones, which many effects can mend a little.
+    It ends with a cause that takes too little away to be named. The causes before it have other
+    laws than the true ones; many effects can make up for a little of that, and none is its reason.
 
     Args:
         at: the joint model with its set-up within tolerance, fitted.

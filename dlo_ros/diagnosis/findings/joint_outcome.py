@@ -80,25 +80,25 @@ class Learned:
 
 
 @dataclass(frozen=True)
-class Lesson:
+class TrainingSet:
     """The recordings that the joint model is to learn from, with its set-up fitted to them.
 
     Args:
         recordings: all of the beginning's.
         count: of those, from the first, that may be learned from.
-        spare: one of them that is held out all the same; None: none is.
+        held_out: one of them that is held out all the same; None: none is.
         prepared: what is learned from, and the set-up.
     """
 
     recordings: Sequence[Recording]
     count: int
-    spare: int | None
+    held_out: int | None
     prepared: Prepared
 
 
-def lesson(
+def training_set(
     beginning: Beginning, count: int, plain: Settings, given: Settings, *, all_of_them: bool = False
-) -> Lesson | None:
+) -> TrainingSet | None:
     """The recordings to learn from, with the set-up fitted; None where it cannot be simulated.
 
     Held out are the recordings after the first `count`, or one of several; nothing is selected by
@@ -111,8 +111,8 @@ def lesson(
         all_of_them: whether none of those is held out.
     """
     recordings = beginning.recordings
-    spare = _spare(recordings) if len(recordings) == count and not all_of_them else None
-    chosen = [k for k in range(count) if k != spare]
+    held_out = _held_out(recordings) if len(recordings) == count and not all_of_them else None
+    chosen = [k for k in range(count) if k != held_out]
     learned = [recordings[k] for k in chosen]
     residuals, predicted = (
         [x[k] for k in chosen] for x in (beginning.at.residuals, beginning.at.predicted)
@@ -121,12 +121,14 @@ def lesson(
         learned, replace(beginning.at, residuals=tuple(residuals), predicted=tuple(predicted))
     )
     try:
-        return Lesson(recordings, count, spare, prepare(rough, plain, given))
+        return TrainingSet(recordings, count, held_out, prepare(rough, plain, given))
     except SimulationError:
         return None
 
 
-def learn(lesson: Lesson, given: Settings, hits: Sequence[PegBesideSetUp] = ()) -> Learned | None:
+def learn(
+    training: TrainingSet, given: Settings, hits: Sequence[PegBesideSetUp] = ()
+) -> Learned | None:
     """Explain what is not held out; None where the joint model cannot be simulated.
 
     Where all recordings are needed to find causes, the values alone are learned from their
@@ -136,28 +138,28 @@ def learn(lesson: Lesson, given: Settings, hits: Sequence[PegBesideSetUp] = ()) 
         given: the parameter file.
         hits: pegs that the DLO may have hit.
     """
-    recordings, count, spare = lesson.recordings, lesson.count, lesson.spare
+    recordings, count, held_out = training.recordings, training.count, training.held_out
     frames = [len(r.times) for r in recordings]
-    masks = [np.full(f, k >= count or k == spare) for k, f in enumerate(frames)]
+    masks = [np.full(f, k >= count or k == held_out) for k, f in enumerate(frames)]
     try:
-        found = explain(lesson.prepared, given, hits)
+        found = explain(training.prepared, given, hits)
         foretelling = found.at
-        if len(recordings) == count and spare is None and min(frames) >= FEWEST:
+        if len(recordings) == count and held_out is None and min(frames) >= FEWEST:
             masks = [np.arange(f) >= (holdout.TRAINED + 0.1) * (f - 1) for f in frames]
             stops = [int(holdout.TRAINED * (f - 1)) + 1 for f in frames]
-            begun = [r.until(s) for r, s in zip(lesson.prepared.recordings, stops, strict=True)]
+            begun = [r.until(s) for r, s in zip(training.prepared.recordings, stops, strict=True)]
             foretelling = _refitted(found.at, begun)
     except SimulationError:
         return None
     return Learned(found, tuple(masks), *_errors(foretelling.model, recordings, masks))
 
 
-def surprising(lesson: Lesson, learned: Learned) -> bool:
+def surprising(training: TrainingSet, learned: Learned) -> bool:
     """Whether the recording that is held out shows a cause that the others do not, such as a hit.
 
     It is then needed to find causes.
     """
-    if lesson.spare is None:
+    if training.held_out is None:
         return False
     held, seen = holdout.mean(learned.held), holdout.mean(learned.seen)
     if held is None or seen is None:
@@ -171,7 +173,7 @@ def nearer(learned: Learned, other: Learned) -> bool:
     return other.held is None or err is None or learned.explanation.at.mean_err < err
 
 
-def _spare(recordings: Sequence[Recording]) -> int | None:
+def _held_out(recordings: Sequence[Recording]) -> int | None:
     """The recording to be held out: the last that is gripped as another is.
 
     What only shows where the DLO is gripped otherwise could not be foretold.

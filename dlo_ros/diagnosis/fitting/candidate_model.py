@@ -12,7 +12,7 @@ import numpy as np
 
 from dlo_ros.effects import Quantity, quantities
 from dlo_ros.effects.start import Block
-from dlo_ros.identification.estimate import GUESS
+from dlo_ros.identification.estimate import SEARCH_STD
 from dlo_ros.inference.parameter import split_name, value_of, with_value
 from dlo_ros.parameters import EFFECTS_PREFIX, Settings
 from dlo_ros.rod.sensitivity_parameters import MATERIAL, effect_names
@@ -136,7 +136,7 @@ def prior(model: Model, given: Settings) -> tuple[FloatArray, FloatArray]:
             value = getattr(block, name)
             std = getattr(block, f"{name}_std", 0.0) / value
             centre.append(math.log(value))
-            information.append((std or GUESS[name]) ** -2)
+            information.append((std or SEARCH_STD[name]) ** -2)
         else:
             quantity, natural = _quantity(name), _natural(name, model.settings)
             log = logarithmic(name)

@@ -1,5 +1,9 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""From fitted candidates to a verdict. Nothing is named that has a rival nobody mentions."""
+"""From fitted candidates of one effect or two to a verdict; each is named with all its rivals.
+
+Where more is wrong than that, the joint model takes over, by rules of its own
+(`dlo_ros.diagnosis.explain.joint_explanation`).
+"""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ POINTS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])  # that a
 
 
 @dataclass(frozen=True)
-class Unsaid:
+class Unsupported:
     """What a format leaves out.
 
     Args:
@@ -43,7 +43,7 @@ class Unsaid:
     lines: tuple[str, ...]
 
 
-def unsaid(settings: Settings, says: frozenset[str]) -> Unsaid:
+def unsupported(settings: Settings, says: frozenset[str]) -> Unsupported:
     """What a format cannot say of a model.
 
     Args:
@@ -68,7 +68,7 @@ def unsaid(settings: Settings, says: frozenset[str]) -> Unsaid:
         lines.append(f"damping.air_drag, {damping.air_drag:g} N s/m^2, is left out")
     stretch = _stretch(settings)
     lines.append(f"stretch: links are rigid; hanging straight the DLO is {stretch:.2g} % longer")
-    return Unsaid(replace(settings, effects=kept), tuple(lines))
+    return Unsupported(replace(settings, effects=kept), tuple(lines))
 
 
 def _changed(settings: Settings, effect: Effect) -> set[str]:
