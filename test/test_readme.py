@@ -19,7 +19,7 @@ from conftest import ROOT
 from dlo_ros.cli.diagnosis_output import WIDTH
 from dlo_ros.parameters import Settings
 
-SECTION = "Five minutes with your own rope"
+SECTION = "With your own rope"
 BIN = sysconfig.get_path("scripts")
 STEPS = {"1": "calibrate", "4": "observe", "5": "identify", "6": "diagnose"}
 PARTS = re.compile(r"^\*\*(\d)\. ", re.MULTILINE)
