@@ -17,7 +17,7 @@ LAYERS = (
     ("dependencies", "logs"),
     ("kernel_linking",),
     ("compilation",),
-    ("__init__", "spline", "parameter_table", "interpolation", "share", "files"),
+    ("__init__", "spline", "parameter_table", "interpolation", "share", "files", "plugins"),
     ("command", "observation", "parameter_cameras", "spline_table"),
     ("effects",),
     ("rod_settings",),

@@ -10,12 +10,12 @@ import math
 import pkgutil
 from collections.abc import Mapping
 from functools import lru_cache
-from importlib.metadata import entry_points
 from typing import Any
 
 from dlo_ros.effects import measurement, physics
 from dlo_ros.effects.base import Effect, Quantity
 from dlo_ros.errors import ParameterError
+from dlo_ros.plugins import loaded
 
 LOG = logging.getLogger(__name__)
 
@@ -34,12 +34,7 @@ def effects() -> Mapping[str, type[Effect]]:
             for _, member in inspect.getmembers(code, inspect.isclass):
                 if issubclass(member, Effect) and member is not Effect:
                     found[member.name] = member
-    for point in entry_points(group=GROUP):
-        try:
-            member = point.load()
-        except Exception as err:
-            LOG.warning("effect %s of %s cannot be loaded: %s", point.name, point.value, err)
-            continue
+    for point, member in loaded(GROUP, "effect"):
         if not (inspect.isclass(member) and issubclass(member, Effect)):
             LOG.warning("effect %s: %s is no subclass of Effect", point.name, point.value)
         elif member.name in found:

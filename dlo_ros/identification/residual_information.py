@@ -168,17 +168,17 @@ class NormalEquations:
 
     @property
     def covariance(self) -> FloatArray:
-        """Of J^T r, shape (P, P)."""
+        """Covariance of J^T r, shape (P, P)."""
         return np.asarray(self.passing + self.staying @ self.staying.T)
 
     def scaled(self, weight: float) -> NormalEquations:
-        """The same with residuals and derivatives in another unit."""
+        """The equations with residuals and derivatives in another unit."""
         return NormalEquations(
             weight * self.hessian, weight**2 * self.passing, weight * self.staying
         )
 
     def remembered(self, share: float) -> NormalEquations:
-        """The same as if the variance of what passes were larger by the inverse of a share."""
+        """The equations as if the variance of passing errors were larger by a share's inverse."""
         return NormalEquations(share * self.hessian, share * self.passing, share * self.staying)
 
     def followed_by(self, other: NormalEquations) -> NormalEquations:

@@ -18,6 +18,7 @@ from dlo_ros.observation import Observation, Wrenches
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.loads.grip_reactions import Loading
 from dlo_ros.rod.model_registry import simulation_of
+from dlo_ros.rod.protocol import instability
 from dlo_ros.spline import FloatArray, SplineBasis
 
 LOG = logging.getLogger(__name__)
@@ -168,11 +169,7 @@ def warn_of_instability(found: Forecast, name: str) -> None:
     """
     if not found.stable:
         flat = not np.any(found.predicted[..., 1])
-        LOG.warning(
-            "%s: a real DLO would not stay in the first shape at rest: it is unstable%s",
-            name,
-            " out of the plane y = 0, in which it is simulated all the same" if flat else "",
-        )
+        LOG.warning("%s: %s", name, instability(flat=flat))
 
 
 def seen_until(manipulation: Manipulation, last_stamp: int | None) -> list[Observation]:

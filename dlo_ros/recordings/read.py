@@ -7,6 +7,7 @@ import logging
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -36,6 +37,8 @@ from dlo_ros.recordings.wrenches import read_wrenches
 from dlo_ros.spline import FloatArray, SplineBasis
 
 LOG = logging.getLogger(__name__)
+
+Read = TypeVar("Read")
 
 
 @dataclass(frozen=True)
@@ -166,22 +169,13 @@ def iterate_masks(
     Args:
         on_skip: is told one line for each mask that is unusable.
 
-    Yields:
-        Stamp [ns], mask of shape (height, width), not zero where the DLO may be.
+    Returns:
+        Stamp [ns] and mask of shape (height, width), not zero where the DLO may be, of each.
 
     Raises:
         RecordingError: no bag, or damaged.
     """
-    path = Path(path)
-    with open_bag(path) as bag:
-        for raw in bag.messages(bag.find(topics.MASK)):
-            try:
-                message = deserialise(raw)
-                mask = stamp_of(message), read_image(message)[:, :, 0]
-            except InputError as err:
-                on_skip(f"{path}: {raw.topic} at {raw.stamp / 1e9:.3f} s skipped: {err}")
-                continue
-            yield mask
+    return _usable(Path(path), topics.MASK, lambda m: read_image(m)[:, :, 0], on_skip)
 
 
 def iterate_predictions(
@@ -194,24 +188,34 @@ def iterate_predictions(
         settings: whose frame they must be in; their number of control points is their own.
         on_skip: is told one line for each spline that is unusable.
 
-    Yields:
-        Stamp [ns], control points, shape (n, 4).
+    Returns:
+        Stamp [ns] and control points, shape (n, 4), of each.
 
     Raises:
         RecordingError: no bag, or damaged.
     """
-    path = Path(path)
+
+    def shape(message: Any) -> FloatArray:
+        basis = SplineBasis(len(message.poses), settings.rod.length)
+        rod = replace(settings.rod, control_points=basis.control_points)
+        return read_spline(message, replace(settings, rod=rod), topics.PREDICTED)
+
+    return _usable(Path(path), topics.PREDICTED, shape, on_skip)
+
+
+def _usable(
+    path: Path, topic: str, read: Callable[[Any], Read], on_skip: Callable[[str], None]
+) -> Iterator[tuple[int, Read]]:
+    """Stamp [ns] and content of each usable message of a topic, in the order of recording."""
     with open_bag(path) as bag:
-        for raw in bag.messages(bag.find(topics.PREDICTED)):
+        for raw in bag.messages(bag.find(topic)):
             try:
                 message = deserialise(raw)
-                basis = SplineBasis(len(message.poses), settings.rod.length)
-                rod = replace(settings.rod, control_points=basis.control_points)
-                shape = read_spline(message, replace(settings, rod=rod), topics.PREDICTED)
+                found = stamp_of(message), read(message)
             except InputError as err:
                 on_skip(f"{path}: {raw.topic} at {raw.stamp / 1e9:.3f} s skipped: {err}")
                 continue
-            yield stamp_of(message), shape
+            yield found
 
 
 def _camera_infos(bag: Bag, image_topic: str) -> tuple[list[int], list[CameraInfo]]:

@@ -102,11 +102,11 @@ class DifferenceQuotients(RodSimulation):
 
     @property
     def basis(self) -> SplineBasis:
-        """That of the simulation itself."""
+        """The basis of the simulation itself."""
         return self._middle.basis
 
     def true_shape(self) -> FloatArray:
-        """That of the simulation itself, shape (m, 4)."""
+        """The true shape of the simulation itself, (m, 4)."""
         return self._middle.true_shape()
 
     def prediction(self) -> Prediction:

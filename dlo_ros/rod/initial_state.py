@@ -29,7 +29,7 @@ LOG = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class FirstShape:
-    """What a simulation starts from, as it truly was.
+    """The beginning of a simulation, as it truly was.
 
     Args:
         observations: one, or two for `moving`, at the instants at which they truly were so.

@@ -10,10 +10,10 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
-from importlib.metadata import entry_points
 
 from dlo_ros.command import Command, Motion
 from dlo_ros.errors import ParameterError
+from dlo_ros.plugins import loaded
 from dlo_ros.rod.difference_quotients import DifferenceQuotients
 from dlo_ros.rod.protocol import RodSimulation, RodSimulationClass
 from dlo_ros.rod.simulation import Simulation
@@ -28,12 +28,7 @@ GROUP = "dlo_ros.rod_simulations"  # of entry points
 def rod_simulations() -> Mapping[str, RodSimulationClass]:
     """All classes of simulations by the name of their rod model: this package's, then others'."""
     found: dict[str, RodSimulationClass] = {DEFAULT_MODEL: Simulation}
-    for point in entry_points(group=GROUP):
-        try:
-            kind = point.load()
-        except Exception as err:
-            LOG.warning("rod model %s of %s cannot be loaded: %s", point.name, point.value, err)
-            continue
+    for point, kind in loaded(GROUP, "rod model"):
         missing = [name for name in REQUIRED if not hasattr(kind, name)]
         if missing or not callable(kind):
             LOG.warning(

@@ -25,6 +25,16 @@ Quotient = Callable[[FloatArray], FloatArray]
 """Derivatives of a quantity by P parameters, shape (P, ...), from its values in S sets (S, ...)."""
 
 
+def instability(*, flat: bool = False) -> str:
+    """The sentence about a first equilibrium that a real DLO would leave.
+
+    Args:
+        flat: whether it is simulated in the plane y = 0.
+    """
+    leaves = " out of the plane y = 0, in which it is simulated all the same" if flat else ""
+    return f"a real DLO would not stay in the first shape at rest: it is unstable{leaves}"
+
+
 class RodSimulation(Protocol):
     """One simulated DLO: it is started from observed shapes and advanced from stamp to stamp.
 
@@ -131,7 +141,7 @@ class RodSimulation(Protocol):
         It is no news where the parameters are a hypothesis, such as an effect that is tried.
         """
         if not self.stable:
-            LOG.warning("a real DLO would not stay in the first shape at rest: it is unstable")
+            LOG.warning("%s", instability())
 
     def judging(
         self, observations: Sequence[Observation], last_stamp: int | None = None

@@ -28,7 +28,7 @@ from dlo_ros.rod.motion_validation import possible, steady
 from dlo_ros.rod.packing import insensitive, true_command
 from dlo_ros.rod.planar_model import in_plane
 from dlo_ros.rod.prediction import Prediction
-from dlo_ros.rod.protocol import RodSimulation
+from dlo_ros.rod.protocol import RodSimulation, instability
 from dlo_ros.rod.sensitivity_parameters import tangent
 from dlo_ros.rod.simulation_batch import SimulationBatch, StartedSet, started_set
 from dlo_ros.rod.state import State, refined, strains_of, twist_angle, with_history
@@ -87,12 +87,7 @@ class Simulation(RodSimulation):
         It is no news where the parameters are a hypothesis, such as an effect that is tried.
         """
         if not self.stable:
-            LOG.warning(
-                "a real DLO would not stay in the first shape at rest: it is unstable%s",
-                " out of the plane y = 0, in which it is simulated all the same"
-                if self._flat
-                else "",
-            )
+            LOG.warning("%s", instability(flat=self._flat))
 
     def starting(
         self, observations: Sequence[Observation], last_stamp: int | None = None

@@ -35,7 +35,7 @@ MEMORY, STRETCH, GROSS, FIXED = 0.5, 0.01, 0.05, 5e-4
 """Correlation of neighbouring pictures; stretch of u; share of grossly wrong pictures; an error
 that all pictures have in common, over L."""
 TURNED, MOVED = 3.0 * DEGREE, 2e-3
-"""By which a clamp is off [rad], [m]."""
+"""Angle [rad] and offset [m] of a clamp that is off."""
 SLOWLY = 10.0
 """Duration of a rope at rest over that of a motion."""
 STEP = 1e-3
@@ -125,7 +125,7 @@ def _measured(
     rng: np.random.Generator, shapes: FloatArray, stamps: list[int], length: float, noise: float,
     name: str, settings: Settings,
 ) -> list[Observation]:  # fmt: skip
-    """What an observer publishes of true centrelines (F, POINTS, 3)."""
+    """Observations that an observer publishes of true centrelines (F, POINTS, 3)."""
     u = np.linspace(0.0, length, POINTS)
     basis = SplineBasis(settings.rod.control_points, length)
     memory = MEMORY if name == "correlated" else 0.0
@@ -164,12 +164,12 @@ CONDITIONS = ("clean", "correlated", "stretched", "gross", "clamp", "rest", "sti
 
 
 def offline(drawn: Drawn) -> Estimate:
-    """What `identify` finds."""
+    """The estimate of `identify`."""
     return identify(drawn.recordings, drawn.guess).estimate
 
 
 def live(drawn: Drawn) -> Estimate:
-    """What the live estimator ends with that does all work as soon as it is due."""
+    """The last estimate of a live estimator that does all work as soon as it is due."""
     (recording,) = drawn.recordings
     estimator = OnlineEstimator(drawn.guess, budget=np.inf)
     for command in recording.commands:

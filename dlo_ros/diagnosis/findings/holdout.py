@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What is kept aside: errors of models on frames that did not take part in their fit.
+"""The held-out recordings: errors of models on frames that did not take part in their fit.
 
 These are the recordings that single effects are judged by; which one the joint model does not learn
 from is chosen by `dlo_ros.diagnosis.findings.joint_outcome.training_set`.

@@ -380,7 +380,7 @@ class OnlineEstimator:
         return not used or other or run.used > SET_UP_GROWTH * used
 
     def _look_at_set_up(self) -> Pieces[None]:
-        """What the set-up's tolerances do to the estimate."""
+        """Find the errors of the estimate that the set-up's tolerances make."""
         run, past = self._run, self.window()
         if run is None or past is None:
             return
