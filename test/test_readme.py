@@ -23,7 +23,7 @@ SECTION = "With your own rope"
 BIN = sysconfig.get_path("scripts")
 STEPS = {"1": "calibrate", "4": "observe", "5": "identify", "6": "diagnose"}
 PARTS = re.compile(r"^\*\*(\d)\. ", re.MULTILINE)
-JARGON = ("holdout", "kept aside", "noise floor", "structure", "more of this kind", "e+0", "_")
+JARGON = ("holdout", "held out", "noise floor", "autocovariance", "more of this kind", "e+0", "_")
 """What the terminal says to nobody who has not read the documentation; `_` stands in file names."""
 
 

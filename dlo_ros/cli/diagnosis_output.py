@@ -28,7 +28,7 @@ from dlo_ros.report.diagnosis_content import (
     MaterialRow,
     Ranked,
     RelatedInput,
-    ResidualStructure,
+    ResidualRelations,
     SearchStep,
     SetupRow,
 )
@@ -202,7 +202,7 @@ def report(found: Diagnosis, settings: Settings, loads: Sequence[LoadRow] = ()) 
             for e in found.effects
         ),
         tuple(
-            Ranked(c.name, c.err_holdout, c.score, c.structure) for c in found.candidates
+            Ranked(c.name, c.err_holdout, c.score, c.root_autocovariance) for c in found.candidates
         ),
         tuple(
             MaterialRow(words, unit, getattr(found.baseline, name), getattr(found.extended, name))
@@ -219,7 +219,7 @@ def report(found: Diagnosis, settings: Settings, loads: Sequence[LoadRow] = ()) 
         found.advice,
         tuple(remarks),
         tuple(
-            ResidualStructure(
+            ResidualRelations(
                 model, sentences(r),
                 tuple(RelatedInput(i.name, i.share, i.chance, i.told, i.alike) for i in r.inputs),
                 r.unjudged,

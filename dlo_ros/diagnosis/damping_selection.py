@@ -26,8 +26,8 @@ from dlo_ros.parameters import Settings
 
 ITERATIONS = 10
 ENOUGH = 1.1
-"""Largest residual structure of one damping over that of both, with which it is named alone where
-neither explains the data."""
+"""Largest root autocovariance of one damping's residuals over that of both, with which it is
+named alone where neither explains the data."""
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ class Damping:
 
 def named(
     team: Workers, plain: Candidate, best: Candidate, decision: verdicts.Decision,
-    kept_aside: Callable[[Candidate], float | None],
+    holdout_err: Callable[[Candidate], float | None],
 ) -> Damping | None:  # fmt: skip
     """Name the damping where it is all that was missing, or where it is certain.
 
@@ -147,13 +147,13 @@ def named(
         plain: without effects.
         best: what comes nearest to the data.
         decision: so far; of an explanation by other causes the damping is no part.
-        kept_aside: ERR of a candidate there [m].
+        holdout_err: ERR of a candidate there [m].
     """
     given = team.problem.given
     if decision.verdict == "explained" or not wrong_guesses(best.at, given):
         return None
     guess = _candidates(team, [with_guess(best.at, given)])
-    if not guess or not _matters(guess[0], best, decision.verdict, kept_aside):
+    if not guess or not _matters(guess[0], best, decision.verdict, holdout_err):
         return None
     chosen = decision.chosen.candidate if decision.chosen else plain
     names = guessed(plain.at.model, given)
@@ -163,32 +163,32 @@ def named(
     if first.at.model.effects != plain.at.model.effects or not found:
         return None
     told = decided(found, chosen, decision)
-    if decision.verdict == "unexplained" and not _holds(told, first, kept_aside):
+    if decision.verdict == "unexplained" and not _holds(told, first, holdout_err):
         return None
     return Damping(first, told, tuple(found))
 
 
 def _holds(
-    told: verdicts.Decision, plain: Candidate, kept_aside: Callable[[Candidate], float | None]
+    told: verdicts.Decision, plain: Candidate, holdout_err: Callable[[Candidate], float | None]
 ) -> bool:
     """Whether a damping foretells better although nothing else that is wrong is told with it."""
     assert told.chosen is not None
-    err, before = kept_aside(told.chosen.candidate), kept_aside(plain)
+    err, before = holdout_err(told.chosen.candidate), holdout_err(plain)
     return err is not None and (before is None or err < before)
 
 
 def _matters(
     guess: Candidate, best: Candidate, verdict: verdicts.Verdict,
-    kept_aside: Callable[[Candidate], float | None],
+    holdout_err: Callable[[Candidate], float | None],
 ) -> bool:  # fmt: skip
-    """Whether the guess leaves what noise does not, or, beside other structure, far more of it."""
+    """Whether the guess leaves correlated residuals, or, beside other model errors, far more."""
     if verdict == "adequate":
         if verdicts.adequate(guess.at.residuals):
             return False
-        return best.structure <= verdicts.limit(guess.structure)
-    if best.structure > verdicts.SURE_SHARE * guess.structure:
+        return best.root_autocovariance <= verdicts.limit(guess.root_autocovariance)
+    if best.root_autocovariance > verdicts.SURE_SHARE * guess.root_autocovariance:
         return False
-    err, other = kept_aside(best), kept_aside(guess)
+    err, other = holdout_err(best), holdout_err(guess)
     return err is not None and other is not None and err < verdicts.SURE_SHARE * other
 
 
@@ -197,13 +197,15 @@ def decided(
 ) -> verdicts.Decision:
     """One of the two, with the other as its rival where both do; both only where neither does."""
     known = chosen.at.model.effects
-    # Beside structure that nothing explains, no difference is as certain as the noise makes it.
+    # Beside a residual that nothing explains, no difference is as certain as the noise makes it.
     unsure = before.verdict == "unexplained"
 
     def near(c: Candidate, other: Candidate, ratio: float) -> bool:
-        return verdicts.as_good(other, c) or (unsure and c.structure < ratio * other.structure)
+        return verdicts.as_good(other, c) or (
+            unsure and c.root_autocovariance < ratio * other.root_autocovariance
+        )
 
-    found = sorted(found, key=lambda c: c.structure if unsure else c.score)
+    found = sorted(found, key=lambda c: c.root_autocovariance if unsure else c.score)
     least = min(len(c.at.model.effects) for c in found)
     both = [c for c in found if len(c.at.model.effects) > least]
     alone = [c for c in found if c not in both]

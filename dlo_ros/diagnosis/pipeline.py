@@ -38,7 +38,7 @@ from dlo_ros.diagnosis.fitting.recording_noise import noise_floor
 from dlo_ros.diagnosis.fitting.worker_processes import Problem, Progress, Workers, workers
 from dlo_ros.diagnosis.proposals.candidate_effects import starts
 from dlo_ros.diagnosis.proposals.screening import Prospect, alarm, screen
-from dlo_ros.diagnosis.residuals import residual_structure
+from dlo_ros.diagnosis.residuals import residual_autocovariance
 from dlo_ros.diagnosis.selection import verdict
 from dlo_ros.diagnosis.selection.effect_pairs import BASES, bases, other_pegs
 from dlo_ros.diagnosis.selection.effect_search import Candidate, apart, candidate, reformed, search
@@ -57,9 +57,11 @@ NEAREST = 4
 REFINED = 4
 """Iterations with a simulation that has been refined."""
 MISSED = 0.8
-"""Residual structure over the plain model's, below which another plain model takes its place."""
+"""Root autocovariance of the residuals over the plain model's, below which another plain model
+takes its place."""
 REFORMED = 12.0
-"""Structure of the best pair over that of an explanation, up to which other forms are tried."""
+"""Root autocovariance of the best pair over that of an explanation, up to which other forms are
+tried."""
 PAIR = 2
 """Effects of a pair: where more are away from neutral for certain, no pair is looked for."""
 SEVERAL = 6
@@ -82,7 +84,7 @@ def diagnose(
 
     Args:
         recordings: to learn from; without `holdout` one of them, or the end of the only one, is
-            kept aside for the measured gain.
+            held out for the measured gain.
         settings: initial guess, what is known beforehand, and effects that are known already.
         holdout: recordings that are only predicted.
         processes: that simulate at the same time.
@@ -108,7 +110,7 @@ def diagnose(
         progress("fitting the plain model anew", 0.0)
         beginning = begin([*recordings, *holdout], given, missed)
         plain, found = _search(beginning, count, given, processes, progress)
-    near = min((*found.singles, *found.pairs), key=lambda c: c.structure, default=None)
+    near = min((*found.singles, *found.pairs), key=lambda c: c.root_autocovariance, default=None)
     if near is not None:
         progress("refining the simulation", 0.0)
         try:
@@ -130,7 +132,11 @@ def _missed(
     An effect that does nothing may have led the other parameters out of a wrong valley.
     """
     chosen = found.decision.chosen
-    c = chosen.candidate if chosen else min(found.singles, key=lambda c: c.structure, default=None)
+    c = (
+        chosen.candidate
+        if chosen
+        else min(found.singles, key=lambda c: c.root_autocovariance, default=None)
+    )
     if c is None:
         return None
     model = c.at.model
@@ -142,7 +148,12 @@ def _missed(
         at = evaluate(model, recordings, given, derivatives=False)
     except SimulationError:
         return None
-    return model if residual_structure.structure(at.residuals) < MISSED * plain.structure else None
+    return (
+        model
+        if residual_autocovariance.root_autocovariance(at.residuals)
+        < MISSED * plain.root_autocovariance
+        else None
+    )
 
 
 def _refined(
@@ -156,43 +167,43 @@ def _refined(
         return candidate(c.effect, c.form, renewed(at, recordings, given), given)
 
     plain, decision = again(plain), found.decision
-    kept = replace(found.kept_aside, recordings=beginning.recordings, known={})
+    kept = replace(found.holdout_errors, recordings=beginning.recordings, known={})
     if decision.verdict == "unexplained":
-        order = sorted((*found.singles, *found.pairs), key=lambda c: c.structure)
+        order = sorted((*found.singles, *found.pairs), key=lambda c: c.root_autocovariance)
         sharp = {id(c): again(c) for c in order[:NEAREST]}
         singles, pairs = (
             tuple(sharp.get(id(c), c) for c in some) for some in (found.singles, found.pairs)
         )
         found = replace(found, singles=singles, pairs=pairs)
-        most = verdict.limit(plain.structure)
+        most = verdict.limit(plain.root_autocovariance)
         fresh = {id(c) for c in sharp.values()}
         explained = _explained(
             plain, [c for c in singles if id(c) in fresh], (), most, kept
         ) or _explained(plain, [c for c in pairs if id(c) in fresh], singles, most, kept)
         if explained is not None:
-            return plain, replace(found, decision=explained, kept_aside=kept)
+            return plain, replace(found, decision=explained, holdout_errors=kept)
     if decision.chosen is not None:
         chosen = replace(decision.chosen, candidate=again(decision.chosen.candidate))
         decision = replace(decision, chosen=chosen)
-    return plain, replace(found, decision=decision, kept_aside=kept)
+    return plain, replace(found, decision=decision, holdout_errors=kept)
 
 
 def _explained(
     plain: Candidate, found: Sequence[Candidate], fewer: Sequence[Candidate], most: float,
-    judge: held_out.KeptAside,
+    holdout_err: held_out.HoldoutErrors,
 ) -> verdict.Decision | None:  # fmt: skip
-    """What explains the data and holds on what is kept aside.
+    """The explanation of the data that also holds on the held-out data.
 
     Args:
         found: candidates of equally many effects.
         fewer: candidates of fewer effects, which did not explain the data.
     """
     explaining = verdict.explanations(found, most)
-    enough = verdict.confirmed(explaining, judge(plain), judge) if explaining else []
+    enough = verdict.confirmed(explaining, holdout_err(plain), holdout_err) if explaining else []
     if not enough:
         return None
     enough = verdict.without_idle(enough[0].candidate, fewer) or enough
-    others = verdict.foretold(enough[0].candidate, [*fewer, *found], judge)
+    others = verdict.foretold(enough[0].candidate, [*fewer, *found], holdout_err)
     return verdict.choose(enough, others)
 
 
@@ -205,16 +216,16 @@ def _search(
     plain = candidate("", "", at, given)
     problem = Problem(learned, given, drafts(learned, at))
 
-    def kept_aside(best: Candidate) -> held_out.KeptAside:
+    def holdout_errors(best: Candidate) -> held_out.HoldoutErrors:
         recordings = beginning.recordings
         parted = held_out.split(recordings, len(recordings) - count, at, best.at, given)
-        return held_out.KeptAside(recordings, count, parted, given)
+        return held_out.HoldoutErrors(recordings, count, parted, given)
 
     with workers(problem, processes) as team:
         if verdict.adequate(at.residuals):
-            found = Findings(verdict.Decision("adequate", None), kept_aside(plain))
+            found = Findings(verdict.Decision("adequate", None), holdout_errors(plain))
         else:
-            found = _explain(team, plain, kept_aside, beginning, processes, progress)
+            found = _explain(team, plain, holdout_errors, beginning, processes, progress)
         if found.decision.verdict == "adequate" and _misses(plain, learned, given):
             # Too few shapes for a test, and yet far from them.
             progress("fitting the joint model", 0.5)
@@ -224,7 +235,7 @@ def _search(
             return plain, found
         progress("judging the damping", 0.0)
         best = next(iter(found.suspects), plain)
-        told = damping_selection.named(team, plain, best, found.decision, found.kept_aside)
+        told = damping_selection.named(team, plain, best, found.decision, found.holdout_errors)
     if told is None:
         return plain, found
     return told.plain, replace(
@@ -242,26 +253,26 @@ def _only(at: CandidateEvaluation, count: int) -> CandidateEvaluation:
 
 
 def _explain(
-    team: Workers, plain: Candidate, kept_aside: Callable[[Candidate], held_out.KeptAside],
+    team: Workers, plain: Candidate, holdout_errors: Callable[[Candidate], held_out.HoldoutErrors],
     beginning: Beginning, processes: int, progress: Progress,
 ) -> Findings:  # fmt: skip
     """Single effects first; then the joint model, or pairs where two causes may be enough."""
     recordings = team.problem.recordings
     names = imposed_names(r.manipulation for r in recordings)
-    most = verdict.limit(plain.structure)
+    most = verdict.limit(plain.root_autocovariance)
 
     def screened(at: CandidateEvaluation, present: Sequence[str]) -> list[Prospect]:
         here = scene(at.model.settings, names, at.predicted)
         progress("looking for what was hit", 0.0)
         return screen(team, at, [*starts(here, present), *pegs_met(team, at, present)], progress)
 
-    def judge_of(candidates: Sequence[Candidate]) -> held_out.KeptAside:
-        """What is kept aside goes with the best of what explains the data."""
+    def holdout_errors_beside(candidates: Sequence[Candidate]) -> held_out.HoldoutErrors:
+        """Errors on the held-out data, which are chosen by the best explanation."""
         found = verdict.explanations(candidates, most)
-        return kept_aside(found[0].candidate if found else plain)
+        return holdout_errors(found[0].candidate if found else plain)
 
     given = team.problem.given
-    faint = plain.structure < verdict.FAINT
+    faint = plain.root_autocovariance < verdict.FAINT
     immaterial = faint or is_immaterial(plain, given, recordings)
     known = plain.at.model.effects
     begun = None
@@ -282,28 +293,30 @@ def _explain(
                 if again is not None and nearer(again, joint):
                     begun, joint = wider, again
         if joint is not None and _takes_over(joint.explanation, [plain]):
-            judge = kept_aside(plain)
-            return Findings(verdict.Decision("unexplained", None), judge, joint=joint)
+            holdout_err = holdout_errors(plain)
+            return Findings(verdict.Decision("unexplained", None), holdout_err, joint=joint)
     prospects = screened(plain.at, known)
     promise, by_chance = alarm(prospects)
     if promise < by_chance and verdict.excusable(plain.at.residuals):
-        return Findings(verdict.Decision("adequate", None), kept_aside(plain))
+        return Findings(verdict.Decision("adequate", None), holdout_errors(plain))
     singles = search(team, plain.at, prospects, progress, most, thorough=not faint)
-    judge = judge_of(singles)
-    explained = _explained(plain, singles, (), most, judge)
+    holdout_err = holdout_errors_beside(singles)
+    explained = _explained(plain, singles, (), most, holdout_err)
     if explained is not None:
-        return Findings(explained, judge, tuple(singles))
+        return Findings(explained, holdout_err, tuple(singles))
     if immaterial:
-        return Findings(verdict.Decision("adequate", None), judge, tuple(singles))
+        return Findings(verdict.Decision("adequate", None), holdout_err, tuple(singles))
     if begun is not None and joint is None:
         progress("fitting the joint model", 0.5)
         joint = learn(begun, given)
     if joint is not None and _takes_over(joint.explanation, singles):
-        return Findings(verdict.Decision("unexplained", None), judge, tuple(singles), joint=joint)
+        return Findings(
+            verdict.Decision("unexplained", None), holdout_err, tuple(singles), joint=joint
+        )
     pairs: list[Candidate] = []
     before = alone_before(team.problem, plain, names, processes, progress)
     told = {c.effect for c in before}
-    firmest = [c for c in bases(singles, plain.structure) if c.effect not in told]
+    firmest = [c for c in bases(singles, plain.root_autocovariance) if c.effect not in told]
 
     def beside(first: Candidate) -> list[Candidate]:
         """Pairs of an effect with every other."""
@@ -312,8 +325,8 @@ def _explain(
 
     def nearest(candidates: Sequence[Candidate]) -> Candidate | None:
         """What comes near an explanation without being one."""
-        near = min(candidates, key=lambda c: c.structure, default=None)
-        return near if near and most < near.structure < REFORMED * most else None
+        near = min(candidates, key=lambda c: c.root_autocovariance, default=None)
+        return near if near and most < near.root_autocovariance < REFORMED * most else None
 
     def firsts() -> Iterator[Candidate]:
         """What a second effect is looked for beside; at last the second of what comes near."""
@@ -329,13 +342,13 @@ def _explain(
         if near is not None:
             found += reformed(team, near, singles)
         pairs = sorted([*pairs, *found], key=lambda c: c.score)
-        judge = judge_of(pairs)
-        explained = _explained(plain, pairs, singles, most, judge)
+        holdout_err = holdout_errors_beside(pairs)
+        explained = _explained(plain, pairs, singles, most, holdout_err)
         if explained is not None and explained.chosen is not None:
             # What was no use alone at first may be enough where the pair has led it.
             alone = apart(team, explained.chosen.candidate, known)
             singles += alone
-            single = _explained(plain, alone, (), most, judge)
+            single = _explained(plain, alone, (), most, holdout_err)
             if single is None:
                 # What takes the place of the first beside the second.
                 seconds = [c for c in alone if c.effect != first.effect]
@@ -343,13 +356,15 @@ def _explain(
                 if second is not None:
                     pairs += beside(second)
                 pairs.sort(key=lambda c: c.score)
-            explained = single or _explained(plain, pairs, singles, most, judge) or explained
+            explained = single or _explained(plain, pairs, singles, most, holdout_err) or explained
             pairs += other_pegs(team, explained, pairs)
-            return Findings(explained, judge, tuple(singles), tuple(pairs))
+            return Findings(explained, holdout_err, tuple(singles), tuple(pairs))
     everything = sorted([*singles, *pairs], key=lambda c: c.score)
-    judge = kept_aside(everything[0] if everything else plain)
-    decision = verdict.Decision("unexplained", *(verdict.sure(plain, everything, judge) or (None,)))
-    findings = Findings(decision, judge, tuple(singles), tuple(pairs))
+    holdout_err = holdout_errors(everything[0] if everything else plain)
+    decision = verdict.Decision(
+        "unexplained", *(verdict.sure(plain, everything, holdout_err) or (None,))
+    )
+    findings = Findings(decision, holdout_err, tuple(singles), tuple(pairs))
     return findings if decision.chosen is not None else _beside(findings, joint, plain)
 
 

@@ -11,7 +11,7 @@ from dlo_ros.report.diagnosis_content import (
     DiagnosisReport,
     FoundEffect,
     RelatedInput,
-    ResidualStructure,
+    ResidualRelations,
 )
 from dlo_ros.report.elements import (
     figure,
@@ -67,8 +67,8 @@ def diagnosis_page(report: DiagnosisReport) -> str:
     if report.loads:
         body = loads_table(report.loads)
         sections.append(Section("What the DLO and its grips bore", body))
-    if report.structures:
-        body = "".join(_structure(s) for s in report.structures) + paragraph(FORETELLS)
+    if report.residual_relations:
+        body = "".join(_relations(s) for s in report.residual_relations) + paragraph(FORETELLS)
         sections.append(Section("What the residual goes along with", body))
     if len(report.ranking) > 1:
         sections.append(Section("All that was tried", _ranking(report)))
@@ -162,16 +162,16 @@ def _at_rest(k: int, r: DiagnosedRecording, report: DiagnosisReport) -> list[str
     ]
 
 
-def _structure(structure: ResidualStructure) -> str:
+def _relations(related: ResidualRelations) -> str:
     rows = [
         [i.name, f"{100.0 * max(i.share, 0.0):.0f} %", _chance(i.chance), _verdict(i)]
-        for i in structure.inputs
+        for i in related.inputs
     ]
-    parts = [f"<h3>{markup(structure.model)}</h3>", *map(paragraph, structure.sentences)]
+    parts = [f"<h3>{markup(related.model)}</h3>", *map(paragraph, related.sentences)]
     if rows:
         parts.append(table(["input", "foretells", "by chance", ""], rows))
-    if structure.unjudged:
-        words = f"Varied too slowly to be judged: {', '.join(structure.unjudged)}."
+    if related.unjudged:
+        words = f"Varied too slowly to be judged: {', '.join(related.unjudged)}."
         parts.append(paragraph(words))
     return "".join(parts)
 
@@ -205,7 +205,7 @@ def _ranking(report: DiagnosisReport) -> str:
         [
             r.name.replace("_", " ").replace("+", " + "),
             f"{r.score:.4g}",
-            f"{max(r.structure, 0.0):.2g}",
+            f"{max(r.root_autocovariance, 0.0):.2g}",
             millimetres(r.err_holdout),
         ]
         for r in report.ranking

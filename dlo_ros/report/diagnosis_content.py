@@ -41,12 +41,12 @@ class FoundEffect:
 
 @dataclass(frozen=True)
 class Ranked:
-    """A candidate: ERR on what was kept aside [m], score (lower is better), what it leaves over."""
+    """A candidate: held-out ERR [m], score (lower is better), autocovariance of its residuals."""
 
     name: str
     err_holdout: float | None
     score: float
-    structure: float
+    root_autocovariance: float
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ class RelatedInput:
 
 
 @dataclass(frozen=True)
-class ResidualStructure:
+class ResidualRelations:
     """What the residual of a model goes along with, in sentences and numbers."""
 
     model: str
@@ -178,7 +178,7 @@ class DiagnosisReport:
     noise_floor: float | None
     advice: str
     remarks: tuple[str, ...]
-    structures: tuple[ResidualStructure, ...] = ()
+    residual_relations: tuple[ResidualRelations, ...] = ()
     setup: tuple[SetupRow, ...] = ()
     trace: tuple[SearchStep, ...] = ()
     loads: tuple[LoadRow, ...] = ()

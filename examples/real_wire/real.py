@@ -62,7 +62,7 @@ def run(output: Path, *, show: bool = True) -> int:
 
 
 def draw(output: Path) -> None:
-    """The shape that was kept aside, as measured and as predicted without and with the causes."""
+    """The held-out shape, as measured and as predicted without and with the causes."""
     u, points = read_points(WIRE / f"{KEPT}.csv")
     models = (
         ("plain model", output / "identify" / "estimate.yaml", "predicted", "--"),

@@ -24,7 +24,7 @@ class Case:
         outcome: of `OUTCOMES`.
         named: what the tool named.
         seconds: that it took.
-        gain: err on what was kept aside over the noise floor, where something was named.
+        gain: err on held-out data over the noise floor, where something was named.
         missed: effect parameters that are neither within 10 % nor within 2 std of the truth.
         parameters: effect parameters that could be compared.
     """

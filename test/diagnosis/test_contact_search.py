@@ -18,7 +18,7 @@ from dlo_ros.diagnosis.fitting.evaluation import evaluate
 from dlo_ros.diagnosis.fitting.initial_fit import begin, drafts
 from dlo_ros.diagnosis.fitting.levenberg_marquardt import attempt
 from dlo_ros.diagnosis.fitting.worker_processes import Problem, workers
-from dlo_ros.diagnosis.residuals.residual_structure import structure
+from dlo_ros.diagnosis.residuals.residual_autocovariance import root_autocovariance
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import SplineBasis
 
@@ -119,8 +119,8 @@ def test_a_hidden_peg_is_found_where_it_stands(hidden):
     model = at.model.at(at.model.theta() + np.array(start.own))
     model = model.extended("obstacle", start.block, start.fitted)
     there = evaluate(model, problem.drafts, settings, derivatives=False)
-    assert structure(at.residuals) > 10.0
-    assert structure(there.residuals) < 0.1 * structure(at.residuals)
+    assert root_autocovariance(at.residuals) > 10.0
+    assert root_autocovariance(there.residuals) < 0.1 * root_autocovariance(at.residuals)
 
 
 @pytest.mark.slow

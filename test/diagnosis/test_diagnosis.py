@@ -20,7 +20,7 @@ from dlo_ros.diagnosis.fitting.recording_noise import with_bias, with_noise
 from dlo_ros.diagnosis.fitting.worker_processes import Problem, workers
 from dlo_ros.diagnosis.proposals.candidate_effects import starts
 from dlo_ros.diagnosis.proposals.screening import alarm, screen
-from dlo_ros.diagnosis.residuals import residual_structure
+from dlo_ros.diagnosis.residuals import residual_autocovariance
 from dlo_ros.diagnosis.selection import verdict
 from dlo_ros.effects import effects
 from dlo_ros.errors import InputError
@@ -33,17 +33,17 @@ from dlo_ros.spline import SplineBasis
 pytestmark = pytest.mark.long
 
 
-def test_structure_is_what_repeats_and_not_the_noise():
+def test_the_autocovariance_is_that_of_correlated_errors_and_not_of_noise():
     rng = np.random.default_rng(1)
     noise = [rng.normal(size=(300, 20)) for _ in range(3)]
-    assert abs(residual_structure.structure(noise)) < 0.15
+    assert abs(residual_autocovariance.root_autocovariance(noise)) < 0.15
     slow = 0.8 * np.sin(np.linspace(0.0, 6.0, 300))[:, None]
-    assert residual_structure.structure([r + slow for r in noise]) == pytest.approx(
+    assert residual_autocovariance.root_autocovariance([r + slow for r in noise]) == pytest.approx(
         0.8 / 2**0.5, rel=0.1
     )
-    assert residual_structure.chance(noise) < 0.25
+    assert residual_autocovariance.chance(noise) < 0.25
     short = [r[:4, :2] for r in noise]
-    assert residual_structure.chance(short) > residual_structure.chance(
+    assert residual_autocovariance.chance(short) > residual_autocovariance.chance(
         noise
     )  # few numbers may look like anything
 
@@ -67,7 +67,7 @@ def test_score_is_the_predictive_likelihood_of_a_linear_model():
         left = residuals[k].ravel() - j @ np.linalg.solve(hessian, right)
         spread = np.eye(len(left)) + j @ np.linalg.solve(hessian, j.T)
         expected += left @ np.linalg.solve(spread, left) + np.linalg.slogdet(spread)[1]
-    assert residual_structure.predictive_score(at, KNOWN) == pytest.approx(expected, rel=1e-6)
+    assert residual_autocovariance.predictive_score(at, KNOWN) == pytest.approx(expected, rel=1e-6)
 
 
 def test_normal_equations_find_the_least_squares_answer():
@@ -133,18 +133,18 @@ def test_names_stand_beside_their_rivals():
     assert decision.rivals == (("constant_force",),)
 
 
-def test_an_explanation_must_hold_on_what_was_kept_aside():
+def test_an_explanation_must_hold_on_held_out_data():
     noise = [np.random.default_rng(6).normal(size=(60, 10))]
     first = verdict.SufficientEffects(("obstacle",), candidate(["obstacle"], 0.1, 1.0, noise))
     second = verdict.SufficientEffects(("point_mass",), candidate(["point_mass"], 0.2, 2.0, noise))
     errors = {"obstacle": 5e-3, "point_mass": 1e-3}
 
-    def kept_aside(c):
+    def holdout_err(c):
         return errors[c.effect]
 
-    assert verdict.confirmed([first, second], 5e-3, kept_aside) == [second]
-    assert verdict.confirmed([first], 1e-3, kept_aside) == []  # worse than without it
-    assert verdict.confirmed([first], 5e-3, kept_aside) == [first]  # it does not show there
+    assert verdict.confirmed([first, second], 5e-3, holdout_err) == [second]
+    assert verdict.confirmed([first], 1e-3, holdout_err) == []  # worse than without it
+    assert verdict.confirmed([first], 5e-3, holdout_err) == [first]  # it does not show there
     assert verdict.confirmed([first], None, lambda c: None) == []
 
 
@@ -247,7 +247,9 @@ def test_a_step_stops_at_what_was_measured_and_the_rest_goes_on():
     found = at.model.settings
     factor = np.exp(4.0 * KNOWN.damping.air_drag_std / KNOWN.damping.air_drag)
     assert found.damping.air_drag < 1.0001 * factor * KNOWN.damping.air_drag
-    assert residual_structure.structure(at.residuals) > 2.0  # it is not explained away
+    assert (
+        residual_autocovariance.root_autocovariance(at.residuals) > 2.0
+    )  # it is not explained away
     # The rest is at its least squares answer with what has met its border left there.
     equations = total(at, KNOWN)
     inside = [
@@ -279,7 +281,7 @@ def test_alarm_is_what_chance_promises():
 
 
 def missing(**errors):
-    """Candidates by the effects that they have, with ERR in the fit and on what is kept aside."""
+    """Candidates by the effects that they have, with ERR in the fit and on held-out data."""
     noise = [np.random.default_rng(7).normal(size=(60, 10))]
     return [
         candidate(names.split("_and_") if names != "plain" else [], 1e3 * e, 1e6 * e, noise, e)
@@ -290,23 +292,23 @@ def missing(**errors):
 def test_sure_is_what_nothing_can_do_without():
     plain, *rest = missing(plain=9e-3, mass_and_drag=1e-3, mass=1.5e-3, drag=8e-3)
 
-    def kept_aside(c):
+    def holdout_err(c):
         return c.at.err[0][0]
 
-    found, rivals = verdict.sure(plain, rest, kept_aside)
+    found, rivals = verdict.sure(plain, rest, holdout_err)
     assert found.effects == ("mass",) and rivals == ((),)
     assert found.candidate is rest[0]  # its numbers from where everything fits best
     # What comes near without it stands beside it; too many of those, and nothing is certain.
     beside = [*rest, *missing(tilt_and_drag=2e-3, tilt=2.2e-3)]
-    found, rivals = verdict.sure(plain, beside, kept_aside)
+    found, rivals = verdict.sure(plain, beside, holdout_err)
     assert found.effects == ("mass",) and rivals == (("tilt",),)
-    assert verdict.sure(plain, [*beside, *missing(peg=2e-3, slip=2e-3)], kept_aside) is None
+    assert verdict.sure(plain, [*beside, *missing(peg=2e-3, slip=2e-3)], holdout_err) is None
     # The other effect of the best alone does nearly as well: no name for the first.
-    assert verdict.sure(plain, [*rest[:2], *missing(drag=2e-3)], kept_aside) is None
-    # Held against what is kept aside nothing else is excluded.
+    assert verdict.sure(plain, [*rest[:2], *missing(drag=2e-3)], holdout_err) is None
+    # On held-out data nothing else is excluded.
     assert verdict.sure(plain, rest, lambda c: 1e-3) is None
     far = missing(mass=8e-3)
-    assert verdict.sure(plain, far, kept_aside) is None
+    assert verdict.sure(plain, far, holdout_err) is None
 
 
 def test_few_pictures_exclude_no_explanation_that_foretells_as_well():
@@ -314,14 +316,14 @@ def test_few_pictures_exclude_no_explanation_that_foretells_as_well():
     few, many = [rng.normal(size=(2, 20))], [rng.normal(size=(200, 20))]
     errors = {0.6: 4e-3, 1.2: 4.2e-3, 1.6: 9e-3}
 
-    def kept_aside(c):
-        return errors[c.structure]
+    def holdout_err(c):
+        return errors[c.root_autocovariance]
 
     for pictures, expected in ((few, [("gravity_tilt",)]), (many, [])):
         best = candidate(["intrinsic_curvature"], 0.6, 100.0, pictures)
         alike = candidate(["gravity_tilt"], 1.2, 150.0, pictures)
         worse = candidate(["stiff_segment"], 1.6, 120.0, pictures)
-        found = verdict.foretold(best, [best, alike, worse], kept_aside)
+        found = verdict.foretold(best, [best, alike, worse], holdout_err)
         rivals = [e.effects for e in found if e.candidate is not best]
         assert rivals == expected
     one = verdict.SufficientEffects(("intrinsic_curvature",), best)
@@ -340,8 +342,8 @@ def test_an_effect_that_does_nothing_is_left_out_of_a_pair():
     assert verdict.without_idle(pair, [other, needed]) == []
 
 
-def test_what_is_kept_aside_is_foreseen_by_the_rest():
-    """The recording that alone tells of a parameter cannot be kept aside; then the ends are."""
+def test_held_out_data_are_predicted_by_the_rest():
+    """The recording that alone tells of a parameter cannot be held out; then the ends are."""
     rng = np.random.default_rng(9)
     recordings = [
         replace(measured(swing(KNOWN, seconds=0.4, seed=k), KNOWN), spans=14) for k in range(2)

@@ -101,14 +101,16 @@ def test_models_with_the_guess_start_where_all_else_has_followed(damped):
     assert damping_selection.guessed(at.model, known) == ("internal_damping",)
 
 
-def held(structures):
-    """Candidates that leave structure beside noise, by their effects."""
+def held(correlated):
+    """Candidates whose residuals are correlated, by their effects."""
     rng = np.random.default_rng(0)
     result = []
-    for names, structure in structures.items():
-        slow = structure * np.sqrt(2.0) * np.sin(np.linspace(0.0, 20.0, 200))[:, None]
+    for names, root_autocovariance in correlated.items():
+        slow = root_autocovariance * np.sqrt(2.0) * np.sin(np.linspace(0.0, 20.0, 200))[:, None]
         residual = rng.normal(size=(200, 20)) + slow
-        result.append(candidate(names.split("+"), structure, structure**2, [residual]))
+        result.append(
+            candidate(names.split("+"), root_autocovariance, root_autocovariance**2, [residual])
+        )
     return result
 
 

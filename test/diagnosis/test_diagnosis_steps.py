@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Steps of the diagnosis: coarse trials, what is faint, suspects, what is kept aside."""
+"""Steps of the diagnosis: coarse trials, what is faint, suspects, held-out data."""
 
 from dataclasses import replace
 
@@ -17,7 +17,7 @@ from dlo_ros.diagnosis.fitting.evaluation import differenced, earlier, evaluate
 from dlo_ros.diagnosis.fitting.initial_fit import begin, drafts, finer
 from dlo_ros.diagnosis.fitting.levenberg_marquardt import UNDAMPED, fit, polished
 from dlo_ros.diagnosis.fitting.worker_processes import Problem, workers
-from dlo_ros.diagnosis.residuals import residual_structure
+from dlo_ros.diagnosis.residuals import residual_autocovariance
 from dlo_ros.diagnosis.selection import verdict
 from dlo_ros.diagnosis.selection.effect_search import apart, candidate, reformed
 from dlo_ros.effects import Peg
@@ -181,7 +181,7 @@ def test_a_fit_ends_where_nothing_is_promised(beginning, monkeypatch):
     assert fit(at, beginning.recordings, KNOWN, 3, damping=UNDAMPED) is at
 
 
-def test_faint_structure_needs_a_cause_that_takes_it_away():
+def test_a_faint_autocovariance_needs_a_cause_that_takes_it_away():
     assert verdict.limit(0.8) < 0.3
     assert verdict.limit(2.0) == verdict.EXPLAINED
     assert verdict.limit(60.0) > verdict.EXPLAINED
@@ -199,15 +199,17 @@ def test_many_pictures_excuse_nothing():
     assert verdict.excusable(few) and verdict.adequate(few)
 
 
-def fitted(beginning, structure, score, effect):
+def fitted(beginning, root_autocovariance, score, effect):
     at = beginning.at
     settings = KNOWN.with_effects({effect: {}})
     found = candidate(effect, "", at, KNOWN)
     model = replace(at.model, settings=settings)
-    return replace(found, at=replace(at, model=model), structure=structure, score=score)
+    return replace(
+        found, at=replace(at, model=model), root_autocovariance=root_autocovariance, score=score
+    )
 
 
-def test_suspects_come_near_and_hold_on_what_was_kept_aside(beginning):
+def test_suspects_come_near_and_hold_on_held_out_data(beginning):
     near = fitted(beginning, 2.0, 20.0, "gravity_tilt")
     nearer = fitted(beginning, 1.5, 10.0, "point_mass")
     astray = fitted(beginning, 1.6, 5.0, "stiff_segment")
@@ -218,20 +220,20 @@ def test_suspects_come_near_and_hold_on_what_was_kept_aside(beginning):
     assert verdict.suspects([], lambda c: None) == []
 
 
-def test_what_is_kept_aside_is_asked_once_and_of_a_fit_that_holds(beginning, monkeypatch):
+def test_errors_on_held_out_data_are_computed_once_and_of_a_fit_that_holds(beginning, monkeypatch):
     at = beginning.at
     parted = holdout.split(beginning.recordings, 0, at, at, KNOWN)
-    judge = holdout.KeptAside(beginning.recordings, 2, parted, KNOWN)
+    holdout_err = holdout.HoldoutErrors(beginning.recordings, 2, parted, KNOWN)
     plain = candidate("", "", at, KNOWN)
-    assert judge(plain) == judge.foretold(plain) == pytest.approx(3e-4 / 4, rel=0.7)
+    assert holdout_err(plain) == holdout_err.foretold(plain) == pytest.approx(3e-4 / 4, rel=0.7)
     wrong = at.model.at(at.model.theta() + np.array([1.0, 0.0, 0.0, 0.0]))
     linearised = holdout.trained
     monkeypatch.setattr(holdout, "trained", lambda *words: wrong)
     other = replace(plain)
-    assert judge.foretold(other) > 3.0 * judge(plain)
-    assert judge(other) < 1.5 * judge(plain)  # fitted anew, from the wrong beginning
+    assert holdout_err.foretold(other) > 3.0 * holdout_err(plain)
+    assert holdout_err(other) < 1.5 * holdout_err(plain)  # fitted anew, from the wrong beginning
     monkeypatch.setattr(holdout, "trained", linearised)
-    assert judge.foretold(other) == judge(other)
+    assert holdout_err.foretold(other) == holdout_err(other)
 
 
 def test_a_peg_is_resized_where_it_is_touched():
@@ -261,8 +263,8 @@ def test_of_a_pair_each_is_tried_alone_from_where_the_pair_has_come(beginning):
     assert [c.at.model.effects for c in found] == [("constant_force",), ("air_drag",)]
     assert [c.at.model.effects for c in kept] == [("air_drag",)]
     for c in found:  # neither acts, so that each alone finds its way back
-        assert c.structure == pytest.approx(
-            residual_structure.structure(beginning.at.residuals), abs=0.05
+        assert c.root_autocovariance == pytest.approx(
+            residual_autocovariance.root_autocovariance(beginning.at.residuals), abs=0.05
         )
 
 

@@ -46,7 +46,7 @@ def test_an_effect_that_a_hit_covers_is_told_from_before():
     assert value == pytest.approx(DRAG, rel=0.05)
     # Held against all of the recording, it explains nothing after the hit.
     assert len(drag.at.residuals[0]) == len(plain.at.residuals[0])
-    assert drag.structure > 0.5 * plain.structure
+    assert drag.root_autocovariance > 0.5 * plain.root_autocovariance
 
 
 def test_where_nothing_is_wrong_before_nothing_is_told():

@@ -89,7 +89,7 @@ def test_a_set_up_within_its_tolerances_is_no_reason_to_warn(effects):
     recording, guess = moving("simple", effects, 6)
     watch, estimator = watched(recording, guess)
     run = estimator.run
-    assert left_over(run.forecast(), run.simulation.settings).structured
+    assert left_over(run.forecast(), run.simulation.settings).correlated
     assert watch.suspicion is None
 
 
@@ -109,7 +109,7 @@ def test_its_work_comes_in_pieces():
 
 
 @pytest.mark.slow
-def test_a_jump_in_one_picture_is_no_structure():
+def test_a_jump_in_one_picture_is_no_correlated_residual():
     recording, guess = moving("c_shape", {}, 1)
     seen = list(recording.observations)
     for k in (40, 60):

@@ -29,7 +29,7 @@ class Result:
     Args:
         main: whether the main cause is "named", "rival", or "missed".
         wrong: names that stand for nothing that was hidden.
-        share: of what could be explained on what was kept aside.
+        share: of the explainable ERR that is explained on held-out data.
         missed, parameters: of the causes' numbers, beyond 10 % and 2 std.
         modulus: ln(E / mu) off, over its stated standard deviation; None where none is stated.
         off: ln(E / mu) off.
@@ -82,7 +82,7 @@ def _off(case: Case, name: str) -> float:
 
 
 def share(report: dict, floor: float) -> float | None:
-    """Share of what could be explained that is, on what was kept aside."""
+    """Share of the explainable ERR that is explained, on held-out data."""
     before, after = report["baseline"]["err_holdout"], report["extended"]["err_holdout"]
     if before is None or after is None or before <= 1.2 * floor:
         return None

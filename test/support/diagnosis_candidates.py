@@ -29,10 +29,10 @@ def evaluation(residuals, jacobians=None):
     return CandidateEvaluation(model, tuple(residuals), tuple(jacobians), power, power, empty, err)
 
 
-def candidate(names, structure, score, residuals, err=1e-3):
-    """A candidate with effects that leaves structure and, in every picture, ERR [m]."""
+def candidate(names, root_autocovariance, score, residuals, err=1e-3):
+    """A candidate with effects, whose residuals are correlated, with ERR [m] in every picture."""
     at = evaluation(residuals)
     at = replace(at, err=tuple(np.full(len(r), err) for r in residuals))
     settings = KNOWN.with_effects({n: {} for n in names})
     at = replace(at, model=replace(at.model, settings=settings))
-    return Candidate("+".join(names), "", at, score, structure)
+    return Candidate("+".join(names), "", at, score, root_autocovariance)

@@ -66,7 +66,7 @@ class Fitted:
 
 @dataclass(frozen=True)
 class Gain:
-    """1 - ERR after / ERR before on what was kept aside, with a 95 % interval."""
+    """1 - ERR after / ERR before on held-out data, with a 95 % interval."""
 
     value: float
     low: float
@@ -80,7 +80,7 @@ class Trial:
     name: str
     err_holdout: float | None
     score: float
-    structure: float
+    root_autocovariance: float
 
 
 @dataclass(frozen=True)
@@ -120,8 +120,9 @@ class Diagnosis:
     Args:
         verdict, effects, noise_floor, gain, candidates, advice: see interface.md.
         baseline, extended: the plain and the extended model.
-        structure_before, structure_after: what repeats from frame to frame, in units of the noise.
-        chance: structure that the noise alone has in 1 of 100 cases.
+        root_autocovariance_before, root_autocovariance_after: of the residuals of both models, from
+            frame to frame, in units of the noise.
+        chance: the root autocovariance that noise alone exceeds in 1 of 100 cases.
         simulation_error: mean distance that the discretisation causes [m]; None where unknown.
         remarks: sentences for the reader.
         views: for the report.
@@ -142,8 +143,8 @@ class Diagnosis:
     gain: Gain | None
     candidates: tuple[Trial, ...]
     advice: str
-    structure_before: float
-    structure_after: float
+    root_autocovariance_before: float
+    root_autocovariance_after: float
     chance: float
     simulation_error: float | None
     remarks: tuple[str, ...]

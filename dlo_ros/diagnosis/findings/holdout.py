@@ -30,7 +30,7 @@ BLOCK = 10
 DRAWS = 500
 STEPS = 3
 ASTRAY = 1.5
-"""ERR on what is kept aside over that of the fit to everything, from which a linearised step is not
+"""ERR on held-out data over that of the fit to all data, from which a linearised step is not
 believed."""
 
 
@@ -50,33 +50,33 @@ def split(
     recordings: Sequence[Recording], holdout: int, plain: CandidateEvaluation,
     best: CandidateEvaluation, given: Settings,
 ) -> Split:  # fmt: skip
-    """Set aside the given recordings, or one that the others predict, or the end of each.
+    """Hold out the given recordings, or one that the others predict, or the end of each.
 
-    Of those that the others predict, the one that shows most of what the plain model lacks.
+    Of those that the others predict it is the one with the largest residual of the plain model.
 
     Args:
-        recordings: those to train on, then those given to be kept aside.
+        recordings: those to train on, then those given to be held out.
         holdout: how many of these.
         plain, best: fits to the former without and with what was found.
     """
     count = len(recordings)
     frames = [len(r.times) for r in recordings]
-    aside: set[int] = set()
+    held: set[int] = set()
     if holdout:
-        aside = set(range(count - holdout, count))
+        held = set(range(count - holdout, count))
     elif count > 1:
         shown = [float(np.mean(r**2)) for r in plain.residuals]
         foreseen = [k for k in range(count) if _open(best, k, given) < FORESEEN]
         if foreseen:
-            aside = {max(foreseen, key=lambda k: shown[k])}
-    if not aside:
+            held = {max(foreseen, key=lambda k: shown[k])}
+    if not held:
         shares = [np.arange(f) / max(f - 1, 1) for f in frames]
         return Split(tuple(s <= TRAINED for s in shares), tuple(s >= TRAINED + 0.1 for s in shares))
     whole = [np.ones(f, dtype=np.bool_) for f in frames]
     none = [np.zeros(f, dtype=np.bool_) for f in frames]
     return Split(
-        tuple(none[k] if k in aside else whole[k] for k in range(count)),
-        tuple(whole[k] if k in aside else none[k] for k in range(count)),
+        tuple(none[k] if k in held else whole[k] for k in range(count)),
+        tuple(whole[k] if k in held else none[k] for k in range(count)),
     )
 
 
@@ -162,13 +162,13 @@ def _blocks(frames: int, rng: np.random.Generator) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class KeptAside:
-    """What is kept aside; called with a candidate, ERR there [m], its parameters from the rest.
+class HoldoutErrors:
+    """ERR of candidates on the held-out data [m], their parameters being learned from the rest.
 
     Args:
         recordings: all; the first `learned` are those that candidates were fitted to.
-        parted: which frames are kept aside.
-        known: what was asked before, by the candidate's identity.
+        parted: which frames are held out.
+        known: results of earlier calls, by the candidate's identity.
     """
 
     recordings: Sequence[Recording]
@@ -184,7 +184,7 @@ class KeptAside:
         return self.known[id(c)][1]
 
     def foretold(self, c: Candidate) -> float | None:
-        """The same by one linearised step away from the fit to everything, unless known better."""
+        """The same by one linearised step away from the fit to all data, unless a fit is known."""
         if id(c) in self.known:
             return self.known[id(c)][1]
         return self._err(trained(c.at, self.parted.train[: self.learned], self.given))

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from dlo_ros.diagnosis.fitting.initial_fit import Beginning
-from dlo_ros.diagnosis.residuals import residual_structure
+from dlo_ros.diagnosis.residuals import residual_autocovariance
 from dlo_ros.diagnosis.selection.effect_search import Candidate
 from dlo_ros.diagnosis.selection.verdict import Decision
 
@@ -44,7 +44,7 @@ def remarks(
     if decision.verdict == "unexplained":
         shown = suspects[0] if suspects else best
         said.append(_nearest(plain, suspects))
-        said.append(residual_structure.description(shown.at))
+        said.append(residual_autocovariance.description(shown.at))
     return tuple(said)
 
 
@@ -61,15 +61,16 @@ def left_out(beginning: Beginning) -> tuple[str, ...]:
 def _nearest(plain: Candidate, suspects: Sequence[Candidate]) -> str:
     """What comes nearest to data that nothing explains."""
     told = [
-        f"{' and '.join(c.at.model.effects)}, which leaves {c.structure:.2g} times the noise"
+        f"{' and '.join(c.at.model.effects)}, which leaves "
+        f"{c.root_autocovariance:.2g} times the noise"
         for c in suspects[:TOLD]
     ]
     text = "Nothing in the library brings the residual down to the noise."
     if not told:
         return text
-    share = max(0.0, 1.0 - (suspects[0].structure / plain.structure) ** 2)
+    share = max(0.0, 1.0 - (suspects[0].root_autocovariance / plain.root_autocovariance) ** 2)
     text += (
-        f" Nearest comes {told[0]} and removes {100.0 * share:.0f} % of the residual's power; "
+        f" Nearest comes {told[0]} and removes {100.0 * share:.0f} % of the residual's variance; "
         "it is a suspect, no finding."
     )
     if told[1:]:

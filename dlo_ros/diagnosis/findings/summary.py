@@ -20,7 +20,7 @@ from dlo_ros.diagnosis.fitting.evaluation import is_differentiable
 from dlo_ros.diagnosis.fitting.initial_fit import Beginning
 from dlo_ros.diagnosis.fitting.levenberg_marquardt import polished
 from dlo_ros.diagnosis.fitting.recording_noise import noise_floor
-from dlo_ros.diagnosis.residuals import residual_structure
+from dlo_ros.diagnosis.residuals import residual_autocovariance
 from dlo_ros.diagnosis.residuals.relations import Relations, relations, sentences
 from dlo_ros.diagnosis.selection import verdict
 from dlo_ros.diagnosis.selection.effect_search import Candidate, candidate
@@ -38,7 +38,7 @@ class Findings:
     """
 
     decision: verdict.Decision
-    kept_aside: holdout.KeptAside
+    holdout_errors: holdout.HoldoutErrors
     singles: tuple[Candidate, ...] = ()
     pairs: tuple[Candidate, ...] = ()
     joint: Learned | None = None
@@ -46,17 +46,17 @@ class Findings:
     @property
     def suspects(self) -> list[Candidate]:
         """What comes nearest, whether it explains the data or not, best first."""
-        return verdict.suspects([*self.singles, *self.pairs], self.kept_aside)
+        return verdict.suspects([*self.singles, *self.pairs], self.holdout_errors)
 
 
 def outcome(beginning: Beginning, plain: Candidate, found: Findings, given: Settings) -> Diagnosis:
-    """Measure on what is kept aside, and put everything together."""
+    """Measure ERR on the held-out data, and put everything together."""
     if found.joint is not None:
         return joint_outcome(beginning, plain, found.joint, given)
     recordings = beginning.recordings
-    kept_aside = found.kept_aside
+    holdout_errors = found.holdout_errors
     decision = _immaterial(found.decision, plain, given, recordings[: len(plain.at.residuals)])
-    parted = kept_aside.parted
+    parted = holdout_errors.parted
     count = len(plain.at.residuals)
     learned = recordings[:count]
     best = _polished(decision.chosen.candidate, learned, given) if decision.chosen else plain
@@ -85,9 +85,9 @@ def outcome(beginning: Beginning, plain: Candidate, found: Findings, given: Sett
         )
     tried = []
     for c in verdict.best_forms([plain, *found.singles, *found.pairs]):
-        err = kept_aside.foretold(c)
+        err = holdout_errors.foretold(c)
         label = "+".join(n for n in c.at.model.effects if n not in plain.at.model.effects)
-        tried.append(Trial(label or "none", err, c.score, c.structure))
+        tried.append(Trial(label or "none", err, c.score, c.root_autocovariance))
     floors = [noise_floor(r, p, given) for r, p in zip(learned, best.at.predicted, strict=True)]
     suspects = found.suspects if decision.verdict == "unexplained" else []
     shown = suspects[0] if suspects else best
@@ -103,9 +103,9 @@ def outcome(beginning: Beginning, plain: Candidate, found: Findings, given: Sett
         holdout.gain(kept[0], kept[1]),
         tuple(tried),
         advise(decision, [*found.singles, *found.pairs], learned, given),
-        plain.structure,
-        best.structure,
-        residual_structure.chance(plain.at.residuals),
+        plain.root_autocovariance,
+        best.root_autocovariance,
+        residual_autocovariance.chance(plain.at.residuals),
         None if np.isnan(beginning.error) else beginning.error,
         (*remarks(plain, best, suspects, decision), *_left(after, decision)),
         views(recordings, plain.at, best.at, parted.holdout, given),
@@ -118,7 +118,7 @@ def outcome(beginning: Beginning, plain: Candidate, found: Findings, given: Sett
 def _immaterial(
     decision: verdict.Decision, plain: Candidate, given: Settings, recordings: Sequence[Recording]
 ) -> verdict.Decision:
-    """The decision: unexplained structure is left alone where it does not matter."""
+    """The decision; residuals that nothing explains are ignored where they are immaterial."""
     if decision.verdict != "unexplained" or not is_immaterial(plain, given, recordings):
         return decision
     return replace(decision, verdict="adequate")

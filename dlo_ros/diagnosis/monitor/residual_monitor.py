@@ -49,7 +49,7 @@ class Leftover:
     own: float
 
     @property
-    def structured(self) -> bool:
+    def correlated(self) -> bool:
         """Whether it is more than noise."""
         return self.common > LIMIT * math.hypot(self.noise, self.own)
 
@@ -115,7 +115,7 @@ class Watch:
             return
         self._looked = count
         leftover = left_over(found, settings)
-        self._found = self._found + 1 if leftover.structured else 0
+        self._found = self._found + 1 if leftover.correlated else 0
         if not self._found:
             self.suspicion = None
         if self._found < (LOOKS if count < WINDOW else 1) or self.busy:

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What a residual goes along with: structure along u, in time, and against inputs.
+"""Relations of a residual: its patterns along u and in time, and the inputs that it depends on.
 
 Residuals and inputs both vary slowly, and two slow things are always alike. So what drifts is taken
 out of every recording first, and an input must then explain more than it does of surrogates, of two
@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dlo_ros.diagnosis.residuals import residual_structure
+from dlo_ros.diagnosis.residuals import residual_autocovariance
 from dlo_ros.diagnosis.residuals.recorded_inputs import Input, inputs
 from dlo_ros.diagnosis.residuals.surrogates import chances, without
 from dlo_ros.inference.forecast import whitening
@@ -84,11 +84,11 @@ class Relation:
 
 @dataclass(frozen=True)
 class Relations:
-    """Structure of the residuals of some recordings.
+    """Patterns of the residuals of some recordings, and the inputs that they depend on.
 
     Args:
-        structure: part that repeats from frame to frame, over the noise, see
-            `residual_structure.structure`.
+        root_autocovariance: of the residuals from frame to frame, in units of the noise, see
+            `residual_autocovariance.root_autocovariance`.
         size: the same [m], as eq. (10) measures it.
         constant, slow: shares of it that stay within each recording, and that drift there.
         pattern: along the DLO; None where nothing repeats.
@@ -96,7 +96,7 @@ class Relations:
         unjudged: inputs that vary too slowly to be told from a drift.
     """
 
-    structure: float
+    root_autocovariance: float
     size: float
     constant: float
     slow: float
@@ -127,17 +127,18 @@ def relations(
         np.pad(r * (m.noise / unit), [(0, 0), (0, width - r.shape[1])])
         for r, m in zip(residuals, recordings, strict=True)
     ]
-    total = sum(_repeats(f) for f in fields)
+    total = sum(_lag_one_sum(f) for f in fields)
     frames = sum(len(f) for f in fields)
     silent = Relations(
-        residual_structure.structure(residuals), unit * float(np.sqrt(max(total, 0.0) / frames)),
+        residual_autocovariance.root_autocovariance(residuals),
+        unit * float(np.sqrt(max(total, 0.0) / frames)),
         0.0, 0.0, None, (), (),
     )  # fmt: skip
-    if total <= 0.0 or silent.structure < residual_structure.chance(residuals):
+    if total <= 0.0 or silent.root_autocovariance < residual_autocovariance.chance(residuals):
         return silent
     times = [r.times[-len(f) :] for r, f in zip(recordings, fields, strict=True)]
     kept = [
-        sum(_repeats(f - _steady(f, t, degree)) for t, f in zip(times, fields, strict=True))
+        sum(_lag_one_sum(f - _steady(f, t, degree)) for t, f in zip(times, fields, strict=True))
         for degree in (0, SLOW)
     ]
     shares = [k / total for k in kept]
@@ -167,7 +168,7 @@ def relate(
     Returns:
         Relations to all inputs, those that are told first; inputs that cannot be judged.
     """
-    total = sum(_repeats(f) for f in _moving(fields, times))
+    total = sum(_lag_one_sum(f) for f in _moving(fields, times))
     judged = {i.name: b for i in varied if (b := _basis(i, times)) is not None}
     unjudged = tuple(i.name for i in varied if i.name not in judged)
     if total <= 0.0 or not judged:
@@ -254,8 +255,8 @@ def _percent(share: float) -> str:
     return f"{100.0 * share:.0f} %"
 
 
-def _repeats(field: FloatArray) -> float:
-    """Power that neighbouring frames have in common, times the frames."""
+def _lag_one_sum(field: FloatArray) -> float:
+    """Sum over frames of the products of neighbouring frames: the autocovariance times the frames."""
     if len(field) < 2:
         return float(np.sum(field**2)) - field.size
     return float(np.sum(field[1:] * field[:-1])) * len(field) / (len(field) - 1)

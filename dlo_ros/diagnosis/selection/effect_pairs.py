@@ -13,7 +13,7 @@ from dlo_ros.effects.physics.obstacle import Obstacle
 BASES = 3
 """Best single effects to which a second one is added."""
 FIRST_SHARE = 0.9
-"""Residual structure over that without the effect, below which an effect may be one of a pair."""
+"""Root autocovariance over that without the effect, below which an effect may be one of a pair."""
 
 
 def other_pegs(
@@ -36,8 +36,8 @@ def bases(singles: Sequence[Candidate], before: float) -> list[Candidate]:
     """The best effects in the form that leaves least: the clearer shows what is missing beside."""
     result: dict[str, Candidate] = {}
     for c in singles:
-        if c.structure < FIRST_SHARE * before:
+        if c.root_autocovariance < FIRST_SHARE * before:
             known = result.setdefault(c.effect, c)
-            if c.structure < known.structure:
+            if c.root_autocovariance < known.root_autocovariance:
                 result[c.effect] = c
     return list(result.values())[:BASES]

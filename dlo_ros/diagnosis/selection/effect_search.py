@@ -16,7 +16,7 @@ from dlo_ros.diagnosis.fitting.evaluation import CandidateEvaluation, earlier
 from dlo_ros.diagnosis.fitting.levenberg_marquardt import CONTINUED, attempt, fit, renewed
 from dlo_ros.diagnosis.fitting.worker_processes import Problem, Progress, Workers
 from dlo_ros.diagnosis.proposals.screening import Prospect, chosen, tried
-from dlo_ros.diagnosis.residuals import residual_structure
+from dlo_ros.diagnosis.residuals import residual_autocovariance
 from dlo_ros.effects import Start, effects
 from dlo_ros.effects.physics.obstacle import Obstacle
 from dlo_ros.inference.measured import Recording
@@ -59,15 +59,15 @@ class Candidate:
         effect: the one that was added last.
         form: see `Start`.
         at: the fit, with derivatives.
-        score: see `residual_structure.predictive_score`; lower is better.
-        structure: what repeats from frame to frame, in units of the noise.
+        score: see `residual_autocovariance.predictive_score`; lower is better.
+        root_autocovariance: of the residuals from frame to frame, in units of the noise.
     """
 
     effect: str
     form: str
     at: CandidateEvaluation
     score: float
-    structure: float
+    root_autocovariance: float
 
 
 def _fit_draft(problem: Problem, task: tuple[Model, Prospect]) -> CandidateEvaluation | None:
@@ -140,7 +140,7 @@ def search(
         before: the fitted model without them.
         prospects: see `screening.screen`.
         progress: called with what is being done and the share of it that is done.
-        enough: structure with which an effect explains the data.
+        enough: root autocovariance of the residuals with which an effect explains the data.
         thorough: whether, where none does, less promising beginnings are fitted, too, unlikely
             effects, and things in the way that make matters worse where they are tried.
     """
@@ -154,7 +154,7 @@ def search(
         likely = list(dict.fromkeys(p.start.effect for p in smooth))[:SECONDS]
         smooth = [p for p in smooth if p.start.effect in likely]
     # In a motion nothing else does as well as a peg, and derivatives beside one take long.
-    moving = sum(len(r.times) for r in problem.recordings) >= residual_structure.FEW
+    moving = sum(len(r.times) for r in problem.recordings) >= residual_autocovariance.FEW
     groups = [smooth, rough] if moving else [first]
     found: dict[tuple[str, str], Candidate] = {}
     least = np.inf
@@ -163,13 +163,13 @@ def search(
         for c in fitted:
             known = ", ".join(before.model.effects) or "nothing"
             LOG.info(
-                "%s %s beside %s: score %.1f, structure %.2f of the noise",
-                c.effect, c.form, known, c.score, c.structure,
+                "%s %s beside %s: score %.1f, root autocovariance %.2f of the noise",
+                c.effect, c.form, known, c.score, c.root_autocovariance,
             )  # fmt: skip
             key = (c.effect, c.form)
             if key not in found or c.at.cost < found[key].at.cost:
                 found[key] = c
-        if any(c.structure < enough for c in found.values()):
+        if any(c.root_autocovariance < enough for c in found.values()):
             break
     return sorted(found.values(), key=lambda c: c.score)
 
@@ -220,7 +220,8 @@ def _fitted(
     carried = _likely(drafts, noise, enough, least)
     coarse = (
         bool(carried)
-        and residual_structure.structure(drafts[carried[0]].at.residuals) > COARSE_ENOUGH * enough
+        and residual_autocovariance.root_autocovariance(drafts[carried[0]].at.residuals)
+        > COARSE_ENOUGH * enough
     )
     if coarse:
         names = [drafts[k].start.effect for k in carried]
@@ -311,7 +312,11 @@ def _promising(drafts: Sequence[_Draft], noise: float, enough: float, least: flo
     if not order:
         return []
     best = min([least, *(d.excess(noise) for d in drafts)])
-    some = 0 if residual_structure.structure(drafts[order[0]].at.residuals) < enough else CARRIED
+    some = (
+        0
+        if residual_autocovariance.root_autocovariance(drafts[order[0]].at.residuals) < enough
+        else CARRIED
+    )
     if best == least:
         some = 0
     return [
@@ -325,7 +330,10 @@ def _promising(drafts: Sequence[_Draft], noise: float, enough: float, least: flo
 def _likely(drafts: Sequence[_Draft], noise: float, enough: float, least: float) -> list[int]:
     """The drafts that are worth the fine simulation, the best of each effect first."""
     order = _promising(drafts, noise, enough, least)
-    if not order or residual_structure.structure(drafts[order[0]].at.residuals) < enough:
+    if (
+        not order
+        or residual_autocovariance.root_autocovariance(drafts[order[0]].at.residuals) < enough
+    ):
         return order
     best = min([least, *(d.excess(noise) for d in drafts)])
     near = [k for k in order if drafts[k].excess(noise) < LIKELY * best] or order[:1]
@@ -338,5 +346,7 @@ def _likely(drafts: Sequence[_Draft], noise: float, enough: float, least: float)
 
 def candidate(effect: str, form: str, at: CandidateEvaluation, given: Settings) -> Candidate:
     """Judge a fit."""
-    score = residual_structure.predictive_score(at, given)
-    return Candidate(effect, form, at, score, residual_structure.structure(at.residuals))
+    score = residual_autocovariance.predictive_score(at, given)
+    return Candidate(
+        effect, form, at, score, residual_autocovariance.root_autocovariance(at.residuals)
+    )

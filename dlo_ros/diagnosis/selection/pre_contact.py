@@ -14,7 +14,7 @@ from dlo_ros.diagnosis.fitting.levenberg_marquardt import fit
 from dlo_ros.diagnosis.fitting.worker_processes import Problem, Progress, workers
 from dlo_ros.diagnosis.proposals.candidate_effects import starts
 from dlo_ros.diagnosis.proposals.screening import screen
-from dlo_ros.diagnosis.residuals import residual_structure
+from dlo_ros.diagnosis.residuals import residual_autocovariance
 from dlo_ros.diagnosis.selection import verdict
 from dlo_ros.diagnosis.selection.effect_search import Candidate, candidate, search
 from dlo_ros.effects import nonsmooth
@@ -24,7 +24,7 @@ from dlo_ros.inference.scene import scene
 SHARES = (0.5, 0.25)
 """Shares of each recording, from its first picture, that are looked at alone."""
 CALMER = 0.5
-"""Largest residual structure of these beginnings over that of the whole."""
+"""Largest root autocovariance of the residuals of these beginnings over that of the whole."""
 ITERATIONS = 6
 MOST_EXPLANATIONS = 2
 
@@ -46,8 +46,8 @@ def alone_before(
         except SimulationError:
             return []
         at = fit(at, part.recordings, given, ITERATIONS)
-        left = residual_structure.structure(at.residuals)
-        if verdict.adequate(at.residuals) or left > CALMER * plain.structure:
+        left = residual_autocovariance.root_autocovariance(at.residuals)
+        if verdict.adequate(at.residuals) or left > CALMER * plain.root_autocovariance:
             continue
         view = scene(at.model.settings, names, at.predicted)
         begun = starts(view, (*at.model.effects, *nonsmooth()))

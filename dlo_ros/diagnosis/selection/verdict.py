@@ -14,33 +14,34 @@ from typing import Literal
 
 import numpy as np
 
-from dlo_ros.diagnosis.residuals import residual_structure
+from dlo_ros.diagnosis.residuals import residual_autocovariance
 from dlo_ros.diagnosis.selection.effect_search import Candidate
 from dlo_ros.spline import FloatArray
 
 Verdict = Literal["adequate", "explained", "unexplained"]
 
 NOTHING = 0.5
-"""Structure, in units of the noise of one frame, that counts as none: ERR rises by an eighth."""
+"""Root autocovariance of the residuals, in units of the noise of one frame, that counts as none:
+ERR rises by an eighth."""
 FAINT = 0.9
-"""Structure up to which it counts as none, too, unless one cause takes nearly all of it away: it
-raises ERR by a third, and another simulation of the same rope may differ as much."""
+"""Root autocovariance up to which it counts as none, too, unless one cause takes nearly all of it
+away: it raises ERR by a third, and another simulation of the same rope may differ as much."""
 FAINT_LEFT = 0.33
-"""Largest residual structure of the cause of a faint one, over the structure before."""
+"""Largest root autocovariance that the cause of a faint one leaves, over that before."""
 EXPLAINED = 0.75
-"""Largest residual structure of an explanation, in units of the noise of one frame; an effect that
-was added has been fitted to what it explains."""
+"""Largest root autocovariance that an explanation leaves, in units of the noise of one frame; an
+effect that was added has been fitted to what it explains."""
 SHARE_LEFT = 0.025
-"""Largest residual structure of the right cause, over the structure before: the laws of real DLOs
+"""Largest root autocovariance that the right cause leaves, over that before: the laws of real DLOs
 are not quite ours."""
 MOST_LEFT = 2.0
-"""Structure above which nothing counts as explained, whatever it was before."""
+"""Root autocovariance above which nothing counts as explained, whatever it was before."""
 AS_GOOD = 0.6
-"""Structure that one explanation may have beyond another and still rank beside it."""
+"""Root autocovariance that one explanation may have beyond another and still rank beside it."""
 SIGNIFICANT_STDS = 3.0
 """Standard errors by which one explanation must be better than another to exclude it."""
 CONFIRMED = 1.5
-"""ERR on what is kept aside, over the best one's, with which an explanation still holds."""
+"""ERR on held-out data, over the best one's, with which an explanation still holds."""
 SUSPECTED = 2.0
 """Largest ERR on held-out data, over the best one's, of a suspect where nothing explains them."""
 SUSPECTS = 8
@@ -48,13 +49,13 @@ SUSPECTS = 8
 SURE_LEFT = 0.35
 """Largest ERR over that before, of a model that explains a part for certain."""
 SURE_SHARE = 0.4
-"""ERR, and that on what is kept aside, over those of everything that lacks an effect."""
+"""ERR, and that on held-out data, over those of every model that lacks an effect."""
 TINY = 1e-12
 """ERR [m] that counts as none."""
 FORETOLD = 1.25
-"""ERR on what is kept aside, over the best one's, with which few pictures exclude nothing."""
+"""ERR on held-out data, over the best one's, up to which few pictures do not exclude a rival."""
 ALIKE = 2.0
-"""Ratio of leftover structure up to which explanations rank as alike."""
+"""Ratio of root autocovariances up to which explanations rank as alike."""
 
 
 @dataclass(frozen=True)
@@ -86,10 +87,10 @@ class Decision:
 
 
 def limit(before: float) -> float:
-    """Structure up to which an extended model explains the data.
+    """Root autocovariance of the residuals up to which an extended model explains the data.
 
     Args:
-        before: structure that the plain model leaves.
+        before: that of the plain model.
     """
     if before < FAINT:
         return FAINT_LEFT * before
@@ -97,34 +98,39 @@ def limit(before: float) -> float:
 
 
 def adequate(residuals: Sequence[FloatArray]) -> bool:
-    """Whether what the plain model leaves over is noise.
+    """Whether the residuals of the plain model are noise.
 
     Args:
-        residuals: see `residual_structure.structure`.
+        residuals: see `residual_autocovariance.root_autocovariance`.
     """
-    structure = residual_structure.structure(residuals)
-    return structure < NOTHING or (
-        excusable(residuals) and structure < residual_structure.chance(residuals)
+    root_autocovariance = residual_autocovariance.root_autocovariance(residuals)
+    return root_autocovariance < NOTHING or (
+        excusable(residuals) and root_autocovariance < residual_autocovariance.chance(residuals)
     )
 
 
 def excusable(residuals: Sequence[FloatArray]) -> bool:
-    """Whether structure may be there by chance: of many pictures the noise is known well."""
+    """Whether residuals may be correlated by chance: of many pictures the noise is known well."""
     pictures = sum(len(r) for r in residuals)
-    return pictures < residual_structure.FEW or residual_structure.structure(residuals) < FAINT
+    return (
+        pictures < residual_autocovariance.FEW
+        or residual_autocovariance.root_autocovariance(residuals) < FAINT
+    )
 
 
 def explains(candidate: Candidate, most: float) -> bool:
-    """Whether a candidate leaves little, or no more than a few pictures have by chance.
+    """Whether a candidate's residuals are little correlated, or as a few pictures' are by chance.
 
     Args:
         most: see `limit`.
     """
-    if candidate.structure <= most:
+    if candidate.root_autocovariance <= most:
         return True
     pictures = sum(len(r) for r in candidate.at.residuals)
-    few = candidate.structure <= MOST_LEFT and pictures < residual_structure.FEW
-    return few and candidate.structure < residual_structure.chance(candidate.at.residuals)
+    few = candidate.root_autocovariance <= MOST_LEFT and pictures < residual_autocovariance.FEW
+    return few and candidate.root_autocovariance < residual_autocovariance.chance(
+        candidate.at.residuals
+    )
 
 
 def best_forms(
@@ -140,7 +146,7 @@ def best_forms(
 
 
 def explanations(candidates: Sequence[Candidate], most: float) -> list[SufficientEffects]:
-    """The candidates that leave no structure, one form of each set of effects, best first."""
+    """The candidates that explain the data, one form of each set of effects, best first."""
     return [
         SufficientEffects(c.at.model.effects, c)
         for c in best_forms(candidates, lambda c: explains(c, most))
@@ -150,17 +156,17 @@ def explanations(candidates: Sequence[Candidate], most: float) -> list[Sufficien
 def sure(
     plain: Candidate,
     candidates: Sequence[Candidate],
-    kept_aside: Callable[[Candidate], float | None],
+    holdout_err: Callable[[Candidate], float | None],
 ) -> tuple[SufficientEffects, tuple[tuple[str, ...], ...]] | None:
-    """What is certain although structure remains: without it, everything is much worse.
+    """The effects of an incomplete model that are certain: every model without them is much worse.
 
-    Judged by ERR, every recording counting the same: where no model is right, what each misses is
-    no noise.
+    Judged by ERR, every recording counting the same: where no model is right, the residuals are no
+    noise.
 
     Args:
         plain: the model without any of the effects.
         candidates: all that were fitted.
-        kept_aside: see `confirmed`.
+        holdout_err: see `confirmed`.
 
     Returns:
         The best candidate with those of its effects that are certain, and of each its rivals,
@@ -170,7 +176,7 @@ def sure(
     best = min(candidates, key=_missed, default=None)
     if best is None or _missed(best) > SURE_LEFT * _missed(plain):
         return None
-    err = kept_aside(best)
+    err = holdout_err(best)
     found: dict[str, tuple[str, ...]] = {}
     for effect in best.at.model.effects:
         if effect in known:
@@ -181,7 +187,7 @@ def sure(
         if rivals is None:
             continue
         rest = [c for c in without if not set(rivals) & set(c.at.model.effects)]
-        other = kept_aside(min(rest, key=_missed))
+        other = holdout_err(min(rest, key=_missed))
         if err is not None and other is not None and err < SURE_SHARE * other:
             found[effect] = rivals
     return (SufficientEffects(tuple(found), best), tuple(found.values())) if found else None
@@ -203,19 +209,19 @@ def _stand_ins(candidates: Sequence[Candidate], not_these: set[str]) -> tuple[st
 def confirmed(
     found: Sequence[SufficientEffects],
     before: float | None,
-    kept_aside: Callable[[Candidate], float | None],
+    holdout_err: Callable[[Candidate], float | None],
     *,
     up_to: float = CONFIRMED,
 ) -> list[SufficientEffects]:
-    """Those explanations that also hold on what was kept aside.
+    """Those explanations that also hold on the held-out data.
 
     Args:
         found: explanations, best first.
         before: ERR of the plain model there [m].
-        kept_aside: ERR of a candidate there [m]; None where it cannot be simulated.
+        holdout_err: ERR of a candidate on held-out data [m]; None where it cannot be simulated.
         up_to: ERR over the least, with which one holds.
     """
-    errors = [kept_aside(e.candidate) for e in found]
+    errors = [holdout_err(e.candidate) for e in found]
     known = [e for e in (*errors, before) if e is not None]
     if not known:
         return []
@@ -224,52 +230,55 @@ def confirmed(
 
 
 def suspects(
-    candidates: Sequence[Candidate], kept_aside: Callable[[Candidate], float | None]
+    candidates: Sequence[Candidate], holdout_err: Callable[[Candidate], float | None]
 ) -> list[Candidate]:
-    """What comes nearest where nothing explains the data, best first: none of it is a finding.
+    """The candidates that come nearest where none explains the data, best first; none is a finding.
 
     Args:
         candidates: all that were fitted.
-        kept_aside: see `confirmed`.
+        holdout_err: see `confirmed`.
     """
     forms = best_forms(candidates)
     if not forms:
         return []
-    least = min(c.structure for c in forms)
-    near = [c for c in forms if c.structure < ALIKE * least][:SUSPECTS]
+    least = min(c.root_autocovariance for c in forms)
+    near = [c for c in forms if c.root_autocovariance < ALIKE * least][:SUSPECTS]
     found = [SufficientEffects(c.at.model.effects, c) for c in near]
-    held = confirmed(found, None, kept_aside, up_to=SUSPECTED)
+    held = confirmed(found, None, holdout_err, up_to=SUSPECTED)
     return [e.candidate for e in held]
 
 
 def as_good(best: Candidate, other: Candidate) -> bool:
     """Whether another explanation cannot be excluded: within the noise, or nearly so."""
-    gap = residual_structure.compare(best.at.residuals, other.at.residuals)
-    if gap.difference < SIGNIFICANT_STDS * gap.std and other.structure < ALIKE * max(
-        best.structure, AS_GOOD
+    gap = residual_autocovariance.compare(best.at.residuals, other.at.residuals)
+    if gap.difference < SIGNIFICANT_STDS * gap.std and other.root_autocovariance < ALIKE * max(
+        best.root_autocovariance, AS_GOOD
     ):
         return True
-    return other.structure**2 < max(best.structure, 0.0) ** 2 + AS_GOOD**2
+    return other.root_autocovariance**2 < max(best.root_autocovariance, 0.0) ** 2 + AS_GOOD**2
 
 
 def foretold(
     best: Candidate,
     candidates: Sequence[Candidate],
-    kept_aside: Callable[[Candidate], float | None],
+    holdout_err: Callable[[Candidate], float | None],
 ) -> list[SufficientEffects]:
-    """What predicts as well as the best although it leaves more over, where pictures are few.
+    """Explanations that predict as well as the best and fit worse, where pictures are few.
 
-    A few pictures tell little of what is noise and what is not; what was kept aside tells more.
+    A few pictures tell little about the noise; held-out data tell more.
     """
     pictures = sum(len(r) for r in best.at.residuals)
-    err = kept_aside(best)
-    if pictures >= residual_structure.FEW or err is None:
+    err = holdout_err(best)
+    if pictures >= residual_autocovariance.FEW or err is None:
         return []
 
     def as_well(c: Candidate) -> bool:
-        if len(c.at.model.effects) != len(best.at.model.effects) or c.structure >= MOST_LEFT:
+        if (
+            len(c.at.model.effects) != len(best.at.model.effects)
+            or c.root_autocovariance >= MOST_LEFT
+        ):
             return False
-        other = kept_aside(c)
+        other = holdout_err(c)
         return other is not None and other < FORETOLD * err
 
     return [SufficientEffects(c.at.model.effects, c) for c in best_forms(candidates, as_well)]

@@ -115,7 +115,7 @@ def calibrate(
     """Calibrate a camera.
 
     Views that disagree with the majority are left out, and the lens model is the one with fewest
-    coefficients whose prediction of views set aside is not worse than the best model's by more
+    coefficients whose prediction of held-out views is not worse than the best model's by more
     than the standard error of the difference.
 
     Args:

@@ -23,7 +23,7 @@ class LensScore:
 
     Args:
         lens: the model.
-        rms: reprojection error of the views set aside, only their poses fitted [px].
+        rms: reprojection error of the held-out views, only their poses fitted [px].
         worse: mean squared error above the best model's, in standard errors of that difference.
     """
 

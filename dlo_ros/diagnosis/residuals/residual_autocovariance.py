@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Whether residuals have structure, and how well a model predicts what it has not seen."""
+"""Autocovariance of residuals from frame to frame, and the predictive likelihood of a model."""
 
 from __future__ import annotations
 
@@ -24,27 +24,28 @@ BLOCKS = 6
 """Blocks of a recording over which the spread of a comparison is taken."""
 
 
-def structure(residuals: Sequence[FloatArray]) -> float:
-    """Size of what repeats from frame to frame, in units of the noise.
+def root_autocovariance(residuals: Sequence[FloatArray]) -> float:
+    """Square root of the autocovariance at a lag of one frame, in units of the noise, signed.
 
-    The product of neighbouring frames: noise that is new in every frame does not count.
+    Noise that is new in every frame does not contribute to the product of neighbouring frames. A
+    recording of one frame has none; there the variance beyond the noise takes its place.
 
     Args:
         residuals: per recording, shape (F, K).
     """
-    power, count = 0.0, 0
+    products, count = 0.0, 0
     for r in residuals:
         if len(r) > 1:
-            power += float(np.sum(r[1:] * r[:-1]))
+            products += float(np.sum(r[1:] * r[:-1]))
             count += r[1:].size
         else:
-            power += float(np.sum(r**2 - 1.0))
+            products += float(np.sum(r**2 - 1.0))
             count += r.size
-    return float(np.sign(power) * np.sqrt(abs(power) / max(count, 1)))
+    return float(np.sign(products) * np.sqrt(abs(products) / max(count, 1)))
 
 
 def chance(residuals: Sequence[FloatArray], seed: int = 0) -> float:
-    """Structure that residuals of the same size have by chance in 1 of 100 cases.
+    """The root autocovariance that residuals of the same size exceed by chance in 1 of 100 cases.
 
     The frames are given random signs: what repeats along the DLO within a frame stays. A recording
     of one frame has no neighbours; for it noise is drawn.
@@ -56,12 +57,12 @@ def chance(residuals: Sequence[FloatArray], seed: int = 0) -> float:
             return rng.normal(size=r.shape)
         return np.asarray(r * rng.choice([-1.0, 1.0], (len(r), 1)))
 
-    found = [structure([drawn(r) for r in residuals]) for _ in range(DRAWS)]
+    found = [root_autocovariance([drawn(r) for r in residuals]) for _ in range(DRAWS)]
     return float(np.percentile(found, 99.0))
 
 
 def parts(at: CandidateEvaluation) -> list[tuple[int, slice]]:
-    """What is kept aside in turn: whole recordings, or spans of time of the only one."""
+    """The parts that are held out in turn: whole recordings, or spans of time of the only one."""
     if len(at.residuals) > 1:
         return [(k, slice(None)) for k in range(len(at.residuals))]
     frames = len(at.residuals[0])
@@ -73,7 +74,7 @@ def parts(at: CandidateEvaluation) -> list[tuple[int, slice]]:
 
 
 def predictive_score(at: CandidateEvaluation, given: Settings) -> float:
-    """How badly each part is predicted from the others: minus twice the log likelihood, summed.
+    """Minus twice the log likelihood of each part as predicted from the others, summed.
 
     By the linearised model at a fit to all: leaving a part out moves the parameters by one step of
     Newton's method, and widens the prediction by what the others do not determine.
@@ -119,7 +120,7 @@ class Comparison:
 
 
 def compare(a: Sequence[FloatArray], b: Sequence[FloatArray]) -> Comparison:
-    """How much more model b leaves over than a, with the spread from block to block of time."""
+    """Squared residuals of model b minus those of a, with the spread over blocks of time."""
     gains = []
     for r, s in zip(a, b, strict=True):
         for mine, other in zip(np.array_split(r, BLOCKS), np.array_split(s, BLOCKS), strict=True):
@@ -129,15 +130,15 @@ def compare(a: Sequence[FloatArray], b: Sequence[FloatArray]) -> Comparison:
 
 def description(at: CandidateEvaluation) -> str:
     """Where and when the residual is largest, in a sentence."""
-    power = [np.mean(r**2, axis=1) for r in at.residuals]
-    k = int(np.argmax([float(np.mean(p)) for p in power]))
+    variances = [np.mean(r**2, axis=1) for r in at.residuals]
+    k = int(np.argmax([float(np.mean(v)) for v in variances]))
     half = at.residuals[k].shape[1] // 2
     along = np.mean(at.residuals[k][:, :half] ** 2, axis=0)
     place = ("near the start", "in the middle", "near the end")[
         int(np.argmax([float(np.mean(part)) for part in np.array_split(along, 3)]))
     ]
     time = ("at the beginning", "in the middle", "towards the end")[
-        int(np.argmax([float(np.sum(part)) for part in np.array_split(power[k], 3)]))
+        int(np.argmax([float(np.sum(part)) for part in np.array_split(variances[k], 3)]))
     ]
     return (
         f"The residual is largest in recording {k + 1}, {place} of the DLO, {time} of the motion."
