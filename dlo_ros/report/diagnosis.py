@@ -212,10 +212,10 @@ def _ranking(report: DiagnosisReport) -> str:
     ]
     text = paragraph(
         "Score: minus twice the log likelihood with which each part of the data is predicted from "
-        "the others (lower is better). Repeating residual: what stays the same from picture "
+        "the others (lower is better). Correlated residual: root of the autocovariance from picture "
         "to picture, over the noise."
     )
-    shown = table(["effect", "score", "repeating residual", "ERR, data not used"], rows) + text
+    shown = table(["effect", "score", "correlated residual", "ERR, data not used"], rows) + text
     return f"<details><summary>{len(rows)} candidates, the best first</summary>{shown}</details>"
 
 

@@ -256,7 +256,7 @@ def _percent(share: float) -> str:
 
 
 def _lag_one_sum(field: FloatArray) -> float:
-    """Sum over frames of the products of neighbouring frames: the autocovariance times the frames."""
+    """Sum of the products of neighbouring frames: the autocovariance times the frames."""
     if len(field) < 2:
         return float(np.sum(field**2)) - field.size
     return float(np.sum(field[1:] * field[:-1])) * len(field) / (len(field) - 1)
