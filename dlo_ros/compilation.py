@@ -3,7 +3,8 @@
 
 Each part of the kernels has files in the cache folder: a lock that the process holds that compiles
 it, its progress, and a mark that it is complete. Whoever wants a part that nobody compiles starts a
-process for it; a lock ends with its process, whatever ends that.
+process for it; a lock ends with its process, whatever ends that. `dlo_ros.compile` is the command
+of such a process.
 """
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""`python -m dlo_ros.compile [STAGE ...]`: compile the numerical kernels beforehand.
+"""The command `python -m dlo_ros.compile [STAGE ...]`: compile the numerical kernels beforehand.
 
 Nodes and tools start without a pause then. Each part runs on something small; numba keeps what it
 compiled in the cache folder. With `--worker` this process compiles by itself what no other process
-does, and ends when all is there.
+does, and ends when all is there. The work itself is in `compile_rod`, `compile_vision` and
+`compile_synthesis`; `compilation` shares it between the processes of nodes and tools.
 """
 
 from __future__ import annotations

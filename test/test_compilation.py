@@ -24,8 +24,7 @@ from dlo_ros.errors import KernelError
 from dlo_ros.kernel_cache import cache_folder, machine
 from dlo_ros.kernel_parts import STAGES, Part
 from dlo_ros.own_process import command_of
-from dlo_ros.synthesis import compile as synthesis
-from dlo_ros.synthesis import rod_simulation, rod_steps
+from dlo_ros.synthesis import compile_synthesis, rod_simulation, rod_steps
 
 PATIENCE = 60.0  # [s], beside other tests
 STAND_IN = """
@@ -405,7 +404,7 @@ def test_simulated_experiments_are_compiled_with_their_steps_of_time(monkeypatch
         return rod_steps.minimise(*words)
 
     monkeypatch.setattr(rod_simulation, "minimise", minimise)
-    synthesis.compile_kernels()
+    compile_synthesis.compile_kernels()
     assert steps
 
 

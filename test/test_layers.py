@@ -55,7 +55,7 @@ INSIDE = {
         ("initial_state", "protocol"),
         ("simulation_batch", "difference_quotients"),
         ("simulation",),
-        ("model_registry", "compile"),
+        ("model_registry", "compile_rod"),
         ("motion_rehearsal",),
         ("live_simulation",),
         ("__init__",),
@@ -67,7 +67,7 @@ INSIDE = {
         ("fit",),
         ("photograph", "planar_result", "predictions"),
         ("overlay", "planar_observer"),
-        ("compile", "contact_sheet", "space"),
+        ("compile_vision", "contact_sheet", "space"),
         ("points",),
         ("__init__",),
     ),
@@ -92,8 +92,8 @@ INSIDE_LEVEL = {
     part: {name: level for level, names in enumerate(layers) for name in names}
     for part, layers in INSIDE.items()
 }
-TWINS = {"__init__", "__main__", "compile"}
-"""Names of modules that several parts have, since each has the same of its own."""
+TWINS = {"__init__", "__main__"}
+"""Names that Python itself gives, which every part may have."""
 MODULES = sorted(PACKAGE.rglob("*.py"))
 
 

@@ -30,7 +30,7 @@ from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.read import read_recording
 from dlo_ros.rod.boundary.shape_orientation import all_along, runs_backwards
-from dlo_ros.rod.compile import compile_kernels
+from dlo_ros.rod.compile_rod import compile_kernels
 from dlo_ros.spline import FloatArray
 
 LOG = logging.getLogger(__name__)

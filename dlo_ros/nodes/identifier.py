@@ -32,7 +32,7 @@ from dlo_ros.recordings import topics
 from dlo_ros.recordings.building import float_message
 from dlo_ros.recordings.messages import read_observation, read_points, read_spline, stamp_of
 from dlo_ros.rod.boundary.shape_orientation import along
-from dlo_ros.rod.compile import compile_kernels
+from dlo_ros.rod.compile_rod import compile_kernels
 from dlo_ros.spline import SplineBasis
 
 PATIENCE = 0.1

@@ -30,7 +30,7 @@ from dlo_ros.recordings.images import CameraInfo, Image, read_camera_info, read_
 from dlo_ros.recordings.messages import read_spline, stamp_of
 from dlo_ros.spline import FloatArray
 from dlo_ros.vision.camera.pinhole import Camera
-from dlo_ros.vision.compile import compile_kernels
+from dlo_ros.vision.compile_vision import compile_kernels
 from dlo_ros.vision.fit.control_point_count import enough_control_points, follows, misfit
 from dlo_ros.vision.overlay import draw_overlay
 from dlo_ros.vision.planar_observer import Observer

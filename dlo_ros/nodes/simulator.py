@@ -23,7 +23,7 @@ from dlo_ros.recordings import topics
 from dlo_ros.recordings.building import spline_message
 from dlo_ros.recordings.messages import read_observation
 from dlo_ros.rod.boundary.shape_orientation import all_along
-from dlo_ros.rod.compile import compile_kernels
+from dlo_ros.rod.compile_rod import compile_kernels
 from dlo_ros.rod.live_simulation import LiveSimulation
 
 WINDOW = 1.0

@@ -1,7 +1,7 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Compiles the numba kernels of the vision stage into the cache, so that no node waits for it.
 
-python -m dlo_ros.vision.compile
+python -m dlo_ros.vision.compile_vision
 """
 
 from __future__ import annotations
