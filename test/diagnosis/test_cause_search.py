@@ -73,25 +73,25 @@ def test_the_peg_that_explains_most_is_where_the_search_begins(monkeypatch):
     """Unless predictions come no nearer, or it gains too little."""
     peg = {"x": 0.1, "z": -0.1, "radius": 0.01}
     before = ParametricModel(PAPER, material_priors(PAPER))
-    hits = [
+    pegs = [
         PegBesideSetUp(
             before, Start("obstacle", {**peg, "x": x}, (), tuple(peg), neutral=False, form=f"{x}")
         )
         for x in (0.1, 0.2, 0.3)
     ]
 
-    def met(evidences, errs):
+    def first_peg(evidences, errs):
         fits = dict(zip((0.1, 0.2, 0.3), zip(evidences, errs, strict=True), strict=True))
         monkeypatch.setattr(
             cause_search, "fitted",
             lambda model, _: evaluation(*fits[model.settings.effects["obstacle"]["x"]]),
         )  # fmt: skip
-        found = cause_search.best_hit(evaluation(0.0, 2e-3), (), hits)
+        found = cause_search.best_peg(evaluation(0.0, 2e-3), (), pegs)
         return found and found[1].form
 
-    assert met((9.0, 20.0, 30.0), (1e-3, 1e-3, 4e-3)) == "0.2"
-    assert met((1.0, 2.0, 2.5), (1e-3,) * 3) is None
-    assert cause_search.best_hit(evaluation(0.0, 2e-3), (), ()) is None
+    assert first_peg((9.0, 20.0, 30.0), (1e-3, 1e-3, 4e-3)) == "0.2"
+    assert first_peg((1.0, 2.0, 2.5), (1e-3,) * 3) is None
+    assert cause_search.best_peg(evaluation(0.0, 2e-3), (), ()) is None
 
 
 def test_the_size_of_what_begins_at_a_finite_one_is_looked_for(monkeypatch):

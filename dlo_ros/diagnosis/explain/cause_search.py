@@ -115,18 +115,20 @@ class Search:
     offer: Offer | None
 
 
-def best_hit(
-    at: Evaluation, recordings: Sequence[Recording], hits: Sequence[PegBesideSetUp]
+def best_peg(
+    at: Evaluation, recordings: Sequence[Recording], pegs: Sequence[PegBesideSetUp]
 ) -> tuple[Evaluation, Proposal] | None:
-    """The fit with the peg that explains most, from what was right before it was hit.
+    """The fit with the peg that explains most; each starts from the fit before the impact.
 
     Args:
-        at: the joint model without a peg, fitted to the same recordings, perhaps in another valley.
+        at: the joint model without a peg, fitted to the same recordings, perhaps in another
+            minimum.
+        pegs: candidates, with the model as it was before the impact.
     """
     found = []
-    for hit in hits:
-        proposal = proposal_of(hit.before.settings, hit.peg)
-        model, _ = with_sheet(hit.before, [proposal])
+    for candidate in pegs:
+        proposal = proposal_of(candidate.before.settings, candidate.peg)
+        model, _ = with_sheet(candidate.before, [proposal])
         here = fitted(model, recordings)
         if here is not None and here.mean_err < at.mean_err:
             found.append((here, proposal))
@@ -137,7 +139,7 @@ def best_hit(
 
 def search(
     at: Evaluation, recordings: Sequence[Recording], begun: Sequence[Start], enough: float,
-    met: tuple[Evaluation, Proposal] | None = None,
+    first_peg: tuple[Evaluation, Proposal] | None = None,
 ) -> Search:  # fmt: skip
     """Add causes one by one, that which raises the log evidence most first.
 
@@ -148,16 +150,16 @@ def search(
         at: the joint model with its set-up within tolerance, fitted.
         begun: effects that might be added, where they are looked for.
         enough: ERR [m] below which nothing is looked for.
-        met: what the DLO has hit, see `best_hit`.
+        first_peg: the fit with a peg that the DLO has hit, and the peg; see `best_peg`.
     """
     causes: list[Proposal] = []
     dropped: set[str] = set()
     trace: list[Step] = []
     offer: Offer | None = None
-    if met is not None:
-        gain = met[0].posterior.evidence - at.posterior.evidence
-        at, causes = met[0], [met[1]]
-        trace.append(Step(1, met[1].label, gain, at.mean_err, "added"))
+    if first_peg is not None:
+        gain = first_peg[0].posterior.evidence - at.posterior.evidence
+        at, causes = first_peg[0], [first_peg[1]]
+        trace.append(Step(1, first_peg[1].label, gain, at.mean_err, "added"))
         _tell(trace)
     while len(causes) < MOST_CAUSES and at.mean_err > enough:
         known = {c.label for c in causes} | {c.effect for c in causes if c.start is not None}

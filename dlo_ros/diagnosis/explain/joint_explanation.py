@@ -14,7 +14,7 @@ from dlo_ros.diagnosis.explain.cause_search import (
     Offer,
     Search,
     Step,
-    best_hit,
+    best_peg,
     fitted,
     linear_loss,
     offered,
@@ -147,21 +147,21 @@ def prepare(recordings: Sequence[Recording], plain: Settings, given: Settings) -
 
 
 def explain(
-    prepared: Prepared, given: Settings, hits: Sequence[PegBesideSetUp] = ()
+    prepared: Prepared, given: Settings, pegs: Sequence[PegBesideSetUp] = ()
 ) -> Explanation:
     """Look for causes beyond a set-up.
 
     Args:
         given: the parameter file.
-        hits: pegs that the DLO may have hit.
+        pegs: those that the DLO may have hit.
 
     Raises:
         SimulationError: the joint model cannot be simulated.
     """
     recordings = prepared.recordings
     begun = starts(prepared.scene)
-    met = best_hit(prepared.setup, recordings, hits)
-    found = search(prepared.setup, recordings, begun, material_err(0.0, given), met)
+    first_peg = best_peg(prepared.setup, recordings, pegs)
+    found = search(prepared.setup, recordings, begun, material_err(0.0, given), first_peg)
     # Judged in the end: what a cause does to a DLO looks like an error of the camera before.
     own = own_err(found.at, recordings)
     matters = material_err(own, given)

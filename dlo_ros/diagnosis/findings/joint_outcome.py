@@ -127,7 +127,7 @@ def training_set(
 
 
 def learn(
-    training: TrainingSet, given: Settings, hits: Sequence[PegBesideSetUp] = ()
+    training: TrainingSet, given: Settings, pegs: Sequence[PegBesideSetUp] = ()
 ) -> Learned | None:
     """Explain what is not held out; None where the joint model cannot be simulated.
 
@@ -136,13 +136,13 @@ def learn(
 
     Args:
         given: the parameter file.
-        hits: pegs that the DLO may have hit.
+        pegs: those that the DLO may have hit.
     """
     recordings, count, held_out = training.recordings, training.count, training.held_out
     frames = [len(r.times) for r in recordings]
     masks = [np.full(f, k >= count or k == held_out) for k, f in enumerate(frames)]
     try:
-        found = explain(training.prepared, given, hits)
+        found = explain(training.prepared, given, pegs)
         foretelling = found.at
         if len(recordings) == count and held_out is None and min(frames) >= FEWEST:
             masks = [np.arange(f) >= (holdout.TRAINED + 0.1) * (f - 1) for f in frames]
@@ -155,7 +155,7 @@ def learn(
 
 
 def surprising(training: TrainingSet, learned: Learned) -> bool:
-    """Whether the recording that is held out shows a cause that the others do not, such as a hit.
+    """Whether the held-out recording shows a cause that the others do not, such as an impact.
 
     It is then needed to find causes.
     """

@@ -29,7 +29,7 @@ COARSE = 0.01
 TINY = 1e-200
 POLISH = 3
 NONSMOOTH_POLISH = 6
-DAMPING = 1e-4
+MARQUARDT_DAMPING = 1e-4
 CONTINUED = 1e-7
 """Marquardt's damping of a fit at first, and of one that is continued."""
 UNDAMPED = 1e-9
@@ -133,7 +133,7 @@ def bounded(model: Model, hessian: FloatArray, gradient: FloatArray) -> FloatArr
 
 def fit(
     start: CandidateEvaluation, recordings: Sequence[Recording], given: Settings,
-    iterations: int, *, exact: bool = False, damping: float = DAMPING,
+    iterations: int, *, exact: bool = False, damping: float = MARQUARDT_DAMPING,
 ) -> CandidateEvaluation:  # fmt: skip
     """Levenberg-Marquardt from an evaluation with derivatives.
 
@@ -229,7 +229,7 @@ def renewed(
 
 def attempt(
     model: Model, recordings: Sequence[Recording], given: Settings, iterations: int, *,
-    damping: float = DAMPING,
+    damping: float = MARQUARDT_DAMPING,
 ) -> CandidateEvaluation | None:  # fmt: skip
     """A fit that begins with a model; None where that cannot be simulated."""
     try:
@@ -247,7 +247,7 @@ def polished(
     Of nonsmooth effects there are none; their fit goes on as it was, with the fine simulation.
     """
     nonsmooth = not is_differentiable(at.model)
-    iterations, damping = (NONSMOOTH_POLISH, DAMPING) if nonsmooth else (POLISH, UNDAMPED)
+    iterations, damping = (NONSMOOTH_POLISH, MARQUARDT_DAMPING) if nonsmooth else (POLISH, UNDAMPED)
     try:
         here = evaluate(at.model, recordings, given, exact=not nonsmooth)
     except SimulationError:

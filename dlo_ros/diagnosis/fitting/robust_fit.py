@@ -37,7 +37,7 @@ ITERATIONS = 8
 TRIES = 4
 SHORTER = 0.3
 SETTLED = 0.01
-DAMPING = 1e-4
+MARQUARDT_DAMPING = 1e-4
 FIRST_PARTS = (1.0, 0.12, 0.25, 0.5)
 """Shares of each recording, from its beginning, that are fitted first: before anything was hit."""
 LEAST_FRAMES = 5
@@ -75,7 +75,7 @@ def _improved(
 ) -> CandidateEvaluation | None:  # fmt: skip
     """One iteration; None where no step makes it better."""
     equations = _weighted(at, given, typical, strict)
-    lhs = equations.hessian + DAMPING * np.diag(np.diag(equations.hessian))
+    lhs = equations.hessian + MARQUARDT_DAMPING * np.diag(np.diag(equations.hessian))
     step = bounded(at.model, lhs, equations.gradient)
     before = loss(at, typical, strict=strict)
     for _ in range(TRIES):
