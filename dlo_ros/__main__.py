@@ -13,10 +13,10 @@ import sys
 from collections.abc import Sequence
 from types import FrameType
 
+from dlo_ros.errors import EXIT_DONE, EXIT_INTERRUPTED
+
 NODES = ("observer", "simulator", "identifier")
 """Executables that Ctrl-C ends as intended: exit status 0, as `ros2 launch` expects it."""
-
-INTERRUPTED = 130
 
 
 def run(arguments: Sequence[str] | None = None) -> int:
@@ -32,7 +32,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
     is_node = bool(words) and words[0] in NODES
 
     def leave(number: int, frame: FrameType | None) -> None:
-        os._exit(0 if is_node else INTERRUPTED)
+        os._exit(EXIT_DONE if is_node else EXIT_INTERRUPTED)
 
     signal.signal(signal.SIGINT, leave)
     from dlo_ros.cli.main import main

@@ -4,6 +4,10 @@
 Every message is one line for a person: which input, what is wrong with it, what would be right.
 """
 
+EXIT_DONE, EXIT_FAILED, EXIT_UNUSABLE, EXIT_INTERRUPTED = 0, 1, 2, 130
+"""Exit statuses of every executable: done, a defect or something wrong, an input that cannot be
+used, ended by Ctrl-C."""
+
 
 class DloError(Exception):
     """Root of all errors that the package raises on purpose."""

@@ -15,7 +15,7 @@ from vision_scenes import bow
 from dlo_ros.parameters import DampingParameters, RodParameters
 from dlo_ros.synthesis import render_kernels
 from dlo_ros.synthesis.discrete_rod import DiscreteRod
-from dlo_ros.synthesis.rod_simulation import ImposedNodes, Simulation
+from dlo_ros.synthesis.rod_simulation import DiscreteRodSimulation, ImposedNodes
 
 ROPE = RodParameters(length=0.4, diameter=0.004, young_modulus=5e7, density=2500.0)
 DAMPING = DampingParameters(air_drag=0.05, relaxation_time=0.002)
@@ -43,7 +43,7 @@ def motions() -> dict[str, list]:
     for name, values in CHANGES.items():
         rod = replace(plain, **values)
         level = np.column_stack([rod.u, np.zeros(len(rod.u))])
-        simulation = Simulation(rod, lifted, level, step=2e-3)
+        simulation = DiscreteRodSimulation(rod, lifted, level, step=2e-3)
         settled = simulation.settle().copy()
         result[name] = [settled.tolist(), simulation.advance(0.02).tolist()]
     return result

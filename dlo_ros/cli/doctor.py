@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from dlo_ros import __version__
 from dlo_ros.doctor import environment, installation
 from dlo_ros.doctor.finding import Finding, Level, page, warning, worst, wrong
-from dlo_ros.errors import InputError, KernelError
+from dlo_ros.errors import EXIT_DONE, EXIT_FAILED, InputError, KernelError
 
 if TYPE_CHECKING:
     from dlo_ros.doctor.graph import Graph
@@ -20,7 +20,6 @@ SECONDS = 5.0
 """Seconds of looking at the graph: discovery may take three, diagnostics come once a second."""
 
 MOST_SECONDS = 600.0
-FAILED = 1
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -53,7 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
     sections = examine(arguments.params, arguments.seconds)
     print(page(f"dlo_ros {__version__} doctor", sections))
     level = worst(finding for section in sections.values() for finding in section)
-    return FAILED if level == Level.WRONG else 0
+    return EXIT_FAILED if level == Level.WRONG else EXIT_DONE
 
 
 def examine(params: Path | None, seconds: float) -> dict[str, list[Finding]]:

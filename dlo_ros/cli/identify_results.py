@@ -27,13 +27,13 @@ from dlo_ros.report import (
     ShapeFrame,
 )
 from dlo_ros.report.elements import measured, number
+from dlo_ros.report.shape_player import MOST_FRAMES
 from dlo_ros.report.uncertainty import Ellipse, ResidualMap
 from dlo_ros.rod.sensitivity_parameters import MATERIAL
 from dlo_ros.spline import FloatArray, SplineBasis
 
 ROLES = {"train": "used for the fit", "validate": "not used"}
 CLEARLY = 2.0  # standard deviations from neutral, from which a number of the set-up is told
-MOST_FRAMES = 60  # of a recording in the report
 PLACES = 24  # along the DLO, in the map of residuals
 MISSED = 2.0  # ERR over the noise floor beyond which the model misses something
 WIDEST = 0.5  # relative standard deviation up to which an ellipse is drawn

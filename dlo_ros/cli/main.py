@@ -21,13 +21,14 @@ from types import FrameType
 
 from dlo_ros import __version__
 from dlo_ros.dependencies import missing
-from dlo_ros.errors import DloError
+from dlo_ros.errors import (
+    EXIT_DONE,
+    EXIT_FAILED,
+    EXIT_INTERRUPTED,
+    EXIT_UNUSABLE,
+    DloError,
+)
 from dlo_ros.logs import HELP, OPTION, chosen, terminal_logging
-
-DONE = 0
-FAILED = 1
-UNUSABLE = 2
-INTERRUPTED = 130
 
 DEBUG_VARIABLE = "DLO_ROS_DEBUG"
 
@@ -162,20 +163,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         # The reader of a pipe (`| head`) has left; Python must not complain at exit either.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return DONE
+        return EXIT_DONE
 
 
 def _choose(words: list[str]) -> int:
     if not words or words[0] in ("-h", "--help"):
         print(overview())
-        return DONE if words else UNUSABLE
+        return EXIT_DONE if words else EXIT_UNUSABLE
     if words[0] == "--version":
         print(f"dlo_ros {__version__}")
-        return DONE
+        return EXIT_DONE
     chosen = next((e for e in EXECUTABLES if e.name == words[0]), None)
     if chosen is None:
         print(f"dlo_ros: '{words[0]}' is unknown; choose from {', '.join(NAMES)}", file=sys.stderr)
-        return UNUSABLE
+        return EXIT_UNUSABLE
     return _guarded(chosen, words[1:])
 
 
@@ -201,19 +202,19 @@ def _guarded(executable: Executable, words: list[str]) -> int:
     try:
         return _run_node(executable, words) if executable.node else _run_tool(executable, words)
     except DloError as err:
-        return _complain(name, str(err), UNUSABLE)
+        return _complain(name, str(err), EXIT_UNUSABLE)
     except KeyboardInterrupt:
-        return DONE if executable.node else INTERRUPTED
+        return EXIT_DONE if executable.node else EXIT_INTERRUPTED
     except ModuleNotFoundError as err:
         message = missing(err.name or "")
         if message is None:
             return _defect(name, err)
-        return _complain(name, message, UNUSABLE)
+        return _complain(name, message, EXIT_UNUSABLE)
     except BrokenPipeError:
         raise
     except OSError as err:
         where = f"{err.filename}: " if err.filename else ""
-        return _complain(name, f"{where}{err.strerror or err}", UNUSABLE)
+        return _complain(name, f"{where}{err.strerror or err}", EXIT_UNUSABLE)
     except Exception as err:
         return _defect(name, err)
 
@@ -222,7 +223,7 @@ def _defect(name: str, err: Exception) -> int:
     if os.environ.get(DEBUG_VARIABLE):
         traceback.print_exception(err)
     hint = f"this is a defect of dlo_ros; {DEBUG_VARIABLE}=1 shows where"
-    return _complain(name, f"{type(err).__name__}: {err} ({hint})", FAILED)
+    return _complain(name, f"{type(err).__name__}: {err} ({hint})", EXIT_FAILED)
 
 
 def _complain(name: str, message: str, status: int) -> int:
@@ -273,7 +274,7 @@ def _run_node(executable: Executable, words: list[str]) -> int:
     own = words[: words.index("--ros-args")] if "--ros-args" in words else words
     if "-h" in own or "--help" in own:
         parser_of(executable).print_help()
-        return DONE
+        return EXIT_DONE
     # While the libraries load there is nothing to end in order; the node takes over from here.
     before = {n: signal.signal(n, _leave) for n in (signal.SIGINT, signal.SIGTERM)}
     try:
@@ -307,12 +308,12 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
 
 def _leave(number: int, frame: FrameType | None) -> None:
     """End at once, as somebody asked for."""
-    os._exit(DONE)
+    os._exit(EXIT_DONE)
 
 
 def _stop(number: int, frame: FrameType | None) -> None:
     """End at once; raised within an import, an interrupt surfaces as whatever it met there."""
-    os._exit(INTERRUPTED)
+    os._exit(EXIT_INTERRUPTED)
 
 
 if __name__ == "__main__":

@@ -10,10 +10,9 @@ from rich.live import Live
 from rich.progress_bar import ProgressBar
 from rich.table import Table
 
+from dlo_ros.command import NANOSECONDS
 from dlo_ros.demo.result import with_std
 from dlo_ros.nodes.received_data import QUANTITIES, SYMBOLS, ReceivedData
-
-NANOSECONDS = 1_000_000_000
 
 
 class Progress:

@@ -11,7 +11,7 @@ import numpy as np
 
 from dlo_ros.effects import Body, Effect, build
 from dlo_ros.parameters import EFFECTS_PREFIX, Settings
-from dlo_ros.rod.model import STANDARD_GRAVITY
+from dlo_ros.rod_settings import STANDARD_GRAVITY
 from dlo_ros.spline import SplineBasis
 
 

@@ -22,7 +22,7 @@ LONGEST_STEP, LONGER = 1.5, 2.0
 """Change of a parameter in the first iteration, in prior standard deviations or logarithms, and by
 what it may grow where the gain was foretold."""
 TRIES = 6
-DAMPING, HARDER, EASIER = 1e-4, 30.0, 0.1
+MARQUARDT_DAMPING, HARDER, EASIER = 1e-4, 30.0, 0.1
 """Marquardt's damping at first, and what a failed and a good step make of it."""
 GOOD, POOR = 0.75, 0.25
 """Gain over the expected one, above and below which the damping is eased and made harder."""
@@ -210,7 +210,7 @@ def fit(
             take for an error of the model what its parameters can explain.
         fresh: whether the derivatives are those of the start, not borrowed.
     """
-    at, way, secants = start, _Way(DAMPING, LONGEST_STEP), 0
+    at, way, secants = start, _Way(MARQUARDT_DAMPING, LONGEST_STEP), 0
     for _ in range(iterations):
         found = _improved(at, recordings, way, white, TRIES if fresh else 1)
         way, sure = found.way, fresh or found.foretold

@@ -23,7 +23,7 @@ UNIFORM = 12.0**-0.5
 DIAMETER_STD = 0.02
 """Standard deviation over the diameter of a set-up as people build it, where `rod.diameter_std`
 states none; shapes tell E D^2 / mu."""
-MATERIAL: dict[str, tuple[str, float, float, float]] = {
+MATERIAL_RANGES: dict[str, tuple[str, float, float, float]] = {
     "young_modulus": ("Pa", 50.0, 1e3, 1e12),
     "density": ("kg/m^3", 2.0, 1.0, 1e5),
     "air_drag": ("N s/m^2", 3.0, 1e-9, 1e3),
@@ -39,7 +39,7 @@ def material_priors(given: Settings) -> tuple[Parameter, ...]:
         given: the parameter file.
     """
     result = []
-    for name, (unit, factor, lower, upper) in MATERIAL.items():
+    for name, (unit, factor, lower, upper) in MATERIAL_RANGES.items():
         block: Any = given.rod if name in ("young_modulus", "density") else given.damping
         value = float(getattr(block, name))
         if value <= 0.0:

@@ -23,12 +23,10 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
-from dlo_ros.errors import DloError
+from dlo_ros.errors import EXIT_DONE, EXIT_UNUSABLE, DloError
 from dlo_ros.logs import PACKAGE, WARNINGS, LogChoice, chosen, package_logging, without_option
 from dlo_ros.parameter_file import parameter_blocks
 
-DONE = 0
-UNUSABLE = 2
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
@@ -104,7 +102,7 @@ class Stop:
             raise KeyboardInterrupt
         if self.building:
             # Compiling takes long, and there is nothing yet that could be lost.
-            patience = threading.Timer(PATIENCE, os._exit, (DONE,))
+            patience = threading.Timer(PATIENCE, os._exit, (EXIT_DONE,))
             patience.daemon = True
             patience.start()
 
@@ -200,7 +198,7 @@ def run(name: str, make: Callable[[], Any], arguments: Sequence[str] | None = No
                 with suppress(Exception):
                     node.destroy_node()
     except KeyboardInterrupt:
-        return DONE
+        return EXIT_DONE
     except DloError as err:
         return complain(name, str(err))
     except Exception as err:
@@ -209,10 +207,10 @@ def run(name: str, make: Callable[[], Any], arguments: Sequence[str] | None = No
             raise
         remedy = "; set ROS_LOG_DIR to a folder that can be written" if LOG in str(err) else ""
         return complain(name, f"{err}{remedy}")
-    return DONE
+    return EXIT_DONE
 
 
 def complain(name: str, message: str) -> int:
     """Write one line to stderr; returns the exit status that goes with it."""
     print(f"dlo_ros {name}: {' '.join(message.split())}", file=sys.stderr)
-    return UNUSABLE
+    return EXIT_UNUSABLE

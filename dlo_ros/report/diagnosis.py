@@ -212,8 +212,8 @@ def _ranking(report: DiagnosisReport) -> str:
     ]
     text = paragraph(
         "Score: minus twice the log likelihood with which each part of the data is predicted from "
-        "the others (lower is better). Correlated residual: root of the autocovariance from picture "
-        "to picture, over the noise."
+        "the others (lower is better). Correlated residual: root of the autocovariance from "
+        "picture to picture, over the noise."
     )
     shown = table(["effect", "score", "correlated residual", "ERR, data not used"], rows) + text
     return f"<details><summary>{len(rows)} candidates, the best first</summary>{shown}</details>"

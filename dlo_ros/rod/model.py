@@ -20,7 +20,7 @@ from dlo_ros.rod.elements.rod_tables import (
     Surroundings,
 )
 from dlo_ros.rod.elements.strains import span_twist
-from dlo_ros.rod_settings import RodSettings
+from dlo_ros.rod_settings import STANDARD_GRAVITY, RodSettings
 from dlo_ros.spline import FloatArray, SplineBasis
 
 CONTACTS = 8  # points of a knot span at which contact is looked for
@@ -29,7 +29,6 @@ CREEP = 3e-5  # of L: displacement at which friction acts fully
 INACTIVE = 9e5  # [1/m] curvatures that no DLO reaches
 # What depends on basis and ends alone.
 DISCRETISATION = ("rule", "points", "gram", "basis_slope", "basis_curvature", "twist_fit")
-STANDARD_GRAVITY = 9.81  # [m/s^2]
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,7 @@ from dlo_ros.errors import InputError
 from dlo_ros.parameters import DampingParameters, RodParameters
 from dlo_ros.spline import FloatArray
 from dlo_ros.synthesis.rod_laws import BendingLaw, Contact, Friction, Wind
-from dlo_ros.synthesis.rod_steps import Potential, evaluate
+from dlo_ros.synthesis.rod_steps import PlanarPotential, evaluate
 
 PENETRATION = 1e-5
 """How deep a force of `DiscreteRod.usual_force` presses the DLO into a peg [m]."""
@@ -265,7 +265,7 @@ class DiscreteRod:
         clamps: FloatArray,
         *,
         law: BendingLaw | None = None,
-    ) -> Potential:
+    ) -> PlanarPotential:
         """What an equilibrium minimises: no inertia, no friction.
 
         Args:
@@ -273,7 +273,7 @@ class DiscreteRod:
             clamps: imposed directions [rad], NaN where free, shape (2,).
             law: of bending with its history; otherwise without any.
         """
-        return Potential(
+        return PlanarPotential(
             held=held,
             lengths=self.lengths,
             clamps=clamps,

@@ -66,7 +66,7 @@ START_STAMP = 1_760_000_000 * NANOSECONDS
 
 FOLDER = "config/experiments"
 
-EFFECTS = EFFECTS_PREFIX.rstrip(".")
+EFFECTS_KEY = EFFECTS_PREFIX.rstrip(".")
 
 ANGLES = ("angle", "swing", "turn")  # of a clamp: about its y, then z, then x axis
 
@@ -166,7 +166,7 @@ def read_experiment(tree: Any, name: str, where: str) -> Experiment:
     given = top.required("parameters", "the rope's true parameters")
     parameters = _flat(_without_effects(given), where)
     override = _flat(top.raw("guess", {}), where)
-    effects = given.get(EFFECTS) if isinstance(given, Mapping) else None
+    effects = given.get(EFFECTS_KEY) if isinstance(given, Mapping) else None
     try:
         truth = Settings.from_mapping(parameters)
         guess = Settings.from_mapping({**parameters, **override})
@@ -183,7 +183,7 @@ def read_experiment(tree: Any, name: str, where: str) -> Experiment:
         look=_finished(Look.read, top.block("look")),
         measurement=_finished(Measurement.read, top.block("measurement")),
         hidden=Hidden(
-            effects=read_effects(effects, f"{where}: {EFFECTS}"),
+            effects=read_effects(effects, f"{where}: {EFFECTS_KEY}"),
             foreign=read_effects(top.raw("foreign"), f"{where}: foreign", FOREIGN),
         ),
         cameras=_cameras(top),
@@ -263,7 +263,7 @@ def _flat(block: Any, where: str, prefix: str = "") -> dict[str, Any]:
 def _without_effects(block: Any) -> Any:
     if not isinstance(block, Mapping):
         return block
-    return {key: value for key, value in block.items() if key != EFFECTS}
+    return {key: value for key, value in block.items() if key != EFFECTS_KEY}
 
 
 def _check_effects(experiment: Experiment, where: str) -> None:

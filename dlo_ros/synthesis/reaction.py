@@ -20,8 +20,8 @@ from dlo_ros.spline import FloatArray
 from dlo_ros.synthesis import spatial_energy
 from dlo_ros.synthesis.experiment import START_STAMP
 from dlo_ros.synthesis.rod_kernels import BANDS, elastic
-from dlo_ros.synthesis.rod_simulation import Simulation
-from dlo_ros.synthesis.rod_steps import Potential, evaluate
+from dlo_ros.synthesis.rod_simulation import DiscreteRodSimulation
+from dlo_ros.synthesis.rod_steps import PlanarPotential, evaluate
 from dlo_ros.synthesis.spatial_simulation import SpatialSimulation
 from dlo_ros.synthesis.truth import Truth, simulate
 from dlo_ros.synthesis.wrench_sensor import WrenchSensor
@@ -32,7 +32,7 @@ WITHIN = 5e-3
 """Time to either side over which a tool's acceleration is taken [s]."""
 
 
-def reactions(simulation: Simulation | SpatialSimulation) -> Mapping[str, FloatArray]:
+def reactions(simulation: DiscreteRodSimulation | SpatialSimulation) -> Mapping[str, FloatArray]:
     """What the grips at the ends of a rod exert on it at its present instant.
 
     Returns:
@@ -55,7 +55,7 @@ Torque = Callable[[int], FloatArray]
 """Torque (3,) [N m] of the clamp at the start (0) or the end (1)."""
 
 
-def _in_plane(simulation: Simulation) -> tuple[FloatArray, Torque]:
+def _in_plane(simulation: DiscreteRodSimulation) -> tuple[FloatArray, Torque]:
     """Forces on the nodes (N + 1, 3) with nothing held, and torques, of a planar rod."""
     x, potential = simulation.x, simulation.potential
     free = potential._replace(held=np.zeros_like(potential.held))
@@ -76,7 +76,7 @@ def _in_space(simulation: SpatialSimulation) -> tuple[FloatArray, Torque]:
         held = Rotation.from_rotvec(turn).as_matrix()
         tangent, director = potential.ends.tangent.copy(), potential.ends.director.copy()
         tangent[end], director[end] = held @ tangent[end], held @ director[end]
-        turned = potential._replace(ends=spatial_energy.Ends(tangent, director))
+        turned = potential._replace(ends=spatial_energy.EndFrames(tangent, director))
         return spatial_energy.evaluate(shape, spin, turned, slopes=False)[0]
 
     def torque(end: int) -> FloatArray:
@@ -88,7 +88,7 @@ def _in_space(simulation: SpatialSimulation) -> tuple[FloatArray, Torque]:
     return gradient.reshape(len(shape.x), -1)[:, :3], torque
 
 
-def _torque(x: FloatArray, p: Potential, end: int) -> float:
+def _torque(x: FloatArray, p: PlanarPotential, end: int) -> float:
     """Torque of the clamp at the start (0) or the end (1) [N m]; 0 where the DLO may turn there."""
     if np.isnan(p.clamps[end]):
         return 0.0
@@ -141,8 +141,8 @@ def measured(
 
 
 def record(
-    sensor: WrenchSensor, simulation: Simulation | SpatialSimulation, stamps: Sequence[int],
-    length: float, seed: int,
+    sensor: WrenchSensor, simulation: DiscreteRodSimulation | SpatialSimulation,
+    stamps: Sequence[int], length: float, seed: int,
 ) -> tuple[Truth, list[Wrenches]]:  # fmt: skip
     """Run a settled simulation over the stamps of images, and measure at the grips.
 
@@ -174,7 +174,7 @@ def record(
 
 
 def _acceleration(
-    simulation: Simulation | SpatialSimulation, node: int, stamps: Sequence[int]
+    simulation: DiscreteRodSimulation | SpatialSimulation, node: int, stamps: Sequence[int]
 ) -> FloatArray:
     """Of an imposed node [m/s^2], shape (T, 3)."""
     places = []

@@ -4,7 +4,8 @@
 Time stepping is BDF2 with Newton's method on the exact Hessian of each step's potential; strain
 rates are differenced in the same way, so that the Hessian stays symmetric.
 
-All properties of the rod are arrays and may be changed between two calls of `Simulation.advance`;
+All properties of the rod are arrays and may be changed between two calls of
+`DiscreteRodSimulation.advance`;
 what changes in time by itself (a gust, a rope that slips) is given as a function.
 """
 
@@ -21,7 +22,7 @@ from dlo_ros.spline import FloatArray
 from dlo_ros.synthesis import rod_kernels
 from dlo_ros.synthesis.discrete_rod import SLACK, DiscreteRod, no_friction, no_wind
 from dlo_ros.synthesis.rod_laws import Friction, Wind, pull_anchors, yield_to
-from dlo_ros.synthesis.rod_steps import Potential, descend, minimise
+from dlo_ros.synthesis.rod_steps import PlanarPotential, descend, minimise
 
 Change = Callable[[DiscreteRod, float], DiscreteRod]
 """The rod at a time [s], made of the rod as it is without any change."""
@@ -64,7 +65,7 @@ def equal_steps(start: float, until: float, longest: float) -> list[tuple[float,
     return [(start + span * (k + 1) / count, span / count) for k in range(count)]
 
 
-class Simulation:
+class DiscreteRodSimulation:
     """The rod in time.
 
     Args:
@@ -112,10 +113,10 @@ class Simulation:
         self._anchor = self.x.copy()
         # What relaxes has flowed as far as the rod is bent.
         self._flow = self._flow_before = self._strains[1] - rod.rest_turn
-        self._potential: Potential | None = None
+        self._potential: PlanarPotential | None = None
 
     @property
-    def potential(self) -> Potential:
+    def potential(self) -> PlanarPotential:
         """What the last step has minimised; at rest, what an equilibrium minimises."""
         if self._potential is not None:
             return self._potential
@@ -210,7 +211,7 @@ class Simulation:
             there = np.gradient(self.x + h * self.v, rod.u, axis=0)
             along = there / np.linalg.norm(there, axis=1, keepdims=True)
             wind = Wind(True, rod.quadratic_drag, along, past_x, c0)
-        self._potential = potential = Potential(
+        self._potential = potential = PlanarPotential(
             held=boundary.held(len(rod.mass)),
             lengths=rod.lengths,
             clamps=boundary.clamps,

@@ -1,7 +1,8 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Minimisation of the discrete rod's potential, compiled as with numba's @njit.
 
-One implicit time step, and each step on the way to an equilibrium, is the minimum of a `Potential`.
+One implicit time step, and each step on the way to an equilibrium, is the minimum
+of a `PlanarPotential`.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ _TRIES = 12  # of a line search
 _MOST_STEPS = 4000  # on the way to an equilibrium
 
 
-class Potential(NamedTuple):
+class PlanarPotential(NamedTuple):
     """Elastic energy, laws, and sum(spring x^2 / 2 - load . x) over the nodes.
 
     Args:
@@ -58,7 +59,7 @@ class Potential(NamedTuple):
     wind: Wind
 
 
-def _evaluate(x: FloatArray, p: Potential, gradient: FloatArray, band: FloatArray) -> float:
+def _evaluate(x: FloatArray, p: PlanarPotential, gradient: FloatArray, band: FloatArray) -> float:
     """Value of the potential [J].
 
     Args:
@@ -119,7 +120,7 @@ def _copy(source: FloatArray, target: FloatArray) -> None:
             target[i, j] = source[i, j]
 
 
-def _minimise(x: FloatArray, p: Potential, tolerance: float) -> int:
+def _minimise(x: FloatArray, p: PlanarPotential, tolerance: float) -> int:
     """Newton's method for one implicit step, in place.
 
     Returns:
@@ -164,7 +165,7 @@ def _minimise(x: FloatArray, p: Potential, tolerance: float) -> int:
     return -1
 
 
-def _descend(x: FloatArray, p: Potential, mass: FloatArray, rounding: float) -> bool:
+def _descend(x: FloatArray, p: PlanarPotential, mass: FloatArray, rounding: float) -> bool:
     """Follow the potential downhill, in place: steps of growing pseudo time, at last Newton's.
 
     Args:

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.linalg import LinAlgError, eig_banded, solveh_banded
 
 from dlo_ros.spline import FloatArray
-from dlo_ros.synthesis.spatial_energy import DOF, Frames, Potential, evaluate, moved
+from dlo_ros.synthesis.spatial_energy import DOF, Frames, SpatialPotential, evaluate, moved
 
 MOST_ITERATIONS = 100  # of Newton's method in a step
 TRIES = 12  # of a line search
@@ -42,7 +42,9 @@ def way_out(band: FloatArray, length: float) -> FloatArray | None:
     return np.asarray(way / largest_of(way, length))
 
 
-def minimise(shape: Frames, spin: FloatArray, p: Potential) -> tuple[Frames | None, FloatArray]:
+def minimise(
+    shape: Frames, spin: FloatArray, p: SpatialPotential
+) -> tuple[Frames | None, FloatArray]:
     """Newton's method for one implicit step; no shape where it did not converge."""
     kinked = p.softening is not None or p.contact.active or p.drag is not None
     length = float(np.sum(p.lengths))

@@ -40,7 +40,7 @@ class Frames(NamedTuple):
     director: FloatArray
 
 
-class Ends(NamedTuple):
+class EndFrames(NamedTuple):
     """Clamps: tangents and first directors at start and end, (2, 3) each; NaN where free."""
 
     tangent: FloatArray
@@ -68,7 +68,7 @@ class Drag(NamedTuple):
     rate: float
 
 
-class Potential(NamedTuple):
+class SpatialPotential(NamedTuple):
     """What one implicit step, or an equilibrium, minimises.
 
     Args:
@@ -88,7 +88,7 @@ class Potential(NamedTuple):
 
     free: NDArray[np.bool_]
     lengths: FloatArray
-    ends: Ends
+    ends: EndFrames
     stretch: tuple[FloatArray, FloatArray]
     stiffness: FloatArray
     offset: FloatArray
@@ -124,7 +124,7 @@ def _skew(a: FloatArray) -> FloatArray:
     return np.asarray(result - result.transpose(0, 2, 1))
 
 
-def _vertices(shape: Frames, ends: Ends) -> _Vertices:
+def _vertices(shape: Frames, ends: EndFrames) -> _Vertices:
     tangent, size = edges_of(shape.x)
     t, d1 = np.empty((len(size) + 2, 3)), np.empty((len(size) + 2, 3))
     t[1:-1], d1[1:-1] = tangent, shape.director
@@ -143,7 +143,7 @@ def _vertices(shape: Frames, ends: Ends) -> _Vertices:
     )
 
 
-def strains(shape: Frames, lengths: FloatArray, ends: Ends) -> tuple[FloatArray, FloatArray]:
+def strains(shape: Frames, lengths: FloatArray, ends: EndFrames) -> tuple[FloatArray, FloatArray]:
     """Stretch of the edges, shape (N,), and curvatures and twist of the vertices [rad], (N + 1, 3).
 
     Curvatures are integrated, about the first and the second director; at a free end all are 0.
@@ -244,7 +244,7 @@ def _places(nodes: int) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[n
 
 
 def evaluate(
-    shape: Frames, spin: FloatArray, p: Potential, *, slopes: bool = True
+    shape: Frames, spin: FloatArray, p: SpatialPotential, *, slopes: bool = True
 ) -> tuple[float, FloatArray, FloatArray]:
     """Value of a potential [J].
 
@@ -304,7 +304,7 @@ def evaluate(
 
 
 def _stretch_slopes(
-    p: Potential, tangent: FloatArray, size: FloatArray, stretch: FloatArray, at: FloatArray,
+    p: SpatialPotential, tangent: FloatArray, size: FloatArray, stretch: FloatArray, at: FloatArray,
     band: FloatArray,
 ) -> None:  # fmt: skip
     """Add the stretch of the edges to gradient (N + 1, 4) and Hessian."""
@@ -341,7 +341,9 @@ def _softened(
     return float(np.sum(energy)), stress, tangent
 
 
-def _touch(p: Potential, x: FloatArray, at: FloatArray, band: FloatArray, slopes: bool) -> float:
+def _touch(
+    p: SpatialPotential, x: FloatArray, at: FloatArray, band: FloatArray, slopes: bool
+) -> float:
     """Add pegs, which stand along y, and a wall; returns their energy [J]."""
     if not p.contact.active:
         return 0.0

@@ -30,9 +30,9 @@ from dlo_ros.synthesis.spatial_descent import (
 from dlo_ros.synthesis.spatial_energy import (
     DOF,
     Drag,
-    Ends,
+    EndFrames,
     Frames,
-    Potential,
+    SpatialPotential,
     evaluate,
     moved,
     strains,
@@ -56,7 +56,7 @@ UNTWISTED = 1e-9  # [rad] of twist between the ends that may be left at the star
 
 
 class SpatialSimulation:
-    """The rod in time; arguments and methods are those of `rod_simulation.Simulation`.
+    """The rod in time; arguments and methods are those of `rod_simulation.DiscreteRodSimulation`.
 
     Args:
         rod: its properties.
@@ -106,7 +106,7 @@ class SpatialSimulation:
             if direction is not None:
                 tangents[end] = direction
                 directors[end] = carried(self.director[k], tangent[k], direction)
-        self.ends = Ends(tangents, directors)
+        self.ends = EndFrames(tangents, directors)
         self.turned = np.zeros(2)  # how far each clamp has turned about the rod [rad]
 
     def _rest(self) -> None:
@@ -119,7 +119,7 @@ class SpatialSimulation:
         rod = self.rod_at(self.time)
         self._strains = strains(self._shape, rod.lengths, self.ends)
         self._strains_before = self._strains
-        self._potential: Potential | None = None
+        self._potential: SpatialPotential | None = None
         # What relaxes has flowed as far as the rod is bent.
         self._flow = self._flow_before = self._strains[1] - rod.rest_strain
 
@@ -128,7 +128,7 @@ class SpatialSimulation:
         return Frames(self.x, self.director)
 
     @property
-    def last(self) -> tuple[Frames, FloatArray, Potential]:
+    def last(self) -> tuple[Frames, FloatArray, SpatialPotential]:
         """The present shape, the spins that led to it, and the potential that they minimise."""
         if self._potential is not None:
             return self._shape, self._spun, self._potential
@@ -219,10 +219,10 @@ class SpatialSimulation:
         moving = float(np.sum(rod.mass[:, None] * self.v**2))
         return stored + 0.5 * (moving + float(np.sum(rod.spin_inertia * self._spin**2)))
 
-    def _at_rest(self, rod: SpatialRod, boundary: SpatialBoundary) -> Potential:
+    def _at_rest(self, rod: SpatialRod, boundary: SpatialBoundary) -> SpatialPotential:
         """What an equilibrium minimises."""
         none = np.zeros(len(rod.lengths))
-        return Potential(
+        return SpatialPotential(
             free=boundary.free(len(rod.mass)), lengths=rod.lengths, ends=self.ends,
             stretch=(rod.stretch_stiffness * rod.lengths, none), **_bending(rod, self.ends),
             spring=(np.zeros(len(rod.mass)), none), load=(rod.weight, none),
@@ -277,7 +277,7 @@ class SpatialSimulation:
             self._advance_one(time, h)
         return self.x
 
-    def _grip(self, boundary: SpatialBoundary) -> Ends:
+    def _grip(self, boundary: SpatialBoundary) -> EndFrames:
         """The clamps at the end of a step; their turn about the rod is added up."""
         tangents, directors = self.ends.tangent.copy(), self.ends.director.copy()
         for end in range(2):
@@ -298,7 +298,7 @@ class SpatialSimulation:
                 directors[end] = still
             tangents[end] = direction
         self._turns = boundary.turns
-        return Ends(tangents, directors)
+        return EndFrames(tangents, directors)
 
     def _advance_one(self, time: float, h: float) -> None:
         rod = self.rod_at(time)
@@ -335,7 +335,7 @@ class SpatialSimulation:
             there = np.gradient(self.x + h * self.v, rod.u, axis=0)
             along = there / np.linalg.norm(there, axis=1, keepdims=True)
             drag = Drag(rod.quadratic_drag, along, past_x, c0)
-        potential = Potential(
+        potential = SpatialPotential(
             free=boundary.free(len(self.x)), lengths=rod.lengths, ends=self.ends,
             stretch=(edge * (1.0 + lag * c0), -pulled), stiffness=damped, offset=held_back,
             softening=bending["softening"],
@@ -372,7 +372,7 @@ def _always(boundary: SpatialBoundary, _: float) -> SpatialBoundary:
     return boundary
 
 
-def _bending(rod: SpatialRod, ends: Ends) -> dict[str, Any]:
+def _bending(rod: SpatialRod, ends: EndFrames) -> dict[str, Any]:
     """Stiffness, offset and softening of a potential without damping; a free end has none."""
     stiffness = rod.vertex_stiffness()
     stiffness[[0, -1]] *= ends.held[:, None, None]

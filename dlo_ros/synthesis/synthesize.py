@@ -38,7 +38,7 @@ POSE = ("translation", "rotation")  # of the board in a camera
 LEAD = NANOSECONDS // 100
 """How long before its stamp the command is logged [ns], so that it is played first."""
 
-Progress = Callable[[Iterable[int], int], Iterable[int]]
+FrameProgress = Callable[[Iterable[int], int], Iterable[int]]
 """Wraps the loop over the frames, given how many there are; rich.progress.track does."""
 
 
@@ -49,7 +49,7 @@ def synthesize(
     seed: int = 0,
     images: bool = True,
     force: bool = False,
-    progress: Progress = lambda frames, _: frames,
+    progress: FrameProgress = lambda frames, _: frames,
     edges: int | None = None,
     step: float | None = None,
 ) -> Truth:

@@ -17,7 +17,7 @@ from dlo_ros.spline import FloatArray, SplineBasis
 from dlo_ros.synthesis.discrete_rod import DiscreteRod, centreline, lay_along
 from dlo_ros.synthesis.experiment import START_STAMP, Experiment
 from dlo_ros.synthesis.hidden_rod import build_rod, build_spatial_rod, change
-from dlo_ros.synthesis.rod_simulation import ImposedNodes, Simulation
+from dlo_ros.synthesis.rod_simulation import DiscreteRodSimulation, ImposedNodes
 from dlo_ros.synthesis.spatial_boundary import SpatialBoundary
 from dlo_ros.synthesis.spatial_simulation import SpatialSimulation
 
@@ -214,7 +214,7 @@ def build_simulation(
     edges: int | None = None,
     step: float | None = None,
     space: bool | None = None,
-) -> tuple[Simulation | SpatialSimulation, Grips]:
+) -> tuple[DiscreteRodSimulation | SpatialSimulation, Grips]:
     """The rope of an experiment, settled under the first imposed values.
 
     Args:
@@ -234,7 +234,7 @@ def build_simulation(
     curve = experiment.initial_shape
     x = lay_along(curve if curve.shape[1] == 2 else curve[:, [0, 2]], rod)
     changes = change(settings, hidden, grips.travelled)
-    simulation = Simulation(rod, grips.boundary, x, step=step or STEP, change=changes)
+    simulation = DiscreteRodSimulation(rod, grips.boundary, x, step=step or STEP, change=changes)
     simulation.settle()
     return simulation, grips
 
@@ -256,7 +256,7 @@ def _build_spatial(
 
 
 def simulate(
-    simulation: Simulation | SpatialSimulation,
+    simulation: DiscreteRodSimulation | SpatialSimulation,
     stamps: Iterable[int],
     length: float | None = None,
     reached: Callable[[int], None] = lambda stamp: None,

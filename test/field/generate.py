@@ -26,7 +26,7 @@ from dlo_ros.synthesis.discrete_rod import DiscreteRod
 from dlo_ros.synthesis.experiment import Experiment, read_experiment
 from dlo_ros.synthesis.hidden_rod import build_rod, change, stretched, true_length
 from dlo_ros.synthesis.picture_bag import record_board_pictures
-from dlo_ros.synthesis.rod_simulation import Simulation
+from dlo_ros.synthesis.rod_simulation import DiscreteRodSimulation
 from dlo_ros.synthesis.synthesize import LEAD, measure, parameter_text, truth_text
 from dlo_ros.synthesis.truth import Grips, Truth, lay_along, simulate
 from field.nuisances import Errors, set_up
@@ -144,7 +144,7 @@ def simulated(made: Experiment, rng: np.random.Generator, slips: bool) -> Truth:
             share = 0.5 * (1.0 + np.tanh((time - at) / took))
             return stretched(rod, 1.0 + slip * float(share), np.zeros(len(rod.u)))
 
-    simulation = Simulation(
+    simulation = DiscreteRodSimulation(
         rod, grips.boundary, lay_along(made.initial_shape, rod), step=STEP, change=changes
     )
     simulation.settle()

@@ -150,7 +150,7 @@ def test_the_discrete_rods_clamp_bears_its_weight():
     rod = discrete_rod.DiscreteRod.uniform(PAPER.rod, PAPER.damping, edges=60)
     hold = rod_simulation.ImposedNodes({0: np.zeros(2)}, start=0.3)
     straight = np.column_stack([rod.u, np.zeros(len(rod.u))])
-    simulation = rod_simulation.Simulation(rod, lambda _: hold, straight)
+    simulation = rod_simulation.DiscreteRodSimulation(rod, lambda _: hold, straight)
     x = simulation.settle()
     before = reactions(simulation)["start"]
     (force_x, _, force_z), torque = before[:3], before[4]

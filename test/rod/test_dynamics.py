@@ -114,7 +114,7 @@ def test_a_falling_cantilever_moves_as_the_discrete_rod_does():
     other = discrete_rod.DiscreteRod.uniform(settings.rod, settings.damping, edges=160)
     hold = rod_simulation.ImposedNodes({0: np.zeros(2)}, start=0.0)
     nodes = np.column_stack([other.u, np.zeros(len(other.u))])
-    reference = rod_simulation.Simulation(other, lambda _: hold, nodes, step=5e-4)
+    reference = rod_simulation.DiscreteRodSimulation(other, lambda _: hold, nodes, step=5e-4)
     model, boundary = build(settings, held_start(), 28)
     state = dynamics.with_consistent_acceleration(model, boundary, straight(model), held_start())
     u = np.linspace(0.0, length, 81)

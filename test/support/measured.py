@@ -44,7 +44,7 @@ def swing(
         return rod_simulation.ImposedNodes({0: np.zeros(2)}, start=float(angle(t)))
 
     straight = np.column_stack([rod.u, np.zeros(len(rod.u))])
-    simulation = rod_simulation.Simulation(rod, boundary, straight, step=1e-3)
+    simulation = rod_simulation.DiscreteRodSimulation(rod, boundary, straight, step=1e-3)
     simulation.settle()
     observations, borne = [], []
     for k in range(int(seconds * rate) + 1):
@@ -72,7 +72,7 @@ def at_rest(settings: Settings, *, frames=5, noise=3e-4, seed=0, same=True):
     rod = discrete_rod.DiscreteRod.uniform(settings.rod, settings.damping, edges=120)
     hold = rod_simulation.ImposedNodes({0: np.zeros(2)}, start=0.0)
     straight = np.column_stack([rod.u, np.zeros(len(rod.u))])
-    nodes = rod_simulation.Simulation(rod, lambda _: hold, straight).settle()
+    nodes = rod_simulation.DiscreteRodSimulation(rod, lambda _: hold, straight).settle()
     shapes = [spline_through(rod, nodes, basis, noise, rng) for _ in range(frames)]
     observations = tuple(
         Observation(k * SECOND // 4, shapes[0] if same else shapes[k]) for k in range(frames)

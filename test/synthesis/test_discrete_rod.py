@@ -9,7 +9,7 @@ from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.parameters import DampingParameters, RodParameters
 from dlo_ros.synthesis import rod_kernels
 from dlo_ros.synthesis.discrete_rod import DiscreteRod, centreline, lay_along, mesh
-from dlo_ros.synthesis.rod_simulation import ImposedNodes, Simulation
+from dlo_ros.synthesis.rod_simulation import DiscreteRodSimulation, ImposedNodes
 
 ROPE = RodParameters(length=0.4, diameter=0.004, young_modulus=5e7, density=2500.0)
 NO_DAMPING = DampingParameters(air_drag=0.0, relaxation_time=0.0)
@@ -92,7 +92,7 @@ def test_gradient_and_hessian_are_exact():
 def test_cantilever_under_its_own_weight(young_modulus):
     rope = RodParameters(0.4, 0.004, young_modulus, 2500.0)
     rod = DiscreteRod.uniform(rope, NO_DAMPING, edges=160)
-    x = Simulation(rod, clamped, straight(rod)).settle()
+    x = DiscreteRodSimulation(rod, clamped, straight(rod)).settle()
     expected = elastica(rope, 0.0, rope.linear_density * 9.81, rod.u)
     error = np.linalg.norm(x - expected, axis=1)
     assert error.mean() < 3e-4 * rope.length  # L/l = 11.6, 3.15 and 0.9
@@ -103,7 +103,7 @@ def test_tip_load_large_and_small():
     for load in (0.05, 1e-5):
         rod = DiscreteRod.uniform(ROPE, NO_DAMPING, gravity=WEIGHTLESS, edges=160)
         rod.force[-1, 1] = -load
-        x = Simulation(rod, clamped, straight(rod)).settle()
+        x = DiscreteRodSimulation(rod, clamped, straight(rod)).settle()
         error = np.linalg.norm(x - elastica(ROPE, load, 0.0, rod.u), axis=1).max()
         assert error < 2e-4 * np.abs(x[-1, 1])
         if load < 1e-4:
@@ -115,7 +115,7 @@ def test_error_falls_with_the_square_of_the_edge_length():
     errors = []
     for edges in (20, 40, 80):
         rod = DiscreteRod.uniform(ROPE, NO_DAMPING, edges=edges)
-        x = Simulation(rod, clamped, straight(rod)).settle()
+        x = DiscreteRodSimulation(rod, clamped, straight(rod)).settle()
         expected = elastica(ROPE, 0.0, ROPE.linear_density * 9.81, rod.u)
         errors.append(np.linalg.norm(x - expected, axis=1).mean())
     rates = np.log2(np.array(errors[:-1]) / errors[1:])
@@ -130,7 +130,7 @@ def test_both_ends_clamped_agree_with_a_mesh_that_differs():
         last = len(rod.u) - 1
         hold = ImposedNodes({0: ORIGIN, last: np.array([0.25, 0.0])}, start=0.0, end=0.0)
         x = lay_along([(0, 0), (0.125, -0.15), (0.25, 0)], rod)
-        x = Simulation(rod, lambda _: hold, x).settle()
+        x = DiscreteRodSimulation(rod, lambda _: hold, x).settle()
         return centreline(rod, x, np.linspace(0, ROPE.length, 41))
 
     even, uneven = settle((), 160), settle((0.0191, 0.31), 173)
@@ -144,7 +144,7 @@ def test_soft_rope_hangs_as_a_catenary():
     rod.bending_stiffness *= 1e-3
     hold = ImposedNodes({0: ORIGIN, 160: np.array([0.3, 0.0])})
     x = lay_along([(0, 0), (0.15, -0.13), (0.3, 0)], rod)
-    x = Simulation(rod, lambda _: hold, x).settle()
+    x = DiscreteRodSimulation(rod, lambda _: hold, x).settle()
     low, high = 0.01, 1.0  # 2 a sinh(span / 2a) = L
     for _ in range(60):
         a = 0.5 * (low + high)
@@ -156,7 +156,7 @@ def test_soft_rope_hangs_as_a_catenary():
 def test_rest_curvature_gives_a_circle():
     rod = DiscreteRod.uniform(ROPE, NO_DAMPING, gravity=WEIGHTLESS, edges=160)
     rod.rest_curvature[:] = 8.0
-    x = Simulation(rod, clamped, straight(rod)).settle()
+    x = DiscreteRodSimulation(rod, clamped, straight(rod)).settle()
     radius = np.linalg.norm(x - np.array([0.0, -1.0 / 8.0]), axis=1)
     np.testing.assert_allclose(radius, 1.0 / 8.0, rtol=1e-4)
     assert x[40, 1] < 0.0  # positive curvature turns from x towards -z
@@ -167,7 +167,7 @@ def vibrate(relaxation_time: float) -> tuple[np.ndarray, np.ndarray]:
     damping = DampingParameters(air_drag=0.0, relaxation_time=relaxation_time)
     rod = DiscreteRod.uniform(ROPE, damping, gravity=WEIGHTLESS, edges=120)
     rod.force[-1, 1] = -1e-5
-    simulation = Simulation(rod, clamped, straight(rod), step=4e-3)
+    simulation = DiscreteRodSimulation(rod, clamped, straight(rod), step=4e-3)
     simulation.settle()
     rod.force[-1, 1] = 0.0
     s = rod.u / ROPE.length * 1.8751040687
@@ -200,7 +200,7 @@ def test_free_fall_through_air_keeps_the_shape():
     drag = DampingParameters(air_drag=0.05, relaxation_time=0.002)
     rod = DiscreteRod.uniform(ROPE, drag, edges=60)
     x = straight(rod)
-    simulation = Simulation(rod, free, x, step=1e-3)
+    simulation = DiscreteRodSimulation(rod, free, x, step=1e-3)
     simulation.advance(0.8)
     rate = 0.05 / ROPE.linear_density
     speed = -9.81 / rate * (1.0 - np.exp(-rate * 0.8))
@@ -210,7 +210,7 @@ def test_free_fall_through_air_keeps_the_shape():
 
 def test_energy_lost_is_the_work_of_drag():
     rod = DiscreteRod.uniform(ROPE, DampingParameters(air_drag=0.02, relaxation_time=0.0))
-    simulation = Simulation(rod, clamped, straight(rod), step=5e-4)
+    simulation = DiscreteRodSimulation(rod, clamped, straight(rod), step=5e-4)
     energies, powers = [], []
     clamps = clamped(0.0).clamps
     for k in range(401):
@@ -230,7 +230,9 @@ def test_imposed_nodes_are_met_exactly_while_moving():
     def boundary(t):
         return ImposedNodes({0: ORIGIN, pin: np.array([0.1 - 0.05 * t, -0.05])}, start=0.0)
 
-    simulation = Simulation(rod, boundary, lay_along([(0, 0), (0.1, -0.05), (0.2, -0.3)], rod))
+    simulation = DiscreteRodSimulation(
+        rod, boundary, lay_along([(0, 0), (0.1, -0.05), (0.2, -0.3)], rod)
+    )
     simulation.settle()
     x = simulation.advance(0.5)
     np.testing.assert_array_equal(x[pin], [0.1 - 0.05 * 0.5, -0.05])
@@ -246,4 +248,4 @@ def test_mesh_and_bad_input():
     balanced = DiscreteRod.uniform(ROPE, NO_DAMPING, gravity=(9.81, 0.0))
     pushed = ImposedNodes({0: ORIGIN, 160: np.array([0.399, 0.0])}, start=0.0, end=0.0)
     with pytest.raises(SimulationError, match="stable equilibrium"):
-        Simulation(balanced, lambda _: pushed, straight(balanced)).settle()
+        DiscreteRodSimulation(balanced, lambda _: pushed, straight(balanced)).settle()

@@ -19,9 +19,9 @@ from dlo_ros.synthesis.spatial_energy import (
     BANDS,
     DOF,
     Drag,
-    Ends,
+    EndFrames,
     Frames,
-    Potential,
+    SpatialPotential,
     evaluate,
     moved,
 )
@@ -74,9 +74,9 @@ def test_gradient_and_hessian_are_exact(ends):
     offset[[0, -1]] *= ends == "clamped"
     free = np.ones(size, dtype=np.bool_)
     free[[1, -1]] = False
-    potential = Potential(
+    potential = SpatialPotential(
         free=free, lengths=np.full(edges, 0.05),
-        ends=Ends(tangents, np.array([first_director(t) for t in tangents])),
+        ends=EndFrames(tangents, np.array([first_director(t) for t in tangents])),
         stretch=(rng.uniform(1.0, 2.0, edges), rng.normal(0.0, 0.1, edges)),
         stiffness=stiffness, offset=offset,
         softening=(soft, rng.normal(0.0, 0.1, (nodes, 3)), rng.uniform(0.1, 0.3, nodes)),
@@ -162,9 +162,9 @@ def test_twisted_ring_buckles_as_michell_says(share):
     end = np.cos(total) * Y + np.sin(total) * np.cross(X, Y)
     boundary = SpatialBoundary({0: np.zeros(3), edges: x[-1]}, (X, X))
     none = np.zeros(edges)
-    potential = Potential(
+    potential = SpatialPotential(
         free=boundary.free(edges + 1), lengths=rod.lengths,
-        ends=Ends(np.array([X, X]), np.array([Y, end])),
+        ends=EndFrames(np.array([X, X]), np.array([Y, end])),
         stretch=(rod.stretch_stiffness * rod.lengths, none), stiffness=stiff,
         offset=np.zeros((edges + 1, 3)), softening=None,
         spring=(np.zeros(edges + 1), none), load=(np.zeros((edges + 1, 3)), none),

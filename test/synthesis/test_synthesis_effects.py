@@ -12,7 +12,7 @@ from dlo_ros.parameters import DampingParameters, RodParameters, Settings
 from dlo_ros.synthesis.hidden import Hidden, read_effects
 from dlo_ros.synthesis.hidden_rod import build_rod
 from dlo_ros.synthesis.rod_laws import bend, yield_to
-from dlo_ros.synthesis.rod_simulation import ImposedNodes, Simulation
+from dlo_ros.synthesis.rod_simulation import DiscreteRodSimulation, ImposedNodes
 from dlo_ros.synthesis.rod_steps import evaluate
 
 LENGTH = 0.4
@@ -33,7 +33,7 @@ def settled(settings: Settings, what: Hidden, hold: ImposedNodes = CLAMPED, edge
     rod = build_rod(settings, what, edges=edges)
     a = hold.start or 0.0
     x = rod.u[:, None] * np.array([np.cos(a), -np.sin(a)])
-    simulation = Simulation(rod, lambda _: hold, x)
+    simulation = DiscreteRodSimulation(rod, lambda _: hold, x)
     simulation.settle()
     return rod, simulation
 
@@ -139,7 +139,7 @@ def test_equilibrium_is_that_of_the_elastica(name):
     assert np.linalg.norm(simulation.x - expected, axis=1).max() < 6e-5
 
 
-def released(simulation: Simulation, until: float) -> np.ndarray:
+def released(simulation: DiscreteRodSimulation, until: float) -> np.ndarray:
     """Nodes at rest after a time without any clamp at the end."""
     simulation.boundary = lambda _: CLAMPED
     return simulation.advance(simulation.time + until)
@@ -148,7 +148,7 @@ def released(simulation: Simulation, until: float) -> np.ndarray:
 PATH_TIME = 40.0  # [s] so slow that the bend is even at every moment
 
 
-def bent(what: Hidden, angles) -> Simulation:
+def bent(what: Hidden, angles) -> DiscreteRodSimulation:
     """A weightless stiff rod bent evenly by its end's direction, along a path of angles [rad]."""
     damping = DampingParameters(air_drag=0.05, relaxation_time=0.5)  # lets go gently
     settings = replace(WEIGHTLESS, rod=replace(ROPE, young_modulus=2e9), damping=damping)
@@ -159,13 +159,13 @@ def bent(what: Hidden, angles) -> Simulation:
         end = np.interp(t, PATH_TIME * np.arange(len(angles)), angles)
         return replace(CLAMPED, end=float(end))
 
-    simulation = Simulation(rod, hold, x, step=0.04)
+    simulation = DiscreteRodSimulation(rod, hold, x, step=0.04)
     simulation.settle()
     simulation.advance(PATH_TIME * (len(angles) - 1) + 1.0)
     return simulation
 
 
-def curvature(simulation: Simulation) -> np.ndarray:
+def curvature(simulation: DiscreteRodSimulation) -> np.ndarray:
     e = np.diff(simulation.x, axis=0)
     angle = np.unwrap(np.arctan2(-e[:, 1], e[:, 0]))
     return np.diff(angle) / simulation.rod.lengths[1:]
@@ -255,7 +255,7 @@ def lying(force):
     rod = build_rod(settings, hidden("surface_friction", force=FRICTION), edges=40)
     rod.force[:, 1] = force * rod.vertex_lengths
     x = np.column_stack([rod.u, np.zeros(len(rod.u))])
-    return Simulation(rod, lambda _: ImposedNodes({}), x, step=5e-4)
+    return DiscreteRodSimulation(rod, lambda _: ImposedNodes({}), x, step=5e-4)
 
 
 def test_friction_holds_what_pulls_less_and_slides_under_more():

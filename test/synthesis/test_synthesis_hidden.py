@@ -19,7 +19,7 @@ from dlo_ros.synthesis.geometry import Geometry
 from dlo_ros.synthesis.hidden import EFFECTS, FOREIGN, Hidden, read_effects
 from dlo_ros.synthesis.hidden_rod import build_rod, change
 from dlo_ros.synthesis.rod_laws import press
-from dlo_ros.synthesis.rod_simulation import ImposedNodes, Simulation
+from dlo_ros.synthesis.rod_simulation import DiscreteRodSimulation, ImposedNodes
 from dlo_ros.synthesis.synthesize import measure, synthesize
 from dlo_ros.synthesis.truth import Grips, build_simulation, simulate
 
@@ -220,7 +220,7 @@ def test_hung_mass_swings_as_rayleigh_says():
     rod.force[-1, 1] = 1e-3
     hold = ImposedNodes({0: np.zeros(2)}, start=0.0)
     x = np.column_stack([rod.u, np.zeros(len(rod.u))])
-    simulation = Simulation(rod, lambda _: hold, x, step=5e-3)
+    simulation = DiscreteRodSimulation(rod, lambda _: hold, x, step=5e-3)
     simulation.settle()
     rod.force[-1, 1] = 0.0
     times = np.arange(1, 301) * 0.02
@@ -307,7 +307,7 @@ def test_a_peg_bears_the_rope_with_the_force_of_the_elastica():
     rod = build_rod(made.truth, made.hidden, edges=200)
     hold = ImposedNodes({0: np.zeros(2)}, start=0.0)
     x = np.column_stack([rod.u, np.zeros(len(rod.u))])
-    simulation = Simulation(rod, lambda _: hold, x)
+    simulation = DiscreteRodSimulation(rod, lambda _: hold, x)
     simulation.settle()
     points, force, angle = over_a_peg(rod, simulation.x, made.truth)
     assert np.linalg.norm(simulation.x - points, axis=1).max() < 1e-4

@@ -23,6 +23,7 @@ from dlo_ros.inference.forecast import Forecast, Manipulation
 from dlo_ros.inference.measured import MOST_GROSS, outliers
 from dlo_ros.inference.parallel import Pool, Threads
 from dlo_ros.parameters import Settings
+from dlo_ros.rod.resolution import RECHECK_RATIO
 from dlo_ros.spline import DEGREE, FloatArray
 
 LOG = logging.getLogger(__name__)
@@ -34,7 +35,6 @@ CONVERGED = 1e-4  # change of a logarithm
 WORTHLESS = 5e-3  # gain of the log likelihood, repeated residuals counted once
 LONGEST_STEP = 1.5  # change of a logarithm in one iteration
 STEP_COARSER = 2.0  # of the time steps, to see what they do
-RECHECK_RATIO = 1.5  # change of E/mu after which the resolution is judged anew
 
 Progress = Callable[[str, float], None]
 

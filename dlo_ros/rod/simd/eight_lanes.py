@@ -61,7 +61,7 @@ def _define(operators, name):
     """Let operators act on two vectors, or on a vector and a number, on either side."""
     forms = [(vector, vector), (vector, types.float64), (types.float64, vector)]
 
-    class Operation(ConcreteTemplate):
+    class VectorOperation(ConcreteTemplate):
         cases = [signature(vector, *form) for form in forms]  # noqa: RUF012
 
     def implementation(context, builder, sig, args):
@@ -72,7 +72,7 @@ def _define(operators, name):
         return getattr(builder, name)(*wide, flags=FUSED)
 
     for function in operators:
-        infer_global(function)(Operation)
+        infer_global(function)(VectorOperation)
         for form in forms:
             lower_builtin(function, *form)(implementation)
 

@@ -55,7 +55,7 @@ def _spread(builder, value, kind):
 def _register(operation, instruction):
     """Give `Quad` a binary operation, with other Quads and with numbers."""
 
-    class Operation(ConcreteTemplate):
+    class QuadOperation(ConcreteTemplate):
         key = operation
         cases = (
             signature(Quad, Quad, Quad),
@@ -63,13 +63,13 @@ def _register(operation, instruction):
             signature(Quad, types.float64, Quad),
         )
 
-    infer_global(operation)(Operation)
+    infer_global(operation)(QuadOperation)
 
     def lower(context, builder, sig, args):
         a, b = (_spread(builder, x, kind) for x, kind in zip(args, sig.args, strict=True))
         return getattr(builder, instruction)(a, b, flags=LOOSE)
 
-    for case in Operation.cases:
+    for case in QuadOperation.cases:
         lower_builtin(operation, *case.args)(lower)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from dlo_ros.spline import FloatArray
 
 
-class NormalEquations:
+class SplineNormalEquations:
     """Sums of weighted rows; the unknowns are x y z of each control point, and others after them.
 
     Args:

@@ -23,7 +23,7 @@ from dlo_ros.errors import VisionError
 from dlo_ros.spline import FloatArray, SplineBasis
 from dlo_ros.spline_table import BasisTable
 from dlo_ros.vision.segmentation.picture_strip import Mask
-from dlo_ros.vision.space.normal_equations import NormalEquations, rows_of
+from dlo_ros.vision.space.normal_equations import SplineNormalEquations, rows_of
 from dlo_ros.vision.space.spatial_result import SpaceFit
 from dlo_ros.vision.space.view import View
 
@@ -148,7 +148,7 @@ def fit_views(
     coordinates = [np.clip(view.u, 0.0, length) for view in views]
     table = BasisTable.of(basis)
     for step in range(STEPS):
-        equations = NormalEquations(k, 1 + drift.size)
+        equations = SplineNormalEquations(k, 1 + drift.size)
         residuals, stds, weights = [], [], []
         for view, u in zip(views, coordinates, strict=True):
             b = table.matrix(u)
@@ -270,7 +270,7 @@ def _slide(
 
 
 def _add_depth(
-    equations: NormalEquations, view: View, b: FloatArray, seen: _Seen, freedom: float
+    equations: SplineNormalEquations, view: View, b: FloatArray, seen: _Seen, freedom: float
 ) -> None:
     """Depths along the centreline, robust: holes are left out, mixed pixels count little."""
     assert view.depth is not None
@@ -284,7 +284,7 @@ def _add_depth(
 
 
 def _add_tips(
-    equations: NormalEquations, view: View, table: BasisTable, points: FloatArray
+    equations: SplineNormalEquations, view: View, table: BasisTable, points: FloatArray
 ) -> None:
     """Free ends, as each view shows them."""
     length = table.basis.length
@@ -302,7 +302,7 @@ def _add_tips(
 
 
 def _add_length(
-    equations: NormalEquations, slope: FloatArray, points: FloatArray, stretch: float
+    equations: SplineNormalEquations, slope: FloatArray, points: FloatArray, stretch: float
 ) -> None:
     """|r'| = 1 + stretch everywhere."""
     d = slope @ points
@@ -312,7 +312,7 @@ def _add_length(
 
 
 def _add_clamps(
-    equations: NormalEquations, table: BasisTable, points: FloatArray, prior: Prior
+    equations: SplineNormalEquations, table: BasisTable, points: FloatArray, prior: Prior
 ) -> None:
     """Clamps as weak observations: where the DLO is seen the pictures prevail."""
     value, slope = table.ends, table.end_slopes
