@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from dlo_ros.errors import ParameterError
-from dlo_ros.parameter_table import TABLE, Value
+from dlo_ros.file_parameter import Value
+from dlo_ros.parameter_table import TABLE
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]

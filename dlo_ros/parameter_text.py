@@ -11,8 +11,9 @@ import yaml
 
 from dlo_ros.effects import quantities
 from dlo_ros.effects.registry import tolerance_of
+from dlo_ros.file_parameter import Value
 from dlo_ros.parameter_cameras import of_cameras, unit
-from dlo_ros.parameter_table import TABLE, Value
+from dlo_ros.parameter_table import TABLE
 
 
 def parameter_lines(values: Mapping[str, Value]) -> str:

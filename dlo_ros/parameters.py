@@ -13,12 +13,13 @@ from dlo_ros.effects import quantities
 from dlo_ros.effects.registry import STD, check_tolerance, tolerance_of
 from dlo_ros.effects.registry import check as check_effect
 from dlo_ros.errors import ParameterError
+from dlo_ros.file_parameter import Value
 from dlo_ros.files import END, HEADER, write_text
 from dlo_ros.parameter_cameras import CameraPose as CameraPose
 from dlo_ros.parameter_cameras import Vector as Vector
 from dlo_ros.parameter_cameras import check_rotation, flat_cameras, read_cameras
 from dlo_ros.parameter_file import read_parameter_file
-from dlo_ros.parameter_table import PARAMETERS, TABLE, Value
+from dlo_ros.parameter_table import PARAMETERS, TABLE
 from dlo_ros.parameter_text import parameter_lines
 from dlo_ros.rod_settings import EFFECTS_PREFIX as EFFECTS_PREFIX
 from dlo_ros.rod_settings import STANDARD_GRAVITY as STANDARD_GRAVITY

@@ -13,7 +13,8 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 from dlo_ros.effects import effects
-from dlo_ros.parameter_table import NODES, PARAMETERS, FileParameter
+from dlo_ros.file_parameter import NODES, FileParameter
+from dlo_ros.parameter_table import PARAMETERS
 
 UNITS = {"m": "L", "1/m": "/L", "kg": "rope masses", "N/m": "of the weight per length"}
 """Units of the rope in which tolerances are given."""

@@ -13,9 +13,9 @@ from dlo_ros.demo.network import isolate
 from dlo_ros.demo.plan import LiveRun
 from dlo_ros.demo.processes import Child, Children, ProcessError
 from dlo_ros.demo.terminal_progress import Progress
+from dlo_ros.file_parameter import NODES
 from dlo_ros.nodes.monitor import Monitor, monitoring
 from dlo_ros.nodes.received_data import ReceivedData
-from dlo_ros.parameter_table import NODES
 
 READY_WITHIN = 60.0
 """Seconds that the nodes may take to start and to find each other."""

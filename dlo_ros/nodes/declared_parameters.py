@@ -20,8 +20,9 @@ from rclpy.parameter import Parameter as RosParameter
 from dlo_ros.effects import quantities
 from dlo_ros.effects.registry import STD
 from dlo_ros.errors import DloError, ParameterError
+from dlo_ros.file_parameter import FileParameter, Value
 from dlo_ros.parameter_cameras import CAMERAS, DESCRIPTION, flat_cameras, of_cameras
-from dlo_ros.parameter_table import PARAMETERS, TABLE, FileParameter, Value
+from dlo_ros.parameter_table import PARAMETERS, TABLE
 from dlo_ros.parameters import EFFECTS_PREFIX, Settings
 
 # Present in every node, and rclpy's business.

@@ -14,11 +14,11 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from dlo_ros.errors import InputError
+from dlo_ros.file_parameter import NODES
 from dlo_ros.nodes.message_factory import message_class
 from dlo_ros.nodes.qos import LATCHED, RELIABLE
 from dlo_ros.nodes.received_data import ReceivedData
 from dlo_ros.nodes.runtime import ros
-from dlo_ros.parameter_table import NODES
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import read_spline, topics
 from dlo_ros.recordings.messages import stamp_of

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Whether the stated std of E/mu is true: `python -m field.coverage`.
+"""Whether the stated std of E/mu is true: `PYTHONPATH=.:support python -m field.coverage`.
 
 Recordings of the independent rod whose only fault is that of a condition, or the field's cases
 without a cause, go through `identify` or the live estimator. Told are errors of ln(E/mu) and how
@@ -16,11 +16,12 @@ from pathlib import Path
 import numpy as np
 from challenge.generate import _recordings
 from challenge.manipulations import FREE, c_shape
+from live_estimates import live_estimate
 
 from dlo_ros.cli.loading import load_manipulation
 from dlo_ros.command import NANOSECONDS
 from dlo_ros.errors import SimulationError
-from dlo_ros.identification import Estimate, Manipulation, OnlineEstimator, identify
+from dlo_ros.identification import Estimate, Manipulation, identify
 from dlo_ros.observation import CentrelinePoints, Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray, SplineBasis
@@ -169,14 +170,9 @@ def offline(drawn: Drawn) -> Estimate:
 
 
 def live(drawn: Drawn) -> Estimate:
-    """The last estimate of a live estimator that does all work as soon as it is due."""
+    """What the live estimator ends with."""
     (recording,) = drawn.recordings
-    estimator = OnlineEstimator(drawn.guess, budget=np.inf)
-    for command in recording.commands:
-        estimator.set_command(command)
-    for observation in recording.observations:
-        estimator.observe(observation)
-    return estimator.estimate
+    return live_estimate(recording, drawn.guess)
 
 
 def main() -> None:

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from live_estimates import live_estimate
 from measured import at_rest, swing
 from rods import PAPER
 
@@ -98,22 +99,12 @@ def test_what_cannot_be_told_apart_widens_the_std(guess):
     assert found.specific_modulus_std > 0.039 * RATIO > exact.specific_modulus_std
 
 
-def watched(recording, settings):
-    """What the live estimator ends with that does all work at once."""
-    estimator = OnlineEstimator(settings, budget=np.inf)
-    for imposed in recording.commands:
-        estimator.set_command(imposed)
-    for observation in recording.observations:
-        estimator.observe(observation)
-    return estimator.estimate
-
-
 def test_live_a_clamp_that_points_elsewhere_is_counted_in_the_std(turned, guess):
-    found = watched(turned, guess)
+    found = live_estimate(turned, guess)
     off = abs(found.specific_modulus - RATIO)
     assert off > 0.01 * RATIO
     assert off < 2.0 * found.specific_modulus_std
-    exact = watched(swing(PAPER, seconds=1.5), guess)
+    exact = live_estimate(swing(PAPER, seconds=1.5), guess)
     assert exact.specific_modulus_std < 0.2 * found.specific_modulus_std
 
 

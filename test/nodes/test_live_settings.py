@@ -5,8 +5,9 @@ import pytest
 from rclpy.parameter import Parameter
 
 from dlo_ros.errors import InputError, ParameterError
+from dlo_ros.file_parameter import NODES
 from dlo_ros.nodes.declared_parameters import LiveSettings
-from dlo_ros.parameter_table import NODES, PARAMETERS
+from dlo_ros.parameter_table import PARAMETERS
 from dlo_ros.parameters import Settings
 
 SETTINGS = Settings.from_mapping(
