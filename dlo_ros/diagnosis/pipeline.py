@@ -7,24 +7,13 @@ import logging
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from dlo_ros.diagnosis import damping_selection
-from dlo_ros.diagnosis.contact.contact_search import PegBesideSetUp, pegs_beside_set_up, pegs_met
-from dlo_ros.diagnosis.explain.joint_explanation import (
-    Explanation,
-    departures,
-    material_err,
-    own_err,
-)
+from dlo_ros.diagnosis.contact.contact_search import pegs_met
+from dlo_ros.diagnosis.explain.certainty import departures
 from dlo_ros.diagnosis.findings import holdout as held_out
 from dlo_ros.diagnosis.findings.diagnosis_outcome import Diagnosis
 from dlo_ros.diagnosis.findings.joint_outcome import (
-    Learned,
-    TrainingSet,
     learn,
-    nearer,
-    surprising,
     training_set,
 )
 from dlo_ros.diagnosis.findings.measured_force_scale import with_forces
@@ -34,8 +23,14 @@ from dlo_ros.diagnosis.fitting.candidate_model import Model
 from dlo_ros.diagnosis.fitting.evaluation import CandidateEvaluation, evaluate
 from dlo_ros.diagnosis.fitting.initial_fit import Beginning, begin, drafts, finer
 from dlo_ros.diagnosis.fitting.levenberg_marquardt import fit, renewed
-from dlo_ros.diagnosis.fitting.recording_noise import noise_floor
 from dlo_ros.diagnosis.fitting.worker_processes import Problem, Progress, Workers, workers
+from dlo_ros.diagnosis.joint_diagnosis import (
+    SEVERAL,
+    joint_beside,
+    learned_jointly,
+    misses,
+    takes_over,
+)
 from dlo_ros.diagnosis.proposals.candidate_effects import starts
 from dlo_ros.diagnosis.proposals.screening import Prospect, alarm, screen
 from dlo_ros.diagnosis.residuals import residual_autocovariance
@@ -62,14 +57,6 @@ takes its place."""
 REFORMED = 12.0
 """Root autocovariance of the best pair over that of an explanation, up to which other forms are
 tried."""
-PAIR = 2
-"""Effects of a pair: where more are away from neutral for certain, no pair is looked for."""
-SEVERAL = 6
-"""Parts of the set-up that are off for certain, from which causes are looked for beside it before
-single effects are: one effect alone makes up to five look so."""
-CLEARLY_BETTER = 0.7
-"""ERR of the joint model over that of models with less in them, below which many small errors are
-at work rather than one of another kind."""
 
 
 def diagnose(
@@ -226,11 +213,11 @@ def _search(
             found = Findings(verdict.Decision("adequate", None), holdout_errors(plain))
         else:
             found = _explain(team, plain, holdout_errors, beginning, processes, progress)
-        if found.decision.verdict == "adequate" and _misses(plain, learned, given):
+        if found.decision.verdict == "adequate" and misses(plain, learned, given):
             # Too few shapes for a test, and yet far from them.
             progress("fitting the joint model", 0.5)
             begun = training_set(beginning, count, at.model.settings, given)
-            found = _beside(found, learn(begun, given) if begun else None, plain)
+            found = joint_beside(found, learn(begun, given) if begun else None, plain)
         if found.joint is not None:
             return plain, found
         progress("judging the damping", 0.0)
@@ -282,17 +269,8 @@ def _explain(
     joint = None
     if begun is not None and departures(begun.prepared.setup) >= SEVERAL:
         # No single effect does what several do: none is looked for by itself first.
-        joint = learn(begun, given, _met(team, plain, begun, progress))
-        if joint is not None and surprising(begun, joint):
-            progress("fitting the joint model to all recordings", 0.3)
-            wider = training_set(
-                beginning, len(recordings), plain.at.model.settings, given, all_of_them=True
-            )
-            if wider is not None:
-                again = learn(wider, given, _met(team, plain, wider, progress))
-                if again is not None and nearer(again, joint):
-                    begun, joint = wider, again
-        if joint is not None and _takes_over(joint.explanation, [plain]):
+        joint = learned_jointly(team, plain, beginning, begun, progress)
+        if joint is not None and takes_over(joint.explanation, [plain]):
             holdout_err = holdout_errors(plain)
             return Findings(verdict.Decision("unexplained", None), holdout_err, joint=joint)
     prospects = screened(plain.at, known)
@@ -308,8 +286,8 @@ def _explain(
         return Findings(verdict.Decision("adequate", None), holdout_err, tuple(singles))
     if begun is not None and joint is None:
         progress("fitting the joint model", 0.5)
-        joint = learn(begun, given)
-    if joint is not None and _takes_over(joint.explanation, singles):
+        joint = learned_jointly(team, plain, beginning, begun, progress)
+    if joint is not None and takes_over(joint.explanation, singles):
         return Findings(
             verdict.Decision("unexplained", None), holdout_err, tuple(singles), joint=joint
         )
@@ -365,52 +343,4 @@ def _explain(
         "unexplained", *(verdict.sure(plain, everything, holdout_err) or (None,))
     )
     findings = Findings(decision, holdout_err, tuple(singles), tuple(pairs))
-    return findings if decision.chosen is not None else _beside(findings, joint, plain)
-
-
-def _met(
-    team: Workers, plain: Candidate, begun: TrainingSet, progress: Progress
-) -> list[PegBesideSetUp]:
-    """Pegs that the DLO may have hit, where the set-up alone leaves an ERR that matters."""
-    setup, recordings = begun.prepared.setup, begun.prepared.recordings
-    if setup.mean_err < material_err(own_err(setup, recordings), team.problem.given):
-        return []
-    progress("looking for what was hit", 0.0)
-    return pegs_beside_set_up(team, plain.at, begun.prepared.scene)
-
-
-def _misses(plain: Candidate, recordings: Sequence[Recording], given: Settings) -> bool:
-    """Whether the plain model is further from the recordings than they are uncertain."""
-    pairs = zip(recordings, plain.at.predicted, strict=True)
-    floor = float(np.mean([noise_floor(r, p, given) for r, p in pairs]))
-    err = held_out.mean(plain.at.err)
-    return err is not None and err > material_err(floor, given)
-
-
-def _beside(found: Findings, joint: Learned | None, plain: Candidate) -> Findings:
-    """Findings that name nothing, with the joint model where that clearly comes nearer.
-
-    It names nothing either, unless more is wrong than single effects and pairs can tell.
-    """
-    before = held_out.mean(plain.at.err)
-    if joint is None or before is None:
-        return found
-    if joint.explanation.at.mean_err > CLEARLY_BETTER * before:
-        return found
-    if not _takes_over(joint.explanation, found.singles):
-        joint = replace(joint, explanation=replace(joint.explanation, causes=()))
-    return replace(found, joint=joint)
-
-
-def _takes_over(joint: Explanation, others: Sequence[Candidate]) -> bool:
-    """Whether more than two things are wrong for certain, and the joint model shows them.
-
-    Args:
-        others: models with less in them.
-    """
-    if departures(joint.at, joint.proposals) <= PAIR:
-        return False
-    if joint.at.mean_err < joint.material_err:
-        return True
-    least = min((held_out.mean(c.at.err) or np.inf for c in others), default=np.inf)
-    return joint.at.mean_err < CLEARLY_BETTER * least
+    return findings if decision.chosen is not None else joint_beside(findings, joint, plain)

@@ -145,7 +145,8 @@ def test_each_step_of_a_long_computation_is_told_once(caplog):
 
 def test_the_steps_of_a_fit_are_told(caplog):
     """Where a joint model looks for causes, each candidate is."""
-    from dlo_ros.diagnosis.explain.cause_search import Step, _tell
+    from dlo_ros.diagnosis.explain.candidate_trials import Step
+    from dlo_ros.diagnosis.explain.cause_search import _tell
 
     caplog.set_level(logging.INFO, "dlo_ros")
     _tell(

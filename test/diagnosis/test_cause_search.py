@@ -9,8 +9,8 @@ import pytest
 from rods import PAPER
 
 from dlo_ros.diagnosis.contact.contact_search import PegBesideSetUp
-from dlo_ros.diagnosis.explain import cause_search, joint_explanation
-from dlo_ros.diagnosis.explain.joint_explanation import SCALES, certain
+from dlo_ros.diagnosis.explain import candidate_trials, cause_search, joint_explanation
+from dlo_ros.diagnosis.explain.certainty import SCALES, certain
 from dlo_ros.diagnosis.proposals.linear_evidence import Promise, proposal_of, with_sheet
 from dlo_ros.effects import Start
 from dlo_ros.inference.parameter import ParametricModel
@@ -27,10 +27,10 @@ def best_of(monkeypatch, fits):
         SimpleNamespace(proposal=SimpleNamespace(label=name), gain=10.0, model=name)
         for name in fits
     ]
-    monkeypatch.setattr(cause_search, "_checked", lambda promise, _: (1e-3, promise))
-    monkeypatch.setattr(cause_search, "fitted", lambda model, *_: evaluation(*fits[model]))
-    monkeypatch.setattr(cause_search, "fit", lambda found, *_: found)
-    best, trace = cause_search._best_of(1, evaluation(0.0, 2e-3), promises, ())
+    monkeypatch.setattr(candidate_trials, "_checked", lambda promise, _: (1e-3, promise))
+    monkeypatch.setattr(candidate_trials, "fitted", lambda model, *_: evaluation(*fits[model]))
+    monkeypatch.setattr(candidate_trials, "fit", lambda found, *_: found)
+    best, trace = candidate_trials.best_trial(1, evaluation(0.0, 2e-3), promises, ())
     return best and best[1].label, {step.name: step.outcome for step in trace}
 
 
@@ -60,13 +60,57 @@ def test_the_search_ends_with_a_cause_that_takes_too_little_away_to_be_named(mon
     monkeypatch.setattr(cause_search, "offered", lambda *_: object())
     monkeypatch.setattr(cause_search, "promised", lambda *_: [])
     monkeypatch.setattr(cause_search, "linear_loss", lambda *_: 1e3)
+    monkeypatch.setattr(cause_search, "own_err", lambda *_: 1e-3)
     monkeypatch.setattr(
-        cause_search, "_best_of",
+        cause_search, "best_trial",
         lambda number, *_: ((evaluation(40.0 * number, left[number - 1]), offers[number - 1]), []),
     )  # fmt: skip
     found = cause_search.search(evaluation(0.0, 2e-3), (), starts, 0.1e-3)
     assert [c.label for c in found.causes] == ["effect 0", "effect 1", "effect 2"]
     assert found.at.mean_err == left[2]
+
+
+@pytest.mark.parametrize(
+    ("instead", "causes", "left"),
+    [
+        ([0.5e-3], ["gradient", "yield"], 0.5e-3),
+        ([1.95e-3, 0.5e-3], ["clamp", "yield"], 0.5e-3),
+        # No more than two are tried.
+        ([1.95e-3, None, 0.5e-3], ["clamp", "gradient", "creep"], 1.9e-3),
+    ],
+)
+def test_a_strained_set_up_makes_way_for_the_effect_whose_work_it_does(
+    monkeypatch, instead, causes, left
+):
+    def proposal(label, start=None):
+        return SimpleNamespace(label=label, effect=label, start=start)
+
+    added = iter([proposal("clamp"), proposal("gradient"), proposal("creep", object())])
+    errs = iter([4e-3, 2e-3, 1.9e-3])
+    strained = [proposal("clamp"), proposal("gradient"), proposal("camera")]
+    tried = iter(instead)
+
+    def exchange(*_):
+        err = next(tried)
+        yields = proposal("yield", object())
+        return (None if err is None else (evaluation(90.0, err), yields)), []
+
+    monkeypatch.setattr(cause_search, "offered", lambda *_: object())
+    monkeypatch.setattr(cause_search, "promised", lambda *_: [])
+    monkeypatch.setattr(cause_search, "linear_loss", lambda *_: 1e3)
+    monkeypatch.setattr(cause_search, "own_err", lambda *_: 0.4e-3)
+    monkeypatch.setattr(
+        cause_search, "_strained",
+        lambda at, causes, known: [g for g in strained if g.label not in known],
+    )  # fmt: skip
+    monkeypatch.setattr(cause_search, "_exchange", exchange)
+    monkeypatch.setattr(
+        cause_search, "best_trial", lambda *_: ((evaluation(50.0, next(errs)), next(added)), [])
+    )
+    at = evaluation(0.0, 8e-3)
+    found = cause_search.search(at, (), (), 0.55e-3)
+    assert [c.label for c in found.causes] == causes
+    assert found.at.mean_err == left
 
 
 def test_the_peg_that_explains_most_is_where_the_search_begins(monkeypatch):
@@ -106,8 +150,8 @@ def test_the_size_of_what_begins_at_a_finite_one_is_looked_for(monkeypatch):
         off = np.log(model.settings.effects["plasticity"]["yield_curvature"] / 6.0)
         return SimpleNamespace(mean_err=1e-3 * (1.0 + off**2))
 
-    monkeypatch.setattr(cause_search, "simulate", simulate)
-    err, promise = cause_search._checked(Promise(proposal, 10.0, begin, begin), ())
+    monkeypatch.setattr(candidate_trials, "simulate", simulate)
+    err, promise = candidate_trials._checked(Promise(proposal, 10.0, begin, begin), ())
     found = promise.model.settings.effects["plasticity"]
     assert found["yield_curvature"] == pytest.approx(6.0, rel=0.05)
     assert found["hardening"] == 0.35 and err == pytest.approx(1e-3, rel=0.01)
@@ -120,7 +164,7 @@ def test_what_has_no_size_is_simulated_where_it_is_promised():
         Start("wall", {"offset": -0.2, "angle": 0.0}, ("offset",), ("offset",), neutral=False),
         Start("point_mass", {"mass": 0.0}, ("mass",), ("mass",)),
     ):
-        assert cause_search._size(proposal_of(PAPER, start)) is None
+        assert candidate_trials._size(proposal_of(PAPER, start)) is None
 
 
 def test_what_is_not_known_of_the_weight_makes_no_force_doubtful():

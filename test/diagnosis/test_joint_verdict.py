@@ -8,9 +8,20 @@ import numpy as np
 import pytest
 from rods import PAPER
 
-from dlo_ros.diagnosis.explain.joint_explanation import Cause, _along, _staying
+from dlo_ros.diagnosis import joint_diagnosis
+from dlo_ros.diagnosis.explain import measurement_error
+from dlo_ros.diagnosis.explain.joint_explanation import Cause, Explanation
+from dlo_ros.diagnosis.explain.measurement_error import _along, _staying
 from dlo_ros.diagnosis.findings import joint_outcome
-from dlo_ros.diagnosis.findings.joint_outcome import _completed, _verdict, nearer, surprising
+from dlo_ros.diagnosis.findings.joint_outcome import (
+    Learned,
+    _completed,
+    _held_out,
+    _verdict,
+    nearer,
+    surprising,
+)
+from dlo_ros.diagnosis.findings.summary import Findings
 from dlo_ros.inference.spectrum import modes, spectrum
 from dlo_ros.inference.variances import fit_variances
 from dlo_ros.spline import SplineBasis
@@ -83,6 +94,59 @@ def test_a_recording_that_shows_what_others_do_not_is_told(spare, held, seen, su
     explanation = SimpleNamespace(material_err=MATTERS)
     learned = SimpleNamespace(held=errors[0], seen=errors[1], explanation=explanation)
     assert surprising(training, learned) is surprised
+
+
+def recording(speed, grip="start"):
+    """A recording of a DLO that moves evenly."""
+    times = np.linspace(0.0, 1.0, 6)
+    observed = np.zeros((6, 4, 3))
+    observed[..., 0] = speed * times[:, None]
+    command = SimpleNamespace(names=(grip,))
+    return SimpleNamespace(
+        times=times, observed=observed, manipulation=SimpleNamespace(commands=(command,))
+    )
+
+
+@pytest.mark.parametrize(
+    ("recordings", "number"),
+    [
+        ([recording(0.1), recording(0.1), recording(0.2)], 2),
+        ([recording(0.1), recording(0.1), recording(2.0)], 1),  # damping shows in the last alone
+        ([recording(0.1), recording(0.1), recording(0.1, "end")], 1),
+        ([recording(0.1), recording(2.0)], None),  # too few
+        ([recording(0.1), recording(0.1, "end"), recording(0.1, "middle")], None),
+    ],
+)
+def test_held_out_is_a_recording_that_others_can_foretell(recordings, number):
+    assert _held_out(recordings) == number
+
+
+@pytest.mark.parametrize(("noise", "own"), [(1e-3, 1e-3), (0.1, 0.01)])
+def test_no_noise_beyond_a_hundredth_of_the_length_is_the_measurements_own(monkeypatch, noise, own):
+    monkeypatch.setattr(measurement_error, "_staying", lambda *_: np.zeros(1))
+    monkeypatch.setattr(measurement_error, "_noise", lambda *_: np.array([noise**2]))
+    settings = SimpleNamespace(rod=SimpleNamespace(length=1.0))
+    at = SimpleNamespace(
+        model=SimpleNamespace(settings=settings), variances=(None,), spectra=(None,),
+        predicted=(None,),
+    )  # fmt: skip
+    seen = SimpleNamespace(observed=np.random.default_rng(0).normal(size=(9, 4, 3)), beyond=None)
+    one_direction = np.sqrt(2.0 / np.pi)  # mean of the absolute value
+    assert measurement_error.own_err(at, [seen]) == pytest.approx(one_direction * own, rel=0.02)
+
+
+@pytest.mark.parametrize(("frames", "named"), [(3, 0), (12, 1)])
+def test_the_joint_model_names_causes_of_more_than_a_few_shapes(monkeypatch, frames, named):
+    monkeypatch.setattr(joint_diagnosis, "takes_over", lambda *_: False)
+    cause = Cause("point_mass", (), (), 90.0, 6e-3)
+    explanation = Explanation(
+        None, SimpleNamespace(mean_err=2e-3), (cause,), 1e-3, 1.3e-3, 0.5e-3, (), ()
+    )
+    joint = Learned(explanation, (), None, None)
+    at = SimpleNamespace(err=(np.full(frames, 6e-3),), residuals=(np.zeros((frames, 8)),))
+    found = Findings(None, None)
+    told = joint_diagnosis.joint_beside(found, joint, SimpleNamespace(at=at))
+    assert told.joint is not None and len(told.joint.explanation.causes) == named
 
 
 def fitted_to(*errs):

@@ -12,10 +12,17 @@ import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-from scipy.optimize import minimize_scalar
-
 from dlo_ros.diagnosis.contact.contact_search import PegBesideSetUp
+from dlo_ros.diagnosis.explain.candidate_trials import (
+    FIT_ITERATIONS,
+    WORTH,
+    Step,
+    Trial,
+    best_trial,
+    fitted,
+)
+from dlo_ros.diagnosis.explain.certainty import is_beyond, tolerances_off
+from dlo_ros.diagnosis.explain.measurement_error import OWN, own_err
 from dlo_ros.diagnosis.proposals.linear_evidence import (
     Extra,
     Promise,
@@ -30,40 +37,24 @@ from dlo_ros.diagnosis.proposals.linear_evidence import (
     sheets,
     with_sheet,
 )
-from dlo_ros.effects import Start, quantities
+from dlo_ros.effects import Start
 from dlo_ros.errors import SimulationError
 from dlo_ros.inference.joint import Evaluation, borrowed, evaluate, fit, misfit, simulate
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import Parameter, ParametricModel
 from dlo_ros.inference.priors import SLAB
 from dlo_ros.inference.variances import posterior
-from dlo_ros.spline import FloatArray
 
 LOG = logging.getLogger(__name__)
 
-WORTH = 3.0
-"""Gain in log evidence for which a cause is added: twenty to one."""
 LOWERS = 0.1
 """Share of ERR that a cause must take away to be named."""
 MOST_CAUSES = 6
-CHECKED = 10
-NEAR = 0.3
-"""Proposals that are simulated in a step, those that promise most, and their share of the best
-promise: a promise is linear, and no better than that."""
-WORSE = 2.0
-"""ERR over that without a proposal, from which where it promises most is no place to fit from."""
 INDISPENSABLE = 10.0 * WORTH
 """Loss of log evidence without a cause by the linearised posterior, from which no fit without it
 need be tried."""
-SHARES = (1.0, 0.5)
-"""Shares of the way to the promised model that are simulated."""
-SIZES, SIZE_TRIALS = 2.2, 6
-"""Factor up to which the size of an effect that begins at a finite one may be larger or smaller
-where its fit begins, and number of sizes that are simulated: no derivative tells of it."""
-TRIALS = 3
-"""Proposals that are fitted, those that come nearest in a simulation."""
-FIRST_ITERATIONS, FIT_ITERATIONS = 4, 12
-"""Iterations of each proposal, and of the best of them."""
+EXCHANGES = 2
+"""Numbers of the set-up that are exchanged for effects in a search."""
 
 
 @dataclass(frozen=True)
@@ -77,25 +68,6 @@ class Offer:
 
     proposals: tuple[Proposal, ...]
     extra: Extra
-
-
-@dataclass(frozen=True)
-class Step:
-    """A candidate of one step, for the trace.
-
-    Args:
-        step: number of the step.
-        name: of the proposal.
-        gain: in log evidence, as fitted, or as promised where it was not.
-        err: of the fitted model [m]; None where it was not fitted.
-        outcome: why it was kept or dropped.
-    """
-
-    step: int
-    name: str
-    gain: float
-    err: float | None
-    outcome: str
 
 
 @dataclass(frozen=True)
@@ -156,6 +128,7 @@ def search(
     dropped: set[str] = set()
     trace: list[Step] = []
     offer: Offer | None = None
+    exchanged: list[str] = []
     if first_peg is not None:
         gain = first_peg[0].posterior.evidence - at.posterior.evidence
         at, causes = first_peg[0], [first_peg[1]]
@@ -169,12 +142,21 @@ def search(
         candidates = [
             p for p in promised(at, offer) if not {p.proposal.label, p.proposal.effect} & known
         ]
-        found, steps = _best_of(number, at, candidates, recordings)
+        found, steps = best_trial(number, at, candidates, recordings)
         trace += steps
         _tell(steps)
+        if _takes_little(found, at) and _matters(found[0] if found else at, recordings, enough):
+            for group in _strained(at, causes, exchanged)[: EXCHANGES - len(exchanged)]:
+                exchanged.append(group.label)
+                other, steps = _exchange(number, at, group, recordings, begun, known)
+                trace += steps
+                _tell(steps)
+                if other is not None and not _takes_little(other, at):
+                    found, causes = other, [c for c in causes if c.label != group.label]
+                    break
         if found is None:
             break
-        little = found[0].mean_err > (1.0 - LOWERS) * at.mean_err
+        little = _takes_little(found, at)
         at, causes, offer = found[0], [*causes, found[1]], None
         for cause in reversed(causes):
             if linear_loss(at, cause) > INDISPENSABLE:
@@ -190,6 +172,65 @@ def search(
         if little:
             break
     return Search(at, tuple(causes), tuple(trace), offer)
+
+
+def _matters(at: Evaluation, recordings: Sequence[Recording], enough: float) -> bool:
+    """Whether what a model leaves is more than the measurement's own error, and than `enough`."""
+    return at.mean_err > max(OWN * own_err(at, recordings), enough)
+
+
+def _takes_little(found: Trial | None, at: Evaluation) -> bool:
+    """Whether a trial takes too little of a model's ERR away to be named."""
+    return found is None or found[0].mean_err > (1.0 - LOWERS) * at.mean_err
+
+
+def _strained(
+    at: Evaluation, causes: Sequence[Proposal], exchanged: Sequence[str]
+) -> list[Proposal]:
+    """What of the set-up lies beyond its tolerance, farthest first, and has not been exchanged."""
+    own = [c for c in causes if c.start is None]
+    far = [g for g in freed(at.model) if is_beyond(at, g)]
+    groups = [g for g in (*own, *far) if g.label not in exchanged]
+    return sorted(groups, key=lambda g: -tolerances_off(at, g))
+
+
+def _exchange(
+    number: int, at: Evaluation, group: Proposal, recordings: Sequence[Recording],
+    begun: Sequence[Start], known: set[str],
+) -> tuple[Trial | None, list[Step]]:  # fmt: skip
+    """The best effect in place of numbers of the set-up that lie beyond their tolerance.
+
+    While the true cause is not in the model, the set-up may be strained until it does most of the
+    work. From there the cause promises little and makes matters worse where it is simulated.
+
+    Args:
+        number: of the step, for the trace.
+        at: the joint model over which the effect must gain.
+        group: the numbers.
+        begun: effects that might be added, where they are looked for.
+        known: names of effects that are not tried.
+    """
+    within = at.model.with_prior([_tolerated(p) for p in group.parameters])
+    try:
+        bare = evaluate(_with_neutral(at, within, group), recordings)
+    except SimulationError as err:
+        LOG.info("without %s: %s", group.label, err)
+        return None, []
+    candidates = [
+        p for p in promised(bare, offered(bare, recordings, begun))
+        if p.proposal.start is not None and not {p.proposal.label, p.proposal.effect} & known
+    ]  # fmt: skip
+    return best_trial(number, at, candidates, recordings)
+
+
+def _with_neutral(at: Evaluation, model: ParametricModel, group: Proposal) -> ParametricModel:
+    """A model with a group at neutral, and the rest where the linearised posterior lies then."""
+    held = model.with_prior([pinned(p) for p in group.parameters])
+    step = posterior(at.spectra, at.variances, held.offset(), held.precision()).step
+    theta = model.theta() + step
+    for p in group.parameters:
+        theta[model.index(p.name)] = p.centre
+    return model.at(theta)
 
 
 def _tell(steps: Sequence[Step]) -> None:
@@ -258,108 +299,6 @@ def _neutral(model: ParametricModel, cause: Proposal) -> ParametricModel:
     for p in kept:
         theta[model.index(p.name)] = p.centre
     return model.at(theta).without(names)
-
-
-def _best_of(
-    number: int, at: Evaluation, promises: Sequence[Promise], recordings: Sequence[Recording]
-) -> tuple[tuple[Evaluation, Proposal] | None, list[Step]]:
-    """Fit the proposals that promise most; the one that gains most, if it is worth it."""
-    trace: list[Step] = []
-    checked: list[tuple[float, Promise]] = []
-    for k, promise in enumerate(promises):
-        name = promise.proposal.label
-        if k >= CHECKED or promise.gain < max(WORTH, NEAR * promises[0].gain):
-            trace.append(Step(number, name, promise.gain, None, "promised less"))
-            continue
-        there = _checked(promise, recordings)
-        if there is None:
-            trace.append(Step(number, name, promise.gain, None, "cannot be simulated"))
-        else:
-            checked.append(there)
-    checked.sort(key=lambda row: row[0])
-    begun: list[tuple[Evaluation, Proposal]] = []
-    for k, (err, promise) in enumerate(checked):
-        name = promise.proposal.label
-        if k >= TRIALS or err > WORSE * at.mean_err:
-            outcome = "others come nearer" if k >= TRIALS else "makes matters worse"
-            trace.append(Step(number, name, promise.gain, err, outcome))
-            continue
-        found = fitted(promise.model, recordings, FIRST_ITERATIONS)
-        if found is None:
-            trace.append(Step(number, name, promise.gain, err, "cannot be simulated"))
-        else:
-            begun.append((found, promise.proposal))
-    # A proposal with which predictions lie farther from the shapes is no explanation, whatever its
-    # log evidence.
-    begun.sort(key=lambda row: (row[0].mean_err > at.mean_err, -row[0].posterior.evidence))
-    best: tuple[Evaluation, Proposal] | None = None
-    for k, (found, proposal) in enumerate(begun):
-        outcome = "fitted, but another gains more"
-        if k == 0:
-            found = fit(found, recordings, FIT_ITERATIONS)
-            outcome = "gains too little"
-        gain = found.posterior.evidence - at.posterior.evidence
-        if found.mean_err > at.mean_err:
-            outcome = "makes matters worse"
-        elif k == 0 and gain >= WORTH:
-            best, outcome = (found, proposal), "added"
-        trace.append(Step(number, proposal.label, gain, found.mean_err, outcome))
-    return best, trace
-
-
-def _checked(promise: Promise, recordings: Sequence[Recording]) -> tuple[float, Promise] | None:
-    """ERR [m] of a proposal where it promises most, and from where it is fitted; None: nowhere."""
-    begin, end = promise.begin.theta(), promise.model.theta()
-    found: list[tuple[float, Promise]] = []
-
-    def tried(theta: FloatArray) -> float:
-        model = promise.begin.at(theta)
-        try:
-            err = simulate(model, recordings, ()).mean_err
-        except SimulationError as reason:
-            LOG.info("%s: %s", promise.proposal.label, reason)
-            return float(np.finfo(float).max)
-        found.append((err, replace(promise, model=model)))
-        return err
-
-    for share in SHARES:
-        tried(begin + share * (end - begin))
-    size = _size(promise.proposal)
-    if size is not None and found:
-        here = min(found, key=lambda row: row[0])[1].model
-        k, theta, most = here.index(size.name), here.theta(), float(np.log(SIZES))
-        value = size.outer(theta[k])
-
-        def resized(factor: float) -> float:
-            theta[k] = size.inner(value * float(np.exp(factor)))
-            return tried(theta)
-
-        minimize_scalar(
-            resized, bounds=(-most, most), method="bounded", options={"maxiter": SIZE_TRIALS}
-        )
-    return min(found, key=lambda row: row[0], default=None)
-
-
-def _size(proposal: Proposal) -> Parameter | None:
-    """The size of an effect that begins at a finite one; None where it has none, as a peg."""
-    start = proposal.start
-    if start is None or start.neutral or not start.screened:
-        return None
-    key = start.screened[0]
-    if quantities(start.effect)[key].geometric:
-        return None
-    return next((p for p in proposal.parameters if p.key == key), None)
-
-
-def fitted(
-    model: ParametricModel, recordings: Sequence[Recording], iterations: int = FIT_ITERATIONS
-) -> Evaluation | None:
-    """The model fitted; None where it cannot be simulated."""
-    try:
-        return fit(evaluate(model, recordings), recordings, iterations)
-    except SimulationError as err:
-        LOG.info("not fitted: %s", err)
-        return None
 
 
 def offered(at: Evaluation, recordings: Sequence[Recording], begun: Sequence[Start]) -> Offer:

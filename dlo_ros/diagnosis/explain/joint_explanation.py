@@ -4,65 +4,44 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from dlo_ros.diagnosis.contact.contact_search import PegBesideSetUp
+from dlo_ros.diagnosis.explain.candidate_trials import Step, fitted
 from dlo_ros.diagnosis.explain.cause_search import (
     LOWERS,
     Offer,
     Search,
-    Step,
     best_peg,
-    fitted,
     linear_loss,
     offered,
     promised,
     search,
     without,
 )
+from dlo_ros.diagnosis.explain.certainty import SCALES, beyond, certain, is_beyond
+from dlo_ros.diagnosis.explain.measurement_error import material_err, own_err
 from dlo_ros.diagnosis.proposals.candidate_effects import starts
-from dlo_ros.diagnosis.proposals.linear_evidence import Proposal, freed
-from dlo_ros.effects import Scene, Start, quantities
+from dlo_ros.diagnosis.proposals.linear_evidence import Proposal
+from dlo_ros.effects import Scene, Start
 from dlo_ros.inference.joint import Evaluation, evaluate, settled, simulate
-from dlo_ros.inference.measured import Recording, spline_space
-from dlo_ros.inference.parameter import Parameter, ParametricModel, split_name
-from dlo_ros.inference.priors import SLAB, joint_model
+from dlo_ros.inference.measured import Recording
+from dlo_ros.inference.parameter import ParametricModel
+from dlo_ros.inference.priors import joint_model
 from dlo_ros.inference.scene import imposed_names, scene
-from dlo_ros.inference.spectrum import Spectrum
-from dlo_ros.inference.variances import FEWEST_FRAMES, Variances
 from dlo_ros.parameters import Settings
-from dlo_ros.spline import FloatArray
 
 NAMED = 5.0
 """Loss of log evidence without a cause, from which it is named: 150 to one. Of one that is no part
 of every set-up, but one of K effects that were tried, ln K more."""
 RIVAL = 3.0
 """Log evidence by which a rival may be worse."""
-CERTAIN = 3.0
-"""Standard deviations from neutral, from which a cause is named."""
-SCALES = ("young_modulus", "density")
-"""Parameters in proportion to which a cause may be larger: what is not known of them makes its
-presence no less certain. A force on a DLO that was not weighed is known as a share of the weight, a
-mass on one of unknown stiffness likewise."""
-BEYOND = 2.0
-"""Tolerances from neutral, from which a number of the set-up may be a cause."""
-NOTABLE = 0.2
-"""Tolerances from neutral, from which a number of the set-up is off by more than two programs that
-simulate the same DLO differ by."""
 MENDS = 0.05
 """Share of what the plain model misses beyond the measurement's own error, up to which an effect
 may only mend the law of another one, such as a segment that of a gradient: true ones have taken
 away a tenth and more, such mends a thirtieth."""
-OWN = 1.3
-"""ERR over that of the measurement itself, up to which nothing is left to explain."""
-LARGEST_STAYING = 0.01
-"""Largest error over the length that stays and counts as the measurement's own: no calibration that
-deserves the name errs more."""
-STILL = 0.1
-"""Share of the error that stays which counts as the measurement's where the DLO does not move:
-there nothing tells it from an error of the model."""
 RIVAL_FITS = 2
 
 
@@ -173,73 +152,6 @@ def explain(
     )
 
 
-def material_err(own: float, given: Settings) -> float:
-    """ERR [m] from which it matters, where the measurement itself has `own` [m]."""
-    return max(OWN * own, given.diagnosis.material_err * given.rod.length)
-
-
-def own_err(at: Evaluation, recordings: Sequence[Recording]) -> float:
-    """ERR that the measurement alone has [m]: noise, and errors that stay while the DLO moves.
-
-    Of the latter those that each recording shows, since a few numbers make them: their variance is
-    that of all recordings together. The error of u that measured points leave open counts as each
-    recording shows it, too.
-    """
-    found = []
-    most = (LARGEST_STAYING * at.model.settings.rod.length) ** 2
-    for variances, s, recording, predicted in zip(
-        at.variances, at.spectra, recordings, at.predicted, strict=True
-    ):
-        staying = np.minimum(_staying(variances, s), most)
-        moved = recording.observed - recording.observed.mean(axis=0)
-        still = np.mean(np.sum(moved**2, axis=2)) < np.sum(staying)
-        own = (STILL if still else 1.0) ** 2 * staying
-        variance = _noise(variances, recording) + own
-        if recording.beyond is not None:
-            variance[1] += min(_along(recording, predicted, at.model.settings), most)
-        found.append(mean_length(np.sqrt(variance)))
-    return float(np.mean(found))
-
-
-def _staying(variances: Variances, s: Spectrum) -> FloatArray:
-    """Mean square of the errors that stay, in each direction, as far as the data tell [m^2]."""
-    still = s.still * (variances.lasting[s.part] * s.share + variances.rough[s.part] * s.white)
-    weight = still / variances.of(s)
-    squares = weight**2 * s.sum_of_squares + s.count * (1.0 - weight) * still
-    return np.bincount(s.part, squares) / s.frames
-
-
-def _along(recording: Recording, predicted: FloatArray, settings: Settings) -> float:
-    """Mean square by which a recording's splines lie along the DLO from a simulation [m^2].
-
-    Residuals of measured points hold next to nothing of it: a camera sees u where it sees an end,
-    and counts it from where a clamp should be.
-    """
-    seen, n = recording.observed[-len(predicted) :], predicted.shape[1]
-    along = spline_space(seen, settings)[:, n : 2 * n]
-    return float(
-        np.mean(np.sum(np.einsum("fknc,fnc->fk", along, seen - predicted[..., :3]) ** 2, axis=1))
-    )
-
-
-def _noise(variances: Variances, recording: Recording) -> FloatArray:
-    """Variance of the noise in each direction [m^2]; of a few frames, what is rough along the DLO.
-
-    All that a few frames do not agree on with the model would count as noise otherwise.
-    """
-    noise = variances.white + variances.nodal
-    if len(recording.times) >= FEWEST_FRAMES:
-        return noise
-    scattered = np.sum(recording.noise.reshape(len(noise), -1) ** 2, axis=1)
-    return np.asarray(np.minimum(noise, scattered))
-
-
-def mean_length(sizes: FloatArray) -> float:
-    """Mean length of a normal vector with the given standard deviations."""
-    drawn = np.random.default_rng(0).normal(size=(20_000, len(sizes)))
-    return float(np.mean(np.linalg.norm(drawn * sizes, axis=1)))
-
-
 def _named(
     found: Search, recordings: Sequence[Recording], begun: Sequence[Start], material: float,
     least: float,
@@ -264,7 +176,7 @@ def _named(
         tried = len({s.effect for s in begun}) if group.start is not None else 1
         if loss < NAMED + np.log(tried) or at.mean_err > (1.0 - LOWERS) * bare.mean_err:
             continue
-        if group.start is not None or not _beyond(at, group):
+        if group.start is not None or not is_beyond(at, group):
             little = bare.mean_err - at.mean_err < least
             if bare.mean_err < material or (little and group.from_nothing):
                 continue
@@ -288,67 +200,6 @@ def _merged(causes: Sequence[Cause]) -> tuple[Cause, ...]:
         )
         for effect, same in by_effect.items()
     )  # fmt: skip
-
-
-def beyond(at: Evaluation) -> list[Proposal]:
-    """Groups of the set-up of which a number lies beyond its tolerance."""
-    return [
-        replace(g, parameters=tuple(p for p in at.model.parameters if p.name in g.columns))
-        for g in freed(at.model)
-        if _beyond(at, g)
-    ]
-
-
-def _beyond(at: Evaluation, group: Proposal, tolerances: float = BEYOND) -> bool:
-    """Whether a size of a group, with the priors of a cause, lies so many tolerances off."""
-    if not group.from_nothing:
-        return False
-    off = dict(zip(at.model.names, at.model.offset(), strict=True))
-    return any(
-        abs(off[p.name]) > tolerances * p.std / SLAB
-        for p in group.parameters
-        if p.name in off and not _geometric(p)
-    )
-
-
-def _geometric(p: Parameter) -> bool:
-    """Whether a parameter is a place, of which none is neutral."""
-    return bool(p.effect) and quantities(p.effect)[split_name(p.name)[1]].geometric
-
-
-def certain(at: Evaluation, group: Proposal, held: Sequence[str] = ()) -> bool:
-    """Whether a group is away from neutral by more than its uncertainty (Wald).
-
-    Args:
-        held: parameters of which what is not known does not count.
-    """
-    linear = [n for n in group.columns if n in at.model.names]
-    if not linear or not group.from_nothing:
-        return group.start is not None
-    k = [at.model.index(n) for n in linear]
-    off = at.model.offset()[k]
-    h = [at.model.index(n) for n in held if n in at.model.names]
-    # With some parameters held, the rest of the inverse covariance stays as it is.
-    covariance = at.posterior.covariance[np.ix_([*k, *h], [*k, *h])]
-    information = np.linalg.inv(covariance)[: len(k), : len(k)]
-    return float(off @ information @ off) > CERTAIN**2 * len(k)
-
-
-def departures(at: Evaluation, causes: Sequence[Proposal] = ()) -> int:
-    """Number of causes and notable parts of the set-up that are away from neutral for certain.
-
-    Args:
-        at: the joint model.
-        causes: that have been added to it or freed.
-    """
-    acting = [c for c in causes if c.start is not None]
-    tolerated = replace(
-        at.model,
-        parameters=tuple(replace(p, tolerated=bool(p.effect)) for p in at.model.parameters),
-    )
-    own = {p.name for c in acting for p in c.parameters}
-    parts = [g for g in freed(tolerated) if g.parameters[0].effect and not own & set(g.columns)]
-    return len(acting) + sum(certain(at, g) and _beyond(at, g, NOTABLE) for g in parts)
 
 
 def _rivals(

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from dlo_ros.diagnosis.explain.cause_search import Step
+from dlo_ros.diagnosis.explain.candidate_trials import Step
 from dlo_ros.diagnosis.residuals.relations import Relations
 from dlo_ros.diagnosis.selection.verdict import Verdict
 from dlo_ros.parameters import Settings

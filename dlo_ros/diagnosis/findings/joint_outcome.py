@@ -10,15 +10,13 @@ import numpy as np
 
 from dlo_ros.diagnosis.contact.contact_search import PegBesideSetUp
 from dlo_ros.diagnosis.explain.joint_explanation import (
-    OWN,
     Cause,
     Explanation,
     Prepared,
     explain,
-    material_err,
-    own_err,
     prepare,
 )
+from dlo_ros.diagnosis.explain.measurement_error import OWN, material_err, own_err
 from dlo_ros.diagnosis.findings import holdout
 from dlo_ros.diagnosis.findings.diagnosis_outcome import (
     Diagnosis,
@@ -57,6 +55,8 @@ SPARE = 3
 FEWEST = 10
 """Frames, from which the end of a recording can be foretold from its beginning."""
 FINAL_ITERATIONS = 8
+FASTER = 3.0
+"""Speed of the recording that is held out over that of the fastest other at most."""
 SURPRISING = 3.0
 """ERR on the recording that is held out over that on the others, from which it shows what they do
 not."""
@@ -174,14 +174,27 @@ def nearer(learned: Learned, other: Learned) -> bool:
 
 
 def _held_out(recordings: Sequence[Recording]) -> int | None:
-    """The recording to be held out: the last that is gripped as another is.
+    """The recording to be held out: the last that is gripped as another is and moves no faster.
 
-    What only shows where the DLO is gripped otherwise could not be foretold.
+    What only shows where the DLO is gripped otherwise, or moves, could not be foretold.
     """
     if len(recordings) < SPARE:
         return None
     grips = [{n for c in r.manipulation.commands for n in c.names} for r in recordings]
-    return next((k for k in reversed(range(len(grips))) if grips.count(grips[k]) > 1), None)
+    speeds = [_speed(r) for r in recordings]
+    for k in reversed(range(len(recordings))):
+        others = [speeds[i] for i, g in enumerate(grips) if i != k and g == grips[k]]
+        if others and speeds[k] <= FASTER * max(others):
+            return k
+    return None
+
+
+def _speed(recording: Recording) -> float:
+    """Root mean square speed of the DLO between frames [m/s]."""
+    if len(recording.times) < 2:
+        return 0.0
+    moved = np.linalg.norm(np.diff(recording.observed, axis=0), axis=2)
+    return float(np.sqrt(np.mean((moved / np.diff(recording.times)[:, None]) ** 2)))
 
 
 def joint_outcome(

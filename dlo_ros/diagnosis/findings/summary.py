@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dlo_ros.diagnosis.explain.joint_explanation import material_err, mean_length
+from dlo_ros.diagnosis.explain.measurement_error import material_err, mean_length
 from dlo_ros.diagnosis.findings import holdout
 from dlo_ros.diagnosis.findings.diagnosis_outcome import Diagnosis, NamedEffect, Trial
 from dlo_ros.diagnosis.findings.experiment_advice import advise

@@ -1,0 +1,172 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Proposals tried: those that promise most are simulated, those that come nearest are fitted."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from dlo_ros.diagnosis.proposals.linear_evidence import Promise, Proposal
+from dlo_ros.effects import quantities
+from dlo_ros.errors import SimulationError
+from dlo_ros.inference.joint import Evaluation, evaluate, fit, simulate
+from dlo_ros.inference.measured import Recording
+from dlo_ros.inference.parameter import Parameter, ParametricModel
+from dlo_ros.spline import FloatArray
+
+LOG = logging.getLogger(__name__)
+
+Trial = tuple[Evaluation, Proposal]
+"""A model fitted with a proposal, and the proposal."""
+
+WORTH = 3.0
+"""Gain in log evidence for which a cause is added: twenty to one."""
+CHECKED = 10
+NEAR = 0.3
+"""Proposals that are simulated in a step, those that promise most, and their share of the best
+promise: a promise is linear, and no better than that."""
+WORSE = 2.0
+"""ERR over that without a proposal, from which where it promises most is no place to fit from."""
+SHARES = (1.0, 0.5)
+"""Shares of the way to the promised model that are simulated."""
+SIZES, SIZE_TRIALS = 2.2, 6
+"""Factor up to which the size of an effect that begins at a finite one may be larger or smaller
+where its fit begins, and number of sizes that are simulated: no derivative tells of it."""
+TRIALS = 3
+"""Proposals that are fitted, those that come nearest in a simulation."""
+FIRST_ITERATIONS, FIT_ITERATIONS = 4, 12
+"""Iterations of each proposal, and of the best of them."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """A candidate of one step, for the trace.
+
+    Args:
+        step: number of the step.
+        name: of the proposal.
+        gain: in log evidence, as fitted, or as promised where it was not.
+        err: of the fitted model [m]; None where it was not fitted.
+        outcome: why it was kept or dropped.
+    """
+
+    step: int
+    name: str
+    gain: float
+    err: float | None
+    outcome: str
+
+
+def best_trial(
+    number: int, at: Evaluation, promises: Sequence[Promise], recordings: Sequence[Recording]
+) -> tuple[Trial | None, list[Step]]:
+    """Fit the proposals that promise most; the one that gains most, if it is worth it.
+
+    Args:
+        number: of the step, for the trace.
+        at: the joint model over which a proposal must gain.
+        promises: best first.
+
+    Returns:
+        The best trial, None where none is worth it, and what became of each proposal.
+    """
+    trace: list[Step] = []
+    checked: list[tuple[float, Promise]] = []
+    for k, promise in enumerate(promises):
+        name = promise.proposal.label
+        if k >= CHECKED or promise.gain < max(WORTH, NEAR * promises[0].gain):
+            trace.append(Step(number, name, promise.gain, None, "promised less"))
+            continue
+        there = _checked(promise, recordings)
+        if there is None:
+            trace.append(Step(number, name, promise.gain, None, "cannot be simulated"))
+        else:
+            checked.append(there)
+    checked.sort(key=lambda row: row[0])
+    begun: list[Trial] = []
+    for k, (err, promise) in enumerate(checked):
+        name = promise.proposal.label
+        if k >= TRIALS or err > WORSE * at.mean_err:
+            outcome = "others come nearer" if k >= TRIALS else "makes matters worse"
+            trace.append(Step(number, name, promise.gain, err, outcome))
+            continue
+        found = fitted(promise.model, recordings, FIRST_ITERATIONS)
+        if found is None:
+            trace.append(Step(number, name, promise.gain, err, "cannot be simulated"))
+        else:
+            begun.append((found, promise.proposal))
+    # A proposal with which predictions lie farther from the shapes is no explanation, whatever its
+    # log evidence.
+    begun.sort(key=lambda row: (row[0].mean_err > at.mean_err, -row[0].posterior.evidence))
+    best: Trial | None = None
+    for k, (found, proposal) in enumerate(begun):
+        outcome = "fitted, but another gains more"
+        if k == 0:
+            found = fit(found, recordings, FIT_ITERATIONS)
+            outcome = "gains too little"
+        gain = found.posterior.evidence - at.posterior.evidence
+        if found.mean_err > at.mean_err:
+            outcome = "makes matters worse"
+        elif k == 0 and gain >= WORTH:
+            best, outcome = (found, proposal), "added"
+        trace.append(Step(number, proposal.label, gain, found.mean_err, outcome))
+    return best, trace
+
+
+def _checked(promise: Promise, recordings: Sequence[Recording]) -> tuple[float, Promise] | None:
+    """ERR [m] of a proposal where it promises most, and from where it is fitted; None: nowhere."""
+    begin, end = promise.begin.theta(), promise.model.theta()
+    found: list[tuple[float, Promise]] = []
+
+    def tried(theta: FloatArray) -> float:
+        model = promise.begin.at(theta)
+        try:
+            err = simulate(model, recordings, ()).mean_err
+        except SimulationError as reason:
+            LOG.info("%s: %s", promise.proposal.label, reason)
+            return float(np.finfo(float).max)
+        found.append((err, replace(promise, model=model)))
+        return err
+
+    for share in SHARES:
+        tried(begin + share * (end - begin))
+    size = _size(promise.proposal)
+    if size is not None and found:
+        here = min(found, key=lambda row: row[0])[1].model
+        k, theta, most = here.index(size.name), here.theta(), float(np.log(SIZES))
+        value = size.outer(theta[k])
+
+        def resized(factor: float) -> float:
+            theta[k] = size.inner(value * float(np.exp(factor)))
+            return tried(theta)
+
+        minimize_scalar(
+            resized, bounds=(-most, most), method="bounded", options={"maxiter": SIZE_TRIALS}
+        )
+    return min(found, key=lambda row: row[0], default=None)
+
+
+def _size(proposal: Proposal) -> Parameter | None:
+    """The size of an effect that begins at a finite one; None where it has none, as a peg."""
+    start = proposal.start
+    if start is None or start.neutral or not start.screened:
+        return None
+    key = start.screened[0]
+    if quantities(start.effect)[key].geometric:
+        return None
+    return next((p for p in proposal.parameters if p.key == key), None)
+
+
+def fitted(
+    model: ParametricModel, recordings: Sequence[Recording], iterations: int = FIT_ITERATIONS
+) -> Evaluation | None:
+    """The model fitted; None where it cannot be simulated."""
+    try:
+        return fit(evaluate(model, recordings), recordings, iterations)
+    except SimulationError as err:
+        LOG.info("not fitted: %s", err)
+        return None

@@ -1,0 +1,92 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""ERR that the measurement alone has, and ERR from which it matters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dlo_ros.inference.joint import Evaluation
+from dlo_ros.inference.measured import Recording, spline_space
+from dlo_ros.inference.spectrum import Spectrum
+from dlo_ros.inference.variances import FEWEST_FRAMES, Variances
+from dlo_ros.parameters import Settings
+from dlo_ros.spline import FloatArray
+
+OWN = 1.3
+"""ERR over that of the measurement itself, up to which nothing is left to explain."""
+LARGEST = 0.01
+"""Largest error over the length that counts as the measurement's own, of those that stay and of
+those that are new in every picture: no calibration and no tracker that deserves the name errs more,
+and where the DLO moves far between two pictures what a model lacks is new in each as well."""
+STILL = 0.1
+"""Share of the error that stays which counts as the measurement's where the DLO does not move:
+there nothing tells it from an error of the model."""
+
+
+def material_err(own: float, given: Settings) -> float:
+    """ERR [m] from which it matters, where the measurement itself has `own` [m]."""
+    return max(OWN * own, given.diagnosis.material_err * given.rod.length)
+
+
+def own_err(at: Evaluation, recordings: Sequence[Recording]) -> float:
+    """ERR that the measurement alone has [m]: noise, and errors that stay while the DLO moves.
+
+    Of the latter those that each recording shows, since a few numbers make them: their variance is
+    that of all recordings together. The error of u that measured points leave open counts as each
+    recording shows it, too.
+    """
+    found = []
+    most = (LARGEST * at.model.settings.rod.length) ** 2
+    for variances, s, recording, predicted in zip(
+        at.variances, at.spectra, recordings, at.predicted, strict=True
+    ):
+        staying = np.minimum(_staying(variances, s), most)
+        moved = recording.observed - recording.observed.mean(axis=0)
+        still = np.mean(np.sum(moved**2, axis=2)) < np.sum(staying)
+        own = (STILL if still else 1.0) ** 2 * staying
+        variance = np.minimum(_noise(variances, recording), most) + own
+        if recording.beyond is not None:
+            variance[1] += min(_along(recording, predicted, at.model.settings), most)
+        found.append(mean_length(np.sqrt(variance)))
+    return float(np.mean(found))
+
+
+def _staying(variances: Variances, s: Spectrum) -> FloatArray:
+    """Mean square of the errors that stay, in each direction, as far as the data tell [m^2]."""
+    still = s.still * (variances.lasting[s.part] * s.share + variances.rough[s.part] * s.white)
+    weight = still / variances.of(s)
+    squares = weight**2 * s.sum_of_squares + s.count * (1.0 - weight) * still
+    return np.bincount(s.part, squares) / s.frames
+
+
+def _along(recording: Recording, predicted: FloatArray, settings: Settings) -> float:
+    """Mean square by which a recording's splines lie along the DLO from a simulation [m^2].
+
+    Residuals of measured points hold next to nothing of it: a camera sees u where it sees an end,
+    and counts it from where a clamp should be.
+    """
+    seen, n = recording.observed[-len(predicted) :], predicted.shape[1]
+    along = spline_space(seen, settings)[:, n : 2 * n]
+    return float(
+        np.mean(np.sum(np.einsum("fknc,fnc->fk", along, seen - predicted[..., :3]) ** 2, axis=1))
+    )
+
+
+def _noise(variances: Variances, recording: Recording) -> FloatArray:
+    """Variance of the noise in each direction [m^2]; of a few frames, what is rough along the DLO.
+
+    All that a few frames do not agree on with the model would count as noise otherwise.
+    """
+    noise = variances.white + variances.nodal
+    if len(recording.times) >= FEWEST_FRAMES:
+        return noise
+    scattered = np.sum(recording.noise.reshape(len(noise), -1) ** 2, axis=1)
+    return np.asarray(np.minimum(noise, scattered))
+
+
+def mean_length(sizes: FloatArray) -> float:
+    """Mean length of a normal vector with the given standard deviations."""
+    drawn = np.random.default_rng(0).normal(size=(20_000, len(sizes)))
+    return float(np.mean(np.linalg.norm(drawn * sizes, axis=1)))
