@@ -93,7 +93,7 @@ def begin(
     left_out = tuple(len(r.times) - len(u.times) for r, u in zip(recordings, usable, strict=True))
     if any(left_out):
         recordings = usable
-        at = _first(recordings, settings, near)
+        at = _near(at.model, recordings)
     error = np.nan
     for _ in range(ROUNDS):
         recordings = with_bias(recordings, at.predicted, settings)
@@ -137,7 +137,7 @@ def _rms(residuals: Sequence[FloatArray]) -> float:
 
 def _best_start(recordings: tuple[Recording, ...], model: Model) -> CandidateEvaluation:
     """The plain model near the best of some fits: a motion may have several valleys of E."""
-    coarse = tuple(replace(r, spans=2 * (r.observed.shape[1] - DEGREE)) for r in recordings)
+    coarse = _coarse(recordings)
     begun: list[CandidateEvaluation] = []
     failure: SimulationError | None = None
     theta = model.theta()
@@ -153,16 +153,45 @@ def _best_start(recordings: tuple[Recording, ...], model: Model) -> CandidateEva
     begun.sort(key=_mean_err)
     best = begun[0]
     for at in begun[:VALLEYS]:
-        # Without its noise the prior would count for more than the data.
-        known = [
-            with_noise(r, p, model.settings) for r, p in zip(coarse, at.predicted, strict=True)
-        ]
-        found = attempt(at.model, known, model.settings, VALLEY_ITERATIONS)
+        found = _fitted_to_most(at, coarse)
         if found is not None and _mean_err(found) < _mean_err(best):
             best = found
         if found is not None and found.excess < CLEARLY_WRONG:
             break
     return best
+
+
+def _coarse(recordings: Sequence[Recording]) -> tuple[Recording, ...]:
+    """The recordings with simulations of few knot spans."""
+    return tuple(replace(r, spans=2 * (r.observed.shape[1] - DEGREE)) for r in recordings)
+
+
+def _fitted_to_most(
+    at: CandidateEvaluation, recordings: Sequence[Recording]
+) -> CandidateEvaluation | None:
+    """A model fitted to what shows most of its error, held against all; None where it cannot be."""
+    settings = at.model.settings
+    # Without its noise the prior would count for more than the data.
+    known = [with_noise(r, p, settings) for r, p in zip(recordings, at.predicted, strict=True)]
+    shorter = [
+        r.until(_long_enough(left, len(known)) + len(r.times) - len(left))
+        for r, left in zip(known, at.residuals, strict=True)
+    ]
+    found = attempt(at.model, shorter, settings, VALLEY_ITERATIONS)
+    if found is None or all(s is r for s, r in zip(shorter, known, strict=True)):
+        return found
+    try:
+        return evaluate(found.model, known, settings, derivatives=False)
+    except SimulationError:
+        return None
+
+
+def _near(model: Model, recordings: Sequence[Recording]) -> CandidateEvaluation:
+    """The fit near a model that was fitted to a little more."""
+    coarse = _coarse(recordings)
+    here = evaluate(model, coarse, model.settings, derivatives=False)
+    found = _fitted_to_most(here, coarse)
+    return here if found is None or _mean_err(found) > _mean_err(here) else found
 
 
 def _mean_err(at: CandidateEvaluation) -> float:
