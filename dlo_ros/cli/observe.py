@@ -28,6 +28,7 @@ from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.bag import open_bag
 from dlo_ros.recordings.building import observation_messages
+from dlo_ros.recordings.camera_bags import count_images
 from dlo_ros.recordings.images import Image
 from dlo_ros.recordings.read import (
     iterate_images,
@@ -35,7 +36,6 @@ from dlo_ros.recordings.read import (
     iterate_predictions,
     read_recording,
 )
-from dlo_ros.recordings.several import count_images
 from dlo_ros.recordings.write import BagWriter, copy_topics
 from dlo_ros.vision.camera.pinhole import Camera
 from dlo_ros.vision.fit.control_point_count import (

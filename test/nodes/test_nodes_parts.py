@@ -150,20 +150,25 @@ def test_descriptors_come_from_the_table():
 
 def test_a_recording_that_starts_again_does_not_spoil_what_it_has_told():
     pytest.importorskip("rclpy")
-    from dlo_ros.nodes.link import EASED, Bar
+    from dlo_ros.nodes.simulator_link import EASED, CertaintyThreshold
 
-    bar, unknown = Bar(), float("inf")
-    assert bar.passes(unknown) and bar.passes(0.2) and bar.passes(0.01) and bar.passes(0.02)
-    bar.raise_to_last()
+    threshold, unknown = CertaintyThreshold(), float("inf")
+    assert (
+        threshold.passes(unknown)
+        and threshold.passes(0.2)
+        and threshold.passes(0.01)
+        and threshold.passes(0.02)
+    )
+    threshold.begin_again()
     for std in (unknown, float("nan"), 0.3, 0.021 * EASED):
-        assert not bar.passes(std) and bar.held
-    assert bar.passes(0.02 * EASED) and not bar.held
-    assert bar.passes(0.1)  # of the same pass
+        assert not threshold.passes(std) and threshold.held
+    assert threshold.passes(0.02 * EASED) and not threshold.held
+    assert threshold.passes(0.1)  # of the same pass
     # What never is that certain is taken in the end, since it may be another DLO's.
-    bar.raise_to_last()
-    assert not bar.passes(0.3)
-    bar.raise_to_last()
-    assert bar.passes(0.3)
+    threshold.begin_again()
+    assert not threshold.passes(0.3)
+    threshold.begin_again()
+    assert threshold.passes(0.3)
 
 
 def test_a_storm_of_commands_is_thinned_out_and_what_held_is_kept():
