@@ -84,7 +84,7 @@ INSIDE = {
         ("residuals", "proposals", "contact"),
         ("explain", "selection"),
         ("findings", "monitor"),
-        ("damping_selection",),
+        ("damping_selection", "explanation_order"),
         ("pipeline",),
         ("__init__",),
     ),
