@@ -67,6 +67,7 @@ INSIDE = {
         ("calibration", "tracing"),
         ("fit",),
         ("photograph", "planar_result", "predictions"),
+        ("expected_shape",),
         ("overlay", "planar_observer"),
         ("compile_vision", "contact_sheet", "space"),
         ("points",),
