@@ -206,7 +206,7 @@ def confirmed_explanation(
     if not enough:
         return None
     enough = verdict.without_idle(enough[0].candidate, fewer) or enough
-    others = verdict.foretold(enough[0].candidate, [*fewer, *found], holdout_err)
+    others = verdict.equal_predictors(enough[0].candidate, [*fewer, *found], holdout_err)
     return verdict.choose(enough, others)
 
 

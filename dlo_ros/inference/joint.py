@@ -20,7 +20,7 @@ from dlo_ros.spline import FloatArray
 
 LONGEST_STEP, LONGER = 1.5, 2.0
 """Change of a parameter in the first iteration, in prior standard deviations or logarithms, and by
-what it may grow where the gain was foretold."""
+what it may grow where the gain was predicted."""
 TRIES = 6
 MARQUARDT_DAMPING, HARDER, EASIER = 1e-4, 30.0, 0.1
 """Marquardt's damping at first, and what a failed and a good step make of it."""
@@ -111,9 +111,9 @@ def simulate(
 
     for recording, found in zip(recordings, Threads().map(forecast_of, recordings), strict=True):
         scale = np.array([chain[name] for name in wanted])
-        fields.append(field(recording, found.predicted, found.sensitivity, scale))
+        fields.append(field(recording, found.gain_predicted, found.sensitivity, scale))
         errs.append(found.err)
-        predictions.append(found.predicted)
+        predictions.append(found.gain_predicted)
     return Simulated(tuple(fields), tuple(errs), tuple(predictions))
 
 
@@ -192,7 +192,7 @@ def judged(
         spectra, model.offset(), model.precision(), model.settings.rod.length, start
     )
     return Evaluation(
-        model, found.fields, spectra, variances, posterior, found.err, found.predicted
+        model, found.fields, spectra, variances, posterior, found.err, found.gain_predicted
     )
 
 
@@ -202,7 +202,7 @@ def fit(
 ) -> Evaluation:  # fmt: skip
     """Levenberg-Marquardt with variances that are fitted anew in each iteration.
 
-    Derivatives cost several simulations: they are kept as long as they foretell what a step gains,
+    Derivatives cost several simulations: they are kept as long as they predict what a step gains,
     and corrected by what a step did where they nearly do.
 
     Args:
@@ -213,7 +213,7 @@ def fit(
     at, way, secants = start, _Way(MARQUARDT_DAMPING, LONGEST_STEP), 0
     for _ in range(iterations):
         found = _improved(at, recordings, way, white, TRIES if fresh else 1)
-        way, sure = found.way, fresh or found.foretold
+        way, sure = found.way, fresh or found.gain_predicted
         if found.at is None and fresh:
             break
         before = at
@@ -223,7 +223,7 @@ def fit(
             at, fresh = found.at, False
             if gain < least and sure:
                 break
-        if found.foretold:
+        if found.gain_predicted:
             continue
         if found.at is not None and secants < SECANTS:
             at, secants = _corrected(before, at), secants + 1
@@ -308,12 +308,12 @@ class _Improvement:
     Args:
         at: what is better, with the derivatives from before; None where nothing is.
         way: for the next one.
-        foretold: whether the derivatives foretold the gain.
+        gain_predicted: whether the derivatives predicted the gain.
     """
 
     at: Evaluation | None
     way: _Way
-    foretold: bool
+    gain_predicted: bool
 
 
 def _improved(

@@ -29,7 +29,7 @@ from dlo_ros.report.plots import LinePlot, ReferenceLine, Series, line_plot
 from dlo_ros.report.shape_player import ShapeFrame, player
 
 FORETELLS = (
-    "Foretells: share of what repeats in the residual and does not drift, that a function of the "
+    "Predicts: share of what repeats in the residual and does not drift, that a function of the "
     "input takes away, learned from the other recordings or spans of time. By chance: how often it "
     "does as well with residuals that know nothing of it but vary alike. What drifts slowly within "
     "a recording is left out, as it goes along with everything else that does."
@@ -169,7 +169,7 @@ def _relations(related: ResidualRelations) -> str:
     ]
     parts = [f"<h3>{markup(related.model)}</h3>", *map(paragraph, related.sentences)]
     if rows:
-        parts.append(table(["input", "foretells", "by chance", ""], rows))
+        parts.append(table(["input", "predicts", "by chance", ""], rows))
     if related.unjudged:
         words = f"Varied too slowly to be judged: {', '.join(related.unjudged)}."
         parts.append(paragraph(words))

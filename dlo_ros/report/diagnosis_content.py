@@ -96,7 +96,7 @@ class RelatedInput:
 
     Args:
         name: of the input.
-        share: of what repeats in the residual, that it foretells.
+        share: of what repeats in the residual, that it predicts.
         chance: how often surrogates are explained as well.
         told: whether that is more than chance.
         alike: inputs that cannot be told from it.

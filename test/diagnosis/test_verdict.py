@@ -92,7 +92,7 @@ def test_few_pictures_exclude_no_explanation_that_foretells_as_well():
         best = candidate(["intrinsic_curvature"], 0.6, 100.0, pictures)
         alike = candidate(["gravity_tilt"], 1.2, 150.0, pictures)
         worse = candidate(["stiff_segment"], 1.6, 120.0, pictures)
-        found = verdict.foretold(best, [best, alike, worse], holdout_err)
+        found = verdict.equal_predictors(best, [best, alike, worse], holdout_err)
         rivals = [e.effects for e in found if e.candidate is not best]
         assert rivals == expected
     one = verdict.SufficientEffects(("intrinsic_curvature",), best)

@@ -55,7 +55,7 @@ Errors = list[FloatArray] | None
 SPARE = 3
 """Recordings, from which one of them is held out whole."""
 FEWEST = 10
-"""Frames, from which the end of a recording can be foretold from its beginning."""
+"""Frames, from which the end of a recording can be predicted from its beginning."""
 FINAL_ITERATIONS = 8
 SURPRISING = 3.0
 """ERR on the recording that is held out over that on the others, from which it shows what they do
@@ -132,7 +132,7 @@ def learn(
     """Explain what is not held out; None where the joint model cannot be simulated.
 
     Where all recordings are needed to find causes, the values alone are learned from their
-    beginnings, to foretell their ends.
+    beginnings, to predict their ends.
 
     Args:
         given: the parameter file.
@@ -143,15 +143,15 @@ def learn(
     masks = [np.full(f, k >= count or k == held_out) for k, f in enumerate(frames)]
     try:
         found = explain(training.prepared, given, pegs)
-        foretelling = found.at
+        predicting = found.at
         if len(recordings) == count and held_out is None and min(frames) >= FEWEST:
             masks = [np.arange(f) >= (holdout.TRAINED + 0.1) * (f - 1) for f in frames]
             stops = [int(holdout.TRAINED * (f - 1)) + 1 for f in frames]
             begun = [r.until(s) for r, s in zip(training.prepared.recordings, stops, strict=True)]
-            foretelling = _refitted(found.at, begun)
+            predicting = _refitted(found.at, begun)
     except SimulationError:
         return None
-    return Learned(found, tuple(masks), *_errors(foretelling.model, recordings, masks))
+    return Learned(found, tuple(masks), *_errors(predicting.model, recordings, masks))
 
 
 def surprising(training: TrainingSet, learned: Learned) -> bool:
@@ -176,7 +176,7 @@ def nearer(learned: Learned, other: Learned) -> bool:
 def _held_out(recordings: Sequence[Recording]) -> int | None:
     """The recording to be held out: the last that is gripped as another is.
 
-    What only shows where the DLO is gripped otherwise could not be foretold.
+    What only shows where the DLO is gripped otherwise could not be predicted.
     """
     if len(recordings) < SPARE:
         return None

@@ -39,7 +39,7 @@ def remarks(
         if beside:
             said.append(
                 f"The extended model holds {' and '.join(beside)}, too: with it everything is "
-                "foretold best, but other causes may take its place."
+                "predicted best, but other causes may take its place."
             )
     if decision.verdict == "unexplained":
         shown = suspects[0] if suspects else best

@@ -85,7 +85,7 @@ def outcome(beginning: Beginning, plain: Candidate, found: Findings, given: Sett
         )
     tried = []
     for c in verdict.best_forms([plain, *found.singles, *found.pairs]):
-        err = holdout_errors.foretold(c)
+        err = holdout_errors.linearised_err(c)
         label = "+".join(n for n in c.at.model.effects if n not in plain.at.model.effects)
         tried.append(Trial(label or "none", err, c.score, c.root_autocovariance))
     floors = [noise_floor(r, p, given) for r, p in zip(learned, best.at.predicted, strict=True)]

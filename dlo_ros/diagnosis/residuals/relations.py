@@ -44,7 +44,7 @@ MOST_INPUTS = 3
 LEFT = 0.03
 """Least share of an input's variation that is no drift, to judge the input."""
 SPANS = 4
-"""Number of spans of a single recording, each of which is foretold from the others."""
+"""Number of spans of a single recording, each of which is predicted from the others."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class Relation:
 
     Args:
         name: of the input.
-        share: of what repeats and does not drift, foretold from the other recordings or spans of
+        share: of what repeats and does not drift, predicted from the other recordings or spans of
             time.
         chance: how often surrogates are explained as well.
         told: whether it is more than chance, and not only by way of another input.
@@ -181,7 +181,7 @@ def relate(
     while left and len(told) < MOST_INPUTS:
         by_chance = chances(amplitudes, slow, left, rng)
         field = np.concatenate(_moving(amplitudes, times))
-        gains = {n: _foretold(field, b, times) for n, b in left.items()}
+        gains = {n: _predicted_share(field, b, times) for n, b in left.items()}
         # What changes from frame to frame has more power than neighbouring frames have in common.
         total = max(total, *gains.values())
         shares = {n: max(gain, 0.0) / total for n, gain in gains.items()}
@@ -245,7 +245,7 @@ def sentences(found: Relations) -> tuple[str, ...]:
 def _told(relation: Relation) -> str:
     often = f"by chance in {100.0 * relation.chance:.1g} % of cases"
     text = (
-        f"It goes along with {relation.name}, which foretells {_percent(relation.share)} of what "
+        f"It goes along with {relation.name}, which predicts {_percent(relation.share)} of what "
         f"does not drift ({often})"
     )
     return f"{text}; so does {' and '.join(relation.alike)}." if relation.alike else f"{text}."
@@ -311,10 +311,10 @@ def _amplitudes(fields: Sequence[FloatArray], times: Sequence[FloatArray]) -> li
     return [(f - f.mean(axis=0)) @ vectors[:, -count:] for f in fields]
 
 
-def _foretold(field: FloatArray, basis: FloatArray, times: Sequence[FloatArray]) -> float:
+def _predicted_share(field: FloatArray, basis: FloatArray, times: Sequence[FloatArray]) -> float:
     """Power explained of recordings (or spans) by what the others tell.
 
-    Noise, which is new in what is foretold, adds nothing on average.
+    Noise, which is new in what is predicted, adds nothing on average.
     """
     numbers = np.arange(len(field))
     parts = np.split(numbers, _ends(times)) if len(times) > 1 else np.array_split(numbers, SPANS)

@@ -148,14 +148,14 @@ def search(
     short = earlier(before, problem.recordings, problem.drafts, problem.given)
     first, rest = _worth(tried(team, short, chosen(prospects, short.sum_of_squares), progress))
     smooth = [p for p in first if differentiable(p.start.effect)]
-    rough = [p for p in first if not differentiable(p.start.effect)]
+    nonsmooth = [p for p in first if not differentiable(p.start.effect)]
     if not thorough:
-        rough = [p for p in rough if p.sum_of_squares < short.sum_of_squares]
+        nonsmooth = [p for p in nonsmooth if p.sum_of_squares < short.sum_of_squares]
         likely = list(dict.fromkeys(p.start.effect for p in smooth))[:SECONDS]
         smooth = [p for p in smooth if p.start.effect in likely]
     # In a motion nothing else does as well as a peg, and derivatives beside one take long.
     moving = sum(len(r.times) for r in problem.recordings) >= residual_autocovariance.FEW
-    groups = [smooth, rough] if moving else [first]
+    groups = [smooth, nonsmooth] if moving else [first]
     found: dict[tuple[str, str], Candidate] = {}
     least = np.inf
     for some in (*groups, rest) if thorough else groups:
