@@ -111,9 +111,9 @@ def simulate(
 
     for recording, found in zip(recordings, Threads().map(forecast_of, recordings), strict=True):
         scale = np.array([chain[name] for name in wanted])
-        fields.append(field(recording, found.gain_predicted, found.sensitivity, scale))
+        fields.append(field(recording, found.predicted, found.sensitivity, scale))
         errs.append(found.err)
-        predictions.append(found.gain_predicted)
+        predictions.append(found.predicted)
     return Simulated(tuple(fields), tuple(errs), tuple(predictions))
 
 
@@ -192,7 +192,7 @@ def judged(
         spectra, model.offset(), model.precision(), model.settings.rod.length, start
     )
     return Evaluation(
-        model, found.fields, spectra, variances, posterior, found.err, found.gain_predicted
+        model, found.fields, spectra, variances, posterior, found.err, found.predicted
     )
 
 

@@ -132,7 +132,7 @@ def is_immaterial(plain: Candidate, given: Settings, recordings: Sequence[Record
 
 
 def _related(c: Candidate, recordings: Sequence[Recording]) -> Relations:
-    """What goes along with the residual that a candidate leaves."""
+    """The inputs that the residual of a candidate depends on."""
     at = c.at
     return relations(recordings, at.residuals, at.predicted, at.model.settings)
 
