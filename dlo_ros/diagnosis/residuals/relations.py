@@ -246,8 +246,8 @@ def sentences(found: Relations) -> tuple[str, ...]:
 def _told(relation: Relation) -> str:
     often = f"by chance in {100.0 * relation.chance:.1g} % of cases"
     text = (
-        f"The residual depends on {relation.name}, which predicts {_percent(relation.share)} of the "
-        f"part that does not drift ({often})"
+        f"The residual depends on {relation.name}, which predicts {_percent(relation.share)} of "
+        f"the part that does not drift ({often})"
     )
     return f"{text}; so does {' and '.join(relation.alike)}." if relation.alike else f"{text}."
 
