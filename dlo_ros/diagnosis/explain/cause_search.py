@@ -1,9 +1,9 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Causes that recordings show beyond the tolerances of a set-up: a search by evidence.
 
-The set-up within its tolerances is always part of the model. What is proposed (`linear_evidence`)
-and promises most is simulated, what comes nearest is fitted, and what raises the log evidence most
-stays.
+The set-up within its tolerances is always part of the model. Of the proposals (`linear_evidence`)
+the most promising ones are simulated, those that come nearest are fitted, and the one that raises
+the log evidence most stays.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ NEAR = 0.3
 """Proposals that are simulated in a step, those that promise most, and their share of the best
 promise: a promise is linear, and no better than that."""
 WORSE = 2.0
-"""ERR over that without a proposal, from which where it promises most is no place to fit from."""
+"""ERR over that without a proposal, from which no fit begins at the values that it promises."""
 INDISPENSABLE = 10.0 * WORTH
 """Loss of log evidence without a cause by the linearised posterior, from which no fit without it
 need be tried."""
@@ -141,15 +141,16 @@ def search(
     at: Evaluation, recordings: Sequence[Recording], begun: Sequence[Start], enough: float,
     first_peg: tuple[Evaluation, Proposal] | None = None,
 ) -> Search:  # fmt: skip
-    """Add causes one by one, that which raises the log evidence most first.
+    """Add causes one by one, the one that raises the log evidence most first.
 
-    It ends with a cause that takes too little away to be named. The causes before it have other
-    laws than the true ones; many effects can make up for a little of that, and none is its reason.
+    The search ends with a cause that takes too little of ERR away to be named. The laws of the
+    causes before it differ from the true ones; many effects can compensate for a little of that
+    difference, and none of them is its reason.
 
     Args:
         at: the joint model with its set-up within tolerance, fitted.
-        begun: effects that might be added, where they are looked for.
-        enough: ERR [m] below which nothing is looked for.
+        begun: effects that might be added, at their starting values.
+        enough: ERR [m] below which no cause is looked for.
         first_peg: the fit with a peg that the DLO has hit, and the peg; see `best_peg`.
     """
     causes: list[Proposal] = []
@@ -250,7 +251,7 @@ def without(
 
 
 def _neutral(model: ParametricModel, cause: Proposal) -> ParametricModel:
-    """The model without a cause; damping, without which nothing moves, is the parameter file's."""
+    """The model without a cause; a damping goes back to the parameter file's value."""
     names = [p.name for p in cause.parameters if p.effect]
     kept = [pinned(p) for p in cause.parameters if not p.effect]
     model = model.with_prior(kept)
@@ -263,7 +264,7 @@ def _neutral(model: ParametricModel, cause: Proposal) -> ParametricModel:
 def _best_of(
     number: int, at: Evaluation, promises: Sequence[Promise], recordings: Sequence[Recording]
 ) -> tuple[tuple[Evaluation, Proposal] | None, list[Step]]:
-    """Fit the proposals that promise most; the one that gains most, if it is worth it."""
+    """Fit the most promising proposals; return the one that gains most, if it is worth adding."""
     trace: list[Step] = []
     checked: list[tuple[float, Promise]] = []
     for k, promise in enumerate(promises):
@@ -341,7 +342,7 @@ def _checked(promise: Promise, recordings: Sequence[Recording]) -> tuple[float, 
 
 
 def _size(proposal: Proposal) -> Parameter | None:
-    """The size of an effect that begins at a finite one; None where it has none, as a peg."""
+    """The size of an effect that begins at a finite value; None where it has no size, as a peg."""
     start = proposal.start
     if start is None or start.neutral or not start.screened:
         return None

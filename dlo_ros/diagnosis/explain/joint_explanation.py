@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Explains recordings by the joint model: the set-up within its tolerances, and causes beyond."""
+"""Explanation of recordings by the joint model: the set-up within tolerances, and causes beyond."""
 
 from __future__ import annotations
 
@@ -43,8 +43,8 @@ RIVAL = 3.0
 CERTAIN = 3.0
 """Standard deviations from neutral, from which a cause is named."""
 SCALES = ("young_modulus", "density")
-"""Parameters in proportion to which a cause may be larger: what is not known of them makes its
-presence no less certain. A force on a DLO that was not weighed is known as a share of the weight, a
+"""Parameters to which the size of a cause is proportional: their uncertainty makes its presence no
+less certain. A force on a DLO that was not weighed is known as a share of the weight, a
 mass on one of unknown stiffness likewise."""
 BEYOND = 2.0
 """Tolerances from neutral, from which a number of the set-up may be a cause."""
@@ -52,9 +52,9 @@ NOTABLE = 0.2
 """Tolerances from neutral, from which a number of the set-up is off by more than two programs that
 simulate the same DLO differ by."""
 MENDS = 0.05
-"""Share of what the plain model misses beyond the measurement's own error, up to which an effect
-may only mend the law of another one, such as a segment that of a gradient: true ones have taken
-away a tenth and more, such mends a thirtieth."""
+"""Share of the plain model's ERR beyond the measurement's own error, up to which an effect may only
+compensate for the law of another one, such as a segment for that of a gradient: true causes have
+taken away a tenth and more, such effects a thirtieth."""
 OWN = 1.3
 """ERR over that of the measurement itself, up to which nothing is left to explain."""
 LARGEST_STAYING = 0.01
@@ -179,11 +179,11 @@ def material_err(own: float, given: Settings) -> float:
 
 
 def own_err(at: Evaluation, recordings: Sequence[Recording]) -> float:
-    """ERR that the measurement alone has [m]: noise, and errors that stay while the DLO moves.
+    """ERR of the measurement alone [m]: noise, and errors that stay while the DLO moves.
 
-    Of the latter those that each recording shows, since a few numbers make them: their variance is
-    that of all recordings together. The error of u that measured points leave open counts as each
-    recording shows it, too.
+    The latter are taken as each recording shows them, since few numbers cause them: their
+    variance is that of all recordings together. The error of u that measured points leave open
+    counts as each recording shows it, too.
     """
     found = []
     most = (LARGEST_STAYING * at.model.settings.rod.length) ** 2
@@ -223,9 +223,9 @@ def _along(recording: Recording, predicted: FloatArray, settings: Settings) -> f
 
 
 def _noise(variances: Variances, recording: Recording) -> FloatArray:
-    """Variance of the noise in each direction [m^2]; of a few frames, what is rough along the DLO.
+    """Variance of the noise in each direction [m^2]; of a few frames, that of the rough residual.
 
-    All that a few frames do not agree on with the model would count as noise otherwise.
+    Otherwise every error of the model in a few frames would count as noise.
     """
     noise = variances.white + variances.nodal
     if len(recording.times) >= FEWEST_FRAMES:
@@ -244,7 +244,7 @@ def _named(
     found: Search, recordings: Sequence[Recording], begun: Sequence[Start], material: float,
     least: float,
 ) -> tuple[Cause, ...]:  # fmt: skip
-    """Causes without which the best model is clearly worse; numbers of the set-up are no less.
+    """The causes without which the best model is clearly worse, numbers of the set-up among them.
 
     What lies within its tolerance, or is no part of every set-up, is none where all that it
     explains is immaterial, or takes away less than `least` [m] of ERR: beside a cause whose true

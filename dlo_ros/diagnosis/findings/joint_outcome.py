@@ -129,7 +129,7 @@ def training_set(
 def learn(
     training: TrainingSet, given: Settings, pegs: Sequence[PegBesideSetUp] = ()
 ) -> Learned | None:
-    """Explain what is not held out; None where the joint model cannot be simulated.
+    """Explain the recordings that are not held out; None where the model cannot be simulated.
 
     Where all recordings are needed to find causes, the values alone are learned from their
     beginnings, to predict their ends.
@@ -176,7 +176,7 @@ def nearer(learned: Learned, other: Learned) -> bool:
 def _held_out(recordings: Sequence[Recording]) -> int | None:
     """The recording to be held out: the last that is gripped as another is.
 
-    What only shows where the DLO is gripped otherwise could not be predicted.
+    An error that shows only where the DLO is gripped otherwise could not be predicted.
     """
     if len(recordings) < SPARE:
         return None
@@ -187,7 +187,7 @@ def _held_out(recordings: Sequence[Recording]) -> int | None:
 def joint_outcome(
     beginning: Beginning, plain: Candidate, learned: Learned, given: Settings
 ) -> Diagnosis:
-    """Measure on what is held out, fit the model to everything, and put all together."""
+    """Measure ERR on held-out data, fit the model to all recordings, and put all together."""
     found, recordings = learned.explanation, beginning.recordings
     first = recordings[: len(plain.at.residuals)]
     known = [k for k in range(len(first)) if not learned.masks[k].all()]
@@ -253,9 +253,9 @@ def joint_outcome(
 
 
 def _completed(at: Evaluation, recordings: Sequence[Recording], known: Sequence[int]) -> Evaluation:
-    """The model fitted to all recordings, or as it was where that spoils it.
+    """The model fitted to all recordings, or as it was where that fit is worse.
 
-    A recording that shows something else leads all numbers astray.
+    A recording with a cause of its own distorts all numbers.
 
     Args:
         at: fitted to those that are known.
@@ -301,9 +301,10 @@ def _verdict(
 ) -> Verdict:
     """The verdict by the ERR [m] of the set-up and of the full model, fitted to everything.
 
-    What is named of the set-up lies beyond its tolerance: a fit of the set-up alone has that in it,
-    and yet it is no set-up within tolerances where it matters. Where nothing is named, what the
-    full model takes away matters as little as a cause that may only mend the set-up's laws.
+    A number of the set-up that is named lies beyond its tolerance: a fit of the set-up alone
+    contains it, and yet that is no set-up within tolerances where it matters. Where nothing is
+    named, the ERR that the full model takes away matters as little as a cause that may only
+    compensate for laws.
 
     Args:
         matters: ERR [m] below which nothing is left to explain.
