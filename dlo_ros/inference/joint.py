@@ -158,13 +158,13 @@ def least(
     Returns:
         The step of the parameters, shape (P,), and the mean distance that it leaves [m].
     """
-    power = np.sum([np.einsum("fpk,fqk->pq", j, j) for _, j in fields], axis=0)
+    hessian = np.sum([np.einsum("fpk,fqk->pq", j, j) for _, j in fields], axis=0)
     pull = np.sum([np.einsum("fpk,fk->p", j, r) for r, j in fields], axis=0)
     count = sum(r.size for r, _ in fields)
     step = np.zeros(len(offset))
     for _ in range(LEAST_ITERATIONS):
         variance = sum(float(np.sum(r**2)) for r, _ in moved(fields, step)) / count
-        lhs = power / variance + np.diag(precision)
+        lhs = hessian / variance + np.diag(precision)
         step = np.asarray(np.linalg.solve(lhs, pull / variance + precision * offset))
     left = [np.linalg.norm(r, axis=1).mean() for r, _ in moved(fields, step)]
     return step, float(np.mean(left))
@@ -276,9 +276,9 @@ def _weights(at: Evaluation, white: bool) -> list[FloatArray]:
     """Inverse variance of each bin."""
     if not white:
         return [1.0 / v.of(s) for s, v in zip(at.spectra, at.variances, strict=True)]
-    power = sum(float(s.sum_of_squares.sum()) for s in at.spectra)
+    hessian = sum(float(s.sum_of_squares.sum()) for s in at.spectra)
     count = sum(float(s.count.sum()) for s in at.spectra)
-    return [np.full(len(s.count), count / power) for s in at.spectra]
+    return [np.full(len(s.count), count / hessian) for s in at.spectra]
 
 
 def _gain(before: Evaluation, after: Evaluation, white: bool) -> float:
