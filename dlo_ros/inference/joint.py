@@ -276,9 +276,9 @@ def _weights(at: Evaluation, white: bool) -> list[FloatArray]:
     """Inverse variance of each bin."""
     if not white:
         return [1.0 / v.of(s) for s, v in zip(at.spectra, at.variances, strict=True)]
-    hessian = sum(float(s.sum_of_squares.sum()) for s in at.spectra)
+    squares = sum(float(s.sum_of_squares.sum()) for s in at.spectra)
     count = sum(float(s.count.sum()) for s in at.spectra)
-    return [np.full(len(s.count), count / hessian) for s in at.spectra]
+    return [np.full(len(s.count), count / squares) for s in at.spectra]
 
 
 def _gain(before: Evaluation, after: Evaluation, white: bool) -> float:
