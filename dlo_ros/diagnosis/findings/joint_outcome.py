@@ -364,7 +364,7 @@ def _advice(verdict: Verdict, found: Explanation) -> str:
             "the clamp or moves a free end; dlo_ros design proposes one."
         )
     if verdict == "adequate":
-        return "Nothing is left to explain: the set-up is within its tolerances."
+        return "No error is left to explain: the set-up is within its tolerances."
     if verdict == "explained":
         return SETTLED
     return REPEAT
