@@ -67,6 +67,7 @@ INSIDE = {
         ("calibration", "tracing"),
         ("fit",),
         ("photograph", "planar_result", "predictions"),
+        ("expected_shape",),
         ("overlay", "planar_observer"),
         ("compile_vision", "contact_sheet", "space"),
         ("points",),
@@ -85,6 +86,7 @@ INSIDE = {
         ("explain", "selection"),
         ("findings", "monitor"),
         ("damping_selection", "joint_diagnosis"),
+        ("explanation_order",),
         ("pipeline",),
         ("__init__",),
     ),
@@ -161,3 +163,31 @@ def test_a_module_has_a_name_of_its_own():
                 f"{path}: says it twice"
             )
             seen[path.stem] = path
+
+
+def drawn():
+    """The map of CONTRIBUTING.md: folders of the package, and those that each imports."""
+    section = (ROOT / "CONTRIBUTING.md").read_text().split("## The map\n")[1].split("\n## ")[0]
+    found, parent, folder = {}, None, None
+    for line in section.splitlines():
+        if line.startswith("    ") and line.strip().startswith("-> "):
+            found[folder] = set(line.strip()[3:].split(", "))
+        elif line.startswith("    "):
+            name = line.split()[0]
+            parent = parent if line.startswith("      ") else name
+            folder = PACKAGE / parent / ("" if name == parent else name)
+            found[folder] = set()
+    return found
+
+
+def test_the_map_has_every_folder():
+    assert set(drawn()) == {path.parent for path in MODULES} - {PACKAGE}
+
+
+@pytest.mark.parametrize("folder", drawn(), ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_the_map_draws_the_imports(folder):
+    beside = {path.name for path in folder.parent.iterdir() if (path / "__init__.py").is_file()}
+    start = ".".join(("dlo_ros", *folder.relative_to(PACKAGE).parts[:-1], ""))
+    names = [name for path in folder.rglob("*.py") for name in imported(path)]
+    others = {name[len(start) :].partition(".")[0] for name in names if name.startswith(start)}
+    assert drawn()[folder] == (others & beside) - {folder.name}

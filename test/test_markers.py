@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-HELPERS = {"live_graph", "fuzz_graph", "fault_rig"}  # these start nodes
+HELPERS = {"live_graph", "live_system", "fuzz_graph", "fault_rig"}  # these start nodes
 TESTS = sorted(Path(__file__).parent.rglob("test_*.py"))
 
 

@@ -28,6 +28,7 @@ from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.bag import open_bag
 from dlo_ros.recordings.building import observation_messages
+from dlo_ros.recordings.camera_bags import count_images
 from dlo_ros.recordings.images import Image
 from dlo_ros.recordings.read import (
     iterate_images,
@@ -35,7 +36,6 @@ from dlo_ros.recordings.read import (
     iterate_predictions,
     read_recording,
 )
-from dlo_ros.recordings.several import count_images
 from dlo_ros.recordings.write import BagWriter, copy_topics
 from dlo_ros.vision.camera.pinhole import Camera
 from dlo_ros.vision.fit.control_point_count import (
@@ -167,7 +167,7 @@ def observe_recording(
     masks = iterate_masks(path, on_skip)
     coming, mask = next(masks, None), None
     predictions, predicted = Predictions(), iterate_predictions(path, settings, on_skip)
-    foretold, latest = next(predicted, None), 0
+    prediction, latest = next(predicted, None), 0
     for stamp, image, info in iterate_images(path, on_skip):
         if observer is None:
             _prepare()
@@ -179,10 +179,10 @@ def observe_recording(
         while coming is not None and coming[0] <= stamp:  # a mask holds until the next one
             mask, coming = coming[1], next(masks, None)
         observer.mask = mask
-        while foretold is not None and latest < stamp:  # up to the first one after the image
-            latest = foretold[0]
-            predictions.add(*foretold)
-            foretold = next(predicted, None)
+        while prediction is not None and latest < stamp:  # up to the first one after the image
+            latest = prediction[0]
+            predictions.add(*prediction)
+            prediction = next(predicted, None)
         try:
             result, reason = observer.observe(stamp, image, predictions.at(stamp)), ""
         except VisionError as err:

@@ -11,8 +11,8 @@ from pathlib import Path
 from dlo_ros.command import Motion
 from dlo_ros.errors import VisionError
 from dlo_ros.parameters import Settings
+from dlo_ros.recordings.camera_bags import has_depth, iterate_together
 from dlo_ros.recordings.images import CameraInfo, Image
-from dlo_ros.recordings.several import has_depth, iterate_together
 from dlo_ros.vision.camera.pinhole import Camera
 from dlo_ros.vision.planar_result import VisionResult
 from dlo_ros.vision.space import SpaceObserver

@@ -100,7 +100,7 @@ def _follow(arguments: argparse.Namespace, settings: Settings) -> int:
     accuracy = "" if np.isnan(own) else f" (the simulation's own error is {own:.2g} mm)"
     print(
         f"{output}: {len(found.stamps)} predicted splines; mean distance from the observed "
-        f"ones: ERR {1e3 * found.err.mean():.2f} mm in the mean over time, "
+        f"ones: ERR {1e3 * found.err.mean():.2f} mm averaged over time, "
         f"{1e3 * found.err.max():.2f} mm at most{accuracy}"
     )
     times = (found.stamps - found.stamps[0]) / NANOSECONDS

@@ -14,8 +14,8 @@ from dlo_ros.demo.outcome import LiveOutcome
 from dlo_ros.nodes.received_data import ReceivedData
 from dlo_ros.parameters import CameraPose, Settings
 from dlo_ros.recordings import iterate_images
+from dlo_ros.recordings.camera_bags import iterate_together
 from dlo_ros.recordings.images import CameraInfo, Image
-from dlo_ros.recordings.several import iterate_together
 from dlo_ros.report import Photograph
 from dlo_ros.report.shape_player import MOST_FRAMES
 from dlo_ros.spline import FloatArray, SplineBasis

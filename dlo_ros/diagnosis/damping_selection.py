@@ -171,7 +171,7 @@ def named(
 def _holds(
     told: verdicts.Decision, plain: Candidate, holdout_err: Callable[[Candidate], float | None]
 ) -> bool:
-    """Whether a damping foretells better although nothing else that is wrong is told with it."""
+    """Whether a damping, named alone beside other model errors, improves the prediction."""
     assert told.chosen is not None
     err, before = holdout_err(told.chosen.candidate), holdout_err(plain)
     return err is not None and (before is None or err < before)

@@ -4,45 +4,33 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 from dlo_ros.diagnosis import damping_selection
-from dlo_ros.diagnosis.contact.contact_search import pegs_met
-from dlo_ros.diagnosis.explain.certainty import departures
+from dlo_ros.diagnosis.explanation_order import (
+    confirmed_explanation,
+    explain_in_order,
+)
 from dlo_ros.diagnosis.findings import holdout as held_out
 from dlo_ros.diagnosis.findings.diagnosis_outcome import Diagnosis
-from dlo_ros.diagnosis.findings.joint_outcome import (
-    learn,
-    training_set,
-)
+from dlo_ros.diagnosis.findings.joint_outcome import learn, training_set
 from dlo_ros.diagnosis.findings.measured_force_scale import with_forces
 from dlo_ros.diagnosis.findings.remarks import left_out
-from dlo_ros.diagnosis.findings.summary import Findings, is_immaterial, outcome
+from dlo_ros.diagnosis.findings.summary import Findings, outcome
 from dlo_ros.diagnosis.fitting.candidate_model import Model
 from dlo_ros.diagnosis.fitting.evaluation import CandidateEvaluation, evaluate
 from dlo_ros.diagnosis.fitting.initial_fit import Beginning, begin, drafts, finer
 from dlo_ros.diagnosis.fitting.levenberg_marquardt import fit, renewed
-from dlo_ros.diagnosis.fitting.worker_processes import Problem, Progress, Workers, workers
-from dlo_ros.diagnosis.joint_diagnosis import (
-    SEVERAL,
-    joint_beside,
-    learned_jointly,
-    misses,
-    takes_over,
-)
-from dlo_ros.diagnosis.proposals.candidate_effects import starts
-from dlo_ros.diagnosis.proposals.screening import Prospect, alarm, screen
+from dlo_ros.diagnosis.fitting.worker_processes import Problem, Progress, workers
+from dlo_ros.diagnosis.joint_diagnosis import joint_beside, misses
 from dlo_ros.diagnosis.residuals import residual_autocovariance
 from dlo_ros.diagnosis.selection import verdict
-from dlo_ros.diagnosis.selection.effect_pairs import BASES, bases, other_pegs
-from dlo_ros.diagnosis.selection.effect_search import Candidate, apart, candidate, reformed, search
-from dlo_ros.diagnosis.selection.pre_contact import alone_before
+from dlo_ros.diagnosis.selection.effect_search import Candidate, candidate
 from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.identification.estimate import searchable
 from dlo_ros.inference.forecast import Manipulation
 from dlo_ros.inference.measured import Recording
-from dlo_ros.inference.scene import imposed_names, scene
 from dlo_ros.parameters import Settings
 
 LOG = logging.getLogger(__name__)
@@ -54,9 +42,6 @@ REFINED = 4
 MISSED = 0.8
 """Root autocovariance of the residuals over the plain model's, below which another plain model
 takes its place."""
-REFORMED = 12.0
-"""Root autocovariance of the best pair over that of an explanation, up to which other forms are
-tried."""
 
 
 def diagnose(
@@ -92,10 +77,10 @@ def diagnose(
     if found.joint is not None:
         progress("measuring the gain", 1.0)
         return with_forces(outcome(beginning, plain, found, given), recordings, given, unused)
-    missed = _missed(plain, found, beginning.recordings[:count], given)
-    if missed is not None:
+    better = _better_plain_model(plain, found, beginning.recordings[:count], given)
+    if better is not None:
         progress("fitting the plain model anew", 0.0)
-        beginning = begin([*recordings, *holdout], given, missed)
+        beginning = begin([*recordings, *holdout], given, better)
         plain, found = _search(beginning, count, given, processes, progress)
     near = min((*found.singles, *found.pairs), key=lambda c: c.root_autocovariance, default=None)
     if near is not None:
@@ -111,12 +96,12 @@ def diagnose(
     return with_forces(outcome(beginning, plain, found, given), recordings, given, unused)
 
 
-def _missed(
+def _better_plain_model(
     plain: Candidate, found: Findings, recordings: Sequence[Recording], given: Settings
 ) -> Model | None:
-    """A plain model that does better than what was taken for the best: its fit went astray.
+    """A plain model that does better than the fitted one, whose fit had ended in a wrong minimum.
 
-    An effect that does nothing may have led the other parameters out of a wrong valley.
+    An effect that does nothing may have led the other parameters out of that minimum.
     """
     chosen = found.decision.chosen
     c = (
@@ -146,7 +131,7 @@ def _missed(
 def _refined(
     beginning: Beginning, plain: Candidate, found: Findings, given: Settings
 ) -> tuple[Candidate, Findings]:
-    """What was found with a finer simulation; what comes nearest may explain the data now."""
+    """The findings with a finer simulation, in which the nearest candidates may explain all."""
     recordings = beginning.recordings[: len(plain.at.residuals)]
 
     def again(c: Candidate) -> Candidate:
@@ -164,34 +149,15 @@ def _refined(
         found = replace(found, singles=singles, pairs=pairs)
         most = verdict.limit(plain.root_autocovariance)
         fresh = {id(c) for c in sharp.values()}
-        explained = _explained(
+        explained = confirmed_explanation(
             plain, [c for c in singles if id(c) in fresh], (), most, kept
-        ) or _explained(plain, [c for c in pairs if id(c) in fresh], singles, most, kept)
+        ) or confirmed_explanation(plain, [c for c in pairs if id(c) in fresh], singles, most, kept)
         if explained is not None:
             return plain, replace(found, decision=explained, holdout_errors=kept)
     if decision.chosen is not None:
         chosen = replace(decision.chosen, candidate=again(decision.chosen.candidate))
         decision = replace(decision, chosen=chosen)
     return plain, replace(found, decision=decision, holdout_errors=kept)
-
-
-def _explained(
-    plain: Candidate, found: Sequence[Candidate], fewer: Sequence[Candidate], most: float,
-    holdout_err: held_out.HoldoutErrors,
-) -> verdict.Decision | None:  # fmt: skip
-    """The explanation of the data that also holds on the held-out data.
-
-    Args:
-        found: candidates of equally many effects.
-        fewer: candidates of fewer effects, which did not explain the data.
-    """
-    explaining = verdict.explanations(found, most)
-    enough = verdict.confirmed(explaining, holdout_err(plain), holdout_err) if explaining else []
-    if not enough:
-        return None
-    enough = verdict.without_idle(enough[0].candidate, fewer) or enough
-    others = verdict.foretold(enough[0].candidate, [*fewer, *found], holdout_err)
-    return verdict.choose(enough, others)
 
 
 def _search(
@@ -212,7 +178,7 @@ def _search(
         if verdict.adequate(at.residuals):
             found = Findings(verdict.Decision("adequate", None), holdout_errors(plain))
         else:
-            found = _explain(team, plain, holdout_errors, beginning, processes, progress)
+            found = explain_in_order(team, plain, holdout_errors, beginning, processes, progress)
         if found.decision.verdict == "adequate" and misses(plain, learned, given):
             # Too few shapes for a test, and yet far from them.
             progress("fitting the joint model", 0.5)
@@ -237,110 +203,3 @@ def _only(at: CandidateEvaluation, count: int) -> CandidateEvaluation:
         at, residuals=at.residuals[:count], jacobians=at.jacobians[:count],
         predicted=at.predicted[:count], err=at.err[:count],
     )  # fmt: skip
-
-
-def _explain(
-    team: Workers, plain: Candidate, holdout_errors: Callable[[Candidate], held_out.HoldoutErrors],
-    beginning: Beginning, processes: int, progress: Progress,
-) -> Findings:  # fmt: skip
-    """Single effects first; then the joint model, or pairs where two causes may be enough."""
-    recordings = team.problem.recordings
-    names = imposed_names(r.manipulation for r in recordings)
-    most = verdict.limit(plain.root_autocovariance)
-
-    def screened(at: CandidateEvaluation, present: Sequence[str]) -> list[Prospect]:
-        here = scene(at.model.settings, names, at.predicted)
-        progress("looking for what was hit", 0.0)
-        return screen(team, at, [*starts(here, present), *pegs_met(team, at, present)], progress)
-
-    def holdout_errors_beside(candidates: Sequence[Candidate]) -> held_out.HoldoutErrors:
-        """Errors on the held-out data, which are chosen by the best explanation."""
-        found = verdict.explanations(candidates, most)
-        return holdout_errors(found[0].candidate if found else plain)
-
-    given = team.problem.given
-    faint = plain.root_autocovariance < verdict.FAINT
-    immaterial = faint or is_immaterial(plain, given, recordings)
-    known = plain.at.model.effects
-    begun = None
-    if not immaterial:
-        progress("fitting the joint model", 0.0)
-        begun = training_set(beginning, len(recordings), plain.at.model.settings, given)
-    joint = None
-    if begun is not None and departures(begun.prepared.setup) >= SEVERAL:
-        # No single effect does what several do: none is looked for by itself first.
-        joint = learned_jointly(team, plain, beginning, begun, progress)
-        if joint is not None and takes_over(joint.explanation, [plain]):
-            holdout_err = holdout_errors(plain)
-            return Findings(verdict.Decision("unexplained", None), holdout_err, joint=joint)
-    prospects = screened(plain.at, known)
-    promise, by_chance = alarm(prospects)
-    if promise < by_chance and verdict.excusable(plain.at.residuals):
-        return Findings(verdict.Decision("adequate", None), holdout_errors(plain))
-    singles = search(team, plain.at, prospects, progress, most, thorough=not faint)
-    holdout_err = holdout_errors_beside(singles)
-    explained = _explained(plain, singles, (), most, holdout_err)
-    if explained is not None:
-        return Findings(explained, holdout_err, tuple(singles))
-    if immaterial:
-        return Findings(verdict.Decision("adequate", None), holdout_err, tuple(singles))
-    if begun is not None and joint is None:
-        progress("fitting the joint model", 0.5)
-        joint = learned_jointly(team, plain, beginning, begun, progress)
-    if joint is not None and takes_over(joint.explanation, singles):
-        return Findings(
-            verdict.Decision("unexplained", None), holdout_err, tuple(singles), joint=joint
-        )
-    pairs: list[Candidate] = []
-    before = alone_before(team.problem, plain, names, processes, progress)
-    told = {c.effect for c in before}
-    firmest = [c for c in bases(singles, plain.root_autocovariance) if c.effect not in told]
-
-    def beside(first: Candidate) -> list[Candidate]:
-        """Pairs of an effect with every other."""
-        prospects = screened(first.at, [*known, first.effect])
-        return search(team, first.at, prospects, progress, most, thorough=False)
-
-    def nearest(candidates: Sequence[Candidate]) -> Candidate | None:
-        """What comes near an explanation without being one."""
-        near = min(candidates, key=lambda c: c.root_autocovariance, default=None)
-        return near if near and most < near.root_autocovariance < REFORMED * most else None
-
-    def firsts() -> Iterator[Candidate]:
-        """What a second effect is looked for beside; at last the second of what comes near."""
-        yield from (some := [*before, *firmest][:BASES])
-        near = nearest(pairs)
-        if near is not None and near.effect not in {c.effect for c in some}:
-            alone = apart(team, near, [*known, near.effect])
-            yield from sorted(alone, key=lambda c: c.at.cost)[:1]
-
-    for first in firsts():
-        found = beside(first)
-        near = nearest(found)
-        if near is not None:
-            found += reformed(team, near, singles)
-        pairs = sorted([*pairs, *found], key=lambda c: c.score)
-        holdout_err = holdout_errors_beside(pairs)
-        explained = _explained(plain, pairs, singles, most, holdout_err)
-        if explained is not None and explained.chosen is not None:
-            # What was no use alone at first may be enough where the pair has led it.
-            alone = apart(team, explained.chosen.candidate, known)
-            singles += alone
-            single = _explained(plain, alone, (), most, holdout_err)
-            if single is None:
-                # What takes the place of the first beside the second.
-                seconds = [c for c in alone if c.effect != first.effect]
-                second = min(seconds, key=lambda c: c.at.cost, default=None)
-                if second is not None:
-                    pairs += beside(second)
-                pairs.sort(key=lambda c: c.score)
-            explained = single or _explained(plain, pairs, singles, most, holdout_err) or explained
-            pairs += other_pegs(team, explained, pairs)
-            return Findings(explained, holdout_err, tuple(singles), tuple(pairs))
-    everything = sorted([*singles, *pairs], key=lambda c: c.score)
-    holdout_err = holdout_errors(everything[0] if everything else plain)
-    decision = verdict.Decision(
-        "unexplained", *(verdict.sure(plain, everything, holdout_err) or (None,))
-    )
-    findings = Findings(decision, holdout_err, tuple(singles), tuple(pairs))
-    return findings if decision.chosen is not None else joint_beside(findings, joint, plain)

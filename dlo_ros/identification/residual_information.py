@@ -94,11 +94,11 @@ def residual_errors(residual: FloatArray, direction: FloatArray) -> Errors:
         direction: of the DLO, shape (F, n, 3).
     """
     frames, n, _ = residual.shape
-    power = np.sum(residual**2, axis=(0, 1))
-    across_numbers = max(int(np.count_nonzero(power > 1e-9 * max(power.max(), 1e-300))) - 1, 1)
+    squares = np.sum(residual**2, axis=(0, 1))
+    across_numbers = max(int(np.count_nonzero(squares > 1e-9 * max(squares.max(), 1e-300))) - 1, 1)
     lengthwise = np.sum(residual * direction, axis=2)
     along = float(np.mean(lengthwise**2))
-    total = float(np.sum(power)) / (frames * n)
+    total = float(np.sum(squares)) / (frames * n)
     # All that is not white is taken to lie across: that is where shapes differ.
     rho = _autocovariance(residual) / n
     constant = float(np.mean(rho[frames // 4 : frames // 2 + 1])) if frames >= 8 else 0.0

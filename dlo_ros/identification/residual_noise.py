@@ -25,7 +25,7 @@ def correlation_length(residuals: Sequence[FloatArray], axis: int) -> float:
         residuals: one field per recording, shape (F, n, 3).
         axis: 0 for time, 1 for the position along the DLO.
     """
-    total, power, longest = np.zeros(0), 0.0, max(r.shape[axis] for r in residuals)
+    total, lag_zero, longest = np.zeros(0), 0.0, max(r.shape[axis] for r in residuals)
     total = np.zeros(longest)
     for field in residuals:
         f = np.moveaxis(field, axis, 0).reshape(field.shape[axis], -1)
@@ -33,10 +33,10 @@ def correlation_length(residuals: Sequence[FloatArray], axis: int) -> float:
         spectrum = np.fft.rfft(f, 2 * count, axis=0)
         lagged = np.fft.irfft(np.abs(spectrum) ** 2, 2 * count, axis=0)[:count].sum(axis=1)
         total[:count] += lagged
-        power += float(lagged[0])
-    if power <= 0.0:
+        lag_zero += float(lagged[0])
+    if lag_zero <= 0.0:
         return 1.0
-    rho = total / power
+    rho = total / lag_zero
     below = np.flatnonzero(rho < 0.05)
     stop = int(below[0]) if len(below) else longest
     return float(max(1.0, 1.0 + 2.0 * rho[1:stop].sum()))
@@ -60,13 +60,13 @@ def frame_scatter(observations: Sequence[Observation], length: float) -> float |
     found = []
     for order in DIFFERENCE_ORDERS:
         gap = _divided_differences(shapes, stamps, order)
-        power = np.sum(gap**2, axis=1)  # (F - order, 3): mean square along u
-        seen = power.mean(axis=0)
+        squares = np.sum(gap**2, axis=1)  # (F - order, 3): mean square along u
+        seen = squares.mean(axis=0)
         # A planar recording has two noisy coordinates.
         active = seen > 1e-3 * seen.max()
         if not active.any():
             return None
-        found.append(float(np.median(power[:, active].mean(axis=1))))
+        found.append(float(np.median(squares[:, active].mean(axis=1))))
     typical = min(found)
     return float(np.sqrt(typical)) if typical > 1e-18 else None
 

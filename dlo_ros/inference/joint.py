@@ -20,7 +20,7 @@ from dlo_ros.spline import FloatArray
 
 LONGEST_STEP, LONGER = 1.5, 2.0
 """Change of a parameter in the first iteration, in prior standard deviations or logarithms, and by
-what it may grow where the gain was foretold."""
+what it may grow where the gain was predicted."""
 TRIES = 6
 MARQUARDT_DAMPING, HARDER, EASIER = 1e-4, 30.0, 0.1
 """Marquardt's damping at first, and what a failed and a good step make of it."""
@@ -158,13 +158,13 @@ def least(
     Returns:
         The step of the parameters, shape (P,), and the mean distance that it leaves [m].
     """
-    power = np.sum([np.einsum("fpk,fqk->pq", j, j) for _, j in fields], axis=0)
+    hessian = np.sum([np.einsum("fpk,fqk->pq", j, j) for _, j in fields], axis=0)
     pull = np.sum([np.einsum("fpk,fk->p", j, r) for r, j in fields], axis=0)
     count = sum(r.size for r, _ in fields)
     step = np.zeros(len(offset))
     for _ in range(LEAST_ITERATIONS):
         variance = sum(float(np.sum(r**2)) for r, _ in moved(fields, step)) / count
-        lhs = power / variance + np.diag(precision)
+        lhs = hessian / variance + np.diag(precision)
         step = np.asarray(np.linalg.solve(lhs, pull / variance + precision * offset))
     left = [np.linalg.norm(r, axis=1).mean() for r, _ in moved(fields, step)]
     return step, float(np.mean(left))
@@ -202,7 +202,7 @@ def fit(
 ) -> Evaluation:  # fmt: skip
     """Levenberg-Marquardt with variances that are fitted anew in each iteration.
 
-    Derivatives cost several simulations: they are kept as long as they foretell what a step gains,
+    Derivatives cost several simulations: they are kept as long as they predict what a step gains,
     and corrected by what a step did where they nearly do.
 
     Args:
@@ -213,7 +213,7 @@ def fit(
     at, way, secants = start, _Way(MARQUARDT_DAMPING, LONGEST_STEP), 0
     for _ in range(iterations):
         found = _improved(at, recordings, way, white, TRIES if fresh else 1)
-        way, sure = found.way, fresh or found.foretold
+        way, sure = found.way, fresh or found.gain_predicted
         if found.at is None and fresh:
             break
         before = at
@@ -223,7 +223,7 @@ def fit(
             at, fresh = found.at, False
             if gain < least and sure:
                 break
-        if found.foretold:
+        if found.gain_predicted:
             continue
         if found.at is not None and secants < SECANTS:
             at, secants = _corrected(before, at), secants + 1
@@ -276,9 +276,9 @@ def _weights(at: Evaluation, white: bool) -> list[FloatArray]:
     """Inverse variance of each bin."""
     if not white:
         return [1.0 / v.of(s) for s, v in zip(at.spectra, at.variances, strict=True)]
-    power = sum(float(s.sum_of_squares.sum()) for s in at.spectra)
+    squares = sum(float(s.sum_of_squares.sum()) for s in at.spectra)
     count = sum(float(s.count.sum()) for s in at.spectra)
-    return [np.full(len(s.count), count / power) for s in at.spectra]
+    return [np.full(len(s.count), count / squares) for s in at.spectra]
 
 
 def _gain(before: Evaluation, after: Evaluation, white: bool) -> float:
@@ -308,12 +308,12 @@ class _Improvement:
     Args:
         at: what is better, with the derivatives from before; None where nothing is.
         way: for the next one.
-        foretold: whether the derivatives foretold the gain.
+        gain_predicted: whether the derivatives predicted the gain.
     """
 
     at: Evaluation | None
     way: _Way
-    foretold: bool
+    gain_predicted: bool
 
 
 def _improved(

@@ -17,7 +17,6 @@ from dlo_ros.identification.estimate import Estimate
 from dlo_ros.inference.err import deviation
 from dlo_ros.nodes import qos
 from dlo_ros.nodes.commands import CommandSubscription
-from dlo_ros.nodes.link import SimulatorLink
 from dlo_ros.nodes.markers import Markers
 from dlo_ros.nodes.measured_forces import MeasuredForces
 from dlo_ros.nodes.message_factory import ROS_MESSAGES
@@ -25,6 +24,7 @@ from dlo_ros.nodes.metrics import ESTIMATES, Metrics
 from dlo_ros.nodes.node_base import JUMP_BACK, DloNode
 from dlo_ros.nodes.pairing import Pairing
 from dlo_ros.nodes.runtime import run
+from dlo_ros.nodes.simulator_link import SimulatorLink
 from dlo_ros.nodes.worker import EstimatorThread
 from dlo_ros.observation import CentrelinePoints, Observation
 from dlo_ros.parameters import Settings

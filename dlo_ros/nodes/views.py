@@ -15,10 +15,10 @@ from dlo_ros.nodes import qos
 from dlo_ros.nodes.message_factory import ROS_MESSAGES
 from dlo_ros.nodes.node_base import DloNode
 from dlo_ros.recordings import topics
+from dlo_ros.recordings.camera_bags import DEPTH
 from dlo_ros.recordings.image_building import image_message
 from dlo_ros.recordings.images import CameraInfo, read_camera_info, read_depth, read_image
 from dlo_ros.recordings.messages import stamp_of
-from dlo_ros.recordings.several import DEPTH
 from dlo_ros.recordings.synchronisation import ApproximateTime
 from dlo_ros.spline import FloatArray
 from dlo_ros.vision.overlay import draw_overlay

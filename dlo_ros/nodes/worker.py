@@ -12,7 +12,7 @@ from contextlib import suppress
 from typing import NamedTuple
 
 from dlo_ros.command import Command
-from dlo_ros.diagnosis.monitor.residual_monitor import Suspicion, Watch
+from dlo_ros.diagnosis.monitor.residual_monitor import ResidualMonitor, Suspicion
 from dlo_ros.errors import DloError
 from dlo_ros.identification.estimate import Estimate
 from dlo_ros.identification.online.online_estimator import OnlineEstimator
@@ -132,14 +132,14 @@ class EstimatorThread:
 
     def _run(self) -> None:
         estimator: OnlineEstimator | None = None
-        watch = Watch()
+        monitor = ResidualMonitor()
         newest = 0  # stamp of the last spline [ns]
         # Where processors are scarce, observing and predicting come first: they cannot wait.
         with suppress(OSError, AttributeError):
             os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICENESS)
         while True:
             with self._changed:
-                idle = estimator is None or not _left_over(estimator, watch)
+                idle = estimator is None or not _has_work(estimator, monitor)
                 while not self._tasks and not self._stopping and idle:
                     self._changed.wait()
                 if self._stopping:
@@ -150,10 +150,10 @@ class EstimatorThread:
             estimate, problem = None, ""
             try:
                 if task is None and estimator is not None:
-                    if _went_on(estimator, watch):
+                    if _proceed(estimator, monitor):
                         estimate = estimator.estimate
                 elif isinstance(task, Settings):
-                    estimator, watch = OnlineEstimator(task), Watch()
+                    estimator, monitor = OnlineEstimator(task), ResidualMonitor()
                 elif estimator is not None and isinstance(task, Command):
                     estimator.set_command(task)
                 elif estimator is not None and isinstance(task, Wrenches):
@@ -171,25 +171,25 @@ class EstimatorThread:
             with self._changed:
                 if generation == self._generation:
                     self._outcomes.append(
-                        EstimateOutcome(newest, estimate, problem, task is None, watch.suspicion)
+                        EstimateOutcome(newest, estimate, problem, task is None, monitor.suspicion)
                     )
             self._ready()
 
 
-def _left_over(estimator: OnlineEstimator, watch: Watch) -> bool:
+def _has_work(estimator: OnlineEstimator, monitor: ResidualMonitor) -> bool:
     """Whether there is work to do between splines."""
     used = estimator.run.used if estimator.run else 0
-    return estimator.busy or watch.busy or watch.due(used)
+    return estimator.busy or monitor.busy or monitor.due(used)
 
 
-def _went_on(estimator: OnlineEstimator, watch: Watch) -> bool:
+def _proceed(estimator: OnlineEstimator, monitor: ResidualMonitor) -> bool:
     """Do a piece of what is left over; whether there is something new to tell."""
     if estimator.busy:
         estimator.proceed()
         return estimator.estimate.significant or not estimator.busy
     run = estimator.run
-    if run is not None and watch.due(run.used):
-        watch.look(run.forecast(), estimator.settings, estimator.window())
+    if run is not None and monitor.due(run.used):
+        monitor.look(run.forecast(), estimator.settings, estimator.window())
         return False
-    watch.proceed()
-    return not watch.busy
+    monitor.proceed()
+    return not monitor.busy

@@ -28,11 +28,11 @@ from dlo_ros.report.page import Section, page, write_page
 from dlo_ros.report.plots import LinePlot, ReferenceLine, Series, line_plot
 from dlo_ros.report.shape_player import ShapeFrame, player
 
-FORETELLS = (
-    "Foretells: share of what repeats in the residual and does not drift, that a function of the "
-    "input takes away, learned from the other recordings or spans of time. By chance: how often it "
-    "does as well with residuals that know nothing of it but vary alike. What drifts slowly within "
-    "a recording is left out, as it goes along with everything else that does."
+PREDICTS = (
+    "Predicts: share of the residual, without noise and slow drifts, that a function of the input "
+    "explains, learned from the other recordings or spans of time. By chance: how often it "
+    "does as well with residuals that do not depend on it but vary alike. The slow drift within "
+    "a recording is left out, since all slow drifts are correlated."
 )
 
 
@@ -68,8 +68,8 @@ def diagnosis_page(report: DiagnosisReport) -> str:
         body = loads_table(report.loads)
         sections.append(Section("What the DLO and its grips bore", body))
     if report.residual_relations:
-        body = "".join(_relations(s) for s in report.residual_relations) + paragraph(FORETELLS)
-        sections.append(Section("What the residual goes along with", body))
+        body = "".join(_relations(s) for s in report.residual_relations) + paragraph(PREDICTS)
+        sections.append(Section("Inputs that the residual depends on", body))
     if len(report.ranking) > 1:
         sections.append(Section("All that was tried", _ranking(report)))
     if report.trace:
@@ -169,7 +169,7 @@ def _relations(related: ResidualRelations) -> str:
     ]
     parts = [f"<h3>{markup(related.model)}</h3>", *map(paragraph, related.sentences)]
     if rows:
-        parts.append(table(["input", "foretells", "by chance", ""], rows))
+        parts.append(table(["input", "predicts", "by chance", ""], rows))
     if related.unjudged:
         words = f"Varied too slowly to be judged: {', '.join(related.unjudged)}."
         parts.append(paragraph(words))

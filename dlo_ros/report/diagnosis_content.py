@@ -96,7 +96,7 @@ class RelatedInput:
 
     Args:
         name: of the input.
-        share: of what repeats in the residual, that it foretells.
+        share: of the repeating part of the residual, that it predicts.
         chance: how often surrogates are explained as well.
         told: whether that is more than chance.
         alike: inputs that cannot be told from it.
@@ -111,7 +111,7 @@ class RelatedInput:
 
 @dataclass(frozen=True)
 class ResidualRelations:
-    """What the residual of a model goes along with, in sentences and numbers."""
+    """The inputs that the residual of a model depends on, in sentences and numbers."""
 
     model: str
     sentences: tuple[str, ...]

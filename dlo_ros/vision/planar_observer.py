@@ -21,10 +21,17 @@ from collections.abc import Sequence
 import numpy as np
 
 from dlo_ros.command import Motion
-from dlo_ros.errors import InputError, VisionError
+from dlo_ros.errors import VisionError
 from dlo_ros.parameters import Settings
-from dlo_ros.spline import ORDER, FloatArray, SplineBasis
+from dlo_ros.spline import FloatArray, SplineBasis
 from dlo_ros.vision.camera.pinhole import Camera
+from dlo_ros.vision.expected_shape import (
+    check_prediction,
+    expected_shape,
+    expected_width,
+    resample_count,
+    traced_backwards,
+)
 from dlo_ros.vision.fit.material_coordinates import find_ends
 from dlo_ros.vision.fit.planar_clamps import EndPoses, ends_at, to_pixel
 from dlo_ros.vision.fit.planar_credibility import LEAST_SEEN, check, check_change, unusable
@@ -142,7 +149,7 @@ class Observer:
             raise VisionError(f"the fit has no solution ({err})") from err
         except VisionError as err:
             self._lose()  # what was found on the way is not credible
-            fault = unusable(image, self._expected_width(ends))
+            fault = unusable(image, expected_width(self.camera, self.settings.rod.diameter, ends))
             if fault:
                 raise VisionError(f"{fault} ({err})") from err
             raise
@@ -155,7 +162,7 @@ class Observer:
         if self._seen_last is not None:
             last, velocity = self._seen_last
             if 0 <= stamp - last.stamp <= FRESH:
-                shapes.append(self._predict(stamp, last, velocity, ends))
+                shapes.append(expected_shape(stamp, last, velocity, ends))
         if predicted is not None:
             basis = SplineBasis(len(predicted), self.basis.length)
             u = np.linspace(0.0, basis.length, EXPECTED_POINTS)
@@ -178,7 +185,7 @@ class Observer:
         expected: Sequence[FloatArray],
     ) -> VisionResult:
         """Search the whole image; a shape that was just lost tells which end is the start."""
-        width = self._expected_width(ends)
+        width = expected_width(self.camera, self.settings.rod.diameter, ends)
         held = [end.position for end in (ends.start, ends.end) if end is not None]
         rod = self.settings.rod
         allowed = reach(self.camera, held, rod.length, rod.diameter)
@@ -226,8 +233,10 @@ class Observer:
         search = PathSearch(chains, bars, self.basis.length, plane, local[0], local[1])
         path = search.find([bars.from_image(shape) for shape in expected])
         points = bars.to_image(path.points)
-        if ends.start is None and ends.end is None and self._backwards(points, before):
-            points = points[::-1]
+        if ends.start is None and ends.end is None:
+            outer = self.camera.to_board(points[[0, -1]])[:, [0, 2]]
+            if traced_backwards(outer, before, self.settings.rod.diameter):
+                points = points[::-1]
         rough = Rough(path.colour, path.contrast, width, tones, tones)
         held = ends.start is not None and ends.end is not None
         result = self._measure(stamp, image, ends, points, width, rough, final=held)
@@ -284,7 +293,7 @@ class Observer:
         self, stamp: int, image: Image, ends: EndPoses, last: Shape, search: float
     ) -> VisionResult:
         """Search around where the last shape and the imposed motion predict the DLO."""
-        points = self._project(self._predict(stamp, last, self._velocity, ends))
+        points = self._project(expected_shape(stamp, last, self._velocity, ends))
         if not np.all(np.isfinite(points)) or np.mean(inside(image, points)) < LEAST_SEEN:
             raise VisionError("the DLO has left the picture")
         spacing = spacing_for(last.width)
@@ -303,20 +312,6 @@ class Observer:
             raise VisionError("what lies near the last shape has another contrast")
         located = limited(located, self._hints.allowed(image, last.width))
         return self._finish(stamp, image, located, ends, before, last, True)
-
-    def _predict(
-        self, stamp: int, last: Shape, velocity: FloatArray | None, ends: EndPoses
-    ) -> FloatArray:
-        """Points (x, z) [m] of the last shape, carried on by its velocity and the clamps."""
-        curve = last.curve
-        dt = (stamp - last.stamp) * 1e-9
-        if velocity is not None:
-            curve = curve + dt * velocity
-        share = np.linspace(0.0, 1.0, len(curve))[:, None]
-        for end, at, weight in ((ends.start, 0, 1.0 - share), (ends.end, -1, share)):
-            if end is not None:
-                curve = curve + weight * (end.position - curve[at])
-        return curve
 
     def _finish(
         self,
@@ -374,59 +369,3 @@ class Observer:
             located.known_width,
             located.tones,
         )
-
-    def _expected_width(self, ends: EndPoses) -> float:
-        """Width of the DLO in the image [px]."""
-        known = [end.position for end in (ends.start, ends.end) if end is not None]
-        pixels = np.array([[0.5 * self.camera.width, 0.5 * self.camera.height]])
-        if known:
-            board = np.array([[p[0], 0.0, p[1]] for p in known])
-            projected = self.camera.project(board)
-            if np.all(np.isfinite(projected)):
-                pixels = np.vstack([pixels, projected])
-        scales = self.camera.metres_per_pixel(pixels)
-        scales = scales[np.isfinite(scales) & (scales > 0.0)]
-        if len(scales) == 0:
-            raise VisionError(
-                "the camera does not look at the board's plane; check camera.translation and "
-                "camera.rotation"
-            )
-        return self.settings.rod.diameter / float(np.median(scales))
-
-    def _backwards(self, points: FloatArray, before: Shape | None) -> bool:
-        """Whether a path without known ends runs from the end to the start."""
-        first, last = self.camera.to_board(points[[0, -1]])[:, [0, 2]]
-        if before is not None:
-            start, end = before.curve[0], before.curve[-1]
-            kept = np.hypot(*(first - start)) + np.hypot(*(last - end))
-            turned = np.hypot(*(last - start)) + np.hypot(*(first - end))
-            return bool(turned < kept)
-        if abs(first[0] - last[0]) > self.settings.rod.diameter:
-            return bool(first[0] > last[0])
-        return bool(first[1] > last[1])
-
-
-def check_prediction(control_points: FloatArray) -> None:
-    """Refuse control points that are no spline's.
-
-    Args:
-        control_points: x, y, z [m] (and theta [rad]), shape (n, 3) or (n, 4).
-
-    Raises:
-        InputError: with what is wrong.
-    """
-    shape = control_points.shape
-    if len(shape) != 2 or shape[0] < ORDER or shape[1] not in (3, 4):
-        raise InputError(
-            f"the predicted control points have shape {shape}; (n, 3) or (n, 4) with n of at least "
-            f"{ORDER} is needed"
-        )
-    if not np.all(np.isfinite(control_points)):
-        raise InputError("the predicted control points hold a number that is not finite")
-
-
-def resample_count(points: FloatArray, count: int) -> FloatArray:
-    """A number of equally spaced points along a polyline, shape (count, d)."""
-    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-    at = np.linspace(0.0, s[-1], count)
-    return np.column_stack([np.interp(at, s, column) for column in points.T])

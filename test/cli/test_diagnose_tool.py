@@ -51,7 +51,7 @@ def test_results_are_what_the_interface_says(tmp_path):
     page = (tmp_path / "out" / "report.html").read_text()
     assert "What the DLO and its grips bore" in page
     for words in ("curvature at rest", "direction of a clamp", "load per length", "Turn the clamp.",
-                  "A remark.", "1.0 mm off", "What the residual goes along with",
+                  "A remark.", "1.0 mm off", "Inputs that the residual depends on",
                   "so does the bending of the DLO", "too slowly to be judged",
                   "missing force, the longest"):  # fmt: skip
         assert words in page

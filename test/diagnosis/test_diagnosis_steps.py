@@ -225,15 +225,17 @@ def test_errors_on_held_out_data_are_computed_once_and_of_a_fit_that_holds(begin
     parted = holdout.split(beginning.recordings, 0, at, at, KNOWN)
     holdout_err = holdout.HoldoutErrors(beginning.recordings, 2, parted, KNOWN)
     plain = candidate("", "", at, KNOWN)
-    assert holdout_err(plain) == holdout_err.foretold(plain) == pytest.approx(3e-4 / 4, rel=0.7)
+    assert (
+        holdout_err(plain) == holdout_err.linearised_err(plain) == pytest.approx(3e-4 / 4, rel=0.7)
+    )
     wrong = at.model.at(at.model.theta() + np.array([1.0, 0.0, 0.0, 0.0]))
     linearised = holdout.trained
     monkeypatch.setattr(holdout, "trained", lambda *words: wrong)
     other = replace(plain)
-    assert holdout_err.foretold(other) > 3.0 * holdout_err(plain)
+    assert holdout_err.linearised_err(other) > 3.0 * holdout_err(plain)
     assert holdout_err(other) < 1.5 * holdout_err(plain)  # fitted anew, from the wrong beginning
     monkeypatch.setattr(holdout, "trained", linearised)
-    assert holdout_err.foretold(other) == holdout_err(other)
+    assert holdout_err.linearised_err(other) == holdout_err(other)
 
 
 def test_a_peg_is_resized_where_it_is_touched():

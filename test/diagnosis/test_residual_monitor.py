@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from experiment_recordings import moving
 
-from dlo_ros.diagnosis.monitor.residual_monitor import Watch, left_over
+from dlo_ros.diagnosis.monitor.residual_monitor import ResidualMonitor, correlated_residual
 from dlo_ros.identification import Manipulation, OnlineEstimator
 from dlo_ros.nodes.worker import EstimatorThread
 
 
 def watched(recording, guess, pieces=np.inf):
     """What the watch says at the end; it does so many pieces of its work after a picture."""
-    estimator, watch = OnlineEstimator(guess, budget=np.inf), Watch()
+    estimator, watch = OnlineEstimator(guess, budget=np.inf), ResidualMonitor()
     for imposed in recording.commands:
         estimator.set_command(imposed)
     for observation in recording.observations:
@@ -46,7 +46,7 @@ def test_it_is_silent_where_there_is_nothing(name, seed):
     watch, estimator = watched(*moving(name, {}, seed))
     assert watch.suspicion is None
     run = estimator.run
-    leftover = left_over(run.forecast(), run.simulation.settings)
+    leftover = correlated_residual(run.forecast(), run.simulation.settings)
     # The noise of a camera was seen, so that it could have found something.
     assert 3e-5 < leftover.noise < 2e-4
     assert leftover.common < 0.5 * leftover.noise
@@ -89,7 +89,7 @@ def test_a_set_up_within_its_tolerances_is_no_reason_to_warn(effects):
     recording, guess = moving("simple", effects, 6)
     watch, estimator = watched(recording, guess)
     run = estimator.run
-    assert left_over(run.forecast(), run.simulation.settings).correlated
+    assert correlated_residual(run.forecast(), run.simulation.settings).correlated
     assert watch.suspicion is None
 
 

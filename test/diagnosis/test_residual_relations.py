@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What residuals go along with: what was put in is found, and nothing else."""
+"""Inputs that residuals depend on: what was put in is found, and nothing else."""
 
 from dataclasses import replace
 
@@ -87,7 +87,7 @@ def test_a_residual_that_is_made_of_speed_is_told_as_speed(count, space):
     position = next(r for r in found.inputs if r.name == "the position of the grip")
     assert not position.told and position.share < 0.3
     words = "\n".join(sentences(found))
-    assert "goes along with the speed of the grip" in words and "position" not in words
+    assert "depends on the speed of the grip" in words and "position" not in words
 
 
 def test_position_is_told_from_speed():

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Every effect by itself, against an answer that does not come from this package's rod."""
+"""Every effect at rest, by itself, against an answer that does not come from this package's rod."""
 
 from dataclasses import replace
 
@@ -9,15 +9,8 @@ from elastica import Cantilever, hinged
 from rods import PAPER, SECOND, command, dense_stiffness, held_start, settled, straight
 from scipy.linalg import eigh
 
-from dlo_ros.command import Motion
-from dlo_ros.effects import build, effects, quantities
-from dlo_ros.errors import DloError, ParameterError
-from dlo_ros.observation import Observation
-from dlo_ros.parameters import Settings
 from dlo_ros.rod.resolution import build as build_rod
-from dlo_ros.rod.simulation import Simulation
 from dlo_ros.rod.statics import settle
-from dlo_ros.spline import SplineBasis
 
 WEIGHTLESS = replace(PAPER, gravity=(0.0, 0.0, 0.0))
 ROD = PAPER.rod
@@ -251,125 +244,6 @@ def test_a_longer_rod_is_the_elastica_of_its_true_length():
     assert np.abs(shape(U) - true(U * length / ROD.length)).max() < 2e-4 * length
 
 
-def simulate(settings, imposed, stamps, spans=14, parameters=()):
-    """Shapes of the published basis in motion from the equilibrium, and the simulation."""
-    simulation = Simulation(settings, Motion([imposed]), parameters=parameters, spans=spans)
-    simulation.start([Observation(0, first_shape(settings))])
-    return simulation.advance_through(stamps), simulation
-
-
-def first_shape(settings):
-    basis = SplineBasis(settings.rod.control_points, settings.rod.length)
-    shape = np.zeros((basis.control_points, 4))
-    shape[:, 0] = basis.greville
-    return shape
-
-
-STAMPS = [k * SECOND // 20 for k in range(1, 21)]
-
-
-def lifted(stamp=0):
-    return command(["start"], [0.0, 0.5], [[[0.0, 0.0, 0.0]], [[0.0, 0.0, 0.1]]], stamp=stamp)
-
-
-def shapes(predictions):
-    return np.array([p.control_points[:, :3] for p in predictions])
-
-
-def test_a_delay_shifts_the_motion_in_time():
-    late, _ = simulate(PAPER.with_effects({"command_delay": {"delay": 0.1}}), lifted(), STAMPS)
-    shifted, _ = simulate(PAPER, lifted(SECOND // 10), STAMPS)
-    np.testing.assert_allclose(shapes(late), shapes(shifted), atol=1e-5)
-
-
-def test_added_damping_is_configured_damping():
-    added = PAPER.with_effects(
-        {"air_drag": {"coefficient": 0.04}, "internal_damping": {"relaxation_time": 0.01}}
-    )
-    damping = replace(PAPER.damping, air_drag=0.05, relaxation_time=0.012)
-    one, _ = simulate(added, lifted(), STAMPS)
-    other, _ = simulate(replace(PAPER, damping=damping), lifted(), STAMPS)
-    np.testing.assert_allclose(shapes(one), shapes(other), atol=1e-9)
-
-
-def test_slip_makes_the_rod_longer_as_far_as_the_motion_has_gone():
-    settings = replace(PAPER, damping=replace(PAPER.damping, air_drag=1.0, relaxation_time=0.1))
-    slipping = settings.with_effects({"clamp_slip": {"length": 0.02}})
-    stamps = [4 * SECOND]
-    slipped, _ = simulate(slipping, lifted(), stamps, spans=28)
-    longer, _ = simulate(
-        settings.with_effects({"length_error": {"difference": 0.02}}), lifted(), stamps, spans=28
-    )
-    np.testing.assert_allclose(shapes(slipped), shapes(longer), atol=1e-4)
-    half, _ = simulate(slipping, lifted(), [SECOND // 4], spans=28)
-    assert arc_length(half[0]) == pytest.approx(ROD.length + 0.01, rel=2e-4)
-
-
-def arc_length(prediction):
-    basis = SplineBasis(ROD.control_points, ROD.length)
-    u, weight = basis.quadrature(8)
-    return weight @ np.linalg.norm(basis.evaluate(prediction.control_points[:, :3], u, 1), axis=1)
-
-
-def test_what_the_camera_measures_is_scaled_and_turned():
-    plain, _ = simulate(PAPER, lifted(), STAMPS[:4])
-    seen, _ = simulate(
-        PAPER.with_effects({"camera_scale": {"ratio": 1.02}, "camera_rotation": {"angle": 0.1}}),
-        lifted(), STAMPS[:4],
-    )  # fmt: skip
-    true = shapes(plain)
-    c, s = np.cos(0.1), np.sin(0.1)
-    # From x towards -z: the x axis turns to (cos, -sin).
-    turned = np.stack([c * true[..., 0] + s * true[..., 2], true[..., 1],
-                       c * true[..., 2] - s * true[..., 0]], axis=-1) / 1.02  # fmt: skip
-    np.testing.assert_allclose(shapes(seen), turned, atol=2e-6)
-
-
-def test_what_a_shifted_camera_measures_is_shifted():
-    plain, _ = simulate(PAPER, lifted(), STAMPS[:4])
-    seen, _ = simulate(
-        PAPER.with_effects({"camera_shift": {"x": 0.003, "z": -0.05}}), lifted(), STAMPS[:4]
-    )
-    np.testing.assert_allclose(
-        shapes(seen), shapes(plain) + np.array([0.003, 0.0, -0.05]), atol=1e-8
-    )
-
-
-def test_what_is_measured_is_taken_back():
-    points = np.random.default_rng(0).normal(size=(5, 3))
-    values = {"camera_rotation": {"angle": 0.2}, "camera_scale": {"ratio": 1.1},
-              "camera_shift": {"x": 0.1, "z": 0.2}}  # fmt: skip
-    for name, keys in values.items():
-        (effect,) = build({name: keys})
-        assert np.abs(effect.measured(points) - points).max() > 0.01
-        np.testing.assert_allclose(effect.true(effect.measured(points)), points, atol=1e-14)
-
-
-@pytest.mark.parametrize("offset", [(0.004, -0.006), (0.004, 0.0, -0.006)])
-def test_a_moved_clamp_is_one_that_was_commanded_elsewhere(offset):
-    commanded = lifted()
-    moved = commanded.positions.copy()
-    moved[:, commanded.names.index("start")] += [0.004, 0.0, -0.006]
-    found, _ = simulate(
-        PAPER.with_effects({"clamp_offset": {"start": offset}}), commanded, STAMPS[:6]
-    )
-    there, _ = simulate(PAPER, replace(commanded, positions=moved), STAMPS[:6])
-    np.testing.assert_allclose(shapes(found), shapes(there), atol=1e-12)
-    plain, _ = simulate(PAPER, commanded, STAMPS[:6])
-    np.testing.assert_allclose(
-        shapes(found)[:, 0], shapes(plain)[:, 0] + np.array([0.004, 0.0, -0.006]), atol=1e-9
-    )
-
-
-def test_a_moved_clamp_moves_both_control_points_of_its_end():
-    names, points = ["control_point_1", "control_point_2"], [[0.0, 0.0, 0.0], [0.02, 0.0, 0.0]]
-    (effect,) = build({"clamp_offset": {"start": (0.01, 0.02)}})
-    true = effect.impose(command(names, [0.0], [points]))
-    np.testing.assert_allclose(true.positions[0], points + np.array([0.01, 0.0, 0.02]), atol=1e-15)
-    (other,) = build({"clamp_offset": {"end": (0.01, 0.02)}})
-    assert np.array_equal(other.impose(command(names, [0.0], [points])).positions[0], points)
-
-
 def test_plastic_bending_leaves_the_curvature_past_the_yield():
     """Two clamps bend a weightless rod into an arc, and back: pure bending, one moment."""
     yields, hardening = 3.0, 0.25
@@ -470,72 +344,3 @@ def test_effects_combine_in_any_order():
     np.testing.assert_allclose(
         cantilever(PAPER, **one)[0](U), cantilever(PAPER, **other)[0](U), atol=1e-10
     )
-
-
-NAMES = {
-    "intrinsic_curvature", "clamp_angle", "gravity_tilt", "point_mass", "stiff_segment",
-    "stiffness_gradient", "nonlinear_stiffness", "plasticity", "surface_friction", "air_drag",
-    "internal_damping", "command_delay", "clamp_slip", "length_error", "camera_scale",
-    "camera_rotation", "obstacle", "constant_force", "clamp_offset", "camera_shift",
-    "clamp_compliance", "connector", "quadratic_drag", "wall",
-    "hysteresis", "viscoelasticity", "anisotropy",
-}  # fmt: skip
-
-
-def test_all_names_of_the_interface_are_there():
-    assert set(effects()) == NAMES
-
-
-@pytest.mark.parametrize("name", sorted(NAMES))
-def test_neutral_values_do_nothing(name):
-    (effect,) = build({name: {}})
-    assert type(effect).__doc__
-    for q in quantities(name).values():
-        assert q.lower <= q.neutral <= q.upper
-        assert q.description
-    plain, _ = simulate(PAPER, lifted(), STAMPS[:6])
-    same, _ = simulate(
-        PAPER.with_effects({name: {k: q.nothing for k, q in quantities(name).items()}}),
-        lifted(), STAMPS[:6],
-    )  # fmt: skip
-    np.testing.assert_allclose(shapes(same), shapes(plain), atol=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("values", "message"),
-    [
-        ({"effects.gravity": 1.0}, "no effect 'gravity'; known are air_drag"),
-        ({"effects.point_mass.weight": 1.0}, "has no parameter 'weight'; it has mass, position"),
-        ({"effects.point_mass.mass": -1.0}, "effects.point_mass.mass is -1.0; it must be a number"),
-        ({"effects.point_mass.mass": float("nan")}, "effects.point_mass.mass is nan"),
-        ({"effects.point_mass.mass": [1.0, 2.0]}, "it must be one number"),
-        ({"effects.point_mass.mass": "heavy"}, "effects.point_mass.mass is heavy"),
-        ({"effects.clamp_offset.start": 0.01}, "it must be 2 or 3 numbers"),
-        ({"effects.clamp_offset.start": [0.1] * 4}, "it must be 2 or 3 numbers"),
-        ({"effects.clamp_offset.start": [0.1, 2.0]}, "it must be a number from -1 to 1"),
-        (
-            {"effects.clamp_angle.start_std": -0.1},
-            "effects.clamp_angle.start_std is -0.1; it must be a number from 0 on",
-        ),
-        ({"effects.clamp_angle.start_std": [0.1]}, "it must be a number from 0 on"),
-        ({"effects.clamp_angle.start_std": "wide"}, "it must be a number from 0 on"),
-        ({"effects.clamp_angle.begin_std": 0.1}, "has no parameter 'begin_std'"),
-        ({"effects.clamps.start_std": 0.1}, "there is no effect 'clamps'"),
-    ],
-)
-def test_bad_values_name_the_parameter(values, message):
-    with pytest.raises(ParameterError, match=message):
-        Settings.from_mapping({**PAPER.flat(), **values})
-
-
-def test_a_place_off_the_rod_is_refused():
-    settings = PAPER.with_effects({"point_mass": {"mass": 0.1, "position": 0.5}})
-    with pytest.raises(DloError, match=r"point_mass.position is 0.5 m.*0 to 0.4 m"):
-        simulate(settings, lifted(), STAMPS[:1])
-
-
-def test_effects_survive_a_parameter_file(tmp_path):
-    given = {"intrinsic_curvature": {"curvature": (1.0, 2.0)}, "point_mass": {"mass": 0.1}}
-    settings = PAPER.with_effects(given)
-    settings.dump(tmp_path / "p.yaml")
-    assert Settings.load(tmp_path / "p.yaml").effects == given

@@ -1,30 +1,17 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Measured forces at the grips: read, compared with predicted ones, and used to know E and mu."""
+"""Measured forces at the grips: read, brought to instants, compared with predicted ones."""
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import recordings_samples as samples
-from diagnoses import found as some_diagnosis
-from measured import swing
 from rods import PAPER, command
 
-from dlo_ros.cli.identify_results import remarks, tree
-from dlo_ros.cli.loading import load_manipulation
 from dlo_ros.cli.main import main
-from dlo_ros.diagnosis import diagnose
-from dlo_ros.diagnosis.findings.diagnosis_outcome import Fitted, NamedEffect, Number
-from dlo_ros.diagnosis.findings.measured_force_scale import with_forces
 from dlo_ros.errors import InputError, RecordingError
-from dlo_ros.files import read_yaml
-from dlo_ros.identification import OnlineEstimator, identify
-from dlo_ros.identification.design.expected_information import Plan, outlook
-from dlo_ros.identification.force_scale import grip_wrenches, with_scale
-from dlo_ros.inference.forecast import forecast
 from dlo_ros.inference.wrench import (
     WrenchField,
     from_change,
@@ -34,20 +21,10 @@ from dlo_ros.inference.wrench import (
 )
 from dlo_ros.inference.wrench_messages import near, scatter, shaken
 from dlo_ros.observation import Wrenches
-from dlo_ros.parameters import Settings
 from dlo_ros.recordings import BAG_MESSAGES, read_recording
 from dlo_ros.recordings.building import transform_message, wrench_message
-from dlo_ros.spline import SplineBasis
 from dlo_ros.synthesis import discrete_rod, rod_simulation
-from dlo_ros.synthesis.experiment import (
-    find_experiment,
-    load_experiment,
-    read_experiment,
-    with_wrench,
-)
 from dlo_ros.synthesis.reaction import reactions
-from dlo_ros.synthesis.synthesize import synthesize
-from dlo_ros.synthesis.wrench_sensor import WrenchSensor
 
 WEIGHT = PAPER.rod.linear_density * PAPER.rod.length * 9.81
 LENGTH = PAPER.rod.length
@@ -73,9 +50,6 @@ def transform(topic: str, k: int, parent: str, child: str, translation, rotation
 def sensor_of(measured: np.ndarray, stamps: np.ndarray) -> Wrenches:
     axes = np.broadcast_to(np.eye(3), (len(stamps), 3, 3))
     return Wrenches("start", stamps, measured[:, :3], measured[:, 3:], axes)
-
-
-# Reading
 
 
 def test_forces_in_the_fixed_frame_are_read_as_they_are(tmp_path, caplog):
@@ -143,9 +117,6 @@ def test_forces_go_through_tables_and_back(tmp_path, capsys):
     assert "end is 'tip'; it must be start or end" in capsys.readouterr().err
 
 
-# The truth's own reactions
-
-
 def test_the_discrete_rods_clamp_bears_its_weight():
     rod = discrete_rod.DiscreteRod.uniform(PAPER.rod, PAPER.damping, edges=60)
     hold = rod_simulation.ImposedNodes({0: np.zeros(2)}, start=0.3)
@@ -160,9 +131,6 @@ def test_the_discrete_rods_clamp_bears_its_weight():
     simulation.advance(0.2)  # at rest it stays
     np.testing.assert_allclose(reactions(simulation)["start"], before, atol=1e-5 * WEIGHT)
     assert "end" not in reactions(simulation)
-
-
-# Beside predicted forces
 
 
 def test_forces_are_brought_to_the_instants_of_shapes():
@@ -260,152 +228,3 @@ def test_a_tool_is_felt_only_where_the_grip_accelerates():
         for c in (still, moved)
     ]
     assert columns == [7, 11]  # six offsets and a delay; with a mass and its three levers
-
-
-# Identification
-
-
-def known(sensor: WrenchSensor, factor: float = 1.0) -> Settings:
-    """The paper's rope with wrong E and mu, and a sensor whose errors are stated."""
-    stated = replace(
-        PAPER.wrench, force_std=sensor.force_std, torque_std=sensor.torque_std,
-        force_bias_std=sensor.force_bias_std,
-    )  # fmt: skip
-    return replace(PAPER.with_material(2e7, 2000.0 * factor), wrench=stated)
-
-
-SENSOR = WrenchSensor.usual(WEIGHT, LENGTH)
-
-
-@pytest.fixture(scope="module")
-def swinging():
-    return swing(PAPER, seconds=1.5, sensor=SENSOR, seed=2)
-
-
-def both_known(estimate) -> bool:
-    """Whether E and mu are determined, right to 5 %, and within their standard deviations."""
-    assert all(estimate.identifiable.values())
-    for name in ("young_modulus", "density"):
-        true, std = getattr(PAPER.rod, name), getattr(estimate, f"{name}_std")
-        assert getattr(estimate, name) == pytest.approx(true, rel=0.05)
-        assert abs(getattr(estimate, name) - true) < 3.5 * std and std < 0.05 * true
-    return True
-
-
-def test_shapes_and_forces_tell_both_e_and_mu(swinging):
-    found = identify([swinging], known(SENSOR))
-    assert both_known(found.estimate)
-    everything, change, mean = found.fitted.forces.relative
-    assert everything <= min(change, mean) and 0.02 < mean < 0.1
-    said = " ".join(remarks(found))
-    assert "The forces at the grips (46 messages) tell mu to" in said
-    told_json = tree(found)["wrench"]
-    assert told_json["messages"] == 46 and told_json["density_std"]["all"] == everything
-    assert told_json["left"]["swing, start"]["force"] < 0.02 * WEIGHT
-
-
-def test_live_forces_tell_both_e_and_mu(swinging):
-    estimator = OnlineEstimator(known(SENSOR), budget=np.inf)
-    for imposed in swinging.commands:
-        estimator.set_command(imposed)
-    (felt,) = swinging.wrenches
-    for k, observation in enumerate(swinging.observations):
-        one = slice(k, k + 1)
-        estimator.forces.add(
-            Wrenches(
-                felt.end, felt.stamps[one], felt.force[one], felt.torque[one], felt.axes[one]
-            )
-        )  # fmt: skip
-        estimator.observe(observation)
-    assert both_known(estimator.estimate)
-    estimator.reset()
-    assert not estimator.estimate.identifiable["density"]
-
-
-def test_the_scale_of_all_forces_leaves_every_shape(swinging):
-    effects = {"point_mass": {"mass": 0.004, "position": 0.3}, "clamp_compliance": {"start": 0.5}}
-    heavy = PAPER.with_effects(effects)
-    scaled = with_scale(heavy, np.log(2.0))
-    assert scaled.rod.density == 2.0 * heavy.rod.density
-    assert scaled.effects["point_mass"] == {"mass": 0.008, "position": 0.3}
-    assert scaled.effects["clamp_compliance"]["start"] == 0.25
-    few = replace(swinging, observations=swinging.observations[:8], wrenches=())
-    a, b = (forecast(few, s, spans=14, loads=True) for s in (heavy, scaled))
-    np.testing.assert_allclose(a.predicted, b.predicted, atol=2e-4 * LENGTH)
-    single, double = (grip_wrenches(f.loadings, "start")[:, 2] for f in (a, b))
-    np.testing.assert_allclose(double, 2.0 * single, rtol=0.01)
-
-
-def test_a_diagnosis_takes_the_scale_of_its_forces(swinging):
-    """Of a model that is right but for the scale of all its forces."""
-    light = with_scale(PAPER, np.log(0.8))
-    rod = light.rod
-    model = Fitted(
-        light, (rod.young_modulus, None), (rod.density, None),
-        (rod.specific_modulus, 0.01 * rod.specific_modulus), None, None,
-    )  # fmt: skip
-    mass = NamedEffect("point_mass", {"mass": Number(0.008, None, "kg")}, ())
-    found = replace(some_diagnosis(), effects=(mass,), baseline=model, extended=model)
-    few = replace(swinging, observations=swinging.observations[:20])
-    told_by_force = with_forces(found, [few], known(SENSOR), ["more"])
-    for part in (told_by_force.baseline, told_by_force.extended):
-        assert part.density[0] == pytest.approx(PAPER.rod.density, rel=0.05)
-        assert part.young_modulus[0] == pytest.approx(PAPER.rod.young_modulus, rel=0.05)
-        assert 0.0 < part.density[1] < part.young_modulus[1] * rod.density / rod.young_modulus
-        assert part.settings.rod.density == pytest.approx(part.density[0])
-    (effect,) = told_by_force.effects
-    assert effect.parameters["mass"].value == pytest.approx(0.01, rel=0.05)
-    # Shapes tell a mass over mu: what they do not know of mu is no longer in it.
-    vague = NamedEffect("point_mass", {"mass": Number(0.008, 0.0024, "kg")}, ())
-    guessed = replace(model, density=(rod.density, 0.299 * rod.density))
-    (sharp,) = with_forces(
-        replace(found, effects=(vague,), extended=guessed), [few], known(SENSOR)
-    ).effects
-    std = sharp.parameters["mass"].std
-    assert 0.02 < std / sharp.parameters["mass"].value < 0.1
-    assert "more" in told_by_force.remarks and "tell mu to" in told_by_force.remarks[-1]
-    without = with_forces(found, [replace(few, wrenches=())], known(SENSOR))
-    assert without.extended == model
-
-
-def test_a_sensor_counts_in_the_design_of_experiments():
-    imposed = command(["start"], [0.0, 0.5], [[[0.0] * 3], [[0.05, 0.0, 0.05]]])
-    shape = np.zeros((10, 4))
-    shape[:, 0] = SplineBasis(10, LENGTH).greville
-    plan = Plan("lift", imposed, shape, 0.6, 15.0)
-    blind = outlook(plan, PAPER, hypotheses=(1.0,))
-    felt = outlook(plan, replace(known(SENSOR), rod=PAPER.rod), hypotheses=(1.0,))
-    assert blind.std["density"] > 0.25  # the guess
-    assert felt.std["density"] < 0.03 and felt.gain > blind.gain + 2.0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "seed"), [("c_shape", 0), ("c_shape", 1), ("c_shape", 2), ("approach_two", 40004)]
-)
-def test_both_within_five_per_cent_of_an_experiment(tmp_path, name, seed):
-    """The motion of `approach_two` begins and ends abruptly."""
-    made = with_wrench(load_experiment(find_experiment(name)))
-    synthesize(made, tmp_path / "bag", seed=seed, images=False)
-    settings = Settings.load(tmp_path / "bag" / "params.yaml")
-    found = identify([load_manipulation(tmp_path / "bag", settings)], settings).estimate
-    assert found.identifiable["young_modulus"] and found.identifiable["density"]
-    assert found.young_modulus == pytest.approx(5e7, rel=0.05)
-    assert found.density == pytest.approx(2500.0, rel=0.05)
-
-
-@pytest.mark.slow
-def test_a_hidden_mass_is_weighed_by_forces(tmp_path):
-    tree = read_yaml(find_experiment("c_shape"))
-    tree["parameters"]["effects"] = {"point_mass": {"mass": 0.003, "position": 0.3}}
-    made = with_wrench(read_experiment(tree, "hidden", "hidden"))
-    synthesize(made, tmp_path / "bag", seed=1, images=False)
-    settings = Settings.load(tmp_path / "bag" / "params.yaml")
-    felt = load_manipulation(tmp_path / "bag", settings)
-    masses = []
-    for recording in (felt, replace(felt, wrenches=())):
-        found = diagnose([recording], settings)
-        assert [e.name for e in found.effects] == ["point_mass"]
-        masses.append(found.effects[0].parameters["mass"])
-    assert abs(masses[0].value - 0.003) < 2.0 * masses[0].std
-    assert masses[0].std < 0.5 * masses[1].std

@@ -3,10 +3,6 @@
 
 from __future__ import annotations
 
-import logging
-import os
-import subprocess
-import sys
 import time
 from array import array
 from dataclasses import replace
@@ -16,7 +12,6 @@ from unittest.mock import MagicMock
 import numpy as np
 import pytest
 import recordings_samples as samples
-from conftest import ROOT
 
 from dlo_ros.errors import InputError, VisionError
 from dlo_ros.nodes.pairing import GAP, WAITING, Pairing
@@ -81,9 +76,6 @@ def test_old_predictions_are_forgotten_and_new_ones_replace():
     assert pairing.missed == 1
 
 
-# --- with rclpy, but without processes -------------------------------------------------------
-
-
 def test_messages_of_rclpy_are_built_and_read_by_the_same_code():
     pytest.importorskip("rclpy")
     from dlo_ros.nodes.message_factory import ROS_MESSAGES as ros
@@ -141,19 +133,6 @@ def test_images_are_handed_over_as_a_block():
     assert taken < 0.2 * one_by_one
 
 
-@pytest.mark.slow
-def test_logs_that_cannot_be_written_are_told_with_the_remedy(tmp_path):
-    pytest.importorskip("rclpy")
-    (tmp_path / "file").touch()
-    done = subprocess.run(
-        [sys.executable, "-m", "dlo_ros", "observer"],
-        env=os.environ | {"ROS_LOG_DIR": str(tmp_path / "file" / "log")},
-        cwd=ROOT, capture_output=True, text=True, timeout=120,
-    )  # fmt: skip
-    assert done.returncode == 2 and done.stderr.count("\n") == 1
-    assert done.stderr.endswith("; set ROS_LOG_DIR to a folder that can be written\n")
-
-
 def test_descriptors_come_from_the_table():
     pytest.importorskip("rclpy")
     from dlo_ros.nodes.declared_parameters import descriptor
@@ -169,163 +148,27 @@ def test_descriptors_come_from_the_table():
             assert shown.integer_range[0].to_value == parameter.upper
 
 
-class LoggingNode:
-    """What `Health` asks of a node."""
-
-    def __init__(self):
-        self.logged = []
-
-    def create_publisher(self, *_):
-        return None
-
-    def create_timer(self, *_, **__):
-        return None
-
-    def get_logger(self):
-        return self
-
-    def warning(self, message):
-        self.logged.append(message)
-
-
-def test_each_different_problem_is_logged_but_none_floods(monkeypatch):
-    pytest.importorskip("rclpy")
-    from dlo_ros.nodes import diagnostics
-
-    clock = [100.0]
-    monkeypatch.setattr(diagnostics.time, "monotonic", lambda: clock[0])
-    node = LoggingNode()
-    health = diagnostics.Health(node, "test")
-    for i in range(50):
-        health.warn("dlo/command", f"time of point {i} is {i}.5 s")
-        health.warn("dlo/command", "frame is map")
-    assert node.logged == ["time of point 0 is 0.5 s", "frame is map"]
-    clock[0] += diagnostics.REPEATED
-    for word in ("a", "b", "c", "d", "e", "f"):
-        health.warn("dlo/command", f"names {word}")
-    health.warn("image", "too dark")
-    assert node.logged[2:] == ["names a", "names b", "names c", "names d", "too dark"]
-
-
-def test_diagnostics_come_out_of_turn_only_where_something_has_changed(monkeypatch):
-    pytest.importorskip("rclpy")
-    from dlo_ros.nodes import diagnostics
-
-    published, clock = [], [100.0]
-    monkeypatch.setattr(diagnostics.time, "monotonic", lambda: clock[0])
-    health = diagnostics.Health(LoggingNode(), "test")
-    health._publisher = SimpleNamespace(publish=published.append)
-    health._node.get_fully_qualified_name = lambda: "/test"
-    health._node.get_clock = lambda: SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=0))
-
-    def refreshed(**values: object) -> bool:
-        clock[0] += 1.01 * diagnostics.FRESH
-        before = len(published)
-        health.values.update(values)
-        health.refresh(("std", "known"))
-        return len(published) > before
-
-    health.publish()
-    assert refreshed(std="unbounded", known=False)
-    assert not refreshed(std="unbounded")
-    assert refreshed(std=2.0)
-    assert not refreshed(std=1.7) and not refreshed(other=5.0)
-    assert refreshed(std=1.5)  # a quarter less than was told last
-    assert refreshed(known=True) and refreshed(std=float("inf"))
-    assert not refreshed(std=float("inf"))
-    health.running("at work")
-    assert refreshed()
-    clock[0] -= 0.5 * diagnostics.FRESH
-    assert not refreshed(std=1.0)  # ten a second at most
-    assert published[-1].status[0].message == "at work"
-
-
 def test_a_recording_that_starts_again_does_not_spoil_what_it_has_told():
     pytest.importorskip("rclpy")
-    from dlo_ros.nodes.link import EASED, Bar
+    from dlo_ros.nodes.simulator_link import EASED, CertaintyThreshold
 
-    bar, unknown = Bar(), float("inf")
-    assert bar.passes(unknown) and bar.passes(0.2) and bar.passes(0.01) and bar.passes(0.02)
-    bar.raise_to_last()
+    threshold, unknown = CertaintyThreshold(), float("inf")
+    assert (
+        threshold.passes(unknown)
+        and threshold.passes(0.2)
+        and threshold.passes(0.01)
+        and threshold.passes(0.02)
+    )
+    threshold.begin_again()
     for std in (unknown, float("nan"), 0.3, 0.021 * EASED):
-        assert not bar.passes(std) and bar.held
-    assert bar.passes(0.02 * EASED) and not bar.held
-    assert bar.passes(0.1)  # of the same pass
+        assert not threshold.passes(std) and threshold.held
+    assert threshold.passes(0.02 * EASED) and not threshold.held
+    assert threshold.passes(0.1)  # of the same pass
     # What never is that certain is taken in the end, since it may be another DLO's.
-    bar.raise_to_last()
-    assert not bar.passes(0.3)
-    bar.raise_to_last()
-    assert bar.passes(0.3)
-
-
-def test_the_simulator_logs_what_has_visibly_changed():
-    pytest.importorskip("rclpy")
-    from dlo_ros.nodes.simulator import WORTH_TELLING, differs
-
-    told = samples.SETTINGS
-    rod = told.rod
-    for factor, expected in ((1.0, False), (1.0 + 0.9 * WORTH_TELLING, False), (1.2, True)):
-        for e, mu in ((factor, 1.0), (1.0, factor), (1.0 / factor, 1.0)):
-            new = told.with_material(e * rod.young_modulus, mu * rod.density)
-            assert differs(new, told) == expected, (e, mu)
-    assert differs(replace(told, effects={"wall": {"offset": -1.0}}), told)
-
-
-def test_warnings_from_below_reach_the_log_of_the_node(monkeypatch, capsys):
-    pytest.importorskip("rclpy")
-    from dlo_ros.nodes import runtime
-
-    heard = LoggingNode()
-    monkeypatch.setattr(runtime, "get_logger", lambda name: heard)
-    below = logging.getLogger("dlo_ros.rod.simulation")
-    with runtime.logging_to_ros("simulator"):
-        for i in range(5):
-            below.warning("the equilibrium %d is unstable", i)
-        below.warning("another")
-    assert heard.logged == ["the equilibrium 0 is unstable", "another"]
-    below.warning("afterwards")
-    assert len(heard.logged) == 2
-    assert "unstable" not in capsys.readouterr().err
-
-
-def test_warnings_from_below_carry_the_full_name_of_the_node(monkeypatch):
-    """The logger of `observer` alone is none of /left/observer, and is not on /rosout."""
-    pytest.importorskip("rclpy")
-    from dlo_ros.nodes import runtime
-
-    short, full = LoggingNode(), LoggingNode()
-    monkeypatch.setattr(runtime, "get_logger", lambda name: short)
-    below = logging.getLogger("dlo_ros.rod.simulation")
-    with runtime.logging_to_ros("simulator") as log:
-        log.speak_for(full)
-        below.warning("unstable")
-    assert (short.logged, full.logged) == ([], ["unstable"])
-
-
-def test_steps_from_below_reach_the_log_of_the_node_on_request(monkeypatch, tmp_path):
-    pytest.importorskip("rclpy")
-    from dlo_ros.logs import LogChoice
-    from dlo_ros.nodes import runtime
-
-    told = []
-
-    class Node:
-        def set_level(self, level):
-            told.append(level.name)
-
-        def __getattr__(self, severity):
-            return lambda text: told.append(f"{severity}: {text}")
-
-    monkeypatch.setattr(runtime, "get_logger", lambda name: Node())
-    below = logging.getLogger("dlo_ros.rod.simulation")
-    with runtime.logging_to_ros("simulator", LogChoice(logging.DEBUG)):
-        below.debug("a")
-        below.info("b")
-    with runtime.logging_to_ros("simulator", LogChoice(logging.DEBUG, str(tmp_path / "log"))):
-        below.info("c")
-    below.info("d")
-    assert told == ["DEBUG", "debug: a", "info: b"]
-    assert (tmp_path / "log").read_text().endswith("dlo_ros.rod.simulation: c\n")
+    threshold.begin_again()
+    assert not threshold.passes(0.3)
+    threshold.begin_again()
+    assert threshold.passes(0.3)
 
 
 def test_a_storm_of_commands_is_thinned_out_and_what_held_is_kept():

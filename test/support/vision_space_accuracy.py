@@ -24,9 +24,9 @@ from scipy.spatial import cKDTree
 from dlo_ros.command import Motion
 from dlo_ros.errors import VisionError
 from dlo_ros.parameters import Settings
+from dlo_ros.recordings.camera_bags import iterate_together
 from dlo_ros.recordings.images import decode
 from dlo_ros.recordings.read import read_recording
-from dlo_ros.recordings.several import iterate_together
 from dlo_ros.synthesis.experiment import find_experiment, read_experiment
 from dlo_ros.synthesis.geometry import Geometry
 from dlo_ros.synthesis.picture_bag import SAMPLES

@@ -24,8 +24,8 @@ from dlo_ros.nodes.received_data import ReceivedData
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.bag import open_bag
+from dlo_ros.recordings.camera_bags import iterate_together
 from dlo_ros.recordings.read import read_recording
-from dlo_ros.recordings.several import iterate_together
 from dlo_ros.report import IdentificationReport, RecordingRow, ShapeFrame
 from dlo_ros.synthesis.experiment import START_STAMP, find_experiment, read_experiment
 from dlo_ros.synthesis.gripper_frames import MARGIN

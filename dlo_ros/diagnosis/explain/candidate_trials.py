@@ -30,7 +30,7 @@ NEAR = 0.3
 """Proposals that are simulated in a step, those that promise most, and their share of the best
 promise: a promise is linear, and no better than that."""
 WORSE = 2.0
-"""ERR over that without a proposal, from which where it promises most is no place to fit from."""
+"""ERR over that without a proposal, from which no fit begins at the values that it promises."""
 SHARES = (1.0, 0.5)
 """Shares of the way to the promised model that are simulated."""
 SIZES, SIZE_TRIALS = 2.2, 6
@@ -64,7 +64,7 @@ class Step:
 def best_trial(
     number: int, at: Evaluation, promises: Sequence[Promise], recordings: Sequence[Recording]
 ) -> tuple[Trial | None, list[Step]]:
-    """Fit the proposals that promise most; the one that gains most, if it is worth it.
+    """Fit the most promising proposals; return the one that gains most, if it is worth adding.
 
     Args:
         number: of the step, for the trace.
@@ -151,7 +151,7 @@ def _checked(promise: Promise, recordings: Sequence[Recording]) -> tuple[float, 
 
 
 def _size(proposal: Proposal) -> Parameter | None:
-    """The size of an effect that begins at a finite one; None where it has none, as a peg."""
+    """The size of an effect that begins at a finite value; None where it has no size, as a peg."""
     start = proposal.start
     if start is None or start.neutral or not start.screened:
         return None

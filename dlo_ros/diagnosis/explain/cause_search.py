@@ -1,9 +1,9 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Causes that recordings show beyond the tolerances of a set-up: a search by evidence.
 
-The set-up within its tolerances is always part of the model. What is proposed (`linear_evidence`)
-and promises most is simulated, what comes nearest is fitted, and what raises the log evidence most
-stays.
+The set-up within its tolerances is always part of the model. Of the proposals (`linear_evidence`)
+the most promising ones are simulated, those that come nearest are fitted, and the one that raises
+the log evidence most stays.
 """
 
 from __future__ import annotations
@@ -113,15 +113,16 @@ def search(
     at: Evaluation, recordings: Sequence[Recording], begun: Sequence[Start], enough: float,
     first_peg: tuple[Evaluation, Proposal] | None = None,
 ) -> Search:  # fmt: skip
-    """Add causes one by one, that which raises the log evidence most first.
+    """Add causes one by one, the one that raises the log evidence most first.
 
-    It ends with a cause that takes too little away to be named. The causes before it have other
-    laws than the true ones; many effects can make up for a little of that, and none is its reason.
+    The search ends with a cause that takes too little of ERR away to be named. The laws of the
+    causes before it differ from the true ones; many effects can compensate for a little of that
+    difference, and none of them is its reason.
 
     Args:
         at: the joint model with its set-up within tolerance, fitted.
-        begun: effects that might be added, where they are looked for.
-        enough: ERR [m] below which nothing is looked for.
+        begun: effects that might be added, at their starting values.
+        enough: ERR [m] below which no cause is looked for.
         first_peg: the fit with a peg that the DLO has hit, and the peg; see `best_peg`.
     """
     causes: list[Proposal] = []
@@ -291,7 +292,7 @@ def without(
 
 
 def _neutral(model: ParametricModel, cause: Proposal) -> ParametricModel:
-    """The model without a cause; damping, without which nothing moves, is the parameter file's."""
+    """The model without a cause; a damping goes back to the parameter file's value."""
     names = [p.name for p in cause.parameters if p.effect]
     kept = [pinned(p) for p in cause.parameters if not p.effect]
     model = model.with_prior(kept)

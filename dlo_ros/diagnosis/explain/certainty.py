@@ -17,8 +17,8 @@ from dlo_ros.inference.priors import SLAB
 CERTAIN = 3.0
 """Standard deviations from neutral, from which a cause is named."""
 SCALES = ("young_modulus", "density")
-"""Parameters in proportion to which a cause may be larger: what is not known of them makes its
-presence no less certain. A force on a DLO that was not weighed is known as a share of the weight, a
+"""Parameters to which the size of a cause is proportional: their uncertainty makes its presence no
+less certain. A force on a DLO that was not weighed is known as a share of the weight, a
 mass on one of unknown stiffness likewise."""
 BEYOND = 2.0
 """Tolerances from neutral, from which a number of the set-up may be a cause."""

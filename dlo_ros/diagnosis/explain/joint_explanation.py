@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Explains recordings by the joint model: the set-up within its tolerances, and causes beyond."""
+"""Explanation of recordings by the joint model: the set-up within tolerances, and causes beyond."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ of every set-up, but one of K effects that were tried, ln K more."""
 RIVAL = 3.0
 """Log evidence by which a rival may be worse."""
 MENDS = 0.05
-"""Share of what the plain model misses beyond the measurement's own error, up to which an effect
-may only mend the law of another one, such as a segment that of a gradient: true ones have taken
-away a tenth and more, such mends a thirtieth."""
+"""Share of the plain model's ERR beyond the measurement's own error, up to which an effect may only
+compensate for the law of another one, such as a segment for that of a gradient: true causes have
+taken away a tenth and more, such effects a thirtieth."""
 RIVAL_FITS = 2
 
 
@@ -156,7 +156,7 @@ def _named(
     found: Search, recordings: Sequence[Recording], begun: Sequence[Start], material: float,
     least: float,
 ) -> tuple[Cause, ...]:  # fmt: skip
-    """Causes without which the best model is clearly worse; numbers of the set-up are no less.
+    """The causes without which the best model is clearly worse, numbers of the set-up among them.
 
     What lies within its tolerance, or is no part of every set-up, is none where all that it
     explains is immaterial, or takes away less than `least` [m] of ERR: beside a cause whose true

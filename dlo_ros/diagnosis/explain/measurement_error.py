@@ -31,11 +31,11 @@ def material_err(own: float, given: Settings) -> float:
 
 
 def own_err(at: Evaluation, recordings: Sequence[Recording]) -> float:
-    """ERR that the measurement alone has [m]: noise, and errors that stay while the DLO moves.
+    """ERR of the measurement alone [m]: noise, and errors that stay while the DLO moves.
 
-    Of the latter those that each recording shows, since a few numbers make them: their variance is
-    that of all recordings together. The error of u that measured points leave open counts as each
-    recording shows it, too.
+    The latter are taken as each recording shows them, since few numbers cause them: their
+    variance is that of all recordings together. The error of u that measured points leave open
+    counts as each recording shows it, too.
     """
     found = []
     most = (LARGEST * at.model.settings.rod.length) ** 2
@@ -75,9 +75,9 @@ def _along(recording: Recording, predicted: FloatArray, settings: Settings) -> f
 
 
 def _noise(variances: Variances, recording: Recording) -> FloatArray:
-    """Variance of the noise in each direction [m^2]; of a few frames, what is rough along the DLO.
+    """Variance of the noise in each direction [m^2]; of a few frames, that of the rough residual.
 
-    All that a few frames do not agree on with the model would count as noise otherwise.
+    Otherwise every error of the model in a few frames would count as noise.
     """
     noise = variances.white + variances.nodal
     if len(recording.times) >= FEWEST_FRAMES:

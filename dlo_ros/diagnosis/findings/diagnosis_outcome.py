@@ -126,8 +126,8 @@ class Diagnosis:
         simulation_error: mean distance that the discretisation causes [m]; None where unknown.
         remarks: sentences for the reader.
         views: for the report.
-        relations_before, relations_after: what goes along with the residual of the plain model, and
-            with that of the best extension, which may be no more than a suspect.
+        relations_before, relations_after: inputs on which the residual of the plain model
+            depends, and that of the best extension, which may be no more than a suspect.
         material_err: ERR below which nothing is left to explain [m].
         share: of the held-out ERR beyond the measurement's own that the extended model takes away.
         setup: numbers of the set-up within their tolerances, by effect and key.

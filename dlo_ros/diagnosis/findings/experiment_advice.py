@@ -23,8 +23,8 @@ from dlo_ros.parameters import Settings
 LOG = logging.getLogger(__name__)
 
 CLEAR = 3.0
-"""Distance of two predictions in units of the noise, root of the sum, that settles the matter."""
-SETTLED = "Nothing is left open: no other cause explains these data as well."
+"""Distance of two predictions in units of the noise, root of the sum, that settles the question."""
+SETTLED = "No question is left open: no other cause explains these data as well."
 REPEAT = (
     "Repeat one of the manipulations unchanged: where both recordings differ from each other, the "
     "cause changes with time (a draught, a camera or a material that drifts); where they agree, it "
@@ -46,9 +46,9 @@ def advise(
     recordings: Sequence[Recording],
     given: Settings,
 ) -> str:
-    """What to do next."""
+    """The next experiment, in a sentence."""
     if decision.verdict == "adequate":
-        return "Nothing is left to explain: these data need no further cause."
+        return "No error is left to explain: these data need no further cause."
     names = [n for rivals in decision.rivals for n in rivals]
     if decision.chosen is None or (decision.verdict == "unexplained" and not names):
         return REPEAT

@@ -183,7 +183,7 @@ class HoldoutErrors:
             self.known[id(c)] = c, self._careful(c)
         return self.known[id(c)][1]
 
-    def foretold(self, c: Candidate) -> float | None:
+    def linearised_err(self, c: Candidate) -> float | None:
         """The same by one linearised step away from the fit to all data, unless a fit is known."""
         if id(c) in self.known:
             return self.known[id(c)][1]
@@ -191,7 +191,7 @@ class HoldoutErrors:
 
     def _careful(self, c: Candidate) -> float | None:
         """Fitted anew where the linearised step leads astray."""
-        err = self.foretold(c)
+        err = self.linearised_err(c)
         masks = self.parted.holdout[: self.learned]
         seen = [e[m[-len(e) :]] for e, m in zip(c.at.err, masks, strict=True) if m.any()]
         together = mean(seen)

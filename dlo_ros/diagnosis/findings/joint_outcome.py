@@ -53,7 +53,7 @@ Errors = list[FloatArray] | None
 SPARE = 3
 """Recordings, from which one of them is held out whole."""
 FEWEST = 10
-"""Frames, from which the end of a recording can be foretold from its beginning."""
+"""Frames, from which the end of a recording can be predicted from its beginning."""
 FINAL_ITERATIONS = 8
 FASTER = 3.0
 """Speed of the recording that is held out over that of the fastest other at most."""
@@ -129,10 +129,10 @@ def training_set(
 def learn(
     training: TrainingSet, given: Settings, pegs: Sequence[PegBesideSetUp] = ()
 ) -> Learned | None:
-    """Explain what is not held out; None where the joint model cannot be simulated.
+    """Explain the recordings that are not held out; None where the model cannot be simulated.
 
     Where all recordings are needed to find causes, the values alone are learned from their
-    beginnings, to foretell their ends.
+    beginnings, to predict their ends.
 
     Args:
         given: the parameter file.
@@ -143,15 +143,15 @@ def learn(
     masks = [np.full(f, k >= count or k == held_out) for k, f in enumerate(frames)]
     try:
         found = explain(training.prepared, given, pegs)
-        foretelling = found.at
+        predicting = found.at
         if len(recordings) == count and held_out is None and min(frames) >= FEWEST:
             masks = [np.arange(f) >= (holdout.TRAINED + 0.1) * (f - 1) for f in frames]
             stops = [int(holdout.TRAINED * (f - 1)) + 1 for f in frames]
             begun = [r.until(s) for r, s in zip(training.prepared.recordings, stops, strict=True)]
-            foretelling = _refitted(found.at, begun)
+            predicting = _refitted(found.at, begun)
     except SimulationError:
         return None
-    return Learned(found, tuple(masks), *_errors(foretelling.model, recordings, masks))
+    return Learned(found, tuple(masks), *_errors(predicting.model, recordings, masks))
 
 
 def surprising(training: TrainingSet, learned: Learned) -> bool:
@@ -176,7 +176,7 @@ def nearer(learned: Learned, other: Learned) -> bool:
 def _held_out(recordings: Sequence[Recording]) -> int | None:
     """The recording to be held out: the last that is gripped as another is and moves no faster.
 
-    What only shows where the DLO is gripped otherwise, or moves, could not be foretold.
+    An error that shows only where the DLO is gripped otherwise, or moves, could not be predicted.
     """
     if len(recordings) < SPARE:
         return None
@@ -200,7 +200,7 @@ def _speed(recording: Recording) -> float:
 def joint_outcome(
     beginning: Beginning, plain: Candidate, learned: Learned, given: Settings
 ) -> Diagnosis:
-    """Measure on what is held out, fit the model to everything, and put all together."""
+    """Measure ERR on held-out data, fit the model to all recordings, and put all together."""
     found, recordings = learned.explanation, beginning.recordings
     first = recordings[: len(plain.at.residuals)]
     known = [k for k in range(len(first)) if not learned.masks[k].all()]
@@ -266,9 +266,9 @@ def joint_outcome(
 
 
 def _completed(at: Evaluation, recordings: Sequence[Recording], known: Sequence[int]) -> Evaluation:
-    """The model fitted to all recordings, or as it was where that spoils it.
+    """The model fitted to all recordings, or as it was where that fit is worse.
 
-    A recording that shows something else leads all numbers astray.
+    A recording with a cause of its own distorts all numbers.
 
     Args:
         at: fitted to those that are known.
@@ -314,9 +314,10 @@ def _verdict(
 ) -> Verdict:
     """The verdict by the ERR [m] of the set-up and of the full model, fitted to everything.
 
-    What is named of the set-up lies beyond its tolerance: a fit of the set-up alone has that in it,
-    and yet it is no set-up within tolerances where it matters. Where nothing is named, what the
-    full model takes away matters as little as a cause that may only mend the set-up's laws.
+    A number of the set-up that is named lies beyond its tolerance: a fit of the set-up alone
+    contains it, and yet that is no set-up within tolerances where it matters. Where nothing is
+    named, the ERR that the full model takes away matters as little as a cause that may only
+    compensate for laws.
 
     Args:
         matters: ERR [m] below which nothing is left to explain.
@@ -376,7 +377,7 @@ def _advice(verdict: Verdict, found: Explanation) -> str:
             "the clamp or moves a free end; dlo_ros design proposes one."
         )
     if verdict == "adequate":
-        return "Nothing is left to explain: the set-up is within its tolerances."
+        return "No error is left to explain: the set-up is within its tolerances."
     if verdict == "explained":
         return SETTLED
     return REPEAT

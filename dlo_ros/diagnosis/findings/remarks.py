@@ -17,7 +17,7 @@ TOLD = 5
 def remarks(
     plain: Candidate, best: Candidate, suspects: Sequence[Candidate], decision: Decision
 ) -> tuple[str, ...]:
-    """What else a reader should know.
+    """Further remarks for the reader.
 
     Args:
         plain, best: the model without and with what is named.
@@ -28,18 +28,18 @@ def remarks(
         rods = best.at.model.settings.rod, plain.at.model.settings.rod
         change = rods[1].specific_modulus / rods[0].specific_modulus - 1.0
         said.append(
-            f"Without naming it, E/mu would be {abs(100.0 * change):.2g} % too "
-            f"{'large' if change > 0.0 else 'small'}: that much of it the stiffness had absorbed."
+            f"Without the named causes E/mu would be {abs(100.0 * change):.2g} % too "
+            f"{'large' if change > 0.0 else 'small'}: the stiffness had absorbed that much of them."
         )
         border = best.at.model.at_border()
         if border:
-            said.append(f"At the border of what is looked for: {', '.join(border)}.")
+            said.append(f"At the border of the range that is searched: {', '.join(border)}.")
         told = {*decision.chosen.effects, *plain.at.model.effects}
         beside = [n.replace("_", " ") for n in best.at.model.effects if n not in told]
         if beside:
             said.append(
-                f"The extended model holds {' and '.join(beside)}, too: with it everything is "
-                "foretold best, but other causes may take its place."
+                f"The extended model also contains {' and '.join(beside)}: it predicts best with "
+                "that, but other causes may take its place."
             )
     if decision.verdict == "unexplained":
         shown = suspects[0] if suspects else best
@@ -51,27 +51,27 @@ def remarks(
 def left_out(beginning: Beginning) -> tuple[str, ...]:
     """Which pictures were not used."""
     return tuple(
-        f"{r.name}: {number} of {number + len(r.times)} pictures are left out: the DLO was seen "
-        "grossly wrongly there."
+        f"{r.name}: {number} of {number + len(r.times)} pictures are left out as outliers: the "
+        "observed shape is grossly wrong there."
         for r, number in zip(beginning.recordings, beginning.left_out, strict=False)
         if number
     )
 
 
 def _nearest(plain: Candidate, suspects: Sequence[Candidate]) -> str:
-    """What comes nearest to data that nothing explains."""
+    """The effects that come nearest to data which no effect explains."""
     told = [
         f"{' and '.join(c.at.model.effects)}, which leaves "
         f"{c.root_autocovariance:.2g} times the noise"
         for c in suspects[:TOLD]
     ]
-    text = "Nothing in the library brings the residual down to the noise."
+    text = "No effect in the library brings the residual down to the noise."
     if not told:
         return text
     share = max(0.0, 1.0 - (suspects[0].root_autocovariance / plain.root_autocovariance) ** 2)
     text += (
-        f" Nearest comes {told[0]} and removes {100.0 * share:.0f} % of the residual's variance; "
-        "it is a suspect, no finding."
+        f" The nearest one is {told[0]} and removes {100.0 * share:.0f} % of the residual's "
+        "variance; it is a suspect, no finding."
     )
     if told[1:]:
         text += f" Not excluded beside it: {'; '.join(told[1:])}."

@@ -85,7 +85,7 @@ def outcome(beginning: Beginning, plain: Candidate, found: Findings, given: Sett
         )
     tried = []
     for c in verdict.best_forms([plain, *found.singles, *found.pairs]):
-        err = holdout_errors.foretold(c)
+        err = holdout_errors.linearised_err(c)
         label = "+".join(n for n in c.at.model.effects if n not in plain.at.model.effects)
         tried.append(Trial(label or "none", err, c.score, c.root_autocovariance))
     floors = [noise_floor(r, p, given) for r, p in zip(learned, best.at.predicted, strict=True)]
@@ -132,7 +132,7 @@ def is_immaterial(plain: Candidate, given: Settings, recordings: Sequence[Record
 
 
 def _related(c: Candidate, recordings: Sequence[Recording]) -> Relations:
-    """What goes along with the residual that a candidate leaves."""
+    """The inputs that the residual of a candidate depends on."""
     at = c.at
     return relations(recordings, at.residuals, at.predicted, at.model.settings)
 

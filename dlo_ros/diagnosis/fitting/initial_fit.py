@@ -287,10 +287,10 @@ def drafts(recordings: Sequence[Recording], at: CandidateEvaluation) -> tuple[Re
         for spans in (coarse, recording.spans):
             draft = replace(recording, spans=spans, tolerance=DRAFT_TOLERANCE)
             try:
-                rough = evaluate(at.model, [draft], at.model.settings, derivatives=False)
+                draft_at = evaluate(at.model, [draft], at.model.settings, derivatives=False)
             except SimulationError:
                 continue
-            apart = rough.predicted[0][..., :3] - fine[..., :3]
+            apart = draft_at.predicted[0][..., :3] - fine[..., :3]
             if np.sqrt(np.mean(recording.white(apart) ** 2)) < most:
                 # What it does wrong with the plain model, it does with others, nearly.
                 observed = recording.observed.copy()

@@ -1,8 +1,8 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Watches a live identification for what E, mu and damping cannot explain.
+"""Monitor of the residuals that E, mu and damping leave in a live identification.
 
-What neighbouring pictures have in common after the best E, mu and damping is held against the noise
-that is new in every picture. Where it is as large, the joint model of `diagnose` is held against
+The autocovariance of these residuals from picture to picture is compared with the noise that is new
+in every picture. Where it is as large, the joint model of `diagnose` is held against
 the same pictures (`suspects`): what a set-up within its tolerances explains is no reason to warn.
 What is really the cause, and how large, is the business of `diagnose`.
 """
@@ -35,8 +35,8 @@ RIDGE = 1e-9  # of a column's own size, so that columns that say the same do no 
 
 
 @dataclass(frozen=True)
-class Leftover:
-    """What is left over in pictures when E, mu and damping have done their best.
+class CorrelatedResidual:
+    """The residuals of the fit of E, mu and damping: their correlated part and their noise.
 
     Args:
         common: root mean square distance along the DLO that neighbouring pictures share [m].
@@ -50,7 +50,7 @@ class Leftover:
 
     @property
     def correlated(self) -> bool:
-        """Whether it is more than noise."""
+        """Whether the residuals are more than noise."""
         return self.common > LIMIT * math.hypot(self.noise, self.own)
 
 
@@ -59,11 +59,11 @@ class Suspicion:
     """The model misses something.
 
     Args:
-        leftover: what E, mu and damping leave.
+        leftover: the residuals that E, mu and damping leave.
         suspects: what the joint model says of it; None where it could not be asked.
     """
 
-    leftover: Leftover
+    leftover: CorrelatedResidual
     suspects: Suspects | None
 
     def __str__(self) -> str:
@@ -84,14 +84,14 @@ class Suspicion:
         return f"{seen}; {names}{ask}"
 
 
-class Watch:
+class ResidualMonitor:
     """Watches the residuals of a live identification; read `suspicion` whenever."""
 
     def __init__(self) -> None:
         self.suspicion: Suspicion | None = None
         self._worker = Worker(-1.0, lambda: 0.0)  # a piece a turn
         self._looked, self._found, self._tried = 0, 0, 0
-        self._task: tuple[Manipulation, Settings, int, Leftover] | None = None
+        self._task: tuple[Manipulation, Settings, int, CorrelatedResidual] | None = None
 
     @property
     def busy(self) -> bool:
@@ -114,7 +114,7 @@ class Watch:
         if not self.due(count):
             return
         self._looked = count
-        leftover = left_over(found, settings)
+        leftover = correlated_residual(found, settings)
         self._found = self._found + 1 if leftover.correlated else 0
         if not self._found:
             self.suspicion = None
@@ -137,7 +137,7 @@ class Watch:
             self._task = None
 
     def _test(
-        self, past: Manipulation, settings: Settings, spans: int, leftover: Leftover
+        self, past: Manipulation, settings: Settings, spans: int, leftover: CorrelatedResidual
     ) -> Pieces[None]:
         try:
             found = yield from suspects(
@@ -150,11 +150,11 @@ class Watch:
         self.suspicion = Suspicion(leftover, found) if found.wrong else None
 
 
-def left_over(found: Forecast, settings: Settings) -> Leftover:
-    """What the last pictures of a forecast with derivatives leave over.
+def correlated_residual(found: Forecast, settings: Settings) -> CorrelatedResidual:
+    """The residuals of the last pictures of a forecast with derivatives, without a last fit.
 
-    Differences in time of second and fourth order tell the noise, the product of neighbours what
-    they have in common.
+    The noise follows from differences in time of second and fourth order, the correlated part from
+    the products of neighbours.
     """
     assert found.derivative is not None
     field = found.residual[-WINDOW:].reshape(min(len(found.residual), WINDOW), -1)
@@ -168,7 +168,7 @@ def left_over(found: Forecast, settings: Settings) -> Leftover:
         noise.append(float(np.median(power)))
     common = float(np.mean(np.sum(field[1:] * field[:-1], axis=1)))
     own = discrepancy(found, settings)
-    return Leftover(math.sqrt(max(common, 0.0)), math.sqrt(min(noise)), own)
+    return CorrelatedResidual(math.sqrt(max(common, 0.0)), math.sqrt(min(noise)), own)
 
 
 def _without(field: FloatArray, columns: FloatArray) -> FloatArray:

@@ -29,7 +29,7 @@ class Input:
     """Something that varied.
 
     Args:
-        name: in plain words, to follow "goes along with".
+        name: in plain words, to follow "depends on".
         columns: per recording the numbers on which a residual may depend, shape (F, m).
     """
 

@@ -44,7 +44,7 @@ MOST_INPUTS = 3
 LEFT = 0.03
 """Least share of an input's variation that is no drift, to judge the input."""
 SPANS = 4
-"""Number of spans of a single recording, each of which is foretold from the others."""
+"""Number of spans of a single recording, each of which is predicted from the others."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class ResidualPattern:
     """The strongest shape along the DLO.
 
     Args:
-        share: of what repeats.
+        share: of the part of the residual that repeats.
         place: where it is largest [m].
         signs: how often it changes its sign along the DLO.
     """
@@ -68,8 +68,8 @@ class Relation:
 
     Args:
         name: of the input.
-        share: of what repeats and does not drift, foretold from the other recordings or spans of
-            time.
+        share: of the part that repeats and does not drift, predicted from the other recordings or
+            spans of time.
         chance: how often surrogates are explained as well.
         told: whether it is more than chance, and not only by way of another input.
         alike: inputs that explain it about as well, and cannot be told from this one.
@@ -159,7 +159,7 @@ def relate(
     fields: Sequence[FloatArray], times: Sequence[FloatArray], varied: Sequence[Input],
     seed: int = 0,
 ) -> tuple[tuple[Relation, ...], tuple[str, ...]]:  # fmt: skip
-    """Which inputs residual fields go along with.
+    """The inputs that residual fields depend on.
 
     Args:
         fields: per recording, shape (F, K), F at least `FEWEST`.
@@ -181,7 +181,7 @@ def relate(
     while left and len(told) < MOST_INPUTS:
         by_chance = chances(amplitudes, slow, left, rng)
         field = np.concatenate(_moving(amplitudes, times))
-        gains = {n: _foretold(field, b, times) for n, b in left.items()}
+        gains = {n: _predicted_share(field, b, times) for n, b in left.items()}
         # What changes from frame to frame has more power than neighbouring frames have in common.
         total = max(total, *gains.values())
         shares = {n: max(gain, 0.0) / total for n, gain in gains.items()}
@@ -221,13 +221,14 @@ def sentences(found: Relations) -> tuple[str, ...]:
         (found.slow, "drifts slowly"),
         (max(0.0, 1.0 - found.constant - found.slow), "comes and goes faster"),
     ]
-    shares = [f"{_percent(s)} of its power {words}" for s, words in parts if s >= LEAST_SHARE]
+    shares = [f"{_percent(s)} of its variance {words}" for s, words in parts if s >= LEAST_SHARE]
     pattern = found.pattern
     turns = ("without a change", "with one change")[pattern.signs] if pattern.signs < 2 else (
         f"with {pattern.signs} changes"
     )  # fmt: skip
     lines = [
-        f"What repeats from picture to picture is {1e3 * found.size:.2g} mm; {', '.join(shares)}. "
+        f"From picture to picture {1e3 * found.size:.2g} mm of the residual repeat; "
+        f"{', '.join(shares)}. "
         f"One shape along the DLO makes up {_percent(pattern.share)}: largest at "
         f"{1e3 * pattern.place:.0f} mm from the start, {turns} of sign."
     ]
@@ -235,9 +236,9 @@ def sentences(found: Relations) -> tuple[str, ...]:
     if not found.told:
         names = [r.name for r in found.inputs]
         lines.append(
-            f"Beyond what chance gives it goes along with none of these: {', '.join(names)}."
+            f"It depends on none of these beyond chance: {', '.join(names)}."
             if names
-            else "It does not move, or nothing varied with which it could go along."
+            else "The residual does not change, or no input varied on which it could depend."
         )
     return tuple(lines)
 
@@ -245,8 +246,8 @@ def sentences(found: Relations) -> tuple[str, ...]:
 def _told(relation: Relation) -> str:
     often = f"by chance in {100.0 * relation.chance:.1g} % of cases"
     text = (
-        f"It goes along with {relation.name}, which foretells {_percent(relation.share)} of what "
-        f"does not drift ({often})"
+        f"The residual depends on {relation.name}, which predicts {_percent(relation.share)} of "
+        f"the part that does not drift ({often})"
     )
     return f"{text}; so does {' and '.join(relation.alike)}." if relation.alike else f"{text}."
 
@@ -311,10 +312,10 @@ def _amplitudes(fields: Sequence[FloatArray], times: Sequence[FloatArray]) -> li
     return [(f - f.mean(axis=0)) @ vectors[:, -count:] for f in fields]
 
 
-def _foretold(field: FloatArray, basis: FloatArray, times: Sequence[FloatArray]) -> float:
+def _predicted_share(field: FloatArray, basis: FloatArray, times: Sequence[FloatArray]) -> float:
     """Power explained of recordings (or spans) by what the others tell.
 
-    Noise, which is new in what is foretold, adds nothing on average.
+    Noise, which is new in what is predicted, adds nothing on average.
     """
     numbers = np.arange(len(field))
     parts = np.split(numbers, _ends(times)) if len(times) > 1 else np.array_split(numbers, SPANS)
@@ -328,7 +329,7 @@ def _foretold(field: FloatArray, basis: FloatArray, times: Sequence[FloatArray])
 
 
 def _pattern(fields: Sequence[FloatArray], total: float, settings: Settings) -> ResidualPattern:
-    """The strongest pattern along the DLO of what repeats."""
+    """The strongest pattern along the DLO of the part that repeats."""
     common = sum(f[1:].T @ f[:-1] for f in fields if len(f) > 1) + sum(
         f.T @ f for f in fields if len(f) == 1
     )

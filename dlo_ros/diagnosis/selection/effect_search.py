@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Fits effects: every effect a little, the promising ones to the end."""
+"""The search among effects: every effect is fitted coarsely, the promising ones to convergence."""
 
 from __future__ import annotations
 
@@ -29,22 +29,22 @@ ROUND_ITERATIONS = 3
 ROUNDS = 3
 MORE_ITERATIONS = 8
 PROMISING = 4.0
-"""Excess over the noise, against the best candidate's, up to which a fit is carried on."""
+"""Excess over the noise, against the best candidate's, up to which a fit is continued."""
 FALLING = 0.5
-"""Excess of a fit over that one round before, below which it is carried on in any case."""
+"""Excess of a fit over that one round before, below which it is continued in any case."""
 SETTLED = 0.95
-"""Excess of a fit over that one round before, from which it has come to its end."""
+"""Excess of a fit over that one round before, from which the fit has converged."""
 COARSE_ENOUGH = 10.0
-"""Structure over that of an explanation, from which the coarse simulation tells enough."""
+"""Root autocovariance over that of an explanation, from which the coarse simulation is enough."""
 CARRIED = 3
-"""Fits that are carried on in any case, where none explains the data."""
+"""Fits that are continued in any case, where none explains the data."""
 LIKELY = 2.0
 MOST_LIKELY = 4
 """Excess against the best candidate's, and number of fits, up to which they are carried to the end
 where none explains the data."""
 SECONDS = 6
-"""Effects, by what one simulation of each leaves, that are fitted beside another; the right one has
-been among the first four."""
+"""Effects that are fitted beside another one, ranked by the residual of one simulation of each; the
+right one has been among the first four."""
 PLACES = 3
 """Rank of an effect without derivatives, by its promise, up to which every form of it is fitted."""
 AS_PROMISING = 3.0
@@ -104,9 +104,10 @@ def differentiable(effect: str) -> bool:
 
 
 def _worth(prospects: Sequence[Prospect]) -> tuple[list[Prospect], list[Prospect]]:
-    """The best of every effect and whatever comes near the best of all; the rest.
+    """The prospects that are worth a fit, and the rest.
 
-    Of an effect that answers in jumps every form is worth a fit, where the effect is.
+    Worth it are the best one of every effect and all that come near the best of all; of a nonsmooth
+    effect every form is, where the effect ranks high.
     """
     first: list[Prospect] = []
     rest: list[Prospect] = []
@@ -141,21 +142,21 @@ def search(
         prospects: see `screening.screen`.
         progress: called with what is being done and the share of it that is done.
         enough: root autocovariance of the residuals with which an effect explains the data.
-        thorough: whether, where none does, less promising beginnings are fitted, too, unlikely
-            effects, and things in the way that make matters worse where they are tried.
+        thorough: whether, where none explains the data, these are fitted, too: less promising
+            starting values, unlikely effects, and pegs that increase the residual where tried.
     """
     problem = team.problem
     short = earlier(before, problem.recordings, problem.drafts, problem.given)
     first, rest = _worth(tried(team, short, chosen(prospects, short.sum_of_squares), progress))
     smooth = [p for p in first if differentiable(p.start.effect)]
-    rough = [p for p in first if not differentiable(p.start.effect)]
+    nonsmooth = [p for p in first if not differentiable(p.start.effect)]
     if not thorough:
-        rough = [p for p in rough if p.sum_of_squares < short.sum_of_squares]
+        nonsmooth = [p for p in nonsmooth if p.sum_of_squares < short.sum_of_squares]
         likely = list(dict.fromkeys(p.start.effect for p in smooth))[:SECONDS]
         smooth = [p for p in smooth if p.start.effect in likely]
-    # In a motion nothing else does as well as a peg, and derivatives beside one take long.
+    # In motion no other effect explains the data as well as a peg; its derivatives take long.
     moving = sum(len(r.times) for r in problem.recordings) >= residual_autocovariance.FEW
-    groups = [smooth, rough] if moving else [first]
+    groups = [smooth, nonsmooth] if moving else [first]
     found: dict[tuple[str, str], Candidate] = {}
     least = np.inf
     for some in (*groups, rest) if thorough else groups:
@@ -191,7 +192,7 @@ def _fitted(
     team: Workers, before: Model, prospects: Sequence[Prospect], progress: Progress,
     enough: float, least: float,
 ) -> tuple[list[Candidate], float]:  # fmt: skip
-    """Fit prospects a little, and the promising ones to the end with the fine simulation.
+    """Fit prospects coarsely, and the promising ones to convergence with the fine simulation.
 
     Args:
         least: smallest excess of what was fitted before.
@@ -269,7 +270,8 @@ def resized(team: Workers, c: Candidate, *, coarse: bool = False) -> list[Candid
 def reformed(team: Workers, c: Candidate, singles: Sequence[Candidate]) -> list[Candidate]:
     """A pair fitted anew from the other forms of its first effect.
 
-    Alone the form with most numbers leaves least, and a simpler one may be right beside the second.
+    Among single effects the form with most numbers leaves least; beside the second effect a simpler
+    one may be right.
 
     Args:
         singles: fits of single effects, the first effect of the pair among them.

@@ -52,7 +52,7 @@ SURE_SHARE = 0.4
 """ERR, and that on held-out data, over those of every model that lacks an effect."""
 TINY = 1e-12
 """ERR [m] that counts as none."""
-FORETOLD = 1.25
+EQUAL_PREDICTION = 1.25
 """ERR on held-out data, over the best one's, up to which few pictures do not exclude a rival."""
 ALIKE = 2.0
 """Ratio of root autocovariances up to which explanations rank as alike."""
@@ -258,7 +258,7 @@ def as_good(best: Candidate, other: Candidate) -> bool:
     return other.root_autocovariance**2 < max(best.root_autocovariance, 0.0) ** 2 + AS_GOOD**2
 
 
-def foretold(
+def equal_predictors(
     best: Candidate,
     candidates: Sequence[Candidate],
     holdout_err: Callable[[Candidate], float | None],
@@ -279,7 +279,7 @@ def foretold(
         ):
             return False
         other = holdout_err(c)
-        return other is not None and other < FORETOLD * err
+        return other is not None and other < EQUAL_PREDICTION * err
 
     return [SufficientEffects(c.at.model.effects, c) for c in best_forms(candidates, as_well)]
 
@@ -301,7 +301,7 @@ def choose(
 
     Args:
         found: explanations with equally many effects, best first.
-        others: further rivals, see `foretold`.
+        others: further rivals, see `equal_predictors`.
     """
     best = found[0]
     alike = [e for e in found[1:] if as_good(best.candidate, e.candidate)]

@@ -129,8 +129,8 @@ def _coarser(task: tuple[Manipulation, Settings, Settings, int, int]) -> list[Fo
 
 def count_numbers(residual: FloatArray) -> int:
     """Numbers of a residual that carry information: planar recordings have no y."""
-    power = np.sum(residual**2, axis=(0, 1))
-    active = int(np.count_nonzero(power > 1e-9 * max(float(power.max()), 1e-300)))
+    squares = np.sum(residual**2, axis=(0, 1))
+    active = int(np.count_nonzero(squares > 1e-9 * max(float(squares.max()), 1e-300)))
     frames, n, _ = (int(k) for k in residual.shape)
     return frames * n * max(active, 1)
 
@@ -156,9 +156,9 @@ def best_start(
     sets = [with_logarithms(settings, theta) for theta in starts]
     progress("trying starting values", 0.0)
     scans = simulations.pool.map(_scanned, [(recording, sets, spans) for recording in train])
-    power = np.sum(scans, axis=0)
-    best = int(np.argmin(power))
-    if not np.isfinite(power[best]):
+    sums_of_squares = np.sum(scans, axis=0)
+    best = int(np.argmin(sums_of_squares))
+    if not np.isfinite(sums_of_squares[best]):
         raise SimulationError(
             f"{train[0].name}: no starting value of E can be simulated; check rod.length, the "
             "command and the first observed shape"
@@ -189,7 +189,7 @@ def evaluate(
     """
     forecasts = simulations.vary(train, with_logarithms(settings, theta))
     size = len(theta)
-    normal, gradient, power, count = np.zeros((size, size)), np.zeros(size), 0.0, 0
+    normal, gradient, sum_of_squares, count = np.zeros((size, size)), np.zeros(size), 0.0, 0
     for k, f in enumerate(forecasts):
         used = f if ignored is None else without(f, ignored[k])
         assert used.derivative is not None
@@ -198,12 +198,12 @@ def evaluate(
         # Each recording counts by its frames.
         normal += j.T @ j
         gradient += j.T @ r
-        power += float(r @ r)
+        sum_of_squares += float(r @ r)
         count += count_numbers(used.residual)
     off = np.where(np.isfinite(guess), theta - guess, 0.0)
     prior = float(off @ search_information(settings) @ off)
-    cost = 0.5 * count * np.log(max(power / count, NOISE_LIMIT**2)) + 0.5 * prior
-    return MaterialFit(theta, forecasts, cost, normal, gradient, power, count)
+    cost = 0.5 * count * np.log(max(sum_of_squares / count, NOISE_LIMIT**2)) + 0.5 * prior
+    return MaterialFit(theta, forecasts, cost, normal, gradient, sum_of_squares, count)
 
 
 def without(found: Forecast, ignored: np.ndarray) -> Forecast:

@@ -64,7 +64,7 @@ class Linearised:
 
 
 @dataclass(frozen=True)
-class Judgement:
+class JudgedResolution:
     """A resolution of the simulation, and for what it was found.
 
     Args:
@@ -80,7 +80,7 @@ class Judgement:
     tolerance: float
 
     @classmethod
-    def of(cls, settings: Settings, spans: int, error: float) -> Judgement:
+    def of(cls, settings: Settings, spans: int, error: float) -> JudgedResolution:
         """That of some settings."""
         ratio, tolerance = settings.rod.specific_modulus, settings.simulation.tolerance
         return cls(spans, error, ratio, tolerance)
@@ -224,7 +224,7 @@ class Run:
         run._take(found.forecast)
         return run
 
-    def power_until(self, stamp: int) -> float:
+    def sum_of_squares_until(self, stamp: int) -> float:
         """Sum of squared residuals of the observations up to a stamp [m^2]."""
         pairs = zip(self.stamps, self.residuals, strict=True)
         return float(sum(np.sum(r**2) for s, r in pairs if s <= stamp))

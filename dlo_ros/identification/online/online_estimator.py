@@ -35,8 +35,13 @@ from dlo_ros.identification.estimate import (
     with_logarithms,
     within_noise,
 )
+from dlo_ros.identification.online.accumulated_information import (
+    AUTOCORRELATION_EVERY,
+    FORGETTING,
+    AccumulatedInformation,
+)
 from dlo_ros.identification.online.linearised_model import (
-    Judgement,
+    JudgedResolution,
     Linearised,
     PriorInformation,
     Run,
@@ -44,8 +49,8 @@ from dlo_ros.identification.online.linearised_model import (
 from dlo_ros.identification.online.observed_window import ObservedWindow
 from dlo_ros.identification.online.online_force_scale import Forces
 from dlo_ros.identification.online.rival_branches import best_rival
-from dlo_ros.identification.online.set_up_shifts import Weighting, set_up_shifts
-from dlo_ros.identification.residual_information import NormalEquations, model_shifts
+from dlo_ros.identification.online.set_up_errors import FEWEST, SETTLED, SetUpErrors
+from dlo_ros.identification.residual_information import model_shifts
 from dlo_ros.inference.forecast import Manipulation
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
@@ -61,16 +66,10 @@ FEWEST_AT_ONCE, MOST_AT_ONCE = 2, 20
 AT_ONCE = 6  # likewise, with several sets of parameters
 ITERATIONS = 4  # before the work begins that else would wait
 WINDOW = 20.0  # [s] of past that is simulated again; older information is kept as a summary
-FEWEST = 3  # observations before anything is concluded
 STUCK = 1.2  # growth of the past after which a relinearisation is tried again that did not help
 TRIALS = (0.3, 0.8, 1.6, 3.2)  # [s] of past after which rivals are tried
-SETTLED = 0.8  # [s] of past before which a finer simulation is not worth while
 SIGNIFICANT = 0.01  # change of a logarithm that is worth passing on
 UNKNOWN_WEIGHT = 0.1  # of a change that leaves E/mu alone where only E/mu is determined
-FORGETTING = 0.7  # weight of older windows: a DLO warms up and wears
-AUTOCORRELATION_EVERY = 10  # observations between looks at the correlation of the residuals
-SET_UP_GROWTH = 1.5  # of the past after which the set-up's tolerances are looked at again
-OTHER_RATIO = 0.05  # change of ln(E/mu) after which they are
 UNJUDGED = 1e-3  # of L: the simulation's own error that is reckoned with before it is judged
 
 
@@ -104,7 +103,7 @@ class OnlineEstimator:
         self._guess = logarithms(self._initial)
         self._passed = self._guess[:2]  # what the running simulation is known to have
         self._past = ObservedWindow(self._motion, self._initial.rod.length)
-        self._judgement: Judgement | None = None
+        self._judged_resolution: JudgedResolution | None = None
         self._run: Run | None = None
         self._worker.drop()
         self._stale = False  # whether the past is simulated with a motion that was not the true one
@@ -112,12 +111,9 @@ class OnlineEstimator:
         self._prior = PriorInformation(search_information(self._initial), self._guess)
         self.forces = Forces(self._initial)
         self._pending = list(TRIALS)
-        self._present: NormalEquations | None = None  # of the present run, when last judged
-        self._earlier: NormalEquations | None = None  # of older windows, in units of information
+        self._information = AccumulatedInformation()
         self._set_up_worker.drop()
-        self._set_up: tuple[FloatArray, ...] = ()  # see `set_up_shifts`
-        self._looked: tuple[int, float] = (0, math.nan)  # at the set-up: observations, ln(E/mu)
-        self._judged: tuple[Run | None, int] = (None, 0)
+        self._set_up = SetUpErrors(self._initial)
         self._estimate = summarise(self._initial, self._guess, np.zeros((4, 4)))
 
     @property
@@ -176,7 +172,7 @@ class OnlineEstimator:
         self._worker.turn(begin, self._due)
         self._publish()
         if math.isinf(self._worker.budget) and self._set_up_is_due():
-            self._set_up_worker.turn(begin, self._look_at_set_up)
+            self._set_up_worker.turn(begin, self._examine_set_up)
             self._publish()
         self._fold()
 
@@ -186,7 +182,7 @@ class OnlineEstimator:
             self._worker.turn(self._worker.clock(), self._due)
         elif self.busy:
             # Its pieces are too long for an update.
-            self._set_up_worker.turn(self._worker.clock(), self._look_at_set_up)
+            self._set_up_worker.turn(self._worker.clock(), self._examine_set_up)
         else:
             return
         self._publish()
@@ -218,10 +214,10 @@ class OnlineEstimator:
             past = self.window()
             if past is not None:
                 rival = yield from best_rival(past, self._run, self._initial)
-        yield from self._judging()
+        yield from self._measure_information()
         yield from self._relinearise(rival)
         if elapsed >= SETTLED:
-            yield from self._resolve()
+            yield from self._judge_resolution()
         run = self._run
         settings, spans = run.simulation.settings, run.simulation.basis.spans
         yield from self.forces.weigh(
@@ -280,17 +276,19 @@ class OnlineEstimator:
 
     def _resolution(self, settings: Settings) -> tuple[int, float]:
         """Knot spans to simulate with, and the error that they have over L."""
-        if self._judgement is not None and self._judgement.holds(self._finer(settings)):
-            return self._judgement.spans, self._judgement.error
+        if self._judged_resolution is not None and self._judged_resolution.holds(
+            self._finer(settings)
+        ):
+            return self._judged_resolution.spans, self._judged_resolution.error
         # Twice the published ones, until the parameters are worth a closer look.
         return 2 * (settings.rod.control_points - DEGREE), UNJUDGED
 
-    def _resolve(self) -> Pieces[None]:
+    def _judge_resolution(self) -> Pieces[None]:
         """Judge the simulation's own error at the estimate; refine where it is too large."""
         run = self._run
         assert run is not None
         settings = self._finer(with_logarithms(self._initial, run.at.theta))
-        before = self._judgement
+        before = self._judged_resolution
         if self._past.anchor is not None or (before is not None and before.holds(settings)):
             return
         judge, seen = simulation_of(settings, self._motion), self._past.observations
@@ -302,7 +300,7 @@ class OnlineEstimator:
                 spans, error = judge.resolution.spans, judge.resolution.error
         except SimulationError as err:
             LOG.warning("the resolution cannot be judged: %s", err)
-        self._judgement = Judgement.of(settings, spans, error)
+        self._judged_resolution = JudgedResolution.of(settings, spans, error)
         if spans == run.simulation.basis.spans:
             run.error = error
         else:
@@ -323,7 +321,7 @@ class OnlineEstimator:
         """
         if rival is not None:
             self._adopt((yield from self._again(rival)))
-            yield from self._judging()
+            yield from self._measure_information()
         for _ in range(ITERATIONS):
             run = self._run
             assert run is not None
@@ -338,60 +336,21 @@ class OnlineEstimator:
                     and new.at.sum_of_squares / new.used <= run.at.sum_of_squares / run.used
                 ):
                     self._adopt(new)
-                    yield from self._judging()
+                    yield from self._measure_information()
                     break
             else:
                 self._retry = int(STUCK * run.used) + 1
                 return
 
-    def _judging(self) -> Pieces[None]:
-        """How much the present run tells, where that is not known or long ago."""
-        run = self._run
-        assert run is not None
-        judged, used = self._judged
-        recent = run.used < used + max(AUTOCORRELATION_EVERY, run.used // 10)
-        if judged is run and recent and run.used >= AUTOCORRELATION_EVERY:
-            return
-        yield LONG
-        found = run.equations()
-        told = found.information(model_shifts(run.simulation.settings, 4))
-        white = run.at.normal[0, 0] * run.at.scale(self._prior.step(run.at))
-        if told[0, 0] > 0.0:
-            self._prior.autocorrelation_time = max(1.0, float(white / told[0, 0]))
-        self._present, self._judged = found, (run, run.used)
-
-    def _weighed(self, run: Run, step: FloatArray) -> NormalEquations | None:
-        """Normal equations of all that was seen, in units of information.
-
-        Errors that stay in all pictures are the same in all windows, too.
-        """
-        if self._present is None:
-            return self._earlier
-        present = self._present.scaled(self._prior.scale(run.at, step))
-        return present if self._earlier is None else self._earlier.followed_by(present)
+    def _measure_information(self) -> Pieces[None]:
+        assert self._run is not None
+        yield from self._information.measure(self._run, self._prior)
 
     def _set_up_is_due(self) -> bool:
-        """Whether the set-up's tolerances are to be looked at, while the start is in the window."""
-        run, past = self._run, self._past
-        if run is None or past.anchor is not None or run.used < FEWEST or past.elapsed < SETTLED:
-            return False
-        used, ratio = self._looked
-        other = abs(math.log(self._estimate.specific_modulus) - ratio) > OTHER_RATIO
-        return not used or other or run.used > SET_UP_GROWTH * used
+        return self._set_up.due(self._run, self._past, self._estimate)
 
-    def _look_at_set_up(self) -> Pieces[None]:
-        """Find the errors of the estimate that the set-up's tolerances make."""
-        run, past = self._run, self.window()
-        if run is None or past is None:
-            return
-        self._looked = (run.used, math.log(self._estimate.specific_modulus))
-        step = self._prior.step(run.at)
-        weighting = Weighting(self._prior.scale(run.at, step), self._prior.prior)
-        settings, spans = self._estimate.settings, run.simulation.basis.spans
-        try:
-            self._set_up = yield from set_up_shifts(past, settings, self._initial, spans, weighting)
-        except SimulationError as err:
-            LOG.info("the set-up's tolerances are not looked at: %s", err)
+    def _examine_set_up(self) -> Pieces[None]:
+        yield from self._set_up.compute(self._run, self._past, self._estimate, self._prior)
 
     def _publish(self) -> None:
         """Solve for the estimate."""
@@ -404,9 +363,9 @@ class OnlineEstimator:
         stuck = not linear and run.used < self._retry
         theta = at.theta if stuck else at.theta + step
         information = self._prior.forces
-        known = self._weighed(run, step)
+        known = self._information.weighed(run, step, self._prior)
         if known is not None:
-            shifts = [*model_shifts(run.simulation.settings, 4), *self._set_up]
+            shifts = [*model_shifts(run.simulation.settings, 4), *self._set_up.shifts]
             information = information + known.information(shifts)
         low, high = self._guess - np.log(1e4), self._guess + np.log(1e4)
         theta = np.where(np.isfinite(self._guess), np.clip(theta, low, high), self._guess)
@@ -428,13 +387,7 @@ class OnlineEstimator:
         if run is None or elapsed <= WINDOW or (self._worker.busy and elapsed <= 1.5 * WINDOW):
             return
         theta = self._current()
-        if self._present is not None:
-            present = self._present.scaled(self._prior.scale(run.at, theta - run.at.theta))
-            earlier = self._earlier
-            self._earlier = (
-                present if earlier is None else earlier.remembered(FORGETTING).followed_by(present)
-            )
-        self._present = None
+        self._information.fold(run, theta - run.at.theta, self._prior)
         self._prior.fold(run.at, theta, FORGETTING)
         self.forces.fold()
         anchor = run.simulation.fork(with_logarithms(self._initial, theta))

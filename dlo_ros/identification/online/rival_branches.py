@@ -34,9 +34,9 @@ def best_rival(past: Manipulation, run: Run, initial: Settings) -> Pieces[FloatA
         thetas.append(theta)
     sets = [with_logarithms(initial, theta) for theta in thetas]
     forecasts = yield from short(forecast_in_pieces(past, sets, spans, frames=AT_ONCE))
-    best, least = None, run.power_until(past.observations[-1].stamp)
+    best, least = None, run.sum_of_squares_until(past.observations[-1].stamp)
     for theta, rival in zip(thetas, forecasts, strict=True):
-        power = np.inf if rival is None else float(np.sum(rival.residual**2))
-        if power < CLEARLY * least:
-            best, least = theta, power
+        sum_of_squares = np.inf if rival is None else float(np.sum(rival.residual**2))
+        if sum_of_squares < CLEARLY * least:
+            best, least = theta, sum_of_squares
     return best

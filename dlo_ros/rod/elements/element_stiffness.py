@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Compiled assembly of the stiffness of one knot span, in space and in the plane.
+"""Compiled element stiffness: the stiffness matrix of one knot span, in space and in the plane.
 
 A span has four control points with `dof` coordinates each. Its stiffness is first gathered in a
 dense block that stands coordinate by coordinate: the 16 numbers of a pair of coordinates (c, d),

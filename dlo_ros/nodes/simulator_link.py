@@ -29,14 +29,14 @@ applies once more, so that another DLO's values are not kept for long.
 """
 
 
-class Bar:
-    """How certain values of E/mu must be to replace those of an earlier pass of a recording."""
+class CertaintyThreshold:
+    """The largest std of E/mu with which values replace those of an earlier pass of a recording."""
 
     def __init__(self) -> None:
         self.held = False
         self._std = self._highest = math.inf
 
-    def raise_to_last(self) -> None:
+    def begin_again(self) -> None:
         """Time went back: the estimate begins again, and at first knows less."""
         self._std *= EASED
         self._highest, self.held = self._std, False
@@ -69,7 +69,7 @@ class SimulatorLink:
         self._sent: tuple[float, float] | None = None
         self._pending: tuple[float, Any] | None = None
         self._simulators: set[bytes] = set()
-        self._bar = Bar()
+        self._threshold = CertaintyThreshold()
         node.every(POLL, self._poll)
 
     def pass_on(self, estimate: Estimate) -> None:
@@ -77,21 +77,21 @@ class SimulatorLink:
 
         Left out is what changes nothing, and after `begin_again` what is less certain than before.
         """
-        if not (estimate.significant or self._bar.held):
+        if not (estimate.significant or self._threshold.held):
             return
         std = estimate.specific_modulus_std
-        if self._bar.passes(math.inf if std is None else std / estimate.specific_modulus):
+        if self._threshold.passes(math.inf if std is None else std / estimate.specific_modulus):
             self._wanted = (estimate.young_modulus, estimate.density)
             self._send()
 
     def begin_again(self) -> None:
         """The estimate begins again with a recording that starts again; the last wish holds."""
-        self._bar.raise_to_last()
+        self._threshold.begin_again()
 
     def forget(self) -> None:
         """No wish any more."""
         self._wanted = self._sent = None
-        self._bar = Bar()
+        self._threshold = CertaintyThreshold()
 
     def _poll(self) -> None:
         if self._pending is not None and time.monotonic() - self._pending[0] > TIMEOUT:

@@ -1,0 +1,184 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""The order in which explanations are sought: joint model, single effects, pairs of them.
+
+Where the set-up is off in many ways, the joint model comes first; otherwise single effects do, and
+it takes their place where more is wrong than they can tell.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+
+from dlo_ros.diagnosis.contact.contact_search import pegs_met
+from dlo_ros.diagnosis.explain.certainty import departures
+from dlo_ros.diagnosis.findings import holdout as held_out
+from dlo_ros.diagnosis.findings.joint_outcome import training_set
+from dlo_ros.diagnosis.findings.summary import Findings, is_immaterial
+from dlo_ros.diagnosis.fitting.evaluation import CandidateEvaluation
+from dlo_ros.diagnosis.fitting.initial_fit import Beginning
+from dlo_ros.diagnosis.fitting.worker_processes import Progress, Workers
+from dlo_ros.diagnosis.joint_diagnosis import (
+    SEVERAL,
+    joint_beside,
+    learned_jointly,
+    takes_over,
+)
+from dlo_ros.diagnosis.proposals.candidate_effects import starts
+from dlo_ros.diagnosis.proposals.screening import Prospect, alarm, screen
+from dlo_ros.diagnosis.selection import verdict
+from dlo_ros.diagnosis.selection.effect_pairs import BASES, bases, other_pegs
+from dlo_ros.diagnosis.selection.effect_search import Candidate, apart, reformed, search
+from dlo_ros.diagnosis.selection.pre_contact import alone_before
+from dlo_ros.inference.scene import imposed_names, scene
+
+REFORMED = 12.0
+"""Root autocovariance of the best pair over that of an explanation, up to which other forms are
+tried."""
+
+
+def explain_in_order(
+    team: Workers, plain: Candidate, holdout_errors: Callable[[Candidate], held_out.HoldoutErrors],
+    beginning: Beginning, processes: int, progress: Progress,
+) -> Findings:  # fmt: skip
+    """Single effects first; then the joint model, or pairs where two causes may be enough.
+
+    Args:
+        team: the workers, with the recordings to learn from.
+        plain: the fitted plain model.
+        holdout_errors: makes the errors on held-out data, which a model chooses.
+        beginning: the initial fit to all recordings.
+        processes: that simulate at the same time.
+        progress: see `diagnose`.
+
+    Returns:
+        The decision, the candidates that led to it, and the joint model where that takes over.
+    """
+    recordings = team.problem.recordings
+    names = imposed_names(r.manipulation for r in recordings)
+    most = verdict.limit(plain.root_autocovariance)
+
+    def screened(at: CandidateEvaluation, present: Sequence[str]) -> list[Prospect]:
+        here = scene(at.model.settings, names, at.predicted)
+        progress("looking for what was hit", 0.0)
+        return screen(team, at, [*starts(here, present), *pegs_met(team, at, present)], progress)
+
+    def holdout_errors_beside(candidates: Sequence[Candidate]) -> held_out.HoldoutErrors:
+        """Errors on the held-out data, which are chosen by the best explanation."""
+        found = verdict.explanations(candidates, most)
+        return holdout_errors(found[0].candidate if found else plain)
+
+    given = team.problem.given
+    faint = plain.root_autocovariance < verdict.FAINT
+    immaterial = faint or is_immaterial(plain, given, recordings)
+    known = plain.at.model.effects
+    begun = None
+    if not immaterial:
+        progress("fitting the joint model", 0.0)
+        begun = training_set(beginning, len(recordings), plain.at.model.settings, given)
+    joint = None
+    if begun is not None and departures(begun.prepared.setup) >= SEVERAL:
+        # No single effect does what several do: none is looked for by itself first.
+        joint = learned_jointly(team, plain, beginning, begun, progress)
+        if joint is not None and takes_over(joint.explanation, [plain]):
+            holdout_err = holdout_errors(plain)
+            return Findings(verdict.Decision("unexplained", None), holdout_err, joint=joint)
+    prospects = screened(plain.at, known)
+    promise, by_chance = alarm(prospects)
+    if promise < by_chance and verdict.excusable(plain.at.residuals):
+        return Findings(verdict.Decision("adequate", None), holdout_errors(plain))
+    singles = search(team, plain.at, prospects, progress, most, thorough=not faint)
+    holdout_err = holdout_errors_beside(singles)
+    explained = confirmed_explanation(plain, singles, (), most, holdout_err)
+    if explained is not None:
+        return Findings(explained, holdout_err, tuple(singles))
+    if immaterial:
+        return Findings(verdict.Decision("adequate", None), holdout_err, tuple(singles))
+    if begun is not None and joint is None:
+        progress("fitting the joint model", 0.5)
+        joint = learned_jointly(team, plain, beginning, begun, progress)
+    if joint is not None and takes_over(joint.explanation, singles):
+        return Findings(
+            verdict.Decision("unexplained", None), holdout_err, tuple(singles), joint=joint
+        )
+    pairs: list[Candidate] = []
+    before = alone_before(team.problem, plain, names, processes, progress)
+    told = {c.effect for c in before}
+    firmest = [c for c in bases(singles, plain.root_autocovariance) if c.effect not in told]
+
+    def beside(first: Candidate) -> list[Candidate]:
+        """Pairs of an effect with every other."""
+        prospects = screened(first.at, [*known, first.effect])
+        return search(team, first.at, prospects, progress, most, thorough=False)
+
+    def nearest(candidates: Sequence[Candidate]) -> Candidate | None:
+        """What comes near an explanation without being one."""
+        near = min(candidates, key=lambda c: c.root_autocovariance, default=None)
+        return near if near and most < near.root_autocovariance < REFORMED * most else None
+
+    def firsts() -> Iterator[Candidate]:
+        """What a second effect is looked for beside; at last the second of what comes near."""
+        yield from (some := [*before, *firmest][:BASES])
+        near = nearest(pairs)
+        if near is not None and near.effect not in {c.effect for c in some}:
+            alone = apart(team, near, [*known, near.effect])
+            yield from sorted(alone, key=lambda c: c.at.cost)[:1]
+
+    for first in firsts():
+        found = beside(first)
+        near = nearest(found)
+        if near is not None:
+            found += reformed(team, near, singles)
+        pairs = sorted([*pairs, *found], key=lambda c: c.score)
+        holdout_err = holdout_errors_beside(pairs)
+        explained = confirmed_explanation(plain, pairs, singles, most, holdout_err)
+        if explained is not None and explained.chosen is not None:
+            # What was no use alone at first may be enough where the pair has led it.
+            alone = apart(team, explained.chosen.candidate, known)
+            singles += alone
+            single = confirmed_explanation(plain, alone, (), most, holdout_err)
+            if single is None:
+                # What takes the place of the first beside the second.
+                seconds = [c for c in alone if c.effect != first.effect]
+                second = min(seconds, key=lambda c: c.at.cost, default=None)
+                if second is not None:
+                    pairs += beside(second)
+                pairs.sort(key=lambda c: c.score)
+            explained = (
+                single
+                or confirmed_explanation(plain, pairs, singles, most, holdout_err)
+                or explained
+            )
+            pairs += other_pegs(team, explained, pairs)
+            return Findings(explained, holdout_err, tuple(singles), tuple(pairs))
+    everything = sorted([*singles, *pairs], key=lambda c: c.score)
+    holdout_err = holdout_errors(everything[0] if everything else plain)
+    decision = verdict.Decision(
+        "unexplained", *(verdict.sure(plain, everything, holdout_err) or (None,))
+    )
+    findings = Findings(decision, holdout_err, tuple(singles), tuple(pairs))
+    return findings if decision.chosen is not None else joint_beside(findings, joint, plain)
+
+
+def confirmed_explanation(
+    plain: Candidate, found: Sequence[Candidate], fewer: Sequence[Candidate], most: float,
+    holdout_err: held_out.HoldoutErrors,
+) -> verdict.Decision | None:  # fmt: skip
+    """The explanation of the data that also holds on the held-out data.
+
+    Args:
+        plain: the plain model.
+        found: candidates of equally many effects.
+        fewer: candidates of fewer effects, which did not explain the data.
+        most: root autocovariance of the residuals up to which one explains the data.
+        holdout_err: ERR of a candidate on held-out data [m].
+
+    Returns:
+        The decision; None where no candidate explains the data.
+    """
+    explaining = verdict.explanations(found, most)
+    enough = verdict.confirmed(explaining, holdout_err(plain), holdout_err) if explaining else []
+    if not enough:
+        return None
+    enough = verdict.without_idle(enough[0].candidate, fewer) or enough
+    others = verdict.equal_predictors(enough[0].candidate, [*fewer, *found], holdout_err)
+    return verdict.choose(enough, others)

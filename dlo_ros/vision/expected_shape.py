@@ -1,0 +1,110 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""What is expected of a DLO before its picture is looked at: place, width, direction."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dlo_ros.errors import InputError, VisionError
+from dlo_ros.spline import ORDER, FloatArray
+from dlo_ros.vision.camera.pinhole import Camera
+from dlo_ros.vision.fit.planar_clamps import EndPoses
+from dlo_ros.vision.planar_result import Shape
+
+
+def expected_shape(
+    stamp: int, last: Shape, velocity: FloatArray | None, ends: EndPoses
+) -> FloatArray:
+    """The last shape, carried on by its velocity and the clamps.
+
+    Args:
+        stamp: for which it is wanted [ns].
+        last: the last shape.
+        velocity: of its points [m/s]; None where it is not known.
+        ends: the clamps at that stamp.
+
+    Returns:
+        Points (x, z) [m], shape (P, 2).
+    """
+    curve = last.curve
+    dt = (stamp - last.stamp) * 1e-9
+    if velocity is not None:
+        curve = curve + dt * velocity
+    share = np.linspace(0.0, 1.0, len(curve))[:, None]
+    for end, at, weight in ((ends.start, 0, 1.0 - share), (ends.end, -1, share)):
+        if end is not None:
+            curve = curve + weight * (end.position - curve[at])
+    return curve
+
+
+def expected_width(camera: Camera, diameter: float, ends: EndPoses) -> float:
+    """Width of the DLO in the image [px], at its clamps and in the middle of the image.
+
+    Args:
+        camera: intrinsics and the board's pose.
+        diameter: of the DLO [m].
+        ends: the clamps, as far as they are known.
+
+    Raises:
+        VisionError: the camera does not look at the board's plane.
+    """
+    known = [end.position for end in (ends.start, ends.end) if end is not None]
+    pixels = np.array([[0.5 * camera.width, 0.5 * camera.height]])
+    if known:
+        board = np.array([[p[0], 0.0, p[1]] for p in known])
+        projected = camera.project(board)
+        if np.all(np.isfinite(projected)):
+            pixels = np.vstack([pixels, projected])
+    scales = camera.metres_per_pixel(pixels)
+    scales = scales[np.isfinite(scales) & (scales > 0.0)]
+    if len(scales) == 0:
+        raise VisionError(
+            "the camera does not look at the board's plane; check camera.translation and "
+            "camera.rotation"
+        )
+    return diameter / float(np.median(scales))
+
+
+def traced_backwards(outer: FloatArray, before: Shape | None, diameter: float) -> bool:
+    """Whether a path without known ends runs from the end to the start.
+
+    Args:
+        outer: its first and last point on the board, x and z [m], shape (2, 2).
+        before: the shape before; None at a first detection, where the start is further left.
+        diameter: of the DLO [m], by which x must differ.
+    """
+    first, last = outer
+    if before is not None:
+        start, end = before.curve[0], before.curve[-1]
+        kept = np.hypot(*(first - start)) + np.hypot(*(last - end))
+        turned = np.hypot(*(last - start)) + np.hypot(*(first - end))
+        return bool(turned < kept)
+    if abs(first[0] - last[0]) > diameter:
+        return bool(first[0] > last[0])
+    return bool(first[1] > last[1])
+
+
+def check_prediction(control_points: FloatArray) -> None:
+    """Refuse control points that are no spline's.
+
+    Args:
+        control_points: x, y, z [m] (and theta [rad]), shape (n, 3) or (n, 4).
+
+    Raises:
+        InputError: with what is wrong.
+    """
+    shape = control_points.shape
+    if len(shape) != 2 or shape[0] < ORDER or shape[1] not in (3, 4):
+        raise InputError(
+            f"the predicted control points have shape {shape}; (n, 3) or (n, 4) with n of at least "
+            f"{ORDER} is needed"
+        )
+    if not np.all(np.isfinite(control_points)):
+        raise InputError("the predicted control points hold a number that is not finite")
+
+
+def resample_count(points: FloatArray, count: int) -> FloatArray:
+    """A number of equally spaced points along a polyline, shape (count, d)."""
+    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    at = np.linspace(0.0, s[-1], count)
+    return np.column_stack([np.interp(at, s, column) for column in points.T])
