@@ -19,6 +19,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d, median_filter, minimum_filter1d
 
 from dlo_ros.spline import FloatArray
+from dlo_ros.vision.segmentation.edge_levels import doubt_of_middle
 from dlo_ros.vision.segmentation.picture_strip import (
     CORE,
     Float32,
@@ -45,6 +46,13 @@ KNOWN_HALF = (0.44, 0.56)  # the same where the width is known
 FADE = 0.3  # share of the window of an edge over which it fades out
 BLUR_WINDOW = 4.0  # [widths] to each side, for the length over which edges climb
 WIDEST_WINDOW = 0.65  # [widths] from an edge to the end of the strip that is sampled
+SAMPLING_STD = 0.027  # [px] systematic errors of sampling that scatter does not show
+SPEED_CHANGE = 0.3
+"""Standard deviation of the share by which a DLO's speed changes while a picture is taken.
+
+One that swings at 3 Hz turns its phase by that within 1/60 s. A picture shows the mean over the
+exposure, the stamp means its middle: they are SPEED_CHANGE / 24 of the path apart.
+"""
 COLOUR_LIMIT = 0.6  # of the contrast: a larger change of colour is another object
 
 
@@ -67,6 +75,7 @@ class Located:
             one, median; large along the edge of an object.
         blur: length over which light was smeared across the DLO, by motion or by the lens [px],
             shape (m,).
+        doubt: by how much the middle of the usual cross-section is in doubt [px], shape (m,).
         known_width, tones: what `locate` was told.
         excluded: where it cannot be, as somebody said, shape (m,); None: nowhere.
     """
@@ -83,6 +92,7 @@ class Located:
     width_spread: float
     imbalance: float
     blur: FloatArray
+    doubt: FloatArray
     known_width: bool = False
     tones: bool = False
     excluded: Mask | None = None
@@ -91,6 +101,17 @@ class Located:
     def trust(self) -> FloatArray:
         """Weight of each profile in a fit: 1 where seen, little where only the colour fits."""
         return np.where(self.seen, 1.0, np.where(self.likeness > CERTAIN_LIKENESS, FAINT, 0.0))
+
+    @property
+    def shared_std(self) -> FloatArray:
+        """Standard deviation of what all profiles of a place have in common [px], shape (m,).
+
+        A DLO whose speed changes during the exposure is seen beside where it is at the middle of
+        it, by a share of the path; a highlight or a shadow of its own shifts its middle. Without
+        `SAMPLING_STD`, which is part of the doubt.
+        """
+        lopsided = np.maximum(self.doubt**2 - SAMPLING_STD**2, 0.0)
+        return np.asarray(np.sqrt(lopsided + (SPEED_CHANGE / 24.0 * self.blur) ** 2))
 
     @property
     def points(self) -> FloatArray:
@@ -186,6 +207,9 @@ def locate(
     seen &= inside(image, curve + middle[:, None] * normals, 1.0)
     seen &= ~_outliers(middle, seen, width, spacing)
     seen = _without_islands(seen, round(ISLAND * width / spacing))
+    axis = core - 0.5 * (left + right)
+    axis /= np.maximum(np.linalg.norm(axis, axis=1), 1e-6)[:, None]
+    across = np.einsum("ikc,ic->ik", strip, axis)
     return Located(
         curve,
         normals,
@@ -199,6 +223,7 @@ def locate(
         _spread((edge_right - edge_left)[both]),
         float(np.median(np.linalg.norm(left - right, axis=1))) / usual,
         _blur(ramp, step),
+        doubt_of_middle(across, offsets, middle, seen, 2.0 * half, spacing),
         known_width,
         tones,
     )

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from dlo_ros.errors import VisionError
 from dlo_ros.spline import FloatArray
@@ -28,7 +29,9 @@ FREE_END = 1.5  # cost of ending where no clamp says so
 MOST_EXPANSIONS = 1500
 SAME_LENGTH = 0.02  # of the length: paths to one chain that differ by less are not kept apart
 MOST_LINKS = 8  # tried from each end
-DIFFERENT = 4.0  # [widths] two paths that are nowhere further apart are one
+DIFFERENT = 4.0  # [widths] two paths that are nowhere further apart are one,
+STRANDS = 1.0  # [widths] unless they run along chains that are further apart, for as long as that
+ARRIVALS = 2  # paths of one length to one chain that are followed: another strand may lie beside one
 COST_LIMIT = 9.0  # of a whole course, and more the longer it is
 COST_LIMIT_PER_WIDTH = 0.02
 AMBIGUITY = 2.0  # a second path that is dearer by less makes the first doubtful
@@ -179,8 +182,9 @@ class PathSearch:
             if cost > least + 2 * AMBIGUITY:
                 break
             visits = visited.setdefault(partial.chains[-1], [])
-            if any(abs(partial.length - other) < SAME_LENGTH * self.length for other in visits):
-                continue  # a cheaper path came here
+            alike = [abs(partial.length - other) < SAME_LENGTH * self.length for other in visits]
+            if sum(alike) >= ARRIVALS:
+                continue  # cheaper paths came here
             visits.append(partial.length)
             expansions += 1
             longest = max(longest, partial.length)
@@ -276,8 +280,13 @@ class PathSearch:
 
     def _differ(self, one: _Partial, other: _Partial) -> bool:
         """Whether two paths run differently, and not only through other pieces of one course."""
-        a, b = (self._path(0.0, partial).points for partial in (one, other))
-        return not self._follows(a, b)
+        a, b = (self._path(0.0, partial) for partial in (one, other))
+        if not self._follows(a.points, b.points):
+            return True
+        # One DLO has no two ridges further apart than it is wide; where both paths were seen so,
+        # they follow two strands.
+        width = self.bars.width
+        return max(_beside(a, b, width), _beside(b, a, width)) > STRANDS * width
 
     def _follows(self, points: FloatArray, other: FloatArray) -> bool:
         """Whether two courses, shapes (m, 2), are one."""
@@ -334,6 +343,19 @@ def _apart(a: FloatArray, b: FloatArray, count: int = 100) -> float:
         )
         result = min(result, float(np.hypot(*(at_one - at_other).T).max()))
     return result
+
+
+def _beside(one: Path, other: Path, width: float) -> int:
+    """Longest run of points that a path was seen at, further than `STRANDS` beside another's.
+
+    What lies ahead of the other's ends does not count, nor what lies beside a bridge.
+    """
+    ahead = max(1, round(width))
+    distance, nearest = cKDTree(other.points).query(one.points)
+    beyond = (nearest < ahead) | (nearest >= len(other.points) - ahead)
+    apart = one.seen & other.seen[nearest] & ~beyond & (distance > STRANDS * width)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], apart, [False]]).astype(np.int8)))
+    return int(np.max(edges[1::2] - edges[::2], initial=0))
 
 
 def _arc_length(points: FloatArray) -> FloatArray:
