@@ -18,7 +18,7 @@ from dlo_ros.vision.segmentation.picture_strip import Mask
 LENGTH = 4.0  # [widths] of the DLO that one cross-section is the median of
 FEWEST = 8  # profiles of it
 BOARD = 0.75  # [widths] from the middle, beyond which the board is
-LEVELS = (0.15, 0.5, 0.85)  # of an edge's climb
+LEVELS = (0.2, 0.5, 0.8)  # of an edge's climb
 CLEAR = 0.1  # of the largest difference from the board: an edge is more
 FALL = 0.1  # of the same, by which what climbs no longer has fallen
 
@@ -83,7 +83,7 @@ def _usual(
     half = number[enough]
     each = np.arange(len(enough))
     medians = 0.5 * (ordered[each, (half - 1) // 2] + ordered[each, half // 2])
-    return medians, (enough + 0.5) * size
+    return np.asarray(medians), np.asarray((enough + 0.5) * size)
 
 
 def _crossings(sections: FloatArray, offsets: FloatArray, width: float) -> FloatArray:
@@ -92,11 +92,11 @@ def _crossings(sections: FloatArray, offsets: FloatArray, width: float) -> Float
     NaN where no edge is seen.
     """
     outside = (offsets <= -BOARD * width) & (offsets >= -1.05 * width)
-    climb = np.flatnonzero((offsets > -1.05 * width) & (offsets <= 0.0))
+    climb = np.flatnonzero((offsets > -BOARD * width) & (offsets <= 0.0))
     away = sections[:, climb] - sections[:, outside].mean(axis=1, keepdims=True)
     largest = np.abs(away).max(axis=1, keepdims=True)
     # The sign of the first difference that is one, from the outside inwards.
-    first = np.argmax(np.abs(away) > CLEAR * largest, axis=1)
+    first = np.argmax(np.abs(away) >= CLEAR * largest, axis=1)
     rows = np.arange(len(away))
     away = away * np.sign(away[rows, first])[:, None]
     top = np.maximum.accumulate(np.where(np.arange(away.shape[1]) < first[:, None], 0.0, away), 1)
@@ -110,7 +110,7 @@ def _crossings(sections: FloatArray, offsets: FloatArray, width: float) -> Float
         at = np.argmax(top >= wanted[:, None], axis=1)
         before = np.maximum(at - 1, 0)
         low, high = away[rows, before], away[rows, at]
-        good = (at > 0) & (high > low) & (height > 0.0)
+        good = (high > low) & (height > 0.0)
         share = np.where(good, (wanted - low) / np.where(good, high - low, 1.0), np.nan)
         result[:, k] = offsets[climb[before]] + step * np.clip(share, 0.0, 1.0)
     return result

@@ -167,6 +167,7 @@ def locate(
     slope_left, climb_left = _slope(fine, offsets, core_left - left)
     slope_right, climb_right = _slope(fine, offsets, right - core_right)
     least = min(0.42 * width, 0.25 * width + 2.0)
+    one_sided = 0.0
     for _ in range(2):
         # A motion smears both edges alike, and its path changes slowly along the DLO. What climbs
         # more slowly at one edge, or for a short way, is something else beside the DLO.
@@ -185,9 +186,11 @@ def locate(
         found_right &= contrast_right > WEAK_SIDE * usual
         both = found_left & found_right
         if np.any(both):
-            half = 0.5 * float(np.median((edge_right - edge_left)[both]))
+            measured = 0.5 * float(np.median((edge_right - edge_left)[both]))
             low, high = KNOWN_HALF if known_width else FREE_HALF
-            half = float(np.clip(half, low * width, high * width))
+            half = float(np.clip(measured, low * width, high * width))
+            # Edges that do not lie the width apart: one of them is something else's.
+            one_sided = abs(measured - 0.5 * width) if measured != half else 0.0
         middle, seen = _middle(edge_left, found_left, edge_right, found_right, half)
         size = max(3, 2 * round(width / spacing) + 1)
         middle = median_filter(_fill(middle, seen), size=size, mode="nearest")
@@ -223,7 +226,7 @@ def locate(
         _spread((edge_right - edge_left)[both]),
         float(np.median(np.linalg.norm(left - right, axis=1))) / usual,
         _blur(ramp, step),
-        doubt_of_middle(across, offsets, middle, seen, 2.0 * half, spacing),
+        np.hypot(doubt_of_middle(across, offsets, middle, seen, 2.0 * half, spacing), one_sided),
         known_width,
         tones,
     )

@@ -31,10 +31,11 @@ SAME_LENGTH = 0.02  # of the length: paths to one chain that differ by less are 
 MOST_LINKS = 8  # tried from each end
 DIFFERENT = 4.0  # [widths] two paths that are nowhere further apart are one,
 STRANDS = 1.0  # [widths] unless they run along chains that are further apart, for as long as that
-ARRIVALS = 2  # paths of one length to one chain that are followed: another strand may lie beside one
+ARRIVALS = 2  # paths of one length to one chain that are followed: a strand may lie beside another
 COST_LIMIT = 9.0  # of a whole course, and more the longer it is
 COST_LIMIT_PER_WIDTH = 0.02
 AMBIGUITY = 2.0  # a second path that is dearer by less makes the first doubtful
+NEARER = 0.5  # of the distance of another path that fits: an expected shape chooses between both
 MOST_TO_CHOOSE = 8  # equally plausible courses between which an expected shape may choose
 
 
@@ -148,15 +149,20 @@ class PathSearch:
         found = self.candidates(most=MOST_TO_CHOOSE)
         if len(found) == 1:
             return found[0]
-        alike = [
-            [k for k, path in enumerate(found) if self._follows(path.points, shape)]
-            for shape in expected
-        ]
-        # A shape that fits none of the paths, or several, tells nothing.
-        chosen = {fitting[0] for fitting in alike if len(fitting) == 1}
+        told = [self._fitting(found, shape) for shape in expected]
+        chosen = {k for k in told if k is not None}
         if len(chosen) != 1:
             raise VisionError(TWO_COURSES)
         return found[chosen.pop()]
+
+    def _fitting(self, found: Sequence[Path], shape: FloatArray) -> int | None:
+        """The path that a shape tells; None where it fits none of them, or several alike."""
+        apart = [self._distance(path.points, shape) for path in found]
+        first, second = np.argsort(apart)[:2]
+        limit = DIFFERENT * self.bars.width
+        if apart[second] <= limit:
+            limit = NEARER * apart[second]
+        return int(first) if apart[first] <= limit else None
 
     def candidates(self, most: int) -> list[Path]:
         """The best paths that run differently, the best one first.
@@ -290,10 +296,14 @@ class PathSearch:
 
     def _follows(self, points: FloatArray, other: FloatArray) -> bool:
         """Whether two courses, shapes (m, 2), are one."""
+        return self._distance(points, other) <= DIFFERENT * self.bars.width
+
+    def _distance(self, points: FloatArray, other: FloatArray) -> float:
+        """Largest distance of two courses, shapes (m, 2)."""
         distances = [_apart(points, other)]
         if self.start is None and self.end is None:  # the same path backwards is no other path
             distances.append(_apart(points, other[::-1]))
-        return min(distances) <= DIFFERENT * self.bars.width
+        return min(distances)
 
     def _path(self, cost: float, partial: _Partial) -> Path:
         pieces: list[FloatArray] = []
