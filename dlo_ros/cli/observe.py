@@ -6,10 +6,11 @@ from __future__ import annotations
 import argparse
 import logging
 import sys
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import replace
+from operator import itemgetter
 from pathlib import Path
 
 import cv2
@@ -166,8 +167,10 @@ def observe_recording(
     known = None
     masks = iterate_masks(path, on_skip)
     coming, mask = next(masks, None), None
-    predictions, predicted = Predictions(), iterate_predictions(path, settings, on_skip)
-    prediction, latest = next(predicted, None), 0
+    predictions = Predictions()
+    # In the order of their stamps: one that is far ahead of the images must not hold up others.
+    published = deque(sorted(iterate_predictions(path, settings, on_skip), key=itemgetter(0)))
+    latest = 0
     for stamp, image, info in iterate_images(path, on_skip):
         if observer is None:
             _prepare()
@@ -179,10 +182,9 @@ def observe_recording(
         while coming is not None and coming[0] <= stamp:  # a mask holds until the next one
             mask, coming = coming[1], next(masks, None)
         observer.mask = mask
-        while prediction is not None and latest < stamp:  # up to the first one after the image
-            latest = prediction[0]
-            predictions.add(*prediction)
-            prediction = next(predicted, None)
+        while published and latest < stamp:  # up to the first one after the image
+            latest = published[0][0]
+            predictions.add(*published.popleft())
         try:
             result, reason = observer.observe(stamp, image, predictions.at(stamp)), ""
         except VisionError as err:

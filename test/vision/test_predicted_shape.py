@@ -142,14 +142,15 @@ def test_predictions_are_brought_to_the_image():
 def test_predictions_of_a_bag_are_used_and_unusable_ones_skipped(twins, tmp_path):
     write_bag(tmp_path / "images", TWINS, [twins, twins])
     known = settings(TWINS)
-    shapes = [spline(TWIN, 20), spline(OWN), spline(OWN)[:2]]
+    hour = 3600 * 1_000_000_000
+    shapes = [(hour, spline(OWN)), (0, spline(TWIN, 20)), (1, spline(OWN)), (2, spline(OWN)[:2])]
     for name, some in (("plain", []), ("told", shapes)):
         with BagWriter(tmp_path / name) as writer:
-            for k, shape in enumerate(some):
-                message = spline_message(BAG_MESSAGES, STAMP + k, "board", shape)
-                if k == 1:
+            for k, (after, shape) in enumerate(some):
+                message = spline_message(BAG_MESSAGES, STAMP + after, "board", shape)
+                if k == 2:
                     message.poses[3].position.x = np.nan
-                writer.write("dlo/predicted", message, STAMP - 3 + k)
+                writer.write("dlo/predicted", message, STAMP - 4 + k)
             copy_topics(tmp_path / "images", writer)
     skipped: list[str] = []
     frames = list(observe_recording(tmp_path / "plain", known, skipped.append))

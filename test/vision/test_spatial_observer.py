@@ -217,7 +217,7 @@ def test_depth_is_read_in_the_core_and_of_the_axis():
     n = np.tile([0.0, 1.0], (50, 1))
     one = np.ones(50)
     located = Located(
-        curve, n, 0 * one, one > 0, one, 7.0, 90.0, np.zeros(3), 1.0, 0.1, 0.1, 0 * one
+        curve, n, 0 * one, one > 0, one, 7.0, 90.0, np.zeros(3), 1.0, 0.1, 0.1, 0 * one, 0 * one
     )
     depth = profile_depths(image, located, 2e-3)
     assert np.all(np.abs(depth - 1.202) < 3e-4)

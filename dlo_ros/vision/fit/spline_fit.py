@@ -20,19 +20,12 @@ from dlo_ros.spline import FloatArray, SplineBasis
 from dlo_ros.vision.camera.pinhole import Camera
 from dlo_ros.vision.fit.material_coordinates import GAP_STD, Ends, std_along
 from dlo_ros.vision.fit.smoothing_spline import SmoothCurve, Support, smooth
-from dlo_ros.vision.segmentation.edge_profile import Located
+from dlo_ros.vision.segmentation.edge_profile import SAMPLING_STD, Located
 from dlo_ros.vision.segmentation.picture_strip import Mask
 
 KNOT_SPAN = 3.0  # [widths] of the fine curve
 CLAMP_STD = 0.25  # [widths] how well a clamp's position is trusted against the picture
 CLAMP_DIRECTION_STD = 0.05  # [rad]
-POINT_STD_FLOOR = 0.027  # [px] systematic errors of sampling that scatter does not show
-SPEED_CHANGE = 0.3
-"""Standard deviation of the share by which a DLO's speed changes while a picture is taken.
-
-One that swings at 3 Hz turns its phase by that within 1/60 s. A picture shows the mean over the
-exposure, the stamp means its middle: they are SPEED_CHANGE / 24 of the path apart.
-"""
 MOST_BESIDE = 3.0  # [px] root mean square, beyond which the published spline rather slides along
 LEFT_ASIDE = 0.2  # [widths] between a profile's middle and the fine curve: that is no measurement
 ALONG_WEIGHT = 0.01  # of deviations along the DLO in the published spline, against 1 across it
@@ -288,7 +281,7 @@ def _points_with_std(
     kept = np.abs(across) <= LEFT_ASIDE * located.width * scale
     if np.count_nonzero(kept) >= 2:
         p, u, across = p[kept], u[kept], across[kept]
-    blur = np.interp(p, np.arange(len(located.blur)), located.blur)
+    shared = np.interp(p, np.arange(len(located.curve)), located.shared_std)
     length = p[-1] - p[0]
     size = max(1.0, located.width / located.spacing, length / MOST_POINTS)
     block = np.floor((p - p[0]) / size).astype(np.int64)
@@ -308,8 +301,8 @@ def _points_with_std(
     local = np.sqrt(np.convolve(np.minimum(np.abs(offset), 6 * usual) ** 2, np.ones(7), "same") / 7)
     std = np.sqrt(
         np.maximum(usual, 0.7 * local / np.sqrt(freedom)) ** 2
-        + (POINT_STD_FLOOR * scale) ** 2
-        + (SPEED_CHANGE / 24.0 * scale * mean(blur)) ** 2
+        + (SAMPLING_STD * scale) ** 2
+        + (scale * mean(shared)) ** 2
     )
     at = mean(p)  # not the mean of the positions, which lies inside a bend
     xz = curve(at) + offset[:, None] * _normals(curve(at, 1))

@@ -19,6 +19,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d, median_filter, minimum_filter1d
 
 from dlo_ros.spline import FloatArray
+from dlo_ros.vision.segmentation.edge_levels import doubt_of_middle
 from dlo_ros.vision.segmentation.picture_strip import (
     CORE,
     Float32,
@@ -45,6 +46,13 @@ KNOWN_HALF = (0.44, 0.56)  # the same where the width is known
 FADE = 0.3  # share of the window of an edge over which it fades out
 BLUR_WINDOW = 4.0  # [widths] to each side, for the length over which edges climb
 WIDEST_WINDOW = 0.65  # [widths] from an edge to the end of the strip that is sampled
+SAMPLING_STD = 0.027  # [px] systematic errors of sampling that scatter does not show
+SPEED_CHANGE = 0.3
+"""Standard deviation of the share by which a DLO's speed changes while a picture is taken.
+
+One that swings at 3 Hz turns its phase by that within 1/60 s. A picture shows the mean over the
+exposure, the stamp means its middle: they are SPEED_CHANGE / 24 of the path apart.
+"""
 COLOUR_LIMIT = 0.6  # of the contrast: a larger change of colour is another object
 
 
@@ -67,6 +75,7 @@ class Located:
             one, median; large along the edge of an object.
         blur: length over which light was smeared across the DLO, by motion or by the lens [px],
             shape (m,).
+        doubt: by how much the middle of the usual cross-section is in doubt [px], shape (m,).
         known_width, tones: what `locate` was told.
         excluded: where it cannot be, as somebody said, shape (m,); None: nowhere.
     """
@@ -83,6 +92,7 @@ class Located:
     width_spread: float
     imbalance: float
     blur: FloatArray
+    doubt: FloatArray
     known_width: bool = False
     tones: bool = False
     excluded: Mask | None = None
@@ -91,6 +101,17 @@ class Located:
     def trust(self) -> FloatArray:
         """Weight of each profile in a fit: 1 where seen, little where only the colour fits."""
         return np.where(self.seen, 1.0, np.where(self.likeness > CERTAIN_LIKENESS, FAINT, 0.0))
+
+    @property
+    def shared_std(self) -> FloatArray:
+        """Standard deviation of what all profiles of a place have in common [px], shape (m,).
+
+        A DLO whose speed changes during the exposure is seen beside where it is at the middle of
+        it, by a share of the path; a highlight or a shadow of its own shifts its middle. Without
+        `SAMPLING_STD`, which is part of the doubt.
+        """
+        lopsided = np.maximum(self.doubt**2 - SAMPLING_STD**2, 0.0)
+        return np.asarray(np.sqrt(lopsided + (SPEED_CHANGE / 24.0 * self.blur) ** 2))
 
     @property
     def points(self) -> FloatArray:
@@ -146,6 +167,7 @@ def locate(
     slope_left, climb_left = _slope(fine, offsets, core_left - left)
     slope_right, climb_right = _slope(fine, offsets, right - core_right)
     least = min(0.42 * width, 0.25 * width + 2.0)
+    one_sided = 0.0
     for _ in range(2):
         # A motion smears both edges alike, and its path changes slowly along the DLO. What climbs
         # more slowly at one edge, or for a short way, is something else beside the DLO.
@@ -164,9 +186,11 @@ def locate(
         found_right &= contrast_right > WEAK_SIDE * usual
         both = found_left & found_right
         if np.any(both):
-            half = 0.5 * float(np.median((edge_right - edge_left)[both]))
+            measured = 0.5 * float(np.median((edge_right - edge_left)[both]))
             low, high = KNOWN_HALF if known_width else FREE_HALF
-            half = float(np.clip(half, low * width, high * width))
+            half = float(np.clip(measured, low * width, high * width))
+            # Edges that do not lie the width apart: one of them is something else's.
+            one_sided = abs(measured - 0.5 * width) if measured != half else 0.0
         middle, seen = _middle(edge_left, found_left, edge_right, found_right, half)
         size = max(3, 2 * round(width / spacing) + 1)
         middle = median_filter(_fill(middle, seen), size=size, mode="nearest")
@@ -185,7 +209,13 @@ def locate(
     seen &= both | ~_long_runs(seen & ~both, round(LONGEST_SINGLE * width / spacing))
     seen &= inside(image, curve + middle[:, None] * normals, 1.0)
     seen &= ~_outliers(middle, seen, width, spacing)
-    seen = _without_islands(seen, round(ISLAND * width / spacing))
+    # Means along the DLO mix what lies at a gap's edge with what hides it there.
+    longest = round(ISLAND * width / spacing)
+    seen = _off_gaps(seen, longest, round(2.0 * along))
+    seen = _without_islands(seen, longest)
+    axis = core - 0.5 * (left + right)
+    axis /= np.maximum(np.linalg.norm(axis, axis=1), 1e-6)[:, None]
+    across = np.einsum("ikc,ic->ik", strip, axis)
     return Located(
         curve,
         normals,
@@ -199,6 +229,7 @@ def locate(
         _spread((edge_right - edge_left)[both]),
         float(np.median(np.linalg.norm(left - right, axis=1))) / usual,
         _blur(ramp, step),
+        np.hypot(doubt_of_middle(across, offsets, middle, seen, 2.0 * half, spacing), one_sided),
         known_width,
         tones,
     )
@@ -376,6 +407,16 @@ def _long_runs(mask: Mask, size: int) -> Mask:
     result = np.zeros_like(mask)
     for first, last in edges.reshape(-1, 2):
         result[first:last] = last - first > size
+    return result
+
+
+def _off_gaps(seen: Mask, longest: int, size: int) -> Mask:
+    """The mask without what lies within a size of inner gaps that are longer than the longest."""
+    gaps = np.diff(np.concatenate([[False], ~seen, [False]]).astype(np.int8))
+    result = seen.copy()
+    for first, last in np.flatnonzero(gaps).reshape(-1, 2):
+        if first > 0 and last < len(seen) and last - first > longest:
+            result[max(first - size, 0) : last + size] = False
     return result
 
 

@@ -78,6 +78,7 @@ class Measured:
         turned = replace(
             one, curve=one.curve[::-1], normals=-one.normals[::-1], offset=-one.offset[::-1],
             seen=one.seen[::-1], likeness=one.likeness[::-1], blur=one.blur[::-1],
+            doubt=one.doubt[::-1],
             excluded=None if one.excluded is None else one.excluded[::-1],
         )  # fmt: skip
         u = None if self.u is None else self.u[::-1]

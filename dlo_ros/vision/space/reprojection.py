@@ -153,7 +153,7 @@ def fit_views(
         for view, u in zip(views, coordinates, strict=True):
             b = table.matrix(u)
             seen = _Seen(view, _curve(b, u / length, view, points, velocity, drift), u, length)
-            std = _scatter(seen.across, freedom, POINT_STD_FLOOR, view.width)
+            std = np.hypot(_scatter(seen.across, freedom, POINT_STD_FLOOR, view.width), view.shared)
             weight = np.where(seen.on, _student(seen.across / std), 0.0)
             rows = rows_of(b, seen.across_rows)
             if moving:

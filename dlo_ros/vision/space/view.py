@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -12,6 +13,7 @@ from dlo_ros.parameters import CameraPose
 from dlo_ros.recordings.images import CameraInfo
 from dlo_ros.spline import FloatArray
 from dlo_ros.vision.camera.pinhole import Camera
+from dlo_ros.vision.segmentation.edge_levels import LENGTH
 from dlo_ros.vision.segmentation.edge_profile import Located
 from dlo_ros.vision.segmentation.picture_strip import Mask
 
@@ -33,6 +35,8 @@ class View:
         dt: time of the picture after that of the shape which is fitted [s].
         tips: pixels of start and end where they are free and were seen.
         depth: along the optical axis, of the DLO's axis [m], NaN where unknown, shape (m,).
+        shared: standard deviation across that a point has in common with its neighbours, for as
+            many of them as if each had it alone [px], shape (m,).
     """
 
     camera: Camera
@@ -44,6 +48,7 @@ class View:
     dt: float = 0.0
     tips: tuple[FloatArray | None, FloatArray | None] = (None, None)
     depth: FloatArray | None = None
+    shared: FloatArray | float = 0.0
 
     @property
     def focal_length(self) -> float:
@@ -113,6 +118,7 @@ def view_of(
     return View(
         camera, pixels[good], rays[good], tangents[good], mean(u)[good], located.width, dt, tips,
         None if depth is None else _medians(depth, seen, size)[np.flatnonzero(enough)][good],
+        math.sqrt(LENGTH / BLOCK) * mean(located.shared_std)[good],
     )  # fmt: skip
 
 

@@ -13,11 +13,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from dlo_ros.errors import VisionError
 from dlo_ros.spline import FloatArray
 from dlo_ros.vision.segmentation.ridge_map import RidgeMap
-from dlo_ros.vision.tracing.chain_linking import Continuation, Linker, bridge, split_at
+from dlo_ros.vision.tracing.chain_linking import CUT, Continuation, Linker, bridge, split_at
 from dlo_ros.vision.tracing.metric_lengths import PlaneGrid
 from dlo_ros.vision.tracing.ridge_tracing import Chain
 
@@ -28,11 +29,18 @@ FREE_END = 1.5  # cost of ending where no clamp says so
 MOST_EXPANSIONS = 1500
 SAME_LENGTH = 0.02  # of the length: paths to one chain that differ by less are not kept apart
 MOST_LINKS = 8  # tried from each end
-DIFFERENT = 4.0  # [widths] two paths that are nowhere further apart are one
+DIFFERENT = 4.0  # [widths] two paths that are nowhere further apart are one,
+STRANDS = 1.0  # [widths] unless they run along chains that are further apart, for as long as that
+ARRIVALS = 2  # paths of one length to one chain that are followed: a strand may lie beside another
 COST_LIMIT = 9.0  # of a whole course, and more the longer it is
 COST_LIMIT_PER_WIDTH = 0.02
 AMBIGUITY = 2.0  # a second path that is dearer by less makes the first doubtful
+NEARER = 0.5  # of the distance of another path that fits: an expected shape chooses between both
 MOST_TO_CHOOSE = 8  # equally plausible courses between which an expected shape may choose
+
+
+class AmbiguousError(VisionError):
+    """Several courses are equally plausible."""
 
 
 _PLAUSIBLE = "courses of the DLO are equally plausible (an ambiguous crossing or gap)"
@@ -145,15 +153,20 @@ class PathSearch:
         found = self.candidates(most=MOST_TO_CHOOSE)
         if len(found) == 1:
             return found[0]
-        alike = [
-            [k for k, path in enumerate(found) if self._follows(path.points, shape)]
-            for shape in expected
-        ]
-        # A shape that fits none of the paths, or several, tells nothing.
-        chosen = {fitting[0] for fitting in alike if len(fitting) == 1}
+        told = [self._fitting(found, shape) for shape in expected]
+        chosen = {k for k in told if k is not None}
         if len(chosen) != 1:
-            raise VisionError(TWO_COURSES)
+            raise AmbiguousError(TWO_COURSES)
         return found[chosen.pop()]
+
+    def _fitting(self, found: Sequence[Path], shape: FloatArray) -> int | None:
+        """The path that a shape tells; None where it fits none of them, or several alike."""
+        apart = [self._distance(path.points, shape) for path in found]
+        first, second = np.argsort(apart)[:2]
+        limit = DIFFERENT * self.bars.width
+        if apart[second] <= limit:
+            limit = NEARER * apart[second]
+        return int(first) if apart[first] <= limit else None
 
     def candidates(self, most: int) -> list[Path]:
         """The best paths that run differently, the best one first.
@@ -179,8 +192,9 @@ class PathSearch:
             if cost > least + 2 * AMBIGUITY:
                 break
             visits = visited.setdefault(partial.chains[-1], [])
-            if any(abs(partial.length - other) < SAME_LENGTH * self.length for other in visits):
-                continue  # a cheaper path came here
+            alike = [abs(partial.length - other) < SAME_LENGTH * self.length for other in visits]
+            if sum(alike) >= ARRIVALS:
+                continue  # cheaper paths came here
             visits.append(partial.length)
             expansions += 1
             longest = max(longest, partial.length)
@@ -218,7 +232,7 @@ class PathSearch:
             if cost - best[0] < AMBIGUITY and all(self._differ(p, partial) for _, p in kept):
                 kept.append((cost, partial))
                 if len(kept) > most:
-                    raise VisionError(TWO_COURSES if most == 1 else MANY_COURSES)
+                    raise AmbiguousError(TWO_COURSES if most == 1 else MANY_COURSES)
         return [self._path(*one) for one in kept]
 
     def _beginnings(self) -> list[tuple[float, float, int]]:
@@ -243,7 +257,13 @@ class PathSearch:
         # Entering at the first point runs a chain forwards; an end clamp is reached from the
         # last point of a chain that runs forwards.
         links = self._linker.from_clamp(clamp.position, direction)
-        return [(c, gap, k if forward else k ^ 1) for c, gap, k in links[: 2 * MOST_LINKS]]
+        leaving = [link for link in links if not self._comes_back(clamp, link.end)]
+        return [(c, gap, k if forward else k ^ 1) for c, gap, k in leaving[: 2 * MOST_LINKS]]
+
+    def _comes_back(self, clamp: ClampPixel, k: int) -> bool:
+        """Whether a chain that is entered at end k does but run to the clamp, from behind it."""
+        entered, left = np.hypot(*(self.ends.positions[[k, k ^ 1]] - clamp.position).T)
+        return bool(left < min(entered, CUT * self.bars.width))
 
     def _clamp_bridge(self, clamp: ClampPixel, k: int, forward: bool) -> FloatArray:
         position, direction = self.ends.positions[k], -self.ends.directions[k]
@@ -276,15 +296,24 @@ class PathSearch:
 
     def _differ(self, one: _Partial, other: _Partial) -> bool:
         """Whether two paths run differently, and not only through other pieces of one course."""
-        a, b = (self._path(0.0, partial).points for partial in (one, other))
-        return not self._follows(a, b)
+        a, b = (self._path(0.0, partial) for partial in (one, other))
+        if not self._follows(a.points, b.points):
+            return True
+        # One DLO has no two ridges further apart than it is wide; where both paths were seen so,
+        # they follow two strands.
+        width = self.bars.width
+        return max(_beside(a, b, width), _beside(b, a, width)) > STRANDS * width
 
     def _follows(self, points: FloatArray, other: FloatArray) -> bool:
         """Whether two courses, shapes (m, 2), are one."""
+        return self._distance(points, other) <= DIFFERENT * self.bars.width
+
+    def _distance(self, points: FloatArray, other: FloatArray) -> float:
+        """Largest distance of two courses, shapes (m, 2)."""
         distances = [_apart(points, other)]
         if self.start is None and self.end is None:  # the same path backwards is no other path
             distances.append(_apart(points, other[::-1]))
-        return min(distances) <= DIFFERENT * self.bars.width
+        return min(distances)
 
     def _path(self, cost: float, partial: _Partial) -> Path:
         pieces: list[FloatArray] = []
@@ -334,6 +363,19 @@ def _apart(a: FloatArray, b: FloatArray, count: int = 100) -> float:
         )
         result = min(result, float(np.hypot(*(at_one - at_other).T).max()))
     return result
+
+
+def _beside(one: Path, other: Path, width: float) -> int:
+    """Longest run of points that a path was seen at, further than `STRANDS` beside another's.
+
+    What lies ahead of the other's ends does not count, nor what lies beside a bridge.
+    """
+    ahead = max(1, round(width))
+    distance, nearest = cKDTree(other.points).query(one.points)
+    beyond = (nearest < ahead) | (nearest >= len(other.points) - ahead)
+    apart = one.seen & other.seen[nearest] & ~beyond & (distance > STRANDS * width)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], apart, [False]]).astype(np.int8)))
+    return int(np.max(edges[1::2] - edges[::2], initial=0))
 
 
 def _arc_length(points: FloatArray) -> FloatArray:
