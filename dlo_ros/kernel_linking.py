@@ -161,6 +161,10 @@ def _register(kernel: LinkedKernel) -> None:
         convention = context.call_conv
         kind = convention.get_function_type(signature.return_type, signature.args)
         function = cgutils.get_or_insert_function(builder.module, kind, symbol)
+        if not _keeps(signature.return_type):
+            # Nothing comes back that could refer to them, so that the caller's own references do.
+            pairs = zip(signature.args, arguments, strict=True)
+            arguments = [_lent(context, builder, kind, value) for kind, value in pairs]
         status, result = convention.call_function(
             builder, function, signature.return_type, signature.args, arguments
         )
@@ -169,3 +173,29 @@ def _register(kernel: LinkedKernel) -> None:
         link = Link(kernel.py_func.__module__, kernel.py_func.__name__, tuple(signature.args))
         context.active_code_library._reload_init.add(link)
         return imputils.fix_returning_optional(context, builder, signature, status, result)
+
+
+def _keeps(kind: Any) -> bool:
+    """Whether a value of a type may refer to an array."""
+    from numba import types
+
+    if isinstance(kind, types.BaseTuple):
+        return any(_keeps(part) for part in kind)
+    return isinstance(kind, types.Array)
+
+
+def _lent(context: Any, builder: Any, kind: Any, value: Any) -> Any:
+    """A value whose arrays are not owned: whoever has them need not count references."""
+    from llvmlite import ir
+    from numba import types
+
+    if isinstance(kind, types.Array):
+        array = context.make_array(kind)(context, builder, value)
+        array.meminfo = ir.Constant(array.meminfo.type, None)
+        return array._getvalue()
+    if isinstance(kind, types.BaseTuple):
+        for k, part in enumerate(kind):
+            if _keeps(part):
+                old = builder.extract_value(value, k)
+                value = builder.insert_value(value, _lent(context, builder, part, old), k)
+    return value

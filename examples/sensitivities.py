@@ -86,7 +86,7 @@ def differences(settings: Settings, command: Command) -> FloatArray:
 
 @patch.object(dynamics, "in_lanes", lambda *_: False)
 @patch.object(integration, "STEP_SHARE", 1e3)
-@patch.object(integration, "NEWTON_LARGEST", 1e-9)
+@patch.object(integration, "NEWTON_SHARE", 1e-11)
 def run() -> Sensitivities:
     """For each motion one run with derivatives, and two more for each parameter."""
     settings = replace(ROPE, simulation=replace(ROPE.simulation, tolerance=0.1), effects=HUNG)

@@ -21,8 +21,8 @@ from dlo_ros.rod.solve.integrator_state import TIME
 from dlo_ros.rod.state import State
 from dlo_ros.spline import FloatArray
 
-# Newton's method may leave this share of the error that a step may add, and no more than this of L.
-NEWTON_SHARE, NEWTON_LARGEST = 0.01, 1e-5
+# Newton's method may leave this share of the error that a step may add.
+NEWTON_SHARE = 0.05
 # Error that one step may add, as a share of simulation.tolerance: measured on a falling cantilever.
 STEP_SHARE = 0.03
 
@@ -72,7 +72,7 @@ def integrate(
     shapes, speeds = (np.empty((len(times), *moving.q.shape)) for _ in range(2))
     derivatives = np.empty((len(times), len(parameters), *moving.q.shape))
     tolerance = STEP_SHARE * model.settings.simulation.tolerance * model.basis.length
-    newton = min(NEWTON_SHARE * tolerance / model.basis.length, NEWTON_LARGEST)
+    newton = NEWTON_SHARE * tolerance / model.basis.length
     status, steps = adaptive_integration.march(
         rod.system, rod.imposed, moving, times, tolerance, newton, varying, shapes, speeds,
         derivatives,

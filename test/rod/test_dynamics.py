@@ -130,7 +130,7 @@ def test_sensitivities_of_a_motion_agree_with_differences(monkeypatch):
     # Without error control every run takes the same steps.
     monkeypatch.setattr(dynamics, "in_lanes", lambda *_: False)
     monkeypatch.setattr(integration, "STEP_SHARE", 1e3)
-    monkeypatch.setattr(integration, "NEWTON_LARGEST", 1e-9)
+    monkeypatch.setattr(integration, "NEWTON_SHARE", 1e-11)
     settings = tolerant(PAPER, 0.1)
     imposed = command(
         ["start", "control_point_10"], [0.0, 0.4],

@@ -160,7 +160,7 @@ def same_steps(monkeypatch):
     """Every run takes the same steps and solves them exactly."""
     monkeypatch.setattr(dynamics, "in_lanes", lambda *_: False)
     monkeypatch.setattr(integration, "STEP_SHARE", 1e3)
-    monkeypatch.setattr(integration, "NEWTON_LARGEST", 1e-9)
+    monkeypatch.setattr(integration, "NEWTON_SHARE", 1e-11)
 
 
 @pytest.mark.parametrize("space", some_of([False, True], [False]), ids=["plane", "space"])

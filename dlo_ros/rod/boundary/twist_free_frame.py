@@ -13,6 +13,7 @@ from dlo_ros.rod.simd.vector_algebra import dot, mix, row, unit
 from dlo_ros.spline import FloatArray, SplineBasis
 
 LEAST_SPEED = 1e-3  # of the tangent dr/du, which is 1 in a DLO that is not stretched
+SAME = 1e-9  # of the length: material coordinates closer together are the same
 
 
 def twist_free(
@@ -34,6 +35,8 @@ def twist_free(
     """
     between = np.linspace(0.0, basis.length, 16 * basis.spans + 1)
     u = np.unique(np.concatenate([between, points]))
+    # Two that differ by rounding would be one point with a chord of any direction.
+    u = u[np.insert(np.diff(u) > SAME * basis.length, 0, True)]
     p = basis.evaluate(q[:, :3], u, 1)
     s = basis.evaluate(q[:, :3], u, 2)
     speed = np.linalg.norm(p, axis=1, keepdims=True)
@@ -52,7 +55,7 @@ def twist_free(
     frame = np.empty_like(tangent)
     frame[0] = start / np.linalg.norm(start)
     _carry_along(r, tangent, frame)
-    at = np.searchsorted(u, points)
+    at = np.searchsorted(u, points - SAME * basis.length)
     reference = Reference(
         np.ascontiguousarray(tangent[at]),
         np.ascontiguousarray(rate[at]),

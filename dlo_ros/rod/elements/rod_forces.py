@@ -131,32 +131,35 @@ def multiply_scalar(scalar, spin, x, out):
     dof = x.shape[1]
     for i in range(scalar.shape[0]):
         for j in range(max(0, i - 3), i + 1):
-            k = 3 - i + j
-            for c in range(dof):
-                a = scalar[i, k] if c < 3 else spin[i, k]
+            a = scalar[i, 3 - i + j]
+            for c in range(min(dof, 3)):
                 out[i, c] += a * x[j, c]
                 if j < i:
                     out[j, c] += a * x[i, c]
+            if dof == 4:
+                a = spin[i, 3 - i + j]
+                out[i, 3] += a * x[j, 3]
+                if j < i:
+                    out[j, 3] += a * x[i, 3]
 
 
 @linked()
-def promise(rule, response, grad_s, grad_o, step):
-    """Tensions (nb,) that the linear solution `step` (1, n d) promises.
+def promise(rule, response, grad_s, step, out):
+    """Write the tensions (nb,) that the linear solution `step` (1, n d) promises.
 
     With them in the next Hessian, Newton's method converges for stiff stretch as it would with
     tensions as unknowns: in few iterations and with long steps (Magisano, Leonetti and Garcea,
     Computer Methods in Applied Mechanics and Engineering 313, 2017).
     """
     nb, dof = rule.weight.size, grad_s.shape[1] if grad_s.shape[1] == PLANAR else 4
-    result, move = np.empty(nb), step[0]
+    move = step[0]
     for e in range(nb):
         more, at = 0.0, dof * rule.span[e]
         for i in range(4):
             for c in range(grad_s.shape[1]):
                 more += rule.b1[e, i] * grad_s[e, c] * move[at + dof * i + c]
-        result[e] = more
+        out[e] = more
     for k in range(nb // 3):
-        kernels.span_stretch(result[3 * k : 3 * k + 3], rule.stretch_linear[k])
+        kernels.span_stretch(out[3 * k : 3 * k + 3], rule.stretch_linear[k])
     for e in range(nb):
-        result[e] = response.tension[e] + response.stretch_tangent[e] * result[e]
-    return result
+        out[e] = response.tension[e] + response.stretch_tangent[e] * out[e]

@@ -43,28 +43,35 @@ from dlo_ros.rod.solve.integrator_state import LAST, TIME, IntegratorState, anot
 
 
 @linked()
+def _held_forces(q, stretch, other, rule, matter, grad_s, grad_o, response, spare):
+    """Elastic force at q with another material, (n d,); strains and their derivatives are known."""
+    weight = rule.weight
+    constitutive_law.respond(stretch, other, weight, matter, response)
+    stress = np.empty((1, weight.size, 3))
+    for e in range(weight.size):
+        stress[0, e, 0], stress[0, e, 1] = response.bend[e, 0], response.bend[e, 1]
+        stress[0, e, 2] = response.torque[e]
+    result = rod_forces.stress_forces(
+        rule, grad_s, grad_o, response.tension.reshape(1, weight.size), stress
+    )[0]
+    if contact_and_friction.touched(matter.around):
+        contact_and_friction.resist(q, rule, matter.around, matter.internal.anchor, result, spare)
+    return result
+
+
+@linked()
 def _forces(q, stretch, other, rule, ref, matter, grad_s, grad_o, response, gradient, band):
     """Elastic force at q with another material and reference frame, (n d,).
 
     In the plane the strains do not depend on the frame, and their derivatives are known.
     """
-    if q.shape[1] != PLANAR:
-        rod_forces.assemble(
-            q, rule, ref, matter, response, np.empty(0), gradient, band, np.empty(grad_s.shape),
-            np.zeros(grad_o.shape),
-        )  # fmt: skip
-        return gradient.copy()
-    weight = rule.weight
-    constitutive_law.respond(stretch, other, weight, matter, response)
-    stress = np.zeros((1, weight.size, 3))
-    for e in range(weight.size):
-        stress[0, e, 0] = response.bend[e, 0]
-    result = rod_forces.stress_forces(
-        rule, grad_s, grad_o, response.tension.reshape(1, weight.size), stress
-    )[0]
-    if contact_and_friction.touched(matter.around):
-        contact_and_friction.resist(q, rule, matter.around, matter.internal.anchor, result, band)
-    return result
+    if q.shape[1] == PLANAR:
+        return _held_forces(q, stretch, other, rule, matter, grad_s, grad_o, response, band)
+    rod_forces.assemble(
+        q, rule, ref, matter, response, np.empty(0), gradient, band, np.empty(grad_s.shape),
+        np.zeros(grad_o.shape),
+    )  # fmt: skip
+    return gradient.copy()
 
 
 @linked()
@@ -239,7 +246,7 @@ def vary_rest(system, imposed, before, rest, internal, fresh, varying):
     matter = matter_of(system, ITSELF, growth(imposed, ITSELF, time), internal)
     if fresh:
         matter = untouched(matter)
-    band, gradient, response, grad_s, grad_o = newton_iteration.linearise(
+    band, _, response, grad_s, grad_o = newton_iteration.linearise(
         q, rule, matter, rest.reference, none, none
     )
     count, m = varying.step.size, system.pins.shape[0]
@@ -253,10 +260,9 @@ def vary_rest(system, imposed, before, rest, internal, fresh, varying):
             matter = matter_of(system, k, factor, internal)
             if fresh:
                 matter = untouched(matter)
-            elastic = _forces(
-                q, rest.stretch, rest.other, rule, rest.reference, matter, grad_s, grad_o,
-                response, gradient, spare,
-            )  # fmt: skip
+            elastic = _held_forces(
+                q, rest.stretch, rest.other, rule, matter, grad_s, grad_o, response, spare
+            )
             pull = residual(system, k, factor, still, still).ravel()
             for i in range(q.size):
                 rhs[a, i] -= share * (pull[i] + elastic[i])

@@ -12,7 +12,7 @@ from dlo_ros.rod.elements.rod_tables import InternalVariables
 from dlo_ros.rod.sensitivity.sensitivity_state import add, rise, shift, shift_frame
 from dlo_ros.rod.solve.equation_system import lagging, matter_of, untouched
 from dlo_ros.rod.solve.generalised_alpha import frame_at, update_internal_variables
-from dlo_ros.rod.solve.integrator_state import another, assign
+from dlo_ros.rod.solve.integrator_state import another, another_frame, assign
 
 
 @linked()
@@ -23,7 +23,7 @@ def _frames(system, q, old, varying, d_q):
         d_q: derivatives of the shape, shape (P, n, 4).
     """
     rule, shifted = system.rule, np.empty(q.shape)
-    up, down = another(old).reference, another(old).reference
+    up, down = another_frame(old.reference), another_frame(old.reference)
     change = varying.reference
     for a in range(varying.step.size):
         d = varying.step[a]
@@ -49,7 +49,7 @@ def turned(system, q, old, matter, response, varying, rhs, by_frame):
             where they are there already.
         by_frame: output, derivatives of bending and twist, shape (P, nb, 3).
     """
-    rule, ref = system.rule, another(old).reference
+    rule, ref = system.rule, another_frame(old.reference)
     pull = np.zeros((2, q.size))
     for a in range(varying.step.size):
         for side in range(2):

@@ -10,7 +10,7 @@ Nothing is checked: the caller sees to it that all lies inside.
 from __future__ import annotations
 
 from llvmlite import ir
-from numba.core import types
+from numba.core import cgutils, types
 from numba.core.errors import TypingError
 from numba.extending import intrinsic
 
@@ -92,6 +92,22 @@ def set_rows(typing, out, at, factors, rows, start, width):
         return _combine(context, builder, signature, arguments, False)
 
     return signature, generate
+
+
+@intrinsic
+def copy_numbers(typing, out, source):
+    """Copy all numbers of an array to another of the same size."""
+    _check(out, source)
+
+    def generate(context, builder, signature, arguments):
+        target, there = (
+            context.make_array(kind)(context, builder, array)
+            for kind, array in zip(signature.args, arguments, strict=True)
+        )
+        cgutils.raw_memcpy(builder, target.data, there.data, there.nitems, 8)
+        return context.get_dummy_value()
+
+    return types.void(out, source), generate
 
 
 @intrinsic

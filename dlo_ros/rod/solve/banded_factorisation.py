@@ -64,8 +64,9 @@ def _solve(band, diagonal, x, width):
     size, last = band.shape[0], width - 1
     full = min(last, size)  # rows before this one are shorter than the band
     for i in range(size - 1, full - 1, -1):
-        for m in range(last):
-            x[i - last + m] -= band[i, m] * x[i]
+        y = x[i]
+        add_rows(x, i - last, (-y,), band, i * width, width)
+        x[i] = y  # the row's last number is 1
     for i in range(full - 1, -1, -1):
         for j in range(i):
             x[j] -= band[i, last - i + j] * x[i]
@@ -75,10 +76,15 @@ def _solve(band, diagonal, x, width):
             s -= band[i, last - i + j] * x[j]
         x[i] = s
     for i in range(full, size):
-        s = x[i] / diagonal[i]
-        for m in range(last):
-            s -= band[i, m] * x[i - last + m]
-        x[i] = s
+        # In four sums, which wait less for each other than one.
+        a, b = band[i, last - 3] * x[i - 3], band[i, last - 2] * x[i - 2]
+        c, d = band[i, last - 1] * x[i - 1], 0.0
+        for m in range(0, last - 3, 4):
+            a += band[i, m] * x[i - last + m]
+            b += band[i, m + 1] * x[i - last + m + 1]
+            c += band[i, m + 2] * x[i - last + m + 2]
+            d += band[i, m + 3] * x[i - last + m + 3]
+        x[i] = x[i] / diagonal[i] - ((a + b) + (c + d))
 
 
 @linked(**FLAGS)

@@ -28,16 +28,18 @@ def eliminate(band, fixed, rhs, increments):
     for j in range(size):
         if not fixed[j]:
             continue
-        for k in range(max(0, j - last), j):
-            at = last - j + k
-            for a in range(rhs.shape[0]):
-                rhs[a, k] -= band[j, at] * increments[a, j]
-            band[j, at] = 0.0
-        for i in range(j + 1, min(size, j + last + 1)):
-            at = last - i + j
-            for a in range(rhs.shape[0]):
-                rhs[a, i] -= band[i, at] * increments[a, j]
-            band[i, at] = 0.0
+        low, high = max(0, j - last), min(size, j + last + 1)
+        for a in range(rhs.shape[0]):
+            x = increments[a, j]
+            if x != 0.0:
+                for k in range(low, j):
+                    rhs[a, k] -= band[j, last - j + k] * x
+                for i in range(j + 1, high):
+                    rhs[a, i] -= band[i, last - i + j] * x
+        for k in range(low, j):
+            band[j, last - j + k] = 0.0
+        for i in range(j + 1, high):
+            band[i, last - i + j] = 0.0
         band[j, last] = 1.0
     for a in range(rhs.shape[0]):
         for j in range(size):

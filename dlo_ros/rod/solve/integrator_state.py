@@ -5,8 +5,11 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.elements.rod_tables import InternalVariables, Reference
+from dlo_ros.rod.simd.row_operations import copy_numbers
+from dlo_ros.rod.simd.vector_algebra import INLINE
 from dlo_ros.spline import FloatArray
 
 
@@ -30,12 +33,10 @@ class IntegratorState(NamedTuple):
 TIME, LAST, NEXT = range(3)  # of the clock
 
 
-@linked()
+@njit(**INLINE)
 def assign(target, source):
     """Copy an array into another of the same shape."""
-    a, b = target.ravel(), source.ravel()
-    for i in range(a.size):
-        a[i] = b[i]
+    copy_numbers(target, source)
 
 
 @linked()
@@ -62,17 +63,19 @@ def commit(new, state):
 
 
 @linked()
+def another_frame(ref):
+    """A copy of a reference frame."""
+    return Reference(ref.tangent.copy(), ref.rate.copy(), ref.director.copy(), ref.twist.copy())
+
+
+@linked()
 def another(state):
     """A copy of a state."""
     return IntegratorState(
         state.clock.copy(), state.q.copy(), state.velocity.copy(), state.acceleration.copy(),
-        state.auxiliary.copy(),
-        Reference(
-            state.reference.tangent.copy(), state.reference.rate.copy(),
-            state.reference.director.copy(), state.reference.twist.copy(),
-        ),
-        state.frames.copy(), state.stretch.copy(), state.stretch_before.copy(),
-        state.other.copy(), state.other_before.copy(),
+        state.auxiliary.copy(), another_frame(state.reference), state.frames.copy(),
+        state.stretch.copy(), state.stretch_before.copy(), state.other.copy(),
+        state.other_before.copy(),
         InternalVariables(
             state.internal.plastic.copy(), state.internal.anchor.copy(), state.internal.inner.copy()
         ),

@@ -174,8 +174,10 @@ def implicit_step(q, target, fixed, pins, gap, rule, matter, ref, inertia, spin,
     gradient, band = np.empty(size), np.empty((size, 4 * dof))
     diagonal, steps, increments = np.empty(size), np.empty((1, size)), np.zeros((1, size))
     grad_s, grad_o = strain_gradients(q, rule)
-    response, promised = room(rule.weight.size), np.empty(0)
+    response, promises = room(rule.weight.size), np.empty(rule.weight.size)
+    promised = promises[:0]
     product = np.empty(q.shape)
+    y, schur = pins, np.empty((0, 0))
     lack = np.empty(gap.size)
     before = 0.0
     for iteration in range(1, MAX_NEWTON + 1):
@@ -195,18 +197,21 @@ def implicit_step(q, target, fixed, pins, gap, rule, matter, ref, inertia, spin,
         step = steps[0]
         banded_factorisation.solve(band, diagonal, step)
         # Fixed degrees of freedom have no columns in `pins`; their share is in `gap` already.
-        for a in range(gap.size):
-            lack[a] = gap[a] - np.dot(pins[a], q.ravel())
-        y, schur = compliance(band, diagonal, pins)
-        if not constrain(pins, y, schur, lack, step):
-            return -iteration, negative
+        if gap.size > 0:
+            for a in range(gap.size):
+                lack[a] = gap[a] - np.dot(pins[a], q.ravel())
+            y, schur = compliance(band, diagonal, pins)
+            if not constrain(pins, y, schur, lack, step):
+                return -iteration, negative
         move, turn = _largest(step, dof)
         if not np.isfinite(move + turn) or move > length:
             return -iteration, negative
         for i in range(q.shape[0]):
             for c in range(dof):
-                q[i, c] += step[dof * i + c]
-        promised = promise(rule, response, grad_s, grad_o, steps)
+                k = dof * i + c
+                q[i, c] = target[i, c] if fixed[k] else q[i, c] + step[k]
+        promised = promises
+        promise(rule, response, grad_s, steps, promised)
         # Where corrections shrink, the next one is smaller than this one in the same ratio.
         now = max(move / length, 0.1 * turn)
         left = now if iteration == 1 else now * min(now / before, 1.0)
