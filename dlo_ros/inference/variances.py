@@ -292,7 +292,8 @@ def _bounds(
     fading = (low, high) if told else (low - 20.0, low - 20.0)
     memory = (np.log1p(-LONGEST_MEMORY), np.log(0.9))
     noise_memory = (np.log1p(-NOISE_MEMORY) if told else 0.0, 0.0)
-    least = [max(low, np.log(max(DETAIL**2 * m, 1e-300))) for m in missed]
+    details = [2.0 * np.log(DETAIL) + np.log(max(m, 1e-300)) for m in missed]
+    least = [float(np.clip(each, low, high)) for each in details]
     noise = [(each, high) for each in least for _ in range(parts)]
     noise += [(low - 5.0, high)] * parts
     staying = [(low - 5.0, high)] * (2 * parts)

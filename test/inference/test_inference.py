@@ -90,6 +90,14 @@ def test_what_the_errors_are_made_of_is_found():
     assert found.memory == pytest.approx(0.9, abs=0.05)
 
 
+def test_a_residual_of_many_lengths_is_no_error():
+    """A trial far from the shapes: its noise has the largest standard deviation that there is."""
+    rng = np.random.default_rng(10)
+    s = spectrum(20.0 * rng.normal(size=(50, 2 * N)), np.full((50, 1, 2 * N), 1e-6), N)
+    (found,), _ = fit_variances([s], np.zeros(1), np.full(1, 100.0), LENGTH)
+    assert np.sqrt(found.white) == pytest.approx([core.LARGEST * LENGTH] * 2)
+
+
 @pytest.mark.parametrize("apart", [0.0, 0.002])
 def test_numbers_on_which_recordings_disagree_are_known_less_well(apart):
     """Each recording has a value of its own: the std of their mean is what their spread says."""
