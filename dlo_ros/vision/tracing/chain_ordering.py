@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -32,7 +32,7 @@ MOST_LINKS = 8  # tried from each end
 DIFFERENT = 4.0  # [widths] two paths that are nowhere further apart are one,
 STRANDS = 1.0  # [widths] unless they run along chains that are further apart, for as long as that
 ARRIVALS = 2  # paths of one length to one chain that are followed: a strand may lie beside another
-COST_LIMIT = 9.0  # of a whole course, and more the longer it is
+COST_LIMIT = 9.0  # of a whole course without what is unseen of it, and more the longer it is
 COST_LIMIT_PER_WIDTH = 0.02
 AMBIGUITY = 2.0  # a second path that is dearer by less makes the first doubtful
 NEARER = 0.5  # of the distance of another path that fits: an expected shape chooses between both
@@ -92,6 +92,7 @@ class Path:
 @dataclass(frozen=True, eq=False)
 class _Partial:
     cost: float
+    unseen: float  # share of the cost
     length: float
     chains: tuple[int, ...]  # chain * 2 + (1 where it is run through backwards)
 
@@ -127,7 +128,7 @@ class PathSearch:
         self.ends = self._linker.ends
         self.lengths = np.array([self._measure(c.points) for c in chains])
         self._links: dict[int, list[Continuation]] = {}
-        self._closings: dict[int, tuple[float, float]] | None = None
+        self._closings: dict[int, tuple[float, float, float]] | None = None
 
     def _measure(self, points: FloatArray) -> float:
         return self.plane.length(points, max(1, round(self.bars.width / 2)))
@@ -176,8 +177,8 @@ class PathSearch:
         if not self.chains:
             raise VisionError("nothing in the picture looks like a DLO of the expected width")
         heap: list[tuple[float, int, _Partial]] = []
-        for cost, length, state in self._beginnings():
-            heapq.heappush(heap, (cost, len(heap), _Partial(cost, length, (state,))))
+        for first in self._beginnings():
+            heapq.heappush(heap, (first.cost, len(heap), first))
         counter = len(heap)
         complete: list[tuple[float, _Partial]] = []
         visited: dict[int, list[float]] = {}
@@ -194,23 +195,25 @@ class PathSearch:
             visits.append(partial.length)
             expansions += 1
             longest = max(longest, partial.length)
-            closing, rest = self._close(partial.chains[-1])
+            closing, rest, unseen = self._close(partial.chains[-1])
             total = partial.length + rest
             covered = sum(float(self.lengths[state // 2]) for state in partial.chains)
             right = self.rule.shortest < total / self.length < self.rule.longest
             if np.isfinite(closing) and right and covered > LEAST_COVERED * total:
                 penalty = 0.5 * ((total / self.length - 1.0) / self.rule.std) ** 2
-                complete.append((cost + closing + penalty, partial))
+                whole = replace(partial, unseen=partial.unseen + unseen)
+                complete.append((cost + closing + penalty, whole))
                 least = min(least, complete[-1][0])
             used = {state // 2 for state in partial.chains}
-            for link, gap, state in self._next(partial.chains[-1]):
+            for link, gap, state, unseen in self._next(partial.chains[-1]):
                 if state // 2 in used:
                     continue
                 length = partial.length + gap + float(self.lengths[state // 2])
                 if length > self.rule.longest * self.length:
                     continue
                 counter += 1
-                new = _Partial(cost + link, length, (*partial.chains, state))
+                chain = (*partial.chains, state)
+                new = _Partial(cost + link, partial.unseen + unseen, length, chain)
                 heapq.heappush(heap, (new.cost, counter, new))
         if not complete:
             where = "between the clamps" if self.start and self.end else "in the picture"
@@ -221,7 +224,9 @@ class PathSearch:
         complete.sort(key=lambda item: item[0])
         best = complete[0]
         best_points = self._path(*best).points  # about 1 px apart
-        if best[0] > COST_LIMIT + COST_LIMIT_PER_WIDTH * len(best_points) / self.bars.width:
+        # Something may hide a smooth course for long; whether the board is bare there, others see.
+        bends = best[0] - best[1].unseen
+        if bends > COST_LIMIT + COST_LIMIT_PER_WIDTH * len(best_points) / self.bars.width:
             raise VisionError("the only course of the right length bends and jumps too much")
         kept = [best]
         for cost, partial in complete[1:]:
@@ -231,29 +236,31 @@ class PathSearch:
                     raise VisionError(TWO_COURSES if most == 1 else MANY_COURSES)
         return [self._path(*one) for one in kept]
 
-    def _beginnings(self) -> list[tuple[float, float, int]]:
-        """Cost, length and first chain of the paths to start with."""
+    def _beginnings(self) -> list[_Partial]:
+        """The paths to start with, of one chain each."""
         if self.start is not None:
             return [
-                (cost, gap + float(self.lengths[state // 2]), state)
-                for cost, gap, state in self._from_clamp(self.start, forward=True)
+                _Partial(cost, unseen, gap + float(self.lengths[state // 2]), (state,))
+                for cost, gap, state, unseen in self._from_clamp(self.start, forward=True)
             ]
         strong = 0.3 * float(np.max(self.ends.strengths))
         return [
-            (FREE_END, float(self.lengths[k // 2]), k)
+            _Partial(FREE_END, 0.0, float(self.lengths[k // 2]), (k,))
             for k in range(len(self.ends))
             if self.ends.strengths[k] > strong
         ]
 
-    def _from_clamp(self, clamp: ClampPixel, forward: bool) -> list[tuple[float, float, int]]:
-        """Cost, length and chain of the links between a clamp and chains."""
+    def _from_clamp(self, clamp: ClampPixel, forward: bool) -> list[Continuation]:
+        """Links between a clamp and chains, run through forwards or backwards."""
         direction = clamp.direction
         if direction is not None and not forward:
             direction = -direction
         # Entering at the first point runs a chain forwards; an end clamp is reached from the
         # last point of a chain that runs forwards.
         links = self._linker.from_clamp(clamp.position, direction)
-        return [(c, gap, k if forward else k ^ 1) for c, gap, k in links[: 2 * MOST_LINKS]]
+        return [
+            link if forward else link._replace(end=link.end ^ 1) for link in links[: 2 * MOST_LINKS]
+        ]
 
     def _clamp_bridge(self, clamp: ClampPixel, k: int, forward: bool) -> FloatArray:
         position, direction = self.ends.positions[k], -self.ends.directions[k]
@@ -264,13 +271,16 @@ class PathSearch:
         points: FloatArray = bridge(clamp.position, out, position, direction)
         return points if forward else points[::-1]
 
-    def _close(self, state: int) -> tuple[float, float]:
-        """Cost and length from the end of a chain to the end of the DLO."""
+    def _close(self, state: int) -> tuple[float, float, float]:
+        """Cost and length from the end of a chain to the end of the DLO, and what is unseen."""
         if self.end is None:
-            return FREE_END, 0.0
+            return FREE_END, 0.0, 0.0
         if self._closings is None:
-            self._closings = {k: (c, gap) for c, gap, k in self._from_clamp(self.end, False)}
-        return self._closings.get(state, (np.inf, 0.0))
+            self._closings = {
+                link.end: (link.cost, link.length, link.unseen)
+                for link in self._from_clamp(self.end, False)
+            }
+        return self._closings.get(state, (np.inf, 0.0, 0.0))
 
     def _next(self, state: int) -> list[Continuation]:
         """Cheapest links from the exit of a chain, which is not where it was entered."""
