@@ -2,14 +2,13 @@
 """Orders chains into one DLO from its start to its end.
 
 Best-first search over sequences of chains. Known clamps fix where a path starts and ends; the known
-length decides between paths that are equally smooth. Where several are equally plausible, shapes
-that are expected may choose between them, and nothing else.
+length decides between paths that are equally smooth. Which of several that are equally plausible
+is the DLO, `course_choice` tells.
 """
 
 from __future__ import annotations
 
 import heapq
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +18,7 @@ from dlo_ros.errors import VisionError
 from dlo_ros.spline import FloatArray
 from dlo_ros.vision.segmentation.ridge_map import RidgeMap
 from dlo_ros.vision.tracing.chain_linking import Continuation, Linker, bridge, split_at
+from dlo_ros.vision.tracing.course_choice import distance
 from dlo_ros.vision.tracing.metric_lengths import PlaneGrid
 from dlo_ros.vision.tracing.ridge_tracing import Chain
 
@@ -35,12 +35,8 @@ ARRIVALS = 2  # paths of one length to one chain that are followed: a strand may
 COST_LIMIT = 9.0  # of a whole course without what is unseen of it, and more the longer it is
 COST_LIMIT_PER_WIDTH = 0.02
 AMBIGUITY = 2.0  # a second path that is dearer by less makes the first doubtful
-NEARER = 0.5  # of the distance of another path that fits: an expected shape chooses between both
-MOST_TO_CHOOSE = 8  # equally plausible courses between which an expected shape may choose
 
-
-_PLAUSIBLE = "courses of the DLO are equally plausible (an ambiguous crossing or gap)"
-TWO_COURSES, MANY_COURSES = f"two {_PLAUSIBLE}", f"many {_PLAUSIBLE}"
+MANY_COURSES = "many courses of the DLO are equally plausible (an ambiguous crossing or gap)"
 
 
 @dataclass(frozen=True)
@@ -133,43 +129,11 @@ class PathSearch:
     def _measure(self, points: FloatArray) -> float:
         return self.plane.length(points, max(1, round(self.bars.width / 2)))
 
-    def find(self, expected: Sequence[FloatArray] = ()) -> Path:
-        """The best path.
-
-        Args:
-            expected: shapes that the DLO may have, in pixels of the bar map, from the start to the
-                end, shapes (m, 2). They choose between paths that are equally plausible, and change
-                nothing where one is the best by itself.
-
-        Raises:
-            VisionError: no path of about the right length, or several that are equally good of
-                which the expected shapes do not single out one.
-        """
-        if not expected:
-            return self.candidates(most=1)[0]
-        found = self.candidates(most=MOST_TO_CHOOSE)
-        if len(found) == 1:
-            return found[0]
-        told = [self._fitting(found, shape) for shape in expected]
-        chosen = {k for k in told if k is not None}
-        if len(chosen) != 1:
-            raise VisionError(TWO_COURSES)
-        return found[chosen.pop()]
-
-    def _fitting(self, found: Sequence[Path], shape: FloatArray) -> int | None:
-        """The path that a shape tells; None where it fits none of them, or several alike."""
-        apart = [self._distance(path.points, shape) for path in found]
-        first, second = np.argsort(apart)[:2]
-        limit = DIFFERENT * self.bars.width
-        if apart[second] <= limit:
-            limit = NEARER * apart[second]
-        return int(first) if apart[first] <= limit else None
-
     def candidates(self, most: int) -> list[Path]:
         """The best paths that run differently, the best one first.
 
         Args:
-            most: of them; 1 refuses pictures in which a second one is equally good.
+            most: of them; pictures that show more are refused.
 
         Raises:
             VisionError: no path of about the right length, or too many that are equally good.
@@ -233,7 +197,7 @@ class PathSearch:
             if cost - best[0] < AMBIGUITY and all(self._differ(p, partial) for _, p in kept):
                 kept.append((cost, partial))
                 if len(kept) > most:
-                    raise VisionError(TWO_COURSES if most == 1 else MANY_COURSES)
+                    raise VisionError(MANY_COURSES)
         return [self._path(*one) for one in kept]
 
     def _beginnings(self) -> list[_Partial]:
@@ -306,14 +270,8 @@ class PathSearch:
 
     def _follows(self, points: FloatArray, other: FloatArray) -> bool:
         """Whether two courses, shapes (m, 2), are one."""
-        return self._distance(points, other) <= DIFFERENT * self.bars.width
-
-    def _distance(self, points: FloatArray, other: FloatArray) -> float:
-        """Largest distance of two courses, shapes (m, 2)."""
-        distances = [_apart(points, other)]
-        if self.start is None and self.end is None:  # the same path backwards is no other path
-            distances.append(_apart(points, other[::-1]))
-        return min(distances)
+        free = self.start is None and self.end is None
+        return distance(points, other, either_way=free) <= DIFFERENT * self.bars.width
 
     def _path(self, cost: float, partial: _Partial) -> Path:
         pieces: list[FloatArray] = []
@@ -348,23 +306,6 @@ class PathSearch:
         )
 
 
-def _apart(a: FloatArray, b: FloatArray, count: int = 100) -> float:
-    """Largest distance of points of equal arc length, counted from the start or from the end.
-
-    So two courses are alike where they differ in nothing but how far one of their ends reaches.
-    """
-    result = np.inf
-    for one, other in ((a, b), (a[::-1], b[::-1])):
-        along = [_arc_length(p) for p in (one, other)]
-        at = np.linspace(0.0, min(along[0][-1], along[1][-1]), count)
-        at_one, at_other = (
-            np.column_stack([np.interp(at, s, p[:, 0]), np.interp(at, s, p[:, 1])])
-            for s, p in zip(along, (one, other), strict=True)
-        )
-        result = min(result, float(np.hypot(*(at_one - at_other).T).max()))
-    return result
-
-
 def _beside(one: Path, other: Path, width: float) -> int:
     """Longest run of points that a path was seen at, further than `STRANDS` beside another's.
 
@@ -376,7 +317,3 @@ def _beside(one: Path, other: Path, width: float) -> int:
     apart = one.seen & other.seen[nearest] & ~beyond & (distance > STRANDS * width)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], apart, [False]]).astype(np.int8)))
     return int(np.max(edges[1::2] - edges[::2], initial=0))
-
-
-def _arc_length(points: FloatArray) -> FloatArray:
-    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
