@@ -44,7 +44,7 @@ from dlo_ros.vision.segmentation.ridge_map import Image, map_ridges
 from dlo_ros.vision.segmentation.user_hints import Hints, limited
 from dlo_ros.vision.tracing.centring import centred
 from dlo_ros.vision.tracing.chain_ordering import ClampPixel, Path, PathSearch
-from dlo_ros.vision.tracing.course_choice import choose
+from dlo_ros.vision.tracing.course_choice import AmbiguousError, choose, on_two_strands
 from dlo_ros.vision.tracing.free_ends import prolong
 from dlo_ros.vision.tracing.metric_lengths import PlaneGrid
 from dlo_ros.vision.tracing.occlusion_bridges import check_bridges
@@ -196,6 +196,8 @@ class Observer:
             allowed = hinted if allowed is None else hinted & spread(allowed, hinted)
         try:
             return self._search(stamp, image, ends, before, width, allowed, expected, tones=False)
+        except AmbiguousError:
+            raise  # two answers are no miss: a search that sees less would but choose one
         except VisionError as err:
             self._misses += 1
             if self._misses % TONES_EVERY != 1:
@@ -239,6 +241,9 @@ class Observer:
             points = bars.to_image(path.points)
             try:
                 result = self._follow(stamp, image, ends, before, points, path, width, tones)
+                seen = result.pixels_seen
+                if on_two_strands(points, path.seen, result.pixels, seen, result.width):
+                    raise VisionError("the edges beside the course of the DLO are another's")
             except (VisionError, np.linalg.LinAlgError) as err:
                 refused = refused or err
                 continue
