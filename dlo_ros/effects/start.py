@@ -49,10 +49,10 @@ class Start:
 
 @dataclass(frozen=True)
 class Scene:
-    """What the recordings look like to a model.
+    """Size, clamps and reach of the motion in the recordings that a model is fitted to.
 
     Args:
-        rope: the plain rope.
+        rope: length, diameter and material of the plain rope.
         clamps: ends (`start`, `end`) whose direction is imposed in some recording.
         held: ends whose position is imposed in some recording.
         curvature: 90th percentile of the largest curvature of each frame [1/m].

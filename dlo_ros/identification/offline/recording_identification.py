@@ -48,7 +48,7 @@ ROUGHLY = 1e-2  # change of a logarithm at which the search goes on with a finer
 
 @dataclass(frozen=True)
 class RecordingResult:
-    """How one recording is matched.
+    """The agreement of one recording with the model.
 
     Args:
         name: of the recording.
@@ -71,7 +71,7 @@ class RecordingResult:
 
 @dataclass(frozen=True)
 class Identification:
-    """What `identify` found.
+    """The result of `identify`.
 
     Args:
         estimate: of the parameters.
@@ -165,7 +165,7 @@ def identify(
 
 @dataclass(frozen=True)
 class FittedMaterial:
-    """What the search has found.
+    """The result of the search.
 
     Args:
         fit: with forecasts of all pictures.
@@ -253,7 +253,7 @@ def fitted(
 def _with_set_up(
     train: Sequence[Manipulation], found: FittedMaterial, given: Settings, pool: Pool | None
 ) -> tuple[FittedMaterial, Mapping[str, tuple[float, float]]]:
-    """The fit with what is known of the set-up, and the set-up's numbers."""
+    """The fit with the set-up open within its tolerances, and the set-up's numbers."""
     spans = [f.spans for f in found.fit.forecasts]
     more = weighed(
         train, found.settings, found.theta, found.told, found.ignored, spans, given, found.shifts
