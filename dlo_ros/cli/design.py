@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""`design --params FILE --output DIR [EXPERIMENT.yaml ...]`: what to measure next."""
+"""`design --params FILE --output DIR [EXPERIMENT.yaml ...]`: the next manipulation to record."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Clocks, stamps, frames: whether the nodes, the messages and the parameter file mean the same."""
+"""Agreement of clocks, stamps and frames between nodes, messages and the parameter file."""
 
 from __future__ import annotations
 

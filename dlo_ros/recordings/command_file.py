@@ -34,7 +34,7 @@ KEYS = {"time", "position", "angle", "direction", "rotation"}
 
 @dataclass
 class _Track:
-    """One thing that is imposed: times [s], positions [m] (T, 3), and how its clamp points."""
+    """The motion of one imposed place: times [s], positions [m] (T, 3), and clamp directions."""
 
     times: list[float]
     positions: list[list[float]]

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""The report of a design: which manipulation tells most, and why."""
+"""The report of a design: the manipulations by their expected information, with reasons."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class DesignedExperiment:
 
 @dataclass(frozen=True)
 class DesignReport:
-    """All that the report shows; experiments with the best first."""
+    """The contents of the report; experiments with the best first."""
 
     headline: str
     experiments: tuple[DesignedExperiment, ...]

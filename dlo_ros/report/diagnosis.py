@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""The report of a diagnosis: what is wrong, why, what it gains to know, and what to do next."""
+"""The report of a diagnosis: model errors, their causes, the gain, and the next experiment."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def diagnosis_page(report: DiagnosisReport) -> str:
 
 
 def _summary(report: DiagnosisReport) -> str:
-    """The first screen: the result, and the answers to what a person asks first."""
+    """The first screen: the result, and the answers to a reader's first questions."""
     answers = "".join(
         f"<h2>{markup(q.text)}</h2>" + "".join(map(paragraph, q.answer)) for q in report.questions
     )
@@ -148,7 +148,7 @@ def _over_time(k: int, r: DiagnosedRecording, report: DiagnosisReport) -> list[s
 
 
 def _at_rest(k: int, r: DiagnosedRecording, report: DiagnosisReport) -> list[str]:
-    """How far off a single shape is, along the DLO."""
+    """Distance of a single shape along the DLO."""
     u = 1e3 * r.u
     series = [Series("plain model", "predicted", u, 1e3 * r.field_before[0], dashed=True)]
     if report.extends:

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What the DLO and its grips bore in each recording, as a table."""
+"""The loads on the DLO and its grips in each recording, as a table."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ from dlo_ros.demo import live
 from dlo_ros.demo.processes import ProcessError
 from dlo_ros.demo.terminal_progress import Progress
 from dlo_ros.nodes.message_factory import ROS_MESSAGES
-from dlo_ros.nodes.monitor import monitoring
+from dlo_ros.nodes.output_monitor import monitoring
 from dlo_ros.nodes.received_data import ReceivedData
 from dlo_ros.recordings import read_recording, spline_message, topics
 
