@@ -14,7 +14,7 @@ from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parallel import Threads
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.spectrum import Spectrum, spectrum
-from dlo_ros.inference.variances import Posterior, Variances, fit_variances
+from dlo_ros.inference.variances import REPEATED_STD, Posterior, Variances, fit_variances
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 
@@ -32,6 +32,10 @@ WHITE_CONVERGED = 0.05
 """Gain over the whole misfit, at which a fit ends that takes all that is left for white noise."""
 WHITE_ITERATIONS, ITERATIONS = 20, 12
 """Iterations with all that is left as white noise, and with correlated errors after that."""
+FARTHER = 1.1
+"""ERR over that at the beginning of a fit, and over what errors that stay add to it, above which a
+step is no better whatever its likelihood: an error that dies out holds whole swings for little, and
+the fit would follow their rapid part alone into a wrong minimum."""
 SECANTS = 3
 """Steps in a row that may correct the derivatives instead of differentiating the simulation."""
 LEAST_ITERATIONS = 3
@@ -211,8 +215,10 @@ def fit(
         fresh: whether the derivatives are those of the start, not borrowed.
     """
     at, way, secants = start, _Way(MARQUARDT_DAMPING, LONGEST_STEP), 0
+    staying = REPEATED_STD * start.model.settings.rod.length
+    most = np.inf if white else FARTHER * start.mean_err + staying
     for _ in range(iterations):
-        found = _improved(at, recordings, way, white, TRIES if fresh else 1)
+        found = _improved(at, recordings, way, white, TRIES if fresh else 1, most)
         way, sure = found.way, fresh or found.gain_predicted
         if found.at is None and fresh:
             break
@@ -317,8 +323,9 @@ class _Improvement:
 
 
 def _improved(
-    at: Evaluation, recordings: Sequence[Recording], way: _Way, white: bool, tries: int
-) -> _Improvement:
+    at: Evaluation, recordings: Sequence[Recording], way: _Way, white: bool, tries: int,
+    most: float,
+) -> _Improvement:  # fmt: skip
     model, precision = at.model, at.model.precision()
     lhs, rhs = np.diag(precision), precision * model.offset()
     for s, w in zip(at.spectra, _weights(at, white), strict=True):
@@ -336,6 +343,8 @@ def _improved(
             damping *= HARDER
             continue
         ratio = _gain(at, trial, white) / _expected(step, lhs, rhs)
+        if trial.mean_err > most:
+            ratio = 0.0
         if ratio > GOOD:
             return _Improvement(trial, _Way(EASIER * damping, LONGER * way.longest), True)
         if ratio > 0.0:

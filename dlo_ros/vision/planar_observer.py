@@ -43,7 +43,7 @@ from dlo_ros.vision.segmentation.picture_strip import inside, resample, smooth_c
 from dlo_ros.vision.segmentation.ridge_map import Image, map_ridges
 from dlo_ros.vision.segmentation.user_hints import Hints, limited
 from dlo_ros.vision.tracing.centring import centred
-from dlo_ros.vision.tracing.chain_ordering import AmbiguousError, ClampPixel, PathSearch
+from dlo_ros.vision.tracing.chain_ordering import ClampPixel, PathSearch
 from dlo_ros.vision.tracing.free_ends import prolong
 from dlo_ros.vision.tracing.metric_lengths import PlaneGrid
 from dlo_ros.vision.tracing.occlusion_bridges import check_bridges
@@ -196,8 +196,7 @@ class Observer:
             return self._search(stamp, image, ends, before, width, allowed, expected, tones=False)
         except VisionError as err:
             self._misses += 1
-            # Two answers are no miss: a search that sees less of them would but choose one.
-            if self._misses % TONES_EVERY != 1 or isinstance(err, AmbiguousError):
+            if self._misses % TONES_EVERY != 1:
                 raise
             try:  # a rope of twisted or braided colours
                 return self._search(

@@ -209,10 +209,7 @@ def locate(
     seen &= both | ~_long_runs(seen & ~both, round(LONGEST_SINGLE * width / spacing))
     seen &= inside(image, curve + middle[:, None] * normals, 1.0)
     seen &= ~_outliers(middle, seen, width, spacing)
-    # Means along the DLO mix what lies at a gap's edge with what hides it there.
-    longest = round(ISLAND * width / spacing)
-    seen = _off_gaps(seen, longest, round(2.0 * along))
-    seen = _without_islands(seen, longest)
+    seen = _without_islands(seen, round(ISLAND * width / spacing))
     axis = core - 0.5 * (left + right)
     axis /= np.maximum(np.linalg.norm(axis, axis=1), 1e-6)[:, None]
     across = np.einsum("ikc,ic->ik", strip, axis)
@@ -407,16 +404,6 @@ def _long_runs(mask: Mask, size: int) -> Mask:
     result = np.zeros_like(mask)
     for first, last in edges.reshape(-1, 2):
         result[first:last] = last - first > size
-    return result
-
-
-def _off_gaps(seen: Mask, longest: int, size: int) -> Mask:
-    """The mask without what lies within a size of inner gaps that are longer than the longest."""
-    gaps = np.diff(np.concatenate([[False], ~seen, [False]]).astype(np.int8))
-    result = seen.copy()
-    for first, last in np.flatnonzero(gaps).reshape(-1, 2):
-        if first > 0 and last < len(seen) and last - first > longest:
-            result[max(first - size, 0) : last + size] = False
     return result
 
 

@@ -30,7 +30,6 @@ BACK = 0.75  # [widths] ends are moved back by this: chains overlap, or stop sho
 BACK_OF_CLAMP = 1.5  # [widths] the same for clamps, whose place is known less well
 LARGEST_TURN = 1.8  # [rad] between the chord of a bridge and an end
 CURVATURE_TRUST = 0.7  # share of the measured end curvature that is expected to go on
-CUT = 1.5  # [widths] from a clamp within which a chain is cut there
 BESIDE = 3.0  # [widths] how far an end of unknown direction may lie from a chain's end
 LINK_LIMIT = 14.0  # a dearer link is none
 EXAMINED = 32  # bridges that are looked at from each end, the cheapest by their bend and length
@@ -289,7 +288,7 @@ def split_at(chains: list[Chain], point: FloatArray, width: float) -> list[Chain
     for chain in chains:
         distance = np.hypot(*(chain.points - point).T)
         at = int(np.argmin(distance))
-        if distance[at] > CUT * width:
+        if distance[at] > 1.5 * width:
             result.append(chain)
             continue
         parts = (chain.part(0, at + 1), chain.part(at, len(distance)))

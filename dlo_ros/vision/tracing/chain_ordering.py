@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 from dlo_ros.errors import VisionError
 from dlo_ros.spline import FloatArray
 from dlo_ros.vision.segmentation.ridge_map import RidgeMap
-from dlo_ros.vision.tracing.chain_linking import CUT, Continuation, Linker, bridge, split_at
+from dlo_ros.vision.tracing.chain_linking import Continuation, Linker, bridge, split_at
 from dlo_ros.vision.tracing.metric_lengths import PlaneGrid
 from dlo_ros.vision.tracing.ridge_tracing import Chain
 
@@ -37,10 +37,6 @@ COST_LIMIT_PER_WIDTH = 0.02
 AMBIGUITY = 2.0  # a second path that is dearer by less makes the first doubtful
 NEARER = 0.5  # of the distance of another path that fits: an expected shape chooses between both
 MOST_TO_CHOOSE = 8  # equally plausible courses between which an expected shape may choose
-
-
-class AmbiguousError(VisionError):
-    """Several courses are equally plausible."""
 
 
 _PLAUSIBLE = "courses of the DLO are equally plausible (an ambiguous crossing or gap)"
@@ -156,7 +152,7 @@ class PathSearch:
         told = [self._fitting(found, shape) for shape in expected]
         chosen = {k for k in told if k is not None}
         if len(chosen) != 1:
-            raise AmbiguousError(TWO_COURSES)
+            raise VisionError(TWO_COURSES)
         return found[chosen.pop()]
 
     def _fitting(self, found: Sequence[Path], shape: FloatArray) -> int | None:
@@ -232,7 +228,7 @@ class PathSearch:
             if cost - best[0] < AMBIGUITY and all(self._differ(p, partial) for _, p in kept):
                 kept.append((cost, partial))
                 if len(kept) > most:
-                    raise AmbiguousError(TWO_COURSES if most == 1 else MANY_COURSES)
+                    raise VisionError(TWO_COURSES if most == 1 else MANY_COURSES)
         return [self._path(*one) for one in kept]
 
     def _beginnings(self) -> list[tuple[float, float, int]]:
@@ -257,13 +253,7 @@ class PathSearch:
         # Entering at the first point runs a chain forwards; an end clamp is reached from the
         # last point of a chain that runs forwards.
         links = self._linker.from_clamp(clamp.position, direction)
-        leaving = [link for link in links if not self._comes_back(clamp, link.end)]
-        return [(c, gap, k if forward else k ^ 1) for c, gap, k in leaving[: 2 * MOST_LINKS]]
-
-    def _comes_back(self, clamp: ClampPixel, k: int) -> bool:
-        """Whether a chain that is entered at end k does but run to the clamp, from behind it."""
-        entered, left = np.hypot(*(self.ends.positions[[k, k ^ 1]] - clamp.position).T)
-        return bool(left < min(entered, CUT * self.bars.width))
+        return [(c, gap, k if forward else k ^ 1) for c, gap, k in links[: 2 * MOST_LINKS]]
 
     def _clamp_bridge(self, clamp: ClampPixel, k: int, forward: bool) -> FloatArray:
         position, direction = self.ends.positions[k], -self.ends.directions[k]
