@@ -10,7 +10,7 @@ from dlo_ros.nodes.node_base import DloNode
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.message_building import load_messages
 from dlo_ros.rod.loads.grip_reactions import Loading
-from dlo_ros.rod.loads.load_limits import strained
+from dlo_ros.rod.loads.load_limits import load_warnings
 
 
 class LoadPublisher:
@@ -45,7 +45,7 @@ class LoadPublisher:
         health.values["tension [N]"] = loading.tension
         health.values["bend radius [m]"] = loading.bend_radius
         # An alarm is shown for a while, even if it was one instant: so none is taken back here.
-        for strain in strained(loading, self._node.settings.limits):
+        for strain in load_warnings(loading, self._node.settings.limits):
             if strain.passed:
                 health.error(strain.name, strain.text)
             else:

@@ -7,9 +7,9 @@ the state. A peg or a wall pushes back in proportion to how deep the DLO's axis 
 without friction.
 
 Quadratic drag is a force per length -c |v_n| v_n against the velocity across the DLO. Within a step
-|v_n| and the direction are those that the past foretells, to second order in the step, so that the
-force is linear in the velocity at the step's end, and that in the position: a spring across the DLO
-to where it would not move.
+|v_n| and the direction are predicted from the past, to second order in the step, so that the force
+is linear in the velocity at the step's end, and that velocity in the position: a spring across the
+DLO to the place where it would not move.
 """
 
 from __future__ import annotations

@@ -88,9 +88,9 @@ def _towed(rule, coefficient, state, h):
     still, v_star, _ = extrapolated(state.q, state.velocity, state.acceleration, state.auxiliary, h)
     there, speed, (_, rate) = np.empty(still.shape), np.empty(still.shape), weights(h)
     x, v, a = state.q.ravel(), state.velocity.ravel(), state.auxiliary.ravel()
-    past, foretold, fast, passing = still.ravel(), there.ravel(), speed.ravel(), v_star.ravel()
+    past, predicted, fast, passing = still.ravel(), there.ravel(), speed.ravel(), v_star.ravel()
     for i in range(x.size):
-        foretold[i] = x[i] + h * v[i] + 0.5 * h * h * a[i]
+        predicted[i] = x[i] + h * v[i] + 0.5 * h * h * a[i]
         fast[i] = v[i] + h * a[i]
         past[i] -= passing[i] / rate
     return towed(rule, coefficient, there, speed, still, rate)
@@ -98,7 +98,7 @@ def _towed(rule, coefficient, state, h):
 
 @linked()
 def extrapolated(q, velocity, acceleration, auxiliary, h):
-    """What Newmark's formulas take from the past: position, velocity and lag of acceleration.
+    """Extrapolations of Newmark's formulas: position, velocity and lag of acceleration.
 
     All arrays have one shape; the results have it, too.
     """
