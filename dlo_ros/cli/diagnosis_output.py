@@ -141,7 +141,7 @@ def summary(found: Diagnosis, length: float, output: Path) -> list[str]:
         for sentence in answer.answer:
             lines += _wrapped(sentence, "  ")
     if told.setup:
-        lines += ["", "Your set-up, as far as the data tell"]
+        lines += ["", "Your set-up, as far as the data determine it"]
         lines += [f"  {row}" for row in _setup_table(told.setup)]
     lines += ["", "What to record next", *_wrapped(told.advice, "  ")]
     return lines
@@ -164,7 +164,7 @@ def _setup_table(lines: Sequence[SetupRow]) -> list[str]:
     table = [f"{a:<{widths[0]}}  {b:<{widths[1]}}  {c}" for a, b, c in rows]
     if rest:
         more = f"{rest} other numbers are" if notable else f"All {rest} numbers are"
-        table.append(f"{more} as they should be, as far as these data tell.")
+        table.append(f"{more} as they should be, as far as these data determine.")
     return table
 
 

@@ -237,8 +237,8 @@ def _cause(effect: NamedEffect) -> str:
         count = COUNTS.get(things, str(things))
         rest = either([clause(r) for r in effect.rivals])
         text = (
-            f"One of these {count} is certain, and the data cannot tell which: {own}{numbers}; or "
-            f"{rest}."
+            f"One of these {count} is certain, but the data do not determine which: "
+            f"{own}{numbers}; or {rest}."
         )
     else:
         text = f"Certain: {own}{numbers}."

@@ -75,7 +75,7 @@ def _discovery(variables: Mapping[str, str]) -> list[Finding]:
             warning(
                 f"ROS_LOCALHOST_ONLY is {variables['ROS_LOCALHOST_ONLY']}, which Jazzy calls "
                 "outdated; while it is set, ROS_AUTOMATIC_DISCOVERY_RANGE does not count",
-                "unset it; ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST says the same",
+                "unset it; ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST does the same",
             )
         )
     reach = variables.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "")

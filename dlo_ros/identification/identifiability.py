@@ -124,8 +124,8 @@ def sentences(estimate: Estimate, information: FloatArray) -> list[str]:
     if not found["specific_modulus"]:
         result.append(
             "These recordings do not determine E/mu to 25 %. A shape in which stiffness competes "
-            "with weight tells more, such as a free end of about twice (B/w)^(1/3); `design` "
-            "finds one for this DLO."
+            "with weight is more informative, such as a free end of about twice (B/w)^(1/3); "
+            "`design` finds one for this DLO."
         )
     for (a, b), value in correlations(estimate).items():
         if (a, b) in estimate.traded:

@@ -108,5 +108,5 @@ class FrameCommands:
         silent = (now - self._last) / NANOSECONDS
         if now and moving and silent > SILENT:
             node.health.warn(
-                "command", f"the clamps' frames were told {silent:.1f} s ago for the last time"
+                "command", f"the last pose of the clamps' frames came {silent:.1f} s ago"
             )

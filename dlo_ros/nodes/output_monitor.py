@@ -87,7 +87,7 @@ class OutputMonitor(Node):
 
     def state(self, name: str) -> str:
         """The last status of a node."""
-        return self._states.get(name, "it has said nothing")
+        return self._states.get(name, "it has no status yet")
 
     def _hear(self, topic: str, callback: Any) -> None:
         def receive(message: Any) -> None:

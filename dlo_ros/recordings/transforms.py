@@ -80,7 +80,7 @@ class Transforms:
             InputError: it is none.
         """
         if not stamp_of(message):
-            raise InputError(f"a pose on {frame[:60]} has no stamp; when it was so must be said")
+            raise InputError(f"a pose on {frame[:60]} has no stamp, which is needed")
         pose = _pose(frame, message.pose.position, message.pose.orientation)
         self._take(frame, str(message.header.frame_id), stamp_of(message), pose, fixed=False)
 

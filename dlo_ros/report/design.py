@@ -88,16 +88,16 @@ def design_page(report: DesignReport) -> str:
         body = paragraph(e.reason)
         if e.panels:
             caption = (
-                "Solid: half of E/mu; dashed: as given; dotted: twice of it. What lies far apart "
-                "tells E/mu."
+                "Solid: half of E/mu; dashed: as given; dotted: twice of it. Curves that lie far "
+                "apart determine E/mu."
             )
             body += figure(shapes_picture(e.panels), caption)
         sections.append(Section(e.name, body))
-    return page("Which manipulation tells most", summary, sections)
+    return page("The most informative manipulation", summary, sections)
 
 
 def _percent(std: float | None) -> str:
-    return "not told" if std is None else number(100.0 * std, "%", 2)
+    return "not determined" if std is None else number(100.0 * std, "%", 2)
 
 
 def shapes_picture(panels: Sequence[Panel]) -> str:

@@ -37,8 +37,9 @@ PREDICTS = (
 
 
 CERTAIN = (
-    "Certain is what everything without it explains far worse, and what is far from nothing by its "
-    "own uncertainty. Where causes do as well as one another, one of them acts."
+    "A cause is certain where every model without it explains the data far worse, and where its "
+    "size is many standard deviations from zero. Of causes that explain the data equally well, one "
+    "acts."
 )
 
 
@@ -59,7 +60,7 @@ def diagnosis_page(report: DiagnosisReport) -> str:
         body = "".join(_cause(e) for e in report.effects) + paragraph(CERTAIN)
         sections.append(Section("The causes in numbers", body))
     if report.setup:
-        sections.append(Section("Your set-up, as far as the data tell", _setup(report)))
+        sections.append(Section("Your set-up, as far as the data determine it", _setup(report)))
     sections.append(Section("Material", _material(report)))
     sections.append(Section("What to record next", paragraph(report.advice)))
     if report.remarks:
@@ -113,7 +114,7 @@ def _picture(k: int, r: DiagnosedRecording, report: DiagnosisReport) -> str:
         )
         for f in range(len(r.times))
     ]  # fmt: skip
-    caption = "Move the slider. What was observed; what is predicted"
+    caption = "Move the slider: the observed DLO, and the one predicted"
     caption += (
         " with the extended model, and (dotted) with the plain one." if report.extends else "."
     )

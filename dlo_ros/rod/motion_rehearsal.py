@@ -25,7 +25,7 @@ PLACES = 21
 """Places along the DLO at which the band is given."""
 LONGEST = 36_000
 """Instants of one rehearsal: twelve minutes at 50 Hz, some hundred megabytes."""
-NO_LOADS = "loads: none, since the rod model does not say what the DLO bears"
+NO_LOADS = "loads: none, since the rod model computes no loads"
 SLACK = 1e-3
 """Of the distance of two ends: a DLO that is longer by less lies straight between them."""
 

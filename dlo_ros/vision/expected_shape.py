@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What is expected of a DLO before its picture is looked at: place, width, direction."""
+"""Expected place, width and direction of a DLO before its picture is examined."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def traced_backwards(outer: FloatArray, before: Shape | None, diameter: float) -
 
 
 def check_prediction(control_points: FloatArray) -> None:
-    """Refuse control points that are no spline's.
+    """Check that control points are those of a spline.
 
     Args:
         control_points: x, y, z [m] (and theta [rad]), shape (n, 3) or (n, 4).

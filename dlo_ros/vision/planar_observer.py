@@ -184,7 +184,7 @@ class Observer:
         before: Shape | None,
         expected: Sequence[FloatArray],
     ) -> VisionResult:
-        """Search the whole image; a shape that was just lost tells which end is the start."""
+        """Search the whole image; a shape that was just lost determines which end is the start."""
         width = expected_width(self.camera, self.settings.rod.diameter, ends)
         held = [end.position for end in (ends.start, ends.end) if end is not None]
         rod = self.settings.rod

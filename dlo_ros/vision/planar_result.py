@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What one image showed, and what of it helps to find the DLO in the next."""
+"""The result of one image, and the part of it that helps to find the DLO in the next."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from dlo_ros.vision.segmentation.picture_strip import Mask
 
 @dataclass(frozen=True, eq=False)
 class VisionResult:
-    """What one image showed.
+    """The result of one image.
 
     Args:
         observation: control points and measured points, with the image's stamp.
@@ -42,7 +42,7 @@ class VisionResult:
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """The last shape: what tracking starts from."""
+    """The last shape, from which tracking starts."""
 
     stamp: int
     curve: FloatArray
