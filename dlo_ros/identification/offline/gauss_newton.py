@@ -112,7 +112,7 @@ def _scanned(task: tuple[Manipulation, list[Settings], int]) -> list[float]:
     """Median squared residual of one recording's beginning with several settings."""
     recording, sets, spans = task
     stop = recording.observations[0].stamp + round(SCAN_SECONDS * NANOSECONDS)
-    # The median over time: a picture that was seen wrongly must not choose.
+    # The median over time: an outlier picture must not decide.
     return [
         np.inf if f is None else float(np.median(np.sum(f.residual**2, axis=(1, 2))))
         for f in forecast_each(recording, sets, spans=spans, last_stamp=stop)
@@ -222,7 +222,7 @@ def without(found: Forecast, ignored: np.ndarray) -> Forecast:
     )
 
 
-def seen_wrongly(forecasts: Sequence[Forecast]) -> list[np.ndarray]:
+def outlier_pictures(forecasts: Sequence[Forecast]) -> list[np.ndarray]:
     """Outlier pictures of each recording; at most a fifth of them, else none."""
     masks = [outliers(f.residual) for f in forecasts]
     return [m if m.mean() < MOST_GROSS else np.zeros_like(m) for m in masks]

@@ -79,7 +79,7 @@ def weighed(
         settings: of the fit with the stated set-up, with the tolerance that was needed.
         theta: ln (E, mu, c, t_r) of that fit.
         told: its information, shape (4, 4).
-        ignored: pictures of each recording that were seen wrongly.
+        ignored: outlier pictures of each recording, shape (F,) each.
         spans: knot spans of each recording's simulation.
         given: the parameter file, whose values the priors lie around.
         shifts: by which the simulation's own error may have moved theta, each (4,).
@@ -109,7 +109,7 @@ def weighed(
 
 
 def _seen(recording: Manipulation, ignored: np.ndarray, settings: Settings) -> Recording:
-    """A recording without the pictures that were seen wrongly."""
+    """A recording without its outlier pictures."""
     if ignored.any():
         # A forecast may leave out the first picture, from where the motion starts.
         first = len(recording.observations) - len(ignored)
