@@ -8,7 +8,7 @@ import os
 from pathlib import Path
 
 from dlo_ros.cli.diagnosis_output import summary, write_results
-from dlo_ros.cli.loading import add_model_arguments, load_manipulation, load_settings, prepare
+from dlo_ros.cli.loading import add_model_arguments, load_recordings, load_settings, prepare
 from dlo_ros.cli.loads import borne
 from dlo_ros.cli.progress import progress_bar, steps
 from dlo_ros.cli.results import add_results_folder, check_results_folder, written
@@ -46,8 +46,8 @@ def run(arguments: argparse.Namespace) -> int:
     check_results_folder(output)
     if arguments.workers < 0:
         raise InputError(f"--workers is {arguments.workers}; give a number of processes, 1 or more")
-    recordings = [load_manipulation(bag, settings) for bag in arguments.bags]
-    holdout = [load_manipulation(bag, settings) for bag in arguments.holdout]
+    recordings = load_recordings(arguments, arguments.bags, settings)
+    holdout = load_recordings(arguments, arguments.holdout, settings)
     prepare()
     with progress_bar() as bar:
         task = bar.add_task("Diagnosing", total=1.0)

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from dlo_ros.cli.identify_results import report, summary, tree
-from dlo_ros.cli.loading import add_model_arguments, load_manipulation, load_settings, prepare
+from dlo_ros.cli.loading import add_model_arguments, load_recordings, load_settings, prepare
 from dlo_ros.cli.progress import progress_bar, steps
 from dlo_ros.cli.results import add_results_folder, check_results_folder, written
 from dlo_ros.effects import quantities
@@ -100,8 +100,8 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.bootstrap and len(arguments.bags) < 2:
         raise InputError("--bootstrap draws recordings and needs at least two of them")
     with open_pool(arguments.workers, arguments.scheduler) as pool:
-        train = [load_manipulation(bag, settings) for bag in arguments.bags]
-        validate = [load_manipulation(bag, settings) for bag in arguments.validate]
+        train = load_recordings(arguments, arguments.bags, settings)
+        validate = load_recordings(arguments, arguments.validate, settings)
         prepare()
         with progress_bar() as bar:
             task = bar.add_task("Identifying", total=1.0)

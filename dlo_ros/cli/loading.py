@@ -22,9 +22,11 @@ from dlo_ros.cli.observe_space import ObservedFrame
 from dlo_ros.command import Motion
 from dlo_ros.compilation import compile_first
 from dlo_ros.errors import InputError, RecordingError
+from dlo_ros.inference.first_motion import apparent_start
 from dlo_ros.inference.forecast import Manipulation
 from dlo_ros.inference.observation_operator import operator_of
 from dlo_ros.observation import Observation
+from dlo_ros.parameter_file import parameter_values
 from dlo_ros.parameter_table import TABLE
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
@@ -63,6 +65,41 @@ def load_settings(arguments: argparse.Namespace, bags: Sequence[Path] = ()) -> S
     if arguments.start is None:
         return settings
     return replace(settings, simulation=replace(settings.simulation, start=arguments.start))
+
+
+def load_recordings(
+    arguments: argparse.Namespace, bags: Sequence[Path], settings: Settings
+) -> list[Manipulation]:
+    """Bags, each with its own start where neither the command line nor the file says how.
+
+    Raises:
+        RecordingError: see `load_manipulation`.
+    """
+    found = [load_manipulation(bag, settings) for bag in bags]
+    if arguments.start or settings.simulation.start != "equilibrium":
+        return found
+    stated = "simulation.start" in parameter_values(arguments.params)
+    return [_as_it_begins(m, settings.rod.length, stated=stated) for m in found]
+
+
+def _as_it_begins(manipulation: Manipulation, length: float, *, stated: bool) -> Manipulation:
+    """A manipulation with its own start where it begins in motion.
+
+    Args:
+        stated: whether the parameter file says that it begins in equilibrium, which holds.
+    """
+    start = apparent_start(manipulation, length)
+    if start is None:
+        return manipulation
+    LOG.warning(
+        "%s: at first the DLO moves much farther than its command, so that it was in no "
+        "equilibrium; %s",
+        manipulation.name,
+        f"yet simulation.start says so: try --start {start}"
+        if stated
+        else f"it is simulated with --start {start} (--start equilibrium keeps it at rest)",
+    )
+    return manipulation if stated else replace(manipulation, start=start)
 
 
 def load_information(path: Path) -> FloatArray:

@@ -16,7 +16,7 @@ import numpy as np
 from dlo_ros.cli.loading import (
     add_model_arguments,
     load_information,
-    load_manipulation,
+    load_recordings,
     load_settings,
     prepare,
 )
@@ -88,7 +88,7 @@ def _follow(arguments: argparse.Namespace, settings: Settings) -> int:
         raise InputError(f"{output}: is the input; give the output another name")
     # The output is tried before the work is done.
     with BagWriter(output, force=arguments.force) as writer:
-        manipulation = load_manipulation(bag, settings)
+        (manipulation,) = load_recordings(arguments, [bag], settings)
         prepare()
         found = forecast(manipulation, settings, loads=True)
         warn_of_instability(found, manipulation.name)

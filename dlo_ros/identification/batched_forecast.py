@@ -20,6 +20,7 @@ from dlo_ros.identification.estimate import logarithms, with_logarithms
 from dlo_ros.inference.forecast import (
     Forecast,
     Manipulation,
+    as_started,
     compared,
     forecast,
     motion_of,
@@ -165,6 +166,7 @@ def _together(
 ) -> Generator[None, None, _Together | None]:
     """Forecasts from one run of all sets; None where that cannot be done."""
     observations = seen_until(manipulation, last_stamp)
+    sets = [as_started(one, manipulation) for one in sets]
     motion = motion_of(manipulation)
     first = simulation_of(sets[0], motion, spans=spans)
     try:

@@ -33,12 +33,14 @@ class Manipulation:
         commands: in the order of receipt.
         observations: by growing stamp, at least one.
         wrenches: measured forces and torques of the grips, for each end that has them.
+        start: how its simulation starts, see simulation.start; None: as the settings say.
     """
 
     name: str
     commands: tuple[Command, ...]
     observations: tuple[Observation, ...]
     wrenches: tuple[Wrenches, ...] = ()
+    start: str | None = None
 
 
 @dataclass(frozen=True)
@@ -134,6 +136,7 @@ def _forecast(
     loads: bool,
 ) -> Forecast:
     observations = seen_until(manipulation, last_stamp)
+    settings = as_started(settings, manipulation)
     motion = motion_of(manipulation)
     simulation = simulation_of(settings, motion, parameters=parameters, spans=spans, loads=loads)
     for _ in simulation.starting(observations[:2], observations[-1].stamp):
@@ -182,6 +185,13 @@ def seen_until(manipulation: Manipulation, last_stamp: int | None) -> list[Obser
     if not seen:
         raise InputError(f"{manipulation.name}: there is no observed shape to compare with")
     return seen
+
+
+def as_started(settings: Settings, manipulation: Manipulation) -> Settings:
+    """The settings with the start of a recording that has one of its own."""
+    if manipulation.start is None:
+        return settings
+    return replace(settings, simulation=replace(settings.simulation, start=manipulation.start))
 
 
 def motion_of(manipulation: Manipulation) -> Motion:

@@ -15,7 +15,7 @@ from dlo_ros.diagnosis.fitting.levenberg_marquardt import CLEARLY_WRONG, attempt
 from dlo_ros.diagnosis.fitting.recording_noise import with_bias, with_noise
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.estimate import FINEST
-from dlo_ros.inference.forecast import Manipulation, forecast
+from dlo_ros.inference.forecast import Manipulation, as_started, forecast
 from dlo_ros.inference.measured import Recording, measured, without_gross
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import DEGREE, FloatArray
@@ -213,7 +213,8 @@ def _finer(
         wanted = max(fineness * noise / settings.rod.length, FINEST)
         tolerance = min(settings.simulation.tolerance, wanted)
         own = np.inf
-        if settings.simulation.start != "moving":  # there are equilibria near its way
+        started = as_started(settings, recording.manipulation)
+        if started.simulation.start != "moving":  # there are equilibria near its way
             fine = replace(settings, simulation=replace(settings.simulation, tolerance=tolerance))
             found = forecast(recording.manipulation, fine)
             recording, own = replace(recording, spans=found.spans), found.resolution_error

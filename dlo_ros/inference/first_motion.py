@@ -1,0 +1,95 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""How a recording begins: at rest, let go, or in full motion.
+
+A DLO in equilibrium moves as its command does. One that moves much farther has been let go, or has
+been in motion before the recording began.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dlo_ros.inference.forecast import Manipulation, motion_of
+from dlo_ros.spline import FloatArray, SplineBasis
+
+PICTURES = 5
+"""First pictures that tell of a motion: enough to tell it from noise and from a wrong picture."""
+FARTHER = 5.0
+"""Path of a point over the distance by which the command carries it at least."""
+MOVES = 0.02
+"""Path of a point over L in the first pictures, above which the DLO moves."""
+STEADY = 0.7
+"""Distance covered over the length of the path at least: noise goes to and fro."""
+SINGLE = 0.7
+"""Share of one step in the path at most: a wrong picture at the beginning is a single step."""
+POINTS = 33
+
+
+def apparent_start(manipulation: Manipulation, length: float) -> str | None:
+    """The value of simulation.start of a recording that begins in motion by itself.
+
+    Args:
+        length: of the DLO [m].
+
+    Returns:
+        `observed` where it has been let go from rest, `moving` where it was in motion already;
+        None: nothing tells that it does not begin in equilibrium.
+    """
+    seen = manipulation.observations[:PICTURES]
+    if len(seen) < PICTURES:
+        return None
+    points = len(seen[0].control_points)
+    if any(len(o.control_points) != points for o in seen):
+        return None
+    evaluation = SplineBasis(points, length).matrix(np.linspace(0.0, length, POINTS))
+    r = evaluation @ np.array([o.control_points[:, :3] for o in seen])
+    times = np.array([o.stamp - seen[0].stamp for o in seen]) * 1e-9
+    steps = np.diff(r, axis=0)
+    lengths = np.linalg.norm(steps, axis=2)
+    farthest = int(np.argmax(lengths.sum(axis=0)))
+    path = float(lengths[:, farthest].sum())
+    covered = float(np.linalg.norm(r[-1, farthest] - r[0, farthest]))
+    if path < max(MOVES * length, FARTHER * _imposed(manipulation, length)):
+        return None
+    if covered < STEADY * path or float(lengths[:, farthest].max()) > SINGLE * path:
+        return None
+    if np.any(np.diff(times) <= 0.0):
+        return None
+    velocity = steps / np.diff(times)[:, None, None]
+    return "observed" if _size(_at_first(velocity, times)) < _gained(velocity, times) else "moving"
+
+
+def _imposed(manipulation: Manipulation, length: float) -> float:
+    """Distance by which the command alone carries any point in the first pictures [m]."""
+    motion = motion_of(manipulation)
+    farthest = 0.0
+    first: tuple[FloatArray, FloatArray] | None = None
+    for stamp in (o.stamp for o in manipulation.observations[:PICTURES]):
+        command = motion.at(stamp)
+        if command is None:
+            return 0.0
+        places, turns = command.sample(stamp)
+        first = first or (places, turns)
+        if places.shape != first[0].shape:
+            return np.inf
+        cosine = np.abs(np.sum(turns * first[1], axis=1)).clip(max=1.0)
+        moved = np.linalg.norm(places - first[0], axis=1) + 2.0 * np.arccos(cosine) * length
+        farthest = max(farthest, float(moved.max(initial=0.0)))
+    return farthest
+
+
+def _at_first(velocity: FloatArray, times: FloatArray) -> FloatArray:
+    """The velocity of all points in the first picture [m/s], by that of the first two intervals."""
+    middle = 0.5 * (times[1:] + times[:-1])
+    gained = (velocity[1] - velocity[0]) * middle[0] / (middle[1] - middle[0])
+    return np.asarray(velocity[0] - gained)
+
+
+def _gained(velocity: FloatArray, times: FloatArray) -> float:
+    """The velocity that is gained in half the first interval [m/s]: what `moving` leaves out."""
+    middle = 0.5 * (times[1:] + times[:-1])
+    return _size((velocity[1] - velocity[0]) * middle[0] / (middle[1] - middle[0]))
+
+
+def _size(vectors: FloatArray) -> float:
+    return float(np.sqrt(np.mean(np.sum(vectors**2, axis=-1))))
