@@ -43,7 +43,8 @@ from dlo_ros.vision.segmentation.picture_strip import inside, resample, smooth_c
 from dlo_ros.vision.segmentation.ridge_map import Image, map_ridges
 from dlo_ros.vision.segmentation.user_hints import Hints, limited
 from dlo_ros.vision.tracing.centring import centred
-from dlo_ros.vision.tracing.chain_ordering import ClampPixel, PathSearch
+from dlo_ros.vision.tracing.chain_ordering import ClampPixel, Path, PathSearch
+from dlo_ros.vision.tracing.course_choice import choose
 from dlo_ros.vision.tracing.free_ends import prolong
 from dlo_ros.vision.tracing.metric_lengths import PlaneGrid
 from dlo_ros.vision.tracing.occlusion_bridges import check_bridges
@@ -57,6 +58,7 @@ TONES_EVERY = 5  # images without a DLO between two that are searched for ropes 
 MOST_PROLONGED = 3  # times that a free end is looked for beyond where it was found
 TRACKING_SEARCH = (2.0, 5.0)  # [widths] to each side, second attempt where the first fails
 FRESH = 500_000_000  # [ns] an older shape predicts nothing
+MOST_COURSES = 8  # equally plausible ones that are measured
 EXPECTED_POINTS = 400  # of an expected shape: a point every few pixels of a DLO
 
 
@@ -231,8 +233,37 @@ class Observer:
 
         plane = PlaneGrid.of_board(self.camera, bars)
         search = PathSearch(chains, bars, self.basis.length, plane, local[0], local[1])
-        path = search.find([bars.from_image(shape) for shape in expected])
-        points = bars.to_image(path.points)
+        misses, measured, refused = self._misses, [], None
+        for path in search.candidates(MOST_COURSES):
+            self._lose()
+            points = bars.to_image(path.points)
+            try:
+                result = self._follow(stamp, image, ends, before, points, path, width, tones)
+            except (VisionError, np.linalg.LinAlgError) as err:
+                refused = refused or err
+                continue
+            measured.append((result, self._last))
+        if refused is not None and not measured:
+            raise refused
+        self._misses = misses
+        courses = [result.pixels for result, _ in measured]
+        free = ends.start is None and ends.end is None
+        result, self._last = measured[choose(courses, expected, width, either_way=free)]
+        self._misses = 0
+        return result
+
+    def _follow(
+        self,
+        stamp: int,
+        image: Image,
+        ends: EndPoses,
+        before: Shape | None,
+        points: FloatArray,
+        path: Path,
+        width: float,
+        tones: bool,
+    ) -> VisionResult:
+        """Measure the DLO along a course, and refuse one that the picture does not bear out."""
         if ends.start is None and ends.end is None:
             outer = self.camera.to_board(points[[0, -1]])[:, [0, 2]]
             if traced_backwards(outer, before, self.settings.rod.diameter):

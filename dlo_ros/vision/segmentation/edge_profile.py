@@ -30,6 +30,7 @@ from dlo_ros.vision.segmentation.picture_strip import (
     strip_along,
 )
 from dlo_ros.vision.segmentation.ridge_map import Image
+from dlo_ros.vision.segmentation.section_confirmation import confirm
 
 GROUND = (0.75, 1.05)  # where its background is measured, in widths from the middle
 WIDTH_WINDOW = 8.0  # [widths] to each side, for the usual distance of the edges
@@ -209,10 +210,15 @@ def locate(
     seen &= both | ~_long_runs(seen & ~both, round(LONGEST_SINGLE * width / spacing))
     seen &= inside(image, curve + middle[:, None] * normals, 1.0)
     seen &= ~_outliers(middle, seen, width, spacing)
-    seen = _without_islands(seen, round(ISLAND * width / spacing))
+    longest = round(ISLAND * width / spacing)
+    edge_std = _spread((edge_right - edge_left)[both])
+    points = curve + middle[:, None] * normals
+    seen, unsure = confirm(points, normals, seen, both, width, spacing, along, longest, edge_std)
+    seen = _without_islands(seen, longest)
     axis = core - 0.5 * (left + right)
     axis /= np.maximum(np.linalg.norm(axis, axis=1), 1e-6)[:, None]
     across = np.einsum("ikc,ic->ik", strip, axis)
+    lopsided = doubt_of_middle(across, offsets, middle, seen, 2.0 * half, spacing)
     return Located(
         curve,
         normals,
@@ -223,10 +229,10 @@ def locate(
         usual,
         np.asarray(typical, dtype=np.float64),
         spacing,
-        _spread((edge_right - edge_left)[both]),
+        edge_std,
         float(np.median(np.linalg.norm(left - right, axis=1))) / usual,
         _blur(ramp, step),
-        np.hypot(doubt_of_middle(across, offsets, middle, seen, 2.0 * half, spacing), one_sided),
+        np.hypot(np.hypot(lopsided, one_sided), unsure),
         known_width,
         tones,
     )

@@ -54,11 +54,15 @@ class ChainEnds:
 
 
 class Continuation(NamedTuple):
-    """A possible continuation: its cost, the length of the bridge in the plane, the end reached."""
+    """A possible continuation: its cost, the length of the bridge in the plane, the end reached.
+
+    `unseen` is the share of the cost that comes from how much of the bridge was not seen.
+    """
 
     cost: float
     length: float
     end: int
+    unseen: float
 
 
 class Linker:
@@ -105,7 +109,7 @@ class Linker:
         limit: float,
     ) -> list[Continuation]:
         ends = self.ends
-        costs, lengths, reached = _links(
+        costs, lengths, reached, unseen = _links(
             np.ascontiguousarray(position, dtype=np.float64),
             np.ascontiguousarray(direction, dtype=np.float64),
             curvature,
@@ -123,7 +127,10 @@ class Linker:
             limit,
         )
         order = np.argsort(costs, kind="stable")
-        return [Continuation(float(costs[i]), float(lengths[i]), int(reached[i])) for i in order]
+        return [
+            Continuation(float(costs[i]), float(lengths[i]), int(reached[i]), float(unseen[i]))
+            for i in order
+        ]
 
 
 @linked(from_python=True)
@@ -213,8 +220,11 @@ def _links(
     width: float,
     plane: FloatArray,
     limit: float,
-) -> tuple[FloatArray, FloatArray, NDArray[np.int64]]:
-    """Costs, plane lengths and indices of the links from a place; strength 0 for a clamp."""
+) -> tuple[FloatArray, FloatArray, NDArray[np.int64], FloatArray]:
+    """Costs, plane lengths, indices and costs of what is unseen of the links from a place.
+
+    A strength of 0 is that of a clamp.
+    """
     count = len(positions)
     directed = direction[0] != 0.0 or direction[1] != 0.0
     back = (BACK if strength > 0.0 else BACK_OF_CLAMP) * width
@@ -252,6 +262,7 @@ def _links(
     costs = np.empty(min(EXAMINED, count))
     lengths = np.empty(len(costs))
     reached = np.empty(len(costs), dtype=np.int64)
+    unseen = np.empty(len(costs))
     found = 0
     for _ in range(len(costs)):
         j = 0
@@ -272,13 +283,15 @@ def _links(
             pixels += math.sqrt(
                 (points[k, 0] - points[k - 1, 0]) ** 2 + (points[k, 1] - points[k - 1, 1]) ** 2
             )
-        cost = basic[j] + (UNSEEN * share + HIDDEN) * pixels / width
+        hidden = (UNSEEN * share + HIDDEN) * pixels / width
+        cost = basic[j] + hidden
         if cost < limit:
             costs[found] = cost
+            unseen[found] = hidden
             lengths[found] = polyline_length(plane, points)
             reached[found] = j
             found += 1
-    return costs[:found], lengths[:found], reached[:found]
+    return costs[:found], lengths[:found], reached[:found], unseen[:found]
 
 
 def split_at(chains: list[Chain], point: FloatArray, width: float) -> list[Chain]:

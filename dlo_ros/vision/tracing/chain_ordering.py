@@ -2,15 +2,14 @@
 """Orders chains into one DLO from its start to its end.
 
 Best-first search over sequences of chains. Known clamps fix where a path starts and ends; the known
-length decides between paths that are equally smooth. Where several are equally plausible, shapes
-that are expected may choose between them, and nothing else.
+length decides between paths that are equally smooth. Which of several that are equally plausible
+is the DLO, `course_choice` tells.
 """
 
 from __future__ import annotations
 
 import heapq
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -19,6 +18,7 @@ from dlo_ros.errors import VisionError
 from dlo_ros.spline import FloatArray
 from dlo_ros.vision.segmentation.ridge_map import RidgeMap
 from dlo_ros.vision.tracing.chain_linking import Continuation, Linker, bridge, split_at
+from dlo_ros.vision.tracing.course_choice import distance
 from dlo_ros.vision.tracing.metric_lengths import PlaneGrid
 from dlo_ros.vision.tracing.ridge_tracing import Chain
 
@@ -32,15 +32,11 @@ MOST_LINKS = 8  # tried from each end
 DIFFERENT = 4.0  # [widths] two paths that are nowhere further apart are one,
 STRANDS = 1.0  # [widths] unless they run along chains that are further apart, for as long as that
 ARRIVALS = 2  # paths of one length to one chain that are followed: a strand may lie beside another
-COST_LIMIT = 9.0  # of a whole course, and more the longer it is
+COST_LIMIT = 9.0  # of a whole course without what is unseen of it, and more the longer it is
 COST_LIMIT_PER_WIDTH = 0.02
 AMBIGUITY = 2.0  # a second path that is dearer by less makes the first doubtful
-NEARER = 0.5  # of the distance of another path that fits: an expected shape chooses between both
-MOST_TO_CHOOSE = 8  # equally plausible courses between which an expected shape may choose
 
-
-_PLAUSIBLE = "courses of the DLO are equally plausible (an ambiguous crossing or gap)"
-TWO_COURSES, MANY_COURSES = f"two {_PLAUSIBLE}", f"many {_PLAUSIBLE}"
+MANY_COURSES = "many courses of the DLO are equally plausible (an ambiguous crossing or gap)"
 
 
 @dataclass(frozen=True)
@@ -92,6 +88,7 @@ class Path:
 @dataclass(frozen=True, eq=False)
 class _Partial:
     cost: float
+    unseen: float  # share of the cost
     length: float
     chains: tuple[int, ...]  # chain * 2 + (1 where it is run through backwards)
 
@@ -127,48 +124,16 @@ class PathSearch:
         self.ends = self._linker.ends
         self.lengths = np.array([self._measure(c.points) for c in chains])
         self._links: dict[int, list[Continuation]] = {}
-        self._closings: dict[int, tuple[float, float]] | None = None
+        self._closings: dict[int, tuple[float, float, float]] | None = None
 
     def _measure(self, points: FloatArray) -> float:
         return self.plane.length(points, max(1, round(self.bars.width / 2)))
-
-    def find(self, expected: Sequence[FloatArray] = ()) -> Path:
-        """The best path.
-
-        Args:
-            expected: shapes that the DLO may have, in pixels of the bar map, from the start to the
-                end, shapes (m, 2). They choose between paths that are equally plausible, and change
-                nothing where one is the best by itself.
-
-        Raises:
-            VisionError: no path of about the right length, or several that are equally good of
-                which the expected shapes do not single out one.
-        """
-        if not expected:
-            return self.candidates(most=1)[0]
-        found = self.candidates(most=MOST_TO_CHOOSE)
-        if len(found) == 1:
-            return found[0]
-        told = [self._fitting(found, shape) for shape in expected]
-        chosen = {k for k in told if k is not None}
-        if len(chosen) != 1:
-            raise VisionError(TWO_COURSES)
-        return found[chosen.pop()]
-
-    def _fitting(self, found: Sequence[Path], shape: FloatArray) -> int | None:
-        """The path that a shape tells; None where it fits none of them, or several alike."""
-        apart = [self._distance(path.points, shape) for path in found]
-        first, second = np.argsort(apart)[:2]
-        limit = DIFFERENT * self.bars.width
-        if apart[second] <= limit:
-            limit = NEARER * apart[second]
-        return int(first) if apart[first] <= limit else None
 
     def candidates(self, most: int) -> list[Path]:
         """The best paths that run differently, the best one first.
 
         Args:
-            most: of them; 1 refuses pictures in which a second one is equally good.
+            most: of them; pictures that show more are refused.
 
         Raises:
             VisionError: no path of about the right length, or too many that are equally good.
@@ -176,8 +141,8 @@ class PathSearch:
         if not self.chains:
             raise VisionError("nothing in the picture looks like a DLO of the expected width")
         heap: list[tuple[float, int, _Partial]] = []
-        for cost, length, state in self._beginnings():
-            heapq.heappush(heap, (cost, len(heap), _Partial(cost, length, (state,))))
+        for first in self._beginnings():
+            heapq.heappush(heap, (first.cost, len(heap), first))
         counter = len(heap)
         complete: list[tuple[float, _Partial]] = []
         visited: dict[int, list[float]] = {}
@@ -194,23 +159,25 @@ class PathSearch:
             visits.append(partial.length)
             expansions += 1
             longest = max(longest, partial.length)
-            closing, rest = self._close(partial.chains[-1])
+            closing, rest, unseen = self._close(partial.chains[-1])
             total = partial.length + rest
             covered = sum(float(self.lengths[state // 2]) for state in partial.chains)
             right = self.rule.shortest < total / self.length < self.rule.longest
             if np.isfinite(closing) and right and covered > LEAST_COVERED * total:
                 penalty = 0.5 * ((total / self.length - 1.0) / self.rule.std) ** 2
-                complete.append((cost + closing + penalty, partial))
+                whole = replace(partial, unseen=partial.unseen + unseen)
+                complete.append((cost + closing + penalty, whole))
                 least = min(least, complete[-1][0])
             used = {state // 2 for state in partial.chains}
-            for link, gap, state in self._next(partial.chains[-1]):
+            for link, gap, state, unseen in self._next(partial.chains[-1]):
                 if state // 2 in used:
                     continue
                 length = partial.length + gap + float(self.lengths[state // 2])
                 if length > self.rule.longest * self.length:
                     continue
                 counter += 1
-                new = _Partial(cost + link, length, (*partial.chains, state))
+                chain = (*partial.chains, state)
+                new = _Partial(cost + link, partial.unseen + unseen, length, chain)
                 heapq.heappush(heap, (new.cost, counter, new))
         if not complete:
             where = "between the clamps" if self.start and self.end else "in the picture"
@@ -221,39 +188,43 @@ class PathSearch:
         complete.sort(key=lambda item: item[0])
         best = complete[0]
         best_points = self._path(*best).points  # about 1 px apart
-        if best[0] > COST_LIMIT + COST_LIMIT_PER_WIDTH * len(best_points) / self.bars.width:
+        # Something may hide a smooth course for long; whether the board is bare there, others see.
+        bends = best[0] - best[1].unseen
+        if bends > COST_LIMIT + COST_LIMIT_PER_WIDTH * len(best_points) / self.bars.width:
             raise VisionError("the only course of the right length bends and jumps too much")
         kept = [best]
         for cost, partial in complete[1:]:
             if cost - best[0] < AMBIGUITY and all(self._differ(p, partial) for _, p in kept):
                 kept.append((cost, partial))
                 if len(kept) > most:
-                    raise VisionError(TWO_COURSES if most == 1 else MANY_COURSES)
+                    raise VisionError(MANY_COURSES)
         return [self._path(*one) for one in kept]
 
-    def _beginnings(self) -> list[tuple[float, float, int]]:
-        """Cost, length and first chain of the paths to start with."""
+    def _beginnings(self) -> list[_Partial]:
+        """The paths to start with, of one chain each."""
         if self.start is not None:
             return [
-                (cost, gap + float(self.lengths[state // 2]), state)
-                for cost, gap, state in self._from_clamp(self.start, forward=True)
+                _Partial(cost, unseen, gap + float(self.lengths[state // 2]), (state,))
+                for cost, gap, state, unseen in self._from_clamp(self.start, forward=True)
             ]
         strong = 0.3 * float(np.max(self.ends.strengths))
         return [
-            (FREE_END, float(self.lengths[k // 2]), k)
+            _Partial(FREE_END, 0.0, float(self.lengths[k // 2]), (k,))
             for k in range(len(self.ends))
             if self.ends.strengths[k] > strong
         ]
 
-    def _from_clamp(self, clamp: ClampPixel, forward: bool) -> list[tuple[float, float, int]]:
-        """Cost, length and chain of the links between a clamp and chains."""
+    def _from_clamp(self, clamp: ClampPixel, forward: bool) -> list[Continuation]:
+        """Links between a clamp and chains, run through forwards or backwards."""
         direction = clamp.direction
         if direction is not None and not forward:
             direction = -direction
         # Entering at the first point runs a chain forwards; an end clamp is reached from the
         # last point of a chain that runs forwards.
         links = self._linker.from_clamp(clamp.position, direction)
-        return [(c, gap, k if forward else k ^ 1) for c, gap, k in links[: 2 * MOST_LINKS]]
+        return [
+            link if forward else link._replace(end=link.end ^ 1) for link in links[: 2 * MOST_LINKS]
+        ]
 
     def _clamp_bridge(self, clamp: ClampPixel, k: int, forward: bool) -> FloatArray:
         position, direction = self.ends.positions[k], -self.ends.directions[k]
@@ -264,13 +235,16 @@ class PathSearch:
         points: FloatArray = bridge(clamp.position, out, position, direction)
         return points if forward else points[::-1]
 
-    def _close(self, state: int) -> tuple[float, float]:
-        """Cost and length from the end of a chain to the end of the DLO."""
+    def _close(self, state: int) -> tuple[float, float, float]:
+        """Cost and length from the end of a chain to the end of the DLO, and what is unseen."""
         if self.end is None:
-            return FREE_END, 0.0
+            return FREE_END, 0.0, 0.0
         if self._closings is None:
-            self._closings = {k: (c, gap) for c, gap, k in self._from_clamp(self.end, False)}
-        return self._closings.get(state, (np.inf, 0.0))
+            self._closings = {
+                link.end: (link.cost, link.length, link.unseen)
+                for link in self._from_clamp(self.end, False)
+            }
+        return self._closings.get(state, (np.inf, 0.0, 0.0))
 
     def _next(self, state: int) -> list[Continuation]:
         """Cheapest links from the exit of a chain, which is not where it was entered."""
@@ -296,14 +270,8 @@ class PathSearch:
 
     def _follows(self, points: FloatArray, other: FloatArray) -> bool:
         """Whether two courses, shapes (m, 2), are one."""
-        return self._distance(points, other) <= DIFFERENT * self.bars.width
-
-    def _distance(self, points: FloatArray, other: FloatArray) -> float:
-        """Largest distance of two courses, shapes (m, 2)."""
-        distances = [_apart(points, other)]
-        if self.start is None and self.end is None:  # the same path backwards is no other path
-            distances.append(_apart(points, other[::-1]))
-        return min(distances)
+        free = self.start is None and self.end is None
+        return distance(points, other, either_way=free) <= DIFFERENT * self.bars.width
 
     def _path(self, cost: float, partial: _Partial) -> Path:
         pieces: list[FloatArray] = []
@@ -338,23 +306,6 @@ class PathSearch:
         )
 
 
-def _apart(a: FloatArray, b: FloatArray, count: int = 100) -> float:
-    """Largest distance of points of equal arc length, counted from the start or from the end.
-
-    So two courses are alike where they differ in nothing but how far one of their ends reaches.
-    """
-    result = np.inf
-    for one, other in ((a, b), (a[::-1], b[::-1])):
-        along = [_arc_length(p) for p in (one, other)]
-        at = np.linspace(0.0, min(along[0][-1], along[1][-1]), count)
-        at_one, at_other = (
-            np.column_stack([np.interp(at, s, p[:, 0]), np.interp(at, s, p[:, 1])])
-            for s, p in zip(along, (one, other), strict=True)
-        )
-        result = min(result, float(np.hypot(*(at_one - at_other).T).max()))
-    return result
-
-
 def _beside(one: Path, other: Path, width: float) -> int:
     """Longest run of points that a path was seen at, further than `STRANDS` beside another's.
 
@@ -366,7 +317,3 @@ def _beside(one: Path, other: Path, width: float) -> int:
     apart = one.seen & other.seen[nearest] & ~beyond & (distance > STRANDS * width)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], apart, [False]]).astype(np.int8)))
     return int(np.max(edges[1::2] - edges[::2], initial=0))
-
-
-def _arc_length(points: FloatArray) -> FloatArray:
-    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
