@@ -46,6 +46,11 @@ class Start:
     form: str = ""
     own: tuple[float, ...] = ()
 
+    @property
+    def afar(self) -> bool:
+        """Whether it begins far from neutral, where no key tells linearly of it."""
+        return not self.neutral and not self.screened
+
 
 @dataclass(frozen=True)
 class Scene:

@@ -14,7 +14,7 @@ from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parallel import Threads
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.spectrum import Spectrum, spectrum
-from dlo_ros.inference.variances import REPEATED_STD, Posterior, Variances, fit_variances
+from dlo_ros.inference.variances import Posterior, Variances, fit_variances
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 
@@ -33,9 +33,9 @@ WHITE_CONVERGED = 0.05
 WHITE_ITERATIONS, ITERATIONS = 20, 12
 """Iterations with all that is left as white noise, and with correlated errors after that."""
 FARTHER = 1.1
-"""ERR over that at the beginning of a fit, and over what errors that stay add to it, above which a
-step is no better whatever its likelihood: an error that dies out holds whole swings for little, and
-the fit would follow their rapid part alone into a wrong minimum."""
+"""ERR over that at the beginning of a fit and what does not matter, above which a step is no better
+whatever its likelihood: an error that dies out holds whole swings for little, and the fit would
+follow their rapid part alone into a wrong minimum."""
 SECANTS = 3
 """Steps in a row that may correct the derivatives instead of differentiating the simulation."""
 LEAST_ITERATIONS = 3
@@ -215,8 +215,9 @@ def fit(
         fresh: whether the derivatives are those of the start, not borrowed.
     """
     at, way, secants = start, _Way(MARQUARDT_DAMPING, LONGEST_STEP), 0
-    staying = REPEATED_STD * start.model.settings.rod.length
-    most = np.inf if white else FARTHER * start.mean_err + staying
+    settings = start.model.settings
+    immaterial = settings.diagnosis.material_err * settings.rod.length
+    most = np.inf if white else FARTHER * (start.mean_err + immaterial)
     for _ in range(iterations):
         found = _improved(at, recordings, way, white, TRIES if fresh else 1, most)
         way, sure = found.way, fresh or found.gain_predicted

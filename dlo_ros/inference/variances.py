@@ -26,6 +26,9 @@ from dlo_ros.spline import FloatArray
 
 LEAST_NOISE = 2e-6
 """Smallest standard deviation over L: below, rounding and time steps would count as noise."""
+DETAIL = 0.1
+"""Smallest standard deviation of the noise over what a model misses: finer details do not judge a
+model that is so far off."""
 LARGEST = 1.0
 """Largest standard deviation of any component over L."""
 REPEATED_STD = 0.003
@@ -38,6 +41,8 @@ LONGEST_MEMORY = 0.998
 """Largest correlation of neighbouring frames in what the model lacks."""
 NOISE_MEMORY = 0.9
 """The same of the noise: trackers look back over a few frames, and no further."""
+LEAST_OTHERS = 0.02
+"""Smallest share of the information on a number by which other recordings than one count."""
 ITERATIONS = 40
 LEAST_START = 0.01
 """Share of what the residuals suggest that a variance is at the beginning of a search at least."""
@@ -116,6 +121,36 @@ def posterior(
     return Posterior(step, covariance, -value)
 
 
+def widened_covariance(
+    spectra: Sequence[Spectrum], variances: Sequence[Variances], offset: FloatArray,
+    precision: FloatArray,
+) -> FloatArray:  # fmt: skip
+    """Posterior covariance that also holds how much recordings disagree, shape (P, P).
+
+    A model whose laws are not the true ones fits each recording with other numbers. The spread of
+    the recordings' gradients tells of it, corrected for what each recording determines by itself
+    (Bell and McCaffrey, Bias reduction in standard errors for linear regression with multi-stage
+    samples, 2002); each standard deviation is at least that. Nothing is simulated for it.
+
+    Args:
+        offset, precision: of the prior, see `posterior`.
+    """
+    found = posterior(spectra, variances, offset, precision)
+    if len(spectra) < 2:
+        return found.covariance
+    root = np.linalg.cholesky(found.covariance)
+    between = np.zeros_like(found.covariance)
+    for s, v in zip(spectra, variances, strict=True):
+        each = 1.0 / v.of(s)
+        hessian = np.einsum("b,bpq->pq", each, s.hessian)
+        pull = root.T @ (each @ s.gradient - hessian @ found.step)
+        share, axes = np.linalg.eigh(root.T @ hessian @ root)
+        moved = root @ (axes @ ((axes.T @ pull) / np.sqrt(np.maximum(1.0 - share, LEAST_OTHERS))))
+        between += np.outer(moved, moved)
+    wider = np.sqrt(np.maximum(np.diag(between) / np.diag(found.covariance), 1.0))
+    return np.asarray(found.covariance * np.outer(wider, wider))
+
+
 def _marginal_likelihood(
     bins: Spectrum, v: FloatArray, offset: FloatArray, precision: FloatArray
 ) -> tuple[float, FloatArray, FloatArray, FloatArray]:
@@ -159,7 +194,8 @@ def fit_variances(
     if start:
         # The likelihood is flat where a component is nearly zero.
         x0 = np.maximum(_packed(start), x0 + np.log(LEAST_START))
-    bounds, bins, rows = _bounds(spectra, length), joined(spectra), _rows(spectra)
+    bins, rows = joined(spectra), _rows(spectra)
+    bounds = _bounds(spectra, _missed(spectra, offset, precision), length)
 
     def cost(x: FloatArray) -> tuple[float, FloatArray]:
         value, slope = _cost(x, bins, rows, offset, precision)
@@ -228,14 +264,38 @@ def _unpacked(x: FloatArray, spectra: Sequence[Spectrum]) -> tuple[Variances, ..
     )
 
 
-def _bounds(spectra: Sequence[Spectrum], length: float) -> list[tuple[float, float]]:
+def _missed(spectra: Sequence[Spectrum], offset: FloatArray, precision: FloatArray) -> list[float]:
+    """Mean square by which the linearised model misses each recording where it fits best [m^2]."""
+    weight = sum(float(s.count.sum()) for s in spectra)
+    weight /= max(sum(float(s.sum_of_squares.sum()) for s in spectra), 1e-300)
+    hessians = [s.hessian.sum(axis=0) for s in spectra]
+    gradients = [s.gradient.sum(axis=0) for s in spectra]
+    lhs = np.diag(precision) + weight * np.sum(hessians, axis=0)
+    step = np.linalg.solve(lhs, precision * offset + weight * np.sum(gradients, axis=0))
+    return [
+        max(float(s.sum_of_squares.sum() - 2.0 * g @ step + step @ h @ step), 0.0) / s.frames
+        for s, g, h in zip(spectra, gradients, hessians, strict=True)
+    ]
+
+
+def _bounds(
+    spectra: Sequence[Spectrum], missed: Sequence[float], length: float
+) -> list[tuple[float, float]]:
+    """Bounds of the packed numbers.
+
+    Args:
+        missed: see `_missed`.
+    """
     low, high = 2.0 * np.log(LEAST_NOISE * length), 2.0 * np.log(LARGEST * length)
     parts = spectra[0].parts
     told = max(s.frames for s in spectra) >= FEWEST_FRAMES
     fading = (low, high) if told else (low - 20.0, low - 20.0)
     memory = (np.log1p(-LONGEST_MEMORY), np.log(0.9))
     noise_memory = (np.log1p(-NOISE_MEMORY) if told else 0.0, 0.0)
-    noise = [(low, high)] * (parts * len(spectra)) + [(low - 5.0, high)] * parts
+    details = [2.0 * np.log(DETAIL) + np.log(max(m, 1e-300)) for m in missed]
+    least = [float(np.clip(each, low, high)) for each in details]
+    noise = [(each, high) for each in least for _ in range(parts)]
+    noise += [(low - 5.0, high)] * parts
     staying = [(low - 5.0, high)] * (2 * parts)
     return [*noise, *[fading] * parts, *staying, memory, noise_memory]
 

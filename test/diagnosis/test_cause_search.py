@@ -28,7 +28,9 @@ def best_of(monkeypatch, fits):
         for name in fits
     ]
     monkeypatch.setattr(candidate_trials, "_checked", lambda promise, _: (1e-3, promise))
-    monkeypatch.setattr(candidate_trials, "fitted", lambda model, *_: evaluation(*fits[model]))
+    monkeypatch.setattr(
+        candidate_trials, "fitted", lambda model, *_, **__: evaluation(*fits[model])
+    )
     monkeypatch.setattr(candidate_trials, "fit", lambda found, *_: found)
     best, trace = candidate_trials.best_trial(1, evaluation(0.0, 2e-3), promises, ())
     return best and best[1].label, {step.name: step.outcome for step in trace}

@@ -90,6 +90,47 @@ def test_what_the_errors_are_made_of_is_found():
     assert found.memory == pytest.approx(0.9, abs=0.05)
 
 
+def test_a_residual_of_many_lengths_is_no_error():
+    """A trial far from the shapes: its noise has the largest standard deviation that there is."""
+    rng = np.random.default_rng(10)
+    s = spectrum(20.0 * rng.normal(size=(50, 2 * N)), np.full((50, 1, 2 * N), 1e-6), N)
+    (found,), _ = fit_variances([s], np.zeros(1), np.full(1, 100.0), LENGTH)
+    assert np.sqrt(found.white) == pytest.approx([core.LARGEST * LENGTH] * 2)
+
+
+@pytest.mark.parametrize("apart", [0.0, 0.002])
+def test_numbers_on_which_recordings_disagree_are_known_less_well(apart):
+    """Each recording has a value of its own: the std of their mean is what their spread says."""
+    rng = np.random.default_rng(9)
+    off, alone = [], []
+    for _ in range(60):
+        spectra = []
+        for _ in range(4):
+            jacobian = 1e-2 * rng.normal(size=(80, 2, 2 * N))
+            noise = 3e-4 / np.sqrt(N) * rng.normal(size=(80, 2 * N))
+            own = np.array([apart * rng.normal(), 0.0])
+            spectra.append(spectrum(noise + np.einsum("fpk,p->fk", jacobian, own), jacobian, N))
+        open_ = np.zeros(2), np.full(2, 1.0)
+        variances, found = fit_variances(spectra, *open_, LENGTH)
+        stds = np.sqrt(np.diag(core.widened_covariance(spectra, variances, *open_)))
+        off.append(found.step[0] / stds[0])
+        alone.append(found.step[0] / np.sqrt(found.covariance[0, 0]))
+    held, before = (np.mean(np.abs(z) < 2.0) for z in (off, alone))
+    assert held > 0.8
+    assert before < 0.4 if apart else held < before + 0.05
+
+
+def test_details_do_not_judge_a_model_that_is_far_off():
+    """Noise of a hundredth of what the model misses counts as a tenth of it; its own is no more."""
+    rng = np.random.default_rng(8)
+    noise = 1e-5 / np.sqrt(N) * rng.normal(size=(300, 2 * N))
+    missed = np.concatenate([fading(rng, 300, size, 0.9) for size in (8e-3, 6e-3)], axis=1)
+    jacobian, open_ = np.full((300, 1, 2 * N), 1e-6), (np.zeros(1), np.full(1, 100.0), LENGTH)
+    for residual, least in ((missed + noise, 1e-3), (noise, 1e-5)):
+        (found,), _ = fit_variances([spectrum(residual, jacobian, N)], *open_)
+        assert np.sqrt(found.white) == pytest.approx([least] * 2, rel=0.15)
+
+
 @pytest.mark.parametrize("nodal", [False, True])
 @pytest.mark.parametrize("memory", some_of([0.0, 0.3, 0.6], [0.6]))
 def test_a_trackers_smoothing_is_noise_and_no_lack_of_the_model(memory, nodal):

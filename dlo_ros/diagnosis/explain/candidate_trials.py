@@ -94,7 +94,8 @@ def best_trial(
             outcome = "others come nearer" if k >= TRIALS else "makes matters worse"
             trace.append(Step(number, name, promise.gain, err, outcome))
             continue
-        found = fitted(promise.model, recordings, FIRST_ITERATIONS)
+        # From farther off, a fit must come near before errors can be told from the effect.
+        found = fitted(promise.model, recordings, FIRST_ITERATIONS, far=err > at.mean_err)
         if found is None:
             trace.append(Step(number, name, promise.gain, err, "cannot be simulated"))
         else:
@@ -162,11 +163,19 @@ def _size(proposal: Proposal) -> Parameter | None:
 
 
 def fitted(
-    model: ParametricModel, recordings: Sequence[Recording], iterations: int = FIT_ITERATIONS
-) -> Evaluation | None:
-    """The model fitted; None where it cannot be simulated."""
+    model: ParametricModel, recordings: Sequence[Recording], iterations: int = FIT_ITERATIONS, *,
+    far: bool = False,
+) -> Evaluation | None:  # fmt: skip
+    """The model fitted; None where it cannot be simulated.
+
+    Args:
+        far: whether all that is left counts as white noise at first, see `joint.fit`.
+    """
     try:
-        return fit(evaluate(model, recordings), recordings, iterations)
+        begin = evaluate(model, recordings)
+        if far:
+            begin = fit(begin, recordings, iterations, white=True)
+        return fit(begin, recordings, iterations)
     except SimulationError as err:
         LOG.info("not fitted: %s", err)
         return None

@@ -111,7 +111,7 @@ def best_peg(
 
 def search(
     at: Evaluation, recordings: Sequence[Recording], begun: Sequence[Start], enough: float,
-    first_peg: tuple[Evaluation, Proposal] | None = None,
+    first: Trial | None = None,
 ) -> Search:  # fmt: skip
     """Add causes one by one, the one that raises the log evidence most first.
 
@@ -123,17 +123,18 @@ def search(
         at: the joint model with its set-up within tolerance, fitted.
         begun: effects that might be added, at their starting values.
         enough: ERR [m] below which no cause is looked for.
-        first_peg: the fit with a peg that the DLO has hit, and the peg; see `best_peg`.
+        first: the fit with a cause that derivatives do not tell of, and the cause; see `best_peg`
+            and `far_starts`.
     """
     causes: list[Proposal] = []
     dropped: set[str] = set()
     trace: list[Step] = []
     offer: Offer | None = None
     exchanged: list[str] = []
-    if first_peg is not None:
-        gain = first_peg[0].posterior.evidence - at.posterior.evidence
-        at, causes = first_peg[0], [first_peg[1]]
-        trace.append(Step(1, first_peg[1].label, gain, at.mean_err, "added"))
+    if first is not None:
+        gain = first[0].posterior.evidence - at.posterior.evidence
+        at, causes = first[0], [first[1]]
+        trace.append(Step(1, first[1].label, gain, at.mean_err, "added"))
         _tell(trace)
     while len(causes) < MOST_CAUSES and at.mean_err > enough:
         known = {c.label for c in causes} | {c.effect for c in causes if c.start is not None}

@@ -22,6 +22,7 @@ from dlo_ros.diagnosis.explain.cause_search import (
     without,
 )
 from dlo_ros.diagnosis.explain.certainty import SCALES, beyond, certain, is_beyond
+from dlo_ros.diagnosis.explain.far_starts import best_far_start
 from dlo_ros.diagnosis.explain.measurement_error import material_err, own_err
 from dlo_ros.diagnosis.proposals.candidate_effects import starts
 from dlo_ros.diagnosis.proposals.linear_evidence import Proposal
@@ -97,12 +98,14 @@ class Prepared:
         recordings: to learn from.
         scene: what the recordings look like.
         plain_err: ERR of the plain model [m].
+        meant: the model with the set-up at neutral.
         setup: the fit.
     """
 
     recordings: Sequence[Recording]
     scene: Scene
     plain_err: float
+    meant: ParametricModel
     setup: Evaluation
 
 
@@ -122,7 +125,7 @@ def prepare(recordings: Sequence[Recording], plain: Settings, given: Settings) -
     model = joint_model(plain, given, here)
     at = settled(evaluate(model, recordings), recordings)
     bare = simulate(ParametricModel(plain, ()), recordings, ())
-    return Prepared(recordings, here, bare.mean_err, at)
+    return Prepared(recordings, here, bare.mean_err, model, at)
 
 
 def explain(
@@ -139,8 +142,14 @@ def explain(
     """
     recordings = prepared.recordings
     begun = starts(prepared.scene)
-    first_peg = best_peg(prepared.setup, recordings, pegs)
-    found = search(prepared.setup, recordings, begun, material_err(0.0, given), first_peg)
+    enough = material_err(0.0, given)
+    firsts = [best_peg(prepared.setup, recordings, pegs)]
+    if prepared.setup.mean_err > enough:
+        firsts.append(best_far_start(prepared.setup, prepared.meant, recordings, begun))
+    first = max(
+        (f for f in firsts if f is not None), key=lambda f: f[0].posterior.evidence, default=None
+    )
+    found = search(prepared.setup, recordings, begun, enough, first)
     # Judged in the end: what a cause does to a DLO looks like an error of the camera before.
     own = own_err(found.at, recordings)
     matters = material_err(own, given)

@@ -23,7 +23,7 @@ from dlo_ros.identification.estimate import UNBOUNDED
 from dlo_ros.inference.joint import Evaluation
 from dlo_ros.inference.parameter import Parameter
 from dlo_ros.inference.priors import DIAMETER_STD
-from dlo_ros.inference.variances import posterior
+from dlo_ros.inference.variances import widened_covariance
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.sensitivity_parameters import effect_names
 from dlo_ros.spline import FloatArray
@@ -81,10 +81,10 @@ def outer_stds(at: Evaluation) -> FloatArray:
 
 
 def _covariance(at: Evaluation) -> FloatArray:
-    """Posterior covariance in which guesses count for nothing."""
+    """Covariance in which guesses count for nothing, and the recordings' disagreement does."""
     guessed = np.array([p.guessed for p in at.model.parameters])
     precision = at.model.precision() * np.where(guessed, UNKNOWN, 1.0)
-    return posterior(at.spectra, at.variances, at.model.offset(), precision).covariance
+    return widened_covariance(at.spectra, at.variances, at.model.offset(), precision)
 
 
 def fitted_material(at: Evaluation, err_train: float | None, err_holdout: float | None) -> Fitted:

@@ -1,0 +1,67 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Effects that begin far from neutral, with a stiffness of their own, beside a neutral set-up.
+
+A mass that outweighs the DLO goes with a Young's modulus that no derivative finds from the plain
+model's, and while it is missing, the set-up is strained until it does a part of its work.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+
+import numpy as np
+
+from dlo_ros.diagnosis.explain.candidate_trials import WORSE, WORTH, Trial
+from dlo_ros.diagnosis.proposals.linear_evidence import Proposal, proposal_of, with_sheet
+from dlo_ros.effects import Start
+from dlo_ros.errors import SimulationError
+from dlo_ros.inference.joint import Evaluation, evaluate, settled, simulate
+from dlo_ros.inference.measured import Recording
+from dlo_ros.inference.parameter import ParametricModel
+
+LOG = logging.getLogger(__name__)
+
+FACTORS = (0.3, 1.0, 3.0, 10.0)
+"""Multiples of the plain model's Young's modulus with which an effect begins."""
+FITTED = 2
+"""Beginnings that are fitted, those that come nearest."""
+
+
+def best_far_start(
+    at: Evaluation, meant: ParametricModel, recordings: Sequence[Recording], begun: Sequence[Start]
+) -> Trial | None:
+    """The best fit from far away, if it is worth it.
+
+    Args:
+        at: the set-up within its tolerances, fitted, over which it must gain.
+        meant: the same with the set-up at neutral, and the plain model's material.
+        begun: effects that might be added; those that begin far away are tried.
+    """
+    there: list[tuple[float, ParametricModel, Proposal]] = []
+    for start in (s for s in begun if s.afar):
+        proposal = proposal_of(meant.settings, start)
+        model, _ = with_sheet(meant, [proposal])
+        for factor in FACTORS:
+            theta = model.theta()
+            theta[model.index("young_modulus")] += np.log(factor)
+            begins = model.at(theta)
+            try:
+                err = simulate(begins, recordings, ()).mean_err
+            except SimulationError as reason:
+                LOG.info("%s: %s", proposal.label, reason)
+                continue
+            if err <= WORSE * at.mean_err:
+                there.append((err, begins, proposal))
+    there.sort(key=lambda row: row[0])
+    found: list[Trial] = []
+    for _, begins, proposal in there[:FITTED]:
+        try:
+            found.append((settled(evaluate(begins, recordings), recordings), proposal))
+        except SimulationError as reason:
+            LOG.info("%s: %s", proposal.label, reason)
+    nearer = [trial for trial in found if trial[0].mean_err < at.mean_err]
+    best = max(nearer, key=lambda trial: trial[0].posterior.evidence, default=None)
+    if best is None or best[0].posterior.evidence - at.posterior.evidence < WORTH:
+        return None
+    return best

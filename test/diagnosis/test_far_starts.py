@@ -1,0 +1,84 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""A weight that outweighs the cable, whose stiffness is guessed five times too small."""
+
+import copy
+
+import numpy as np
+import pytest
+
+from dlo_ros.cli.loading import load_manipulation
+from dlo_ros.diagnosis.explain.far_starts import best_far_start
+from dlo_ros.diagnosis.explain.joint_explanation import prepare
+from dlo_ros.diagnosis.fitting.initial_fit import begin
+from dlo_ros.diagnosis.proposals.candidate_effects import starts
+from dlo_ros.identification.estimate import searchable
+from dlo_ros.inference.joint import fit, misfit
+from dlo_ros.parameters import Settings
+from dlo_ros.synthesis.experiment import read_experiment
+from dlo_ros.synthesis.synthesize import synthesize
+
+LENGTH, ANGLES = 0.45, (0.8, 2.2)
+CABLE = {
+    "rod": {
+        "length": LENGTH, "diameter": 0.012, "young_modulus": 3e7, "density": 3000.0,
+        "density_std": 30.0,
+    },
+    "damping": {"air_drag": 0.05, "relaxation_time": 0.05},
+    "camera": {"translation": [0.0, 0.0, 1.6]},
+}  # fmt: skip
+WEIGHT = 1.5 * CABLE["rod"]["density"] * np.pi / 4 * CABLE["rod"]["diameter"] ** 2 * LENGTH
+
+
+def turned(sign):
+    """The cable hangs from a flange, which turns it through some poses."""
+    points = [{"time": 0.0, "position": [0.0, 0.0, 0.0], "angle": -np.pi / 2}]
+    for k, angle in enumerate(ANGLES):
+        for time in (1.5 * k + 1.0, 1.5 * k + 1.5):
+            points.append(
+                {"time": time, "position": [0.0, 0.0, 0.0], "angle": sign * angle - np.pi / 2}
+            )
+    return {
+        "parameters": CABLE | {"effects": {"point_mass": {"mass": WEIGHT, "position": LENGTH}}},
+        "duration": 1.5 * len(ANGLES), "camera": {"rate": 10.0}, "motion": {"start": points},
+        "initial_shape": [[0.0, 0.0], [0.0, -0.4]], "measurement": {"std": 3e-4},
+    }  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def turning(tmp_path_factory):
+    """The set-up's fit to recordings of a weight that the parameter file does not name."""
+    folder = tmp_path_factory.mktemp("turning")
+    bags = []
+    for name, sign in (("left", 1.0), ("right", -1.0)):
+        made = read_experiment(turned(sign), name, "turned.yaml")
+        synthesize(made, folder / name, images=False, edges=80, step=2e-3)
+        bags.append(folder / name)
+    tree = copy.deepcopy(CABLE)
+    tree["rod"]["young_modulus"] /= 5.0
+    flat = {f"{g}.{k}": v for g, block in tree.items() for k, v in block.items()}
+    given = searchable(Settings.from_mapping(flat))
+    found = begin([load_manipulation(bag, given) for bag in bags], given)
+    return prepare(found.recordings, found.at.model.settings, given)
+
+
+def test_a_heavy_weight_is_found_with_the_stiffness_that_goes_with_it(turning):
+    alone = turning.setup
+    assert alone.mean_err > 2e-3
+    found = best_far_start(alone, turning.meant, turning.recordings, starts(turning.scene))
+    assert found is not None
+    at, proposal = found
+    assert proposal.effect in ("point_mass", "connector")
+    assert at.mean_err < 0.2 * alone.mean_err
+    mass = at.model.settings.effects[proposal.effect]["mass"]
+    assert 0.5 * WEIGHT < mass < 2.0 * WEIGHT  # the stiffness and the mass nearly trade
+    assert 1.5e7 < at.model.settings.rod.young_modulus < 6e7
+
+
+def test_a_fit_with_correlated_errors_does_not_leave_the_shapes(turning):
+    """From the set-up's fit as if errors were white, whose residual no value of it explains."""
+    white = fit(turning.setup, turning.recordings, 12, white=True)
+    found = fit(white, turning.recordings, 12)
+    settings = white.model.settings
+    immaterial = settings.diagnosis.material_err * settings.rod.length
+    assert found.mean_err <= 1.1 * (white.mean_err + immaterial)
+    assert misfit(found, white) <= misfit(white, white)
