@@ -33,7 +33,7 @@ from dlo_ros.vision.expected_shape import (
     traced_backwards,
 )
 from dlo_ros.vision.fit.material_coordinates import find_ends
-from dlo_ros.vision.fit.planar_clamps import EndPoses, ends_at, to_pixel
+from dlo_ros.vision.fit.planar_clamps import EndPoses, clamps_in, ends_at
 from dlo_ros.vision.fit.planar_credibility import LEAST_SEEN, check, check_change, unusable
 from dlo_ros.vision.fit.spline_fit import SplineFit, fit_spline
 from dlo_ros.vision.planar_result import LastShape, RoughDetection, VisionResult
@@ -43,8 +43,8 @@ from dlo_ros.vision.segmentation.picture_strip import inside, resample, smooth_c
 from dlo_ros.vision.segmentation.ridge_map import Image, map_ridges
 from dlo_ros.vision.segmentation.user_hints import Hints, limited
 from dlo_ros.vision.tracing.centring import centred
-from dlo_ros.vision.tracing.chain_ordering import ClampPixel, Path, PathSearch
-from dlo_ros.vision.tracing.course_choice import choose
+from dlo_ros.vision.tracing.chain_ordering import Path, PathSearch
+from dlo_ros.vision.tracing.course_choice import AmbiguousError, choose, on_two_strands
 from dlo_ros.vision.tracing.free_ends import prolong
 from dlo_ros.vision.tracing.metric_lengths import PlaneGrid
 from dlo_ros.vision.tracing.occlusion_bridges import check_bridges
@@ -125,6 +125,7 @@ class Observer:
             check_prediction(predicted)
         result = self._look(stamp, image, predicted)
         assert self._last is not None
+        self._misses = 0
         self._seen_last = self._last, self._velocity
         return result
 
@@ -196,6 +197,8 @@ class Observer:
             allowed = hinted if allowed is None else hinted & spread(allowed, hinted)
         try:
             return self._search(stamp, image, ends, before, width, allowed, expected, tones=False)
+        except AmbiguousError:
+            raise  # two answers are no miss: a search that sees less would but choose one
         except VisionError as err:
             self._misses += 1
             if self._misses % TONES_EVERY != 1:
@@ -222,34 +225,30 @@ class Observer:
         """Find and measure the DLO in the part of the image where it may be."""
         bars = map_ridges(image, width, allowed, tones=tones)
         chains = find_chains(bars)
-        clamps = [
-            None if end is None else to_pixel(end, self.camera, 0.2 * self.settings.rod.diameter)
-            for end in (ends.start, ends.end)
-        ]
-        local = [
-            None if c is None else ClampPixel(bars.from_image(c.position), c.direction)
-            for c in clamps
-        ]
-
+        start, end = clamps_in(bars, ends, self.camera, self.settings.rod.diameter)
         plane = PlaneGrid.of_board(self.camera, bars)
-        search = PathSearch(chains, bars, self.basis.length, plane, local[0], local[1])
-        misses, measured, refused = self._misses, [], None
-        for path in search.candidates(MOST_COURSES):
+        search = PathSearch(chains, bars, self.basis.length, plane, start, end)
+        measured, refused = [], None
+        paths = search.candidates(MOST_COURSES)
+        for path in paths:
             self._lose()
             points = bars.to_image(path.points)
             try:
                 result = self._follow(stamp, image, ends, before, points, path, width, tones)
+                seen = result.pixels_seen
+                if on_two_strands(points, path.seen, result.pixels, seen, result.width):
+                    raise VisionError("the edges beside the course of the DLO are another's")
             except (VisionError, np.linalg.LinAlgError) as err:
                 refused = refused or err
                 continue
             measured.append((result, self._last))
         if refused is not None and not measured:
+            if len(paths) > 1:
+                raise AmbiguousError(str(refused)) from refused
             raise refused
-        self._misses = misses
         courses = [result.pixels for result, _ in measured]
         free = ends.start is None and ends.end is None
         result, self._last = measured[choose(courses, expected, width, either_way=free)]
-        self._misses = 0
         return result
 
     def _follow(
@@ -371,7 +370,6 @@ class Observer:
         return VisionResult.of(fit, located, pixels, tracked=last is not None)
 
     def _remember(self, stamp: int, fit: SplineFit, located: Located, ends: EndPoses) -> None:
-        self._misses = 0
         last = self._last
         curve = resample_count(fit.curve, 400)
         if last is not None and stamp > last.stamp:

@@ -12,9 +12,11 @@ from dlo_ros.command import CONTROL_POINT, END, START, Motion
 from dlo_ros.spline import FloatArray
 from dlo_ros.vision.camera.pinhole import Camera
 from dlo_ros.vision.fit.spline_fit import ClampBoard
+from dlo_ros.vision.segmentation.ridge_map import RidgeMap
 from dlo_ros.vision.tracing.chain_ordering import ClampPixel
 
 LEAST_DIRECTION = 0.2  # share of a direction that must lie in the board's plane
+DIRECTION_STEP = 0.2  # [diameters] of the difference quotient that gives a direction in the picture
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +71,27 @@ def _end(
 def _unit(vector: FloatArray, least: float = LEAST_DIRECTION) -> FloatArray | None:
     norm = float(np.hypot(vector[0], vector[1]))
     return np.asarray(vector / norm) if norm > least else None
+
+
+def clamps_in(
+    bars: RidgeMap, ends: EndPoses, camera: Camera, diameter: float
+) -> tuple[ClampPixel | None, ClampPixel | None]:
+    """The clamps of start and end in pixels of a bar map.
+
+    Args:
+        bars: the bar map.
+        ends: the clamps in the board's plane.
+        camera: that took the picture.
+        diameter: of the DLO [m].
+    """
+
+    def local(clamp: ClampBoard | None) -> ClampPixel | None:
+        pixel = None if clamp is None else to_pixel(clamp, camera, DIRECTION_STEP * diameter)
+        if pixel is None:
+            return None
+        return ClampPixel(bars.from_image(pixel.position), pixel.direction)
+
+    return local(ends.start), local(ends.end)
 
 
 def to_pixel(clamp: ClampBoard, camera: Camera, step: float) -> ClampPixel | None:

@@ -12,13 +12,12 @@ import heapq
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from dlo_ros.errors import VisionError
 from dlo_ros.spline import FloatArray
 from dlo_ros.vision.segmentation.ridge_map import RidgeMap
 from dlo_ros.vision.tracing.chain_linking import Continuation, Linker, bridge, split_at
-from dlo_ros.vision.tracing.course_choice import distance
+from dlo_ros.vision.tracing.course_choice import distance, on_two_strands
 from dlo_ros.vision.tracing.metric_lengths import PlaneGrid
 from dlo_ros.vision.tracing.ridge_tracing import Chain
 
@@ -29,8 +28,7 @@ FREE_END = 1.5  # cost of ending where no clamp says so
 MOST_EXPANSIONS = 1500
 SAME_LENGTH = 0.02  # of the length: paths to one chain that differ by less are not kept apart
 MOST_LINKS = 8  # tried from each end
-DIFFERENT = 4.0  # [widths] two paths that are nowhere further apart are one,
-STRANDS = 1.0  # [widths] unless they run along chains that are further apart, for as long as that
+DIFFERENT = 4.0  # [widths] two paths that are nowhere further apart are one, if on one strand
 ARRIVALS = 2  # paths of one length to one chain that are followed: a strand may lie beside another
 COST_LIMIT = 9.0  # of a whole course without what is unseen of it, and more the longer it is
 COST_LIMIT_PER_WIDTH = 0.02
@@ -263,10 +261,11 @@ class PathSearch:
         a, b = (self._path(0.0, partial) for partial in (one, other))
         if not self._follows(a.points, b.points):
             return True
-        # One DLO has no two ridges further apart than it is wide; where both paths were seen so,
-        # they follow two strands.
+        # Where both paths were seen beside one another, they follow two strands.
         width = self.bars.width
-        return max(_beside(a, b, width), _beside(b, a, width)) > STRANDS * width
+        return on_two_strands(a.points, a.seen, b.points, b.seen, width) or on_two_strands(
+            b.points, b.seen, a.points, a.seen, width
+        )
 
     def _follows(self, points: FloatArray, other: FloatArray) -> bool:
         """Whether two courses, shapes (m, 2), are one."""
@@ -304,16 +303,3 @@ class PathSearch:
             float(np.average(strengths, weights=weights)),
             np.average(colours, axis=0, weights=weights),
         )
-
-
-def _beside(one: Path, other: Path, width: float) -> int:
-    """Longest run of points that a path was seen at, further than `STRANDS` beside another's.
-
-    What lies ahead of the other's ends does not count, nor what lies beside a bridge.
-    """
-    ahead = max(1, round(width))
-    distance, nearest = cKDTree(other.points).query(one.points)
-    beyond = (nearest < ahead) | (nearest >= len(other.points) - ahead)
-    apart = one.seen & other.seen[nearest] & ~beyond & (distance > STRANDS * width)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], apart, [False]]).astype(np.int8)))
-    return int(np.max(edges[1::2] - edges[::2], initial=0))

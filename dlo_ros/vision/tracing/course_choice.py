@@ -10,14 +10,22 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from dlo_ros.errors import VisionError
 from dlo_ros.spline import FloatArray
+from dlo_ros.vision.segmentation.picture_strip import Mask
 
 ONE_COURSE = 1.0  # [widths] measured courses that are nowhere further apart are one
 FITS = 4.0  # [widths] a course that is further from an expected shape is not the expected one
 NEARER = 0.5  # of the distance of another course that fits: an expected shape chooses between both
+STRANDS = 1.0  # [widths] that a DLO's ridges are never apart, so that courses are two strands
+
 TWO_COURSES = "two courses of the DLO are equally plausible (an ambiguous crossing or gap)"
+
+
+class AmbiguousError(VisionError):
+    """The picture bears out several courses."""
 
 
 def choose(
@@ -36,7 +44,7 @@ def choose(
         either_way: whether the same course backwards is the same course.
 
     Raises:
-        VisionError: several courses, of which the expected shapes do not single out one.
+        AmbiguousError: several courses, of which the expected shapes do not single out one.
     """
     kept: list[int] = []
     for k, course in enumerate(courses):
@@ -51,7 +59,7 @@ def choose(
     ]
     chosen = {k for k in told if k is not None}
     if len(chosen) != 1:
-        raise VisionError(TWO_COURSES)
+        raise AmbiguousError(TWO_COURSES)
     return kept[chosen.pop()]
 
 
@@ -75,6 +83,30 @@ def distance(one: FloatArray, other: FloatArray, *, either_way: bool) -> float:
     if either_way:
         distances.append(_apart(one, other[::-1]))
     return min(distances)
+
+
+def on_two_strands(
+    one: FloatArray, one_seen: Mask, other: FloatArray, other_seen: Mask, width: float
+) -> bool:
+    """Whether a course runs along another strand than the other for more than a width.
+
+    One DLO has no two ridges further apart than it is wide. What lies ahead of the other course's
+    ends does not count, nor what lies beside what was not seen of it.
+
+    Args:
+        one, other: points of the courses, shapes (m, 2).
+        one_seen, other_seen: whether the DLO was seen there, shapes (m,).
+        width: of the DLO, in the unit of the points.
+    """
+    step = np.hypot(*np.diff(other, axis=0).T)
+    distance, nearest = cKDTree(other).query(one)
+    along = np.concatenate([[0.0], np.cumsum(step)])[nearest]
+    beyond = (along < width) | (along > float(np.sum(step)) - width)
+    apart = one_seen & other_seen[nearest] & ~beyond & (distance > STRANDS * width)
+    length = np.concatenate([[0.0], np.hypot(*np.diff(one, axis=0).T)])
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], apart, [False]]).astype(np.int8)))
+    runs = [float(np.sum(length[a:b])) for a, b in edges.reshape(-1, 2)]
+    return max(runs, default=0.0) > STRANDS * width
 
 
 def _apart(a: FloatArray, b: FloatArray, count: int = 100) -> float:
