@@ -1,6 +1,6 @@
 # make demo    the main job end to end on a recording that is made on the spot
 # make test    style, types and tests
-# make doctor  what is installed, heard and mismatched
+# make doctor  checks the installation, the ROS graph and parameters
 # Both set up .venv by themselves, from requirements.lock; a second run finds it done.
 
 PYTHON ?= python3

@@ -17,7 +17,7 @@ from bench.tasks import GRAVITY, Task
 from dlo_ros.parameters import DampingParameters
 from dlo_ros.spline import FloatArray
 from dlo_ros.synthesis.discrete_rod import DiscreteRod, centreline
-from dlo_ros.synthesis.rod_simulation import ImposedNodes, Simulation
+from dlo_ros.synthesis.rod_simulation import DiscreteRodSimulation, ImposedNodes
 
 TOLERANCE = 1e-8
 
@@ -121,6 +121,6 @@ def _motion(task: Task, drag: bool, edges: int, step: float) -> FloatArray:
     rod = DiscreteRod.uniform(task.rod, damping, gravity=(0.0, -GRAVITY), edges=edges)
     x = np.column_stack([rod.u, np.zeros_like(rod.u)])
     held = ImposedNodes({0: np.zeros(2)}, start=0.0)
-    simulation = Simulation(rod, lambda _: held, x, step=step)
+    simulation = DiscreteRodSimulation(rod, lambda _: held, x, step=step)
     u, _ = task.quadrature
     return np.array([centreline(rod, simulation.advance(t), u)[:, [0, 2]] for t in task.instants])

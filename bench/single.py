@@ -18,7 +18,7 @@ from dlo_ros.rod.boundary.imposed_motion import Boundary
 from dlo_ros.rod.integration import integrate
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.packing import moving_of, nothing_varies
-from dlo_ros.rod.sensitivity.propagation import vary_rest
+from dlo_ros.rod.sensitivity.propagation import propagate_equilibrium
 from dlo_ros.rod.sensitivity_parameters import MATERIAL, compiled
 from dlo_ros.rod.solve import equilibrium_continuation
 from dlo_ros.rod.solve.integrator_state import commit
@@ -113,7 +113,9 @@ class Statics:
                 rod.system, rod.imposed, before, before.clock[0], model.rate2, statics.TOLERANCE,
                 False, rest,
             )  # fmt: skip
-            vary_rest(rod.system, rod.imposed, before.q, rest, before.internal, False, varying)
+            propagate_equilibrium(
+                rod.system, rod.imposed, before.q, rest, before.internal, False, varying
+            )
             return varying
 
         return run

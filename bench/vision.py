@@ -21,8 +21,8 @@ from bench.report import Row, show
 from dlo_ros.command import Command, Motion
 from dlo_ros.parameters import CameraPose, RodParameters, Settings
 from dlo_ros.spline import FloatArray
-from dlo_ros.synthesis.geometry import Geometry
-from dlo_ros.synthesis.look import Look, SimulatedCamera
+from dlo_ros.synthesis.camera_geometry import Geometry
+from dlo_ros.synthesis.picture_settings import Look, SimulatedCamera
 from dlo_ros.synthesis.render import Renderer
 from dlo_ros.vision.camera.pinhole import Camera
 from dlo_ros.vision.planar_observer import Observer

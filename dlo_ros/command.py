@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Imposed motion: what a `dlo/command` says, checked and sampled (no ROS here).
+"""Imposed motion: the contents of a `dlo/command`, checked and sampled (no ROS here).
 
 Stamps are integer nanoseconds as in ROS; times within a command are seconds from its start.
 """

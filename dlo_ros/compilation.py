@@ -58,7 +58,7 @@ FAILED = "the numerical kernels could not be compiled"
 
 @dataclass(frozen=True)
 class CompilationProgress:
-    """How far a compilation is.
+    """The progress of a compilation.
 
     Args:
         done: whether the kernels can be loaded from the cache.

@@ -19,7 +19,7 @@ from dlo_ros.errors import InputError
 
 VARIABLE = "DLO_ROS_LOG"
 OPTION = "--verbose"
-HELP = f"tell each step on stderr; more, or into a file, by {VARIABLE}=debug|info|warning[:FILE]"
+HELP = f"log each step on stderr; more, or into a file, by {VARIABLE}=debug|info|warning[:FILE]"
 
 PACKAGE = "dlo_ros"
 LEVELS: Mapping[str, int] = {

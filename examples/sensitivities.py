@@ -20,7 +20,7 @@ from dlo_ros.command import NANOSECONDS, Command, Motion
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.rod import dynamics, integration
-from dlo_ros.rod.sensitivity_parameters import MATERIAL, tangent
+from dlo_ros.rod.sensitivity_parameters import MATERIAL, variation_of
 from dlo_ros.rod.simulation import Simulation
 from dlo_ros.spline import FloatArray, SplineBasis
 
@@ -78,7 +78,7 @@ def differences(settings: Settings, command: Command) -> FloatArray:
     """The same derivatives by central differences of whole runs."""
     found = []
     for name in PARAMETERS:
-        vary, step = tangent(settings, name).vary, STEP * SIZES.get(name, 1.0)
+        vary, step = variation_of(settings, name).vary, STEP * SIZES.get(name, 1.0)
         above, below = (shapes(*vary(settings, command, side * step))[0] for side in (1.0, -1.0))
         found.append((above - below) / (2.0 * STEP))
     return np.array(found)

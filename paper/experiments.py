@@ -12,7 +12,7 @@ from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.synthesis.experiment import Experiment, find_experiment, load_experiment
 from dlo_ros.synthesis.synthesize import measure
-from dlo_ros.synthesis.truth import build_simulation, simulate
+from dlo_ros.synthesis.true_motion import build_simulation, simulate
 
 # Young's modulus [Pa] and density [kg/m^3].
 TABLE_I, TABLE_II, TABLE_III = (1e6, 2000.0), (3e6, 2000.0), (5e7, 2500.0)

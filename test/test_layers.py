@@ -98,6 +98,8 @@ INSIDE_LEVEL = {
 TWINS = {"__init__", "__main__"}
 """Names that Python itself gives, which every part may have."""
 MODULES = sorted(PACKAGE.rglob("*.py"))
+LONGEST = 400
+"""Lines of a module, beyond which it has a seam at which it is better two."""
 
 
 def part(path):
@@ -163,6 +165,13 @@ def test_a_module_has_a_name_of_its_own():
                 f"{path}: says it twice"
             )
             seen[path.stem] = path
+
+
+@pytest.mark.parametrize("folder", ("dlo_ros", "test"))
+def test_no_module_is_too_long_to_be_read_at_once(folder):
+    lengths = {p: len(p.read_text().splitlines()) for p in (ROOT / folder).rglob("*.py")}
+    long = [f"{p.relative_to(ROOT)}: {n}" for p, n in lengths.items() if n > LONGEST]
+    assert not long, f"more than {LONGEST} lines: {', '.join(long)}"
 
 
 def drawn():

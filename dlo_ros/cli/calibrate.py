@@ -18,7 +18,7 @@ from dlo_ros.cli.progress import progress_bar
 from dlo_ros.cli.results import check_results_folder, written
 from dlo_ros.errors import DloError, InputError
 from dlo_ros.parameters import Vector
-from dlo_ros.recordings.pictures import count_pictures, pictures, read_picture
+from dlo_ros.recordings.calibration_pictures import count_pictures, pictures, read_picture
 from dlo_ros.vision.calibration.board_pose import UP, board_pose
 from dlo_ros.vision.calibration.camera_calibration import Calibration, calibrate, check_camera
 from dlo_ros.vision.calibration.camera_file import read_camera_file

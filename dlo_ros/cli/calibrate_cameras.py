@@ -12,7 +12,7 @@ from dlo_ros.files import write_text
 from dlo_ros.parameter_cameras import flat_cameras
 from dlo_ros.parameter_text import parameter_lines
 from dlo_ros.parameters import Vector
-from dlo_ros.recordings.pictures import SUFFIXES, read_picture
+from dlo_ros.recordings.calibration_pictures import SUFFIXES, read_picture
 from dlo_ros.vision.calibration.camera_file import read_camera_file
 from dlo_ros.vision.calibration.camera_network import CalibratedCameras, calibrate_cameras
 from dlo_ros.vision.calibration.pattern_search import PatternView, find_pattern

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What `calibrate` writes and says."""
+"""The output of `calibrate`: files, report and terminal."""
 
 from __future__ import annotations
 

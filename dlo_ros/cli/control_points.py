@@ -1,7 +1,7 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""How many control points splines have where a parameter file does not say.
+"""The number of control points of splines where a parameter file does not state it.
 
-A bag with observed splines has them already. Of images, cross-validation chooses them. Where a
+A bag with observed splines has one already. For images, cross-validation chooses it. Where a
 command names control points beyond the outer two of either end, their number is part of the names
 and stays that of interface.md.
 """
@@ -38,7 +38,7 @@ def with_control_points(
     Args:
         settings: of the parameter file.
         params: the parameter file.
-        bags: the first that tells decides.
+        bags: the first that has a number decides.
         observe: runs the observer on a bag's images.
         anew: whether the bags are observed again, so that splines in them do not count.
     """

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""`design --params FILE --output DIR [EXPERIMENT.yaml ...]`: what to measure next."""
+"""`design --params FILE --output DIR [EXPERIMENT.yaml ...]`: the next manipulation to record."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--estimate",
         type=Path,
         metavar="FILE",
-        help="estimate.json of recordings that have been made: what they told counts as known",
+        help="estimate.json of earlier recordings, whose information counts as known",
     )
     parser.add_argument(
         "--bounds",
@@ -138,7 +138,7 @@ def run(arguments: argparse.Namespace) -> int:
     write_text(output / "design.json", json.dumps(tree, indent=2, allow_nan=False) + "\n")
     report = _report(ranking, best.outlook, weakest, settings, remarks)
     write_design_report(output / "report.html", report)
-    print("What each experiment would tell, the most telling first:")
+    print("Expected information of each experiment, the largest first:")
     width = max(len(entry["name"]) for entry in tree["experiments"])
     for entry in tree["experiments"]:
         told = entry["std"]["specific_modulus"]
@@ -230,7 +230,7 @@ def experiment_text(
         "motion": motion,
         "measurement": {"std": noise.std, "spacing": noise.spacing},
     }
-    head = "# Found by dlo_ros design: what would tell most about E and mu of this DLO.\n"
+    head = "# Found by dlo_ros design: the most informative manipulation for E and mu.\n"
     text: str = yaml.safe_dump(tree, sort_keys=False, default_flow_style=None, width=100)
     return head + text
 
@@ -289,8 +289,8 @@ def _report(
     general = (
         f"The DLO is {rounded(length_over_scale(settings))} times as long as l = (B/w)^(1/3), over "
         "which its weight bends it. Standard deviations hold for E as given; information is "
-        "averaged over half, the given and twice the given E/mu, and leaves aside what a board "
-        "tilted a little or a DLO bent a little at rest would do as well."
+        "averaged over half, the given and twice the given E/mu, without changes of shape that a "
+        "slightly tilted board or a slight bend at rest would cause as well."
     )
     return DesignReport(headline, shown, (general, *remarks))
 

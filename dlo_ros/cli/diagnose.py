@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""`diagnose --params FILE --output DIR [--holdout BAG] BAG ...`: what is wrong, and why."""
+"""`diagnose --params FILE --output DIR [--holdout BAG] BAG ...`: model errors and their causes."""
 
 from __future__ import annotations
 

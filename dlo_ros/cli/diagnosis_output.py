@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What `diagnose` writes and prints: report.json, extended.yaml, report.html, a few lines."""
+"""The output of `diagnose`: report.json, extended.yaml, report.html, terminal."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def write_results(
         output: the folder, made where it is missing.
         settings: the initial guess.
         found: the result.
-        loads: what the DLO bore in the recordings.
+        loads: loads on the DLO in the recordings.
     """
     output.mkdir(parents=True, exist_ok=True)
     write_text(output / "report.json", json.dumps(tree(found), indent=2, allow_nan=False) + "\n")
@@ -58,7 +58,7 @@ def write_results(
 
 
 def tree(found: Diagnosis) -> dict[str, Any]:
-    """What report.json holds (interface.md)."""
+    """The contents of report.json (interface.md)."""
     gain = found.gain
     return {
         "verdict": found.verdict,
@@ -141,7 +141,7 @@ def summary(found: Diagnosis, length: float, output: Path) -> list[str]:
         for sentence in answer.answer:
             lines += _wrapped(sentence, "  ")
     if told.setup:
-        lines += ["", "Your set-up, as far as the data tell"]
+        lines += ["", "Your set-up, as far as the data determine it"]
         lines += [f"  {row}" for row in _setup_table(told.setup)]
     lines += ["", "What to record next", *_wrapped(told.advice, "  ")]
     return lines
@@ -164,7 +164,7 @@ def _setup_table(lines: Sequence[SetupRow]) -> list[str]:
     table = [f"{a:<{widths[0]}}  {b:<{widths[1]}}  {c}" for a, b, c in rows]
     if rest:
         more = f"{rest} other numbers are" if notable else f"All {rest} numbers are"
-        table.append(f"{more} as they should be, as far as these data tell.")
+        table.append(f"{more} as they should be, as far as these data determine.")
     return table
 
 
@@ -183,7 +183,7 @@ def _parameters(effect: NamedEffect) -> list[FoundParameter]:
 
 
 def report(found: Diagnosis, settings: Settings, loads: Sequence[LoadRow] = ()) -> DiagnosisReport:
-    """What report.html shows."""
+    """The contents of report.html."""
     length = settings.rod.length
     told = story(found, length, f"{EXTENDED} (beside this page)")
     remarks = list(found.remarks)

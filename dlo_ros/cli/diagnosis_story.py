@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""A diagnosis as answers to a person's questions: how wrong, why, what is gained, and what next."""
+"""The result of a diagnosis as answers to three questions: how wrong, why, with what gain."""
 
 from __future__ import annotations
 
@@ -46,13 +46,13 @@ NEAR_END, NEAR_MIDDLE = 0.15, 0.1
 
 @dataclass(frozen=True)
 class Story:
-    """The result, as a person asks for it.
+    """The result of a diagnosis in sentences.
 
     Args:
-        headline: all in a sentence.
-        answers: to the three questions.
-        setup: what is most clearly off first.
-        advice: what to record next.
+        headline: the result in one sentence.
+        answers: answers to the three questions.
+        setup: numbers of the set-up, the most clearly wrong first.
+        advice: the next recording to make.
     """
 
     headline: str
@@ -62,7 +62,7 @@ class Story:
 
 
 def story(found: Diagnosis, length: float, file: str) -> Story:
-    """Tell a diagnosis.
+    """The result of a diagnosis in sentences.
 
     Args:
         length: of the DLO [m].
@@ -118,7 +118,7 @@ def _error(found: Diagnosis) -> float | None:
 
 
 def _immaterial(found: Diagnosis) -> bool:
-    """Whether the plain model is as good as anybody needs it."""
+    """Whether the plain model's error is too small to matter."""
     err = _error(found)
     return err is not None and found.material_err is not None and err <= found.material_err
 
@@ -144,7 +144,7 @@ def _how_wrong(found: Diagnosis, length: float) -> tuple[str, ...]:
 
 
 def _spread(found: Diagnosis) -> str:
-    """Between which values the error lies in most pictures."""
+    """Range of the error in most pictures."""
     if not found.views:
         return ""
     low, high = np.percentile(np.concatenate([v.err_before for v in found.views]), [5.0, 95.0])
@@ -154,7 +154,7 @@ def _spread(found: Diagnosis) -> str:
 
 
 def _places(views: Sequence[RecordingView], length: float) -> list[str]:
-    """Where along the DLO the plain model is wrong, and when."""
+    """Sentence on the places and times of the plain model's error."""
     if not views:
         return []
     along = np.sqrt(np.mean(np.concatenate([distances(v, length) for v in views]) ** 2, axis=0))
@@ -237,8 +237,8 @@ def _cause(effect: NamedEffect) -> str:
         count = COUNTS.get(things, str(things))
         rest = either([clause(r) for r in effect.rivals])
         text = (
-            f"One of these {count} is certain, and the data cannot tell which: {own}{numbers}; or "
-            f"{rest}."
+            f"One of these {count} is certain, but the data do not determine which: "
+            f"{own}{numbers}; or {rest}."
         )
     else:
         text = f"Certain: {own}{numbers}."
@@ -284,7 +284,7 @@ def _gain(found: Diagnosis, file: str) -> tuple[str, ...]:
 
 
 def setup_lines(found: Diagnosis) -> tuple[SetupRow, ...]:
-    """Numbers of the set-up, what is most clearly off first."""
+    """Lines on the numbers of the set-up, the most clearly wrong first."""
     labels = _labels(found)
     off = {name: _deviations(name, n) for name, n in found.setup.items()}
     return tuple(
@@ -301,7 +301,7 @@ def _labels(found: Diagnosis) -> dict[str, str]:
 
 
 def _deviations(name: str, n: SetupNumber) -> float:
-    """Standard deviations by which a number is off."""
+    """Difference of a number from its expected value, in standard deviations."""
     return _off(name, n) / n.std if n.std > 0.0 else 0.0
 
 

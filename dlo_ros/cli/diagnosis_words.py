@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Effects and their numbers as a person reads them: sentences, degrees, millimetres, grams."""
+"""Effects and their numbers as text for people: sentences, degrees, millimetres, grams."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ def title(effect: str) -> str:
 
 
 def clause(effect: str) -> str:
-    """Clause that tells of an effect; its name where the effect is not known (any more)."""
+    """Clause on an effect; its name where the effect is not known (any more)."""
     known = effects().get(effect)
     return known.told() if known else f"there is an effect of {effect.replace('_', ' ')}"
 
 
 def amount(value: float, std: float | None, unit: str) -> str:
-    """A number with its standard deviation in the units of a person, to as many digits."""
+    """A number with its standard deviation in readable units, to as many digits."""
     factor, shown = _units(value, unit)
     if std is None or not math.isfinite(std) or std <= 0.0:
         return f"{number(factor * value)} +- unknown {shown}".rstrip()
@@ -40,13 +40,13 @@ def amount(value: float, std: float | None, unit: str) -> str:
 
 
 def bare(value: float, unit: str) -> str:
-    """A number in the units of a person, such as a tolerance; without a unit in per cent."""
+    """A number in readable units, such as a tolerance; without a unit in per cent."""
     factor, shown = _units(value, unit) if unit else (100.0, "%")
     return number(factor * value, shown, 2)
 
 
 def _units(value: float, unit: str) -> tuple[float, str]:
-    """A person's unit for a value in an SI unit: its factor and name."""
+    """Readable unit for a value in an SI unit: its factor and name."""
     if unit == "rad":
         return 180.0 / math.pi, "degrees"
     if unit == "m":
@@ -57,7 +57,7 @@ def _units(value: float, unit: str) -> tuple[float, str]:
 
 
 def off_by(value: float, std: float | None, effect: str, key: str) -> str:
-    """By how much a number is away from what it should be; without a unit in per cent."""
+    """Difference of a number from its expected value; without a unit in per cent."""
     q = _quantity(effect, key)
     neutral, unit = (q.neutral, q.unit) if q else (0.0, "")
     if unit:
@@ -129,7 +129,7 @@ def _value(effect: str, key: str, n: Number) -> str:
 
 
 def either(phrases: Sequence[str]) -> str:
-    """Phrases of which one holds."""
+    """Text that joins phrases of which one holds."""
     return "; or ".join(phrases)
 
 

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""`doctor`: what is installed, heard and mismatched, in one page."""
+"""`doctor`: checks of the installation, the ROS graph and parameters, in one page."""
 
 from __future__ import annotations
 
@@ -78,23 +78,23 @@ def examine(params: Path | None, seconds: float) -> dict[str, list[Finding]]:
 
 
 def _listen(seconds: float, settings: Settings | None) -> dict[str, list[Finding]]:
-    """Findings about the ROS graph; a single one where it cannot be heard."""
+    """Findings about the ROS graph; a single one where it cannot be observed."""
     try:
         from dlo_ros.nodes.graph_watch import watch
 
         return judge(watch(seconds), settings)
     except ModuleNotFoundError as err:
-        return {"Heard": [warning(f"nothing can be heard without {err.name}")]}
+        return {"ROS graph": [warning(f"the ROS graph cannot be observed without {err.name}")]}
     except KernelError as err:
-        return {"Heard": [warning(f"nothing can be heard: {err}")]}
+        return {"ROS graph": [warning(f"the ROS graph cannot be observed: {err}")]}
     except Exception as err:  # the middleware fails in many ways, with exceptions of its own
         if isinstance(err, (InputError, OSError)):
             raise
         return {
-            "Heard": [
+            "ROS graph": [
                 wrong(
                     f"ROS does not start: {' '.join(str(err).split())}",
-                    "mend what stands above under Network",
+                    "see the remedies above, under Network",
                 )
             ]
         }

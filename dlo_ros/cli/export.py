@@ -148,7 +148,7 @@ def _chosen(
     settings: Settings,
     max_err: float,
 ) -> tuple[list[str], Choice]:
-    """The resolution, and what is to be said of how it was found."""
+    """The resolution, and a sentence on how it was found."""
     default = Choice(
         DEFAULT_ELEMENTS, longest_step(first_chain(scenes[0], settings, DEFAULT_ELEMENTS))
     )

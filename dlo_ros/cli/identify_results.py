@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What `identify` writes and says: estimate.json, the terminal's lines, the report."""
+"""The output of `identify`: estimate.json, the terminal's lines, the report."""
 
 from __future__ import annotations
 
@@ -40,14 +40,14 @@ WIDEST = 0.5  # relative standard deviation up to which an ellipse is drawn
 
 
 def information(found: Identification) -> FloatArray:
-    """Of the data on the logarithms of `MATERIAL`, shape (4, 4)."""
+    """Information of the data on the logarithms of `MATERIAL`, shape (4, 4)."""
     return np.zeros((4, 4)) if found.fitted is None else found.fitted.told
 
 
 def tree(
     found: Identification, sampled: Sample | None = None, redrawn: FloatArray | None = None
 ) -> dict[str, Any]:
-    """What estimate.json holds (interface.md), and more.
+    """The contents of estimate.json (interface.md).
 
     Args:
         found: the result.
@@ -162,7 +162,7 @@ def _set_up(found: Identification) -> list[str]:
 
 
 def forces_told(found: Identification) -> list[str]:
-    """A sentence on what measured forces tell, and by what."""
+    """A sentence on what measured forces determine, and by which of their parts."""
     forces = None if found.fitted is None else found.fitted.forces
     if forces is None:
         return []

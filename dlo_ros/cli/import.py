@@ -25,7 +25,9 @@ FORMATS = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The arguments of the tool."""
-    parser.add_argument("inputs", type=Path, nargs="+", metavar="INPUT", help="what is read")
+    parser.add_argument(
+        "inputs", type=Path, nargs="+", metavar="INPUT", help="files or folders to read"
+    )
     parser.add_argument(
         "--format", choices=tuple(FORMATS), required=True,
         help="; ".join(f"{name}: {words}" for name, words in FORMATS.items()),

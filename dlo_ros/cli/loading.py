@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What `predict` and `identify` read: parameter file, bags, and splines observed on the way."""
+"""Inputs of `predict` and `identify`: parameter file, bags, and splines observed on the way."""
 
 from __future__ import annotations
 
@@ -182,7 +182,7 @@ def _observe(path: Path, settings: Settings) -> list[Observation]:
 def _usable(
     observed: Iterable[ObservedFrame | ObservedPoints], none: str, reason: str
 ) -> list[Observation]:
-    """The observations among what was observed.
+    """The observations among all results of the observer.
 
     Args:
         none: beginning of the message where there is none.

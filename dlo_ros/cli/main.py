@@ -99,12 +99,12 @@ EXECUTABLES: tuple[Executable, ...] = (
     ),
     Executable(
         "design",
-        "which manipulation would tell most about Young's modulus E and density mu",
+        "ranks manipulations by their expected information about Young's modulus E and density mu",
         "--params params.yaml --output build/design",
     ),
     Executable(
         "diagnose",
-        "offline: bags in, what the model gets wrong, its cause and the extended model out",
+        "offline: bags in; the model's errors, their causes and the extended model out",
         "--params params.yaml --output build/diagnosis recording_1 recording_2",
     ),
     Executable(
@@ -129,7 +129,7 @@ EXECUTABLES: tuple[Executable, ...] = (
     ),
     Executable(
         "doctor",
-        "what is installed, heard and mismatched, in one page; exit status 1: something is wrong",
+        "checks installation, ROS graph and parameters, in one page; exit status 1: an error",
         "--params params.yaml",
     ),
     Executable(

@@ -28,9 +28,9 @@ from dlo_ros.files import write_bytes, write_text
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.bag import open_bag
-from dlo_ros.recordings.building import observation_messages
 from dlo_ros.recordings.camera_bags import count_images
 from dlo_ros.recordings.images import Image
+from dlo_ros.recordings.message_building import observation_messages
 from dlo_ros.recordings.read import (
     iterate_images,
     iterate_masks,

@@ -17,7 +17,7 @@ from dlo_ros.errors import InputError, RecordingError, VisionError
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.bag import open_bag
-from dlo_ros.recordings.building import observation_messages
+from dlo_ros.recordings.message_building import observation_messages
 from dlo_ros.recordings.point_lists import iterate_points
 from dlo_ros.recordings.read import read_recording
 from dlo_ros.recordings.write import BagWriter, copy_topics

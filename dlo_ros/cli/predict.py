@@ -26,14 +26,14 @@ from dlo_ros.identification.estimate import stated_covariance, told_covariance
 from dlo_ros.inference.forecast import forecast, warn_of_instability
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
-from dlo_ros.recordings.building import (
+from dlo_ros.recordings.command_file import read_command_file
+from dlo_ros.recordings.message_building import (
     BAG_MESSAGES,
     command_message,
     float_message,
     load_messages,
     spline_message,
 )
-from dlo_ros.recordings.command_file import read_command_file
 from dlo_ros.recordings.write import BagWriter, copy_topics
 from dlo_ros.rod.loads.extreme_loads import Extremes
 from dlo_ros.rod.loads.grip_reactions import Loading

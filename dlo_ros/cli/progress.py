@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""A progress bar on the terminal, and nothing at all where there is none."""
+"""A progress bar on the terminal; no output where stderr is a file."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def progress_bar(*columns: str | ProgressColumn) -> Iterator[Progress]:
 
 
 def steps(bar: Progress, task: TaskID) -> Callable[[str, float], None]:
-    """A function that is called with what is being done and the share of it that is done.
+    """A function that is called with the name of a step and the share of it that is done.
 
     It shows both on the bar, and each step once in the log.
     """

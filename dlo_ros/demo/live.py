@@ -14,7 +14,7 @@ from dlo_ros.demo.plan import LiveRun
 from dlo_ros.demo.processes import Child, Children, ProcessError
 from dlo_ros.demo.terminal_progress import Progress
 from dlo_ros.file_parameter import NODES
-from dlo_ros.nodes.monitor import Monitor, monitoring
+from dlo_ros.nodes.output_monitor import OutputMonitor, monitoring
 from dlo_ros.nodes.received_data import ReceivedData
 
 READY_WITHIN = 60.0
@@ -58,7 +58,7 @@ def run_live(run: LiveRun, console: Console) -> ReceivedData:
         return monitor.heard
 
 
-def _wait_until_ready(monitor: Monitor, children: Children) -> None:
+def _wait_until_ready(monitor: OutputMonitor, children: Children) -> None:
     deadline = time.monotonic() + READY_WITHIN
     while missing := monitor.missing():
         children.check()
@@ -70,7 +70,7 @@ def _wait_until_ready(monitor: Monitor, children: Children) -> None:
         monitor.listen(0.05)
 
 
-def _listen(monitor: Monitor, children: Children, player: Child, progress: Progress) -> None:
+def _listen(monitor: OutputMonitor, children: Children, player: Child, progress: Progress) -> None:
     """Keep listening while the recording plays, and then until nothing more comes."""
 
     def spin_while(condition: Callable[[], bool]) -> None:

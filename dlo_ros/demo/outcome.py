@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What a live run achieved: the estimate, and ERR before and after (no ROS here)."""
+"""The result of a live run: the estimate, and ERR before and after (no ROS here)."""
 
 from __future__ import annotations
 

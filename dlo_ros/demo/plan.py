@@ -26,7 +26,7 @@ COMMANDS: Mapping[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class LiveRun:
-    """What is played to whom.
+    """The recording, the topics and the parameters of a live run.
 
     Args:
         bag: the recording.

@@ -39,10 +39,10 @@ class Child:
     log: Path
 
     def failure(self) -> str:
-        """How it ended and the last that it said, in one line."""
+        """The exit and the last output, in one line."""
         status = self.process.poll()
         said = self.log.read_text(errors="replace").strip().splitlines()[-LAST_LINES:]
-        last = " | ".join(line.strip() for line in said) or "it said nothing"
+        last = " | ".join(line.strip() for line in said) or "it printed nothing"
         return f"{self.name} ended with status {status}: {last} (all of it in {self.log})"
 
 

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""From what was heard to estimate.json, the last line and the report."""
+"""The outputs of a live run: estimate.json, the last line and the report."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What the demo shows in the terminal while the recording plays."""
+"""The demo's progress in the terminal while the recording plays."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Progress:
             self._live.stop()
 
     def update(self, heard: ReceivedData) -> None:
-        """Show the state; called as often as one likes."""
+        """Show the state; may be called as often as needed."""
         if not heard.now:
             return
         if self._start is None:

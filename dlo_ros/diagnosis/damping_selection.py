@@ -1,9 +1,9 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Damping that the parameter file only guesses: whether the data ask for another, and which.
+"""Selection between the damping that the parameter file only guesses and a fitted one.
 
-It is fitted together with everything else, so that a wrong guess hides no cause and makes none.
-What it turned out to be is named as `air_drag` or `internal_damping` where it is all that was
-missing, or where everything is much worse with the guess.
+The damping is fitted together with everything else, so that a wrong guess hides no cause and feigns
+none. It is named as `air_drag` or `internal_damping` where nothing else was missing, or where
+everything is much worse with the guess.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ named alone where neither explains the data."""
 
 @dataclass(frozen=True)
 class Guess:
-    """A guess that the data do not bear out.
+    """A guessed damping that the data contradict.
 
     Args:
-        effect: that would make good for it.
+        effect: name of the effect that would correct it.
         given, fitted: value in the file and in the fit, in the file's unit.
         std: of the logarithm.
     """
@@ -47,7 +47,7 @@ class Guess:
 
 
 def guessed(model: Model, given: Settings) -> tuple[str, ...]:
-    """Effects that would take the place of the damping that is fitted."""
+    """Names of the effects that stand for the fitted damping."""
     return tuple(
         effect for effect, (name, _) in added_to_damping().items()
         if name in model.free and effect not in model.effects
@@ -56,7 +56,7 @@ def guessed(model: Model, given: Settings) -> tuple[str, ...]:
 
 
 def wrong_guesses(at: CandidateEvaluation, given: Settings) -> tuple[Guess, ...]:
-    """Of the damping that the fit was free to choose, what lies clearly off the file's value."""
+    """Fitted dampings that clearly differ from the file's guess."""
     spread = np.sqrt(np.maximum(np.diag(covariance(at, given)), 0.0))
     found = []
     for effect, (name, _) in added_to_damping().items():
@@ -72,9 +72,10 @@ def wrong_guesses(at: CandidateEvaluation, given: Settings) -> tuple[Guess, ...]
 def with_guess(
     at: CandidateEvaluation, given: Settings, effects: Sequence[str] = ()
 ) -> list[Model]:
-    """The model with the file's damping, and effects that make good for it: beginnings of a fit.
+    """Starts of a fit: the model with the file's damping, and effects that correct it.
 
-    In one of them all else has followed: of weight, stiffness and damping only ratios may count.
+    In one of them the other parameters have followed: only ratios of weight, stiffness and damping
+    may count.
     """
     model = at.model
     names = [added_to_damping()[e][0] for e in guessed(model, given)]
@@ -124,7 +125,7 @@ def _candidates(team: Workers, models: Sequence[Sequence[Model]]) -> list[Candid
 
 @dataclass(frozen=True)
 class Damping:
-    """What was made of a wrong guess.
+    """The decision on a wrong guess of the damping.
 
     Args:
         plain: the plain model with the file's damping.
@@ -141,7 +142,7 @@ def named(
     team: Workers, plain: Candidate, best: Candidate, decision: verdicts.Decision,
     holdout_err: Callable[[Candidate], float | None],
 ) -> Damping | None:  # fmt: skip
-    """Name the damping where it is all that was missing, or where it is certain.
+    """Name the damping where nothing else was missing, or where it is certain.
 
     Args:
         plain: without effects.
@@ -195,7 +196,7 @@ def _matters(
 def decided(
     found: Sequence[Candidate], chosen: Candidate, before: verdicts.Decision
 ) -> verdicts.Decision:
-    """One of the two, with the other as its rival where both do; both only where neither does."""
+    """One of two decisions, with the other as its rival where both name a cause."""
     known = chosen.at.model.effects
     # Beside a residual that nothing explains, no difference is as certain as the noise makes it.
     unsure = before.verdict == "unexplained"

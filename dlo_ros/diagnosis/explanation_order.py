@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 
-from dlo_ros.diagnosis.contact.contact_search import pegs_met
+from dlo_ros.diagnosis.contact.contact_search import pegs_beside_plain_model
 from dlo_ros.diagnosis.explain.certainty import departures
 from dlo_ros.diagnosis.findings import holdout as held_out
 from dlo_ros.diagnosis.findings.joint_outcome import training_set
@@ -60,7 +60,12 @@ def explain_in_order(
     def screened(at: CandidateEvaluation, present: Sequence[str]) -> list[Prospect]:
         here = scene(at.model.settings, names, at.predicted)
         progress("looking for what was hit", 0.0)
-        return screen(team, at, [*starts(here, present), *pegs_met(team, at, present)], progress)
+        return screen(
+            team,
+            at,
+            [*starts(here, present), *pegs_beside_plain_model(team, at, present)],
+            progress,
+        )
 
     def holdout_errors_beside(candidates: Sequence[Candidate]) -> held_out.HoldoutErrors:
         """Errors on the held-out data, which are chosen by the best explanation."""

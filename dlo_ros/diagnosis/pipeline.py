@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""From recordings to what the model gets wrong, its cause, and what naming it gains."""
+"""The pipeline of the diagnosis: from recordings to model errors, their cause, and its gain."""
 
 from __future__ import annotations
 
@@ -131,7 +131,7 @@ def _better_plain_model(
 def _refined(
     beginning: Beginning, plain: Candidate, found: Findings, given: Settings
 ) -> tuple[Candidate, Findings]:
-    """The findings with a finer simulation, in which the nearest candidates may explain all."""
+    """The findings with a finer simulation, with which candidates may explain the data."""
     recordings = beginning.recordings[: len(plain.at.residuals)]
 
     def again(c: Candidate) -> Candidate:
@@ -163,7 +163,7 @@ def _refined(
 def _search(
     beginning: Beginning, count: int, given: Settings, processes: int, progress: Progress
 ) -> tuple[Candidate, Findings]:
-    """The plain model and what explains the first `count` recordings beyond it."""
+    """The plain model and the explanation of the first `count` recordings."""
     learned = beginning.recordings[:count]
     at = _only(beginning.at, count)
     plain = candidate("", "", at, given)

@@ -84,7 +84,7 @@ def quality(name: str, ends: Iterable[Endpoint]) -> list[Finding]:
     found = []
     for sender in (e for e in ends if e.publishes):
         for listener in (e for e in ends if not e.publishes):
-            pair = f"{name}: {listener.node} hears nothing of {sender.node}"
+            pair = f"{name}: {listener.node} receives nothing from {sender.node}"
             parameter = f"qos_overrides.{name}"
             if listener.reliable and not sender.reliable:
                 found.append(
@@ -145,7 +145,7 @@ def _fleeting(name: str, ends: Iterable[Endpoint]) -> list[Finding]:
         return []
     return [
         warning(
-            f"{name} of {e.node} is not latched: a node that starts later never hears it",
+            f"{name} of {e.node} is not latched: a node that starts later never receives it",
             "publish it transient local (ros2 topic pub --qos-durability transient_local)",
         )
         for e in ends

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""The variables of the environment that say how nodes find each other."""
+"""The variables of the environment that determine how nodes find each other."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def _discovery(variables: Mapping[str, str]) -> list[Finding]:
             warning(
                 f"ROS_LOCALHOST_ONLY is {variables['ROS_LOCALHOST_ONLY']}, which Jazzy calls "
                 "outdated; while it is set, ROS_AUTOMATIC_DISCOVERY_RANGE does not count",
-                "unset it; ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST says the same",
+                "unset it; ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST does the same",
             )
         )
     reach = variables.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "")
@@ -112,7 +112,7 @@ def _distribution(variables: Mapping[str, str]) -> list[Finding]:
 
 
 def shared_memory(folder: Path = SHARED_MEMORY) -> list[Finding]:
-    """Whether images find room in the shared memory, through which nodes hand them over.
+    """Whether images fit into the shared memory through which nodes hand them over.
 
     Args:
         folder: where it is mounted; nothing is said where there is none.

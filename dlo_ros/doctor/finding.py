@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""A finding: what was looked at, how it is, and what to do."""
+"""A finding: its subject, its level, and the remedy."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ WIDTH = 100
 
 
 class Level(IntEnum):
-    """How it is."""
+    """The level of a finding."""
 
     OK = 0
     WARNING = 1
@@ -29,8 +29,8 @@ class Finding:
     """One line of the page.
 
     Args:
-        level: how it is.
-        text: what was found.
+        level: level of the finding.
+        text: observation in a sentence.
         remedy: what to do about it; empty where nothing is to be done.
     """
 

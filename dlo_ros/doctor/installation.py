@@ -52,7 +52,7 @@ def _python(version: str) -> Finding:
 
 
 def _libraries(importer: Callable[[str], Any]) -> list[Finding]:
-    """Libraries that are well in one line, and a line for each other one."""
+    """One line on all libraries that are in order, and a line for each other one."""
     good, bad = [], []
     for dependency in DEPENDENCIES:
         finding = _library(dependency, importer)

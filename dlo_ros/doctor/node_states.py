@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""The package's nodes: whether they are ready, what they say of themselves, whether they agree."""
+"""The package's nodes: readiness, status, and agreement of their parameters."""
 
 from __future__ import annotations
 

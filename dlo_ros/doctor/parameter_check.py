@@ -69,7 +69,7 @@ SLENDERNESS = Usual(
 BENDING_LENGTH = Usual(
     "(E I / (weight per length))^(1/3) / length", "", 0.01, 3.0,
     "it hangs like a chain: E can hardly be seen; is E in Pa?",
-    "it hardly bends under its own weight: settled shapes tell little of E; is E in Pa?",
+    "it hardly bends under its own weight: settled shapes hardly depend on E; is E in Pa?",
 )  # fmt: skip
 GRAVITY = Usual(
     "the magnitude of gravity", "m/s^2", 9.7, 9.9,

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Clocks, stamps, frames: whether the nodes, the messages and the parameter file mean the same."""
+"""Agreement of clocks, stamps and frames between nodes, messages and the parameter file."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def clocks(graph: Graph) -> list[Finding]:
     if followers and not graph.clock:
         found.append(
             wrong(
-                f"{', '.join(followers)} with use_sim_time, but no clock is heard: time stands "
+                f"{', '.join(followers)} with use_sim_time, but no clock is received: time stands "
                 "still there",
                 "play the recording with /clock (dlo_ros play, ros2 bag play --clock 100), or "
                 "use_sim_time:=false with a camera",
@@ -121,7 +121,7 @@ def frames(graph: Graph, settings: Settings | None = None) -> list[Finding]:
             warning(
                 f"frame_id '{fixed}' is in no transform of /tf and /tf_static, which have "
                 f"{', '.join(sorted(graph.frames)[:5])}",
-                "the observer publishes it (publish_tf) once it hears camera_info; or name "
+                "the observer publishes it (publish_tf) once it receives camera_info; or name "
                 "another frame",
             )
         )

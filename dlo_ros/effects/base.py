@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What an effect is, and the rod that it may change."""
+"""The base class of effects, and the rod that an effect may change."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Wall(NamedTuple):
 
 @dataclass
 class Body:
-    """The rod while it is put together; an effect changes its numbers in place.
+    """The rod during its assembly; an effect changes its numbers in place.
 
     Args:
         basis: of the simulation, over the configured length L.
@@ -271,27 +271,27 @@ class Effect:
 
     @classmethod
     def called(cls) -> str:
-        """Its title, or its name in words."""
+        """The title, or the name in words."""
         return cls.title or cls.name.replace("_", " ")
 
     @classmethod
     def told(cls) -> str:
-        """Its phrase, or what its name says."""
+        """The phrase for reports, or the name in words."""
         return cls.phrase or f"there is an effect of {cls.called()}"
 
     def shape_body(self, body: Body) -> None:
         """Change the rod: stiffness, rest strain, mass, load, damping, surroundings."""
 
     def impose(self, command: Command) -> Command:
-        """What is truly imposed where `command` was commanded."""
+        """The true command where `command` was commanded."""
         return command
 
     def later(self) -> float:
-        """How much later than its commands say the DLO is seen to move [s]."""
+        """Delay of the DLO's seen motion after its command [s]."""
         return 0.0
 
     def measured(self, points: FloatArray) -> FloatArray:
-        """Where the camera sees points (m, 3) of the board frame that are truly at `points`."""
+        """Points (m, 3) of the board frame as the camera measures them, truly at `points`."""
         return points
 
     def true(self, points: FloatArray) -> FloatArray:
@@ -310,7 +310,7 @@ class Effect:
 
     @classmethod
     def setup(cls, scene: Scene) -> Block:
-        """Neutral values of the numbers with which every set-up has the effect a little.
+        """Neutral values of the numbers by which the effect is a small error of every set-up.
 
         They are always open within their tolerances where the joint model is fitted; empty: an
         effect that a careful set-up does not have.
@@ -349,7 +349,7 @@ class Effect:
 
 
 def _beginning(q: Quantity, rope: RopeScale, place: float, side: float) -> Value:
-    """Value of a parameter from which an effect is looked for.
+    """Value of a parameter at the start of a search.
 
     Args:
         place: of the length.

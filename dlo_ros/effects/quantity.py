@@ -29,7 +29,7 @@ MOST_REMOVED = 0.99  # share of a configured damping that an effect may take awa
 
 @dataclass(frozen=True)
 class RopeScale:
-    """What numbers of an effect are measured by: the plain rope.
+    """The plain rope, which gives the units for the numbers of an effect.
 
     Args:
         length: L [m].
@@ -113,7 +113,7 @@ class Quantity:
 
     @property
     def geometric(self) -> bool:
-        """Whether it says where the effect acts, not how much."""
+        """Whether it is the place of the effect rather than its size."""
         return self.role in ("place", "extent", "point")
 
     @property
@@ -122,7 +122,7 @@ class Quantity:
         return self.lower > 0.0
 
     def transformed(self, value: float) -> float:
-        """A value as a fit sees it: the value itself, or its logarithm."""
+        """A value in the units of the fit: the value itself, or its logarithm."""
         return math.log(value) if self.logarithmic else value
 
     def restored(self, seen: float) -> float:
@@ -159,7 +159,7 @@ class Quantity:
         return rope.unit(self.unit)
 
     def tolerance_for(self, rope: RopeScale) -> float | None:
-        """Standard deviation within which a set-up is as people build it, in `unit`.
+        """Standard deviation of the number in an ordinary set-up, in `unit`.
 
         That of a ratio is of its logarithm. None: no tolerance.
         """
@@ -189,7 +189,7 @@ class Quantity:
         return min(max(value, low), high)
 
     def search_for(self, rope: RopeScale) -> tuple[float, float]:
-        """Lowest and highest value that is looked for, in `unit`; it lies within the range."""
+        """Lowest and highest value of the search, in `unit`, within the range."""
         if self.adds_to:
             return -MOST_REMOVED * getattr(rope, self.adds_to), self.upper
         shares = self.search

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Which effects there are, and how they are made from the values of a parameter file."""
+"""The registry of effects, and their construction from the values of a parameter file."""
 
 from __future__ import annotations
 

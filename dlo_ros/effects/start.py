@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""From where an effect is looked for in recordings."""
+"""Starting values of effects for the search in recordings."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ TURNS = (1, 3)
 """Numbers of a rotation: an angle about the board's y axis, or a rotation vector."""
 
 PLACES = (0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 1.0)
-"""Places at which a local effect is looked for, of the length."""
+"""Places at which a local effect is tried, over the length."""
 INNER_PLACES = PLACES[:-1]
-"""Those of them at which a change of stiffness or of curvature does something."""
+"""The places at which a change of stiffness or of curvature has an effect."""
 
 
 @dataclass(frozen=True)
 class Start:
-    """One beginning of a search.
+    """Starting values of one effect.
 
     Args:
-        effect: its name.
+        effect: name of the effect.
         block: values of all keys that are set.
         screened: keys in which the effect is linear at first.
         fitted: keys that are fitted.
@@ -54,10 +54,10 @@ class Start:
 
 @dataclass(frozen=True)
 class Scene:
-    """What the recordings look like to a model.
+    """Size, clamps and reach of the motion in the recordings that a model is fitted to.
 
     Args:
-        rope: the plain rope.
+        rope: length, diameter and material of the plain rope.
         clamps: ends (`start`, `end`) whose direction is imposed in some recording.
         held: ends whose position is imposed in some recording.
         curvature: 90th percentile of the largest curvature of each frame [1/m].
@@ -81,7 +81,7 @@ def rotation_vector(angle: float | tuple[float, ...]) -> FloatArray:
 
 
 def at_clamps(effect: str, scene: Scene, nothing: Value = 0.0) -> list[Start]:
-    """Starts of an effect with a number for each clamp: each clamp alone, and both.
+    """Starts of an effect that has a number for each clamp: each clamp alone, and both.
 
     Args:
         nothing: the value of a clamp at which it does nothing.

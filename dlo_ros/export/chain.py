@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""The cable as a chain of rigid links with elastic joints, whatever format it is written in.
+"""The cable as a chain of rigid links with elastic joints, the common form of all formats.
 
 The true length is cut into N cells of equal length h, with a joint in the middle of each. So the
 first and the last link are half as long as the others, a clamp holds a half link, and the angle of
@@ -36,7 +36,7 @@ SLOWEST = 1.875**4  # squared frequency of a cantilever's first mode over B / (l
 
 @dataclass(frozen=True)
 class CableChain:
-    """The cable in its formats' common form; N joints, N + 1 links.
+    """The cable with N joints and N + 1 links.
 
     Args:
         length: of the whole cable [m].

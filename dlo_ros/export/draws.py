@@ -100,8 +100,8 @@ def statement(settings: Settings, known: ParameterKnowledge) -> str:
     ratio, spread = settings.rod.specific_modulus, TWO_SIDED * known.ratio_std
     if not known.told:
         return (
-            f"E/mu is {ratio:.4g} m^2/s^2; how well it is known is not said "
-            "(--estimate estimate.json says it)"
+            f"E/mu is {ratio:.4g} m^2/s^2; its uncertainty is not given "
+            "(--estimate estimate.json gives it)"
         )
     low, high = ratio * math.exp(-spread), ratio * math.exp(spread)
     return f"E/mu is {ratio:.4g} m^2/s^2; 95 % interval {low:.4g} to {high:.4g} m^2/s^2"

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""How many elements an exported cable needs: MuJoCo is run and held against the rod."""
+"""Fidelity of an exported cable: MuJoCo's motion compared with the rod's, by number of elements."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ PATIENCE = 240.0  # [s] of processor time after which no more is tried
 
 @dataclass(frozen=True)
 class Fidelity:
-    """How far MuJoCo's cable is from the rod, errors over L.
+    """Deviation of MuJoCo's cable from the rod, errors over L.
 
     Args:
         scene: name of the motion.

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What of a model a format can say, from what each effect changes; the rest is told by name."""
+"""Effects that a format cannot represent, by what each effect changes; all are listed by name."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ POINTS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])  # that a
 
 @dataclass(frozen=True)
 class Unsupported:
-    """What a format leaves out.
+    """The parts of a model that a format leaves out.
 
     Args:
         settings: the model without the effects that are left out.
@@ -44,7 +44,7 @@ class Unsupported:
 
 
 def unsupported(settings: Settings, says: frozenset[str]) -> Unsupported:
-    """What a format cannot say of a model.
+    """The parts of a model that a format cannot represent.
 
     Args:
         settings: the parameter file.

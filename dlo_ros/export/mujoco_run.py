@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Run an exported cable in MuJoCo, where that is installed."""
+"""Simulation of an exported cable in MuJoCo, where that is installed."""
 
 from __future__ import annotations
 

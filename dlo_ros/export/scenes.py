@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Motions in which another simulator is held against the rod: a standard and a recorded one."""
+"""Motions in which another simulator is compared with the rod: a standard and a recorded one."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ INSTANT = 1_000_000  # [ns] in which the velocity of a moving start is seen
 
 @dataclass(frozen=True)
 class ComparedMotion:
-    """A motion of the rod, and what was seen of it.
+    """A motion of the rod, and its observed shapes.
 
     Args:
         name: for messages.

@@ -62,7 +62,7 @@ def varied_in_pieces(
     last_stamp: int | None = None,
     frames: int | None = None,
 ) -> Generator[None, None, Varied | None]:
-    """As `forecast_varied`, piece by piece; None where several sets cannot be simulated at once.
+    """As `forecast_varied`, in short pieces; None where the sets cannot be simulated at once.
 
     Args:
         frames: observations of a piece; None: all.
@@ -139,7 +139,7 @@ def forecast_in_pieces(
     last_stamp: int | None = None,
     frames: int | None = None,
 ) -> Generator[None, None, list[Forecast | None]]:
-    """As `forecast_each`, piece by piece for who must not wait.
+    """As `forecast_each`, in short pieces for callers that must not wait.
 
     Args:
         frames: observations of a piece; None: all.

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Long work done piece by piece, so that nobody has to wait for all of it."""
+"""Long work in short pieces, so that callbacks of a node need not wait for all of it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ SHORT, LONG = False, True
 
 
 def short(pieces: Generator[None, None, Result]) -> Pieces[Result]:
-    """Work all of whose pieces are short."""
+    """Work whose pieces are all short."""
     while True:
         try:
             next(pieces)
@@ -25,7 +25,7 @@ def short(pieces: Generator[None, None, Result]) -> Pieces[Result]:
 
 
 def exhausted(pieces: Generator[object, None, Result]) -> Result:
-    """All pieces at once."""
+    """The result of work after all its pieces, done at once."""
     while True:
         try:
             next(pieces)
@@ -35,7 +35,7 @@ def exhausted(pieces: Generator[object, None, Result]) -> Result:
 
 
 class Worker:
-    """Does as much of some work as fits into a time, again and again.
+    """Does as much of some work as fits into a time budget, again and again.
 
     Args:
         budget: that a turn takes [s], what its caller has done before included; infinite: all work
@@ -49,11 +49,11 @@ class Worker:
 
     @property
     def busy(self) -> bool:
-        """Whether some work is not done yet."""
+        """Whether some work is unfinished."""
         return self._work is not None
 
     def drop(self) -> None:
-        """Forget the work."""
+        """Discard the unfinished work."""
         self._work = None
 
     def turn(self, begin: float, due: Callable[[], Pieces[None]]) -> None:

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Estimates of (E, mu): values, honest standard deviations, and what the data determine."""
+"""Estimates of (E, mu): values, standard deviations, and what the data determine."""
 
 from __future__ import annotations
 
@@ -62,10 +62,10 @@ class Estimate:
 
 
 def searchable(settings: Settings) -> Settings:
-    """The settings with a positive damping where it is guessed to be zero.
+    """The settings with a positive damping where the file guesses zero.
 
-    A search for the logarithm could never leave zero, and what the missing damping does would be
-    laid to E/mu. Known dampings (std above zero) stay as they are.
+    A search for the logarithm could never leave zero, and the effect of the missing damping would
+    be attributed to E/mu. Known dampings (std above zero) stay as they are.
     """
     flat = settings.flat()
     for name in ("damping.air_drag", "damping.relaxation_time"):
@@ -116,7 +116,7 @@ def within_noise(settings: Settings, rms: float) -> Settings:
 
 
 def known_information(settings: Settings, *, weighed: bool) -> FloatArray:
-    """Information (4, 4) on the logarithms from what is known beforehand.
+    """Prior information (4, 4) on the logarithms.
 
     Args:
         weighed: whether density_std counts; `identifiable` leaves it aside.
@@ -159,13 +159,13 @@ def told_covariance(settings: Settings, information: FloatArray) -> FloatArray:
     """Covariance (4, 4) of the logarithms after recordings, guesses included.
 
     Args:
-        information: that they have told, shape (4, 4), as in estimate.json.
+        information: information from the recordings, shape (4, 4), as in estimate.json.
     """
     return _inverse(information + search_information(settings))
 
 
 def search_information(settings: Settings) -> FloatArray:
-    """Information (4, 4) that guides the search: what is known, and weakly the guesses."""
+    """Information (4, 4) that guides the search: the prior, and weakly the guesses."""
     known = np.diag(known_information(settings, weighed=True))
     guess = np.array([SEARCH_STD[name] ** -2 for name in MATERIAL])
     # A parameter of value zero has no logarithm; it stays what it is.

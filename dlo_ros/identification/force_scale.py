@@ -194,7 +194,7 @@ def words(std: tuple[float | None, float | None, float | None], messages: int) -
     """
     everything, change, mean = ("nothing" if s is None else f"{rounded(100.0 * s)} %" for s in std)
     return (
-        f"The forces at the grips ({messages} messages) tell mu to {everything}: how they change, "
-        f"whatever the sensor's offset, to {change}; their mean, as far as wrench.force_bias_std "
-        f"goes, to {mean}."
+        f"The forces at the grips ({messages} messages) determine mu to {everything}: their "
+        f"changes, whatever the sensor's offset, to {change}; their mean, as far as "
+        f"wrench.force_bias_std goes, to {mean}."
     )

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""A recording simulated a few pictures at a time, so that nobody has to wait for all of them."""
+"""Simulation of a recording in pieces of a few pictures, for callers that must not wait."""
 
 from __future__ import annotations
 

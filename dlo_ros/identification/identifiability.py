@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What recordings determine, what was known beforehand and what nobody knows: numbers and words."""
+"""Sources of knowledge of each parameter (data, prior, guess), in numbers and words."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ CORRELATED = 0.95
 
 @dataclass(frozen=True)
 class Knowledge:
-    """Where what is known of one quantity comes from.
+    """The source and the uncertainty of one quantity.
 
     Args:
         name, words: for programs and for people.
@@ -52,7 +52,7 @@ class Knowledge:
 
 
 def knowledge(estimate: Estimate, information: FloatArray) -> list[Knowledge]:
-    """What is known of E/mu, E, mu, c/mu, c and t_r.
+    """Source and uncertainty of E/mu, E, mu, c/mu, c and t_r.
 
     Args:
         estimate: of the parameters.
@@ -100,7 +100,7 @@ def correlations(estimate: Estimate) -> dict[tuple[str, str], float]:
 
 
 def sentences(estimate: Estimate, information: FloatArray) -> list[str]:
-    """For a person: what the recordings determine, and what would settle the rest."""
+    """Sentences on what the recordings determine, and what would settle the rest."""
     known = knowledge(estimate, information)
     told = [f"{k.words} to {_percent(k.std)}" for k in known if k.source == "data" and k.std]
     before = [k.words for k in known if k.source == "prior"]
@@ -124,8 +124,8 @@ def sentences(estimate: Estimate, information: FloatArray) -> list[str]:
     if not found["specific_modulus"]:
         result.append(
             "These recordings do not determine E/mu to 25 %. A shape in which stiffness competes "
-            "with weight tells more, such as a free end of about twice (B/w)^(1/3); `design` "
-            "finds one for this DLO."
+            "with weight is more informative, such as a free end of about twice (B/w)^(1/3); "
+            "`design` finds one for this DLO."
         )
     for (a, b), value in correlations(estimate).items():
         if (a, b) in estimate.traded:

@@ -1,11 +1,11 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""How much residuals tell about parameters, for what the residuals really are.
+"""Information of residuals on parameters, with the actual covariance of the residuals.
 
 Residuals are neither white nor alike in all directions: a camera measures across the DLO only,
 errors of the calibration and of the model are the same in many pictures, and two rod theories
-differ by what a rod stretches. So the fit's gradient is taken as a sum of errors whose covariance
-is estimated from the residuals, and the covariance of the parameters follows from that of the
-gradient (a sandwich: H^-1 M H^-1 with H = J^T J and M = J^T Sigma J).
+differ in the stretch. So the fit's gradient is taken as a sum of errors whose covariance is
+estimated from the residuals, and the covariance of the parameters follows from that of the gradient
+(a sandwich: H^-1 M H^-1 with H = J^T J and M = J^T Sigma J).
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ STRETCH_STIFFNESS = 1.3  # of ln E
 
 @dataclass(frozen=True)
 class Errors:
-    """What the residuals of one recording are made of.
+    """Variances and correlations of the parts of one recording's residuals.
 
     Args:
         across, along: variance of the part that is new in every picture, of one number, across
@@ -61,9 +61,9 @@ def discrepancy(found: Forecast, settings: RodSettings) -> float:
 
 
 def model_shifts(settings: RodSettings, count: int) -> list[FloatArray]:
-    """By which ln E may be wrong besides, of `count` logarithms: rod theory, and the diameter.
+    """Possible shifts of ln E, of `count` logarithms: by the rod theory, and by the diameter.
 
-    Shapes tell E D^2 / mu.
+    Shapes determine E D^2 / mu.
     """
     rod = settings.rod
     first = np.eye(count)[0]
@@ -74,7 +74,7 @@ def model_shifts(settings: RodSettings, count: int) -> list[FloatArray]:
 
 
 def strain(settings: RodSettings) -> float:
-    """By how much a DLO is stretched where it hangs from its end."""
+    """Stretch of a DLO that hangs from its end."""
     weight = float(np.linalg.norm(settings.gravity))
     return weight * settings.rod.length / settings.rod.specific_modulus
 
@@ -87,7 +87,7 @@ def tangents(predicted: FloatArray) -> FloatArray:
 
 
 def residual_errors(residual: FloatArray, direction: FloatArray) -> Errors:
-    """Take residuals apart.
+    """Decomposition of residuals into parts of different correlation.
 
     Args:
         residual: as in `Forecast`, shape (F, n, 3) [m].
@@ -145,7 +145,7 @@ def _autocovariance(residual: FloatArray) -> FloatArray:
 def _independent(
     frames: int, n: int, directions: int, white: float, persistence: float, reach: float
 ) -> float:
-    """About how many independent numbers the residuals hold."""
+    """Estimated number of independent values among the residuals."""
     memory = (1.0 + persistence) / max(1.0 - persistence, 1e-3)
     lasting = max(frames / memory, 1.0) * n / reach
     return directions * (white * frames * n + (1.0 - white) * lasting)
@@ -153,7 +153,7 @@ def _independent(
 
 @dataclass(frozen=True)
 class NormalEquations:
-    """J^T J of a least-squares problem, and how wrong its J^T r is.
+    """J^T J of a least-squares problem, and the covariance of its J^T r.
 
     Args:
         hessian: J^T J, shape (P, P).

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""How noisy the observed splines are, and how far their residuals are independent."""
+"""Noise of the observed splines, and the correlation of their residuals."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def correlation_length(residuals: Sequence[FloatArray], axis: int) -> float:
     """Integrated autocorrelation of residual fields along one axis, in samples; at least 1.
 
     The mean is not subtracted: a residual that is the same everywhere is one measurement, however
-    often it was taken. The sum is cut where the correlation has died out.
+    many samples it has. The sum is cut where the correlation has decayed.
 
     Args:
         residuals: one field per recording, shape (F, n, 3).
@@ -94,7 +94,7 @@ def point_noise(observations: Sequence[Observation], basis: SplineBasis) -> floa
 
 
 def noise_floor(observations: Sequence[Observation], basis: SplineBasis) -> float | None:
-    """The ERR that a perfect model would have [m]; None where the recording does not tell.
+    """ERR of a perfect model [m]; None where the recording does not determine it.
 
     The mean length of a two-dimensional normal vector is sqrt(pi / 2) times its deviation.
     """

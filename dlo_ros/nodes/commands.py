@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Receiving `dlo/command` with the durability that its publishers offer.
+"""Subscription to `dlo/command` with the durability that its publishers offer.
 
 A latched command reaches a late node only through a transient local subscription, which in turn
 gets nothing from a publisher that is not latched. So both kinds are held, as publishers ask for.

@@ -98,7 +98,7 @@ def _declare_effect(
 
 
 def descriptor(parameter: FileParameter) -> ParameterDescriptor:
-    """What `ros2 param describe` shows."""
+    """The descriptor that `ros2 param describe` shows."""
     result = ParameterDescriptor(
         type=parameter_type(parameter),
         description=parameter.description + parameter.bracketed,
@@ -170,7 +170,7 @@ class LiveSettings:
         return [_typed(p.name, values[p.name]) if p.name in values else p for p in parameters]
 
     def _merged(self, parameters: Sequence[Any]) -> Settings | None:
-        """The settings with these changes; None where none of them is ours."""
+        """The settings with these changes; None where none of them is the node's."""
         known = self.current.flat()
         changes = {p.name: _plain(p.value) for p in parameters if p.name in known}
         if not changes:

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What a node says about itself on /diagnostics, and its warnings, which never flood the log.
+"""A node's status on /diagnostics, and its warnings, which are limited in rate in the log.
 
 The levels are those that rqt_robot_monitor and diagnostic_aggregator expect: OK, the node does its
 work; WARN, it waits for something or works with restrictions; ERROR, something failed that should
@@ -21,7 +21,7 @@ from rclpy.node import Node
 
 from dlo_ros.command import NANOSECONDS
 from dlo_ros.nodes.message_factory import ROS_MESSAGES
-from dlo_ros.recordings.building import LAST_SECOND, header
+from dlo_ros.recordings.message_building import LAST_SECOND, header
 
 LATEST = LAST_SECOND * NANOSECONDS
 """The latest time that a message can carry [ns]; a /clock that makes no sense may say more."""
@@ -60,7 +60,7 @@ class Health:
     """State, problems and rates of a node.
 
     Args:
-        node: whose they are.
+        node: the node that is described.
         task: what the node does, the second part of the status' name.
         hardware_id: which camera, or which DLO: the namespace where there is one.
         steady: the event, as `count` names it, that goes on while the node works.
@@ -91,11 +91,11 @@ class Health:
         node.create_timer(PERIOD, self.publish, clock=clock)
 
     def waiting(self, message: str) -> None:
-        """Say what is missing before work can begin."""
+        """Set the status: what is missing before work can begin."""
         self.state = (WARN, f"waiting for {message}")
 
     def running(self, message: str) -> None:
-        """Say that all is well."""
+        """Set the status: all is well."""
         self.state = (OK, message)
 
     def warn(self, kind: str, message: str) -> None:
@@ -107,7 +107,7 @@ class Health:
         self._report(kind, message, ERROR)
 
     def solved(self, kind: str) -> None:
-        """A problem is over."""
+        """Clear a problem that is over."""
         self._problems.pop(kind, None)
 
     def count(self, what: str) -> None:
@@ -175,7 +175,7 @@ class Health:
 
 
 def differ(value: Any, before: Any) -> bool:
-    """Whether a value has changed so much that it is worth a message of its own."""
+    """Whether a value has changed so much that a message of its own is due."""
     if isinstance(value, float) and isinstance(before, float):
         if not (math.isfinite(value) and math.isfinite(before)):
             return str(value) != str(before)
@@ -184,7 +184,7 @@ def differ(value: Any, before: Any) -> bool:
 
 
 def show(value: Any) -> str:
-    """A value as a person reads it; numbers that are unknown or unbounded as a dash."""
+    """A value as text for people; numbers that are unknown or unbounded as a dash."""
     if isinstance(value, float):
         return f"{value:.4g}" if math.isfinite(value) else "-"
     if isinstance(value, bool):

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""A few seconds of looking at the ROS graph, without publishing anything on it."""
+"""Observation of the ROS graph for a few seconds, without publishing."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Arrival:
 
 
 class GraphWatch:
-    """Collects what is seen of the graph.
+    """Collects topics, endpoints, nodes and messages of the graph.
 
     Args:
         node: by which is looked; it publishes nothing.
@@ -100,7 +100,7 @@ class GraphWatch:
         self._topics = found
 
     def graph(self, middleware: str, seconds: float) -> Graph:
-        """All that was seen so far.
+        """All observations so far.
 
         Args:
             middleware: its name.

@@ -17,6 +17,7 @@ from dlo_ros.identification.estimate import Estimate
 from dlo_ros.inference.err import deviation
 from dlo_ros.nodes import qos
 from dlo_ros.nodes.commands import CommandSubscription
+from dlo_ros.nodes.estimator_thread import EstimatorThread
 from dlo_ros.nodes.markers import Markers
 from dlo_ros.nodes.measured_forces import MeasuredForces
 from dlo_ros.nodes.message_factory import ROS_MESSAGES
@@ -25,11 +26,10 @@ from dlo_ros.nodes.node_base import JUMP_BACK, DloNode
 from dlo_ros.nodes.pairing import Pairing
 from dlo_ros.nodes.runtime import run
 from dlo_ros.nodes.simulator_link import SimulatorLink
-from dlo_ros.nodes.worker import EstimatorThread
 from dlo_ros.observation import CentrelinePoints, Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
-from dlo_ros.recordings.building import float_message
+from dlo_ros.recordings.message_building import float_message
 from dlo_ros.recordings.messages import read_observation, read_points, read_spline, stamp_of
 from dlo_ros.rod.boundary.shape_orientation import along
 from dlo_ros.rod.compile_rod import compile_kernels
@@ -75,7 +75,7 @@ class IdentifierNode(DloNode):
         self.prepare(("rod",), compile_kernels)
 
     def begin(self) -> None:
-        """Estimate; the estimator has the commands that have come meanwhile."""
+        """Start the estimator; it has the commands that have arrived meanwhile."""
         self._estimator.start()
 
     def reset(self) -> None:
@@ -240,7 +240,7 @@ class IdentifierNode(DloNode):
         )
 
     def _suspect(self, suspicion: Suspicion | None) -> None:
-        """Tell what the model seems to miss, as long as it does."""
+        """Report suspected causes as long as they last."""
         if suspicion is None:
             self.health.solved("model")
             self.health.values["suspected model errors"] = "none"

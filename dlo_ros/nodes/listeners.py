@@ -1,8 +1,8 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Who takes what a player publishes, and whether the nodes of this package among them are ready.
+"""Subscribers of the topics that a player publishes, and whether the nodes among them are ready.
 
-A node of this package tells on its latched topic `~/ready` whether it takes data: its subscriptions
-are there some seconds after its start, while it may compile for minutes.
+A node of this package publishes on its latched topic `~/ready` whether it takes data: its
+subscriptions exist some seconds after its start, while it may compile for minutes.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ GRAPH_PERIOD = 0.2
 
 
 class Listeners:
-    """Nodes that subscribe to some topics, and what they say of themselves.
+    """Nodes that subscribe to some topics, and their readiness.
 
     Args:
         node: the player, whose callbacks are run by `update` alone.
@@ -52,7 +52,7 @@ class Listeners:
         self._executor.add_node(node)
 
     def update(self, seconds: float) -> None:
-        """Take what was said, waiting for it as long as that [s]."""
+        """Process messages on readiness, waiting up to the given time [s]."""
         now = time.monotonic()
         if now - self._looked >= GRAPH_PERIOD:
             self._looked = now

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""The imposed motion from a robot's frames or poses as they come (`command.source`)."""
+"""Commands from a robot's frames or poses as they arrive (`command.source`)."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class FrameCommands:
         }
 
     def _proceed(self) -> None:
-        """Hand over what is known beyond the last command."""
+        """Send a command for the poses beyond the last one."""
         transforms, frames = self._listener.transforms, self._known()
         before_now, self._now = self._now, self._node.now()
         if self._now < before_now - JUMP_BACK * NANOSECONDS:
@@ -93,7 +93,7 @@ class FrameCommands:
         self._node.health.solved("command")
 
     def _look(self) -> None:
-        """Say where frames are missing, or nothing new comes."""
+        """Report missing frames, and frames without new poses."""
         frames, node = self._known(), self._node
         if not frames:
             wanted = " and ".join(POSES.values())
@@ -108,5 +108,5 @@ class FrameCommands:
         silent = (now - self._last) / NANOSECONDS
         if now and moving and silent > SILENT:
             node.health.warn(
-                "command", f"the clamps' frames were told {silent:.1f} s ago for the last time"
+                "command", f"the last pose of the clamps' frames came {silent:.1f} s ago"
             )

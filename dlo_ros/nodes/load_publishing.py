@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Publishing what the DLO and its grips bear, and the alarm where that is too much."""
+"""Publication of the loads on the DLO and its grips, and the alarm beyond their limits."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from dlo_ros.nodes import qos
 from dlo_ros.nodes.message_factory import ROS_MESSAGES
 from dlo_ros.nodes.node_base import DloNode
 from dlo_ros.recordings import topics
-from dlo_ros.recordings.building import load_messages
+from dlo_ros.recordings.message_building import load_messages
 from dlo_ros.rod.loads.grip_reactions import Loading
-from dlo_ros.rod.loads.load_limits import strained
+from dlo_ros.rod.loads.load_limits import load_warnings
 
 
 class LoadPublisher:
@@ -45,7 +45,7 @@ class LoadPublisher:
         health.values["tension [N]"] = loading.tension
         health.values["bend radius [m]"] = loading.bend_radius
         # An alarm is shown for a while, even if it was one instant: so none is taken back here.
-        for strain in strained(loading, self._node.settings.limits):
+        for strain in load_warnings(loading, self._node.settings.limits):
             if strain.passed:
                 health.error(strain.name, strain.text)
             else:

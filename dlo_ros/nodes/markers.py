@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Curves and control points for RViz."""
+"""RViz markers of curves and control points."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from dlo_ros.nodes import qos
 from dlo_ros.nodes.message_factory import ROS_MESSAGES
 from dlo_ros.nodes.node_base import DloNode
 from dlo_ros.recordings import topics
-from dlo_ros.recordings.building import header
+from dlo_ros.recordings.message_building import header
 from dlo_ros.spline import FloatArray, SplineBasis
 
 SAMPLES = 60
@@ -23,7 +23,7 @@ PERIOD = 0.05
 
 
 class Markers:
-    """Draws splines of one colour, only while somebody looks.
+    """Draws splines of one colour, only while there is a subscriber.
 
     Args:
         node: which publishes.

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Forces measured at the grips as they come, in `frame_id` or a frame that transforms lead to."""
+"""Measured forces of the grips as they arrive, transformed to `frame_id`."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ PATIENCE = 1.0
 
 
 class MeasuredForces:
-    """Messages of `dlo/wrench_start` and `dlo/wrench_end`, turned into `frame_id`.
+    """Messages of `dlo/wrench_start` and `dlo/wrench_end`, transformed to `frame_id`.
 
     Args:
         node: which subscribes; to transforms only once a message is in another frame.
@@ -62,11 +62,11 @@ class MeasuredForces:
         self._waiting.setdefault(end, deque(maxlen=KEPT)).append((stamp, frame, values))
 
     def forget(self) -> None:
-        """Drop what waits."""
+        """Drop the messages that wait."""
         self._waiting.clear()
 
     def take(self, commands: Sequence[Command]) -> list[Wrenches]:
-        """What has come, in `frame_id`; what has to wait for its frame's pose does so.
+        """The messages so far in `frame_id`; those whose frame has no pose yet wait.
 
         Args:
             commands: that say where the ends are held.
@@ -125,7 +125,7 @@ class MeasuredForces:
         return [found]
 
     def _mend(self, frame: str) -> str:
-        """What makes a frame known."""
+        """Remedy for an unknown frame."""
         fixed = self._node.settings.frame_id
         if self._listener is not None and not self._listener.available:
             return (

@@ -10,7 +10,7 @@ from dlo_ros.nodes import qos
 from dlo_ros.nodes.message_factory import ROS_MESSAGES
 from dlo_ros.nodes.node_base import DloNode
 from dlo_ros.recordings import topics
-from dlo_ros.recordings.building import metric_message
+from dlo_ros.recordings.message_building import metric_message
 
 ERR_UNIT = "m"
 ESTIMATES = {"young_modulus": "Pa", "density": "kg/m^3", "specific_modulus": "m^2/s^2"}

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What the three nodes have in common: settings, health, guarded callbacks, reset, time jumps."""
+"""The base of the three nodes: settings, health, guarded callbacks, reset, time jumps."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from dlo_ros.errors import DloError, InputError, KernelError, ParameterError
 from dlo_ros.nodes import qos as profiles
 from dlo_ros.nodes.declared_parameters import LiveSettings, declare
 from dlo_ros.nodes.diagnostics import Health
+from dlo_ros.nodes.kernel_preparation import Preparation
 from dlo_ros.nodes.message_factory import installed, message_class
-from dlo_ros.nodes.passes import Passes
-from dlo_ros.nodes.preparation import Preparation
+from dlo_ros.nodes.playback_passes import PlaybackPasses
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
 
@@ -55,7 +55,7 @@ class DloNode(Node):
         self.health = Health(self, task, self.get_namespace().strip("/") or "dlo", steady)
         self._live = LiveSettings(self, settings, self._settings_changed, self.check_settings)
         self._preparation: Preparation | None = None
-        self._passes = Passes()
+        self._passes = PlaybackPasses()
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_service(Trigger, "~/reset", self._on_reset)
         threshold = JumpThreshold(
@@ -76,7 +76,7 @@ class DloNode(Node):
         return self._preparation is not None and self._preparation.done
 
     def prepare(self, stages: Sequence[str], load: Callable[[], object]) -> None:
-        """Have kernels compiled and loaded while the node answers; then `begin` is called.
+        """Compile and load kernels while the node answers; then call `begin`.
 
         Args:
             stages: names in `dlo_ros.compilation.STAGES`.
@@ -103,7 +103,7 @@ class DloNode(Node):
         timer = self.every(PROGRESS, proceed)
 
     def begin(self) -> None:
-        """Take up the work: the kernels are there now."""
+        """Start the work; the kernels are loaded."""
         raise NotImplementedError
 
     def destroy_node(self) -> None:
@@ -117,7 +117,7 @@ class DloNode(Node):
         raise NotImplementedError
 
     def restart(self, now: int) -> None:
-        """Time went back to `now` [ns]: forget what lies in the future."""
+        """Time went back to `now` [ns]: forget everything later."""
         raise NotImplementedError
 
     def apply(self, settings: Settings) -> None:

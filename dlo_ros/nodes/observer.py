@@ -13,20 +13,20 @@ from dlo_ros.command import NANOSECONDS, Command, Motion
 from dlo_ros.errors import InputError, VisionError
 from dlo_ros.nodes import qos
 from dlo_ros.nodes.commands import CommandSubscription
-from dlo_ros.nodes.frames import FrameStatistics
+from dlo_ros.nodes.image_statistics import ImageStatistics
 from dlo_ros.nodes.markers import Markers
 from dlo_ros.nodes.message_factory import ROS_MESSAGES
+from dlo_ros.nodes.multi_camera_listener import MultiCameraListener, transport_of
 from dlo_ros.nodes.node_base import JUMP_BACK, DloNode
-from dlo_ros.nodes.points import PointsListener
 from dlo_ros.nodes.runtime import run
-from dlo_ros.nodes.transform import BoardTransform
-from dlo_ros.nodes.views import ViewsListener, transport_of
+from dlo_ros.nodes.tracker_points import TrackerPointsListener
+from dlo_ros.nodes.transform_broadcaster import BoardTransform
 from dlo_ros.observation import CentrelinePoints, Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
-from dlo_ros.recordings.building import points_message, spline_message
 from dlo_ros.recordings.image_building import image_message
 from dlo_ros.recordings.images import CameraInfo, Image, read_camera_info, read_image
+from dlo_ros.recordings.message_building import points_message, spline_message
 from dlo_ros.recordings.messages import read_spline, stamp_of
 from dlo_ros.spline import FloatArray
 from dlo_ros.vision.camera.pinhole import Camera
@@ -66,7 +66,7 @@ class ObserverNode(DloNode):
         self._predictions = Predictions()
         self._mask: Image | None = None
         self._last_stamp = 0
-        self._frames = FrameStatistics()
+        self._frames = ImageStatistics()
         self._held: deque[Any] = deque(maxlen=HELD_IMAGES)
         self._hold_until = 0.0
         self._judge_at = 0.0
@@ -76,12 +76,12 @@ class ObserverNode(DloNode):
         self._transform = BoardTransform(self)
         self._markers = Markers(self, "observed", (0.2, 0.9, 0.3))
         self._command_subscription = CommandSubscription(self, self._on_command)
-        self._views = ViewsListener(self, self._motion, self._publish, self._predictions.at)
+        self._views = MultiCameraListener(self, self._motion, self._publish, self._predictions.at)
         if not self._views.cameras:
             self.subscribe(topics.CAMERA_INFO, self._on_camera_info, qos.SENSOR)
         self.subscribe(topics.MASK, self._on_mask, qos.SENSOR)
         self.subscribe(topics.PREDICTED, self._on_predicted, qos.RELIABLE)
-        self._tracker = PointsListener(self, self._motion, self._publish_observation)
+        self._tracker = TrackerPointsListener(self, self._motion, self._publish_observation)
         self._transport = ""
         self._image_subscription: Any = None
         if self._views.cameras:
@@ -98,7 +98,7 @@ class ObserverNode(DloNode):
         self.prepare(("vision",), compile_kernels)
 
     def begin(self) -> None:
-        """Take the intrinsics that have come meanwhile."""
+        """Process the intrinsics that have arrived meanwhile."""
         self._build()
 
     def reset(self) -> None:
@@ -112,7 +112,7 @@ class ObserverNode(DloNode):
         self._tracker.reset()
 
     def restart(self, now: int) -> None:
-        """Time went back: what was seen later predicts nothing, and what waits is over."""
+        """Time went back: later shapes predict nothing, and images that wait are dropped."""
         self._held.clear()
         if self._last_stamp > now + JUMP_BACK * NANOSECONDS:
             self.reset()
@@ -206,7 +206,7 @@ class ObserverNode(DloNode):
         self._see(message)
 
     def _release(self) -> None:
-        """Look at the images that have waited for a command, once it is there or overdue."""
+        """Process the images that waited for a command, once it has come or is overdue."""
         if self._motion.commands or time.monotonic() >= self._hold_until:
             while self._held:
                 self.guarded("image", self._see)(self._held.popleft())
@@ -238,7 +238,7 @@ class ObserverNode(DloNode):
         self._publish_overlay(stamp, message, image, result)
 
     def _publish_observation(self, observation: Observation) -> bool:
-        """Publish an observed spline and its points; returns whether it could be."""
+        """Publish an observed spline and its points; whether both were valid."""
         stamp, frame = observation.stamp, self.settings.frame_id
         try:
             spline = spline_message(ROS_MESSAGES, stamp, frame, observation.control_points)
@@ -278,7 +278,7 @@ class ObserverNode(DloNode):
         )
 
     def _judge(self, points: CentrelinePoints, control_points: FloatArray) -> None:
-        """Say where the published splines have too few control points, and how many would do."""
+        """Report where the published splines have too few control points, and how many would do."""
         length, n = self.settings.rod.length, len(control_points)
         if follows(points, control_points, length):
             self.health.values["control points"] = f"{n} follow the DLO"

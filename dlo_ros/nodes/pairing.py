@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Bringing observed and predicted splines to the same instant (no ROS here)."""
+"""Predicted splines interpolated to the instants of observed ones (no ROS here)."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Pairing:
         self._waiting.clear()
 
     def forget_after(self, stamp: int) -> None:
-        """Forget what is later than a stamp [ns], which time went back to."""
+        """Forget everything later than a stamp [ns], to which time went back."""
         kept = bisect_right(self._predictions, stamp, key=itemgetter(0))
         del self._predictions[kept:]
         self._waiting = deque(item for item in self._waiting if item[0] <= stamp)

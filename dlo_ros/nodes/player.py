@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Publishing a recording's messages as they lie in the bag, with /clock."""
+"""A player that publishes a recording's messages, with /clock."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class Player:
 
     Args:
         node: that publishes.
-        playlist: what and how fast.
+        playlist: messages and their speed.
         clock: whether /clock is published, too.
     """
 
@@ -195,7 +195,7 @@ NUMBER = re.compile(r"(, about )?\d+( [%s])?")
 
 
 class Report:
-    """Says what is waited for, where that changes and now and then where it does not."""
+    """Logs what the player waits for, on every change and now and then between."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
@@ -221,7 +221,7 @@ def nobody_listens(topics: Collection[str], patience: float) -> str:
 
 
 def told(pending: Mapping[str, str]) -> str:
-    """Nodes and their states, as in `observer (compiling, 40 %)`."""
+    """Nodes and their states as text, such as `observer (compiling, 40 %)`."""
     return ", ".join(f"{name.lstrip('/')} ({state})" for name, state in pending.items())
 
 

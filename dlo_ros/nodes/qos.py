@@ -1,7 +1,7 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Profiles of quality of service, as the interface promises them.
+"""Quality-of-service profiles of the topics, as the interface states them.
 
-Which topic has which stands where its publisher is made, and on the pages of the nodes.
+The profile of a topic stands where its publisher is made, and on the pages of the nodes.
 """
 
 from __future__ import annotations

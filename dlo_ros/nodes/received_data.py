@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What was heard from the live nodes (no ROS here)."""
+"""Data received from the live nodes: splines, ERR, estimates, diagnostics (no ROS here)."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class EstimateSample:
 
 @dataclass
 class ReceivedData:
-    """Everything that came from the nodes so far, by the recording's time.
+    """All data received from the nodes so far, by the recording's time.
 
     Args:
         observed, predicted: control points, shape (n, 4), by stamp [ns].
@@ -127,7 +127,7 @@ class ReceivedData:
         return value if math.isfinite(value) else math.inf
 
     def _keep(self) -> None:
-        """Remember how the estimate moved, the last state of each instant."""
+        """Record the estimate, the last state of each instant."""
         sample = self.estimate()
         if sample is None or not self.now:
             return

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""`dlo/rehearsal_command` in, `dlo/rehearsal` out: a motion is tried while the simulation runs."""
+"""Rehearsals in the simulator: `dlo/rehearsal_command` in, `dlo/rehearsal` out."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from dlo_ros.nodes.message_factory import ROS_MESSAGES
 from dlo_ros.nodes.node_base import DloNode
 from dlo_ros.nodes.rehearsal_thread import WAITING, Answer, RehearsalThread, Request
 from dlo_ros.recordings import topics
-from dlo_ros.recordings.building import spline_message
+from dlo_ros.recordings.message_building import spline_message
 from dlo_ros.recordings.messages import read_command
 from dlo_ros.rod.live_simulation import LiveSimulation
 from dlo_ros.rod.motion_rehearsal import at_rest, rehearse, stamps_of, varied_by
@@ -31,11 +31,11 @@ AHEAD = 60.0
 
 
 class Rehearsing:
-    """Takes motions to try, and publishes what comes of them.
+    """Simulates requested motions beside the running simulation, and publishes the results.
 
     Args:
         node: the simulator.
-        simulation: the running one, which is only read.
+        simulation: the running simulation, which is only read.
     """
 
     def __init__(self, node: DloNode, simulation: LiveSimulation) -> None:
@@ -47,7 +47,7 @@ class Rehearsing:
         node.every(PERIOD, self._tick)
 
     def forget(self) -> None:
-        """Drop what waits."""
+        """Drop the requests that wait."""
         self._thread.forget()
         self._outgoing.clear()
 
@@ -73,7 +73,7 @@ class Rehearsing:
         node.health.count("rehearsal commands")
 
     def _request(self, command: Command, now: int) -> Request:
-        """What to simulate: from the present state on, or from rest before there is one."""
+        """The request for a motion: from the present state, or from rest before there is one."""
         settings = self._node.settings
         covariance = stated_covariance(settings)
         ahead = (command.stamp - now) / NANOSECONDS
@@ -106,7 +106,7 @@ class Rehearsing:
             self._tell(answer)
 
     def _tell(self, answer: Answer) -> None:
-        """Say what came of a motion, and begin to publish it."""
+        """Report the result of a motion, and begin to publish it."""
         health, found = self._node.health, answer.found
         if found is None:
             health.warn("rehearsal", f"rehearsal: {answer.problem}")

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Motions tried in a thread beside the running simulation, on a copy of its state (no ROS here)."""
+"""A thread that simulates motions on a copy of the running simulation's state (no ROS here)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from dlo_ros.errors import DloError
-from dlo_ros.nodes.worker import NICENESS, SWITCH
+from dlo_ros.nodes.estimator_thread import NICENESS, SWITCH
 from dlo_ros.rod.motion_rehearsal import Rehearsal
 from dlo_ros.rod.protocol import RodSimulation
 
@@ -23,11 +23,11 @@ WAITING = 4
 
 @dataclass(frozen=True)
 class Request:
-    """A motion to try.
+    """A motion to simulate.
 
     Args:
-        prepare: gives the simulation that has started; called in the thread.
-        simulate: what is done with it.
+        prepare: returns the started simulation; called in the thread.
+        simulate: called with that simulation; returns the rehearsal.
     """
 
     prepare: Callable[[], RodSimulation]
@@ -36,7 +36,7 @@ class Request:
 
 @dataclass(frozen=True)
 class Answer:
-    """What came of it: a rehearsal, or why there is none, and the processor time it took [s]."""
+    """The result: a rehearsal, or the reason why there is none, and the processor time [s]."""
 
     found: Rehearsal | None
     problem: str

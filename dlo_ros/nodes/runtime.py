@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Starting, spinning and ending a node so that neither an error nor Ctrl-C shows a traceback."""
+"""Start, event loop and end of a node, such that neither an error nor Ctrl-C shows a traceback."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class RosLog(logging.Handler):
         self._last: dict[tuple[str, int], float] = {}
 
     def speak_for(self, node: Node) -> None:
-        """Log under the full name of the node from now on; by another one nothing is on /rosout."""
+        """Log under the full name of the node from now on; others do not appear on /rosout."""
         self._use(node.get_logger())
 
     def _use(self, logger: Any) -> None:
@@ -80,7 +80,7 @@ class RosLog(logging.Handler):
 
 
 class Stop:
-    """Whether somebody asked the process to end (Ctrl-C, or SIGTERM of a launch file).
+    """A request to end the process (Ctrl-C, or SIGTERM of a launch file).
 
     Args:
         interrupts: whether the first signal raises KeyboardInterrupt. Nodes only note it: raised

@@ -20,7 +20,7 @@ from dlo_ros.nodes.runtime import run
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
-from dlo_ros.recordings.building import spline_message
+from dlo_ros.recordings.message_building import spline_message
 from dlo_ros.recordings.messages import read_observation
 from dlo_ros.rod.boundary.shape_orientation import all_along
 from dlo_ros.rod.compile_rod import compile_kernels
@@ -103,7 +103,7 @@ class SimulatorNode(DloNode):
         super().destroy_node()
 
     def begin(self) -> None:
-        """Start from what has come meanwhile."""
+        """Start from the messages that have arrived meanwhile."""
         self._try_to_start()
 
     def reset(self) -> None:
@@ -257,7 +257,7 @@ class SimulatorNode(DloNode):
             self._loads.publish(prediction.stamp, prediction.loading)
 
     def _wait_after(self, began: float, least: float = 0.0) -> None:
-        """Try again only after as long as what failed took, where that is long."""
+        """Pause before the next attempt for as long as the failed one took."""
         took = time.monotonic() - began
         if max(took, least) > TURN:
             self._retry_at = time.monotonic() + max(took, least)

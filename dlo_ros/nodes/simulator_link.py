@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Passing estimates on to the simulator, as `ros2 param set` would do it by hand."""
+"""The link that passes estimates to the simulator, by requests as `ros2 param set` makes them."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ class CertaintyThreshold:
         self._std = self._highest = math.inf
 
     def begin_again(self) -> None:
-        """Time went back: the estimate begins again, and at first knows less."""
+        """Reset after time went back: the new estimate is less certain at first."""
         self._std *= EASED
         self._highest, self.held = self._std, False
 
     def passes(self, std: float) -> bool:
-        """Whether values of a relative standard deviation are good enough; later ones then are."""
+        """Whether a relative standard deviation is small enough; later ones then are."""
         self.held = not std <= self._highest
         if not self.held:
             self._std, self._highest = std, math.inf
@@ -73,9 +73,10 @@ class SimulatorLink:
         node.every(POLL, self._poll)
 
     def pass_on(self, estimate: Estimate) -> None:
-        """Ask for E and mu of an estimate; the newest wish counts.
+        """Request E and mu of an estimate; the newest request replaces older ones.
 
-        Left out is what changes nothing, and after `begin_again` what is less certain than before.
+        Values that change nothing are left out, and after `begin_again` those that are less certain
+        than before.
         """
         if not (estimate.significant or self._threshold.held):
             return
@@ -85,11 +86,11 @@ class SimulatorLink:
             self._send()
 
     def begin_again(self) -> None:
-        """The estimate begins again with a recording that starts again; the last wish holds."""
+        """Begin again with a recording that starts again; the last request holds."""
         self._threshold.begin_again()
 
     def forget(self) -> None:
-        """No wish any more."""
+        """Drop the last request."""
         self._wanted = self._sent = None
         self._threshold = CertaintyThreshold()
 

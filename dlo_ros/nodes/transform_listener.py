@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""The transforms of a running system, from /tf and /tf_static."""
+"""Listener to the transforms of a running system, /tf and /tf_static."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ DEPTH = 100
 
 
 class TransformListener:
-    """Poses of frames as they are told.
+    """Poses of frames from received transforms.
 
     Args:
         node: which subscribes; it says where tf2_msgs is missing.

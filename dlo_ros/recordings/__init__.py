@@ -2,7 +2,9 @@
 """Recordings: rosbag2 folders read, written and played, and messages from and to arrays."""
 
 from dlo_ros.recordings.bag import Bag, RawMessage, deserialise, open_bag
-from dlo_ros.recordings.building import (
+from dlo_ros.recordings.image_building import camera_info_message, compressed_message, image_message
+from dlo_ros.recordings.images import CameraInfo, read_camera_info, read_image
+from dlo_ros.recordings.message_building import (
     BAG_MESSAGES,
     MessageFactory,
     command_message,
@@ -10,8 +12,6 @@ from dlo_ros.recordings.building import (
     points_message,
     spline_message,
 )
-from dlo_ros.recordings.image_building import camera_info_message, compressed_message, image_message
-from dlo_ros.recordings.images import CameraInfo, read_camera_info, read_image
 from dlo_ros.recordings.messages import (
     read_command,
     read_observation,

@@ -65,7 +65,7 @@ def iterate_together(
     depth: bool = False,
     on_skip: Callable[[str], None] = LOG.warning,
 ) -> Iterator[dict[str, TimedImage]]:
-    """The pictures of several cameras of one instant each, paired by their stamps.
+    """Pictures of several cameras, in sets of one instant, paired by their stamps.
 
     Args:
         path: rosbag2.

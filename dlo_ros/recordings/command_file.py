@@ -34,7 +34,7 @@ KEYS = {"time", "position", "angle", "direction", "rotation"}
 
 @dataclass
 class _Track:
-    """One thing that is imposed: times [s], positions [m] (T, 3), and how its clamp points."""
+    """The motion of one imposed place: times [s], positions [m] (T, 3), and clamp directions."""
 
     times: list[float]
     positions: list[list[float]]
@@ -246,7 +246,7 @@ def _columns(name: str, head: Sequence[str]) -> tuple[str, Sequence[str]]:
     missing = [c for c in "xz" if c not in own]
     given = [kind for kind, form in forms.items() if own & set(form)]
     if len(given) > 1:
-        raise CommandError(f"says twice how '{name}' points: {' and '.join(given)}")
+        raise CommandError(f"gives the direction of '{name}' twice: {' and '.join(given)}")
     if given:
         missing += [c for c in forms[given[0]] if c not in own]
     if missing:

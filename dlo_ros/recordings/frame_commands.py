@@ -103,7 +103,7 @@ def commands_from_frames(bag: Bag, settings: Settings, skipped: list[str]) -> li
     Args:
         bag: an open bag.
         settings: with `command.source` tf or pose.
-        skipped: is given a line for each message that is unusable.
+        skipped: called with a line for each message that is unusable.
 
     Raises:
         CommandError: a frame is not there; what is, and what would mend it.

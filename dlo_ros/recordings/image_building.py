@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""From pictures and calibrations to messages, of a bag or of rclpy alike."""
+"""Messages from pictures and calibrations, for a bag or for rclpy alike."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dlo_ros.recordings.building import MessageFactory, header
 from dlo_ros.recordings.images import CameraInfo, Image
+from dlo_ros.recordings.message_building import MessageFactory, header
 
 
 def image_message(factory: MessageFactory, stamp: int, frame_id: str, picture: Image) -> Any:

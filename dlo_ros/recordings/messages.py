@@ -1,8 +1,8 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""From messages to the package's dataclasses.
+"""Conversion of messages to the package's dataclasses.
 
-Messages are read by attribute alone, so those of a bag (rosbags) and those of rclpy do alike.
-Nothing in a message is trusted: whatever is malformed raises an error that says what and where.
+Messages are read by attribute alone, so those of a bag (rosbags) and those of rclpy serve alike.
+Nothing in a message is trusted: a malformed one raises an error that says what is wrong and where.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""When each message of a bag is due on a live topic (no ROS here)."""
+"""Schedule of a bag's messages on live topics (no ROS here)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from dlo_ros.recordings.bag import Bag, RawMessage, open_bag
 
 @dataclass(frozen=True)
 class Due:
-    """A message and when to publish it.
+    """A message and the time of its publication.
 
     Args:
         after: seconds of wall time after the start of the playback.
@@ -30,7 +30,7 @@ class Due:
 
 @dataclass(frozen=True)
 class Playlist:
-    """What of a bag is played, and how fast.
+    """The messages of a bag that are played, and their speed.
 
     Args:
         path: the bag.

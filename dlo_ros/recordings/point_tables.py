@@ -19,8 +19,8 @@ from dlo_ros.errors import InputError
 from dlo_ros.observation import PointList
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
-from dlo_ros.recordings.building import BAG_MESSAGES, cloud_message, command_message
 from dlo_ros.recordings.lerobot import library
+from dlo_ros.recordings.message_building import BAG_MESSAGES, cloud_message, command_message
 from dlo_ros.recordings.tables import (
     LONGEST,
     ORIGIN,

@@ -43,7 +43,7 @@ Read = TypeVar("Read")
 
 @dataclass(frozen=True)
 class BagContents:
-    """What a bag tells about one manipulation.
+    """The contents of a bag: the commands and observations of one manipulation.
 
     Args:
         name: name of the bag's folder.

@@ -1,8 +1,8 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""ROS 1 bags as rosbag2 with the names of our topics.
+"""Conversion of ROS 1 bags to rosbag2 with the names of the interface's topics.
 
-rosbags converts the messages; which topic is which says its name, where that ends like one of ours,
-its type, where only one topic has it, or the user.
+rosbags converts the messages. A topic is recognised by its name, where that ends like one of the
+interface's, by its type, where only one topic has it, or is named by the user.
 """
 
 from __future__ import annotations
@@ -45,11 +45,11 @@ BY_TYPE = (
 
 
 def chosen(held: Mapping[str, str], told: Mapping[str, str]) -> dict[str, str]:
-    """Which topic of a bag becomes which of ours.
+    """The topic of a bag for each topic of the interface.
 
     Args:
         held: type of each topic of the bag.
-        told: what the user says, our name to the bag's.
+        told: the user's choice: name of the interface to name in the bag.
 
     Returns:
         Our name by the bag's.

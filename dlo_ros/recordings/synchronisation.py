@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Brings what several sensors took at about the same time together, by approximate stamps."""
+"""Synchronisation of several sensors by approximate stamps."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class ApproximateTime(Generic[Item]):
         self.clear()
 
     def clear(self) -> None:
-        """Forget what waits."""
+        """Drop the items that wait."""
         self._waiting = {name: deque(maxlen=WAITING) for name in self.names}
         self._before = None
 
@@ -57,7 +57,7 @@ class ApproximateTime(Generic[Item]):
         return self._complete()
 
     def rest(self) -> list[dict[str, tuple[int, Item]]]:
-        """The sets that can be made of what still waits, where nothing more comes."""
+        """The sets that can be made of the items that wait, where no more will come."""
         return self._complete(more=False)
 
     def _complete(self, *, more: bool = True) -> list[dict[str, tuple[int, Item]]]:

@@ -25,7 +25,7 @@ from dlo_ros.files import write_text
 from dlo_ros.observation import CentrelinePoints, Observation, Wrenches
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
-from dlo_ros.recordings.building import (
+from dlo_ros.recordings.message_building import (
     BAG_MESSAGES,
     STD_ALONG,
     command_message,
@@ -152,7 +152,7 @@ def read_csv(
 
 
 def files(inputs: Sequence[Path]) -> list[Path]:
-    """The CSV files that are meant, those of a folder by their names.
+    """The CSV files among the inputs, those of a folder by their names.
 
     Raises:
         InputError: a folder has none.

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Topics of the interface: their names and types, and which stamps are theirs, in one place.
+"""Topics of the interface: their names, types, and rules of stamps, in one place.
 
 The names are relative, and remappable.
 """

@@ -45,7 +45,7 @@ def common_instants(stamps: Sequence[Sequence[int]], since: int = 0) -> list[int
 
 @dataclass
 class Transforms:
-    """What was told of frames: for each its parent, and its pose there over time."""
+    """For each frame its parent, and its pose there over time."""
 
     parents: dict[str, str] = field(default_factory=dict)
     stamps: dict[str, list[int]] = field(default_factory=dict)
@@ -80,7 +80,7 @@ class Transforms:
             InputError: it is none.
         """
         if not stamp_of(message):
-            raise InputError(f"a pose on {frame[:60]} has no stamp; when it was so must be said")
+            raise InputError(f"a pose on {frame[:60]} has no stamp, which is needed")
         pose = _pose(frame, message.pose.position, message.pose.orientation)
         self._take(frame, str(message.header.frame_id), stamp_of(message), pose, fixed=False)
 
@@ -97,7 +97,7 @@ class Transforms:
         poses.insert(at, pose)
 
     def forget(self, until: int | None = None) -> None:
-        """Drop what moved until a stamp [ns], but for the last before it; None: all of it."""
+        """Drop the poses until a stamp [ns], but for the last before it; None: all of them."""
         for child, stamps in list(self.stamps.items()):
             if stamps == [0]:
                 continue
@@ -223,7 +223,7 @@ def _pose(frame: str, position: Any, rotation: Any) -> Pose:
 
 
 def transforms_of(bag: Bag) -> Transforms:
-    """All that a bag tells of frames."""
+    """All transforms of a bag."""
     result = Transforms()
     for topic, fixed in ((topics.TRANSFORMS, True), (topics.MOVING_TRANSFORMS, False)):
         for raw in bag.messages([c for c in bag.connections if c.topic == topic]):

@@ -15,7 +15,7 @@ from dlo_ros.observation import Wrenches
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.bag import Bag, deserialise
-from dlo_ros.recordings.building import BAG_MESSAGES, wrench_message
+from dlo_ros.recordings.message_building import BAG_MESSAGES, wrench_message
 from dlo_ros.recordings.messages import stamp_of
 from dlo_ros.recordings.transforms import Transforms, same_frame, transforms_of
 from dlo_ros.recordings.write import BagWriter

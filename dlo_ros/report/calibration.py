@@ -61,7 +61,7 @@ class BoardPicture:
 
 @dataclass(frozen=True)
 class CalibrationReport:
-    """All that the report shows.
+    """The contents of the report.
 
     Args:
         headline: the result in one line.

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""The report of a design: which manipulation tells most, and why."""
+"""The report of a design: the manipulations by their expected information, with reasons."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class DesignedExperiment:
 
 @dataclass(frozen=True)
 class DesignReport:
-    """All that the report shows; experiments with the best first."""
+    """The contents of the report; experiments with the best first."""
 
     headline: str
     experiments: tuple[DesignedExperiment, ...]
@@ -88,16 +88,16 @@ def design_page(report: DesignReport) -> str:
         body = paragraph(e.reason)
         if e.panels:
             caption = (
-                "Solid: half of E/mu; dashed: as given; dotted: twice of it. What lies far apart "
-                "tells E/mu."
+                "Solid: half of E/mu; dashed: as given; dotted: twice of it. Curves that lie far "
+                "apart determine E/mu."
             )
             body += figure(shapes_picture(e.panels), caption)
         sections.append(Section(e.name, body))
-    return page("Which manipulation tells most", summary, sections)
+    return page("The most informative manipulation", summary, sections)
 
 
 def _percent(std: float | None) -> str:
-    return "not told" if std is None else number(100.0 * std, "%", 2)
+    return "not determined" if std is None else number(100.0 * std, "%", 2)
 
 
 def shapes_picture(panels: Sequence[Panel]) -> str:

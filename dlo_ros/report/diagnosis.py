@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""The report of a diagnosis: what is wrong, why, what it gains to know, and what to do next."""
+"""The report of a diagnosis: model errors, their causes, the gain, and the next experiment."""
 
 from __future__ import annotations
 
@@ -37,8 +37,9 @@ PREDICTS = (
 
 
 CERTAIN = (
-    "Certain is what everything without it explains far worse, and what is far from nothing by its "
-    "own uncertainty. Where causes do as well as one another, one of them acts."
+    "A cause is certain where every model without it explains the data far worse, and where its "
+    "size is many standard deviations from zero. Of causes that explain the data equally well, one "
+    "acts."
 )
 
 
@@ -59,7 +60,7 @@ def diagnosis_page(report: DiagnosisReport) -> str:
         body = "".join(_cause(e) for e in report.effects) + paragraph(CERTAIN)
         sections.append(Section("The causes in numbers", body))
     if report.setup:
-        sections.append(Section("Your set-up, as far as the data tell", _setup(report)))
+        sections.append(Section("Your set-up, as far as the data determine it", _setup(report)))
     sections.append(Section("Material", _material(report)))
     sections.append(Section("What to record next", paragraph(report.advice)))
     if report.remarks:
@@ -78,7 +79,7 @@ def diagnosis_page(report: DiagnosisReport) -> str:
 
 
 def _summary(report: DiagnosisReport) -> str:
-    """The first screen: the result, and the answers to what a person asks first."""
+    """The first screen: the result, and the answers to a reader's first questions."""
     answers = "".join(
         f"<h2>{markup(q.text)}</h2>" + "".join(map(paragraph, q.answer)) for q in report.questions
     )
@@ -113,7 +114,7 @@ def _picture(k: int, r: DiagnosedRecording, report: DiagnosisReport) -> str:
         )
         for f in range(len(r.times))
     ]  # fmt: skip
-    caption = "Move the slider. What was observed; what is predicted"
+    caption = "Move the slider: the observed DLO, and the one predicted"
     caption += (
         " with the extended model, and (dotted) with the plain one." if report.extends else "."
     )
@@ -148,7 +149,7 @@ def _over_time(k: int, r: DiagnosedRecording, report: DiagnosisReport) -> list[s
 
 
 def _at_rest(k: int, r: DiagnosedRecording, report: DiagnosisReport) -> list[str]:
-    """How far off a single shape is, along the DLO."""
+    """Distance of a single shape along the DLO."""
     u = 1e3 * r.u
     series = [Series("plain model", "predicted", u, 1e3 * r.field_before[0], dashed=True)]
     if report.extends:

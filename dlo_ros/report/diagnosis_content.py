@@ -98,7 +98,7 @@ class RelatedInput:
         name: of the input.
         share: of the repeating part of the residual, that it predicts.
         chance: how often surrogates are explained as well.
-        told: whether that is more than chance.
+        told: whether the relation is more than chance.
         alike: inputs that cannot be told from it.
     """
 
@@ -121,7 +121,7 @@ class ResidualRelations:
 
 @dataclass(frozen=True)
 class SetupRow:
-    """A number of the set-up, in words.
+    """A number of the set-up in words.
 
     Args:
         name: what it is.
@@ -138,7 +138,7 @@ class SetupRow:
 
 @dataclass(frozen=True)
 class Question:
-    """A question of a person, and sentences that answer it."""
+    """A reader's question, and sentences that answer it."""
 
     text: str
     answer: tuple[str, ...]
@@ -157,7 +157,7 @@ class SearchStep:
 
 @dataclass(frozen=True)
 class DiagnosisReport:
-    """All that the report shows; lengths in m.
+    """The contents of the report; lengths in m.
 
     Args:
         headline: the result in a sentence.

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Small pieces of HTML and numbers as people write them."""
+"""Small pieces of HTML, and numbers in readable form."""
 
 from __future__ import annotations
 

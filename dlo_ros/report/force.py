@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""The missing force as a person sees it: maps over u and time, and arrows on the DLO."""
+"""Pictures of the missing force: maps over u and time, and arrows on the DLO."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""The report of an identification: what was found, how sure it is, and the shapes that show it."""
+"""The report of an identification: the estimate, its uncertainty, and the shapes behind it."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class EstimateRow:
 
 @dataclass(frozen=True)
 class ParameterTrack:
-    """How an estimate moved.
+    """The estimate of one parameter over time or iterations.
 
     Args:
         name, unit: as in `EstimateRow`.
@@ -91,7 +91,7 @@ class RecordingRow:
 
 @dataclass(frozen=True)
 class IdentificationReport:
-    """All that the report shows.
+    """The contents of the report.
 
     Args:
         title: for the heading.
@@ -170,7 +170,7 @@ def _estimates(report: IdentificationReport) -> str:
 
 
 def _plain_words(report: IdentificationReport) -> list[str]:
-    """What the flags mean, in a sentence."""
+    """Meaning of the flags, in a sentence."""
     weak = [e.name for e in report.estimates if e.identifiable is False]
     if not weak:
         return []

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What the DLO and its grips bore in each recording, as a table."""
+"""The loads on the DLO and its grips in each recording, as a table."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from dlo_ros.report.elements import UNKNOWN, number, paragraph, table
 LONGEST_RADIUS = 1e3
 """Bend radius [m] beyond which a DLO is told to be straight."""
 WORDS = (
-    "What the model says the DLO and its grips bore at most, at the pictures' instants. A grip's "
-    "force is what it exerts on the DLO. The simulator publishes the same live, with an alarm "
+    "The largest loads on the DLO and its grips in the model, at the pictures' instants. A grip's "
+    "force acts on the DLO. The simulator publishes the same live, with an alarm "
     "beyond limits.tension and limits.bend_radius."
 )
 

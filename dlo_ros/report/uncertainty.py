@@ -18,7 +18,7 @@ MOST_COLUMNS = 60
 
 @dataclass(frozen=True)
 class Ellipse:
-    """Two parameters and how they are uncertain together.
+    """Estimates and joint covariance of two parameters.
 
     Args:
         names: with unit, of the horizontal and the vertical one.

@@ -10,7 +10,7 @@ import numpy as np
 
 from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
-from dlo_ros.rod.sensitivity.propagation import vary
+from dlo_ros.rod.sensitivity.propagation import propagate_step
 from dlo_ros.rod.solve.generalised_alpha import (
     DONE,
     NO_CONVERGENCE,
@@ -74,7 +74,7 @@ def march(system, imposed, state, stops, tolerance, newton, varying, shapes, spe
                 if h < SMALLEST_STEP:
                     return NO_CONVERGENCE, steps
             if count > 0:
-                vary(system, imposed, state, new, varying)
+                propagate_step(system, imposed, state, new, varying)
             longer = 2.0
             if error > 0.0:
                 longer = min(2.0, 0.9 * (tolerance / error) ** (1.0 / 3.0))

@@ -15,12 +15,12 @@ from dlo_ros.errors import InputError
 from dlo_ros.observation import Observation
 from dlo_ros.rod.prediction import Prediction
 from dlo_ros.rod.protocol import RodSimulation, RodSimulationClass
-from dlo_ros.rod.sensitivity_parameters import POSES, changed, tangent
+from dlo_ros.rod.sensitivity_parameters import POSES, changed, variation_of
 from dlo_ros.rod_settings import RodSettings
 from dlo_ros.spline import FloatArray, SplineBasis
 
 WIDENING = 100.0
-"""Half the distance of two variants over that of the sensitivities themselves, `tangent`.
+"""Half the distance of two variants over that of the sensitivities themselves, `variation_of`.
 
 Those follow the steps of one integration. Two integrations of their own may differ by rounding and
 by the tolerance of their iterations, which a wider quotient divides by more.
@@ -92,7 +92,7 @@ class DifferenceQuotients(RodSimulation):
         self.resolution = self._middle.resolution
 
     def warn_of_instability(self) -> None:
-        """Log what the simulation itself has to say."""
+        """Log the warning of the simulation itself."""
         self._middle.warn_of_instability()
 
     @property
@@ -188,7 +188,7 @@ def _step_sizes(settings: RodSettings, parameters: Sequence[str]) -> list[float]
                 f"no sensitivity to '{name}': this rod model has none of its own, and difference "
                 "quotients vary material, damping, gravity, length and effects only"
             )
-    return [WIDENING * tangent(settings, name).step for name in parameters]
+    return [WIDENING * variation_of(settings, name).step for name in parameters]
 
 
 def variants(settings: RodSettings, parameters: Sequence[str]) -> list[RodSettings]:

@@ -23,7 +23,7 @@ from dlo_ros.rod.integration import Track, integrate
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.packing import moving_of, state_of, true_command
 from dlo_ros.rod.planar_model import expand, in_plane
-from dlo_ros.rod.sensitivity_parameters import both_sides, compiled, tangent
+from dlo_ros.rod.sensitivity_parameters import both_sides, compiled, variation_of
 from dlo_ros.rod.solve.generalised_alpha import starting_acceleration
 from dlo_ros.rod.state import State
 from dlo_ros.spline import FloatArray
@@ -113,7 +113,7 @@ def with_consistent_acceleration(
         return new
     changes = []
     for name in parameters:
-        chosen = tangent(model.settings, name)
+        chosen = variation_of(model.settings, name)
         above, below = (acceleration(*pair) for pair in both_sides(model, command, chosen))
         changes.append(expand((above - below) / (2.0 * chosen.step), state.q))
     change = np.array(changes)

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""The state that a simulation starts from: an equilibrium, or the shape that was observed."""
+"""The initial state of a simulation: an equilibrium, or the observed shape."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ LOG = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class FirstShape:
-    """The beginning of a simulation, as it truly was.
+    """The true first shape of a simulation.
 
     Args:
         observations: one, or two for `moving`, at the instants at which they truly were so.
@@ -99,7 +99,7 @@ def initial_state(
     measurement: MeasurementMap,
     parameters: Sequence[str],
 ) -> Generator[None, None, InitialState]:
-    """The state as simulation.start says, piece by piece for who must not wait.
+    """The initial state as simulation.start says, in short pieces.
 
     Args:
         parameters: by which sensitivities are wanted, see `sensitivity_parameters`.

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""One rod through a series of instants, with sensitivities: around `adaptive_integration`."""
+"""The motion of one rod through a series of instants, with sensitivities."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def integrate(
     *,
     flat: bool,
 ) -> Track:
-    """What `dynamics.follow` does, for one rod.
+    """Integration of one rod through instants, see `dynamics.follow`.
 
     Args:
         flat: whether everything lies in the plane y = 0.

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""How and when the camera measures true shapes, where effects of measurement say so."""
+"""Maps from true shapes to measured ones, by the effects of measurement."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class MeasurementMap:
 
     @property
     def later(self) -> int:
-        """How much later than simulated a shape is seen [ns]."""
+        """Delay of the measurement after the simulated instant [ns]."""
         return round(sum(e.later() for e in self._effects) * NANOSECONDS)
 
     def measured(self, shape: FloatArray) -> FloatArray:
@@ -80,7 +80,7 @@ class MeasurementMap:
 
 
 def _affine(effects: Sequence[Effect]) -> tuple[FloatArray, FloatArray]:
-    """Matrix (3, 3) and shift (3,) of what the camera makes of points."""
+    """Matrix (3, 3) and shift (3,) of the measurement of points."""
     seen = _measured(effects, np.vstack([np.zeros(3), np.eye(3)]))
     return (seen[1:] - seen[0]).T, seen[0]
 

@@ -163,7 +163,7 @@ class RodModel:
 
     @cached_property
     def law(self) -> ConstitutiveLaw:
-        """How bending departs from linear elasticity."""
+        """The constitutive law of bending."""
         body = self.body
         active = float(body.half_curvature < INACTIVE or body.yield_curvature < INACTIVE)
         share = min(max(body.hardening, 0.0), 0.999)
@@ -176,10 +176,10 @@ class RodModel:
 
     @property
     def plain(self) -> bool:
-        """Whether the rod is all that its stiffness, mass, drag and loads say.
+        """Whether stiffness, mass, drag and loads describe the rod completely.
 
-        It does not soften, yield, relax or rub within itself, touches nothing, slips through no
-        grip, and no drag grows with the square of speed.
+        Such a rod does not soften, yield, relax or rub within itself, touches nothing, slips
+        through no grip, and has no drag that grows with the square of speed.
         """
         body = self.body
         touching = body.friction is not None or bool(body.pegs) or bool(body.walls)
@@ -241,7 +241,7 @@ class RodModel:
 
     @cached_property
     def _hung(self) -> tuple[FloatArray, FloatArray]:
-        """Fixed masses: their matrix as a lower band (n, 4) [kg], and its row sums (n,)."""
+        """Fixed point masses: their matrix as a lower band (n, 4) [kg], and its row sums (n,)."""
         n = self.basis.control_points
         if not self.body.masses:
             return np.zeros((n, 4)), np.zeros(n)

@@ -1,8 +1,8 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Which rod models there are, and the one place where a simulation is made from the settings.
+"""The registry of rod models, and the one place where a simulation is made from the settings.
 
-The model is the one that `simulation.model` names: `spline`, the package's own, or one that
-another package registers through the entry point group "dlo_ros.rod_simulations".
+The model is the one that `simulation.model` names: `spline`, the package's own, or one that another
+package registers through the entry point group "dlo_ros.rod_simulations".
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ def simulation_of(
         parameters: by which derivatives are wanted, named as in `sensitivity_parameters`. A model
             that has none gives difference quotients.
         spans: knot spans of the simulation; default: as many as simulation.tolerance needs.
-        loads: whether predictions say what the DLO and its grips bear.
+        loads: whether predictions contain the loads on the DLO and its grips.
 
     Raises:
         ParameterError: there is no such rod model.

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""A motion tried before it is made: shapes, their band, forces, in a fraction of its time."""
+"""Simulation of a motion before it is made: shapes, their uncertainty, forces."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ PLACES = 21
 """Places along the DLO at which the band is given."""
 LONGEST = 36_000
 """Instants of one rehearsal: twelve minutes at 50 Hz, some hundred megabytes."""
-NO_LOADS = "loads: none, since the rod model does not say what the DLO bears"
+NO_LOADS = "loads: none, since the rod model computes no loads"
 SLACK = 1e-3
 """Of the distance of two ends: a DLO that is longer by less lies straight between them."""
 
@@ -51,7 +51,7 @@ class Rehearsal:
 
     @property
     def extremes(self) -> Extremes:
-        """What is borne at most, by seconds since the first instant."""
+        """The largest loads, by seconds since the first instant."""
         return Extremes(self.loadings, self._times)
 
     @property
@@ -59,7 +59,7 @@ class Rehearsal:
         return [(stamp - self.stamps[0]) / NANOSECONDS for stamp in self.stamps]
 
     def sentences(self, limits: LimitParameters) -> list[str]:
-        """What there is to tell, a line each, alarms last."""
+        """The results, one line each, alarms last."""
         if self.std is None:
             band = "band: none, since no standard deviation of a parameter is stated"
         else:

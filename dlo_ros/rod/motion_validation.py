@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Imposed motion that no hand makes is refused before the rod is simulated."""
+"""Validation of imposed motion before the rod is simulated: jumps are refused."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MOST_STRAIN = 0.5  # under the own weight: beyond, Hooke's law says nothing of a
 
 @dataclass(frozen=True)
 class _Step:
-    """What something imposed does at once: how far it moves [m] and turns [rad], from when [s]."""
+    """An instantaneous change of an imposed pose: distance [m], angle and time [s]."""
 
     name: str
     moved: float
@@ -34,7 +34,7 @@ class _Step:
 def steady(
     boundary: Boundary, state: State, command: Command, until: int, held: Sequence[str]
 ) -> None:
-    """Refuse imposed motion that jumps between the state's instant and another.
+    """Check imposed motion for jumps between the state's instant and another.
 
     Args:
         held: what was held before; a new grip may find the DLO elsewhere than simulated.
@@ -113,7 +113,7 @@ def _direction(quaternion: FloatArray) -> FloatArray:
 
 
 def possible(settings: RodSettings) -> None:
-    """Refuse parameters that no DLO has; a search over them tries on, so it is no input.
+    """Check that parameters describe a DLO; a search may propose others.
 
     Raises:
         SimulationError: effects leave no DLO, or it would be torn long by its own weight.

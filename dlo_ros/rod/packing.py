@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Between the package's objects and the tuples of arrays that compiled code takes."""
+"""Conversion between the package's objects and the tuples of arrays of compiled code."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def _stack(items: Any) -> Any:
 
 
 def true_command(model: RodModel, command: Command) -> Command:
-    """What is truly imposed where `command` was commanded, by the model's effects."""
+    """The command that is truly imposed where `command` was commanded, by the model's effects."""
     if not model.effects:
         return command
     cache: dict[int, tuple[Command, Command]] = model.__dict__.setdefault("_commands", {})
@@ -125,7 +125,7 @@ def varying_of(state: State, wanted: SensitivityState, *, flat: bool) -> Sensiti
 
 
 def nothing_varies(state: State, count: int, *, flat: bool = False) -> SensitivityState:
-    """Sensitivities of a state that depends on none of `count` parameters."""
+    """Zero sensitivities of a state to `count` parameters."""
     n, nb = len(state.q), len(state.strains.other)
 
     def zeros(*shape: int) -> FloatArray:
@@ -143,7 +143,7 @@ def nothing_varies(state: State, count: int, *, flat: bool = False) -> Sensitivi
 
 
 def insensitive(state: State, count: int) -> State:
-    """The state as given, whatever `count` parameters are; without sensitivities where 0."""
+    """The state with zero sensitivities to `count` parameters; without sensitivities where 0."""
     return replace(state, sensitivity=nothing_varies(state, count) if count else None)
 
 
@@ -152,7 +152,7 @@ def state_of(
     varying: SensitivityState | None = None,
     *, still: bool = False,
 ) -> State:  # fmt: skip
-    """What compiled code left, as a state in space; `still` where it is at rest."""
+    """The state in space that compiled code has reached; `still` where it is at rest."""
     flat = m.q.shape[1] == len(IN_PLANE)
     q = expand(m.q, before.q)
     zero = np.zeros_like(q) if still else None

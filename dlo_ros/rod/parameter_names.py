@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What the name of an effect's number, `effects.NAME.KEY` or `effects.NAME.KEY[i]`, stands for."""
+"""Names of effects' numbers, `effects.NAME.KEY` or `effects.NAME.KEY[i]`, and their meaning."""
 
 from __future__ import annotations
 

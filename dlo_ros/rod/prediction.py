@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What a simulation gives out."""
+"""The prediction of a simulation: shape, sensitivity, loads."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from dlo_ros.spline import FloatArray
 
 @dataclass(frozen=True)
 class Prediction:
-    """A simulated shape.
+    """A simulated shape with its sensitivity.
 
     Args:
         stamp: simulated instant [ns].
         control_points: x, y, z [m], theta [rad] in the published basis, shape (n, 4).
         sensitivity: derivatives of x, y, z with respect to the logarithms of the P parameters
             asked for, shape (P, n, 3); None where none were.
-        loading: what the DLO and its grips bear, in the board's frame, as they truly are; None
-            where that was not asked for.
+        loading: true loads on the DLO and its grips, in the board's frame; None where they were not
+            asked for.
     """
 
     stamp: int

@@ -65,7 +65,7 @@ class RodSimulation(Protocol):
     def starting(
         self, observations: Sequence[Observation], last_stamp: int | None = None
     ) -> Generator[None, None, None]:
-        """Set the initial state as simulation.start says, piece by piece for who must not wait.
+        """Set the initial state as simulation.start says, in short pieces.
 
         Args:
             observations: the first observed shapes, at least one, or two for `moving`. It begins
@@ -81,11 +81,11 @@ class RodSimulation(Protocol):
     @property
     @abstractmethod
     def stamp(self) -> int:
-        """The simulated instant, as it is seen [ns]."""
+        """The simulated instant, at the time of its measurement [ns]."""
 
     @abstractmethod
     def prediction(self) -> Prediction:
-        """The present shape, as and when the camera measures it."""
+        """The present shape as the camera measures it."""
 
     @abstractmethod
     def advance_through(self, stamps: Sequence[int]) -> list[Prediction]:
@@ -119,11 +119,11 @@ class RodSimulation(Protocol):
 
     @abstractmethod
     def hold(self, stamp: int) -> None:
-        """Stand still until a stamp [ns]: what a motion that cannot be followed leaves to do."""
+        """Keep the shape until a stamp [ns], where a motion cannot be followed."""
 
     @abstractmethod
     def resettle(self, stamp: int) -> Prediction:
-        """Come to rest under the command at a stamp [ns], led there from the present shape.
+        """Settle to equilibrium under the command at a stamp [ns], from the present shape.
 
         Raises:
             SimulationError: there is no equilibrium; the state stays as it was.
@@ -146,7 +146,7 @@ class RodSimulation(Protocol):
     def judging(
         self, observations: Sequence[Observation], last_stamp: int | None = None
     ) -> Generator[None, None, None]:
-        """Find the `resolution` that `starting` needs, piece by piece; arguments as there.
+        """Find the `resolution` that `starting` needs, in short pieces; arguments as there.
 
         Raises:
             InputError, SimulationError: as `starting`.
@@ -165,7 +165,7 @@ class RodSimulation(Protocol):
         return self.published
 
     def true_shape(self) -> FloatArray:
-        """Control points of the present shape as it truly is, in `basis`, shape (m, 4)."""
+        """Control points of the present true shape in `basis`, shape (m, 4)."""
         return self.prediction().control_points
 
     def with_sensitivities(self, parameters: Sequence[str], present: Command) -> RodSimulation:

@@ -79,7 +79,7 @@ def choose(
 def choosing(
     settings: RodSettings, command: Command, shape: FloatArray, stamps: Sequence[int]
 ) -> Generator[None, None, Resolution]:
-    """As `choose`, piece by piece for who must not wait: it yields between equilibria."""
+    """As `choose`, in short pieces: it yields between equilibria."""
     rod = settings.rod
     published = SplineBasis(rod.control_points, rod.length)
     pick = np.unique(np.linspace(0, len(stamps) - 1, PROBES).round().astype(int))
@@ -125,7 +125,7 @@ class _Path:
         cls, settings: RodSettings, command: Command, shape: FloatArray, stamps: Sequence[int],
         spans: int, near: _Path | None,
     ) -> Generator[None, None, _Path]:  # fmt: skip
-        """Each from the one before, or from that of a coarser path `near` at the same instant."""
+        """Equilibria, each from the one before or from a coarser path `near` at its instant."""
         model, boundary = build(settings, command, spans)
         published = SplineBasis(settings.rod.control_points, settings.rod.length)
         state = rest_state(stamps[0], model.basis.projection(published) @ shape, model)

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Parameters of which sensitivities can be had, and the variants of the rod that they need.
+"""Parameters that have sensitivities, and the variants of the rod that these need.
 
 A parameter is named as in the parameter file: `young_modulus`, `density`, `air_drag`,
 `relaxation_time`, `gravity`, `length`, `twist_rest`; the pose of a clamp, `start.x`, `start.z`,
@@ -41,8 +41,8 @@ STEP = 1e-5  # in the logarithm, or of a parameter's natural size
 
 
 @dataclass(frozen=True)
-class Tangent:
-    """One parameter that sensitivities are wanted of.
+class ParameterVariation:
+    """One parameter whose sensitivities are wanted, and how it is varied.
 
     Args:
         name: see above.
@@ -70,8 +70,8 @@ def effect_names(effect: str, key: str, value: float | tuple[float, ...]) -> lis
     return [f"{name}[{i}]" for i in range(len(value))] if isinstance(value, tuple) else [name]
 
 
-def tangent(settings: RodSettings, name: str) -> Tangent:
-    """How a parameter is varied.
+def variation_of(settings: RodSettings, name: str) -> ParameterVariation:
+    """The variation of a parameter.
 
     Raises:
         InputError: there is no such parameter; the message lists those that there are.
@@ -79,12 +79,16 @@ def tangent(settings: RodSettings, name: str) -> Tangent:
     if name not in known(settings):
         raise InputError(f"no sensitivity to '{name}'; known are {', '.join(known(settings))}")
     if name in LOGARITHMIC:
-        return Tangent(name, STEP, lambda s, c, d: (_scaled(s, name, float(np.exp(d))), c))
+        return ParameterVariation(
+            name, STEP, lambda s, c, d: (_scaled(s, name, float(np.exp(d))), c)
+        )
     if name in POSES:
         end, what = name.split(".")
         size = 1.0 if what == "angle" else settings.rod.length
-        return Tangent(name, STEP * size, lambda s, c, d: (s, _displaced(c, end, what, d)))
-    return _effect_tangent(settings, name)
+        return ParameterVariation(
+            name, STEP * size, lambda s, c, d: (s, _displaced(c, end, what, d))
+        )
+    return _effect_variation(settings, name)
 
 
 def _scaled(settings: RodSettings, name: str, factor: float) -> RodSettings:
@@ -114,7 +118,7 @@ def _displaced(command: Command, end: str, what: str, amount: float) -> Command:
 
 
 def changed(settings: RodSettings, name: str, amount: float) -> RodSettings:
-    """The settings with one parameter changed by an amount, in the unit of `Tangent.step`.
+    """The settings with one parameter changed by an amount, in the unit of its variation's step.
 
     The poses of clamps are no settings: they leave them as they are.
     """
@@ -135,14 +139,14 @@ def varied(settings: RodSettings, name: str, amount: float) -> RodSettings:
     return settings.with_effects(effects)
 
 
-def _effect_tangent(settings: RodSettings, name: str) -> Tangent:
+def _effect_variation(settings: RodSettings, name: str) -> ParameterVariation:
     effect, key, index = parsed(name)
     value: Any = settings.effects[effect][key]  # a number, or as many as there are indices
     size = abs(value if index is None else value[index])
     quantity = quantities(effect)[key]
     natural = settings.scale.unit(quantity.unit) if quantity.unit in ("m", "1/m") else 1.0
     step = STEP * (size if size > 0.0 else natural)
-    return Tangent(name, step, lambda s, c, d: (varied(s, name, d), c))
+    return ParameterVariation(name, step, lambda s, c, d: (varied(s, name, d), c))
 
 
 @dataclass(frozen=True)
@@ -162,7 +166,7 @@ class Compiled:
     special: float
 
     def mark(self, varying: SensitivityState) -> SensitivityState:
-        """Sensitivities that know their parameters."""
+        """Sensitivities that contain the names of their parameters."""
         return varying._replace(
             step=self.step, moves=self.moves, rates=self.rates, special=self.special
         )
@@ -171,7 +175,7 @@ class Compiled:
 def compiled(
     model: RodModel, boundary: Boundary, command: Command, names: Sequence[str], *, flat: bool
 ) -> Compiled:
-    """What compiled code needs, kept with the model.
+    """The rod and its command for compiled code, kept with the model.
 
     Args:
         command: as it was commanded, effects not applied.
@@ -198,7 +202,7 @@ def _compiled(
     commands = [imposed_of(model, boundary, true)]
     moves, steps = [], []
     for name in names:
-        chosen = tangent(model.settings, name)
+        chosen = variation_of(model.settings, name)
         pair = []
         for other, asked in both_sides(model, command, chosen):
             there = true_command(other, asked)
@@ -236,7 +240,7 @@ def _differ(a: Any, b: Any) -> bool:
 
 
 def both_sides(
-    model: RodModel, command: Command, chosen: Tangent
+    model: RodModel, command: Command, chosen: ParameterVariation
 ) -> list[tuple[RodModel, Command]]:
     """Rod and command with a parameter above and below its value."""
     result = []

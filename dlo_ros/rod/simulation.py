@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Simulate a DLO under imposed motion: the rod, its start, its resolution, what is published."""
+"""The simulation of a DLO under imposed motion: start, resolution, steps, published shapes."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from dlo_ros.rod.packing import insensitive, true_command
 from dlo_ros.rod.planar_model import in_plane
 from dlo_ros.rod.prediction import Prediction
 from dlo_ros.rod.protocol import RodSimulation, instability
-from dlo_ros.rod.sensitivity_parameters import tangent
+from dlo_ros.rod.sensitivity_parameters import variation_of
 from dlo_ros.rod.simulation_batch import SimulationBatch, StartedSet, started_set
 from dlo_ros.rod.state import State, refined, strains_of, twist_angle, with_history
 from dlo_ros.rod.statics import hold, reachable, settle
@@ -67,7 +67,7 @@ class Simulation(RodSimulation):
         loads: bool = False,
     ) -> None:
         for name in parameters:
-            tangent(settings, name)
+            variation_of(settings, name)
         self.settings = settings
         self.motion = motion
         self.published = SplineBasis(settings.rod.control_points, settings.rod.length)
@@ -92,7 +92,7 @@ class Simulation(RodSimulation):
     def starting(
         self, observations: Sequence[Observation], last_stamp: int | None = None
     ) -> Generator[None, None, None]:
-        """As `start`, piece by piece for who must not wait; whether it is stable is not told."""
+        """As `start`, in short pieces; stability is not reported."""
         if self._spans is None:
             yield from self.judging(observations, last_stamp)
         assert self._spans is not None
@@ -107,7 +107,7 @@ class Simulation(RodSimulation):
     def judging(
         self, observations: Sequence[Observation], last_stamp: int | None = None
     ) -> Generator[None, None, None]:
-        """Find the resolution that `start` needs, piece by piece; arguments as there.
+        """Find the resolution that `start` needs, in short pieces; arguments as there.
 
         Raises:
             InputError, SimulationError: as `start`.
@@ -124,7 +124,7 @@ class Simulation(RodSimulation):
 
     @property
     def stamp(self) -> int:
-        """The simulated instant, as it is seen [ns]."""
+        """The simulated instant, at the time of its measurement [ns]."""
         return self._started().stamp + self._measurement.later
 
     def fork(
@@ -145,7 +145,7 @@ class Simulation(RodSimulation):
         return twin
 
     def _carrying(self, state: State, parameters: Sequence[str]) -> Simulation:
-        """One that goes on from a state whose sensitivities to parameters were found elsewhere."""
+        """A simulation that continues from a state with given sensitivities to parameters."""
         twin = copy(self)
         twin.state, twin.parameters = state, tuple(parameters)
         twin._timeline, twin._measurement = (
@@ -193,7 +193,7 @@ class Simulation(RodSimulation):
         )  # fmt: skip
 
     def _insensitive(self, state: State) -> State:
-        """The state as given, whatever the parameters are."""
+        """The state with zero sensitivities: it does not depend on the parameters."""
         return insensitive(state, len(self.parameters))
 
     def _command(self, stamp: int) -> Command:
@@ -261,7 +261,7 @@ class Simulation(RodSimulation):
         return self._insensitive(state), model, boundary
 
     def hold(self, stamp: int) -> None:
-        """Stand still until a stamp [ns]: what a motion that cannot be followed leaves to do."""
+        """Keep the shape until a stamp [ns], where a motion cannot be followed."""
         state, stamp = self._started(), stamp - self._measurement.later
         zero = np.zeros_like(state.q)
         self.state = self._insensitive(
@@ -272,7 +272,7 @@ class Simulation(RodSimulation):
         )  # fmt: skip
 
     def resettle(self, stamp: int) -> Prediction:
-        """Come to rest under the command at a stamp [ns], led there from the present shape.
+        """Settle to equilibrium under the command at a stamp [ns], from the present shape.
 
         Raises:
             SimulationError: there is no equilibrium; the state stays as it was.
@@ -306,7 +306,7 @@ class Simulation(RodSimulation):
         self, stamp: int, shape: FloatArray, down: FloatArray, velocity: FloatArray,
         derivative: FloatArray | None, borne: Loading | None = None,
     ) -> Prediction:  # fmt: skip
-        """A shape (n, 4) in the published basis, as and when the camera measures it.
+        """A shape (n, 4) in the published basis, as the camera measures it.
 
         Args:
             down: projection onto the published basis.

@@ -83,7 +83,7 @@ class SimulationBatch:
     def advance_through(self, stamps: Sequence[int]) -> FloatArray:
         """Simulate to a series of stamps [ns], growing; see `RodBatch.advance_through`.
 
-        What fails stands still from there on.
+        A set that fails keeps its last shape from there on.
         """
         if self._together is None:
             self._together = ParameterSets(self._models, self._boundary)

@@ -90,7 +90,7 @@ def internal_at_rest(q: FloatArray, now: Strains, model: RodModel) -> InternalVa
 
 
 def with_history(state: State, model: RodModel) -> State:
-    """The state, with what bending and friction of this model remember: fresh where it has none."""
+    """The state with the internal variables of this model; initial ones where it has none."""
     fresh, old = internal_at_rest(state.q, state.strains, model), state.internal
     internal = InternalVariables(
         *(a if a.shape == b.shape else b for a, b in zip(old, fresh, strict=True))

@@ -24,7 +24,7 @@ from dlo_ros.rod.elements.rod_tables import (
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.packing import moving_of, nothing_varies, state_of, true_command
 from dlo_ros.rod.planar_model import in_plane
-from dlo_ros.rod.sensitivity.propagation import vary_rest
+from dlo_ros.rod.sensitivity.propagation import propagate_equilibrium
 from dlo_ros.rod.sensitivity_parameters import compiled
 from dlo_ros.rod.solve import equilibrium_continuation, newton_iteration
 from dlo_ros.rod.solve.generalised_alpha import DONE, NO_DIRECTION
@@ -111,7 +111,9 @@ def settle(
     varying = None
     if parameters:
         varying = rod.mark(nothing_varies(state, len(parameters), flat=flat))
-        vary_rest(rod.system, rod.imposed, before.q, rest, before.internal, fresh, varying)
+        propagate_equilibrium(
+            rod.system, rod.imposed, before.q, rest, before.internal, fresh, varying
+        )
     new = state_of(model, state, rest, stamp, varying, still=True)
     if flat:
         negative = max(negative, _unstable_directions(model, boundary, new.q, new.reference))
@@ -122,7 +124,7 @@ def _unstable_directions(
     model: RodModel, boundary: Boundary, q: FloatArray, reference: Reference
 ) -> int:
     """Negative eigenvalues of the stiffness in space."""
-    matter = matter_of(model, NO_INTERNAL_VARIABLES)._replace(law=LINEAR, around=FREE)
+    matter = material_at_rest(model, NO_INTERNAL_VARIABLES)._replace(law=LINEAR, around=FREE)
     return int(
         newton_iteration.negative_modes(
             q,
@@ -138,7 +140,7 @@ def _unstable_directions(
     )
 
 
-def matter_of(model: RodModel, internal: InternalVariables) -> Material:
+def material_at_rest(model: RodModel, internal: InternalVariables) -> Material:
     """The material at rest, for compiled code; what may relax has done so."""
     left = 1.0 - model.law.relaxing
     stiffness = model.stiffness._replace(bend=left * model.stiffness.bend)

@@ -16,13 +16,13 @@
         - {time: 0.0, position: [x, y, z]}
       end:
         - {time: 0.0, position: [x, y, z], angle: 0.0, swing: 0.0, turn: 0.0}
-    camera: {...}        # intrinsics, see `look.SimulatedCamera`
+    camera: {...}        # intrinsics, see `picture_settings.SimulatedCamera`
     cameras: {NAME: {translation: [...], rotation: [...], ...}}   # several; keys as in `camera`
-    depth: {...}         # a depth sensor beside the one camera, see `look.DepthSensor`
-    look: {...}          # see `look.Look`
-    measurement: {...}   # see `look.Measurement`
+    depth: {...}         # a depth sensor beside the one camera, see `picture_settings.DepthSensor`
+    look: {...}          # see `picture_settings.Look`
+    measurement: {...}   # see `picture_settings.Measurement`
     wrench: {...}        # force-torque sensors at the grips, see `wrench_sensor.WrenchSensor`
-    foreign: {...}       # effects that no parameter file names, see `hidden.FOREIGN`
+    foreign: {...}       # effects that no parameter file names, see `hidden_effects.FOREIGN`
 
 The parameters state what an experimenter knows; effects say how the truth departs from that. So
 with `length_error` the rope is longer than `rod.length`, and with `camera_scale` or
@@ -53,12 +53,12 @@ from dlo_ros.parameter_table import TABLE
 from dlo_ros.parameters import EFFECTS_PREFIX, CameraPose, Settings
 from dlo_ros.share import shared_file
 from dlo_ros.spline import FloatArray
-from dlo_ros.synthesis.geometry import Geometry
+from dlo_ros.synthesis.camera_geometry import Geometry
+from dlo_ros.synthesis.experiment_block import ExperimentBlock
 from dlo_ros.synthesis.gripper_frames import check_frames
-from dlo_ros.synthesis.hidden import FOREIGN, Hidden, read_effects
+from dlo_ros.synthesis.hidden_effects import FOREIGN, HiddenEffects, read_effects
 from dlo_ros.synthesis.hidden_rod import true_length
-from dlo_ros.synthesis.look import DepthSensor, Look, Measurement, SimulatedCamera
-from dlo_ros.synthesis.sections import ExperimentBlock
+from dlo_ros.synthesis.picture_settings import DepthSensor, Look, Measurement, SimulatedCamera
 from dlo_ros.synthesis.wrench_sensor import WrenchSensor
 
 START_STAMP = 1_760_000_000 * NANOSECONDS
@@ -105,7 +105,7 @@ class Experiment:
     camera: SimulatedCamera
     look: Look
     measurement: Measurement
-    hidden: Hidden = field(default_factory=Hidden)
+    hidden: HiddenEffects = field(default_factory=HiddenEffects)
     cameras: Mapping[str, tuple[SimulatedCamera, CameraPose]] = field(default_factory=dict)
     depth: DepthSensor | None = None
     wrench: WrenchSensor | None = None
@@ -182,7 +182,7 @@ def read_experiment(tree: Any, name: str, where: str) -> Experiment:
         camera=_finished(SimulatedCamera.read, top.block("camera")),
         look=_finished(Look.read, top.block("look")),
         measurement=_finished(Measurement.read, top.block("measurement")),
-        hidden=Hidden(
+        hidden=HiddenEffects(
             effects=read_effects(effects, f"{where}: {EFFECTS_KEY}"),
             foreign=read_effects(top.raw("foreign"), f"{where}: foreign", FOREIGN),
         ),

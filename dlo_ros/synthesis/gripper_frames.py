@@ -12,8 +12,8 @@ from dlo_ros.command import NANOSECONDS, Command
 from dlo_ros.errors import InputError
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
-from dlo_ros.recordings.building import BAG_MESSAGES, transform_message
 from dlo_ros.recordings.frame_commands import CLOSEST, POSES, clamp_frames
+from dlo_ros.recordings.message_building import BAG_MESSAGES, transform_message
 from dlo_ros.recordings.write import BagWriter
 
 PERIOD = NANOSECONDS // 100

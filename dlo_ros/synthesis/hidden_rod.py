@@ -15,9 +15,9 @@ import numpy as np
 from dlo_ros.errors import InputError
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
-from dlo_ros.synthesis import foreign
+from dlo_ros.synthesis import foreign_effects
 from dlo_ros.synthesis.discrete_rod import DiscreteRod, tributary_lengths
-from dlo_ros.synthesis.hidden import Hidden
+from dlo_ros.synthesis.hidden_effects import HiddenEffects
 from dlo_ros.synthesis.rod_simulation import Change
 from dlo_ros.synthesis.spatial_rod import SpatialRod, in_space
 
@@ -27,12 +27,14 @@ PLANE_ONLY = ("plasticity", "hysteresis", "surface_friction")  # laws with a mem
 PLUG = 500.0  # bending stiffness of a connector over that of the rope; more would cost rounding
 
 
-def true_length(settings: Settings, hidden: Hidden) -> float:
+def true_length(settings: Settings, hidden: HiddenEffects) -> float:
     """Length of the rope at the start [m]."""
     return settings.rod.length + hidden.number("length_error", "difference")
 
 
-def nodes_at(settings: Settings, hidden: Hidden, pins: Sequence[float], edges: int) -> list[float]:
+def nodes_at(
+    settings: Settings, hidden: HiddenEffects, pins: Sequence[float], edges: int
+) -> list[float]:
     """Material coordinates u [m] where the rod needs a node, pins first.
 
     Where two are wanted closer together than a third of an edge, the second is left out: it would
@@ -58,7 +60,7 @@ def nodes_at(settings: Settings, hidden: Hidden, pins: Sequence[float], edges: i
 
 
 def build_spatial_rod(
-    settings: Settings, hidden: Hidden, *, edges: int, pins: Sequence[float] = ()
+    settings: Settings, hidden: HiddenEffects, *, edges: int, pins: Sequence[float] = ()
 ) -> SpatialRod:
     """A rod in space; see `build_rod`.
 
@@ -85,7 +87,7 @@ def build_spatial_rod(
 
 
 def build_rod(
-    settings: Settings, hidden: Hidden, *, edges: int, pins: Sequence[float] = ()
+    settings: Settings, hidden: HiddenEffects, *, edges: int, pins: Sequence[float] = ()
 ) -> DiscreteRod:
     """A rod with all that is hidden in it and does not change in time.
 
@@ -143,7 +145,7 @@ def build_rod(
 
 
 def change(
-    settings: Settings, hidden: Hidden, travelled: Callable[[float], float], axes: int = 2
+    settings: Settings, hidden: HiddenEffects, travelled: Callable[[float], float], axes: int = 2
 ) -> Change | None:
     """What the rod is at a time, where something of it changes by itself.
 
@@ -171,12 +173,12 @@ def change(
 
         parts.append(slide)
     if "stiffness_drift" in hidden:
-        parts.append(foreign.stiffness_drift(hidden.number("stiffness_drift", "rate")))
+        parts.append(foreign_effects.stiffness_drift(hidden.number("stiffness_drift", "rate")))
     if "gusts" in hidden:
         force, tau, seed = (
             hidden.number("gusts", key) for key in ("force", "correlation_time", "seed")
         )
-        parts.append(foreign.gusts(force, tau, int(seed), axes))
+        parts.append(foreign_effects.gusts(force, tau, int(seed), axes))
     if not parts:
         return None
 
@@ -222,7 +224,7 @@ def _over_vertices(u: FloatArray, value: Callable[[FloatArray], FloatArray]) -> 
     return np.asarray(total / tributary_lengths(lengths))
 
 
-def _stiffness_ratio(u: FloatArray, length: float, hidden: Hidden) -> FloatArray:
+def _stiffness_ratio(u: FloatArray, length: float, hidden: HiddenEffects) -> FloatArray:
     """Bending stiffness over that of the uniform rod, any shape."""
     result = 1.0 + hidden.number("stiffness_gradient", "change") * (u / length - 0.5)
     if "stiff_segment" in hidden:
@@ -234,14 +236,16 @@ def _stiffness_ratio(u: FloatArray, length: float, hidden: Hidden) -> FloatArray
     return result
 
 
-def _curvature(u: FloatArray, length: float, hidden: Hidden, key: str = "curvature") -> FloatArray:
+def _curvature(
+    u: FloatArray, length: float, hidden: HiddenEffects, key: str = "curvature"
+) -> FloatArray:
     """Curvature at rest [1/m], any shape; values of a list are spread evenly over the length."""
     given = hidden.effects.get("intrinsic_curvature", {}).get(key, 0.0)
     values = np.atleast_1d(np.asarray(given, dtype=np.float64))
     return np.interp(u, np.linspace(0.0, length, len(values)), values)
 
 
-def _hung_mass(u: FloatArray, length: float, hidden: Hidden) -> FloatArray:
+def _hung_mass(u: FloatArray, length: float, hidden: HiddenEffects) -> FloatArray:
     """Mass of a hung body and of a plug on the nodes [kg], shape (N + 1,).
 
     The plug's is even from its beginning to the rope's end; each edge gives its share to its two

@@ -11,17 +11,17 @@ import numpy as np
 from dlo_ros.command import NANOSECONDS
 from dlo_ros.errors import InputError
 from dlo_ros.recordings import topics
-from dlo_ros.recordings.building import BAG_MESSAGES
 from dlo_ros.recordings.image_building import camera_info_message, compressed_message, depth_message
 from dlo_ros.recordings.images import CameraInfo
+from dlo_ros.recordings.message_building import BAG_MESSAGES
 from dlo_ros.recordings.write import BagWriter
 from dlo_ros.spline import FloatArray
+from dlo_ros.synthesis.camera_geometry import Geometry
 from dlo_ros.synthesis.experiment import Experiment
-from dlo_ros.synthesis.geometry import Geometry
-from dlo_ros.synthesis.look import SimulatedCamera
+from dlo_ros.synthesis.picture_settings import SimulatedCamera
 from dlo_ros.synthesis.render import Renderer
 from dlo_ros.synthesis.spatial_render import SpatialRenderer
-from dlo_ros.synthesis.truth import Truth
+from dlo_ros.synthesis.true_motion import Truth
 
 LOG = logging.getLogger(__name__)
 
@@ -127,7 +127,7 @@ def camera_info(camera: SimulatedCamera, frame_id: str) -> CameraInfo:
 
 
 def warn_out_of_sight(geometry: Geometry, truth: Truth) -> None:
-    """Say when the rope leaves the picture, since nothing would show it afterwards."""
+    """Warn when the rope leaves the picture, since nothing would show it afterwards."""
     u = np.linspace(0.0, truth.u[-1], 100)
     size = np.array([geometry.camera.width, geometry.camera.height]) - 1
     for i, stamp in enumerate(truth.stamps):

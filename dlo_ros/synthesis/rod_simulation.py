@@ -30,7 +30,7 @@ Change = Callable[[DiscreteRod, float], DiscreteRod]
 
 @dataclass(frozen=True)
 class ImposedNodes:
-    """What is imposed at one instant.
+    """Imposed positions and directions at one instant.
 
     Args:
         positions: x and z [m] of imposed nodes by their index.

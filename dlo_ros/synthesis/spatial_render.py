@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlo_ros.spline import FloatArray
-from dlo_ros.synthesis.geometry import Geometry
-from dlo_ros.synthesis.look import DepthSensor, Look
+from dlo_ros.synthesis.camera_geometry import Geometry
+from dlo_ros.synthesis.picture_settings import DepthSensor, Look
 from dlo_ros.synthesis.render import Image, Renderer
 
 SPACING = 0.5  # [px] of the samples along the rope
@@ -27,7 +27,7 @@ MILLIMETRES = 1000.0  # of a depth image's unit
 
 
 class Layers(NamedTuple):
-    """What of the rope pixels see, strand by strand, from far to near within a pixel.
+    """Visible samples of the rope, strand by strand, from far to near within a pixel.
 
     Args:
         pixel: flat index of each, shape (m,).

@@ -14,7 +14,7 @@ from dlo_ros.command import NANOSECONDS
 from dlo_ros.errors import InputError
 from dlo_ros.observation import CentrelinePoints
 from dlo_ros.recordings import topics
-from dlo_ros.recordings.building import (
+from dlo_ros.recordings.message_building import (
     BAG_MESSAGES,
     command_message,
     points_message,
@@ -30,9 +30,9 @@ from dlo_ros.synthesis.picture_bag import (
     record_pictures,
     warn_out_of_sight,
 )
-from dlo_ros.synthesis.reaction import record
 from dlo_ros.synthesis.render import Renderer
-from dlo_ros.synthesis.truth import Truth, build_simulation, simulate
+from dlo_ros.synthesis.rod_reactions import record
+from dlo_ros.synthesis.true_motion import Truth, build_simulation, simulate
 
 POSE = ("translation", "rotation")  # of the board in a camera
 LEAD = NANOSECONDS // 100
@@ -62,7 +62,7 @@ def synthesize(
         images: whether a camera is rendered; otherwise the observed splines are written directly.
         force: whether an existing bag is replaced.
         progress: wraps the loop over the frames.
-        edges: of the simulated rope; default as in `truth.build_simulation`.
+        edges: of the simulated rope; default as in `true_motion.build_simulation`.
         step: of its simulation [s]; likewise.
 
     Returns:

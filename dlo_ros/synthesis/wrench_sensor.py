@@ -1,11 +1,11 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""How well simulated force-torque sensors at the grips measure."""
+"""Errors of simulated force-torque sensors at the grips."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from dlo_ros.synthesis.sections import ExperimentBlock
+from dlo_ros.synthesis.experiment_block import ExperimentBlock
 
 
 @dataclass(frozen=True)

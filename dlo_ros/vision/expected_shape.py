@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What is expected of a DLO before its picture is looked at: place, width, direction."""
+"""Expected place, width and direction of a DLO before its picture is examined."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from dlo_ros.errors import InputError, VisionError
 from dlo_ros.spline import ORDER, FloatArray
 from dlo_ros.vision.camera.pinhole import Camera
 from dlo_ros.vision.fit.planar_clamps import EndPoses
-from dlo_ros.vision.planar_result import Shape
+from dlo_ros.vision.planar_result import LastShape
 
 
 def expected_shape(
-    stamp: int, last: Shape, velocity: FloatArray | None, ends: EndPoses
+    stamp: int, last: LastShape, velocity: FloatArray | None, ends: EndPoses
 ) -> FloatArray:
     """The last shape, carried on by its velocity and the clamps.
 
@@ -65,7 +65,7 @@ def expected_width(camera: Camera, diameter: float, ends: EndPoses) -> float:
     return diameter / float(np.median(scales))
 
 
-def traced_backwards(outer: FloatArray, before: Shape | None, diameter: float) -> bool:
+def traced_backwards(outer: FloatArray, before: LastShape | None, diameter: float) -> bool:
     """Whether a path without known ends runs from the end to the start.
 
     Args:
@@ -85,7 +85,7 @@ def traced_backwards(outer: FloatArray, before: Shape | None, diameter: float) -
 
 
 def check_prediction(control_points: FloatArray) -> None:
-    """Refuse control points that are no spline's.
+    """Check that control points are those of a spline.
 
     Args:
         control_points: x, y, z [m] (and theta [rad]), shape (n, 3) or (n, 4).

@@ -36,7 +36,7 @@ from dlo_ros.vision.fit.material_coordinates import find_ends
 from dlo_ros.vision.fit.planar_clamps import EndPoses, clamps_in, ends_at
 from dlo_ros.vision.fit.planar_credibility import LEAST_SEEN, check, check_change, unusable
 from dlo_ros.vision.fit.spline_fit import SplineFit, fit_spline
-from dlo_ros.vision.planar_result import Rough, Shape, VisionResult
+from dlo_ros.vision.planar_result import LastShape, RoughDetection, VisionResult
 from dlo_ros.vision.segmentation.camera_image import image_of
 from dlo_ros.vision.segmentation.edge_profile import Located, locate
 from dlo_ros.vision.segmentation.picture_strip import inside, resample, smooth_curve, spacing_for
@@ -79,9 +79,9 @@ class Observer:
         self.camera = camera
         self.motion = motion
         self.basis = SplineBasis(settings.rod.control_points, settings.rod.length)
-        self._last: Shape | None = None
+        self._last: LastShape | None = None
         self._velocity: FloatArray | None = None
-        self._seen_last: tuple[Shape, FloatArray | None] | None = None
+        self._seen_last: tuple[LastShape, FloatArray | None] | None = None
         self._misses = 0
         self._found: tuple[SplineFit, Located] | None = None
         self._hints = Hints(settings.vision)
@@ -184,10 +184,10 @@ class Observer:
         stamp: int,
         image: Image,
         ends: EndPoses,
-        before: Shape | None,
+        before: LastShape | None,
         expected: Sequence[FloatArray],
     ) -> VisionResult:
-        """Search the whole image; a shape that was just lost tells which end is the start."""
+        """Search the whole image; a shape that was just lost determines which end is the start."""
         width = expected_width(self.camera, self.settings.rod.diameter, ends)
         held = [end.position for end in (ends.start, ends.end) if end is not None]
         rod = self.settings.rod
@@ -215,7 +215,7 @@ class Observer:
         stamp: int,
         image: Image,
         ends: EndPoses,
-        before: Shape | None,
+        before: LastShape | None,
         width: float,
         allowed: Image | None,
         expected: Sequence[FloatArray],
@@ -256,7 +256,7 @@ class Observer:
         stamp: int,
         image: Image,
         ends: EndPoses,
-        before: Shape | None,
+        before: LastShape | None,
         points: FloatArray,
         path: Path,
         width: float,
@@ -267,7 +267,7 @@ class Observer:
             outer = self.camera.to_board(points[[0, -1]])[:, [0, 2]]
             if traced_backwards(outer, before, self.settings.rod.diameter):
                 points = points[::-1]
-        rough = Rough(path.colour, path.contrast, width, tones, tones)
+        rough = RoughDetection(path.colour, path.contrast, width, tones, tones)
         held = ends.start is not None and ends.end is not None
         result = self._measure(stamp, image, ends, points, width, rough, final=held)
         if held:
@@ -276,7 +276,7 @@ class Observer:
         for _ in range(MOST_PROLONGED):
             first, before_ends = self._last, result.pixels[[0, -1]]
             assert first is not None
-            rough = Rough(first.colour, first.contrast, width, first.known_width, tones)
+            rough = RoughDetection(first.colour, first.contrast, width, first.known_width, tones)
             known, wide = result.pixels, result.width
             result = self._measure(stamp, image, ends, known, wide, rough, final=False)
             moved = np.hypot(*(result.pixels[[0, -1]] - before_ends).T)
@@ -294,7 +294,7 @@ class Observer:
         ends: EndPoses,
         points: FloatArray,
         width: float,
-        rough: Rough,
+        rough: RoughDetection,
         *,
         final: bool,
     ) -> VisionResult:
@@ -320,7 +320,7 @@ class Observer:
         return self._finish(stamp, image, located, ends, before, None, final)
 
     def _track(
-        self, stamp: int, image: Image, ends: EndPoses, last: Shape, search: float
+        self, stamp: int, image: Image, ends: EndPoses, last: LastShape, search: float
     ) -> VisionResult:
         """Search around where the last shape and the imposed motion predict the DLO."""
         points = self._project(expected_shape(stamp, last, self._velocity, ends))
@@ -350,7 +350,7 @@ class Observer:
         located: Located,
         ends: EndPoses,
         prolonged: float,
-        last: Shape | None,
+        last: LastShape | None,
         final: bool,
     ) -> VisionResult:
         """Ends, spline and, where it is the final one, checks."""
@@ -367,18 +367,7 @@ class Observer:
         if final:
             check_bridges(image, pixels, fit.curve_seen, located.width)
         self._remember(stamp, fit, located, ends)
-        return VisionResult(
-            fit.observation,
-            fit.residual,
-            fit.residual_px,
-            fit.fraction_seen,
-            fit.seen_length,
-            pixels,
-            fit.curve_seen,
-            located.width,
-            located.contrast,
-            last is not None,
-        )
+        return VisionResult.of(fit, located, pixels, tracked=last is not None)
 
     def _remember(self, stamp: int, fit: SplineFit, located: Located, ends: EndPoses) -> None:
         last = self._last
@@ -387,14 +376,4 @@ class Observer:
             self._velocity = (curve - last.curve) / ((stamp - last.stamp) * 1e-9)
         else:
             self._velocity = None
-        self._last = Shape(
-            stamp,
-            curve,
-            fit.seen_length,
-            located.width,
-            located.colour,
-            located.contrast,
-            ends,
-            located.known_width,
-            located.tones,
-        )
+        self._last = LastShape.of(stamp, curve, fit.seen_length, located, ends)

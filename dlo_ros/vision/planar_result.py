@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What one image showed, and what of it helps to find the DLO in the next."""
+"""The result of one image, and the part of it that helps to find the DLO in the next."""
 
 from __future__ import annotations
 
@@ -8,12 +8,14 @@ from dataclasses import dataclass
 from dlo_ros.observation import Observation
 from dlo_ros.spline import FloatArray
 from dlo_ros.vision.fit.planar_clamps import EndPoses
+from dlo_ros.vision.fit.spline_fit import SplineFit
+from dlo_ros.vision.segmentation.edge_profile import Located
 from dlo_ros.vision.segmentation.picture_strip import Mask
 
 
 @dataclass(frozen=True, eq=False)
 class VisionResult:
-    """What one image showed.
+    """The result of one image.
 
     Args:
         observation: control points and measured points, with the image's stamp.
@@ -39,10 +41,34 @@ class VisionResult:
     contrast: float
     tracked: bool
 
+    @classmethod
+    def of(
+        cls, fit: SplineFit, located: Located, pixels: FloatArray, *, tracked: bool
+    ) -> VisionResult:
+        """The result of a fit.
+
+        Args:
+            fit: the fitted spline.
+            located: the DLO in the picture.
+            pixels, tracked: see the class.
+        """
+        return cls(
+            fit.observation,
+            fit.residual,
+            fit.residual_px,
+            fit.fraction_seen,
+            fit.seen_length,
+            pixels,
+            fit.curve_seen,
+            located.width,
+            located.contrast,
+            tracked,
+        )
+
 
 @dataclass(frozen=True, eq=False)
-class Shape:
-    """The last shape: what tracking starts from."""
+class LastShape:
+    """The last shape, from which tracking starts."""
 
     stamp: int
     curve: FloatArray
@@ -54,10 +80,35 @@ class Shape:
     known_width: bool
     tones: bool
 
+    @classmethod
+    def of(
+        cls, stamp: int, curve: FloatArray, seen_length: float, located: Located, ends: EndPoses
+    ) -> LastShape:
+        """The shape of a picture.
+
+        Args:
+            stamp: of the picture [ns].
+            curve: points (x, z) of the shape [m], equally spaced in u, shape (m, 2).
+            seen_length: length from end to end [m].
+            located: the DLO in the picture.
+            ends: the clamps at that stamp.
+        """
+        return cls(
+            stamp,
+            curve,
+            seen_length,
+            located.width,
+            located.colour,
+            located.contrast,
+            ends,
+            located.known_width,
+            located.tones,
+        )
+
 
 @dataclass(frozen=True, eq=False)
-class Rough:
-    """What a search tells of the DLO besides its course; `width` is the expected one [px]."""
+class RoughDetection:
+    """Colour, contrast and width of a DLO by a search; `width` is the expected one [px]."""
 
     colour: FloatArray
     contrast: float

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dlo_ros.synthesis.experiment import NANOSECONDS, START_STAMP, read_experiment
-from dlo_ros.synthesis.truth import build_simulation, simulate
+from dlo_ros.synthesis.true_motion import build_simulation, simulate
 
 EDGES, STEP = 50, 4e-3  # enough to compare two shapes of the same discretisation
 POINTS, EVERY = 25, 4

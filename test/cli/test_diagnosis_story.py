@@ -72,7 +72,9 @@ def test_a_cause_that_changes_nothing_on_other_data_is_told_as_that():
 
 def test_rivals_are_told_as_one_of_them():
     (_, why, _) = answers(case(causes=[replace(MASS, rivals=("constant_force", "clamp_angle"))]))
-    assert why.startswith("One of these three is certain, and the data cannot tell which: a mass")
+    assert why.startswith(
+        "One of these three is certain, but the data do not determine which: a mass"
+    )
     assert "or an even force, such as a draught" in why
     assert "Certain:" not in why
 
@@ -164,10 +166,10 @@ def test_the_set_up_is_a_table_with_what_is_off_first():
     assert lines[0].tolerance == "3.0 degrees" and lines[1].tolerance == "0.50 %"
     assert [line.notable for line in lines] == [True, True, False, False, False]
     text = summary(made, LENGTH, Path("build/diagnosis"))
-    rows = text[text.index("Your set-up, as far as the data tell") :]
+    rows = text[text.index("Your set-up, as far as the data determine it") :]
     assert rows[1].split() == ["what", "off", "by", "tolerance"]
     assert rows[2].startswith("  direction of a clamp, at the start  2.1 +- 0.4 degrees")
-    assert rows[4] == "  3 other numbers are as they should be, as far as these data tell."
+    assert rows[4] == "  3 other numbers are as they should be, as far as these data determine."
 
 
 @pytest.mark.parametrize("made", [case(), case(setup=SETUP), case("unexplained", ()), found()])
@@ -188,8 +190,8 @@ def test_the_page_begins_with_the_answers_and_ends_with_the_trace():
         page.index(f">{words}")
         for words in (
             "How wrong is my simulation?", "Why?", "What do I gain?", "Where and when",
-            "The causes in numbers", "Your set-up, as far as the data tell", "What to record next",
-            "All that was tried",
+            "The causes in numbers", "Your set-up, as far as the data determine it",
+            "What to record next", "All that was tried",
         )
     ]  # fmt: skip
     assert places == sorted(places)

@@ -21,7 +21,7 @@ from dlo_ros.demo import live
 from dlo_ros.demo.processes import ProcessError
 from dlo_ros.demo.terminal_progress import Progress
 from dlo_ros.nodes.message_factory import ROS_MESSAGES
-from dlo_ros.nodes.monitor import monitoring
+from dlo_ros.nodes.output_monitor import monitoring
 from dlo_ros.nodes.received_data import ReceivedData
 from dlo_ros.recordings import read_recording, spline_message, topics
 
@@ -144,7 +144,7 @@ def test_the_listener_keeps_what_is_well_formed_and_each_warning_once(monkeypatc
             monitor._spline(topic, good)
             monitor._spline(topic, short)
         assert list(monitor.heard.observed) == list(monitor.heard.predicted) == [10**9]
-        assert monitor.state("observer") == "it has said nothing"
+        assert monitor.state("observer") == "it has no status yet"
         say(monitor, ("observer", WARN, "waiting for camera_info"), ("other", WARN, "is hot"))
         say(monitor, ("/left/observer", WARN, "3 px too thin"), ("identifier", OK, "estimating"))
         say(monitor, ("observer", WARN, "4 px too thin"), ("simulator", WARN, "4 px too thin"))

@@ -79,7 +79,7 @@ def test_a_child_that_should_run_may_not_end_well_either(tmp_path, monkeypatch):
         started = child(children, "pass", monkeypatch)
         started.process.wait()
         children.check(started)
-        with pytest.raises(ProcessError, match="status 0: it said nothing"):
+        with pytest.raises(ProcessError, match="status 0: it printed nothing"):
             children.check()
 
 

@@ -16,9 +16,9 @@ from scipy.optimize import minimize_scalar
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings.read import read_recording
 from dlo_ros.synthesis.experiment import read_experiment
-from dlo_ros.synthesis.hidden import EFFECTS, FOREIGN
+from dlo_ros.synthesis.hidden_effects import EFFECTS, FOREIGN
 from dlo_ros.synthesis.synthesize import synthesize
-from dlo_ros.synthesis.truth import build_simulation, simulate
+from dlo_ros.synthesis.true_motion import build_simulation, simulate
 
 
 def run(tree, edges=60, step=4e-3):

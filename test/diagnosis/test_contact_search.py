@@ -11,7 +11,7 @@ from challenge.generate import draw
 from rods import PAPER
 
 from dlo_ros.cli.loading import load_manipulation
-from dlo_ros.diagnosis.contact.contact_search import glimpsed, pegs_met
+from dlo_ros.diagnosis.contact.contact_search import pegs_beside_plain_model, plausible_pegs
 from dlo_ros.diagnosis.contact.peg_places import apart, places, sight
 from dlo_ros.diagnosis.contact.undisturbed import _beginnings
 from dlo_ros.diagnosis.fitting.evaluation import evaluate
@@ -59,7 +59,7 @@ def test_a_peg_stands_where_the_rope_is_caught():
     first, *others = apart([p.peg for p in places(view, radius)], 0.05, 5)
     assert first == best.peg
     assert all(np.hypot(o.x - best.peg.x, o.z - best.peg.z) > 0.05 for o in others)
-    start, *_ = glimpsed(view)
+    start, *_ = plausible_pegs(view)
     assert start.block["x"] == pytest.approx(0.5 * ROD.length, abs=0.1 * ROD.length)
 
 
@@ -69,7 +69,7 @@ def test_what_another_recording_sweeps_holds_no_peg():
     free = np.zeros(len(seen), dtype=np.bool_)
     view = sight(ROD, [seen, expected], [expected, expected], [wrong, free])
     assert places(view, 0.01) == []
-    assert glimpsed(view) == []
+    assert plausible_pegs(view) == []
 
 
 def test_what_goes_astray_without_meeting_anything_is_no_peg():
@@ -77,16 +77,18 @@ def test_what_goes_astray_without_meeting_anything_is_no_peg():
     # Off from the beginning, long before the rope is where the peg would be.
     wrong = np.ones(len(seen), dtype=np.bool_)
     assert places(sight(ROD, [seen], [expected], [wrong]), 0.01)[0].left >= HIT - 1
-    assert glimpsed(sight(ROD, [seen], [expected], [wrong])) == []
+    assert plausible_pegs(sight(ROD, [seen], [expected], [wrong])) == []
 
 
 def test_a_recording_counts_up_to_where_it_goes_astray():
     times = np.arange(31) / 30.0
     whole = SimpleNamespace(times=times, until=lambda stop: ("until", stop))
-    off = np.zeros(30, dtype=bool)  # the first picture begins the motion, and is not compared
-    late, early = off.copy(), off.copy()
+    squared_misfits = np.zeros(
+        30, dtype=bool
+    )  # the first picture begins the motion, and is not compared
+    late, early = squared_misfits.copy(), squared_misfits.copy()
     late[20:], early[5:] = True, True
-    recordings, wrong = [whole] * 3, [off, late, early]
+    recordings, wrong = [whole] * 3, [squared_misfits, late, early]
     assert _beginnings(recordings, wrong, 0.0) == [("until", 31), ("until", 21)]
     # What is wrong from the beginning on may be gripped as no other recording is.
     assert _beginnings(recordings, wrong, 0.5) == [("until", 31), ("until", 21), ("until", 16)]
@@ -109,8 +111,8 @@ def test_a_hidden_peg_is_found_where_it_stands(hidden):
     at = beginning.at
     problem = Problem(beginning.recordings, settings, drafts(beginning.recordings, at))
     with workers(problem, 1) as team:
-        begun = pegs_met(team, at, ())
-        assert pegs_met(team, at, ("obstacle",)) == []
+        begun = pegs_beside_plain_model(team, at, ())
+        assert pegs_beside_plain_model(team, at, ("obstacle",)) == []
     start = begun[0]
     assert not start.neutral
     # The rope touches it on one side: its near edge is known best.
@@ -130,14 +132,14 @@ def test_in_space_no_peg_is_looked_for(hidden, monkeypatch):
     def looked(team, at):
         raise AssertionError("looked for a peg off the board")
 
-    monkeypatch.setattr("dlo_ros.diagnosis.fitting.robust_fit.calm", looked)
+    monkeypatch.setattr("dlo_ros.diagnosis.fitting.robust_fit.consensus_fit", looked)
     aloft = []
     for r in beginning.recordings:
         observed = r.observed.copy()
         observed[..., 1] += 0.1 * settings.rod.length
         aloft.append(replace(r, observed=observed))
     with workers(Problem(tuple(aloft), settings, tuple(aloft)), 1) as team:
-        assert pegs_met(team, beginning.at, ()) == []
+        assert pegs_beside_plain_model(team, beginning.at, ()) == []
 
 
 @pytest.mark.slow
@@ -147,7 +149,7 @@ def test_a_peg_that_does_not_help_is_not_fitted(hidden, monkeypatch):
     problem = Problem(beginning.recordings, settings, drafts(beginning.recordings, beginning.at))
     monkeypatch.setattr("dlo_ros.diagnosis.contact.contact_search._loss", lambda problem, task: 1e9)
     with workers(problem, 1) as team:
-        assert pegs_met(team, beginning.at, ()) == []
+        assert pegs_beside_plain_model(team, beginning.at, ()) == []
 
 
 @pytest.mark.slow

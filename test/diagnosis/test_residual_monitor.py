@@ -11,7 +11,7 @@ from experiment_recordings import moving
 
 from dlo_ros.diagnosis.monitor.residual_monitor import ResidualMonitor, correlated_residual
 from dlo_ros.identification import Manipulation, OnlineEstimator
-from dlo_ros.nodes.worker import EstimatorThread
+from dlo_ros.nodes.estimator_thread import EstimatorThread
 
 
 def watched(recording, guess, pieces=np.inf):
@@ -123,7 +123,7 @@ def test_a_jump_in_one_picture_is_no_correlated_residual():
 @pytest.mark.slow
 def test_the_identifiers_thread_tells_of_it(monkeypatch):
     # Else other tests on the same processors go first.
-    monkeypatch.setattr("dlo_ros.nodes.worker.NICENESS", 0)
+    monkeypatch.setattr("dlo_ros.nodes.estimator_thread.NICENESS", 0)
     recording, guess = moving("c_shape", {"point_mass": {"mass": 0.006, "position": 0.3}}, 4)
     thread = EstimatorThread(guess, threading.Event().set)
     thread.start()

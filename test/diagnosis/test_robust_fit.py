@@ -13,7 +13,13 @@ from dlo_ros.diagnosis.fitting.candidate_model import baseline
 from dlo_ros.diagnosis.fitting.evaluation import evaluate
 from dlo_ros.diagnosis.fitting.levenberg_marquardt import fit
 from dlo_ros.diagnosis.fitting.recording_noise import with_noise
-from dlo_ros.diagnosis.fitting.robust_fit import TYPICAL, calm, loss, off, robust
+from dlo_ros.diagnosis.fitting.robust_fit import (
+    ROBUST_SCALE,
+    consensus_fit,
+    loss,
+    robust,
+    squared_misfits,
+)
 from dlo_ros.diagnosis.fitting.worker_processes import Problem, workers
 from dlo_ros.inference.measured import measured
 
@@ -21,11 +27,11 @@ from dlo_ros.inference.measured import measured
 def pushed_aside(first, far=0.03):
     """A swing whose tip is far from where it would be from a share of it on; a model too stiff."""
     one = swing(PAPER, seconds=1.2)
-    off = np.zeros((PAPER.rod.control_points, 4))
-    off[:, 2] = far * np.linspace(0.0, 1.0, len(off)) ** 2
+    squared_misfits = np.zeros((PAPER.rod.control_points, 4))
+    squared_misfits[:, 2] = far * np.linspace(0.0, 1.0, len(squared_misfits)) ** 2
     seen = list(one.observations)
     for k in range(int(first * len(seen)), len(seen)):
-        seen[k] = replace(seen[k], control_points=seen[k].control_points + off)
+        seen[k] = replace(seen[k], control_points=seen[k].control_points + squared_misfits)
     recording = measured(replace(one, observations=tuple(seen)), KNOWN)
     begun = evaluate(baseline(KNOWN), [recording], KNOWN, derivatives=False)
     recordings = (with_noise(recording, begun.predicted[0], KNOWN),)
@@ -61,14 +67,14 @@ def test_what_was_right_before_tells_of_what_was_wrong_nearly_always():
     recordings, start = pushed_aside(0.3, 0.1)
     together = fit(start, recordings, KNOWN, 8)
     with workers(Problem(recordings, KNOWN, recordings), 1) as team:
-        found = calm(team, together)
+        found = consensus_fit(team, together)
     assert found is not None
-    at, typical = found
-    assert typical >= TYPICAL
+    at, scale = found
+    assert scale >= ROBUST_SCALE
     assert abs(modulus(together) - 1.0) > 0.02
     assert modulus(at) == pytest.approx(1.0, abs=0.01)
-    assert loss(at, typical, strict=True) < loss(together, typical, strict=True)
-    wrong = off(at, typical)[0] > 1.0
+    assert loss(at, scale, strict=True) < loss(together, scale, strict=True)
+    wrong = squared_misfits(at, scale)[0] > 1.0
     assert not wrong[: int(0.25 * len(wrong))].any()
     assert wrong[int(0.35 * len(wrong)) :].all()
 
@@ -78,6 +84,6 @@ def test_where_all_is_wrong_what_is_typical_is_more(hit):
     recordings, start = hit
     bent = tuple(replace(r, observed=r.observed + np.array([0.0, 0.0, 0.02])) for r in recordings)
     with workers(Problem(bent, KNOWN, bent), 1) as team:
-        found = calm(team, evaluate(start.model, bent, KNOWN))
+        found = consensus_fit(team, evaluate(start.model, bent, KNOWN))
     assert found is not None
-    assert found[1] > 2.0 * TYPICAL
+    assert found[1] > 2.0 * ROBUST_SCALE

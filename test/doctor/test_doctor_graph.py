@@ -43,7 +43,7 @@ def test_qualities_of_service_that_do_not_match(sender, listener, word):
     if word is None:
         assert not found
     else:
-        one(found, word, "/b hears nothing of /a", "qos_overrides./dlo/observed.subscription")
+        one(found, word, "/b receives nothing from /a", "qos_overrides./dlo/observed.subscription")
 
 
 def test_the_rule_is_that_of_the_middleware():
@@ -99,7 +99,7 @@ def test_a_command_that_is_not_latched():
     graph = with_topic(
         "/dlo/command", Endpoint("/robot", topics.TYPES[topics.COMMAND], True, latched=False)
     )
-    one(connections(graph), "never hears it", level=Level.WARNING)
+    one(connections(graph), "never receives it", level=Level.WARNING)
 
 
 @pytest.mark.parametrize(

@@ -45,9 +45,9 @@ def test_what_is_wrong_in_a_live_graph_is_found(tmp_path):
             return " ".join(f"{f.text} {f.remedy}" for s in sections.values() for f in s)
 
         for word in (
-            "/dlo/predicted: /observer hears nothing of /client: the publisher is best effort",
+            "/dlo/predicted: /observer receives nothing from /client: the publisher is best effort",
             f"/observer listens to /image_raw, which nobody publishes; there is {OTHER}",
-            "/observer with use_sim_time, but no clock is heard",
+            "/observer with use_sim_time, but no clock is received",
             "/observer: waiting for",
         ):
             robot.until(lambda word=word: word in told(), 120.0, word)

@@ -15,7 +15,7 @@ from dlo_ros.rod.elements import rod_forces
 from dlo_ros.rod.elements.constitutive_law import room
 from dlo_ros.rod.resolution import build
 from dlo_ros.rod.simulation import Simulation
-from dlo_ros.rod.statics import matter_of
+from dlo_ros.rod.statics import material_at_rest
 from dlo_ros.spline import SplineBasis
 
 ROD = PAPER.rod
@@ -108,7 +108,7 @@ def total_energy(model, state):
     velocity = np.empty_like(state.velocity)
     rod_forces.multiply_scalar(model.mass, model.spin, state.velocity, velocity)
     stored = rod_forces.energy_of(
-        state.q, model.rule, state.reference, matter_of(model, state.internal),
+        state.q, model.rule, state.reference, material_at_rest(model, state.internal),
         room(model.rule.weight.size),
     )  # fmt: skip
     return 0.5 * np.sum(velocity * state.velocity) + stored - np.sum(model.load * state.q)

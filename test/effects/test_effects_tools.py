@@ -23,7 +23,7 @@ from dlo_ros.rod.live_simulation import LiveSimulation
 from dlo_ros.rod.simulation import Simulation
 from dlo_ros.spline import SplineBasis
 from dlo_ros.synthesis.experiment import read_experiment
-from dlo_ros.synthesis.truth import build_simulation, simulate
+from dlo_ros.synthesis.true_motion import build_simulation, simulate
 
 pytestmark = pytest.mark.long
 

@@ -245,7 +245,7 @@ def test_draws_have_the_spread_that_is_known(tmp_path):
     assert np.allclose(curved.std(axis=0), 0.25, rtol=0.15)
     assert [c.rod for c in draw(settings, known, 3)] == [c.rod for c in cables[:3]]
     assert "95 % interval 1.923e+04 to 2.08e+04" in statement(settings, known)
-    assert "not said" in statement(settings, read_knowledge(settings, None))
+    assert "uncertainty is not given" in statement(settings, read_knowledge(settings, None))
 
 
 def test_the_parameter_files_own_std_is_an_interval_too():

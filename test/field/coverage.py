@@ -26,7 +26,7 @@ from dlo_ros.observation import CentrelinePoints, Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray, SplineBasis
 from dlo_ros.synthesis.experiment import read_experiment
-from dlo_ros.synthesis.truth import build_simulation, simulate
+from dlo_ros.synthesis.true_motion import build_simulation, simulate
 from field.generate import _guessed, draw
 from field.nuisances import DEGREE, smooth
 

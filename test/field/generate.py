@@ -19,7 +19,7 @@ from challenge.residual import Refit, beside, changed
 
 from dlo_ros.errors import SimulationError
 from dlo_ros.recordings import topics
-from dlo_ros.recordings.building import BAG_MESSAGES, command_message, spline_message
+from dlo_ros.recordings.message_building import BAG_MESSAGES, command_message, spline_message
 from dlo_ros.recordings.write import BagWriter
 from dlo_ros.spline import SplineBasis
 from dlo_ros.synthesis.discrete_rod import DiscreteRod
@@ -28,7 +28,7 @@ from dlo_ros.synthesis.hidden_rod import build_rod, change, stretched, true_leng
 from dlo_ros.synthesis.picture_bag import record_board_pictures
 from dlo_ros.synthesis.rod_simulation import DiscreteRodSimulation
 from dlo_ros.synthesis.synthesize import LEAD, measure, parameter_text, truth_text
-from dlo_ros.synthesis.truth import Grips, Truth, lay_along, simulate
+from dlo_ros.synthesis.true_motion import Grips, Truth, lay_along, simulate
 from field.nuisances import Errors, set_up
 from field.pictures import Cluttered, drawn
 

@@ -42,7 +42,7 @@ from dlo_ros.identification.design.manipulation_search import (
 from dlo_ros.parameters import DampingParameters, Settings, tolerance
 from dlo_ros.spline import SplineBasis
 from dlo_ros.synthesis.experiment import find_experiment, load_experiment, read_experiment
-from dlo_ros.synthesis.truth import build_simulation
+from dlo_ros.synthesis.true_motion import build_simulation
 
 BASIS = SplineBasis(10, 0.4)
 PLACE = Workspace((-0.2, 0.2), (-0.1, 0.3))

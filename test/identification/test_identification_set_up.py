@@ -13,7 +13,7 @@ from dlo_ros.cli.main import main
 from dlo_ros.identification import OnlineEstimator, identify
 from dlo_ros.identification.offline.set_up_estimate import mixed, widened
 from dlo_ros.parameters import Settings, tolerance
-from dlo_ros.rod.sensitivity_parameters import tangent
+from dlo_ros.rod.sensitivity_parameters import variation_of
 
 pytestmark = pytest.mark.long
 
@@ -32,7 +32,7 @@ def turned():
     """A swing of which the command tells another direction of the clamp than it had."""
     recording = swing(PAPER, seconds=1.5)
     (imposed,) = recording.commands
-    _, other = tangent(PAPER, "start.angle").vary(PAPER, imposed, -TURNED)
+    _, other = variation_of(PAPER, "start.angle").vary(PAPER, imposed, -TURNED)
     return replace(recording, commands=(other,))
 
 

@@ -9,10 +9,10 @@ import yaml
 
 from dlo_ros.cli.main import main
 from dlo_ros.recordings import topics
-from dlo_ros.recordings.building import BAG_MESSAGES, cloud_message, command_message
+from dlo_ros.recordings.message_building import BAG_MESSAGES, cloud_message, command_message
 from dlo_ros.recordings.write import BagWriter
 from dlo_ros.synthesis.experiment import find_experiment, read_experiment
-from dlo_ros.synthesis.truth import build_simulation, simulate
+from dlo_ros.synthesis.true_motion import build_simulation, simulate
 
 pytestmark = pytest.mark.slow
 

@@ -22,9 +22,9 @@ from dlo_ros.inference.wrench import (
 from dlo_ros.inference.wrench_messages import near, scatter, shaken
 from dlo_ros.observation import Wrenches
 from dlo_ros.recordings import BAG_MESSAGES, read_recording
-from dlo_ros.recordings.building import transform_message, wrench_message
+from dlo_ros.recordings.message_building import transform_message, wrench_message
 from dlo_ros.synthesis import discrete_rod, rod_simulation
-from dlo_ros.synthesis.reaction import reactions
+from dlo_ros.synthesis.rod_reactions import reactions
 
 WEIGHT = PAPER.rod.linear_density * PAPER.rod.length * 9.81
 LENGTH = PAPER.rod.length

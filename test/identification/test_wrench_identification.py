@@ -70,7 +70,7 @@ def test_shapes_and_forces_tell_both_e_and_mu(swinging):
     everything, change, mean = found.fitted.forces.relative
     assert everything <= min(change, mean) and 0.02 < mean < 0.1
     said = " ".join(remarks(found))
-    assert "The forces at the grips (46 messages) tell mu to" in said
+    assert "The forces at the grips (46 messages) determine mu to" in said
     told_json = tree(found)["wrench"]
     assert told_json["messages"] == 46 and told_json["density_std"]["all"] == everything
     assert told_json["left"]["swing, start"]["force"] < 0.02 * WEIGHT
@@ -135,7 +135,7 @@ def test_a_diagnosis_takes_the_scale_of_its_forces(swinging):
     ).effects
     std = sharp.parameters["mass"].std
     assert 0.02 < std / sharp.parameters["mass"].value < 0.1
-    assert "more" in told_by_force.remarks and "tell mu to" in told_by_force.remarks[-1]
+    assert "more" in told_by_force.remarks and "determine mu to" in told_by_force.remarks[-1]
     without = with_forces(found, [replace(few, wrenches=())], known(SENSOR))
     assert without.extended == model
 

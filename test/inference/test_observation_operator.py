@@ -17,7 +17,7 @@ from dlo_ros.inference.measured import measured
 from dlo_ros.inference.observation_operator import noise_unit, operator_of
 from dlo_ros.observation import CentrelinePoints, Observation
 from dlo_ros.recordings import topics
-from dlo_ros.recordings.building import (
+from dlo_ros.recordings.message_building import (
     BAG_MESSAGES,
     command_message,
     observation_messages,
@@ -28,7 +28,7 @@ from dlo_ros.recordings.write import BagWriter
 from dlo_ros.spline import SplineBasis
 from dlo_ros.synthesis.experiment import read_experiment
 from dlo_ros.synthesis.synthesize import measure
-from dlo_ros.synthesis.truth import build_simulation, project, simulate
+from dlo_ros.synthesis.true_motion import build_simulation, project, simulate
 
 L, STD = 0.5, 1e-4
 

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 
-from dlo_ros.nodes.frames import FrameStatistics
+from dlo_ros.nodes.image_statistics import ImageStatistics
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -17,7 +17,7 @@ def arrive(frames, numbers, rate=30.0, start=START):
 
 
 def test_rate_and_lost_images():
-    frames = FrameStatistics()
+    frames = ImageStatistics()
     assert math.isnan(frames.rate)
     arrive(frames, range(40))
     assert abs(frames.rate - 30.0) < 0.1 and frames.dropped == 0
@@ -26,7 +26,7 @@ def test_rate_and_lost_images():
 
 
 def test_jitter_pauses_and_restarts_lose_nothing():
-    frames = FrameStatistics()
+    frames = ImageStatistics()
     jitter = np.random.default_rng(0).uniform(-0.15, 0.15, 60)
     arrive(frames, np.arange(60) + jitter)
     assert frames.dropped == 0
@@ -38,7 +38,7 @@ def test_jitter_pauses_and_restarts_lose_nothing():
 
 
 def test_latency_is_that_of_the_usual_image():
-    frames = FrameStatistics()
+    frames = ImageStatistics()
     for value in (0.02, 0.02, 0.5):
         frames.worked_off(value)
     assert frames.latency == 0.02

@@ -9,7 +9,7 @@ import recordings_samples as samples
 
 from dlo_ros.errors import InputError
 from dlo_ros.recordings import BAG_MESSAGES
-from dlo_ros.recordings.building import transform_message, wrench_message
+from dlo_ros.recordings.message_building import transform_message, wrench_message
 
 pytest.importorskip("rclpy")
 

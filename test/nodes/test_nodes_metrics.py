@@ -18,13 +18,13 @@ from rclpy.qos import DurabilityPolicy
 from dlo_ros.errors import InputError
 from dlo_ros.identification.estimate import Estimate
 from dlo_ros.inference.err import Deviation
-from dlo_ros.nodes import metrics, node_base, transform
+from dlo_ros.nodes import metrics, node_base, transform_broadcaster
 from dlo_ros.nodes.message_factory import ROS_MESSAGES, installed
 from dlo_ros.nodes.qos import RELIABLE
 from dlo_ros.parameters import CameraPose
 from dlo_ros.recordings import BAG_MESSAGES, topics
 from dlo_ros.recordings.bag import TYPESTORE
-from dlo_ros.recordings.building import metric_message, transform_message
+from dlo_ros.recordings.message_building import metric_message, transform_message
 from dlo_ros.vision.camera.pinhole import Camera
 
 STAMP = samples.START + 123
@@ -68,7 +68,7 @@ class Node:
 @pytest.fixture(autouse=True)
 def definitions(monkeypatch):
     """Messages of the same fields as ROS's own, which need not be installed."""
-    for module in (metrics, transform):
+    for module in (metrics, transform_broadcaster):
         monkeypatch.setattr(module, "ROS_MESSAGES", BAG_MESSAGES)
 
 
@@ -127,13 +127,13 @@ def test_without_the_packages_nothing_is_published_and_nothing_fails():
     node = Node(missing=True)
     metrics.Metrics(node).err(STAMP, Deviation(0.002, 0.0005, 0.004))
     metrics.Metrics(node).estimate(STAMP, estimate())
-    transform.BoardTransform(node).seen_by("camera")
+    transform_broadcaster.BoardTransform(node).seen_by("camera")
     assert not node.published and not node.warnings
 
 
 def test_the_transform_takes_points_of_the_board_into_the_camera():
     node = Node(replace(samples.SETTINGS, camera=POSE))
-    transform.BoardTransform(node).seen_by("camera_optical")
+    transform_broadcaster.BoardTransform(node).seen_by("camera_optical")
     (message,) = node.published[topics.TRANSFORMS]
     (stamped,) = message.transforms
     assert stamped.header.frame_id == "camera_optical" and stamped.child_frame_id == "board"
@@ -169,7 +169,7 @@ def test_fields_have_the_types_that_rclpy_checks():
 
 def test_the_transform_is_sent_again_only_where_it_changes():
     node = Node()
-    board = transform.BoardTransform(node)
+    board = transform_broadcaster.BoardTransform(node)
     board.update()  # no camera yet
     assert not node.published[topics.TRANSFORMS]
     for _ in range(3):
@@ -184,7 +184,7 @@ def test_the_transform_is_sent_again_only_where_it_changes():
 @pytest.mark.parametrize("frame", ["", "board"])
 def test_a_camera_without_a_frame_of_its_own_is_told_of_once(frame):
     node = Node()
-    board = transform.BoardTransform(node)
+    board = transform_broadcaster.BoardTransform(node)
     board.seen_by(frame)
     board.seen_by(frame)
     assert not node.published[topics.TRANSFORMS]
@@ -195,7 +195,7 @@ def test_a_camera_without_a_frame_of_its_own_is_told_of_once(frame):
 
 def test_the_transform_can_be_switched_off():
     node = Node(replace(samples.SETTINGS, publish_tf=False))
-    transform.BoardTransform(node).seen_by("camera")
+    transform_broadcaster.BoardTransform(node).seen_by("camera")
     assert not node.published
 
 

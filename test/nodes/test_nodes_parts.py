@@ -191,23 +191,23 @@ def test_a_storm_of_commands_is_thinned_out_and_what_held_is_kept():
 
 
 def test_an_estimator_that_is_too_slow_keeps_a_sample_of_all_that_was_seen(monkeypatch):
-    from dlo_ros.nodes import worker
+    from dlo_ros.nodes.estimator_thread import COMMANDS, WAITING, EstimatorThread
     from dlo_ros.observation import Observation
 
-    monkeypatch.setattr(worker.EstimatorThread, "_run", lambda self: None)  # infinitely slow
-    thread = worker.EstimatorThread(samples.SETTINGS, lambda: None)
+    monkeypatch.setattr(EstimatorThread, "_run", lambda self: None)  # infinitely slow
+    thread = EstimatorThread(samples.SETTINGS, lambda: None)
     thread.command(samples.command())
-    count = 3 * worker.WAITING
+    count = 3 * WAITING
     for k in range(count):
         thread.observe(Observation(k, samples.control_points()))
     kept = [t.stamp for t in thread._tasks if isinstance(t, Observation)]
-    assert len(kept) <= worker.WAITING and thread.dropped == count - len(kept)
+    assert len(kept) <= WAITING and thread.dropped == count - len(kept)
     assert kept[0] == 0 and kept[-1] == count - 1 and kept == sorted(kept)
     assert max(np.diff(kept)) <= 16
-    for k in range(worker.COMMANDS + 5):
+    for k in range(COMMANDS + 5):
         thread.command(replace(samples.command(), stamp=k))
     commands = [t for t in thread._tasks if not isinstance(t, Observation)][1:]
-    assert len(commands) == worker.COMMANDS and commands[-1].stamp == worker.COMMANDS + 4
+    assert len(commands) == COMMANDS and commands[-1].stamp == COMMANDS + 4
 
 
 def test_commands_through_two_subscriptions_hold_in_the_order_of_receipt():
@@ -261,8 +261,8 @@ def test_the_observer_gives_the_prediction_of_the_image_to_the_search():
     pytest.importorskip("rclpy")
     from dlo_ros.nodes.message_factory import ROS_MESSAGES
     from dlo_ros.nodes.observer import ObserverNode
-    from dlo_ros.recordings.building import spline_message
     from dlo_ros.recordings.image_building import image_message
+    from dlo_ros.recordings.message_building import spline_message
     from dlo_ros.vision.predictions import Predictions
 
     search = MagicMock()

@@ -19,7 +19,7 @@ from dlo_ros.nodes.message_factory import ROS_MESSAGES, message_class
 from dlo_ros.nodes.qos import DEEP
 from dlo_ros.parameters import CommandParameters
 from dlo_ros.recordings import topics
-from dlo_ros.recordings.building import cloud_message, header
+from dlo_ros.recordings.message_building import cloud_message, header
 from dlo_ros.recordings.messages import stamp_of
 from dlo_ros.spline import SplineBasis
 

@@ -130,7 +130,7 @@ HEAD = "time,start.x,start.z,start.angle\n"
         ("time,x\n0,0\n", "m.csv", "column 'x'"),
         ("time,start.x,start.angle\n0,0,0\n", "m.csv", "no column 'start.z'"),
         ("time,start.x,start.z,start.dx\n0,0,0,1\n", "m.csv", "no column 'start.dy'"),
-        ("time,start.x,start.z,start.angle,start.dx\n0,0,0,1,1\n", "m.csv", "says twice"),
+        ("time,start.x,start.z,start.angle,start.dx\n0,0,0,1,1\n", "m.csv", "direction of"),
         ("time,start.x,start.z\n0,0,0\n", "m.csv", "no angle, direction or rotation"),
         ("time\n0\n", "m.csv", "names nothing"),
     ],

@@ -14,7 +14,12 @@ from dlo_ros.cli.main import main
 from dlo_ros.errors import ParameterError, RecordingError
 from dlo_ros.parameters import CommandParameters, Settings
 from dlo_ros.recordings import topics
-from dlo_ros.recordings.building import BAG_MESSAGES, cloud_message, header, transform_message
+from dlo_ros.recordings.message_building import (
+    BAG_MESSAGES,
+    cloud_message,
+    header,
+    transform_message,
+)
 from dlo_ros.recordings.read import read_recording
 from dlo_ros.recordings.write import BagWriter
 

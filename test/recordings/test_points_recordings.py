@@ -12,7 +12,7 @@ from dlo_ros.cli.loading import load_manipulation
 from dlo_ros.cli.main import main
 from dlo_ros.errors import InputError
 from dlo_ros.recordings import topics
-from dlo_ros.recordings.building import (
+from dlo_ros.recordings.message_building import (
     BAG_MESSAGES,
     cloud_message,
     command_message,

@@ -18,7 +18,7 @@ from dlo_ros.rod.elements.constitutive_law import room
 from dlo_ros.rod.resolution import build
 from dlo_ros.rod.sensitivity_parameters import MATERIAL
 from dlo_ros.rod.simulation import Simulation
-from dlo_ros.rod.statics import matter_of
+from dlo_ros.rod.statics import material_at_rest
 from dlo_ros.spline import SplineBasis
 from dlo_ros.synthesis import discrete_rod, rod_simulation
 
@@ -73,7 +73,7 @@ def total_energy(model, state):
     velocity = np.empty_like(state.velocity)
     rod_forces.multiply_scalar(model.mass, model.spin, state.velocity, velocity)
     elastic = rod_forces.energy_of(
-        state.q, model.rule, state.reference, matter_of(model, state.internal),
+        state.q, model.rule, state.reference, material_at_rest(model, state.internal),
         room(model.rule.weight.size),
     )  # fmt: skip
     return 0.5 * np.sum(velocity * state.velocity) + elastic - np.sum(model.load * state.q)

@@ -10,7 +10,7 @@ from dlo_ros.report.identification import IdentificationReport, identification_p
 from dlo_ros.report.loads import LoadRow, loads_table
 from dlo_ros.rod.loads.extreme_loads import Extremes
 from dlo_ros.rod.loads.grip_reactions import Loading, Wrench
-from dlo_ros.rod.loads.load_limits import strained
+from dlo_ros.rod.loads.load_limits import load_warnings
 
 GIVEN = {"rod.length": 0.4, "rod.diameter": 0.004, "rod.young_modulus": 1e6, "rod.density": 1e3}
 
@@ -34,17 +34,17 @@ def wrench(force, torque=0.0):
     ],
 )
 def test_limits_are_told_when_near_and_when_passed(tension, radius, expected):
-    found = strained(bearing(tension, radius), LimitParameters(bend_radius=0.02, tension=10.0))
+    found = load_warnings(bearing(tension, radius), LimitParameters(bend_radius=0.02, tension=10.0))
     assert [(s.name, s.passed) for s in found] == expected
 
 
 def test_without_limits_nothing_is_told():
-    assert strained(bearing(1e6, 1e-6), LimitParameters()) == []
+    assert load_warnings(bearing(1e6, 1e-6), LimitParameters()) == []
 
 
 def test_the_words_name_value_place_and_limit():
     limits = LimitParameters(bend_radius=0.02, tension=10.0)
-    texts = [s.text for s in strained(bearing(12.345, 0.0111), limits)]
+    texts = [s.text for s in load_warnings(bearing(12.345, 0.0111), limits)]
     assert texts == [
         "tension 12.3 N at u = 0.1 m is beyond limits.tension, 10 N",
         "bend radius 11.1 mm at u = 0.2 m is below limits.bend_radius, 20 mm",

@@ -19,7 +19,7 @@ from dlo_ros.rod.elements import rod_forces
 from dlo_ros.rod.elements.constitutive_law import room
 from dlo_ros.rod.resolution import build
 from dlo_ros.rod.simd.eight_lanes import LANES, largest, load, root, rows, smaller, spread, store
-from dlo_ros.rod.statics import NO_INTERNAL_VARIABLES, matter_of
+from dlo_ros.rod.statics import NO_INTERNAL_VARIABLES, material_at_rest
 
 TOLERANCE = 2e-5  # of L
 LENGTH = PAPER.rod.length
@@ -129,7 +129,7 @@ def test_equations_are_those_of_one_rod(held, first):
     assert np.isfinite(simd_solver.solve(scratch, lo, hi))
     for k, (bent, stiff, mass) in enumerate(single):
         gradient, band = np.empty(2 * n), np.empty((2 * n, 8))
-        matter = matter_of(model, NO_INTERNAL_VARIABLES)._replace(stiffness=stiff)
+        matter = material_at_rest(model, NO_INTERNAL_VARIABLES)._replace(stiffness=stiff)
         rod_forces.assemble(
             bent, model.rule, straight(model).reference, matter, room(nb), np.empty(0), gradient,
             band, np.empty((nb, 2)), np.zeros((nb, 1, 4)),

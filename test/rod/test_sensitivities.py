@@ -13,7 +13,7 @@ from dlo_ros.errors import InputError
 from dlo_ros.observation import Observation
 from dlo_ros.rod import dynamics, integration
 from dlo_ros.rod.measured_shapes import MeasurementMap
-from dlo_ros.rod.sensitivity_parameters import known, tangent
+from dlo_ros.rod.sensitivity_parameters import known, variation_of
 from dlo_ros.rod.simulation import Simulation
 from dlo_ros.spline import SplineBasis
 
@@ -191,7 +191,7 @@ def check(settings, imposed, name, slack, space, first=None, wide=30.0):
         wide: of the differences, in steps: rounding does not count then; they are of fourth order.
     """
     _, exact = run(settings, imposed, (name,), first)
-    chosen = tangent(settings, name)
+    chosen = variation_of(settings, name)
 
     def difference(change):
         sides = [chosen.vary(settings, imposed, d * change) for d in (1.0, -1.0)]

@@ -8,7 +8,7 @@ from dlo_ros.identification import Manipulation
 from dlo_ros.observation import Observation
 from dlo_ros.synthesis.experiment import find_experiment, read_experiment
 from dlo_ros.synthesis.synthesize import measure
-from dlo_ros.synthesis.truth import build_simulation, simulate
+from dlo_ros.synthesis.true_motion import build_simulation, simulate
 
 
 def recorded(tree, seed, name="recording", step=5e-4):

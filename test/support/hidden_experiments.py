@@ -4,7 +4,7 @@
 import copy
 
 from dlo_ros.synthesis.experiment import read_experiment
-from dlo_ros.synthesis.truth import build_simulation, simulate
+from dlo_ros.synthesis.true_motion import build_simulation, simulate
 
 LENGTH = 0.4
 TREE = {

@@ -11,8 +11,8 @@ from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import SplineBasis
 from dlo_ros.synthesis import discrete_rod, rod_simulation
-from dlo_ros.synthesis.reaction import measured as sensed
-from dlo_ros.synthesis.reaction import reactions
+from dlo_ros.synthesis.rod_reactions import measured as sensed
+from dlo_ros.synthesis.rod_reactions import reactions
 
 
 def spline_through(rod, nodes, basis, noise, rng):

@@ -11,7 +11,7 @@ from dlo_ros.rod.boundary.imposed_motion import Boundary
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.resolution import build
 from dlo_ros.rod.state import State, rest_state
-from dlo_ros.rod.statics import matter_of, settle
+from dlo_ros.rod.statics import material_at_rest, settle
 
 PAPER = Settings(rod=RodParameters(0.4, 0.004, 5e7, 2500.0))  # Table III
 SECOND = 1_000_000_000
@@ -73,7 +73,7 @@ def dense_stiffness(model: RodModel, state: State) -> np.ndarray:
     stretch = np.empty((model.rule.weight.size, 3))
     other = np.zeros((model.rule.weight.size, 3, 8))
     assemble(
-        state.q, model.rule, state.reference, matter_of(model, state.internal),
+        state.q, model.rule, state.reference, material_at_rest(model, state.internal),
         room(model.rule.weight.size), np.empty(0), gradient, band, stretch, other,
     )  # fmt: skip
     full = np.zeros((size, size))

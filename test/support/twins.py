@@ -14,7 +14,7 @@ from dlo_ros.parameters import SimulationParameters
 from dlo_ros.rod.simulation import Simulation
 from dlo_ros.spline import SplineBasis
 from dlo_ros.synthesis.experiment import NANOSECONDS, START_STAMP, read_experiment
-from dlo_ros.synthesis.truth import build_simulation, simulate
+from dlo_ros.synthesis.true_motion import build_simulation, simulate
 
 LENGTH, DIAMETER = 0.4, 0.004
 RATE = 50.0  # shapes a second

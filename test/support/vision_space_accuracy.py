@@ -27,8 +27,8 @@ from dlo_ros.parameters import Settings
 from dlo_ros.recordings.camera_bags import iterate_together
 from dlo_ros.recordings.images import decode
 from dlo_ros.recordings.read import read_recording
+from dlo_ros.synthesis.camera_geometry import Geometry
 from dlo_ros.synthesis.experiment import find_experiment, read_experiment
-from dlo_ros.synthesis.geometry import Geometry
 from dlo_ros.synthesis.picture_bag import SAMPLES
 from dlo_ros.synthesis.spatial_render import SpatialRenderer
 from dlo_ros.synthesis.synthesize import synthesize

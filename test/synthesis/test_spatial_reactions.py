@@ -10,7 +10,7 @@ from dlo_ros.inference.forecast import forecast
 from dlo_ros.parameters import DampingParameters, RodParameters, Settings
 from dlo_ros.synthesis.discrete_rod import DiscreteRod
 from dlo_ros.synthesis.experiment import find_experiment, load_experiment, with_wrench
-from dlo_ros.synthesis.reaction import reactions
+from dlo_ros.synthesis.rod_reactions import reactions
 from dlo_ros.synthesis.spatial_boundary import SpatialBoundary
 from dlo_ros.synthesis.spatial_rod import in_space
 from dlo_ros.synthesis.spatial_simulation import SpatialSimulation

@@ -9,7 +9,7 @@ from elastica import Cantilever, hinged
 from ordinary import some_of
 
 from dlo_ros.parameters import DampingParameters, RodParameters, Settings
-from dlo_ros.synthesis.hidden import Hidden, read_effects
+from dlo_ros.synthesis.hidden_effects import HiddenEffects, read_effects
 from dlo_ros.synthesis.hidden_rod import build_rod
 from dlo_ros.synthesis.rod_laws import bend, yield_to
 from dlo_ros.synthesis.rod_simulation import DiscreteRodSimulation, ImposedNodes
@@ -24,11 +24,13 @@ ORIGIN = np.zeros(2)
 CLAMPED = ImposedNodes({0: ORIGIN}, start=0.0)
 
 
-def hidden(name: str, **values) -> Hidden:
-    return Hidden(read_effects({name: values}, "test"))
+def hidden(name: str, **values) -> HiddenEffects:
+    return HiddenEffects(read_effects({name: values}, "test"))
 
 
-def settled(settings: Settings, what: Hidden, hold: ImposedNodes = CLAMPED, edges: int = 200):
+def settled(
+    settings: Settings, what: HiddenEffects, hold: ImposedNodes = CLAMPED, edges: int = 200
+):
     """The rod and its nodes in equilibrium as a cantilever."""
     rod = build_rod(settings, what, edges=edges)
     a = hold.start or 0.0
@@ -55,7 +57,7 @@ def cantilever(**changes) -> Cantilever:
 MASS = 0.02
 HALF = 4.0
 STATIC = {
-    "none": (Hidden(), cantilever()),
+    "none": (HiddenEffects(), cantilever()),
     "point_mass": (
         hidden("point_mass", mass=MASS, position=0.27),
         cantilever(
@@ -123,7 +125,7 @@ def test_equilibrium_is_that_of_the_elastica(name):
     what, answer = STATIC[name]
     settings, hold = SETTINGS, CLAMPED
     if what is None:
-        what, hold = Hidden(), replace(CLAMPED, start=0.15)
+        what, hold = HiddenEffects(), replace(CLAMPED, start=0.15)
     if name == "nonlinear_stiffness":  # the moment of so soft a law is bounded
         settings = replace(SETTINGS, gravity=(0.0, 0.0, -0.5))
         full = answer.force
@@ -148,7 +150,7 @@ def released(simulation: DiscreteRodSimulation, until: float) -> np.ndarray:
 PATH_TIME = 40.0  # [s] so slow that the bend is even at every moment
 
 
-def bent(what: Hidden, angles) -> DiscreteRodSimulation:
+def bent(what: HiddenEffects, angles) -> DiscreteRodSimulation:
     """A weightless stiff rod bent evenly by its end's direction, along a path of angles [rad]."""
     damping = DampingParameters(air_drag=0.05, relaxation_time=0.5)  # lets go gently
     settings = replace(WEIGHTLESS, rod=replace(ROPE, young_modulus=2e9), damping=damping)
@@ -204,7 +206,7 @@ def test_below_the_yield_nothing_stays():
 @pytest.mark.parametrize("yields", [np.inf, 2.0])
 @pytest.mark.parametrize("drag", [0.0, 1.5])
 def test_moment_and_tangent_are_derivatives_of_the_energy(half, yields, drag):
-    rod = build_rod(SETTINGS, Hidden(), edges=10)
+    rod = build_rod(SETTINGS, HiddenEffects(), edges=10)
     rod = replace(rod, half_curvature=half, yield_curvature=yields, hardening=0.2)
     rod = replace(rod, hysteresis=drag, hysteresis_width=2.0)
     law = rod.bending_law()
@@ -227,11 +229,13 @@ def test_moment_and_tangent_are_derivatives_of_the_energy(half, yields, drag):
 
 def test_saturating_spring_and_hysteresis_in_pure_bending():
     v = 0.01
-    rod = replace(build_rod(SETTINGS, Hidden(), edges=40), half_curvature=3.0)
+    rod = replace(build_rod(SETTINGS, HiddenEffects(), edges=40), half_curvature=3.0)
     _, moment, _ = bend(rod.bending_law(), 5, 7.0 * v)
     assert moment == pytest.approx(B * 3.0 * np.arctan(7.0 / 3.0), rel=1e-9)
     # Dahl's element: a cycle that is wide against its width loses 4 M (amplitude - ...) as heat.
-    rod = replace(build_rod(SETTINGS, Hidden(), edges=40), hysteresis=1.5, hysteresis_width=0.5)
+    rod = replace(
+        build_rod(SETTINGS, HiddenEffects(), edges=40), hysteresis=1.5, hysteresis_width=0.5
+    )
     law, work = rod.bending_law(), 0.0
     path = np.concatenate(
         [np.linspace(0, 8, 801), np.linspace(8, -8, 1601), np.linspace(-8, 8, 1601)]
@@ -296,7 +300,7 @@ def test_friction_lets_a_cantilever_stick_away_from_its_equilibrium():
     simulation.advance(4.0)
     np.testing.assert_allclose(simulation.x, stopped, atol=2e-6)
     # The force that holds it up is within Coulomb's limit and not zero.
-    free = build_rod(SETTINGS, Hidden(), edges=80)
+    free = build_rod(SETTINGS, HiddenEffects(), edges=80)
     potential = free.potential(CLAMPED.held(81), CLAMPED.clamps)
     gradient, band = np.empty((81, 2)), np.empty((6, 162))
     evaluate(stopped, potential, gradient, band)

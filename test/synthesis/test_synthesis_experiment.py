@@ -17,7 +17,7 @@ from dlo_ros.synthesis.experiment import (
     load_experiment,
     read_experiment,
 )
-from dlo_ros.synthesis.truth import build_simulation, project, simulate
+from dlo_ros.synthesis.true_motion import build_simulation, project, simulate
 
 FOLDER = Path(__file__).resolve().parents[2] / "config" / "experiments"
 NAMES = ("simple", "different", "c_shape", "approach_two", "approach_four")

@@ -14,13 +14,13 @@ from ordinary import some_of
 from dlo_ros.errors import InputError
 from dlo_ros.parameters import DampingParameters, RodParameters, Settings
 from dlo_ros.recordings.read import read_recording
+from dlo_ros.synthesis.camera_geometry import Geometry
 from dlo_ros.synthesis.experiment import START_STAMP
-from dlo_ros.synthesis.geometry import Geometry
-from dlo_ros.synthesis.hidden import EFFECTS, FOREIGN, Hidden, read_effects
+from dlo_ros.synthesis.hidden_effects import EFFECTS, FOREIGN, HiddenEffects, read_effects
 from dlo_ros.synthesis.hidden_rod import build_rod, change
 from dlo_ros.synthesis.rod_simulation import DiscreteRodSimulation, ImposedNodes
 from dlo_ros.synthesis.synthesize import measure, synthesize
-from dlo_ros.synthesis.truth import Grips, build_simulation
+from dlo_ros.synthesis.true_motion import Grips, build_simulation
 
 pytestmark = pytest.mark.long
 
@@ -144,7 +144,7 @@ def test_tilted_gravity_is_the_turned_experiment():
     expected = turned(run().nodes, angle)
     np.testing.assert_allclose(tilted.nodes, expected, atol=1e-7)
     # From x towards -z: gravity along -z comes to point towards -x.
-    gravity = Hidden({"gravity_tilt": {"angle": 0.1}}).gravity(np.array([0.0, 0.0, -9.81]))
+    gravity = HiddenEffects({"gravity_tilt": {"angle": 0.1}}).gravity(np.array([0.0, 0.0, -9.81]))
     np.testing.assert_allclose(gravity, [-9.81 * np.sin(0.1), 0.0, -9.81 * np.cos(0.1)])
 
 
@@ -183,7 +183,7 @@ def test_hung_mass_swings_as_rayleigh_says():
     rope = RodParameters(LENGTH, 0.004, 2e9, 2500.0)
     settings = Settings(rope, gravity=(0, 0, 0), damping=DampingParameters(0.0, 0.0, 0.0))
     mass = 10.0 * rope.linear_density * LENGTH
-    what = Hidden({"point_mass": {"mass": mass, "position": LENGTH}})
+    what = HiddenEffects({"point_mass": {"mass": mass, "position": LENGTH}})
     rod = build_rod(settings, what, edges=60)
     rod.force[-1, 1] = 1e-3
     hold = ImposedNodes({0: np.zeros(2)}, start=0.0)

@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from dlo_ros.errors import InputError
 from dlo_ros.parameters import CameraPose
-from dlo_ros.synthesis.geometry import Geometry
-from dlo_ros.synthesis.look import Look, SimulatedCamera
+from dlo_ros.synthesis.camera_geometry import Geometry
+from dlo_ros.synthesis.picture_settings import Look, SimulatedCamera
 from dlo_ros.synthesis.render import Renderer
 
 CAMERA = SimulatedCamera(

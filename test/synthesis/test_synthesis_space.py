@@ -20,14 +20,14 @@ from dlo_ros.errors import InputError
 from dlo_ros.parameters import CameraPose
 from dlo_ros.recordings.read import read_recording
 from dlo_ros.spline import SplineBasis
+from dlo_ros.synthesis.camera_geometry import Geometry
 from dlo_ros.synthesis.experiment import find_experiment, load_experiment, read_experiment
-from dlo_ros.synthesis.geometry import Geometry
-from dlo_ros.synthesis.hidden import Hidden
+from dlo_ros.synthesis.hidden_effects import HiddenEffects
 from dlo_ros.synthesis.hidden_rod import build_spatial_rod
-from dlo_ros.synthesis.look import DepthSensor, Look, SimulatedCamera
+from dlo_ros.synthesis.picture_settings import DepthSensor, Look, SimulatedCamera
 from dlo_ros.synthesis.spatial_render import SpatialRenderer
 from dlo_ros.synthesis.synthesize import synthesize
-from dlo_ros.synthesis.truth import build_simulation, simulate
+from dlo_ros.synthesis.true_motion import build_simulation, simulate
 
 DURATION, EDGES, STEP = 0.24, 40, 3e-3
 WAVE, CLOSE = ("waved", WAVED), ("closed", CLOSED)
@@ -143,7 +143,7 @@ def test_effects_that_only_the_plane_knows_are_refused():
 
 
 def test_camera_in_space():
-    hidden = Hidden({
+    hidden = HiddenEffects({
         "camera_rotation": {"angle": (0.1, -0.2, 0.3)},
         "camera_shift": {"x": 0.01, "y": 0.02, "z": -0.03},
     })  # fmt: skip

@@ -9,7 +9,7 @@ from vision_scenes import Scene, across_errors, bow, render, settings
 from dlo_ros.cli.observe import observe_recording
 from dlo_ros.errors import InputError, VisionError
 from dlo_ros.recordings import BAG_MESSAGES, BagWriter
-from dlo_ros.recordings.building import spline_message
+from dlo_ros.recordings.message_building import spline_message
 from dlo_ros.recordings.write import copy_topics
 from dlo_ros.spline import SplineBasis
 from dlo_ros.vision import Observer

@@ -11,9 +11,9 @@ from scipy.spatial import cKDTree
 from dlo_ros.cli.main import main
 from dlo_ros.errors import InputError, ParameterError, VisionError
 from dlo_ros.parameters import CameraPose, RodParameters, Settings, VisionParameters
-from dlo_ros.recordings.building import BAG_MESSAGES
 from dlo_ros.recordings.image_building import depth_message
 from dlo_ros.recordings.images import read_depth
+from dlo_ros.recordings.message_building import BAG_MESSAGES
 from dlo_ros.recordings.read import read_recording
 from dlo_ros.recordings.synchronisation import ApproximateTime
 from dlo_ros.spline import SplineBasis

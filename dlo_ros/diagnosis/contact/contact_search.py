@@ -1,9 +1,9 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Looks for what a DLO may have hit: nothing tells of a peg but that some pictures go astray.
+"""The search for a peg that a DLO may have hit, of which only outlier frames give evidence.
 
-From the fit to what is right before (`robust_fit`, `undisturbed`) and the places that no shape
-enters (`peg_places`), a peg is found by simulating only the recordings that go astray, all other
-numbers as they are.
+It starts from the fit to undisturbed pictures (`robust_fit`, `undisturbed`) and the places that no
+shape enters (`peg_places`). Only the disturbed recordings are simulated, with all other numbers as
+they are.
 """
 
 from __future__ import annotations
@@ -31,50 +31,53 @@ EFFECT = Obstacle.name
 RADII = (0.012, 0.006, 0.024)
 """Radii of the pegs that are tried, from a nail to a pipe [m]; the fit finds the true one."""
 OFF_BOARD = 0.02
-"""Distance from the board over the length, from which a motion is one in space."""
+"""Distance from the board over the length, beyond which a motion counts as spatial."""
 LEFT = 0.3
-"""Largest share of the deviating pictures that a peg need not explain."""
+"""Maximum share of the outlier frames that a peg may leave unexplained."""
 AS_LIKELY = 0.05
-"""Share of the deviating pictures by which a place may explain fewer than the best."""
+"""Share of the outlier frames by which a place may explain fewer than the best place."""
 SIMULATED, APART = 20, 0.02
-"""Places that are simulated, and how far from each other at least, over the length."""
+"""Number of places that are simulated, and their smallest distance over the length."""
 NEAREST, NEAR, NEARER = 3, 0.05, 0.006
-"""Number of best places near which others are simulated, how near, and how far from each other."""
+"""Number of best places near which others are simulated, their largest distance from these, and
+their smallest distance from each other, over the length."""
 HELPS = 0.8
-"""Largest residual with the best peg over that without one, of the deviating recordings."""
+"""Largest loss with the best peg over that without one, of the disturbed recordings."""
 FITTED = 3
 STEP, LARGER = 0.01, 0.3
-"""First steps of a search downhill: over the length, and of the logarithm of the radius."""
+"""First steps of the simplex search: over the length, and of the logarithm of the radius."""
 EVALUATIONS = 40
 ITERATIONS = 6
 BEGUN = 2
 WORSE = 4.0
-"""Squared residuals over the best one's, up to which another fit is begun with."""
+"""Sum of squared residuals over the best one's, up to which another peg is kept."""
 
 Task = tuple[Model, tuple[int, ...], Peg, float]
 
 
 @dataclass(frozen=True)
 class PegBesideSetUp:
-    """A peg that may have been hit, and the joint model that the pictures before tell of."""
+    """A peg that may have been hit, and the joint model fitted to the pictures before."""
 
     before: ParametricModel
     peg: Start
 
 
-def pegs_met(team: Workers, at: CandidateEvaluation, present: Sequence[str]) -> list[Start]:
-    """Pegs that the DLO may have hit; none where it moves in space, off the board they stand on.
+def pegs_beside_plain_model(
+    team: Workers, at: CandidateEvaluation, present: Sequence[str]
+) -> list[Start]:
+    """Pegs that the DLO may have hit; none where it moves in space, off the board with the pegs.
 
     Args:
-        at: the fit to all pictures.
-        present: effects of the model.
+        at: evaluation of the fit to all pictures.
+        present: names of the effects that the model contains.
     """
-    found = None if EFFECT in present or _in_space(team) else robust_fit.calm(team, at)
+    found = None if EFFECT in present or _in_space(team) else robust_fit.consensus_fit(team, at)
     if found is None:
         return []
-    calm, typical = found
-    own = tuple((calm.model.theta() - at.model.theta()).tolist())
-    return [_start(peg, k, own) for k, peg in enumerate(_pegs(team, calm, typical))]
+    consensus, scale = found
+    own = tuple((consensus.model.theta() - at.model.theta()).tolist())
+    return [_start(peg, k, own) for k, peg in enumerate(_pegs(team, consensus, scale))]
 
 
 def pegs_beside_set_up(
@@ -83,15 +86,15 @@ def pegs_beside_set_up(
     """Pegs that the DLO may have hit, beside a set-up that is off within its tolerances.
 
     Args:
-        at: see `pegs_met`.
-        scene: what the recordings look like.
+        at: see `pegs_beside_plain_model`.
+        scene: size, clamps and reach of the motion in the recordings.
     """
     if EFFECT in at.model.effects or _in_space(team):
         return []
     before = undisturbed(team, at, scene)
     if before is None:
         return []
-    pegs = _pegs(team, before.at, before.typical)
+    pegs = _pegs(team, before.at, before.scale)
     return [PegBesideSetUp(before.model, _start(peg, k)) for k, peg in enumerate(pegs)]
 
 
@@ -102,24 +105,24 @@ def _in_space(team: Workers) -> bool:
     return any(np.abs(s[..., 1]).max() > OFF_BOARD * length for s in shapes)
 
 
-def _pegs(team: Workers, calm: CandidateEvaluation, typical: float) -> list[Peg]:
-    """The pegs with which a fit to undisturbed pictures comes nearest to the others.
+def _pegs(team: Workers, consensus: CandidateEvaluation, scale: float) -> list[Peg]:
+    """The pegs with which a fit to undisturbed pictures comes nearest to the other pictures.
 
     Args:
-        calm: the fit, held against the drafts.
-        typical: of pictures that are right, see `robust_fit.robust`.
+        consensus: evaluation of the fit to undisturbed pictures on all drafts.
+        scale: of the robust loss, see `robust_fit.robust`.
     """
-    length = calm.model.settings.rod.length
+    length = consensus.model.settings.rod.length
     observed = [d.observed for d in team.problem.drafts]
-    wrong = robust_fit.astray(calm, typical)
+    wrong = robust_fit.outlier_frames(consensus, scale)
     if not any(w.any() for w in wrong):
         return []
-    view = sight(calm.model.settings.rod, observed, calm.predicted, wrong)
+    view = sight(consensus.model.settings.rod, observed, consensus.predicted, wrong)
     likely = _likely(view)
-    astray = tuple(k for k, w in enumerate(wrong) if w.any())
+    disturbed = tuple(k for k, w in enumerate(wrong) if w.any())
 
     def simulated(some: Sequence[Peg]) -> list[tuple[float, Peg]]:
-        tasks: list[Task] = [(calm.model, astray, peg, typical) for peg in some]
+        tasks: list[Task] = [(consensus.model, disturbed, peg, scale) for peg in some]
         return [
             (loss, peg) for peg, loss in zip(some, team.each(_loss, tasks), strict=True)
             if loss is not None
@@ -131,11 +134,11 @@ def _pegs(team: Workers, calm: CandidateEvaluation, typical: float) -> list[Peg]
         near = [p for p in likely if np.hypot(p.x - peg.x, p.z - peg.z) < NEAR * length]
         tried += simulated(apart(near, NEARER * length, SIMULATED))
     tried.sort(key=lambda t: t[0])
-    there = replace(calm, residuals=tuple(calm.residuals[k] for k in astray))
-    if not tried or tried[0][0] > HELPS * robust_fit.loss(there, typical):
+    there = replace(consensus, residuals=tuple(consensus.residuals[k] for k in disturbed))
+    if not tried or tried[0][0] > HELPS * robust_fit.loss(there, scale):
         return []
     best = apart([peg for _, peg in tried], NEARER * length, FITTED)
-    tasks: list[Task] = [(calm.model, astray, peg, typical) for peg in best]
+    tasks: list[Task] = [(consensus.model, disturbed, peg, scale) for peg in best]
     fits = [f for f in team.each(_fitted, tasks) if f is not None]
     fits.sort(key=lambda f: f.sum_of_squares)
     return [
@@ -143,8 +146,8 @@ def _pegs(team: Workers, calm: CandidateEvaluation, typical: float) -> list[Peg]
     ]
 
 
-def glimpsed(view: Sight) -> list[Start]:
-    """The likeliest pegs as they look, without a simulation."""
+def plausible_pegs(view: Sight) -> list[Start]:
+    """The likeliest pegs by geometry alone, without a simulation."""
     length = view.rod.length
     return [_start(peg, k) for k, peg in enumerate(apart(_likely(view), APART * length, BEGUN))]
 
@@ -156,7 +159,7 @@ def _start(peg: Peg, rank: int, own: tuple[float, ...] = ()) -> Start:
 
 
 def _likely(view: Sight) -> list[Peg]:
-    """The pegs that explain most of what goes astray, if they explain enough."""
+    """The pegs that explain most of the outlier frames, if they explain enough of them."""
     found = [p for radius in RADII for p in places(view, radius)]
     found.sort(key=lambda p: (p.left, -p.touched))
     if not found or found[0].left > LEFT * view.count:
@@ -165,7 +168,7 @@ def _likely(view: Sight) -> list[Peg]:
 
 
 def _alone(model: Model, peg: Peg) -> Model:
-    """The model with a peg of which alone the numbers are open."""
+    """The model with a peg, of which only the peg's numbers are open."""
     block = peg._asdict()
     extended = model.extended(EFFECT, block, tuple(block))
     return replace(extended, free=names(EFFECT, block, tuple(block)))
@@ -178,19 +181,19 @@ def peg_of(model: Model) -> Peg:
 
 
 def _loss(problem: Problem, task: Task) -> float | None:
-    """What `robust_fit.robust` makes small, of the recordings that go astray."""
-    model, astray, peg, typical = task
-    recordings = [problem.drafts[k] for k in astray]
+    """The robust loss of the disturbed recordings with a peg."""
+    model, disturbed, peg, scale = task
+    recordings = [problem.drafts[k] for k in disturbed]
     try:
         at = evaluate(_alone(model, peg), recordings, problem.given, derivatives=False)
     except SimulationError:
         return None
-    return robust_fit.loss(at, typical)
+    return robust_fit.loss(at, scale)
 
 
 def _fitted(problem: Problem, task: Task) -> CandidateEvaluation | None:
-    """Fit a peg's numbers: downhill first, since what a peg does changes in jumps."""
-    model, astray, peg, typical = task
+    """Fit of a peg's numbers, by a simplex search first, since the loss has jumps."""
+    model, disturbed, peg, scale = task
     length = model.settings.rod.length
 
     def moved(step: FloatArray) -> Peg:
@@ -198,11 +201,11 @@ def _fitted(problem: Problem, task: Task) -> CandidateEvaluation | None:
         return Peg(peg.x + dx, peg.z + dz, peg.radius * float(np.exp(step[2])))
 
     def left(step: FloatArray) -> float:
-        loss = _loss(problem, (model, astray, moved(step), typical))
+        loss = _loss(problem, (model, disturbed, moved(step), scale))
         return np.inf if loss is None else loss
 
     simplex = np.vstack([np.zeros(3), np.diag([1.0, 1.0, LARGER])])
     options = {"initial_simplex": simplex, "maxfev": EVALUATIONS}
     found = minimize(left, simplex[0], method="Nelder-Mead", options=options)
-    recordings = [problem.drafts[k] for k in astray]
+    recordings = [problem.drafts[k] for k in disturbed]
     return attempt(_alone(model, moved(found.x)), recordings, problem.given, ITERATIONS)

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Where a peg may stand: beside what was seen, and in the way of what was predicted."""
+"""Places where a peg may stand: beside observed shapes, and in the way of predicted ones."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ class Place:
     """A peg that no observed shape enters and some observed shape touches.
 
     Args:
-        left: pictures that are off although the prediction has not met it, and those that are not
-            although it just has.
-        touched: pictures in which the DLO touches it.
+        left: number of outlier frames before the prediction has met the peg, and of frames that are
+            right although it just has.
+        touched: number of pictures in which the DLO touches the peg.
     """
 
     peg: Peg
@@ -47,9 +47,9 @@ class Sight:
     """Recordings as points in the board's plane [m], shape (F, STATIONS, 2) each.
 
     Args:
-        rod: of the model.
-        seen, expected: as observed and as predicted.
-        wrong: pictures that are off, shape (F,).
+        rod: length and diameter of the model.
+        seen, expected: observed and predicted points.
+        wrong: outlier frames, shape (F,).
     """
 
     rod: RodParameters
@@ -59,7 +59,7 @@ class Sight:
 
     @property
     def count(self) -> int:
-        """Pictures that are off."""
+        """Number of outlier frames."""
         return sum(int(w.sum()) for w in self.wrong)
 
 
@@ -67,7 +67,7 @@ def sight(
     rod: RodParameters, observed: Sequence[FloatArray], predicted: Sequence[FloatArray],
     wrong: Sequence[np.ndarray],
 ) -> Sight:  # fmt: skip
-    """Look at recordings.
+    """Points of the observed and predicted shapes of recordings.
 
     Args:
         observed, predicted: control points of each recording [m], shape (F, n, 3 or more).
@@ -86,7 +86,7 @@ def sight(
 def places(view: Sight, radius: float) -> list[Place]:
     """Pegs of one radius [m] that may have been hit, the most likely first.
 
-    What a peg explains begins with the picture in which the prediction meets it first.
+    The pictures that a peg explains begin where the prediction meets it first.
     """
     away = radius + 0.5 * view.rod.diameter
     everywhere = np.concatenate([s.reshape(-1, 2) for s in view.seen])
@@ -105,12 +105,12 @@ def places(view: Sight, radius: float) -> list[Place]:
 
 
 def _distance(points: FloatArray, centre: FloatArray) -> FloatArray:
-    """Of each picture's nearest point, shape (F,)."""
+    """Distance of the nearest point of each picture, shape (F,)."""
     return np.asarray(np.sqrt(np.min(np.sum((points - centre) ** 2, axis=2), axis=1)))
 
 
 def _beside(view: Sight, away: float) -> Iterator[FloatArray]:
-    """Points beside observed shapes that are off, on the side of the prediction."""
+    """Points beside the observed shapes of outlier frames, on the side of the prediction."""
     for s, e, wrong in zip(view.seen, view.expected, view.wrong, strict=True):
         along = np.gradient(s, axis=1)
         along /= np.maximum(np.linalg.norm(along, axis=2, keepdims=True), 1e-12)
@@ -124,7 +124,7 @@ def _beside(view: Sight, away: float) -> Iterator[FloatArray]:
 
 
 def apart(found: Sequence[Peg], distance: float, most: int) -> list[Peg]:
-    """The first pegs that are some distance [m] from each other."""
+    """The first pegs, in their order, that keep a distance [m] from each other."""
     kept: list[Peg] = []
     for peg in found:
         if all(np.hypot(peg.x - k.x, peg.z - k.z) > distance for k in kept):
@@ -135,9 +135,9 @@ def apart(found: Sequence[Peg], distance: float, most: int) -> list[Peg]:
 
 
 def resized(peg: Peg, rod: RodParameters, observed: Sequence[FloatArray]) -> list[Peg]:
-    """The same peg smaller and larger, the DLO touching it where it did.
+    """The same peg smaller and larger, in contact with the DLO at the same place.
 
-    A fit seldom finds its way between them: only radius and place together change little.
+    A fit seldom finds its way between them, since radius and place must change together.
 
     Args:
         observed: control points of each recording [m], shape (F, n, 3).

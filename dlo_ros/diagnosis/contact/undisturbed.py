@@ -1,9 +1,9 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""The joint model as those pictures tell of it in which the DLO has not hit anything yet.
+"""The joint model fitted to those pictures in which the DLO has not hit anything yet.
 
-Beside a set-up that is off, the plain model is wrong in every picture: what a hit does shows only
-in what the set-up leaves, and a fit of the set-up to all pictures takes some of the hit for its
-own.
+Beside a set-up that is off, the plain model is wrong in every picture: the effect of a contact
+shows only in the residual of the set-up's fit, and a fit of the set-up to all pictures explains
+part of the contact.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.priors import joint_model
 
 LEADS = (0.0, 0.25)
-"""Shares of each recording, from its beginning, that count as right at first: a DLO that is wrong
-from the first picture on may lie on a peg, or be gripped as in no other recording."""
+"""Shares of each recording, from its beginning, that count as undisturbed at first: a DLO that is
+wrong from the first picture on may lie on a peg, or be gripped as in no other recording."""
 FEWEST = 8
-"""Pictures of a recording, from which its beginning counts."""
+"""Smallest number of pictures of a beginning that is fitted."""
 RIGHT = 0.9
-"""Share of the fitted pictures that are right for certain."""
+"""Share of the fitted pictures that are certainly undisturbed."""
 STANDS_OUT = 3.0
-"""Deviation of the worst picture over that of the right ones, from which something was hit."""
+"""Smallest ratio of the worst picture's deviation to the undisturbed ones' that means a contact."""
 
 
 @dataclass(frozen=True)
@@ -40,37 +40,37 @@ class Undisturbed:
 
     Args:
         model: the fitted joint model.
-        at: its values, held against all drafts, without derivatives.
-        typical: deviation that tells right from disturbed pictures, in units of the noise.
+        at: evaluation of its values on all drafts, without derivatives.
+        scale: deviation that separates undisturbed from disturbed pictures, in units of the noise.
     """
 
     model: ParametricModel
     at: CandidateEvaluation
-    typical: float
+    scale: float
 
 
 def undisturbed(team: Workers, at: CandidateEvaluation, scene: Scene) -> Undisturbed | None:
-    """Fit the joint model to the beginnings of recordings, up to where they go astray.
+    """Fit the joint model to the beginnings of recordings, before the first outlier frame.
 
     Args:
         at: the plain model, fitted to all pictures.
-        scene: what the recordings look like.
+        scene: size, clamps and reach of the motion in the recordings.
 
     Returns:
-        None where nothing goes astray, or all does.
+        None where no frame is an outlier, or every one is.
     """
-    found = robust_fit.calm(team, at)
+    found = robust_fit.consensus_fit(team, at)
     if found is None:
         return None
-    calm, typical = found
-    model = joint_model(calm.model.settings, team.problem.given, scene)
-    wrong = robust_fit.astray(calm, typical)
+    consensus, scale = found
+    model = joint_model(consensus.model.settings, team.problem.given, scene)
+    wrong = robust_fit.outlier_frames(consensus, scale)
     fits = [_fitted(team, at, model, wrong, lead) for lead in LEADS]
     begun = [f for f in fits if f is not None]
     if not begun:
         return None
     best = min(begun, key=lambda f: robust_fit.loss(f.at))
-    return _fitted(team, at, best.model, robust_fit.astray(best.at, best.typical), 0.0)
+    return _fitted(team, at, best.model, robust_fit.outlier_frames(best.at, best.scale), 0.0)
 
 
 def _fitted(
@@ -83,13 +83,13 @@ def _fitted(
     """The joint model fitted to the beginnings of recordings.
 
     Args:
-        at: the plain model.
-        model: where the fit begins.
-        wrong: pictures that are off, shape (F,) for each recording.
+        at: evaluation of the plain model.
+        model: joint model with which the fit begins.
+        wrong: outlier frames, shape (F,) for each recording.
         lead: see `LEADS`.
 
     Returns:
-        None where no picture stands out of what is fitted.
+        None where no picture deviates clearly more than those that are fitted.
     """
     drafts, given = team.problem.drafts, team.problem.given
     parts = _beginnings(drafts, wrong, lead)
@@ -99,20 +99,20 @@ def _fitted(
         model = joint.settled(joint.evaluate(model, parts), parts).model
         plain = replace(at.model, settings=model.settings)
         right = evaluate(plain, parts, given, derivatives=False)
-        calm = evaluate(plain, drafts, given, derivatives=False)
+        consensus = evaluate(plain, drafts, given, derivatives=False)
     except SimulationError:
         return None
-    most = float(np.quantile(np.concatenate(robust_fit.off(right, 1.0)), RIGHT))
-    worst = float(np.concatenate(robust_fit.off(calm, 1.0)).max())
+    most = float(np.quantile(np.concatenate(robust_fit.squared_misfits(right, 1.0)), RIGHT))
+    worst = float(np.concatenate(robust_fit.squared_misfits(consensus, 1.0)).max())
     if worst < STANDS_OUT**2 * most:
         return None
-    return Undisturbed(model, calm, float((most * worst) ** 0.25))
+    return Undisturbed(model, consensus, float((most * worst) ** 0.25))
 
 
 def _beginnings(
     drafts: Sequence[Recording], wrong: Sequence[np.ndarray], lead: float
 ) -> list[Recording]:
-    """The recordings up to the first picture that is off, and at least a share of each."""
+    """The recordings up to their first outlier frame, but at least a share of each."""
     result = []
     for draft, w in zip(drafts, wrong, strict=True):
         first = int(np.argmax(w)) if w.any() else len(w)

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What a diagnosis found, as numbers (interface.md, report.json)."""
+"""Results of a diagnosis as numbers (interface.md, report.json)."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Number:
 
 @dataclass(frozen=True)
 class NamedEffect:
-    """An effect that the data show, and what explains them as well.
+    """An effect that the data show, and its rivals, which explain them as well.
 
     Args:
         share: of the ERR beyond the measurement's own that it takes away, 0 to 1; None: unknown.
@@ -48,7 +48,7 @@ class SetupNumber:
 
 @dataclass(frozen=True)
 class Fitted:
-    """A model and what it reaches.
+    """A fitted model with its parameters and errors.
 
     Args:
         settings: with the estimated values.
@@ -75,7 +75,7 @@ class Gain:
 
 @dataclass(frozen=True)
 class Trial:
-    """A candidate; a lower score is better."""
+    """A candidate's score; lower is better."""
 
     name: str
     err_holdout: float | None
@@ -85,7 +85,7 @@ class Trial:
 
 @dataclass(frozen=True)
 class RecordingView:
-    """One recording as the plain and the extended model see it.
+    """One recording with the shapes of the plain and the extended model.
 
     Args:
         name, role: of the recording, `train` or `holdout`.
@@ -115,7 +115,7 @@ class RecordingView:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """All that `diagnose` found.
+    """The result of `diagnose`.
 
     Args:
         verdict, effects, noise_floor, gain, candidates, advice: see interface.md.

@@ -62,14 +62,14 @@ def advise(
     found = separations(best, rival, recordings, given) if rival is not None else []
     if not found or found[0].deviations < CLEAR:
         return (
-            f"No standard manipulation tells {_words(decision.chosen.effects[0])} from "
+            f"No standard manipulation separates {_words(decision.chosen.effects[0])} from "
             f"{_words(names[0])}: it makes no difference which is named until one of them is "
             "measured by itself."
         )
     first = found[0]
     causes = ", ".join(_words(n) for n in (*decision.chosen.effects, *dict.fromkeys(names)))
     return (
-        f"To tell {causes} apart: {first.words}; there the predictions differ by "
+        f"To separate {causes}: {first.words}; there the predictions differ by "
         f"{rounded(first.deviations)} times the measurement's noise."
     )
 

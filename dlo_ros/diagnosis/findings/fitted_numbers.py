@@ -27,7 +27,7 @@ FINER, SHORTER = 2, 10.0
 def own_error(
     at: CandidateEvaluation, recordings: Sequence[Recording], given: Settings
 ) -> FloatArray:
-    """How far the open parameters would move with a finer simulation, shape (P,)."""
+    """Change of the open parameters that a finer simulation would cause, shape (P,)."""
     assert at.jacobians is not None
     finer = [_finer(r, given) for r in recordings]
     try:
@@ -50,13 +50,13 @@ def _finer(recording: Recording, given: Settings) -> Recording:
 def covariance(
     at: CandidateEvaluation, given: Settings, own: FloatArray | None = None
 ) -> FloatArray:
-    """Of the open parameters as the fit sees them, shape (P, P).
+    """Covariance of the open parameters in the units of the fit, shape (P, P).
 
-    What is left over counts as noise, model errors included, and what repeats in time counts once;
-    what all pictures of a recording have in common counts fully, however small it is.
+    Residuals count as noise, model errors included. What repeats in time counts once; what all
+    pictures of a recording have in common counts fully, however small it is.
 
     Args:
-        own: see `own_error`; it does not become smaller with more pictures.
+        own: see `own_error`; it does not shrink with the number of pictures.
     """
     autocorrelation_time = correlation_length([r[:, :, None] for r in at.residuals], 0)
     common = [len(r) * float(np.mean(r.mean(axis=0) ** 2)) for r in at.residuals]

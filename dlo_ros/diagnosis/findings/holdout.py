@@ -1,8 +1,8 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The held-out recordings: errors of models on frames that did not take part in their fit.
 
-These are the recordings that single effects are judged by; which one the joint model does not learn
-from is chosen by `dlo_ros.diagnosis.findings.joint_outcome.training_set`.
+Single effects are judged by these recordings; the one that the joint model does not learn from is
+chosen by `dlo_ros.diagnosis.findings.joint_outcome.training_set`.
 """
 
 from __future__ import annotations
@@ -36,10 +36,10 @@ believed."""
 
 @dataclass(frozen=True)
 class Split:
-    """Which frames a model may see.
+    """The frames for training and the held-out frames.
 
     Args:
-        train, holdout: for each recording the frames, as a mask of shape (F,).
+        train, holdout: masks of the frames, shape (F,) for each recording.
     """
 
     train: tuple[np.ndarray, ...]
@@ -139,7 +139,7 @@ def mean(err: Sequence[FloatArray] | None) -> float | None:
 def gain(
     before: Sequence[FloatArray] | None, after: Sequence[FloatArray] | None, seed: int = 0
 ) -> Gain | None:
-    """How much smaller ERR has become, with an interval from blocks of neighbouring frames."""
+    """Relative fall of ERR, with an interval from blocks of neighbouring frames."""
     if not before or not after:
         return None
     rng = np.random.default_rng(seed)
@@ -163,7 +163,7 @@ def _blocks(frames: int, rng: np.random.Generator) -> np.ndarray:
 
 @dataclass(frozen=True)
 class HoldoutErrors:
-    """ERR of candidates on the held-out data [m], their parameters being learned from the rest.
+    """ERR of candidates on the held-out data [m], with parameters learned from the other data.
 
     Args:
         recordings: all; the first `learned` are those that candidates were fitted to.
@@ -184,13 +184,13 @@ class HoldoutErrors:
         return self.known[id(c)][1]
 
     def linearised_err(self, c: Candidate) -> float | None:
-        """The same by one linearised step away from the fit to all data, unless a fit is known."""
+        """ERR after one linearised step from the fit to all data, unless a fit is known."""
         if id(c) in self.known:
             return self.known[id(c)][1]
         return self._err(trained(c.at, self.parted.train[: self.learned], self.given))
 
     def _careful(self, c: Candidate) -> float | None:
-        """Fitted anew where the linearised step leads astray."""
+        """ERR [m]; the model is fitted anew where the linearised step is too long to be trusted."""
         err = self.linearised_err(c)
         masks = self.parted.holdout[: self.learned]
         seen = [e[m[-len(e) :]] for e, m in zip(c.at.err, masks, strict=True) if m.any()]

@@ -373,7 +373,7 @@ def _advice(verdict: Verdict, found: Explanation) -> str:
         known = effects()
         names = " and ".join(known[n].called() for n in (open_.effect, *open_.rivals))
         return (
-            f"These data cannot tell {names} apart: record another manipulation, one that turns "
+            f"These data do not separate {names}: record another manipulation, one that turns "
             "the clamp or moves a free end; dlo_ros design proposes one."
         )
     if verdict == "adequate":

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What the report says beside the verdict, in sentences."""
+"""Remarks of the report beside the verdict, in sentences."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def remarks(
 
 
 def left_out(beginning: Beginning) -> tuple[str, ...]:
-    """Which pictures were not used."""
+    """Sentence on the pictures that were not used."""
     return tuple(
         f"{r.name}: {number} of {number + len(r.times)} pictures are left out as outliers: the "
         "observed shape is grossly wrong there."

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What the report shows of each recording: shapes before and after, and where they are wrong."""
+"""Shapes of each recording for the report, before and after, and the distances between them."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def views(
 def _across(
     recording: Recording, values: FloatArray, settings: Settings
 ) -> Callable[[FloatArray], FloatArray]:
-    """From predicted control points to the distance across the DLO at stations.
+    """Function that gives the distance across the DLO at stations for predicted control points.
 
     Args:
         values: of the basis functions at the stations, shape (U, n).

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""A few standard manipulations, to be asked which of them tells two explanations apart."""
+"""Standard manipulations, among which the one is sought that best separates two explanations."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ Way = Sequence[tuple[float, float, float, float]]  # time [s], x and z over L, a
 
 
 def standard(settings: Settings, recordings: Sequence[Recording]) -> list[Standard]:
-    """The manipulations: some of one's own, and those that were made, faster and slower."""
+    """Standard manipulations, and those that were recorded, faster and slower."""
     s = np.linspace(0.0, 1.0, 30)
     hanging = np.column_stack([0.05 * s, -s])
     right = np.column_stack([np.sin(1.5 * s), np.cos(1.5 * s) - 1.0])
@@ -95,7 +95,7 @@ def _made(settings: Settings, words: str, curve: FloatArray, ways: dict[str, Way
 
 
 def _again(recording: Recording, words: str, factor: float) -> list[Standard]:
-    """A recording's motion at another speed, where one command rules it."""
+    """A recording's motion at another speed, where one command imposes it."""
     commands, observations = recording.manipulation.commands, recording.manipulation.observations
     if len(commands) != 1 or recording.times[-1] < SHORTEST:
         return []
@@ -110,10 +110,10 @@ def _again(recording: Recording, words: str, factor: float) -> list[Standard]:
 
 
 def simulated(made: Standard, settings: Settings) -> Manipulation:
-    """What a model predicts, as if it had been measured.
+    """A model's prediction in the form of a recording.
 
     Raises:
-        SimulationError: it cannot be simulated.
+        SimulationError: the model cannot be simulated.
     """
     stamps = FIRST + (np.arange(0.0, made.duration, 1.0 / RATE) * NANOSECONDS).astype(np.int64)
     motion = Motion([made.command])

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What a search has come to, and what is told of it: measured, with numbers and in words."""
+"""The findings of a search, measured on held-out data, as numbers and in words."""
 
 from __future__ import annotations
 
@@ -45,12 +45,12 @@ class Findings:
 
     @property
     def suspects(self) -> list[Candidate]:
-        """What comes nearest, whether it explains the data or not, best first."""
+        """The candidates that come nearest, whether they explain the data or not, best first."""
         return verdict.suspects([*self.singles, *self.pairs], self.holdout_errors)
 
 
 def outcome(beginning: Beginning, plain: Candidate, found: Findings, given: Settings) -> Diagnosis:
-    """Measure ERR on the held-out data, and put everything together."""
+    """The diagnosis of a search, with ERR measured on the held-out data."""
     if found.joint is not None:
         return joint_outcome(beginning, plain, found.joint, given)
     recordings = beginning.recordings
@@ -125,7 +125,7 @@ def _immaterial(
 
 
 def is_immaterial(plain: Candidate, given: Settings, recordings: Sequence[Recording]) -> bool:
-    """Whether all that the plain model misses is too little to matter."""
+    """Whether the ERR of the plain model is too small to matter."""
     err = holdout.mean(plain.at.err)
     along = float(np.mean([r.along_std for r in recordings]))
     return err is not None and err < material_err(mean_length(np.array([along])), given)
@@ -138,10 +138,10 @@ def _related(c: Candidate, recordings: Sequence[Recording]) -> Relations:
 
 
 def _left(found: Relations | None, decision: verdict.Decision) -> tuple[str, ...]:
-    """What is left where nothing explains the data."""
+    """Remark on the residual where nothing explains the data."""
     return sentences(found) if found is not None and decision.verdict == "unexplained" else ()
 
 
 def _polished(c: Candidate, recordings: Sequence[Recording], given: Settings) -> Candidate:
-    """A candidate whose numbers are to be told."""
+    """A candidate whose numbers are reported, with a finished fit."""
     return candidate(c.effect, c.form, polished(c.at, recordings, given), given)

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""A model with open parameters: settings, which of their numbers are fitted, what is known."""
+"""A model with open parameters: settings, which of their numbers are fitted, and their priors."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Model:
     Args:
         settings: with the values.
         free: names as in `dlo_ros.rod.sensitivity_parameters`.
-        bounds: of what was measured beforehand: lowest and highest value, each in its own unit.
+        bounds: lowest and highest value of parameters that were measured beforehand.
     """
 
     settings: Settings
@@ -45,11 +45,11 @@ class Model:
         return tuple(self.settings.effects)
 
     def theta(self) -> FloatArray:
-        """The open parameters as the fit sees them, shape (P,)."""
+        """The open parameters in the units of the fit, shape (P,)."""
         return np.array([_inner(name, value_of(self.settings, name)) for name in self.free])
 
     def at(self, theta: FloatArray) -> Model:
-        """The model with other values; what leaves its range stays at the border."""
+        """The model with other values; a value beyond its range is set to the border."""
         settings = self.settings
         for name, value in zip(self.free, theta, strict=True):
             low, high = self.bounds.get(name) or _range(name, settings)
@@ -57,7 +57,7 @@ class Model:
         return replace(self, settings=settings)
 
     def chain(self) -> FloatArray:
-        """Derivative of a parameter as `Simulation` takes it by that which the fit sees, (P,)."""
+        """Derivative of the parameter of `Simulation` by that of the fit, shape (P,)."""
         return np.array(
             [
                 1.0 if name in MATERIAL or not logarithmic(name) else value_of(self.settings, name)
@@ -66,7 +66,7 @@ class Model:
         )
 
     def natural(self) -> FloatArray:
-        """What a plausible size of each parameter is, as the fit sees it, shape (P,)."""
+        """A plausible size of each parameter in the units of the fit, shape (P,)."""
         return np.array([_natural(name, self.settings) for name in self.free])
 
     def at_border(self) -> tuple[str, ...]:
@@ -96,10 +96,10 @@ class Model:
 
 
 def baseline(settings: Settings) -> Model:
-    """The plain model: E, mu and damping; given effects stay.
+    """The plain model: E, mu and damping are open; given effects stay.
 
-    What was measured beforehand stays near its value: a fit that pushes it further does the work of
-    a cause that nobody names.
+    Parameters that were measured beforehand stay near their value: a fit that pushes them further
+    does the work of a cause that nobody names.
     """
     damping = settings.damping
     free = ["young_modulus", "density"]
@@ -120,11 +120,11 @@ def names(effect: str, block: Block, keys: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def prior(model: Model, given: Settings) -> tuple[FloatArray, FloatArray]:
-    """What is known beforehand of the open parameters.
+    """The prior of the open parameters.
 
     Args:
-        model: whose parameters.
-        given: the parameter file, around which the material lies.
+        model: the model with the open parameters.
+        given: the parameter file, whose material is the prior's centre.
 
     Returns:
         Centre and information (inverse variance), each of shape (P,).
@@ -169,7 +169,7 @@ def _outer(name: str, value: float, low: float, high: float) -> float:
 
 
 def _range(name: str, settings: Settings) -> tuple[float, float]:
-    """Within which a parameter is looked for, in its own unit."""
+    """Lowest and highest value that a parameter may take, in its own unit."""
     if name in MATERIAL:
         return {
             "young_modulus": (1e3, 1e12), "density": (1.0, 1e5), "air_drag": (1e-9, 1e3),

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Simulates recordings with a model, with derivatives by its open parameters."""
+"""Simulations of recordings with a model, with derivatives by its open parameters."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ DIFFERENCE = 0.01
 
 @dataclass(frozen=True)
 class CandidateEvaluation:
-    """A model held against recordings.
+    """A model's residuals against recordings, and their derivatives.
 
     Args:
         model: with its values.
@@ -63,9 +63,10 @@ class CandidateEvaluation:
 
 
 def is_differentiable(model: Model) -> bool:
-    """Whether a motion has derivatives worth the name with all effects of a model.
+    """Whether a motion has useful derivatives with all effects of a model.
 
-    Where one has none, what counts is how the motion answers to changes as large as a fit makes.
+    Where an effect has none, the answer of the motion to changes as large as a step of a fit is
+    used.
     """
     return all(effects()[name].differentiable for name in model.effects)
 
@@ -82,12 +83,12 @@ def evaluate(
     model: Model, recordings: Sequence[Recording], given: Settings, *, derivatives: bool = True,
     exact: bool = False,
 ) -> CandidateEvaluation:  # fmt: skip
-    """Simulate recordings.
+    """Simulate recordings with a model and compare them with what was measured.
 
     Args:
-        derivatives: whether they are wanted.
-        exact: whether they are the simulation's own where differences are cheaper. Of what the
-            data leave open, differences pretend to know something.
+        derivatives: whether derivatives are computed.
+        exact: whether derivatives are the simulation's own where differences are cheaper.
+            Differences pretend to determine what the data leave open.
 
     Raises:
         SimulationError: one of them cannot be simulated with this model.
@@ -120,11 +121,11 @@ def evaluate(
 
 
 def carried_on(before: CandidateEvaluation, after: CandidateEvaluation) -> CandidateEvaluation:
-    """An evaluation with another's derivatives, corrected along the way between them (Broyden).
+    """An evaluation with another's derivatives, corrected by Broyden's update.
 
     Args:
-        before: with derivatives.
-        after: without.
+        before: evaluation with derivatives.
+        after: evaluation without derivatives.
     """
     assert before.jacobians is not None
     step = after.model.theta() - before.model.theta()
@@ -150,11 +151,11 @@ def differenced(
     recordings: Sequence[Recording],
     given: Settings,
 ) -> CandidateEvaluation:
-    """An evaluation with derivatives by what its model has more than another's, in differences.
+    """An evaluation whose derivatives by the parameters that another model lacks are differences.
 
     Args:
-        before: of the model with less open parameters; its derivatives are taken as they are.
-        at: without derivatives.
+        before: evaluation of the model with fewer open parameters, whose derivatives are kept.
+        at: evaluation without derivatives.
 
     Raises:
         SimulationError: see `evaluate`.
@@ -186,7 +187,7 @@ def earlier(
     drafts: Sequence[Recording],
     given: Settings,
 ) -> CandidateEvaluation:
-    """What an evaluation says of recordings that may end earlier."""
+    """The evaluation of recordings that may end earlier, without a new simulation."""
     ends = [len(d.times) - len(r.times) or None for r, d in zip(recordings, drafts, strict=True)]
     residuals = tuple(r[:end] for r, end in zip(at.residuals, ends, strict=True))
     jacobians = tuple(j[:end] for j, end in zip(at.jacobians or (), ends, strict=False)) or None
@@ -205,7 +206,7 @@ def earlier(
 def _held_against(
     model: Model, recording: Recording, derivatives: bool, exact: bool
 ) -> tuple[Forecast, FloatArray | None]:
-    """A forecast and its derivatives by the open parameters, shape (F, P, K)."""
+    """Residuals of a forecast, and its derivatives by the open parameters, shape (F, P, K)."""
     settings, spans = as_fine(model.settings, recording), recording.spans
     manipulation = recording.manipulation
     if not derivatives:
@@ -224,7 +225,7 @@ def _held_against(
 
 
 def _nonsmooth(model: Model, recording: Recording, exact: bool) -> tuple[Forecast, FloatArray]:
-    """The same with effects that have none: in differences, where they do something."""
+    """The same with effects that have no derivatives: differences, where they act."""
 
     def alone(one: Model) -> Forecast:
         settings = as_fine(one.settings, recording)
@@ -260,7 +261,7 @@ def _exact(model: Model, recording: Recording, settings: Settings) -> tuple[Fore
 
 
 def _moved(model: Model) -> tuple[list[Model], FloatArray]:
-    """The model with each open parameter changed, and the steps, shape (P,), within its range."""
+    """The model with each open parameter changed within its range, and the steps, shape (P,)."""
     theta, models = model.theta(), []
     steps = DIFFERENCE * np.minimum(model.natural(), 1.0)
     for k in range(len(theta)):

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""The plain model's fit, its noise, and a simulation that is finer than the noise."""
+"""The plain model's fit, the noise of the recordings, and a resolution finer than that noise."""
 
 from __future__ import annotations
 
@@ -57,11 +57,11 @@ DRAFT_SHARE = 0.05
 
 @dataclass(frozen=True)
 class Beginning:
-    """The plain model, fitted.
+    """The fitted plain model with its recordings.
 
     Args:
-        recordings: with their noise and a resolution that is fine enough.
-        at: the fit to all of them.
+        recordings: recordings with their noise and a resolution that is fine enough.
+        at: the fit to all recordings.
         error: the simulation's own error, mean distance [m]; NaN where it was not judged.
         left_out: number of pictures of each recording that are grossly wrong and left out.
     """
@@ -75,10 +75,10 @@ class Beginning:
 def begin(
     manipulations: Sequence[Manipulation], settings: Settings, near: Model | None = None
 ) -> Beginning:
-    """Fit (E, mu, damping) and estimate the noise of what was measured.
+    """Fit the plain model (E, mu, damping) and estimate the noise of the measurements.
 
     Args:
-        near: where the fit may begin; default: the best of several values of E.
+        near: model from which the fit may begin; default: the best of several values of E.
 
     Raises:
         InputError: a recording holds nothing that can be compared.
@@ -109,14 +109,14 @@ def begin(
 def _first(
     recordings: tuple[Recording, ...], settings: Settings, near: Model | None
 ) -> CandidateEvaluation:
-    """The model that a fit begins with, held against recordings."""
+    """Evaluation of the model with which a fit begins."""
     if near is None:
         return _best_start(recordings, baseline(settings))
     return evaluate(near, recordings, settings, derivatives=False)
 
 
 def finer(beginning: Beginning, near: Model, settings: Settings) -> Beginning | None:
-    """The beginning with a simulation that is fine enough for a model that comes near the data.
+    """The initial fit with a simulation that is fine enough for a model that comes near the data.
 
     Returns:
         None where the simulation's own error is small beside what that model leaves over.
@@ -136,7 +136,7 @@ def _rms(residuals: Sequence[FloatArray]) -> float:
 
 
 def _best_start(recordings: tuple[Recording, ...], model: Model) -> CandidateEvaluation:
-    """The plain model near the best of some fits: a motion may have several valleys of E."""
+    """The best of some fits of the plain model: a motion may have several local minima of E."""
     coarse = _coarse(recordings)
     begun: list[CandidateEvaluation] = []
     failure: SimulationError | None = None
@@ -169,7 +169,7 @@ def _coarse(recordings: Sequence[Recording]) -> tuple[Recording, ...]:
 def _fitted_to_most(
     at: CandidateEvaluation, recordings: Sequence[Recording]
 ) -> CandidateEvaluation | None:
-    """A model fitted to what shows most of its error, held against all; None where it cannot be."""
+    """A model fitted to the recordings with most of its error, evaluated on all; or None."""
     settings = at.model.settings
     # Without its noise the prior would count for more than the data.
     known = [with_noise(r, p, settings) for r, p in zip(recordings, at.predicted, strict=True)]
@@ -187,7 +187,7 @@ def _fitted_to_most(
 
 
 def _near(model: Model, recordings: Sequence[Recording]) -> CandidateEvaluation:
-    """The fit near a model that was fitted to a little more."""
+    """A fit that begins with a model which was fitted to a little more data."""
     coarse = _coarse(recordings)
     here = evaluate(model, coarse, model.settings, derivatives=False)
     found = _fitted_to_most(here, coarse)
@@ -202,7 +202,7 @@ def _mean_err(at: CandidateEvaluation) -> float:
 def _finer(
     recordings: tuple[Recording, ...], at: CandidateEvaluation
 ) -> tuple[tuple[Recording, ...], float]:
-    """Recordings with as many knot spans and time steps as keep the simulation's error small."""
+    """The recordings with knot spans and time steps that keep the simulation's error small."""
     result, errors = [], []
     settings = at.model.settings
     left = [r.residual(p) for r, p in zip(recordings, at.predicted, strict=True)]
@@ -227,10 +227,10 @@ def _finer(
 
 
 def _in_space(recording: Recording, model: Model, tolerance: float) -> tuple[Recording, float]:
-    """The recording with knot spans fine enough, and the error that they leave, over L.
+    """The recording with knot spans that are fine enough, and the error that is left, over L.
 
-    Judged by the motion itself, where no equilibrium on its way tells: those of two resolutions may
-    lie on different branches, which a motion goes by.
+    The error is that of the motion itself where no equilibrium on its way tells: equilibria of two
+    resolutions may lie on different branches, which a motion passes by.
     """
     unit = replace(recording, noise=np.ones(len(recording.noise)))
     first = recording.observed.shape[1] - DEGREE
@@ -255,7 +255,7 @@ def _in_space(recording: Recording, model: Model, tolerance: float) -> tuple[Rec
 
 
 def _in_time(recording: Recording, model: Model, fineness: float) -> tuple[Recording, float]:
-    """The recording with time steps fine enough, and the error that they leave [m]."""
+    """The recording with time steps that are fine enough, and the error that is left [m]."""
     n = recording.observed.shape[1]
     noise = float(np.sqrt(np.sum(recording.noise[:n] ** 2)))
     tolerance = model.settings.simulation.tolerance
@@ -276,10 +276,10 @@ def _in_time(recording: Recording, model: Model, fineness: float) -> tuple[Recor
 
 
 def drafts(recordings: Sequence[Recording], at: CandidateEvaluation) -> tuple[Recording, ...]:
-    """The recordings with coarser simulations, as far as these do not deceive, long ones shortened.
+    """The recordings with a coarser simulation that is still reliable, long ones shortened.
 
     Args:
-        at: the plain model, simulated finely.
+        at: evaluation of the plain model with the fine simulation.
     """
     result = []
     for recording, r, fine in zip(recordings, at.residuals, at.predicted, strict=True):
@@ -305,7 +305,7 @@ def drafts(recordings: Sequence[Recording], at: CandidateEvaluation) -> tuple[Re
 
 
 def _long_enough(residual: FloatArray, recordings: int) -> int:
-    """Frames of a recording, from its first, in which much of what is wrong has shown itself."""
+    """Number of frames from the first in which most of the model's error has shown itself."""
     shown = np.cumsum(np.sum(residual**2, axis=1))
     most = max(LEAST_FRAMES, DRAFT_FRAMES // recordings)
     return max(most, int(np.searchsorted(shown, SHOWN * shown[-1])) + 1)

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Fits the open parameters of a model to recordings (Levenberg-Marquardt)."""
+"""Levenberg-Marquardt fits of the open parameters of a model to recordings."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ LARGEST_STEP = 2.0
 
 @dataclass(frozen=True)
 class Normal:
-    """The normal equations of a linearised model, of any part of the measurements.
+    """The normal equations of a linearised model, for any part of the measurements.
 
     Args:
         hessian: J^T J, shape (P, P).
@@ -62,17 +62,17 @@ class Normal:
         )
 
     def scaled(self, factor: float) -> Normal:
-        """With another weight."""
+        """The normal equations with another weight."""
         return Normal(factor * self.hessian, factor * self.gradient, factor * self.sum_of_squares)
 
     def minimum(self) -> tuple[FloatArray, float]:
-        """Where the linearised cost is smallest, from here, and its value there."""
+        """Step to the minimum of the linearised cost, and the cost there."""
         step = solve(self.hessian, self.gradient)
         return step, self.sum_of_squares - float(self.gradient @ step)
 
 
 def solve(hessian: FloatArray, right: FloatArray) -> FloatArray:
-    """Solve positive definite equations whose unknowns differ widely in size."""
+    """Solution of positive definite equations whose unknowns differ widely in size."""
     diagonal = np.diag(hessian)
     # An unknown of which nothing is known stays where it is.
     scale = np.where(diagonal > 0.0, 1.0 / np.sqrt(np.maximum(diagonal, TINY)), 0.0)
@@ -83,14 +83,14 @@ def solve(hessian: FloatArray, right: FloatArray) -> FloatArray:
 
 
 def normal(residual: FloatArray, jacobian: FloatArray) -> Normal:
-    """Normal equations of frames: residual (F, K), jacobian (F, P, K)."""
+    """Normal equations of frames with residuals (F, K) and Jacobian (F, P, K)."""
     j = jacobian.transpose(0, 2, 1).reshape(-1, jacobian.shape[1])
     r = residual.ravel()
     return Normal(j.T @ j, j.T @ r, float(r @ r))
 
 
 def known(model: Model, given: Settings) -> Normal:
-    """What is known beforehand, as normal equations."""
+    """The prior as normal equations."""
     centre, information = prior(model, given)
     off = centre - model.theta()
     return Normal(np.diag(information), information * off, float(information @ off**2))
@@ -99,7 +99,7 @@ def known(model: Model, given: Settings) -> Normal:
 def total(
     at: CandidateEvaluation, given: Settings, masks: Sequence[np.ndarray] | None = None
 ) -> Normal:
-    """Normal equations of everything, the noise as large as what is left over.
+    """Normal equations of all measurements and the prior, the noise as large as the residuals.
 
     Args:
         masks: frames of each recording that count, shape (F,); default: all.
@@ -113,7 +113,7 @@ def total(
 
 
 def bounded(model: Model, hessian: FloatArray, gradient: FloatArray) -> FloatArray:
-    """A step that stays within the ranges; what meets its border no longer moves the others."""
+    """A step within the ranges; a parameter that meets its border stays there."""
     theta = model.theta()
     step = np.zeros(len(theta))
     held = np.zeros(len(theta), dtype=np.bool_)
@@ -135,10 +135,10 @@ def fit(
     start: CandidateEvaluation, recordings: Sequence[Recording], given: Settings,
     iterations: int, *, exact: bool = False, damping: float = MARQUARDT_DAMPING,
 ) -> CandidateEvaluation:  # fmt: skip
-    """Levenberg-Marquardt from an evaluation with derivatives.
+    """Levenberg-Marquardt iteration that begins with an evaluation with derivatives.
 
-    A step that cannot be simulated or makes things worse is shortened; what leaves its range stays
-    at the border.
+    A step that cannot be simulated or increases the cost is shortened; a parameter beyond its range
+    stays at the border.
 
     Args:
         exact: see `evaluate`.
@@ -159,7 +159,7 @@ def fit(
 
 
 def _enough(at: CandidateEvaluation) -> float:
-    """Gain of the cost below which a fit has come to its end."""
+    """Gain of the cost below which a fit has converged."""
     count = sum(r.size for r in at.residuals)
     coarse = COARSE * count if at.excess > CLEARLY_WRONG else 0.0
     return float(CONVERGED * np.sqrt(count)) + coarse
@@ -172,7 +172,7 @@ def _improved(
     exact: bool,
     damping: float,
 ) -> tuple[CandidateEvaluation | None, float]:
-    """One iteration: what is better, None where nothing is, and Marquardt's damping then."""
+    """One iteration: the better evaluation, None where there is none, and the next damping."""
     equations, enough = total(best, given), _enough(best)
     for k in range(TRIES):
         lhs = equations.hessian + damping * np.diag(np.diag(equations.hessian))
@@ -201,9 +201,10 @@ def _tried(
     exact: bool,
     before: CandidateEvaluation,
 ) -> CandidateEvaluation:
-    """An evaluation whose derivatives are simulated where they are cheap or must be.
+    """An evaluation whose derivatives are simulated where they are cheap or necessary.
 
-    Elsewhere the last ones are carried on; those of a nonsmooth effect are had if it is any use.
+    Elsewhere the last ones are updated; those of a nonsmooth effect are computed if they are
+    useful.
     """
     nonsmooth = not is_differentiable(model)
     if nonsmooth or (before.expensive_jacobian and not exact):
@@ -218,7 +219,7 @@ def _tried(
 def renewed(
     at: CandidateEvaluation, recordings: Sequence[Recording], given: Settings
 ) -> CandidateEvaluation:
-    """An evaluation with derivatives of its own, if it can have any."""
+    """An evaluation with newly computed derivatives, where the model has any."""
     if not at.carried:
         return at
     try:
@@ -242,9 +243,10 @@ def attempt(
 def polished(
     at: CandidateEvaluation, recordings: Sequence[Recording], given: Settings
 ) -> CandidateEvaluation:
-    """The fit finished with exact derivatives: what the data leave open is as known beforehand.
+    """The fit finished with exact derivatives.
 
-    Of nonsmooth effects there are none; their fit goes on as it was, with the fine simulation.
+    Parameters that the data leave open then keep their prior. Nonsmooth effects have no exact
+    derivatives; their fit goes on as before, with the fine simulation.
     """
     nonsmooth = not is_differentiable(at.model)
     iterations, damping = (NONSMOOTH_POLISH, MARQUARDT_DAMPING) if nonsmooth else (POLISH, UNDAMPED)

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""The noise of recordings, from how residuals scatter in time."""
+"""The noise of recordings, estimated from the scatter of residuals in time."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ LEAST_SHARE = 0.5
 
 
 def with_noise(recording: Recording, predicted: FloatArray, settings: Settings) -> Recording:
-    """The recording with its noise estimated from how residuals scatter in time."""
+    """The recording with its noise estimated from the scatter of residuals in time."""
     unit = replace(recording, noise=np.ones(len(recording.noise)))
     field = unit.residual(predicted)
     return replace(recording, noise=noise_of(field, recording, settings))
@@ -61,7 +61,7 @@ def scatter(field: FloatArray, recording: Recording, settings: Settings) -> Floa
 
 
 def _gaps(field: FloatArray) -> list[FloatArray]:
-    """Differences in time of growing order, scaled so that noise keeps its size."""
+    """Differences in time of growing order, scaled such that white noise keeps its size."""
     result = []
     for order in ORDERS:
         if len(field) <= 2 * order:
@@ -77,7 +77,7 @@ def _gaps(field: FloatArray) -> list[FloatArray]:
 
 
 def _along(field: FloatArray) -> float:
-    """Noise of coefficients (F, n) from how they scatter along u, where models err smoothly [m]."""
+    """Noise of coefficients (F, n) from their scatter along u, where models are smooth [m]."""
     found = [float(np.sqrt(np.mean(field**2)))]
     for order in ORDERS:
         if field.shape[1] > 2 * order:
@@ -89,14 +89,14 @@ def _along(field: FloatArray) -> float:
 def with_bias(
     recordings: Sequence[Recording], predicted: Sequence[FloatArray], settings: Settings
 ) -> tuple[Recording, ...]:
-    """Recordings that know what a camera sees wrongly in every picture.
+    """Recordings with the errors that a camera repeats in every picture.
 
-    Where measured points scatter less from picture to picture than their stated std says, the rest
-    of it stays: edges of a strand lie on pixels, and light falls from one side. Such errors are
-    alike over a part of the DLO.
+    Where measured points scatter less from picture to picture than their stated std, the rest of
+    that std is an error that stays: edges of a strand lie on pixels, and light falls from one side.
+    Such errors are correlated along the DLO.
 
     Args:
-        predicted: control points per recording, shape (F, n, 3 or more).
+        predicted: control points of each recording [m], shape (F, n, 3 or more).
     """
     shares, stated, along = [], [], []
     for recording, shapes in zip(recordings, predicted, strict=True):
@@ -129,10 +129,10 @@ def with_bias(
 
 
 def noise_of(field: FloatArray, recording: Recording, settings: Settings) -> FloatArray:
-    """Noise that each coefficient is taken to have [m], shape (K,).
+    """Noise that is attributed to each coefficient [m], shape (K,).
 
-    No coefficient is much better than the others, and what the camera sees along the DLO is not
-    better than what it sees across.
+    No coefficient is much better than the others, and none along the DLO is better than those
+    across it.
 
     Args:
         field: residual coefficients [m], shape (F, K).
@@ -147,7 +147,7 @@ def noise_of(field: FloatArray, recording: Recording, settings: Settings) -> Flo
 
 
 def noise_floor(recording: Recording, predicted: FloatArray, settings: Settings) -> float:
-    """The err that a perfect model would have [m]: mean length of the noise.
+    """ERR of a perfect model [m]: the mean length of the noise.
 
     Args:
         predicted: control points of the best model, shape (F, n, 3 or more).

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Tasks on one set of recordings, carried out by a few processes."""
+"""Tasks on one set of recordings, shared out among a few processes."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True)
 class Problem:
-    """What is to be explained.
+    """The recordings that are to be explained.
 
     Args:
         recordings: with their noise.
@@ -36,12 +36,12 @@ class Problem:
 
     @property
     def count(self) -> int:
-        """Numbers that were measured in the drafts."""
+        """Number of measured values in the drafts."""
         return sum(len(r.times) * len(r.noise) for r in self.drafts)
 
     @property
     def shortened(self) -> bool:
-        """Whether drafts end earlier."""
+        """Whether drafts end earlier than their recordings."""
         pairs = zip(self.recordings, self.drafts, strict=True)
         return any(len(r.times) != len(d.times) for r, d in pairs)
 
@@ -57,7 +57,7 @@ def _adopt(problem: Problem) -> None:
 
 
 class Workers:
-    """Carries out tasks on one problem, in processes where there are several."""
+    """Runs tasks on one problem, in several processes where there are several."""
 
     def __init__(self, problem: Problem, pool: ProcessPoolExecutor | None) -> None:
         self.problem = problem
@@ -66,7 +66,7 @@ class Workers:
     def each(
         self, task: Callable[[Problem, Item], Result], items: Sequence[Item]
     ) -> Iterator[Result]:
-        """The results in the order of the items."""
+        """The results of a task in the order of its items."""
         if self._pool is None:
             for item in items:
                 yield task(self.problem, item)
@@ -81,7 +81,7 @@ def _run(task: Callable[[Problem, Any], Any], item: Any) -> Any:
 
 @contextmanager
 def workers(problem: Problem, count: int) -> Iterator[Workers]:
-    """Processes for a problem; forked, so that compiled code is there already."""
+    """Worker processes for a problem, forked, so that compiled code is loaded already."""
     methods = multiprocessing.get_all_start_methods()
     if count <= 1 or "fork" not in methods:
         yield Workers(problem, None)

@@ -2,9 +2,9 @@
 """Monitor of the residuals that E, mu and damping leave in a live identification.
 
 The autocovariance of these residuals from picture to picture is compared with the noise that is new
-in every picture. Where it is as large, the joint model of `diagnose` is held against
-the same pictures (`suspects`): what a set-up within its tolerances explains is no reason to warn.
-What is really the cause, and how large, is the business of `diagnose`.
+in every picture. Where it is as large, the joint model of `diagnose` is evaluated on the same
+pictures (`suspects`): what a set-up within its tolerances explains is no reason to warn. The cause
+itself and its size are left to `diagnose`.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class CorrelatedResidual:
 
 @dataclass(frozen=True)
 class Suspicion:
-    """The model misses something.
+    """A correlated residual, and the causes that are suspected.
 
     Args:
         leftover: the residuals that E, mu and damping leave.

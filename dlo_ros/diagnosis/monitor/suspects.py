@@ -1,8 +1,9 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Suspects in the present motion, by the joint model linearised where the estimate is.
+"""Suspected causes in the present motion, by the joint model linearised at the live estimate.
 
 The set-up is open within its tolerances, as in `diagnose`, so that a clamp that is a degree off is
-no reason to warn. Nothing is fitted, and the work comes in pieces, so that nobody waits.
+no reason to warn. Nothing is fitted, and the work is done in short pieces, so that no other
+callback waits.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dlo_ros.diagnosis.contact.contact_search import glimpsed
+from dlo_ros.diagnosis.contact.contact_search import plausible_pegs
 from dlo_ros.diagnosis.contact.peg_places import sight
 from dlo_ros.diagnosis.explain.certainty import beyond, certain
 from dlo_ros.diagnosis.explain.joint_explanation import NAMED
@@ -88,7 +89,7 @@ class Suspects:
 
     @property
     def wrong(self) -> bool:
-        """Whether there is something to tell."""
+        """Whether a cause is suspected."""
         return bool(self.found) or self.setup_err > self.material
 
     def __str__(self) -> str:
@@ -97,7 +98,7 @@ class Suspects:
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """A model of the motion, linear about the estimate.
+    """A model of the motion, linearised at the estimate.
 
     Args:
         effect: that it adds; empty: none.
@@ -173,7 +174,7 @@ def _model(recording: Recording, settings: Settings, view: Scene) -> ParametricM
 
 
 def _bare(at: Evaluation) -> tuple[Hypothesis, Hypothesis]:
-    """E, mu and damping alone, and with the set-up within its tolerances."""
+    """Hypotheses without an effect: E, mu and damping alone, and with the set-up open."""
     offset, precision = at.model.offset(), at.model.precision()
     own = [k for k, p in enumerate(at.model.parameters) if not p.effect]
     fields = tuple((r, j[:, own]) for r, j in at.fields)
@@ -221,12 +222,12 @@ def _added(
 
 
 def _proposals(at: Evaluation, recording: Recording, view: Scene) -> list[Proposal]:
-    """Effects where they are looked for, pegs where pictures go astray; some of each."""
+    """Effects at the places where they are sought, and pegs beside outlier frames."""
     size = np.linalg.norm(at.fields[0][0], axis=1)
     seen = sight(
         at.model.settings.rod, [recording.observed], at.predicted, [size > ASTRAY * size.max()]
     )
-    pegs = [proposal_of(at.model.settings, start) for start in glimpsed(seen)]
+    pegs = [proposal_of(at.model.settings, start) for start in plausible_pegs(seen)]
     result: list[Proposal] = []
     for p in (*added(at.model, starts(view)), *pegs):
         if p.from_nothing or sum(p.effect == other.effect for other in result) < AT_MOST:

@@ -1,9 +1,9 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""From where every effect of the registry is looked for in recordings.
+"""The starting values at which every effect of the registry is tried on recordings.
 
-Each effect says itself where (`Effect.starts`): one with a useful derivative where it does nothing
-starts there, at several places where it has one; others (yield, friction) with a few plausible
-sizes. Pegs are looked for in `contact_search`.
+Each effect names its own (`Effect.starts`): an effect whose derivative at its neutral value is
+useful starts there, at several places where it has a place; others (yield, friction) start with a
+few plausible sizes. Pegs are found by `contact_search`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from dlo_ros.spline import FloatArray
 
 
 def starts(scene: Scene, present: Sequence[str] = ()) -> list[Start]:
-    """All beginnings, of effects that the model does not contain yet."""
+    """Starting values of all effects that the model does not contain yet."""
     result: list[Start] = []
     for name, effect in effects().items():
         if name not in present:
@@ -27,7 +27,7 @@ def starts(scene: Scene, present: Sequence[str] = ()) -> list[Start]:
 
 
 def moved(start: Start, amounts: Sequence[float]) -> Start:
-    """A start with the screened numbers changed by amounts, as a fit sees them.
+    """A start whose screened numbers are changed by amounts in the units of the fit.
 
     Args:
         amounts: in the order of the block's keys; of the logarithm where that is fitted.
@@ -37,7 +37,7 @@ def moved(start: Start, amounts: Sequence[float]) -> Start:
 
 
 def shrunk(start: Start, share: float) -> Start:
-    """A start with a share of what its screened numbers differ by from neutral."""
+    """A start whose screened numbers lie between neutral (share 0) and their present value (1)."""
 
     def part(q: Quantity, value: float) -> float:
         neutral = q.transformed(q.neutral)
@@ -60,7 +60,7 @@ def within_range(start: Start, amounts: FloatArray) -> FloatArray:
 
 
 def _changed(start: Start, change: Callable[[Quantity, float], float]) -> Start:
-    """A start of which every screened number is changed."""
+    """A start in which every screened number is changed."""
     block, keys = dict(start.block), quantities(start.effect)
     for key in start.screened:
         value, q = block[key], keys[key]

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Proposals: what might be a cause, and what the linearised posterior promises of it.
+"""Proposals of causes, and the gain in log evidence that a linearised posterior predicts for each.
 
 A proposal frees a number of the set-up from its tolerance, or adds an effect at one of the places
 where it is looked for. Nothing is fitted here.
@@ -23,21 +23,21 @@ from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 
 VARIANCE_ITERATIONS = 8
-"""Iterations of the error variances for a promise."""
+"""Iterations of the error variances for one predicted gain."""
 AMPLITUDE_STD = 1.5
 """Prior standard deviation of the amplitude of an effect that acts from a finite size on."""
 
 
 @dataclass(frozen=True)
 class Proposal:
-    """Something that might be a cause.
+    """A possible cause of what the model gets wrong.
 
     Args:
-        effect: its name.
-        form: tells variants of one effect apart.
-        start: of an effect that is added; None: a number of the set-up is freed.
-        parameters: with the priors of a cause; all that are fitted.
-        columns: names of those in which the effect is linear at first.
+        effect: name of the effect.
+        form: name of the variant of the effect.
+        start: values with which an added effect begins; None: a number of the set-up is freed.
+        parameters: all parameters that are fitted, with the priors of a cause.
+        columns: names of the parameters in which the effect is linear at first.
     """
 
     effect: str
@@ -48,23 +48,23 @@ class Proposal:
 
     @property
     def label(self) -> str:
-        """For people."""
+        """Name of the proposal for terminal and report."""
         return f"{self.effect} ({self.form})" if self.form else self.effect
 
     @property
     def from_nothing(self) -> bool:
-        """Whether a little of it changes the shapes a little, so that derivatives tell of it."""
+        """Whether the shapes change smoothly as the effect grows from nothing."""
         return self.start is None or self.start.neutral
 
 
 @dataclass(frozen=True)
 class Promise:
-    """The expectation of the linearised posterior for a proposal.
+    """The gain in log evidence that the linearised posterior predicts for a proposal.
 
     Args:
-        gain: in log evidence.
-        begin: the model with the proposal where it begins.
-        model: where it promises most, from which the fit starts.
+        gain: predicted increase of the log evidence.
+        begin: the model with the proposal at its first values.
+        model: the model at the linearised optimum, from which the fit starts.
     """
 
     proposal: Proposal
@@ -74,9 +74,9 @@ class Promise:
 
 
 def freed(model: ParametricModel) -> list[Proposal]:
-    """Numbers of the set-up that leave their tolerance, those of one place together.
+    """Proposals that free numbers of the set-up from their tolerance, those of one place together.
 
-    Damping that the parameter file only guesses is one, too.
+    A damping that the parameter file only guesses is such a number, too.
     """
     groups: dict[tuple[str, str], list[Parameter]] = {}
     for p in model.parameters:
@@ -93,17 +93,17 @@ def freed(model: ParametricModel) -> list[Proposal]:
 
 
 def told_as(p: Parameter) -> str:
-    """Effect as which a parameter that is off is told; empty for E and mu."""
+    """Name of the effect that reports give to a parameter that is off; empty for E and mu."""
     return p.effect or damping_effect(p.name)
 
 
 def pinned(p: Parameter) -> Parameter:
-    """A parameter that is held at its prior's centre."""
+    """The parameter, held at the centre of its prior."""
     return replace(p, std=1e-6 * p.std)
 
 
 def added(model: ParametricModel, begun: Sequence[Start]) -> list[Proposal]:
-    """Effects that the set-up does not contain, where they are looked for."""
+    """Proposals of effects that the set-up does not contain, one for each place of the search."""
     result = []
     for start in begun:
         present = model.settings.effects.get(start.effect, {})
@@ -114,7 +114,7 @@ def added(model: ParametricModel, begun: Sequence[Start]) -> list[Proposal]:
 
 
 def proposal_of(settings: Settings, start: Start) -> Proposal:
-    """An effect that is added where it is looked for."""
+    """The proposal that adds an effect at one place of the search."""
     fitted, names = priors.cause_priors(settings, start)
     return Proposal(start.effect, start.form or _place(start), start, fitted, names)
 
@@ -129,7 +129,7 @@ Extra = dict[int, tuple[FloatArray, ...]]
 
 
 def sheets(proposals: Sequence[Proposal]) -> list[list[Proposal]]:
-    """Added effects that share a simulation: those that do nothing at first, one of each kind."""
+    """Groups of added effects that share a simulation: neutral ones, one of each kind."""
     waiting = [p for p in proposals if p.start is not None]
     result = [[p] for p in waiting if not p.from_nothing]
     neutral = [p for p in waiting if p.from_nothing]
@@ -146,7 +146,7 @@ def sheets(proposals: Sequence[Proposal]) -> list[list[Proposal]]:
 def with_sheet(
     model: ParametricModel, sheet: Sequence[Proposal]
 ) -> tuple[ParametricModel, tuple[str, ...]]:
-    """The model with the effects of a sheet, and the parameters of which derivatives are wanted."""
+    """The model with the effects of a group, and the parameters whose derivatives are wanted."""
     names: list[str] = []
     for p in sheet:
         assert p.start is not None
@@ -156,7 +156,7 @@ def with_sheet(
 
 
 def columns(at: Evaluation, sheet: Sequence[Proposal], found: Simulated) -> Extra:
-    """Derivatives by what each proposal of a sheet adds; its whole change where it has none.
+    """Derivatives by what each proposal of a group adds; its whole change where it has none.
 
     Args:
         found: the simulation of `with_sheet`.
@@ -177,16 +177,16 @@ def columns(at: Evaluation, sheet: Sequence[Proposal], found: Simulated) -> Extr
 
 
 def joined(fields: Sequence[Field], extra: Sequence[FloatArray]) -> tuple[Field, ...]:
-    """Residuals with further derivatives."""
+    """The residuals with further derivatives."""
     return tuple(
         (r, np.concatenate([j, c], axis=1)) for (r, j), c in zip(fields, extra, strict=True)
     )
 
 
 def linear_prior(settings: Settings, proposal: Proposal) -> tuple[FloatArray, FloatArray]:
-    """Prior offset and precision of what an added effect is linear in at first.
+    """Prior offset and precision of the numbers in which an added effect is linear at first.
 
-    Of one that starts from a finite size that is the amplitude of its whole change.
+    Of an effect that starts from a finite size, that number is the amplitude of its whole change.
     """
     assert proposal.start is not None
     if not proposal.from_nothing:
@@ -198,10 +198,10 @@ def linear_prior(settings: Settings, proposal: Proposal) -> tuple[FloatArray, Fl
 
 
 def promises(at: Evaluation, proposals: Sequence[Proposal], extra: Extra) -> list[Promise]:
-    """The linearised gain of each proposal.
+    """The gain in log evidence that the linearised posterior predicts for each proposal.
 
     Args:
-        extra: contains the proposals, but for those that free a number of the set-up.
+        extra: derivatives of all proposals but those that free a number of the set-up.
     """
     adding = [p for p in proposals if p.start is not None]
     spectra = at.spectra
@@ -226,7 +226,7 @@ def promises(at: Evaluation, proposals: Sequence[Proposal], extra: Extra) -> lis
 
 
 def _freed(at: Evaluation, proposal: Proposal) -> Promise:
-    """The promise of numbers of the set-up that leave their tolerance."""
+    """The predicted gain of numbers of the set-up that leave their tolerance."""
     model = at.model.with_prior(proposal.parameters)
     found = linear_posterior(at, at.spectra, model.offset(), model.precision())
     gain = found.evidence - at.posterior.evidence
@@ -234,7 +234,7 @@ def _freed(at: Evaluation, proposal: Proposal) -> Promise:
 
 
 def _added(at: Evaluation, proposal: Proposal, spectra: Sequence[Spectrum]) -> Promise:
-    """The promise of an effect, with what it changes as last columns of the spectra."""
+    """The predicted gain of an effect, whose changes are the last columns of the spectra."""
     assert proposal.start is not None
     offset, precision = linear_prior(at.model.settings, proposal)
     found = linear_posterior(
@@ -258,7 +258,7 @@ def _added(at: Evaluation, proposal: Proposal, spectra: Sequence[Spectrum]) -> P
 
 
 def _moved(model: ParametricModel, before: ParametricModel, step: FloatArray) -> FloatArray:
-    """Values of a larger model where those of a smaller one have moved."""
+    """The larger model's values after a step of the smaller model's values."""
     theta = model.theta()
     for name, x in zip(before.names, step, strict=True):
         theta[model.index(name)] += x
@@ -268,7 +268,7 @@ def _moved(model: ParametricModel, before: ParametricModel, step: FloatArray) ->
 def linear_posterior(
     at: Evaluation, spectra: Sequence[Spectrum], offset: FloatArray, precision: FloatArray
 ) -> Posterior:
-    """The posterior of a model that is linear around its values; the error variances follow."""
+    """The posterior of the model linearised at its values, with fitted error variances."""
     _, found = fit_variances(
         spectra, offset, precision, at.model.settings.rod.length, at.variances,
         VARIANCE_ITERATIONS,

@@ -1,8 +1,8 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What an effect promises before it is fitted: a linear test, then one simulation.
+"""Screening of effects before a fit: a linear test, then one simulation of each that is left.
 
 The linear test takes the sensitivities of a coarser simulation with the residuals of the fine one;
-effects that do nothing at first share a simulation.
+effects that are neutral at first share a simulation.
 """
 
 from __future__ import annotations
@@ -33,22 +33,22 @@ LOG = logging.getLogger(__name__)
 SHARES = (1.0, 0.4, 0.1)
 """Shares of the step of the linear test that are tried."""
 GOOD_STEP = 0.5
-"""Gain over the promised one, from which a step needs not be shortened."""
+"""Share of the predicted gain from which a step is not shortened."""
 OTHER_PLACE = 0.7
-"""Share of the best gain from which another beginning of the same effect is tried, too."""
+"""Share of the best gain from which a second start of the same effect is tried, too."""
 DRAWS = 400
 AT_LEAST = 0.05
-"""Least share of the squared residuals that a beginning away from neutral is believed to leave."""
+"""Smallest share of the squared residuals that a start away from neutral is predicted to leave."""
 
 
 @dataclass(frozen=True)
 class Prospect:
-    """A start and the squared residuals that it promises.
+    """A start, with the sum of squared residuals that the linear test predicts for it.
 
     Args:
-        own: change of the other open parameters that belongs to it, as the fit sees them.
-        gain: what it promises, of minus twice the log likelihood; NaN where it starts elsewhere.
-        by_chance: what it would promise for residuals that nothing explains, shape (DRAWS,).
+        own: accompanying change of the other open parameters, in the units of the fit.
+        gain: predicted fall of minus twice the log likelihood; NaN for a start that is not neutral.
+        by_chance: predicted gains for residuals that nothing explains, shape (DRAWS,).
     """
 
     start: Start
@@ -58,7 +58,7 @@ class Prospect:
     by_chance: FloatArray | None = None
 
     def beginning(self, before: Model, share: float = 1.0) -> Model:
-        """The model with the effect, and a share of the promised step."""
+        """The model with the effect after a share of the predicted step."""
         start = _part(self.start, share)
         model = before.at(before.theta() + share * self.own)
         return model.extended(start.effect, start.block, start.fitted)
@@ -114,8 +114,8 @@ def _screen_sheet(problem: Problem, task: Task) -> list[Prospect]:
 def _drawn(at: CandidateEvaluation) -> FloatArray:
     """J^T r of residuals whose pictures have been given random signs, shape (DRAWS, P).
 
-    What repeats from picture to picture is lost, the noise with its size and its correlation along
-    the DLO stays.
+    An error that repeats from picture to picture is lost by that; the noise keeps its size and its
+    correlation along the DLO.
     """
     assert at.jacobians is not None
     rng = np.random.default_rng(0)
@@ -127,12 +127,12 @@ def _drawn(at: CandidateEvaluation) -> FloatArray:
 
 
 def _gain(hessian: FloatArray, gradients: FloatArray) -> FloatArray:
-    """What the linearised cost falls by, for many gradients (D, P)."""
+    """Fall of the linearised cost for many gradients (D, P)."""
     return np.asarray(np.einsum("dp,pd->d", gradients, solve(hessian, gradients.T)))
 
 
 def alarm(prospects: Sequence[Prospect]) -> tuple[float, float]:
-    """The largest promise of all, and the one that chance exceeds in 1 of 100 cases."""
+    """The largest predicted gain of all, and the one that chance exceeds in 1 of 100 cases."""
     linear = [p for p in prospects if p.by_chance is not None]
     if not linear:
         return np.inf, 0.0
@@ -141,7 +141,7 @@ def alarm(prospects: Sequence[Prospect]) -> tuple[float, float]:
 
 
 def _with(equations: Normal, amounts: FloatArray) -> tuple[FloatArray, float]:
-    """The minimum and its cost where the last unknowns are given."""
+    """The minimum and its cost with the last unknowns given."""
     count = len(equations.gradient) - len(amounts)
     inner, cross = equations.hessian[:count, :count], equations.hessian[:count, count:]
     step = np.append(solve(inner, equations.gradient[:count] - cross @ amounts), amounts)
@@ -151,7 +151,7 @@ def _with(equations: Normal, amounts: FloatArray) -> tuple[FloatArray, float]:
 
 
 def _shifted(start: Start, amounts: FloatArray) -> Start:
-    """The start at the promised minimum."""
+    """The start at the predicted minimum."""
     return moved(start, [float(a) for a in amounts])
 
 
@@ -214,7 +214,7 @@ def screen(
 
 
 def chosen(prospects: Sequence[Prospect], before: float) -> list[Prospect]:
-    """The best start of every form of every effect, and another place nearly as good."""
+    """The best start of every form of every effect, and a second place that is nearly as good."""
     groups: dict[tuple[str, str], list[Prospect]] = {}
     for p in sorted(prospects, key=lambda p: p.sum_of_squares):
         groups.setdefault((p.start.effect, p.start.form), []).append(p)
@@ -247,7 +247,7 @@ def _try(problem: Problem, task: tuple[CandidateEvaluation, Prospect]) -> Prospe
 def tried(
     team: Workers, before: CandidateEvaluation, prospects: Sequence[Prospect], progress: Progress
 ) -> list[Prospect]:
-    """One simulation of each prospect, best first; E and mu stay.
+    """One simulation of each prospect, best first; E and mu keep their values.
 
     Args:
         before: see `evaluation.earlier`.
@@ -263,7 +263,7 @@ def tried(
 
 
 def _part(start: Start, share: float) -> Start:
-    """The start with a share of what the linear test has added to it; others stay as they are."""
+    """The start after a share of the step of the linear test; others stay as they are."""
     if share == 1.0 or not start.neutral:
         return start
     return shrunk(start, share)

@@ -1,9 +1,9 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""The rod as a linear beam under tension, about a shape: what small loads do to it.
+"""The rod as a linear beam under tension about a shape: its response to small loads.
 
-Bending stiffness across (in space both ways, without what twist adds), tension, and hardly any
-stretch. It has more knot spans than what was observed: a load beside a clamp bends a short piece,
-and too few spans would make it stiffer than it is.
+The beam has bending stiffness (in space in both directions, without the part of twist), tension,
+and hardly any stretch. It has more knot spans than what was observed: a load beside a clamp bends a
+short piece, and too few spans would make it stiffer than it is.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ LEAST_TENSION = -8.0
 
 @dataclass(frozen=True)
 class Beam:
-    """A rod's stiffness, inertia and drag about shapes that it goes through.
+    """Stiffness, inertia and drag of a rod about shapes of its motion.
 
     Args:
-        settings: its parameters.
-        commands: that hold it.
-        axes: of space, that it moves along; x and z in the plane.
+        settings: parameters of the rod.
+        commands: imposed motions of the held places.
+        axes: coordinates in which it moves; x and z in the plane.
     """
 
     settings: Settings
@@ -45,23 +45,23 @@ class Beam:
 
     @cached_property
     def seen(self) -> SplineBasis:
-        """The basis of what was observed."""
+        """Spline basis of the observed shapes."""
         rod = self.settings.rod
         return SplineBasis(rod.control_points, rod.length)
 
     @cached_property
     def basis(self) -> SplineBasis:
-        """The finer basis of the beam."""
+        """Finer spline basis of the beam."""
         return SplineBasis(FINER * self.seen.spans + DEGREE, self.seen.length)
 
     @cached_property
     def lift(self) -> FloatArray:
-        """Control points of the beam from those observed, shape (N, n)."""
+        """Matrix from observed control points to those of the beam, shape (N, n)."""
         return self.basis.projection(self.seen)
 
     @cached_property
     def projection(self) -> FloatArray:
-        """What would be observed of its displacement, coordinates interleaved, shape (d n, d N)."""
+        """Matrix from the beam's displacement to the observed one, shape (d n, d N)."""
         return np.asarray(np.kron(self.seen.projection(self.basis), np.eye(len(self.axes))))
 
     @cached_property
@@ -71,18 +71,18 @@ class Beam:
 
     @cached_property
     def _fixed(self) -> np.ndarray:
-        """Which coordinates are imposed, shape (N, d)."""
+        """Mask of the imposed coordinates, shape (N, d)."""
         fixed = self._boundary.fixed.reshape(len(self.basis.greville), -1)
         return np.asarray(fixed[:, list(self.axes)])
 
     @property
     def free(self) -> np.ndarray:
-        """Which coordinates nothing imposes, shape (d N,)."""
+        """Mask of the coordinates that nothing imposes, shape (d N,)."""
         return ~self._fixed.ravel()
 
     @cached_property
     def _places(self) -> list[float]:
-        """Where it is held [m]."""
+        """Held places along the DLO [m]."""
         places = [0.0] if self._fixed[0].any() else []
         places += sorted(self._boundary.pin_abscissae.tolist())
         return places + ([self.seen.length] if self._fixed[-1].any() else [])
@@ -156,8 +156,8 @@ class Beam:
     ) -> FloatArray:
         """Tension at the quadrature points [N], from weight, inertia and the slope of the moment.
 
-        What holds the rod carries its weight. How several things share it is unknown: as they must,
-        for the shear forces to fit the moments best.
+        The grips carry the rod's weight, and it is unknown how they share it: the shares are chosen
+        such that the shear forces fit the moments best.
         """
         rod = self.settings.rod
         u, weight, (values, _, bends) = self._rule

@@ -1,9 +1,9 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The missing force: the load along the DLO that would bring the model onto the measurement.
 
-About a predicted shape the rod is a linear beam. What was observed beyond the prediction needs the
-load K d + C d' + M d'' (d: displacement). It is looked for among smooth loads, by least squares
-with the noise of the measurement, so that it comes with its uncertainty.
+About a predicted shape the rod is a linear beam. The displacement d from prediction to observation
+needs the load K d + C d' + M d''. It is sought among smooth loads, by least squares with the noise
+of the measurement, so that it has an uncertainty.
 """
 
 from __future__ import annotations
@@ -52,8 +52,8 @@ def missing_force(
 
     Args:
         predicted: control points [m], shape (F, n, 3 or more).
-        settings: of the model that predicts.
-        u: where the load is wanted [m], shape (U,).
+        settings: parameters of the model that predicts.
+        u: material coordinates of the load [m], shape (U,).
     """
     if len(predicted) < FEWEST:
         return None
@@ -80,7 +80,7 @@ def missing_force(
 def _systems(
     recording: Recording, predicted: FloatArray, beam: Beam, size: float
 ) -> list[tuple[FloatArray, FloatArray]]:
-    """What loads of a size [N/m] would do and what they should do, with the noise made white.
+    """Whitened linear systems: response to loads of a size [N/m], and the measured displacement.
 
     Returns:
         For each frame shapes (K, M) and (K,).
@@ -123,7 +123,7 @@ def _loads(u: FloatArray, length: float) -> FloatArray:
 
 
 def _smoothed(values: FloatArray, step: float, order: int) -> FloatArray:
-    """Derivative over time of what is smoothed."""
+    """Derivative over time of smoothed values."""
     return np.asarray(savgol_filter(values, WINDOW, 3, deriv=order, delta=step, axis=0))
 
 
@@ -148,7 +148,7 @@ def _noise(parts: Sequence[FloatArray], place: int, step: float) -> FloatArray:
 
 
 def _evidence(systems: Sequence[tuple[FloatArray, FloatArray]], prior: FloatArray) -> float:
-    """Logarithm of the likelihood of all frames, loads of this variance drawn anew in each."""
+    """Log likelihood of all frames, with loads of this variance drawn independently in each."""
     total = 0.0
     for j, target in systems:
         spread = np.eye(len(target)) + (j * prior) @ j.T

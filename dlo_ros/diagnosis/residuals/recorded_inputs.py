@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What varied in recordings and may have to do with what a model gets wrong."""
+"""Quantities in recordings on which the residual of a model may depend: grips, motion, bending."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ FADING = 2.0
 
 @dataclass(frozen=True)
 class Input:
-    """Something that varied.
+    """A quantity that varied in recordings.
 
     Args:
         name: in plain words, to follow "depends on".
@@ -40,7 +40,7 @@ class Input:
 def inputs(
     recordings: Sequence[Recording], predicted: Sequence[FloatArray], settings: Settings
 ) -> tuple[Input, ...]:
-    """All that varies in some recording.
+    """All quantities that vary in some recording.
 
     Args:
         predicted: control points per recording [m], shape (F, n, 3 or more), of its last F frames.
@@ -82,7 +82,7 @@ def inputs(
 
 
 def _varies(columns: Sequence[FloatArray], unit: float) -> bool:
-    """Whether the input moves within any recording; what differs between them is no motion."""
+    """Whether the input varies within any recording; differences between them do not count."""
     return any(bool(np.any(np.std(c, axis=0) > LEAST * unit)) for c in columns)
 
 
@@ -90,7 +90,7 @@ Grip = dict[str, tuple[FloatArray, FloatArray, FloatArray]]
 
 
 def _grip(recording: Recording, frames: int) -> Grip:
-    """Per held place: position [m], direction there, both velocities; shape (F, 3), (F, 6)."""
+    """Position [m], direction and both velocities of each held place; shape (F, 3), (F, 6)."""
     motion = motion_of(recording.manipulation)
     stamps = [o.stamp for o in recording.manipulation.observations[-frames:]]
     gaps = np.diff(stamps)
@@ -157,7 +157,7 @@ def _principal(columns: Sequence[FloatArray], most: int) -> list[FloatArray]:
 
 
 def _past(velocity: FloatArray, speed: FloatArray, times: FloatArray, fading: float) -> FloatArray:
-    """Velocity that fades with time, and the way travelled over the time, shape (F, m)."""
+    """Velocity with an exponentially fading memory, and the path travelled, shape (F, m)."""
     steps = np.diff(times, prepend=times[0])
     faded = np.zeros_like(velocity)
     for f in range(1, len(times)):

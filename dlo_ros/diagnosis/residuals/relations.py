@@ -1,12 +1,12 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Relations of a residual: its patterns along u and in time, and the inputs that it depends on.
 
-Residuals and inputs both vary slowly, and two slow things are always alike. So what drifts is taken
-out of every recording first, and an input must then explain more than it does of surrogates, of two
-kinds: Gaussian fields with the residual's spectrum, its patterns along the DLO and its size over
-time (after Prichard and Theiler, Phys. Rev. Lett. 73, 1994, but the amplitudes drawn as well as the
-phases); and the residual itself, shifted in time, which still swings and strikes as it does. The
-best of all inputs is held against the best of all in each surrogate.
+Residuals and inputs both vary slowly, and any two slow signals look alike. So drift is removed from
+every recording first, and an input must then explain more of the residual than of surrogates, of
+two kinds: Gaussian fields with the residual's spectrum, its patterns along the DLO and its size
+over time (after Prichard and Theiler, Phys. Rev. Lett. 73, 1994, but the amplitudes drawn as well
+as the phases); and the residual itself, shifted in time, which keeps its swings and impacts. The
+best of all inputs is compared with the best of all in each surrogate.
 """
 
 from __future__ import annotations
@@ -71,8 +71,8 @@ class Relation:
         share: of the part that repeats and does not drift, predicted from the other recordings or
             spans of time.
         chance: how often surrogates are explained as well.
-        told: whether it is more than chance, and not only by way of another input.
-        alike: inputs that explain it about as well, and cannot be told from this one.
+        told: whether the relation is more than chance, and not only by way of another input.
+        alike: inputs that explain it about as well, so that the data cannot separate them.
     """
 
     name: str
@@ -92,8 +92,8 @@ class Relations:
         size: the same [m], as eq. (10) measures it.
         constant, slow: shares of it that stay within each recording, and that drift there.
         pattern: along the DLO; None where nothing repeats.
-        inputs: by falling share, those that are told first.
-        unjudged: inputs that vary too slowly to be told from a drift.
+        inputs: by falling share, significant ones first.
+        unjudged: inputs that vary too slowly to be separated from a drift.
     """
 
     root_autocovariance: float
@@ -213,7 +213,7 @@ def relate(
 
 
 def sentences(found: Relations) -> tuple[str, ...]:
-    """What was found, for a reader."""
+    """The significant relations in sentences for the report."""
     if found.pattern is None:
         return ()
     parts = [
@@ -294,7 +294,7 @@ def _orthonormal(columns: FloatArray, least: float) -> FloatArray | None:
 
 
 def _ends(times: Sequence[FloatArray]) -> np.ndarray:
-    """Where recordings that stand one below the other are cut apart."""
+    """Rows at which stacked recordings are separated."""
     return np.cumsum([len(t) for t in times])[:-1]
 
 
@@ -313,7 +313,7 @@ def _amplitudes(fields: Sequence[FloatArray], times: Sequence[FloatArray]) -> li
 
 
 def _predicted_share(field: FloatArray, basis: FloatArray, times: Sequence[FloatArray]) -> float:
-    """Power explained of recordings (or spans) by what the others tell.
+    """Share of the power of recordings (or spans) that the other ones predict.
 
     Noise, which is new in what is predicted, adds nothing on average.
     """

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Surrogates of residuals: what might be there by chance, to hold relations against."""
+"""Surrogates of residuals: random fields that relations found by chance are compared with."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def chances(
     amplitudes: Sequence[FloatArray], slow: Sequence[FloatArray], judged: dict[str, FloatArray],
     rng: np.random.Generator,
 ) -> dict[str, tuple[float, float]]:  # fmt: skip
-    """How often surrogates are explained as well, Gaussian ones and shifted ones, for each input.
+    """Share of surrogates, Gaussian and shifted, that each input explains as well as the residual.
 
     Args:
         amplitudes: per recording, over time, of patterns along the DLO, shape (F, M).

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Pairs of effects: first ones, beside which a second is looked for, and pegs of other sizes."""
+"""Pairs of effects: first effects beside which a second is searched, and other sizes of pegs."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ FIRST_SHARE = 0.9
 def other_pegs(
     team: Workers, decision: verdict.Decision, known: Sequence[Candidate]
 ) -> list[Candidate]:
-    """The explanation with pegs of other sizes, which tell how little is known of it."""
+    """The explanation with pegs of other sizes, which show how well its numbers are known."""
     chosen = decision.chosen
     if chosen is None or len(chosen.effects) < 2:
         return []
@@ -33,7 +33,7 @@ def other_pegs(
 
 
 def bases(singles: Sequence[Candidate], before: float) -> list[Candidate]:
-    """The best effects in the form that leaves least: the clearer shows what is missing beside."""
+    """The best effects, each in the form with the smallest residual, as first effects of pairs."""
     result: dict[str, Candidate] = {}
     for c in singles:
         if c.root_autocovariance < FIRST_SHARE * before:

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""The search among effects: every effect is fitted coarsely, the promising ones to convergence."""
+"""The search among effects: a coarse fit of every effect, a full fit of the promising ones."""
 
 from __future__ import annotations
 
@@ -53,10 +53,10 @@ AS_PROMISING = 3.0
 
 @dataclass(frozen=True)
 class Candidate:
-    """A fitted extension.
+    """A fitted extension of the plain model.
 
     Args:
-        effect: the one that was added last.
+        effect: name of the effect that was added last.
         form: see `Start`.
         at: the fit, with derivatives.
         score: see `residual_autocovariance.predictive_score`; lower is better.
@@ -87,7 +87,7 @@ def _carry_on(problem: Problem, task: tuple[Model, bool]) -> CandidateEvaluation
 
 
 def _whole(problem: Problem) -> list[Recording]:
-    """The recordings to their end with the coarse simulation."""
+    """The recordings in full length with the coarse simulation."""
     return [
         replace(r, spans=d.spans, tolerance=d.tolerance)
         for r, d in zip(problem.recordings, problem.drafts, strict=True)
@@ -99,15 +99,15 @@ def _complete(problem: Problem, model: Model) -> CandidateEvaluation | None:
 
 
 def differentiable(effect: str) -> bool:
-    """Whether a motion has derivatives once an effect acts."""
+    """Whether a motion is differentiable once an effect acts."""
     return effects()[effect].differentiable
 
 
 def _worth(prospects: Sequence[Prospect]) -> tuple[list[Prospect], list[Prospect]]:
     """The prospects that are worth a fit, and the rest.
 
-    Worth it are the best one of every effect and all that come near the best of all; of a nonsmooth
-    effect every form is, where the effect ranks high.
+    These are the best one of every effect and all that come near the best of all; of a nonsmooth
+    effect that ranks high, every form.
     """
     first: list[Prospect] = []
     rest: list[Prospect] = []
@@ -177,14 +177,14 @@ def search(
 
 @dataclass(frozen=True)
 class _Draft:
-    """A fit with the coarse simulation, and what its excess was a round before."""
+    """A fit with the coarse simulation, and its excess one round before."""
 
     start: Start
     at: CandidateEvaluation
     before: float
 
     def excess(self, noise: float) -> float:
-        """Squared residuals beyond those of the noise; at least a tenth of these."""
+        """Sum of squared residuals beyond that of the noise; at least a tenth of the latter."""
         return max(self.at.sum_of_squares - noise, 0.1 * noise)
 
 
@@ -253,7 +253,7 @@ def _fitted(
 
 
 def resized(team: Workers, c: Candidate, *, coarse: bool = False) -> list[Candidate]:
-    """A candidate with a peg fitted anew from other radii, each a form of its own."""
+    """A candidate with a peg, fitted anew from other radii; each radius is a form of its own."""
     problem, model = team.problem, c.at.model
     effect = Obstacle.name
     observed = [r.observed for r in problem.recordings]
@@ -270,8 +270,8 @@ def resized(team: Workers, c: Candidate, *, coarse: bool = False) -> list[Candid
 def reformed(team: Workers, c: Candidate, singles: Sequence[Candidate]) -> list[Candidate]:
     """A pair fitted anew from the other forms of its first effect.
 
-    Among single effects the form with most numbers leaves least; beside the second effect a simpler
-    one may be right.
+    Among single effects the form with most numbers leaves the smallest residual; beside the second
+    effect a simpler form may be right.
 
     Args:
         singles: fits of single effects, the first effect of the pair among them.
@@ -289,10 +289,10 @@ def reformed(team: Workers, c: Candidate, singles: Sequence[Candidate]) -> list[
 
 
 def apart(team: Workers, c: Candidate, known: Sequence[str]) -> list[Candidate]:
-    """A candidate without each of its effects, fitted anew from there; none where it has but one.
+    """A candidate fitted anew without each of its effects; none where it has but one.
 
     Args:
-        known: effects that it keeps.
+        known: names of the effects that the candidate keeps.
     """
     added = [name for name in c.at.model.effects if name not in known]
     if len(c.at.model.effects) < 2:
@@ -309,7 +309,7 @@ def apart(team: Workers, c: Candidate, known: Sequence[str]) -> list[Candidate]:
 
 
 def _promising(drafts: Sequence[_Draft], noise: float, enough: float, least: float) -> list[int]:
-    """The drafts that are worth more time, best first."""
+    """The drafts that are worth a longer fit, best first."""
     order = sorted(range(len(drafts)), key=lambda k: drafts[k].at.cost)
     if not order:
         return []
@@ -330,7 +330,7 @@ def _promising(drafts: Sequence[_Draft], noise: float, enough: float, least: flo
 
 
 def _likely(drafts: Sequence[_Draft], noise: float, enough: float, least: float) -> list[int]:
-    """The drafts that are worth the fine simulation, the best of each effect first."""
+    """The drafts that are worth a fit with the fine simulation, the best of each effect first."""
     order = _promising(drafts, noise, enough, least)
     if (
         not order
@@ -347,7 +347,7 @@ def _likely(drafts: Sequence[_Draft], noise: float, enough: float, least: float)
 
 
 def candidate(effect: str, form: str, at: CandidateEvaluation, given: Settings) -> Candidate:
-    """Judge a fit."""
+    """The candidate of a fit, with its score."""
     score = residual_autocovariance.predictive_score(at, given)
     return Candidate(
         effect, form, at, score, residual_autocovariance.root_autocovariance(at.residuals)

@@ -1,8 +1,8 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What a DLO is, told from the time before it hits something.
+"""Effects that are fitted to the time before the DLO hits something.
 
-A peg may do so much that of another effect nothing can be seen beside it. Before the DLO meets the
-peg the other effect is alone.
+A peg may change the shapes so much that another effect beside it cannot be seen. Before the DLO
+meets the peg the other effect is alone.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ MOST_EXPLANATIONS = 2
 def alone_before(
     problem: Problem, plain: Candidate, names: Sequence[str], processes: int, progress: Progress
 ) -> list[Candidate]:
-    """Effects that explain the first part of each recording, best first, held against all of it.
+    """Effects that explain the first part of each recording, best first, evaluated on all of it.
 
     Args:
         plain: the model without them, fitted to everything.
@@ -72,7 +72,7 @@ def _part(problem: Problem, share: float) -> Problem:
 
 
 def _whole(problem: Problem, c: Candidate) -> Candidate | None:
-    """A candidate held against everything, with the numbers of the first part."""
+    """A candidate evaluated on whole recordings, with the numbers fitted to the first part."""
     try:
         at = evaluate(c.at.model, problem.recordings, problem.given)
     except SimulationError:

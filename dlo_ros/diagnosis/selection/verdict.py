@@ -1,7 +1,7 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""From fitted candidates of one effect or two to a verdict; each is named with all its rivals.
+"""The verdict on fitted candidates of one effect or two; each finding is named with its rivals.
 
-Where more is wrong than that, the joint model takes over, by rules of its own
+Where more is wrong than that, the joint model takes over, with rules of its own
 (`dlo_ros.diagnosis.explain.joint_explanation`).
 """
 
@@ -63,7 +63,7 @@ class SufficientEffects:
     """A set of effects that brings the residual down to the noise.
 
     Args:
-        effects: their names, the first found first.
+        effects: names of the effects in the order in which they were found.
         candidate: the fit.
     """
 
@@ -73,7 +73,7 @@ class SufficientEffects:
 
 @dataclass(frozen=True)
 class Decision:
-    """What the data allow to say.
+    """The verdict, the chosen explanation and its rivals.
 
     Args:
         verdict: see interface.md.
@@ -98,7 +98,7 @@ def limit(before: float) -> float:
 
 
 def adequate(residuals: Sequence[FloatArray]) -> bool:
-    """Whether the residuals of the plain model are noise.
+    """Whether the residuals of the plain model are no more than noise.
 
     Args:
         residuals: see `residual_autocovariance.root_autocovariance`.
@@ -110,7 +110,7 @@ def adequate(residuals: Sequence[FloatArray]) -> bool:
 
 
 def excusable(residuals: Sequence[FloatArray]) -> bool:
-    """Whether residuals may be correlated by chance: of many pictures the noise is known well."""
+    """Whether residuals may be correlated by chance, for which many pictures leave little room."""
     pictures = sum(len(r) for r in residuals)
     return (
         pictures < residual_autocovariance.FEW
@@ -119,7 +119,7 @@ def excusable(residuals: Sequence[FloatArray]) -> bool:
 
 
 def explains(candidate: Candidate, most: float) -> bool:
-    """Whether a candidate's residuals are little correlated, or as a few pictures' are by chance.
+    """Whether a candidate's residuals are hardly correlated, or as far as chance in few pictures.
 
     Args:
         most: see `limit`.
@@ -158,10 +158,10 @@ def sure(
     candidates: Sequence[Candidate],
     holdout_err: Callable[[Candidate], float | None],
 ) -> tuple[SufficientEffects, tuple[tuple[str, ...], ...]] | None:
-    """The effects of an incomplete model that are certain: every model without them is much worse.
+    """Effects of an incomplete model that are certain: every model without them is much worse.
 
-    Judged by ERR, every recording counting the same: where no model is right, the residuals are no
-    noise.
+    They are judged by ERR, in which every recording counts the same: where no model is right, the
+    residuals are no noise.
 
     Args:
         plain: the model without any of the effects.
@@ -199,7 +199,7 @@ def _missed(c: Candidate) -> float:
 
 
 def _stand_ins(candidates: Sequence[Candidate], not_these: set[str]) -> tuple[str, ...] | None:
-    """The effects that all candidates have; None where they have none in common."""
+    """The effects that all candidates have in common; None where there are none."""
     if not candidates:
         return ()
     shared = set.intersection(*(set(c.at.model.effects) for c in candidates)) - not_these
@@ -213,7 +213,7 @@ def confirmed(
     *,
     up_to: float = CONFIRMED,
 ) -> list[SufficientEffects]:
-    """Those explanations that also hold on the held-out data.
+    """The explanations that also hold on the held-out data.
 
     Args:
         found: explanations, best first.
@@ -232,7 +232,7 @@ def confirmed(
 def suspects(
     candidates: Sequence[Candidate], holdout_err: Callable[[Candidate], float | None]
 ) -> list[Candidate]:
-    """The candidates that come nearest where none explains the data, best first; none is a finding.
+    """The candidates that come nearest where none explains the data, best first; no findings.
 
     Args:
         candidates: all that were fitted.
@@ -249,7 +249,7 @@ def suspects(
 
 
 def as_good(best: Candidate, other: Candidate) -> bool:
-    """Whether another explanation cannot be excluded: within the noise, or nearly so."""
+    """Whether another explanation cannot be excluded, since it is as good within the noise."""
     gap = residual_autocovariance.compare(best.at.residuals, other.at.residuals)
     if gap.difference < SIGNIFICANT_STDS * gap.std and other.root_autocovariance < ALIKE * max(
         best.root_autocovariance, AS_GOOD
@@ -265,7 +265,7 @@ def equal_predictors(
 ) -> list[SufficientEffects]:
     """Explanations that predict as well as the best and fit worse, where pictures are few.
 
-    A few pictures tell little about the noise; held-out data tell more.
+    Few pictures determine the noise poorly; then held-out data decide better.
     """
     pictures = sum(len(r) for r in best.at.residuals)
     err = holdout_err(best)
@@ -285,7 +285,7 @@ def equal_predictors(
 
 
 def without_idle(best: Candidate, singles: Sequence[Candidate]) -> list[SufficientEffects]:
-    """Single effects of a pair that do as well as both, best first: the other did nothing."""
+    """Single effects that do as well as the pair, best first: the other effect did nothing."""
     names = set(best.at.model.effects)
     return [
         SufficientEffects(c.at.model.effects, c)

@@ -37,7 +37,7 @@ class Hysteresis(Effect):
 
     @classmethod
     def starts(cls, scene: Scene) -> list[Start]:
-        """A little and much of it, which turns over fast and slowly."""
+        """Small and large moments, each with a fast and a slow reversal."""
         keys, weight = ("moment", "curvature"), scene.rope.unit("N m")
         return [
             Start(

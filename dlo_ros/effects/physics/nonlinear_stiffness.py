@@ -30,7 +30,7 @@ class NonlinearStiffness(Effect):
 
     @classmethod
     def starts(cls, scene: Scene) -> list[Start]:
-        """Half curvatures about those that occur."""
+        """Half curvatures near the curvatures that occur."""
         key = ("half_curvature",)
         return [
             Start(cls.name, {key[0]: factor * scene.curvature}, key, key, neutral=False)

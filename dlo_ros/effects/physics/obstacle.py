@@ -31,5 +31,5 @@ class Obstacle(Effect):
 
     @classmethod
     def starts(cls, scene: Scene) -> list[Start]:
-        """Nowhere: pegs are looked for where shapes go astray: `dlo_ros.diagnosis.contact`."""
+        """None: pegs are sought beside outlier frames, by `dlo_ros.diagnosis.contact`."""
         return []

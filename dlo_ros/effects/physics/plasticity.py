@@ -37,7 +37,7 @@ class Plasticity(Effect):
 
     @classmethod
     def starts(cls, scene: Scene) -> list[Start]:
-        """Yield curvatures below those that occur."""
+        """Yield curvatures below the curvatures that occur."""
         keys = ("yield_curvature", "hardening")
         return [
             Start(cls.name, {keys[0]: share * scene.curvature, keys[1]: HARDENING}, keys, keys,

@@ -29,9 +29,10 @@ class PointMass(Effect):
 
     @classmethod
     def starts(cls, scene: Scene) -> list[Start]:
-        """Nothing at several places, and as much as the rope itself at its end.
+        """No mass at several places, and a mass equal to the rope's at its end.
 
-        A mass that outweighs the rope goes with an E that no linear test finds from nothing.
+        A mass that outweighs the rope changes the estimate of E so much that no linear test from
+        nothing finds it.
         """
         rope, keys = scene.rope, ("mass", "position")
         found = [

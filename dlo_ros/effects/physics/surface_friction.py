@@ -28,7 +28,7 @@ class SurfaceFriction(Effect):
 
     @classmethod
     def starts(cls, scene: Scene) -> list[Start]:
-        """A little and much."""
+        """Small and large friction."""
         key = ("force",)
         return [
             Start(cls.name, {key[0]: share * scene.rope.weight}, key, key, neutral=False)

@@ -37,7 +37,7 @@ class Viscoelasticity(Effect):
 
     @classmethod
     def starts(cls, scene: Scene) -> list[Start]:
-        """Nothing, with a short, a middle and a long time."""
+        """No relaxation at first, with a short, a middle and a long time."""
         return [
             Start(cls.name, {"share": 0.0, "time": time}, ("share",), ("share", "time"))
             for time in TIMES

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Why a manipulation tells much, in a sentence."""
+"""The reason why a manipulation is informative, in a sentence."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from dlo_ros.parameters import Settings
 
 
 def length_over_scale(settings: Settings) -> float:
-    """L/l with l = (B/w)^(1/3): how much longer the DLO is than its weight can bend it."""
+    """L/l with l = (B/w)^(1/3): length of the DLO over that at which it bends by its weight."""
     rod = settings.rod
     weight = rod.linear_density * float(np.linalg.norm(settings.gravity))
     return float(rod.length * (weight / rod.bending_stiffness) ** (1 / 3)) if weight else 0.0
 
 
 def reason(found: Outlook, weakest: Outlook, settings: Settings) -> str:
-    """What a manipulation shows of E/mu, where and when, beside the one that shows least.
+    """Sentence on what a manipulation shows of E/mu, where and when, beside the weakest one.
 
     Args:
         found: the manipulation.
-        weakest: the one to compare it with.
-        settings: of the rod.
+        weakest: the manipulation that it is compared with.
+        settings: parameters of the rod.
     """
     length = settings.rod.length
     shift = displacement(found.forecast, settings)  # (F, U)
@@ -42,7 +42,7 @@ def reason(found: Outlook, weakest: Outlook, settings: Settings) -> str:
     place = f"most at u = {at:.2f} m" + (f" around {when:.1f} s" if moving else "")
     words.append(place)
     sentence = ", ".join(words)
-    told = f"so it tells E/mu to {rounded(100.0 * found.std['specific_modulus'])} %"
+    told = f"so it determines E/mu to {rounded(100.0 * found.std['specific_modulus'])} %"
     density = found.std["density"]
     if found.information[1, 1] > 0.0 and density < IDENTIFIED and settings.damping.air_drag_std:
         told += f" and, by the known drag, mu to {rounded(100.0 * density)} %"

@@ -1,12 +1,13 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Which manipulation would tell most, before it is made.
+"""Expected information of planned manipulations, before they are made.
 
 A planned manipulation is simulated with the sensitivities of every shape; with the errors of the
-observer they give the Fisher information on ln (E, mu, c, t_r) and on all numbers of the set-up,
-which have their tolerances as priors and are integrated out, as in `identify`: where a rope stands
-near a snap such trifles decide, and it tells nothing about E. A plan's gain is how much the volume
-of what is possible for (E, mu) shrinks by it, damping being a nuisance (D-optimality in what is
-still unknown). Two models are told apart by what no choice of (E, mu, c, t_r) can make up for.
+observer they give the Fisher information on ln (E, mu, c, t_r) and on all numbers of the set-up.
+The latter have their tolerances as priors and are integrated out, as in `identify`: where a rope
+stands near a snap, small errors of the set-up decide which way it goes, and its shape says nothing
+about E. A plan's gain is the reduction of the volume of the posterior of (E, mu), damping being a
+nuisance (D-optimality in what is still unknown). Two models are separated by the difference of
+their shapes that no choice of (E, mu, c, t_r) can remove.
 """
 
 from __future__ import annotations
@@ -52,7 +53,7 @@ POINTS = 81  # along the DLO, where displacements are told
 
 @dataclass(frozen=True)
 class Noise:
-    """How well the observer measures.
+    """The errors of the observer.
 
     Args:
         std: of a measured point across the DLO [m].
@@ -71,11 +72,11 @@ class Plan:
     """A manipulation that might be made.
 
     Args:
-        name: for people.
-        command: what would be imposed; the recording starts with it.
-        shape: near the equilibrium that it starts from, control points (n, 4).
-        duration: of the recording [s].
-        rate: of the camera [Hz].
+        name: name for the report.
+        command: imposed motion, with which the recording starts.
+        shape: control points near the equilibrium at the start, shape (n, 4).
+        duration: duration of the recording [s].
+        rate: frame rate of the camera [Hz].
     """
 
     name: str
@@ -95,11 +96,11 @@ class Plan:
 
 @dataclass(frozen=True)
 class Outlook:
-    """What a plan would tell.
+    """The expected result of a plan.
 
     Args:
         plan: the plan.
-        gain: how much it would tell about (E, mu), in bits.
+        gain: expected information about (E, mu), in bits.
         std: predicted standard deviations of the logarithms of young_modulus, density and
             specific_modulus, what is known beforehand included.
         response: mean displacement for a unit change of ln(E/mu), over L.
@@ -121,7 +122,7 @@ def information(
     """Expected information of a recording on ln (E, mu, c, t_r), the set-up integrated out.
 
     Args:
-        recording: whose shapes are to come.
+        recording: planned recording, whose shapes are still to come.
         model: with the set-up open within its tolerances.
         found: its forecast with derivatives by all of its parameters.
         noise: of the observer.
@@ -150,9 +151,9 @@ def information(
 
 
 def _variances(settings: Settings, noise: Noise, parts: int) -> Variances:
-    """Errors of an observer across the DLO, along it and, in space, out of the plane.
+    """Variances of an observer's errors across the DLO, along it and, in space, out of the plane.
 
-    Along the DLO each picture has an error of u, which is smooth, as `identify` takes it.
+    Along the DLO each picture has a smooth error of u, as in `identify`.
     """
     rod = settings.rod
     points = max(rod.length / noise.spacing, 1.0) + 1.0
@@ -194,7 +195,7 @@ def outlook(
     hypotheses: Sequence[float] = HYPOTHESES,
     spans: int | None = None,
 ) -> Outlook:
-    """What a plan would tell.
+    """The expected result of a plan.
 
     Args:
         plan: the plan.
@@ -248,9 +249,10 @@ def outlook(
 
 
 def _felt(plan: Plan, settings: Settings, spans: int | None) -> FloatArray:
-    """What a sensor of known noise at one grip would tell, (4, 4): of mu, where E/mu is known.
+    """Information (4, 4) on mu from a force sensor of known noise at one grip, where E/mu is known.
 
-    It is that at the start, or at the end where the start is free. With every picture one message.
+    The sensor is at the start, or at the end where the start is free, and sends one message with
+    every picture.
     """
     told = np.zeros((len(MATERIAL), len(MATERIAL)))
     if not settings.wrench.force_std > 0.0:
@@ -277,9 +279,9 @@ def _felt(plan: Plan, settings: Settings, spans: int | None) -> FloatArray:
 
 
 def displacement(found: Forecast, settings: Settings) -> FloatArray:
-    """By how much a unit change of ln(E/mu) displaces the DLO, shape (F, U) [m].
+    """Displacement of the DLO for a unit change of ln(E/mu), shape (F, U) [m].
 
-    U points are spread evenly along it; `POINTS` of them.
+    The U (`POINTS`) points are spread evenly along it.
     """
     assert found.derivative is not None
     n, length = settings.rod.control_points, settings.rod.length
@@ -289,7 +291,7 @@ def displacement(found: Forecast, settings: Settings) -> FloatArray:
 
 
 def _gain(before: FloatArray, told: FloatArray) -> float:
-    """Bits told about (E, mu), the other parameters being unknown."""
+    """Expected information about (E, mu) in bits, the other parameters being unknown."""
     first, then = (np.linalg.inv(m)[:2, :2] for m in (before, before + told))
     return float(np.linalg.slogdet(first)[1] - np.linalg.slogdet(then)[1]) / (2.0 * math.log(2.0))
 
@@ -301,7 +303,7 @@ def rank(
     *,
     known: FloatArray | None = None,
 ) -> list[Outlook]:
-    """Plans by what they would tell, the best first; see `outlook`.
+    """Plans by their expected information, the best first; see `outlook`.
 
     Raises:
         SimulationError: a plan cannot be simulated; the message names it.
@@ -312,7 +314,7 @@ def rank(
 
 @dataclass(frozen=True)
 class ModelSeparation:
-    """How well a plan would tell two models apart.
+    """The separation of two models by a plan.
 
     Args:
         plan: the plan.
@@ -332,7 +334,7 @@ def separation(
     second: Settings,
     noise: Noise = Noise(),
 ) -> ModelSeparation:
-    """How well a plan would tell two models apart, such as two with different effects.
+    """The separation of two models by a plan, such as two with different effects.
 
     Raises:
         SimulationError: one of them cannot be simulated.
@@ -373,7 +375,7 @@ def rank_separation(
     second: Settings,
     noise: Noise = Noise(),
 ) -> list[ModelSeparation]:
-    """Plans by how well they tell two models apart, the best first; see `separation`.
+    """Plans by their separation of two models, the best first; see `separation`.
 
     Plans that one of the models cannot follow are left out.
     """

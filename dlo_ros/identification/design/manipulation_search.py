@@ -1,8 +1,8 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Search for the manipulation that tells most, within the limits of a workspace.
+"""Search for the manipulation with the largest expected information, within a workspace.
 
-A candidate is where the held ends are at a few moments: they move gently (minimum jerk) from one
-place to the next and rest there. Candidates are drawn at random, and the best are varied.
+A candidate is a list of poses of the held ends at a few moments: they move smoothly (minimum jerk)
+from one pose to the next and rest there. Candidates are drawn at random, and the best are varied.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ TURN = np.pi  # range of a clamp's direction to either side
 
 @dataclass(frozen=True)
 class Workspace:
-    """What is possible.
+    """The limits of a manipulation.
 
     Args:
         x, z: bounds of the held ends [m], low and high.
@@ -89,7 +89,7 @@ def varied(
     candidate: ManipulationCandidate, spread: float, workspace: Workspace, length: float,
     rng: np.random.Generator,
 ) -> ManipulationCandidate:  # fmt: skip
-    """A candidate like another one."""
+    """A random variation of a candidate."""
     low, high = _ranges(workspace)
     step = spread * (high - low)
     start = candidate.start + step * rng.normal(size=candidate.start.shape)
@@ -106,7 +106,7 @@ def _ranges(workspace: Workspace) -> tuple[FloatArray, FloatArray]:
 def possible(
     candidate: ManipulationCandidate, workspace: Workspace, length: float
 ) -> ManipulationCandidate:
-    """The nearest candidate within the bounds that is slow enough and can be reached."""
+    """The nearest candidate within the bounds that is slow enough and within reach."""
     low, high = _ranges(workspace)
     start, end = (np.clip(track, low, high) for track in (candidate.start, candidate.end))
     for k in range(MOMENTS):
@@ -261,7 +261,7 @@ def search(
     seed: int = 0,
     progress: Callable[[float], None] = lambda share: None,
 ) -> Found:
-    """The manipulation that would tell most about (E, mu); see `outlook`.
+    """The manipulation with the largest expected information about (E, mu); see `outlook`.
 
     Args:
         settings: of the rod; the first guess.
@@ -270,7 +270,7 @@ def search(
         known: see `outlook`.
         budget: candidates that are simulated.
         seed: of the random numbers; the same seed gives the same manipulation.
-        progress: is told the share of the budget that is used.
+        progress: called with the share of the budget that is used.
 
     Raises:
         SimulationError: no candidate can be simulated.

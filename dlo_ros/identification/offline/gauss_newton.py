@@ -1,8 +1,9 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""The fit: parallel starts, then Gauss-Newton on logarithms with exact or shared-step derivatives.
+"""The material fit: parallel starts, then Gauss-Newton on the logarithms of the parameters.
 
-The cost is the concentrated likelihood, in which the noise is unknown, plus what is known
-beforehand. Recordings are simulated side by side in threads, since compiled code runs freely.
+Derivatives are exact or differences of simulations with shared steps. The cost is the concentrated
+likelihood, in which the noise is unknown, plus the prior. Recordings are simulated side by side in
+threads, since compiled code releases the interpreter's lock.
 """
 
 from __future__ import annotations
@@ -64,7 +65,7 @@ class MaterialFit:
 
 @dataclass
 class Simulations:
-    """How recordings are simulated.
+    """Pool and resolutions with which recordings are simulated.
 
     Args:
         pool: where.
@@ -75,7 +76,7 @@ class Simulations:
     spans: dict[int, tuple[float, float, Forecast]] = field(default_factory=dict)
 
     def known(self, index: int, settings: Settings) -> Forecast | None:
-        """A forecast whose resolution holds for these settings, too."""
+        """A forecast whose resolution is fine enough for these settings, too."""
         if index not in self.spans:
             return None
         ratio, tolerance, found = self.spans[index]
@@ -108,10 +109,10 @@ def _varied(task: tuple[Manipulation, Settings, int | None]) -> Forecast:
 
 
 def _scanned(task: tuple[Manipulation, list[Settings], int]) -> list[float]:
-    """Typical squared residual of one recording's beginning with several settings."""
+    """Median squared residual of one recording's beginning with several settings."""
     recording, sets, spans = task
     stop = recording.observations[0].stamp + round(SCAN_SECONDS * NANOSECONDS)
-    # The median over time: a picture that was seen wrongly must not choose.
+    # The median over time: an outlier picture must not decide.
     return [
         np.inf if f is None else float(np.median(np.sum(f.residual**2, axis=(1, 2))))
         for f in forecast_each(recording, sets, spans=spans, last_stamp=stop)
@@ -221,8 +222,8 @@ def without(found: Forecast, ignored: np.ndarray) -> Forecast:
     )
 
 
-def seen_wrongly(forecasts: Sequence[Forecast]) -> list[np.ndarray]:
-    """Pictures of each recording that stand alone; at most a fifth of it, else none."""
+def outlier_pictures(forecasts: Sequence[Forecast]) -> list[np.ndarray]:
+    """Outlier pictures of each recording; at most a fifth of them, else none."""
     masks = [outliers(f.residual) for f in forecasts]
     return [m if m.mean() < MOST_GROSS else np.zeros_like(m) for m in masks]
 
@@ -286,13 +287,13 @@ def descend(
 
 
 def autocorrelation_time(forecasts: Sequence[Forecast]) -> float:
-    """How often residuals tell the same: what the model misses is no reason to go on."""
+    """Integrated autocorrelation time of the residuals, in pictures."""
     residuals = [f.residual for f in forecasts]
     return correlation_length(residuals, 0) * correlation_length(residuals, 1)
 
 
 def _negligible(step: FloatArray, normal: FloatArray, converged: float) -> bool:
-    """Whether a step is small, or far within what the data tell."""
+    """Whether a step is small, or far below the standard deviations."""
     sigmas = float(np.sqrt(max(float(step @ normal @ step), 0.0)))
     return float(np.abs(step).max()) < converged or sigmas < 0.01
 
@@ -304,10 +305,10 @@ def numerical_shifts(
     ignored: Sequence[np.ndarray],
     simulations: Simulations,
 ) -> list[FloatArray]:
-    """By how much time steps and knot spans of the simulation move the estimate, each (4,).
+    """Shifts of the estimate by time steps and knot spans of the simulation, each (4,).
 
-    From coarser simulations: the error of the time steps falls with their square, that of cubic
-    splines at least with the third power.
+    They follow from coarser simulations: the error of the time steps falls with their square, that
+    of cubic splines at least with the third power.
     """
     current = with_logarithms(settings, fit.theta)
     tolerance = STEP_COARSER**3 * current.simulation.tolerance
@@ -336,9 +337,9 @@ def numerical_shifts(
 def recentred(
     fit: MaterialFit, guess: FloatArray, known: FloatArray, told: FloatArray
 ) -> FloatArray:
-    """The best logarithms once it is known how much the data really tell.
+    """The best logarithms with the information that the data have after correlation.
 
-    While searching, the data count as white; against what is known beforehand that is too much.
+    While searching, the data count as white, which gives them too much weight against the prior.
 
     Args:
         fit: where the search ended.

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Beyond the curvature at the optimum: the posterior by sampling, and bootstrap over recordings."""
+"""Posterior sampling beyond the curvature at the optimum, and bootstrap over recordings."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Sample:
 
     @property
     def effective(self) -> float:
-        """How many independent draws it is worth."""
+        """Effective number of independent draws."""
         return float(1.0 / np.sum(self.weight**2))
 
     def quantiles(self, name: str) -> tuple[float, float, float]:
@@ -76,7 +76,7 @@ def sample(
         count: of samples.
         seed: of the random numbers.
         pool: where simulations run.
-        done: is told the share that is done.
+        done: called with the share that is done.
 
     Raises:
         SimulationError: no sample can be simulated.
@@ -152,8 +152,8 @@ def bootstrap(
         count: how often.
         seed: of the draws; the same seed draws the same recordings.
         pool: where the fits run.
-        before: results by number that are there already, from a run that was cut short.
-        done: is told the number of a draw and its result.
+        before: earlier results by number, from a run that was interrupted.
+        done: called with the number of a draw and its result.
 
     Returns:
         ln (E, mu, c, t_r) of the draws that could be fitted, shape (at most count, 4).

@@ -28,8 +28,8 @@ from dlo_ros.identification.offline.gauss_newton import (
     descend,
     evaluate,
     numerical_shifts,
+    outlier_pictures,
     recentred,
-    seen_wrongly,
     without,
 )
 from dlo_ros.identification.offline.set_up_estimate import weighed
@@ -48,7 +48,7 @@ ROUGHLY = 1e-2  # change of a logarithm at which the search goes on with a finer
 
 @dataclass(frozen=True)
 class RecordingResult:
-    """How one recording is matched.
+    """The agreement of one recording with the model.
 
     Args:
         name: of the recording.
@@ -71,7 +71,7 @@ class RecordingResult:
 
 @dataclass(frozen=True)
 class Identification:
-    """What `identify` found.
+    """The result of `identify`.
 
     Args:
         estimate: of the parameters.
@@ -165,13 +165,13 @@ def identify(
 
 @dataclass(frozen=True)
 class FittedMaterial:
-    """What the search has found.
+    """The result of the search.
 
     Args:
         fit: with forecasts of all pictures.
         theta: ln (E, mu, c, t_r).
         told: information of the data on them (4, 4).
-        ignored: pictures of each recording that were seen wrongly.
+        ignored: outlier pictures of each recording, shape (F,) each.
         settings: with the tolerance that was needed.
         shifts: by which the simulation's own error may have moved theta, each (4,).
         forces: what measured forces have told, which theta and told contain; None: there are none.
@@ -208,7 +208,7 @@ def fitted(
     fit, iterations, converged = descend(
         train, settings, guess, theta, progress, simulations, converged=ROUGHLY
     )
-    ignored = seen_wrongly(fit.forecasts)
+    ignored = outlier_pictures(fit.forecasts)
     LOG.info(
         "coarse fit after %d iterations: %s; %d pictures left out",
         iterations, _words(fit.theta), sum(int(m.sum()) for m in ignored),
@@ -221,7 +221,7 @@ def fitted(
         iterations += more
     typical = [float(np.median(np.sum(f.residual**2, axis=(1, 2)))) for f in fit.forecasts]
     fine = within_noise(settings, float(np.sqrt(min(typical))))
-    ignored = seen_wrongly(fit.forecasts)
+    ignored = outlier_pictures(fit.forecasts)
     try:
         fit, more, converged = descend(
             train, fine, guess, fit.theta, progress, simulations, ignored
@@ -253,7 +253,7 @@ def fitted(
 def _with_set_up(
     train: Sequence[Manipulation], found: FittedMaterial, given: Settings, pool: Pool | None
 ) -> tuple[FittedMaterial, Mapping[str, tuple[float, float]]]:
-    """The fit with what is known of the set-up, and the set-up's numbers."""
+    """The fit with the set-up open within its tolerances, and the set-up's numbers."""
     spans = [f.spans for f in found.fit.forecasts]
     more = weighed(
         train, found.settings, found.theta, found.told, found.ignored, spans, given, found.shifts

@@ -1,11 +1,11 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Whether the set-up is what the parameter file says, and E and mu where it is not quite.
+"""The estimate with a set-up that may differ from the parameter file within its tolerances.
 
 Nobody measures to a degree how a cable leaves its clamp, hangs a camera perfectly level or knows a
-length to a tenth of a per cent, and shapes show it: left out, it is laid to E/mu. So two models are
-weighed by their evidence: the set-up exactly as stated, and every number of it open within its
-tolerance. The estimate is that of the likelier one, the covariance that of both (Hoeting et al.,
-Bayesian model averaging: a tutorial, 1999).
+length to a tenth of a per cent, and shapes show such errors: left out of the model, they distort
+E/mu. So two models are weighed by their evidence: the set-up exactly as stated, and every number of
+it open within its tolerance. The estimate is that of the likelier one, the covariance that of both
+(Hoeting et al., Bayesian model averaging: a tutorial, 1999).
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ BETTER = 0.8
 
 @dataclass(frozen=True)
 class SetUp:
-    """E, mu and damping with what is known of the set-up.
+    """E, mu and damping, with the estimated numbers of the set-up.
 
     Args:
         theta: ln (E, mu, c, t_r) of the likelier model.
@@ -79,7 +79,7 @@ def weighed(
         settings: of the fit with the stated set-up, with the tolerance that was needed.
         theta: ln (E, mu, c, t_r) of that fit.
         told: its information, shape (4, 4).
-        ignored: pictures of each recording that were seen wrongly.
+        ignored: outlier pictures of each recording, shape (F,) each.
         spans: knot spans of each recording's simulation.
         given: the parameter file, whose values the priors lie around.
         shifts: by which the simulation's own error may have moved theta, each (4,).
@@ -109,7 +109,7 @@ def weighed(
 
 
 def _seen(recording: Manipulation, ignored: np.ndarray, settings: Settings) -> Recording:
-    """A recording without the pictures that were seen wrongly."""
+    """A recording without its outlier pictures."""
     if ignored.any():
         # A forecast may leave out the first picture, from where the motion starts.
         first = len(recording.observations) - len(ignored)
@@ -121,7 +121,7 @@ def _seen(recording: Manipulation, ignored: np.ndarray, settings: Settings) -> R
 
 
 def _best_valley(at: Evaluation, start: Evaluation, recordings: Sequence[Recording]) -> Evaluation:
-    """The fit, or a better one from elsewhere: far away a shape may lie on another branch."""
+    """The fit, or a better local minimum: far away a shape may lie on another branch."""
     if at.mean_err < LARGE_ERR * at.model.settings.rod.length:
         return at
     best = at
@@ -179,7 +179,7 @@ def marginal_information(at: Evaluation) -> FloatArray:
 
 
 def widened(information: FloatArray, shift: FloatArray) -> FloatArray:
-    """Information on numbers that may be wrong by a shift besides (Sherman and Morrison)."""
+    """Information on numbers that a further unknown shift affects (Sherman and Morrison)."""
     told = information @ shift
     return np.asarray(information - np.outer(told, told) / (1.0 + shift @ told))
 

@@ -1,9 +1,10 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""E and mu apart, from shapes and the forces that were measured at the grips.
+"""Separate estimates of E and mu, from shapes and the forces measured at the grips.
 
-What shapes tell enters as a Gaussian; forces are predicted with the whole simulation and their
-derivatives are differences of it. Where a DLO bears no force of its own (a weight, a draught) every
-force is proportional to E, mu and the drag together, which gives the derivative by mu exactly.
+The information of shapes enters as a Gaussian; forces are predicted with the whole simulation, and
+their derivatives are differences of it. Where a DLO bears no force of its own (a weight, a draught)
+every force is proportional to E, mu and the drag together, which gives the derivative by mu
+exactly.
 """
 
 from __future__ import annotations
@@ -57,7 +58,7 @@ ROUNDING = 1e-9
 
 @dataclass(frozen=True)
 class Weighing:
-    """What measured forces have told.
+    """The information of measured forces.
 
     Args:
         theta: ln (E, mu, c, t_r) of shapes and forces.
@@ -91,7 +92,7 @@ def weighed_by_force(
     set_up: Mapping[str, tuple[float, float]],
     pool: Pool | None = None,
 ) -> Weighing | None:
-    """Use measured forces; None where there are none.
+    """The estimate with measured forces; None where there are none.
 
     Args:
         train: recordings.
@@ -177,10 +178,10 @@ def _uncertain(information: FloatArray, shift: FloatArray) -> FloatArray:
 def _of_scale(
     information: FloatArray, gradient: FloatArray, expected: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """What forces tell of mu with E/mu, c/mu and t_r as shapes tell them.
+    """Information of forces on mu, with E/mu, c/mu and t_r as the shapes give them.
 
-    Those are the shapes' alone: what a set-up that is a little off does to torques would else be
-    laid to E/mu, which shapes know better.
+    Those are left to the shapes: the effect of a small error of the set-up on torques would else be
+    attributed to E/mu, which shapes determine better.
 
     Args:
         information, gradient: of forces on `MATERIAL`, (4, 4) and (4,).

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""A model that runs along with observed shapes, linearised about its parameters."""
+"""A model along the observed shapes, linearised about its parameters."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ COMPARED = 50  # last observations among which one that came twice is looked for
 
 
 class ObservedWindow:
-    """What was imposed and seen of late.
+    """Recent commands and observations.
 
     Args:
         motion: the imposed motion, which goes on.

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Identify (E, mu) while the DLO moves.
+"""Live identification of (E, mu) while the DLO moves.
 
 A model of its own runs along with the observed splines and carries exact sensitivities. Every
 observation adds its information to a linearised least-squares problem (a recursive Gauss-Newton
@@ -123,7 +123,7 @@ class OnlineEstimator:
 
     @property
     def run(self) -> Run | None:
-        """The model that runs along; None before the first observations."""
+        """The model along the observations; None before the first ones."""
         return self._run
 
     @property
@@ -134,11 +134,11 @@ class OnlineEstimator:
 
     @property
     def busy(self) -> bool:
-        """Whether work is left over that `observe` or `proceed` will go on with."""
+        """Whether work is left that `observe` or `proceed` will continue."""
         return self._worker.busy or self._set_up_worker.busy or self._set_up_is_due()
 
     def window(self) -> Manipulation | None:
-        """What was imposed and seen since the start; None once its beginning has been let go."""
+        """Commands and observations since the start; None once the beginning is dropped."""
         return self._past.manipulation()
 
     def set_command(self, command: Command) -> None:
@@ -270,7 +270,7 @@ class OnlineEstimator:
             size = int(min(max(len(piece) / max(share, 0.01), FEWEST_AT_ONCE), MOST_AT_ONCE))
 
     def _unseen(self, run: Run) -> list[Observation]:
-        """The observations that a run has not come to yet."""
+        """The observations that a run has not reached yet."""
         seen = run.stamps[-1] if run.stamps else run.simulation.stamp - (self._past.anchor is None)
         return self._past.after(seen)
 

@@ -35,7 +35,7 @@ MU = MATERIAL.index("density")
 
 
 class Forces:
-    """Measured forces, and what they tell.
+    """Measured forces, and the scale that they determine.
 
     Args:
         settings: the parameter file.
@@ -48,7 +48,7 @@ class Forces:
         self.fold()
 
     def add(self, measured: Wrenches) -> None:
-        """Take what was measured at an end."""
+        """Add the wrenches measured at an end."""
         rows = self._rows.setdefault(measured.end, deque(maxlen=MOST_SAMPLES))
         values = np.hstack([measured.force, measured.torque])
         rows.extend(zip(measured.stamps.tolist(), values, measured.axes, strict=True))
@@ -61,7 +61,7 @@ class Forces:
         self, run: Run, past: Sequence[Observation], commands: Sequence[Command],
         prior: PriorInformation, begin: Callable[[], Pieces[RodSimulation]],
     ) -> Pieces[None]:  # fmt: skip
-        """Where it is due, learn the scale of all forces from those of the window.
+        """Estimate the scale of all forces from those of the window, where that is due.
 
         Args:
             run: along the observations of the window.
@@ -104,7 +104,7 @@ class Forces:
         prior.felt[MU] += found.log
 
     def _wrenches(self) -> list[Wrenches]:
-        """What was measured at each end."""
+        """Measured wrenches of each end."""
         result = []
         for end, rows in self._rows.items():
             table = {stamp: (values, axes) for stamp, values, axes in rows}

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""When the errors by the set-up's tolerances are computed again while the DLO moves."""
+"""Schedule of the errors by the set-up's tolerances, which are computed again as the DLO moves."""
 
 from __future__ import annotations
 

@@ -1,11 +1,10 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""How wrong an estimate may be because of a set-up that is right within its tolerances only.
+"""Errors of the live estimate by a set-up that is right only within its tolerances.
 
 The estimate is that of the set-up as the parameter file states it, which is what a running
 simulation has. As in `identify` that model is weighed by its evidence against one with every number
 of the set-up open within its tolerance (Hoeting et al., Bayesian model averaging: a tutorial,
-1999), here linear about the estimate; what the open one would change is an error of the estimate.
-It is the same in everything that is seen afterwards, so that more pictures do not make it smaller.
+1999), here linear about the estimate; the difference between both is an error of the estimate.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ ITERATIONS, ROUNDS = 5, 8
 
 @dataclass(frozen=True)
 class Weighting:
-    """How an estimate weighs pictures.
+    """The weights of pictures in an estimate.
 
     Args:
         scale: information per squared metre of a residual number [1/m^2].

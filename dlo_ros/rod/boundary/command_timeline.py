@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What is imposed on one rod over time: a series of commands as one continuous course."""
+"""The commands on one rod over time, joined to one continuous motion."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ SAME_PLACE = 1e-6  # of L
 
 @dataclass
 class CommandTimeline:
-    """The commands of a motion, each continued from what was imposed before it.
+    """The commands of a motion, each continued from the imposed values before it.
 
-    Poses that are sent one by one leap from each to the next; no hand does, and a stiff rod that
-    is moved in no time breaks. So what begins elsewhere is led there within `BRIDGE`.
+    Poses that are sent one by one jump from each to the next; no hand does, and a stiff rod that is
+    moved in no time breaks. So a command that begins elsewhere is reached within `BRIDGE`.
 
     Args:
         motion: the commands; more may come.
@@ -61,7 +61,7 @@ class CommandTimeline:
         return self.standing_in.get(id(command), (command, command))[1]
 
     def _count_paths(self) -> None:
-        """Tell every command how far the imposed points have travelled under those before.
+        """Give every command the path of the imposed points under the commands before it.
 
         The whole path, over which a grip slips by its length, is that of the commands which were
         known first; where more follow, it slips on at the same rate.

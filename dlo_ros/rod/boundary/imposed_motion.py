@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Imposed motion in the simulation's own basis: which degrees of freedom are held, and where."""
+"""Imposed motion in the simulation's own basis: held degrees of freedom and their values."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ NO_DIRECTION_TEXT = "dlo/command: two control points that give the direction of 
 
 @dataclass(frozen=True)
 class Held:
-    """What is held at one instant.
+    """Imposed values at one instant.
 
     Args:
         target: values of the fixed degrees of freedom, zero elsewhere, shape (n, 4).
@@ -34,7 +34,7 @@ class Held:
 
 @dataclass(frozen=True)
 class Boundary:
-    """Which degrees of freedom a command holds (interface.md, end).
+    """The degrees of freedom that a command holds (interface.md, end).
 
     Args:
         names: what the command imposes.
@@ -113,7 +113,7 @@ class Boundary:
         return rows.reshape(3 * count, n * DOF)
 
     def pin_values(self, held: Held) -> FloatArray:
-        """What `pins @ q` must be, given the fixed values, shape (3 k,)."""
+        """Values that `pins @ q` must have, given the fixed values, shape (3 k,)."""
         share = np.where(self.fixed, held.target.ravel(), 0.0)
         result: FloatArray = held.pins.ravel() - self.pin_rows @ share
         return result

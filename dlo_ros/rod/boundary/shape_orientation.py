@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Which way an observed shape runs: an observer without a command cannot know the DLO's start."""
+"""Direction of an observed shape: an observer without a command cannot know the DLO's start."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def turned_round(observation: Observation, length: float) -> Observation:
 
 
 def along(motion: Motion, observation: Observation, length: float) -> Observation:
-    """The shape from the commanded start to the commanded end.
+    """The shape in the direction from the commanded start to the commanded end.
 
     Args:
         motion: what is imposed.

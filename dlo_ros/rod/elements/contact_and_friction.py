@@ -7,9 +7,9 @@ the state. A peg or a wall pushes back in proportion to how deep the DLO's axis 
 without friction.
 
 Quadratic drag is a force per length -c |v_n| v_n against the velocity across the DLO. Within a step
-|v_n| and the direction are those that the past foretells, to second order in the step, so that the
-force is linear in the velocity at the step's end, and that in the position: a spring across the DLO
-to where it would not move.
+|v_n| and the direction are predicted from the past, to second order in the step, so that the force
+is linear in the velocity at the step's end, and that velocity in the position: a spring across the
+DLO to the place where it would not move.
 """
 
 from __future__ import annotations
@@ -77,8 +77,8 @@ def press(x0, x1, wall, stiff):
 
 
 @njit(from_python=False)
-def touched(around):
-    """Whether `resist` has anything to do."""
+def any_surroundings(around):
+    """Whether `add_contact_and_friction` has any force to add."""
     return (
         around.friction > 0.0
         or around.pegs.shape[0] > 0
@@ -88,8 +88,8 @@ def touched(around):
 
 
 @linked()
-def towed(rule, coefficient, q, velocity, still, rate):
-    """Quadratic drag of one step.
+def drag_springs(rule, coefficient, q, velocity, still, rate):
+    """Quadratic drag of one step as springs across the DLO.
 
     Args:
         coefficient: c, times the true length over that of the basis [N s^2/m^3].
@@ -170,7 +170,7 @@ def _add(span, b, weight, dof, force, gradient, band):
 
 
 @linked()
-def resist(q, rule, around, anchor, gradient, band):
+def add_contact_and_friction(q, rule, around, anchor, gradient, band):
     """Add the forces of the surroundings and their tangent.
 
     Args:
@@ -211,7 +211,7 @@ def resist(q, rule, around, anchor, gradient, band):
 
 @linked()
 def energy_of(q, rule, around, anchor):
-    """Energy of the surroundings' forces [J]; see `resist`."""
+    """Energy of the surroundings' forces [J]; see `add_contact_and_friction`."""
     energy, z = 0.0, q.shape[1] // 2
     if around.friction > 0.0:
         for e in range(rule.weight.size):
@@ -233,7 +233,7 @@ def energy_of(q, rule, around, anchor):
 
 @linked()
 def drag_along(q, rule, around, anchor, out):
-    """Write the anchors (nb, 2) after a motion to q to out: as near as friction demands."""
+    """Write the anchors (nb, 2) after a motion to q to out, moved as little as friction demands."""
     if anchor.shape[0] == 0:
         return
     for e in range(rule.weight.size):

@@ -39,7 +39,7 @@ def transport(q, rule, ref):
 
 @linked()
 def strain_gradients(q, rule):
-    """Room for the derivatives of the strains."""
+    """Arrays for the derivatives of the strains."""
     nb = rule.weight.size
     if q.shape[1] == PLANAR:
         return np.empty((nb, 2)), np.zeros((nb, 1, 4))
@@ -47,7 +47,7 @@ def strain_gradients(q, rule):
 
 
 @linked()
-def assemble(q, rule, ref, matter, response, promised, gradient, band, grad_s, grad_o):
+def assemble(q, rule, ref, matter, response, predicted_tensions, gradient, band, grad_s, grad_o):
     """Energy of a configuration [J], its gradient and its exact Hessian.
 
     Args:
@@ -55,21 +55,21 @@ def assemble(q, rule, ref, matter, response, promised, gradient, band, grad_s, g
         rule, ref: quadrature tables, reference frame.
         matter: see `Material`.
         response: room for stresses and tangents, see `constitutive_law.room`.
-        promised: tensions that count in the Hessian instead of those at q, shape (nb,); none (0,)
-            for the exact one.
+        predicted_tensions: tensions that count in the Hessian instead of those at q, shape (nb,);
+            none (0,) for the exact one.
         gradient, band, grad_s, grad_o: outputs, see `spatial_assembly.assemble`.
     """
     stretch, other = strains(q, rule, ref)
     energy = constitutive_law.respond(stretch, other, rule.weight, matter, response)
-    for e in range(promised.size):
-        response.pull[e] = promised[e]
+    for e in range(predicted_tensions.size):
+        response.pull[e] = predicted_tensions[e]
     if q.shape[1] == PLANAR:
         planar_assembly.assemble(q, rule, other, response, gradient, band, grad_s, grad_o)
     else:
         spatial_assembly.assemble(q, rule, ref, other, response, gradient, band, grad_s, grad_o)
     around = matter.around
-    if contact_and_friction.touched(around):
-        energy += contact_and_friction.resist(
+    if contact_and_friction.any_surroundings(around):
+        energy += contact_and_friction.add_contact_and_friction(
             q, rule, around, matter.internal.anchor, gradient, band
         )
     return energy
@@ -144,8 +144,8 @@ def multiply_scalar(scalar, spin, x, out):
 
 
 @linked()
-def promise(rule, response, grad_s, step, out):
-    """Write the tensions (nb,) that the linear solution `step` (1, n d) promises.
+def predict_tensions(rule, response, grad_s, step, out):
+    """Write the tensions (nb,) that the linear solution `step` (1, n d) predicts.
 
     With them in the next Hessian, Newton's method converges for stiff stretch as it would with
     tensions as unknowns: in few iterations and with long steps (Magisano, Leonetti and Garcea,

@@ -86,7 +86,9 @@ class Surroundings(NamedTuple):
         FloatArray  # (k, 3) normal x, z to the free side, offset of the DLO's axis at contact [m]
     )
     brake: float  # c of the quadratic drag [N s^2/m^3]
-    tow: FloatArray  # (nb, 1 + 2 m) quadratic drag, see `contact_and_friction.towed`; or none
+    tow: (
+        FloatArray  # (nb, 1 + 2 m) quadratic drag, see `contact_and_friction.drag_springs`; or none
+    )
 
 
 class InternalVariables(NamedTuple):

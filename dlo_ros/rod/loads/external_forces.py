@@ -16,7 +16,7 @@ from dlo_ros.spline import FloatArray
 
 
 class ExternalForces:
-    """Points of one rod at which forces from outside act.
+    """Points of one rod at which external forces act.
 
     Weight, drag and inertia are integrated as the model's matrices are, exactly; friction with the
     board and quadratic drag at the model's quadrature points; contact where it is looked for.

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What a DLO and its grips bear at most in a whole motion."""
+"""The largest loads on a DLO and its grips in a whole motion."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dlo_ros.rod.loads.grip_reactions import Loading, Wrench
-from dlo_ros.rod.loads.load_limits import BEND_RADIUS, TENSION, strained
+from dlo_ros.rod.loads.load_limits import BEND_RADIUS, TENSION, load_warnings
 from dlo_ros.rod_settings import LimitParameters
 
 ALMOST_STRAIGHT = 1e4
@@ -18,7 +18,7 @@ ALMOST_STRAIGHT = 1e4
 
 @dataclass(frozen=True)
 class Extremes:
-    """Numbers of the instants at which a DLO bears most.
+    """The instants of the largest loads on a DLO.
 
     Args:
         loadings: at all instants, at least one.
@@ -30,16 +30,16 @@ class Extremes:
 
     @property
     def pulled(self) -> int:
-        """Where the tension is largest."""
+        """Index of the instant of the largest tension."""
         return int(np.argmax([x.tension for x in self.loadings]))
 
     @property
     def bent(self) -> int:
-        """Where the bend radius is smallest."""
+        """Index of the instant of the smallest bend radius."""
         return int(np.argmin([x.bend_radius for x in self.loadings]))
 
     def held(self, end: str) -> int | None:
-        """Where the force of the grip at `start` or `end` is largest; None: that end stays free."""
+        """Index of the instant of the largest force at `start` or `end`; None: free end."""
         sizes = [_size(getattr(x, end)) for x in self.loadings]
         return int(np.argmax(sizes)) if max(sizes) >= 0.0 else None
 
@@ -60,7 +60,7 @@ class Extremes:
         return None if k is None else _size(getattr(self.loadings[k], end))
 
     def sentences(self, limits: LimitParameters) -> list[str]:
-        """What there is to tell, a line each: extremes, then the limits that are near or passed."""
+        """Lines on the extremes, then on the limits that are near or passed."""
         pulled, bent = self.loadings[self.pulled], self.loadings[self.bent]
         lines = [
             f"largest tension {pulled.tension:.3g} N at u = {pulled.tension_at:.3g} m, "
@@ -81,10 +81,10 @@ class Extremes:
         return lines + self.alarms(limits)
 
     def alarms(self, limits: LimitParameters) -> list[str]:
-        """The limits that are near or passed, each where it is worst, and for how long."""
+        """The limits that are near or passed, each at its worst instant, with the duration."""
         lines = []
         for name, k in ((TENSION, self.pulled), (BEND_RADIUS, self.bent)):
-            for strain in strained(self.loadings[k], limits):
+            for strain in load_warnings(self.loadings[k], limits):
                 if strain.name == name:
                     passed = [_passed(x, limits, name) for x in self.loadings]
                     often = f" (passed at {sum(passed)} of {len(passed)} instants)"
@@ -94,11 +94,11 @@ class Extremes:
 
 
 def _passed(loading: Loading, limits: LimitParameters, name: str) -> bool:
-    return any(s.passed and s.name == name for s in strained(loading, limits))
+    return any(s.passed and s.name == name for s in load_warnings(loading, limits))
 
 
 def radius_text(loading: Loading) -> str:
-    """A bend radius as a person reads it."""
+    """A bend radius as text."""
     radius = loading.bend_radius
     if radius > ALMOST_STRAIGHT:
         return "infinite (straight)"

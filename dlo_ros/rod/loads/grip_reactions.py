@@ -63,7 +63,7 @@ class MotionForces:
 
 @dataclass(frozen=True)
 class Loading:
-    """What a DLO and its grips bear at one instant.
+    """The loads on a DLO and its grips at one instant.
 
     Args:
         start, end: of the grips at u = 0 and u = L; None where that end is free.
@@ -89,7 +89,7 @@ class Loading:
 def loadings(
     model: RodModel, boundary: Boundary, states: Sequence[State], command: Command
 ) -> list[Loading]:
-    """What a rod and its grips bear in states that it has reached.
+    """The loads on a rod and its grips in given states.
 
     Args:
         states: at least one.
@@ -121,7 +121,7 @@ def instants_of(states: Sequence[State], growth: tuple[float, float] = (1.0, 0.0
 def loadings_along(
     model: RodModel, boundary: Boundary, before: State, stamps: Sequence[int], track: Track
 ) -> list[Loading]:
-    """What a plain rod in the plane y = 0 bears at dense instants of its motion.
+    """The loads on a plain rod in the plane y = 0 at dense instants of its motion.
 
     Args:
         model: a rod that is `plain`.
@@ -209,7 +209,7 @@ class Balance:
         return MotionForces(acceleration, np.concatenate([force, pull], axis=1)), reaction
 
     def loadings(self, now: Instants) -> list[Loading]:
-        """What the rod bears at S instants."""
+        """The loads on the rod at S instants."""
         q, n = now.q, now.q.shape[1]
         motion, reaction = self.solve(now)
         ends = [

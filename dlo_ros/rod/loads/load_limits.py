@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Whether a DLO bears what a simulation says."""
+"""Limits of tension and bend radius, and warnings where a load is near them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ own tolerance leave open."""
 
 
 @dataclass(frozen=True)
-class Strain:
+class LoadWarning:
     """A limit that is near or passed.
 
     Args:
@@ -29,13 +29,13 @@ class Strain:
     text: str
 
 
-def strained(loading: Loading, limits: LimitParameters) -> list[Strain]:
-    """The limits that are near or passed in a state of loading."""
+def load_warnings(loading: Loading, limits: LimitParameters) -> list[LoadWarning]:
+    """The limits that a load nears or passes."""
     found = []
     if limits.tension > 0.0 and loading.tension > NEAR * limits.tension:
         passed = loading.tension > limits.tension
         found.append(
-            Strain(
+            LoadWarning(
                 TENSION,
                 passed,
                 f"tension {loading.tension:.3g} N at u = {loading.tension_at:.3g} m is "
@@ -45,7 +45,7 @@ def strained(loading: Loading, limits: LimitParameters) -> list[Strain]:
     if limits.bend_radius > 0.0 and loading.bend_radius < limits.bend_radius / NEAR:
         passed = loading.bend_radius < limits.bend_radius
         found.append(
-            Strain(
+            LoadWarning(
                 BEND_RADIUS,
                 passed,
                 f"bend radius {1e3 * loading.bend_radius:.3g} mm at u = {loading.bend_at:.3g} m is "

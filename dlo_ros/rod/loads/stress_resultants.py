@@ -21,7 +21,7 @@ from dlo_ros.spline import FloatArray
 
 @dataclass(frozen=True)
 class Instants:
-    """What a rod has come to at S instants.
+    """States of a rod at S instants.
 
     Args:
         q, velocity: x, y, z [m] and theta [rad] of the control points, and rates, shape (S, n, 4).
@@ -69,7 +69,7 @@ class Stresses:
         return _spans(x, self._model.rule.twist_linear, (OUTER, MIDDLE, OUTER))
 
     def at(self, now: Instants) -> tuple[FloatArray, FloatArray]:
-        """What the stresses do at S instants.
+        """Generalised forces and tangents of the stresses at S instants.
 
         Returns:
             Generalised forces against which they act [N; N m for theta], shape (S, n, 4), and unit

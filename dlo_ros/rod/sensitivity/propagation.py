@@ -18,19 +18,19 @@ from dlo_ros.rod.boundary.conditions import align
 from dlo_ros.rod.elements import constitutive_law, contact_and_friction, rod_forces
 from dlo_ros.rod.elements.contact_and_friction import rest_anchor
 from dlo_ros.rod.elements.planar_assembly import PLANAR
-from dlo_ros.rod.sensitivity.sensitivity_state import add, rise, shift, shift_state
+from dlo_ros.rod.sensitivity.sensitivity_state import add, central_difference, shift, shift_state
 from dlo_ros.rod.sensitivity.strain_sensitivity import follow, turned
 from dlo_ros.rod.solve import banded_factorisation, newton_iteration
 from dlo_ros.rod.solve.constraints import back_substitute, eliminate
 from dlo_ros.rod.solve.equation_system import (
     ITSELF,
+    add_inertia_and_drag,
+    frictionless,
     growth,
     inertia_of,
-    matter_of,
+    material_at_rest,
     residual,
     targets,
-    untouched,
-    weigh,
 )
 from dlo_ros.rod.solve.generalised_alpha import (
     damped,
@@ -54,8 +54,10 @@ def _held_forces(q, stretch, other, rule, matter, grad_s, grad_o, response, spar
     result = rod_forces.stress_forces(
         rule, grad_s, grad_o, response.tension.reshape(1, weight.size), stress
     )[0]
-    if contact_and_friction.touched(matter.around):
-        contact_and_friction.resist(q, rule, matter.around, matter.internal.anchor, result, spare)
+    if contact_and_friction.any_surroundings(matter.around):
+        contact_and_friction.add_contact_and_friction(
+            q, rule, matter.around, matter.internal.anchor, result, spare
+        )
     return result
 
 
@@ -141,8 +143,10 @@ def _linear(system, imposed, old, new, varying, grad_s, grad_o, rhs, increments,
                 k = new.q.shape[1] * i + c
                 rhs[a, k] += rates.load[a, i, c] - pull[a, k]
         right = rhs[a].reshape(new.q.shape)
-        weigh(system.mass[0], system.spin[0], system.drag[0], past, passing, 1.0, right)
-        weigh(
+        add_inertia_and_drag(
+            system.mass[0], system.spin[0], system.drag[0], past, passing, 1.0, right
+        )
+        add_inertia_and_drag(
             rates.mass[a], rates.spin[a], rates.drag[a], new.acceleration, new.velocity, -1.0,
             right,
         )  # fmt: skip
@@ -190,8 +194,8 @@ def _special(system, imposed, old, new, varying, grad_s, grad_o, rhs, increments
 
 
 @linked()
-def vary(system, imposed, old, new, varying):
-    """Let the derivatives follow a converged step.
+def propagate_step(system, imposed, old, new, varying):
+    """Propagate the derivatives through a converged step.
 
     Args:
         system, imposed: the rod and its command, with two variants for each parameter.
@@ -230,8 +234,8 @@ def vary(system, imposed, old, new, varying):
 
 
 @linked(from_python=True)
-def vary_rest(system, imposed, before, rest, internal, fresh, varying):
-    """Let the derivatives be those of an equilibrium.
+def propagate_equilibrium(system, imposed, before, rest, internal, fresh, varying):
+    """Compute the derivatives of an equilibrium.
 
     Args:
         system, imposed: the rod and its command, with two variants for each parameter.
@@ -243,9 +247,9 @@ def vary_rest(system, imposed, before, rest, internal, fresh, varying):
     """
     q, rule, time = rest.q, system.rule, rest.clock[TIME]
     none = np.zeros((q.shape[0], 4))
-    matter = matter_of(system, ITSELF, growth(imposed, ITSELF, time), internal)
+    matter = material_at_rest(system, ITSELF, growth(imposed, ITSELF, time), internal)
     if fresh:
-        matter = untouched(matter)
+        matter = frictionless(matter)
     band, _, response, grad_s, grad_o = newton_iteration.linearise(
         q, rule, matter, rest.reference, none, none
     )
@@ -257,9 +261,9 @@ def vary_rest(system, imposed, before, rest, internal, fresh, varying):
             k = 1 + 2 * a + side
             share = 0.5 / (varying.step[a] if side == 0 else -varying.step[a])
             factor = growth(imposed, k, time)
-            matter = matter_of(system, k, factor, internal)
+            matter = material_at_rest(system, k, factor, internal)
             if fresh:
-                matter = untouched(matter)
+                matter = frictionless(matter)
             elastic = _held_forces(
                 q, rest.stretch, rest.other, rule, matter, grad_s, grad_o, response, spare
             )
@@ -288,7 +292,7 @@ def vary_rest(system, imposed, before, rest, internal, fresh, varying):
             shift(shifted, q, d, d_q[a])
             above = rest_anchor(shifted, rule)
             shift(shifted, q, -d, d_q[a])
-            rise(above, rest_anchor(shifted, rule), d, varying.internal.anchor[a])
+            central_difference(above, rest_anchor(shifted, rule), d, varying.internal.anchor[a])
     assign(varying.q, d_q)
     assign(varying.stretch_before, varying.stretch)
     assign(varying.other_before, varying.other)

@@ -44,7 +44,7 @@ class SensitivityState(NamedTuple):
 
 
 @linked()
-def rise(above, below, d, out):
+def central_difference(above, below, d, out):
     """Write (above - below) / (2 d) to out."""
     a, b, c = out.ravel(), above.ravel(), below.ravel()
     for i in range(a.size):

@@ -9,8 +9,8 @@ from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.elements import constitutive_law, rod_forces, spatial_assembly
 from dlo_ros.rod.elements.planar_assembly import PLANAR
 from dlo_ros.rod.elements.rod_tables import InternalVariables
-from dlo_ros.rod.sensitivity.sensitivity_state import add, rise, shift, shift_frame
-from dlo_ros.rod.solve.equation_system import lagging, matter_of, untouched
+from dlo_ros.rod.sensitivity.sensitivity_state import add, central_difference, shift, shift_frame
+from dlo_ros.rod.solve.equation_system import frictionless, material_at_rest, relaxed_material
 from dlo_ros.rod.solve.generalised_alpha import frame_at, update_internal_variables
 from dlo_ros.rod.solve.integrator_state import another, another_frame, assign
 
@@ -33,10 +33,10 @@ def _frames(system, q, old, varying, d_q):
         frame_at(shifted, rule, up, up)
         shift(shifted, q, -d, d_q[a])
         frame_at(shifted, rule, down, down)
-        rise(up.tangent, down.tangent, d, change.tangent[a])
-        rise(up.rate, down.rate, d, change.rate[a])
-        rise(up.director, down.director, d, change.director[a])
-        rise(up.twist, down.twist, d, change.twist[a])
+        central_difference(up.tangent, down.tangent, d, change.tangent[a])
+        central_difference(up.rate, down.rate, d, change.rate[a])
+        central_difference(up.director, down.director, d, change.director[a])
+        central_difference(up.twist, down.twist, d, change.twist[a])
 
 
 @linked()
@@ -88,19 +88,19 @@ def _remember(system, q, other, old, h, fresh, varying, d_q, d_other):
             shift(plastic, past.plastic, d, before.plastic[a])
             shift(anchor, past.anchor, d, before.anchor[a])
             shift(inner, past.inner, d, before.inner[a])
-            matter = matter_of(
+            matter = material_at_rest(
                 system, 1 + 2 * a + side, 1.0, InternalVariables(plastic, anchor, inner)
             )
-            matter = untouched(matter) if fresh else lagging(matter, h)
+            matter = frictionless(matter) if fresh else relaxed_material(matter, h)
             shift(shifted, q, d, d_q[a])
             shift(strained, other, d, d_other[a])
             update_internal_variables(
                 shifted, strained, system.rule, matter, above if side == 0 else below
             )
         d = varying.step[a]
-        rise(above.plastic, below.plastic, d, before.plastic[a])
-        rise(above.anchor, below.anchor, d, before.anchor[a])
-        rise(above.inner, below.inner, d, before.inner[a])
+        central_difference(above.plastic, below.plastic, d, before.plastic[a])
+        central_difference(above.anchor, below.anchor, d, before.anchor[a])
+        central_difference(above.inner, below.inner, d, before.inner[a])
 
 
 @linked()

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Compiled linear algebra of what is held: imposed degrees of freedom and pins.
+"""Compiled linear algebra of constraints: imposed degrees of freedom and pins.
 
 Imposed degrees of freedom are eliminated exactly; pins (material points held in the middle of the
 DLO) are linear constraints, met exactly by a Schur complement of the banded matrix.
@@ -49,7 +49,7 @@ def eliminate(band, fixed, rhs, increments):
 
 @linked()
 def compliance(band, diagonal, pins):
-    """How the pins give way to forces on them.
+    """Displacements of the pins by forces on them.
 
     Args:
         band, diagonal: factors of the matrix K.
@@ -126,10 +126,10 @@ def _solve_pivoted(matrix, x):
 
 
 @linked()
-def held_back(negative, schur):
-    """Negative eigenvalues that are left where the pins hold, of `negative` without them.
+def constrained_negative_modes(negative, schur):
+    """Number of negative eigenvalues with the pins held, of `negative` without them.
 
-    By Haynsworth's formula for the inertia of the matrix bordered by the constraints.
+    It follows from Haynsworth's formula for the inertia of the matrix bordered by the constraints.
     """
     if negative < 0 or schur.shape[0] == 0:
         return negative
@@ -138,7 +138,7 @@ def held_back(negative, schur):
 
 @linked()
 def pin_gap(fixed, pins, pin_rows, target, pinned):
-    """What `pins @ q` must be, shape (m,), given the imposed values.
+    """Values that `pins @ q` must have, shape (m,), given the imposed values.
 
     Args:
         fixed: which degrees of freedom are imposed, shape (N,).

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""The rod's numbers in compiled code, and what its equations take from them."""
+"""The rod's numbers in compiled code, and their use in its equations."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def growth(imposed, k, time):
 
 
 @linked()
-def matter_of(system, k, factor, internal):
+def material_at_rest(system, k, factor, internal):
     """The material of variant k at rest, its free length multiplied by a factor.
 
     There is no damping, and what may relax has done so.
@@ -122,7 +122,7 @@ def matter_of(system, k, factor, internal):
 
 
 @linked()
-def untouched(m):
+def frictionless(m):
     """The material without friction, inner or outer, which a DLO at its start has not felt yet."""
     a, w = m.around, m.law
     law = ConstitutiveLaw(
@@ -136,10 +136,11 @@ def untouched(m):
 
 
 @linked()
-def lagging(m, h):
-    """The material with internal variables brought over a step of length h; none: it is at rest.
+def relaxed_material(m, h):
+    """The material with internal variables after a step of length h; none: it is at rest.
 
-    The moment of what relaxes is exact for a curvature that changes steadily over the step.
+    The moment of the part that relaxes is exact for a curvature that changes steadily over the
+    step.
     """
     if m.law.relaxing == 0.0 or h == 0.0:
         return m
@@ -151,8 +152,8 @@ def lagging(m, h):
 
 
 @linked()
-def drawn(m, tow):
-    """The material with the quadratic drag of one step, see `contact_and_friction.towed`."""
+def with_quadratic_drag(m, tow):
+    """The material with the quadratic drag of one step, see `contact_and_friction.drag_springs`."""
     a = m.around
     around = Surroundings(
         a.friction, a.creep, a.pegs, a.contact, a.span, a.b, a.weight, a.walls, a.brake, tow
@@ -189,7 +190,7 @@ def load_of(system, k, factor):
 
 
 @linked()
-def weigh(mass, spin, drag, acceleration, velocity, factor, out):
+def add_inertia_and_drag(mass, spin, drag, acceleration, velocity, factor, out):
     """Add factor times (mass times acceleration plus drag times velocity) to out (n, d).
 
     Args:
@@ -218,9 +219,11 @@ def residual(system, k, factor, velocity, acceleration):
     for i in range(result.shape[0]):
         for c in range(result.shape[1]):
             result[i, c] = -result[i, c]
-    weigh(system.mass[k], system.spin[k], system.drag[k], acceleration, velocity, 1.0, result)
+    add_inertia_and_drag(
+        system.mass[k], system.spin[k], system.drag[k], acceleration, velocity, 1.0, result
+    )
     if more != 0.0:
-        weigh(u.mass[k], u.spin[k], u.drag[k], acceleration, velocity, more, result)
+        add_inertia_and_drag(u.mass[k], u.spin[k], u.drag[k], acceleration, velocity, more, result)
     return result
 
 

@@ -14,12 +14,12 @@ from dlo_ros.rod.elements.contact_and_friction import rest_anchor
 from dlo_ros.rod.solve import newton_iteration
 from dlo_ros.rod.solve.equation_system import (
     ITSELF,
+    frictionless,
     growth,
     inertia_of,
     load_of,
-    matter_of,
+    material_at_rest,
     targets,
-    untouched,
 )
 from dlo_ros.rod.solve.generalised_alpha import (
     DONE,
@@ -89,9 +89,9 @@ def settle(system, imposed, state, time, rate2, tolerance, fresh, rest):
     total, negative, buckled = 0, 0, False
     load = load_of(system, ITSELF, factor).ravel()
     mass, spin = inertia_of(system, ITSELF, factor, 1.0, 0.0)
-    matter = matter_of(system, ITSELF, factor, internal)
+    matter = material_at_rest(system, ITSELF, factor, internal)
     if fresh:
-        matter = untouched(matter)
+        matter = frictionless(matter)
     longest = _longest(system.length, matter.around)
     flat, change = q.ravel(), np.zeros(q.size)
     for k in range(1, count + 1):

@@ -12,19 +12,19 @@ from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.elements import rod_forces
 from dlo_ros.rod.elements.constitutive_law import update_internal
-from dlo_ros.rod.elements.contact_and_friction import drag_along, towed
+from dlo_ros.rod.elements.contact_and_friction import drag_along, drag_springs
 from dlo_ros.rod.elements.rod_tables import Material
 from dlo_ros.rod.solve import newton_iteration
 from dlo_ros.rod.solve.constraints import back_substitute
 from dlo_ros.rod.solve.equation_system import (
     ITSELF,
-    drawn,
     growth,
     inertia_of,
-    lagging,
-    matter_of,
+    material_at_rest,
+    relaxed_material,
     residual,
     targets,
+    with_quadratic_drag,
 )
 from dlo_ros.rod.solve.integrator_state import LAST, NEXT, TIME, assign
 
@@ -56,7 +56,7 @@ def damped(system, k, imposed, state, h):
     # Material that slips in is no strain.
     slip = c0 * now + c1 * growth(imposed, k, time)
     slip += c2 * growth(imposed, k, time - state.clock[LAST])
-    matter = lagging(matter_of(system, k, now, state.internal), h)
+    matter = relaxed_material(material_at_rest(system, k, now, state.internal), h)
     s, damping, relaxed = matter.stiffness, 1.0 + t_r * c0, matter.damping
     inner, bending = state.internal.inner, relaxed + matter.gain + t_r * c0
     for e in range(s.stretch.size):
@@ -79,26 +79,26 @@ def damped(system, k, imposed, state, h):
     )  # fmt: skip
     if m.around.brake == 0.0:
         return m
-    return drawn(m, _towed(system.rule, now * m.around.brake, state, h))
+    return with_quadratic_drag(m, _quadratic_drag(system.rule, now * m.around.brake, state, h))
 
 
 @linked()
-def _towed(rule, coefficient, state, h):
-    """Quadratic drag of a step of length h from a state; see `contact_and_friction.towed`."""
+def _quadratic_drag(rule, coefficient, state, h):
+    """Quadratic drag of a step of length h; see `contact_and_friction.drag_springs`."""
     still, v_star, _ = extrapolated(state.q, state.velocity, state.acceleration, state.auxiliary, h)
     there, speed, (_, rate) = np.empty(still.shape), np.empty(still.shape), weights(h)
     x, v, a = state.q.ravel(), state.velocity.ravel(), state.auxiliary.ravel()
-    past, foretold, fast, passing = still.ravel(), there.ravel(), speed.ravel(), v_star.ravel()
+    past, predicted, fast, passing = still.ravel(), there.ravel(), speed.ravel(), v_star.ravel()
     for i in range(x.size):
-        foretold[i] = x[i] + h * v[i] + 0.5 * h * h * a[i]
+        predicted[i] = x[i] + h * v[i] + 0.5 * h * h * a[i]
         fast[i] = v[i] + h * a[i]
         past[i] -= passing[i] / rate
-    return towed(rule, coefficient, there, speed, still, rate)
+    return drag_springs(rule, coefficient, there, speed, still, rate)
 
 
 @linked()
 def extrapolated(q, velocity, acceleration, auxiliary, h):
-    """What Newmark's formulas take from the past: position, velocity and lag of acceleration.
+    """Extrapolations of Newmark's formulas: position, velocity and lag of acceleration.
 
     All arrays have one shape; the results have it, too.
     """
@@ -227,11 +227,11 @@ def starting_acceleration(system, imposed, state):
     """The acceleration that the forces of a state cause, imposed points not accelerated."""
     factor = growth(imposed, ITSELF, state.clock[TIME])
     none = np.zeros((state.q.shape[0], 4))
-    matter = matter_of(system, ITSELF, factor, state.internal)
+    matter = material_at_rest(system, ITSELF, factor, state.internal)
     if matter.around.brake != 0.0:
         still = state.q - state.velocity
-        matter = drawn(
-            matter, towed(system.rule, factor * matter.around.brake, state.q, state.velocity,
+        matter = with_quadratic_drag(
+            matter, drag_springs(system.rule, factor * matter.around.brake, state.q, state.velocity,
                           still, 1.0)
         )  # fmt: skip
     _, gradient, _, _, _ = newton_iteration.linearise(

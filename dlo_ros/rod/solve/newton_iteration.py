@@ -15,12 +15,17 @@ from dlo_ros.rod.elements.rod_forces import (
     assemble,
     energy_of,
     multiply_scalar,
-    promise,
+    predict_tensions,
     strain_gradients,
     transport,
 )
 from dlo_ros.rod.solve import banded_factorisation
-from dlo_ros.rod.solve.constraints import compliance, constrain, eliminate, held_back
+from dlo_ros.rod.solve.constraints import (
+    compliance,
+    constrain,
+    constrained_negative_modes,
+    eliminate,
+)
 from dlo_ros.rod.solve.integrator_state import assign
 
 MAX_STATIC_ITERATIONS = 300
@@ -78,7 +83,7 @@ def equilibrium(q, increment, fixed, pins, gap, rule, matter, ref, load, mass, s
     first = np.any(increment != 0.0) or np.any(gap != 0.0)
     shift, neutral = 0.0, 0
     for iteration in range(1, MAX_STATIC_ITERATIONS + 1):
-        # The exact Hessian: with promised tensions long steps would lose the branch.
+        # The exact Hessian: with predicted tensions long steps would lose the branch.
         energy = assemble(q, rule, ref, matter, response, exact, gradient, band, grad_s, grad_o)
         energy -= np.dot(load, q.ravel())
         lack = gap if first else closed
@@ -94,7 +99,7 @@ def equilibrium(q, increment, fixed, pins, gap, rule, matter, ref, load, mass, s
             eliminate(work, fixed, steps, changes if first else still)
             negative = banded_factorisation.factorise(work, diagonal)
             y, schur = compliance(work, diagonal, pins)
-            negative = held_back(negative, schur)
+            negative = constrained_negative_modes(negative, schur)
             if negative != 0:
                 shift = max(4.0 * shift, LEAST_SHIFT * rate2)
                 continue
@@ -134,7 +139,7 @@ def equilibrium(q, increment, fixed, pins, gap, rule, matter, ref, load, mass, s
                 add_scalar_band(work, mass, spin, least)
                 eliminate(work, fixed, steps, still)
                 negative = banded_factorisation.factorise(work, diagonal)
-                negative = held_back(negative, compliance(work, diagonal, pins)[1])
+                negative = constrained_negative_modes(negative, compliance(work, diagonal, pins)[1])
                 if negative == 0:
                     break
             if negative > 0:
@@ -174,14 +179,14 @@ def implicit_step(q, target, fixed, pins, gap, rule, matter, ref, inertia, spin,
     gradient, band = np.empty(size), np.empty((size, 4 * dof))
     diagonal, steps, increments = np.empty(size), np.empty((1, size)), np.zeros((1, size))
     grad_s, grad_o = strain_gradients(q, rule)
-    response, promises = room(rule.weight.size), np.empty(rule.weight.size)
-    promised = promises[:0]
+    response, tension_room = room(rule.weight.size), np.empty(rule.weight.size)
+    predicted_tensions = tension_room[:0]
     product = np.empty(q.shape)
     y, schur = pins, np.empty((0, 0))
     lack = np.empty(gap.size)
     before = 0.0
     for iteration in range(1, MAX_NEWTON + 1):
-        assemble(q, rule, ref, matter, response, promised, gradient, band, grad_s, grad_o)
+        assemble(q, rule, ref, matter, response, predicted_tensions, gradient, band, grad_s, grad_o)
         add_scalar_band(band, inertia, spin, 1.0)
         multiply_scalar(inertia, spin, q, product)
         for i in range(q.shape[0]):
@@ -210,13 +215,13 @@ def implicit_step(q, target, fixed, pins, gap, rule, matter, ref, inertia, spin,
             for c in range(dof):
                 k = dof * i + c
                 q[i, c] = target[i, c] if fixed[k] else q[i, c] + step[k]
-        promised = promises
-        promise(rule, response, grad_s, steps, promised)
+        predicted_tensions = tension_room
+        predict_tensions(rule, response, grad_s, steps, predicted_tensions)
         # Where corrections shrink, the next one is smaller than this one in the same ratio.
         now = max(move / length, 0.1 * turn)
         left = now if iteration == 1 else now * min(now / before, 1.0)
         if left < tolerance:
-            return iteration, held_back(negative, schur)
+            return iteration, constrained_negative_modes(negative, schur)
         if iteration > PATIENCE and now > 0.9 * before:
             return -iteration, 0
         before = now
@@ -252,7 +257,7 @@ def negative_modes(q, fixed, pins, rule, matter, ref, mass, spin, rate2):
     eliminate(band, fixed, np.zeros((0, q.size)), np.zeros((0, q.size)))
     diagonal = np.empty(q.size)
     negative = banded_factorisation.factorise(band, diagonal)
-    return held_back(negative, compliance(band, diagonal, pins)[1])
+    return constrained_negative_modes(negative, compliance(band, diagonal, pins)[1])
 
 
 @linked()
@@ -271,7 +276,7 @@ def softest(q, fixed, pins, rule, matter, ref, mass, spin, rate2):
         eliminate(work, fixed, nothing, nothing)
         negative = banded_factorisation.factorise(work, diagonal)
         y, schur = compliance(work, diagonal, pins)
-        if held_back(negative, schur) == 0:
+        if constrained_negative_modes(negative, schur) == 0:
             break
         shift *= 2.0
     mode = np.empty(q.shape)

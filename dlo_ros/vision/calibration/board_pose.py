@@ -40,7 +40,7 @@ AXIS_LENGTH = 3.0  # squares
 
 @dataclass(frozen=True, eq=False)
 class BoardPose:
-    """Where the board is, seen from the camera.
+    """Pose of the board in the camera.
 
     Args:
         pose: of the board frame in the optical frame, as the parameter file has it.

@@ -1,7 +1,7 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""From views of a pattern to the camera: which views fit, which lens model, how sure it is.
+"""From views of a pattern to the camera: the views that fit, the lens model, the uncertainty.
 
-No picture is touched here: `pattern_search` finds the corners, this module optimises.
+No picture is processed here: `pattern_search` finds the corners, this module optimises.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ Progress = Callable[[str, float], None]
 
 @dataclass(frozen=True, eq=False)
 class ViewResult:
-    """What became of a view.
+    """The use of a view in a calibration.
 
     Args:
         view: corners that were taken out as outliers are not in it.
@@ -169,13 +169,13 @@ def calibrate(
     if weakness > WEAK:
         hints.append(
             f"the focal length is known to {100.0 * weakness:.1f} % only; more views, tilted by 30 "
-            "to 45 degrees and near enough to fill the image, tell it better"
+            "to 45 degrees and near enough to fill the image, determine it better"
         )
     found = Calibration(fit.intrinsics, fit.std, results, scores, lens, tuple(hints))
     if found.rms > POOR:
         remark = (
             f"a reprojection error of {found.rms:.1f} px is large: the pattern is not flat, zoom "
-            "or focus changed, or the lens distorts more than these models can tell"
+            "or focus changed, or the lens distorts more than these models can describe"
         )
         return replace(found, hints=(*hints, remark))
     return found
@@ -184,7 +184,7 @@ def calibrate(
 def check_camera(
     views: Sequence[PatternView], pattern: Pattern, intrinsics: Intrinsics
 ) -> Calibration:
-    """How well views fit a camera that was calibrated before.
+    """Agreement of views with a camera that was calibrated before.
 
     Raises:
         InputError: a view is of another size.

@@ -27,7 +27,7 @@ _FIX_RADIAL = (cv2.CALIB_FIX_K1, cv2.CALIB_FIX_K2, cv2.CALIB_FIX_K3)
 
 @dataclass(frozen=True)
 class Lens:
-    """Which coefficients of OpenCV's distortion model are free.
+    """The free coefficients of OpenCV's distortion model.
 
     Args:
         name: as it is shown.
@@ -116,7 +116,7 @@ class Intrinsics:
 
 @dataclass(frozen=True, eq=False)
 class PatternPose:
-    """Where the pattern is in the optical frame, and how well its corners fit there.
+    """Pose of the pattern in the optical frame, with its residuals.
 
     Args:
         rotation: that takes vectors of the pattern's frame into the optical frame, shape (3, 3).

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Which lens model the views justify: cross-validation over views."""
+"""Selection of the lens model that the views justify: cross-validation over views."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ FOLDS = 6
 
 @dataclass(frozen=True)
 class LensScore:
-    """How well a lens model predicts views that it was not fitted to.
+    """Error of a lens model in views that it was not fitted to.
 
     Args:
         lens: the model.

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Calibration patterns: what is printed, and where its corners lie.
+"""Calibration patterns: their squares, and the coordinates of their corners.
 
 A pattern has a frame of its own: origin at its centre, x along its columns, y along its rows (to
 the right and down where it is read like a page), so that its z axis points away from the reader.

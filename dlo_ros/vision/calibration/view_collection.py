@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Taking views in: finds the pattern in one picture after the other and keeps what is new."""
+"""Collection of views: finds the pattern in one picture after the other and keeps new views."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SIZES_TRIED = 6
 
 @dataclass(frozen=True)
 class Skipped:
-    """A picture that gave no view, and why."""
+    """A picture without a view, and the reason."""
 
     name: str
     reason: str

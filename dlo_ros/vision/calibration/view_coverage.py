@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Which views are there and which are missing: places, tilts and distances of the pattern."""
+"""Coverage of views: places, tilts and distances of the pattern, and the missing ones."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ PLACES = ("top left", "top right", "bottom left", "bottom right")
 
 
 class Coverage:
-    """Takes views in one after the other and says what is missing.
+    """Collects views and names the missing ones.
 
     Args:
         pattern: what the views show.
@@ -41,7 +41,7 @@ class Coverage:
         self._scales: list[float] = []
 
     def add(self, view: PatternView, pose: PatternPose | None = None) -> None:
-        """Take a view in.
+        """Add a view.
 
         Args:
             view: corners and their pixels.

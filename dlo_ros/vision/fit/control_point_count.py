@@ -1,8 +1,8 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""How many control points a DLO's shape needs, by cross-validation.
+"""The number of control points that a DLO's shape needs, by cross-validation.
 
-Too few cannot follow the shape, too many follow the noise: what a spline through part of the
-measured points says of the others has the least error in between.
+Too few cannot follow the shape, too many follow the noise: in between, the spline through a part of
+the measured points predicts the others with the least error.
 """
 
 from __future__ import annotations

@@ -35,7 +35,7 @@ MOST_BEYOND = 0.15  # of L that a hidden end may lie beyond the course
 
 @dataclass(frozen=True, eq=False)
 class Ends:
-    """Where the DLO begins and stops on its course.
+    """Positions of the DLO's ends on its course.
 
     Args:
         places: of start and end, in profiles, shape (2,).
@@ -58,7 +58,7 @@ def find_ends(
     prolonged: float,
     free: tuple[bool, bool],
 ) -> Ends:
-    """Where a located DLO begins and stops.
+    """Positions of the ends of a located DLO.
 
     Args:
         image: BGR.

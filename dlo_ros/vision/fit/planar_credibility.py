@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Whether what was found can be the DLO, and what is wrong with a picture in which nothing was."""
+"""Credibility of a detection: whether it can be the DLO, and defects of pictures without one."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ LOOKED_AT = 100  # rows of a picture that are looked at
 def check(
     fit: SplineFit, located: Located, ends: EndPoses, camera: Camera, length: float, diameter: float
 ) -> None:
-    """Refuse what is not credible.
+    """Check that a detection is credible.
 
     Args:
         fit: of what was found.
@@ -112,7 +112,7 @@ def _enough(fit: SplineFit, length: float) -> str:
 
 
 def check_change(length: float, before: float) -> None:
-    """Refuse a length that is not that of the last image.
+    """Check that the seen length is that of the last image.
 
     Args:
         length, before: seen now and in the last image [m].
@@ -126,7 +126,7 @@ def check_change(length: float, before: float) -> None:
 
 
 def unusable(image: Image, width: float) -> str:
-    """What is wrong with a picture, if anything: overexposed, dark or blurred.
+    """Defect of a picture, if any: overexposed, dark or blurred.
 
     Args:
         image: BGR.

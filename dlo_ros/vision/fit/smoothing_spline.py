@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Smoothing spline through measured points of a curve, with gaps bridged at least bending.
+"""Smoothing spline through measured points of a curve, with gaps bridged at minimum bending.
 
 A P-spline (Eilers and Marx, Statist. Sci. 11, 1996): uniform cubic B-splines whose second
 differences are penalised, solved in the band. The penalty is so small that it acts in gaps only.
@@ -38,7 +38,7 @@ class SmoothCurve:
 
 @dataclass(frozen=True, eq=False)
 class Support:
-    """What is known of an end besides the points: a value and a derivative, with weights."""
+    """Knowledge of an end besides the points: a value and a derivative, with weights."""
 
     p: float
     value: FloatArray

@@ -189,7 +189,7 @@ class _Fit:
         return max(float(np.median(near)) / MEDIAN[self.free], self.least)
 
     def find_tips(self, q: FloatArray, u: FloatArray, weight: FloatArray, spread: float) -> None:
-        """Where both ends are free: lay them to the outermost points, as well as those tell."""
+        """Where both ends are free, place them at the outermost points."""
         if any(self.grips) or self.known is not None:
             return
         near = np.flatnonzero(weight > 0.25)

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Another tracker's points in, observed splines out, or the reason why there is none.
+"""Observer for another tracker's points: observed splines, or the reason why there is none.
 
 The last shape is tried first; where it does not lead to a credible curve, or at the start, courses
 through the cloud are. A list without a credible DLO raises a VisionError: a wrong shape would be
@@ -57,7 +57,7 @@ LEAST_TOTAL, MOST_TOTAL = 0.6, 1.6  # length of a course over L
 
 @dataclass(frozen=True, eq=False)
 class PointResult:
-    """What a list of points showed.
+    """The result of a list of points.
 
     Args:
         observation: control points and measured points, with the list's stamp.
@@ -151,12 +151,12 @@ class PointObserver:
 
 
 def _basis(seen: PointList, length: float) -> SplineBasis:
-    """Of the fitted curve: as fine as the number of points allows."""
+    """Basis of the fitted curve: as fine as the number of points allows."""
     return SplineBasis(int(np.clip(len(seen.positions) // POINTS_EACH, 4, FINE)), length)
 
 
 def _along_given(seen: PointList, length: float, grips: Clamps) -> PointCurve:
-    """The curve through points whose material coordinates the tracker tells."""
+    """The curve through points whose material coordinates the tracker gives."""
     assert seen.u is not None
     if seen.u.min() < -0.02 * length or seen.u.max() > 1.02 * length:
         raise VisionError(
@@ -254,7 +254,7 @@ def _likeliest(
         if elsewhere and other.likelihood > best.likelihood - CLEARLY_BETTER:
             raise VisionError(
                 "the points can be joined in two ways that fit alike; points in order along the "
-                "DLO (u) or the command of its grips would tell"
+                "DLO (u) or the command of its grips would decide"
             )
     return best
 
@@ -274,7 +274,7 @@ def _problem(
     length: float,
     grips: Clamps,
 ) -> str:
-    """Why a curve is not credible; empty where it is."""
+    """Reason why a curve is not credible; empty where it is."""
     inside = curve.inside
     share = float(np.mean(inside))
     if np.count_nonzero(inside) < FEWEST or share < LEAST_INSIDE:
@@ -314,7 +314,7 @@ def _problem(
 
 
 def _elsewhere(curve: PointCurve, points: FloatArray, length: float) -> str:
-    """Says where outliers lie so close together that they are part of a DLO; else empty."""
+    """Sentence on outliers so close together that they are part of a DLO; else empty."""
     beside = points[~curve.inside]
     if len(beside) <= FEW:
         return ""
@@ -327,7 +327,7 @@ def _elsewhere(curve: PointCurve, points: FloatArray, length: float) -> str:
 
 
 def _unseen_turn(curve: PointCurve, length: float) -> str:
-    """Says where a curve turns without points that show it; else empty."""
+    """Sentence on a turn of the curve without points that show it; else empty."""
     u = np.concatenate([[0.0], np.sort(curve.u[curve.inside]), [length]])
     gap = np.diff(u)
     for k in np.flatnonzero(gap > max(GAP * length / len(u), LEAST_GAP * length)):

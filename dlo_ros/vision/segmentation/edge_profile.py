@@ -16,10 +16,18 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from scipy.ndimage import gaussian_filter1d, median_filter, minimum_filter1d
+from scipy.ndimage import gaussian_filter1d, median_filter
 
 from dlo_ros.spline import FloatArray
 from dlo_ros.vision.segmentation.edge_levels import doubt_of_middle
+from dlo_ros.vision.segmentation.edge_search import (
+    FADE,
+    blur_length,
+    climbing_length,
+    middle_of,
+    slope_towards,
+    steepest_change,
+)
 from dlo_ros.vision.segmentation.picture_strip import (
     CORE,
     Float32,
@@ -29,11 +37,20 @@ from dlo_ros.vision.segmentation.picture_strip import (
     smooth_curve,
     strip_along,
 )
+from dlo_ros.vision.segmentation.profile_masks import (
+    eroded,
+    filled,
+    long_runs,
+    odd_width,
+    outliers,
+    robust_std,
+    running_median,
+    without_islands,
+)
 from dlo_ros.vision.segmentation.ridge_map import Image
 from dlo_ros.vision.segmentation.section_confirmation import confirm
 
 GROUND = (0.75, 1.05)  # where its background is measured, in widths from the middle
-WIDTH_WINDOW = 8.0  # [widths] to each side, for the usual distance of the edges
 FAINT = 0.01  # weight of a profile without an edge but of the DLO's colour
 COLOUR_WINDOW = 4.0  # [widths] to each side, for the colour that the DLO has nearby
 FOREIGN = 1.5  # times the contrast: no light changes a DLO's colour by that much
@@ -44,7 +61,6 @@ WEAK_SIDE = 0.3  # a side of less than this share of the usual contrast shows no
 MOST_TONES = 4  # of a DLO that changes its colour, those between two counted as well
 FREE_HALF = (0.3, 0.75)  # [widths] that half the measured width may be
 KNOWN_HALF = (0.44, 0.56)  # the same where the width is known
-FADE = 0.3  # share of the window of an edge over which it fades out
 BLUR_WINDOW = 4.0  # [widths] to each side, for the length over which edges climb
 WIDEST_WINDOW = 0.65  # [widths] from an edge to the end of the strip that is sampled
 SAMPLING_STD = 0.027  # [px] systematic errors of sampling that scatter does not show
@@ -165,22 +181,24 @@ def locate(
     fine = gaussian_filter1d(strip, along, axis=0, mode="nearest")
     middle = np.zeros(len(curve))
     half = 0.5 * width
-    slope_left, climb_left = _slope(fine, offsets, core_left - left)
-    slope_right, climb_right = _slope(fine, offsets, right - core_right)
+    slope_left, climb_left = slope_towards(fine, offsets, core_left - left)
+    slope_right, climb_right = slope_towards(fine, offsets, right - core_right)
     least = min(0.42 * width, 0.25 * width + 2.0)
     one_sided = 0.0
     for _ in range(2):
         # A motion smears both edges alike, and its path changes slowly along the DLO. What climbs
         # more slowly at one edge, or for a short way, is something else beside the DLO.
         ramp = np.minimum(
-            _ramp(slope_left, offsets, climb_left, middle - half, least),
-            _ramp(slope_right, offsets, climb_right, middle + half, least),
+            climbing_length(slope_left, offsets, climb_left, middle - half, least),
+            climbing_length(slope_right, offsets, climb_right, middle + half, least),
         )
         ramp = running_median(ramp, 2 * round(BLUR_WINDOW * width / spacing) + 1)
         # The expected place may be anywhere in the ramp, so the window is as wide to either side.
         window = np.clip(ramp / (1.0 - FADE), least, max(least, WIDEST_WINDOW * width))
-        edge_left, found_left = _edge(slope_left, offsets, climb_left, middle - half, window, width)
-        edge_right, found_right = _edge(
+        edge_left, found_left = steepest_change(
+            slope_left, offsets, climb_left, middle - half, window, width
+        )
+        edge_right, found_right = steepest_change(
             slope_right, offsets, climb_right, middle + half, window, width
         )
         found_left &= contrast_left > WEAK_SIDE * usual
@@ -192,11 +210,11 @@ def locate(
             half = float(np.clip(measured, low * width, high * width))
             # Edges that do not lie the width apart: one of them is something else's.
             one_sided = abs(measured - 0.5 * width) if measured != half else 0.0
-        middle, seen = _middle(edge_left, found_left, edge_right, found_right, half)
+        middle, seen = middle_of(edge_left, found_left, edge_right, found_right, half)
         size = max(3, 2 * round(width / spacing) + 1)
-        middle = median_filter(_fill(middle, seen), size=size, mode="nearest")
-    middle, seen = _middle(edge_left, found_left, edge_right, found_right, half)
-    seen &= ~(both & _odd_width(edge_right - edge_left, both, width / spacing))
+        middle = median_filter(filled(middle, seen), size=size, mode="nearest")
+    middle, seen = middle_of(edge_left, found_left, edge_right, found_right, half)
+    seen &= ~(both & odd_width(edge_right - edge_left, both, width / spacing))
     nearer = np.minimum(contrast_left, contrast_right)
     likeness = _likeness(core, nearer, seen & both, np.asarray(typical), usual, width / spacing)
     if tones:
@@ -205,16 +223,16 @@ def locate(
     # The right width between two edges makes up for a changed colour, as in a shadow; a single
     # edge may be that of whatever hides the DLO.
     alike = np.where(both, likeness > 1.0 - COLOUR_LIMIT, likeness > CERTAIN_LIKENESS)
-    seen &= _eroded(alike, round(along))
+    seen &= eroded(alike, round(along))
     # Beside a hole a single edge will do; a long one is that of something else.
-    seen &= both | ~_long_runs(seen & ~both, round(LONGEST_SINGLE * width / spacing))
+    seen &= both | ~long_runs(seen & ~both, round(LONGEST_SINGLE * width / spacing))
     seen &= inside(image, curve + middle[:, None] * normals, 1.0)
-    seen &= ~_outliers(middle, seen, width, spacing)
+    seen &= ~outliers(middle, seen, width, spacing)
     longest = round(ISLAND * width / spacing)
-    edge_std = _spread((edge_right - edge_left)[both])
+    edge_std = robust_std((edge_right - edge_left)[both])
     points = curve + middle[:, None] * normals
     seen, unsure = confirm(points, normals, seen, both, width, spacing, along, longest, edge_std)
-    seen = _without_islands(seen, longest)
+    seen = without_islands(seen, longest)
     axis = core - 0.5 * (left + right)
     axis /= np.maximum(np.linalg.norm(axis, axis=1), 1e-6)[:, None]
     across = np.einsum("ikc,ic->ik", strip, axis)
@@ -222,7 +240,7 @@ def locate(
     return Located(
         curve,
         normals,
-        _fill(middle, seen),
+        filled(middle, seen),
         np.asarray(seen, dtype=np.bool_),
         likeness.astype(np.float64),
         2.0 * half,
@@ -231,22 +249,11 @@ def locate(
         spacing,
         edge_std,
         float(np.median(np.linalg.norm(left - right, axis=1))) / usual,
-        _blur(ramp, step),
+        blur_length(ramp, step),
         np.hypot(np.hypot(lopsided, one_sided), unsure),
         known_width,
         tones,
     )
-
-
-def _blur(ramp: FloatArray, step: float) -> FloatArray:
-    """Length over which light was smeared [px], shape (m,), by that over which edges climb.
-
-    A Gaussian edge of standard deviation sigma has its contrast over its slope equal to
-    sigma sqrt(2 pi). Pixels, their interpolation and the difference of samples that lie a step
-    apart on either side have variances of 1/12, 1/6 and step^2 / 3, which are no blur.
-    """
-    sharp = 2.0 * np.pi * (1.0 / 12.0 + 1.0 / 6.0 + step**2 / 3.0)
-    return np.asarray(np.sqrt(np.maximum(ramp**2 - sharp, 0.0)))
 
 
 def _likeness(
@@ -292,156 +299,3 @@ def _likeness_of_tones(core: Float32, sure: Mask, usual: float) -> FloatArray:
     )
     unlike = np.linalg.norm(core[:, None] - tones[None], axis=2).min(axis=1) / usual
     return np.asarray(np.clip(1.0 - unlike, 0.0, 1.0), dtype=np.float64)
-
-
-def _spread(values: FloatArray) -> float:
-    if len(values) == 0:
-        return float("inf")
-    return 1.4826 * float(np.median(np.abs(values - np.median(values))))
-
-
-def _slope(strip: Float32, offsets: FloatArray, change: Float32) -> tuple[FloatArray, FloatArray]:
-    """How steeply the picture climbs across the DLO towards a colour.
-
-    Args:
-        strip: colours, shape (m, k, 3).
-        offsets: of the samples [px], shape (k,).
-        change: of the colour at an edge, in the direction of growing offsets, shape (m, 3).
-
-    Returns:
-        Slope [grey levels/px], 0 where it falls, shape (m, k), and the whole change [grey levels],
-        shape (m,).
-    """
-    climb = np.linalg.norm(change, axis=1)
-    unit = change / np.maximum(climb, 1e-6)[:, None]
-    profile = np.einsum("ikc,ic->ik", strip, unit)
-    return np.maximum(np.gradient(profile, offsets, axis=1), 0.0), climb
-
-
-def _ramp(
-    slope: FloatArray, offsets: FloatArray, climb: FloatArray, expected: FloatArray, window: float
-) -> FloatArray:
-    """Length over which an edge near an expected offset climbs by all of it [px], shape (m,)."""
-    distance = np.abs(offsets[None, :] - expected[:, None])
-    peak = (slope * _taper(distance, np.array(window))).max(axis=1)
-    return np.asarray(climb / np.maximum(peak, 1e-6))
-
-
-def _edge(
-    slope: FloatArray,
-    offsets: FloatArray,
-    climb: FloatArray,
-    expected: FloatArray,
-    window: FloatArray,
-    width: float,
-) -> tuple[FloatArray, Mask]:
-    """Position of the steepest change towards the DLO's colour near an expected offset.
-
-    The centroid of the squared slope is taken: it depends on neither level, so that a rope that is
-    brighter on one side is not shifted.
-    """
-    distance = np.abs(offsets[None, :] - expected[:, None])
-    slope = slope * _taper(distance, window[:, None])
-    peak = slope.max(axis=1, keepdims=True)
-    weight = np.maximum(slope - 0.25 * peak, 0.0) ** 2
-    total = weight.sum(axis=1)
-    good = total > 1e-9
-    position = np.where(good, (weight * offsets).sum(axis=1) / np.where(good, total, 1.0), expected)
-    # An edge climbs at least a quarter of the contrast within a third of the width.
-    good &= peak[:, 0] > 0.25 * climb / max(0.33 * width, 2.0)
-    return position, np.asarray(good, dtype=np.bool_)
-
-
-def _taper(distance: FloatArray, window: FloatArray) -> FloatArray:
-    """Weights of samples at distances from a window's middle.
-
-    A window that fades out does not jump when a sample enters or leaves it.
-    """
-    return np.asarray(np.clip((window - distance) / (FADE * window), 0.0, 1.0))
-
-
-def _middle(
-    left: FloatArray, has_left: Mask, right: FloatArray, has_right: Mask, half: float
-) -> tuple[FloatArray, Mask]:
-    """The middle from both edges, or from one and the width."""
-    both = has_left & has_right
-    fits = np.abs(right - left - 2 * half) < 0.3 * half + 0.7
-    middle = np.where(both, 0.5 * (left + right), np.where(has_left, left + half, right - half))
-    seen = (both & fits) | (has_left ^ has_right)
-    return np.where(seen, middle, 0.0), np.asarray(seen, dtype=np.bool_)
-
-
-def running_median(values: FloatArray, size: int) -> FloatArray:
-    """Median over a window that moves along; over many values it takes but some of them."""
-    index = np.arange(len(values))
-    size = min(len(values), size)
-    step = max(1, size // 32)
-    some = median_filter(values[::step], size=max(3, size // step), mode="reflect")
-    return np.asarray(np.interp(index, index[::step], some))
-
-
-def _odd_width(width: FloatArray, both: Mask, profiles: float) -> Mask:
-    """Where the edges' distance differs from that of the neighbourhood: an edge is another's.
-
-    A hole or another strand of the DLO's tone beside it shifts one edge, and the middle by half.
-    The width may change slowly, with the distance from the camera.
-    """
-    result = np.zeros(len(width), dtype=np.bool_)
-    index = np.flatnonzero(both)
-    if len(index) < 5:
-        return result
-    usual = running_median(width[index], 2 * round(WIDTH_WINDOW * profiles) + 1)
-    difference = np.abs(width[index] - usual)
-    spread = 1.4826 * float(np.median(difference))
-    result[index] = difference > 4.0 * spread + 0.1 + 0.006 * usual
-    return result
-
-
-def _eroded(mask: Mask, size: int) -> Mask:
-    """A mask without what lies within a size of where it is false."""
-    if size < 1 or mask.all():
-        return mask
-    return np.asarray(minimum_filter1d(mask, 2 * size + 1, mode="nearest"), dtype=np.bool_)
-
-
-def _long_runs(mask: Mask, size: int) -> Mask:
-    """Where a mask is true for longer than a size."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
-    result = np.zeros_like(mask)
-    for first, last in edges.reshape(-1, 2):
-        result[first:last] = last - first > size
-    return result
-
-
-def _without_islands(seen: Mask, size: int) -> Mask:
-    """The mask without pieces shorter than a size that lie between gaps longer than it."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], seen, [False]]).astype(np.int8)))
-    first, last = edges[::2], edges[1::2]
-    before = first - np.concatenate([[0], last[:-1]])
-    after = np.concatenate([first[1:], [len(seen)]]) - last
-    result = seen.copy()
-    for k in np.flatnonzero((last - first < size) & (before > size) & (after > size)):
-        result[first[k] : last[k]] = False
-    return result
-
-
-def _fill(values: FloatArray, seen: Mask) -> FloatArray:
-    """Values with those that were not seen interpolated."""
-    if not np.any(seen):
-        return np.zeros(len(values))
-    index = np.arange(len(values))
-    return np.asarray(np.interp(index, index[seen], values[seen]))
-
-
-def _outliers(middle: FloatArray, seen: Mask, width: float, spacing: float) -> Mask:
-    """Points that jump away from their neighbours."""
-    index = np.flatnonzero(seen)
-    result = np.zeros(len(middle), dtype=np.bool_)
-    if len(index) < 5:
-        return result
-    size = min(len(index), 2 * max(2, round(1.5 * width / spacing)) + 1)
-    values = middle[index]
-    residual = values - median_filter(values, size=size, mode="nearest")
-    spread = 1.4826 * float(np.median(np.abs(residual))) + 0.02 * width + 0.05
-    result[index] = np.abs(residual) > 6.0 * spread
-    return result

@@ -1,9 +1,9 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""A first shape in space from centrelines of which nothing is known but their order.
+"""A first shape in space from centrelines whose material coordinates are unknown.
 
 Two centrelines are matched as a whole by dynamic programming: both run along the same DLO, and a
-point of one lies on the epipolar line of its partner. What is left open where the DLO runs along
-epipolar lines is decided by an even advance on both.
+point of one lies on the epipolar line of its partner. Where the DLO runs along epipolar lines, the
+match follows from an even advance on both.
 """
 
 from __future__ import annotations

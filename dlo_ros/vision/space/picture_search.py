@@ -44,7 +44,7 @@ LEAST_INSIDE = 0.3  # share of the DLO that must be in the picture
 
 
 class Measured:
-    """The DLO as one picture shows it.
+    """The DLO in one picture.
 
     Args:
         located: its middle along a curve.
@@ -69,7 +69,7 @@ class Measured:
 
     @property
     def loose(self) -> bool:
-        """Whether nothing tells which end is the start."""
+        """Whether it is unknown which end is the start."""
         return self._free == (True, True)
 
     def backwards(self) -> Measured:
@@ -123,7 +123,7 @@ class ViewSearch:
         self._last = None
 
     def remember(self, located: Located) -> None:
-        """What of a picture that was understood helps with the next."""
+        """Store the width and colour of a credible picture for the next one."""
         self._last = located
 
     def width(self, clamps: tuple[ClampPose | None, ClampPose | None]) -> float:

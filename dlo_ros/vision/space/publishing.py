@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""From the fine spline to what is published: control points, and points with their std."""
+"""The published result of the fit in space: control points, and points with their std."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def publish(
 
 
 def end_stds(views: Sequence[View], clamps: Clamps, diameter: float) -> tuple[float, float]:
-    """How well start and end are known along the DLO [m], by clamps or by the views' tips."""
+    """Standard deviations of start and end along the DLO [m], by clamps or by the views' tips."""
     result = []
     for k, clamp in enumerate(clamps):
         shown = sum(view.tips[k] is not None for view in views)

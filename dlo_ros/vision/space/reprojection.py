@@ -58,7 +58,7 @@ class ClampPose:
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """What is known besides the pictures.
+    """Prior knowledge besides the pictures.
 
     Args:
         diameter: of the DLO [m].

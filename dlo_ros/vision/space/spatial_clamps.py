@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What the imposed motion says about the DLO's ends in space."""
+"""Positions and directions of the DLO's ends in space, from the imposed motion."""
 
 from __future__ import annotations
 

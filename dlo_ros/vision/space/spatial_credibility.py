@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Whether what several views were fitted with can be the DLO: right or silent."""
+"""Credibility of a fit in space: whether it can be the DLO."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def near(at: FloatArray, u: FloatArray, length: float) -> Mask:
 
 
 def check(views: Sequence[View], fit: SpaceFit, clamps: Clamps, diameter: float) -> None:
-    """Refuse what is not credible.
+    """Check that a fit in space is credible.
 
     Args:
         views: that were fitted.
@@ -104,6 +104,6 @@ def check(views: Sequence[View], fit: SpaceFit, clamps: Clamps, diameter: float)
     std = np.sqrt(np.trace(fit.covariance_at(some), axis1=1, axis2=2) / 3.0)
     if float(np.median(std)) > LARGEST_STD * length:
         raise VisionError(
-            "the pictures do not tell the depth: the DLO runs along the epipolar lines, or the "
-            "cameras stand too close to one another"
+            "the pictures do not determine the depth: the DLO runs along the epipolar lines, or "
+            "the cameras stand too close to one another"
         )

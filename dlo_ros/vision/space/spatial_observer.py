@@ -280,7 +280,7 @@ class SpaceObserver:
         """The course of the only camera, where its depth image shows it."""
         image, camera = frames[name].depth, self.cameras[name]
         if image is None:
-            raise VisionError("one camera without depth tells no shape in space")
+            raise VisionError("one camera without depth determines no shape in space")
         course = measured.course()
         z = course_depth(image, course, measured.located.width, 0.5 * self.settings.rod.diameter)
         seen = np.column_stack([camera.rays(course), np.ones(len(course))]) * z[:, None]

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What the pictures of one instant showed of the DLO in space."""
+"""The result of the pictures of one instant in space."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class SpaceFit:
 
 @dataclass(frozen=True, eq=False)
 class SpaceResult:
-    """What the pictures of one instant showed.
+    """The result of the pictures of one instant.
 
     Args:
         observation: control points and measured points, with the stamp of the first camera.

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What one camera measured of the DLO's centreline, as the fit in space takes it."""
+"""One camera's measured points of the DLO's centreline, as input of the fit in space."""
 
 from __future__ import annotations
 

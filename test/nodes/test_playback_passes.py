@@ -5,9 +5,9 @@ from __future__ import annotations
 
 import pytest
 
-from dlo_ros.nodes import passes
+from dlo_ros.nodes import playback_passes
 from dlo_ros.nodes.pairing import Pairing
-from dlo_ros.nodes.passes import AHEAD, UNDER_WAY, Passes
+from dlo_ros.nodes.playback_passes import AHEAD, UNDER_WAY, PlaybackPasses
 
 S = 1_000_000_000
 START = 1000 * S
@@ -17,13 +17,13 @@ START = 1000 * S
 def clock(monkeypatch):
     """Wall time [s], which the test sets."""
     now = [50.0]
-    monkeypatch.setattr(passes.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(playback_passes.time, "monotonic", lambda: now[0])
     return now
 
 
-def looped(lead: int = 0) -> Passes:
+def looped(lead: int = 0) -> PlaybackPasses:
     """After a pass of three seconds, its stamps ahead of the clock by some nanoseconds."""
-    one = Passes()
+    one = PlaybackPasses()
     for k in range(30):
         now = START + k * S // 10
         assert not one.is_earlier(now + lead, now)
@@ -32,7 +32,7 @@ def looped(lead: int = 0) -> Passes:
 
 
 def test_nothing_is_earlier_before_time_goes_back():
-    one = Passes()
+    one = PlaybackPasses()
     assert not one.is_earlier(START + 9 * S, START)
     assert not one.is_earlier(START, 0)  # simulated time has not begun
 

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Pictures of a camera that is not calibrated yet: image files, folders, bags."""
+"""Pictures for the calibration of a camera: image files, folders, bags."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def is_bag(path: Path) -> bool:
 
 
 def count_pictures(path: Path) -> int:
-    """How many pictures an input has at most; the images of a bag count all.
+    """Upper bound of the number of pictures in an input; the images of a bag count all.
 
     Raises:
         InputError: there is no such file, or it has none.

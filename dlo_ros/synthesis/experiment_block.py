@@ -92,7 +92,7 @@ class ExperimentBlock:
         return tuple(self.check(v, key, lower, upper) for v in value)
 
     def finish(self) -> None:
-        """Refuse what nothing has asked for.
+        """Refuse keys that no reader has asked for.
 
         Raises:
             InputError: an unknown key; the message lists the known ones.

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""How a camera's images arrive: their rate, how late they are, and how many got lost."""
+"""Statistics of a camera's images: rate, latency and losses."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ LATE = 1.6
 """Times the usual interval that two neighbouring images may lie apart."""
 
 
-class FrameStatistics:
-    """Statistics over the stamps of images, in the order of their arrival."""
+class ImageStatistics:
+    """Rate, latency and losses by the stamps of images, in the order of their arrival."""
 
     def __init__(self) -> None:
         self.dropped = 0
@@ -28,7 +28,7 @@ class FrameStatistics:
         self._latencies: deque[float] = deque(maxlen=REMEMBERED)
 
     def reset(self) -> None:
-        """Time went back: the next image has no one before it."""
+        """Time went back: the next image has no predecessor."""
         self._last = None
 
     def arrived(self, stamp: int) -> None:
@@ -48,7 +48,7 @@ class FrameStatistics:
         self._intervals.append(interval)
 
     def worked_off(self, latency: float) -> None:
-        """Note the time from an image's stamp to its published spline [s]."""
+        """Record the time from an image's stamp to its published spline [s]."""
         self._latencies.append(latency)
 
     @property

@@ -1,8 +1,8 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""From the package's data to messages, of a bag or of rclpy alike.
+"""Messages from the package's data, for a bag or for rclpy alike.
 
 A `MessageFactory` makes the message objects; `BagMessages` makes those that a bag is written from.
-Whatever is not finite is refused here, so that it leaves neither a node nor a tool.
+Numbers that are not finite are refused here, so that they leave neither a node nor a tool.
 """
 
 from __future__ import annotations
@@ -218,7 +218,7 @@ def load_messages(
     bend_radius: float,
     wrenches: Sequence[tuple[FloatArray, FloatArray] | None],
 ) -> dict[str, Any]:
-    """What a DLO and its grips bear, as messages by topic.
+    """Loads of a DLO and its grips as messages by topic.
 
     Args:
         tension: largest [N].

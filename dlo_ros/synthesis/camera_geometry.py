@@ -1,7 +1,8 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Where points of the board frame lie in a simulated image, by OpenCV's camera model.
+"""Projection of points of the board frame to a simulated image, by OpenCV's camera model.
 
-Written apart from the package's own camera, so that one can be held against the other.
+It is written independently of the package's own camera, so that one can be tested against the
+other.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from dlo_ros.errors import InputError
 from dlo_ros.parameters import CameraPose
 from dlo_ros.spline import FloatArray
-from dlo_ros.synthesis.look import SimulatedCamera
+from dlo_ros.synthesis.picture_settings import SimulatedCamera
 
 
 @dataclass(frozen=True)

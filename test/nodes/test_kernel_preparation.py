@@ -18,8 +18,8 @@ from rcl_interfaces.srv import ListParameters
 
 from dlo_ros.compilation import CompilationProgress
 from dlo_ros.demo.network import free_domain
-from dlo_ros.nodes import preparation
-from dlo_ros.nodes.preparation import LOADING, Preparation
+from dlo_ros.nodes import kernel_preparation
+from dlo_ros.nodes.kernel_preparation import LOADING, Preparation
 from dlo_ros.nodes.qos import LATCHED
 from dlo_ros.parameters import Settings
 
@@ -79,7 +79,7 @@ def prepare(monkeypatch):
 
     def make(load=lambda: None, progress=HALF):
         compilation, node = StandIn(progress), Node()
-        monkeypatch.setattr(preparation, "BackgroundCompilation", compilation)
+        monkeypatch.setattr(kernel_preparation, "BackgroundCompilation", compilation)
         return Preparation(node, ("rod",), load), node, compilation
 
     return make
@@ -132,7 +132,7 @@ def test_the_progress_is_logged_now_and_then(prepare, monkeypatch):
     one, node, _ = prepare()
     one.proceed()
     assert len(node.logged) == 1
-    monkeypatch.setattr(preparation, "TOLD", 0.0)
+    monkeypatch.setattr(kernel_preparation, "TOLD", 0.0)
     one.proceed()
     assert node.logged[1:] == ["compiling, 40 %, about 30 s"]
 

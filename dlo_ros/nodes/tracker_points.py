@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Another tracker's points (`dlo/points`) in, observed splines out."""
+"""Input of the observer from another tracker's points (`dlo/points`)."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from dlo_ros.recordings.transforms import Transforms, same_frame
 from dlo_ros.vision.points.point_observer import PointObserver
 
 
-class PointsListener:
+class TrackerPointsListener:
     """Observes the DLO in each list of points.
 
     Args:
         node: which subscribes.
         motion: the imposed motion, as it is known so far.
-        publish: is given each observation; returns whether it could be published.
+        publish: called with each observation; returns whether it could be published.
     """
 
     def __init__(
@@ -86,7 +86,7 @@ class PointsListener:
         )
 
     def _transforms(self, message: Any) -> Transforms:
-        """Those that are known; they are listened to from the first list of another frame on."""
+        """Received transforms; they are subscribed to from the first list in another frame on."""
         foreign = not same_frame(str(message.header.frame_id), self._node.settings.frame_id)
         if self._listener is None and foreign:
             self._listener = TransformListener(self._node)

@@ -1,8 +1,8 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Telling the present pass of a looped recording from the one before (no ROS here).
+"""Passes of a recording that is played in a loop: messages of the present and the earlier pass.
 
-When the clock goes back, messages of the pass before are still on their way, for instance splines
-of images that the observer had not worked off. Their stamps lie ahead of the new clock.
+When the clock goes back, messages of the earlier pass are still on their way, for instance splines
+of images that the observer had not processed. Their stamps lie ahead of the new clock.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ UNDER_WAY = 10.0
 """Seconds of wall time that a message may be under way: ten images that wait, a second each."""
 
 
-class Passes:
-    """Tells after a jump of the clock to an earlier time which messages were sent before it.
+class PlaybackPasses:
+    """Recognises, after a jump of the clock to an earlier time, messages sent before the jump.
 
-    Some cameras stamp ahead of the clock of the recording; how far is measured while no message of
-    an earlier pass can be under way.
+    Some cameras stamp ahead of the clock of the recording; their lead is measured while no message
+    of an earlier pass can be under way.
     """
 
     def __init__(self) -> None:
@@ -31,7 +31,7 @@ class Passes:
         self._lead = 0
 
     def went_back(self, before: int) -> None:
-        """Take note that the clock went back from a time [ns]."""
+        """Record that the clock went back from a time [ns]."""
         self._end = before
         self._jumped_at = time.monotonic()
 

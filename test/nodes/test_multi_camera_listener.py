@@ -10,9 +10,9 @@ import pytest
 from dlo_ros.command import Motion
 from dlo_ros.errors import VisionError
 from dlo_ros.parameters import Settings
-from dlo_ros.recordings.building import BAG_MESSAGES
 from dlo_ros.recordings.image_building import camera_info_message, depth_message, image_message
 from dlo_ros.recordings.images import CameraInfo, read_camera_info
+from dlo_ros.recordings.message_building import BAG_MESSAGES
 
 ROD = {"rod.length": 0.4, "rod.diameter": 0.004, "rod.young_modulus": 1e6, "rod.density": 1e3}
 POSE = {"translation": [0.0, 0.0, 1.2], "rotation": [2**-0.5, 0.0, 0.0, 2**-0.5]}
@@ -78,14 +78,16 @@ class FakeObserver:
 
 @pytest.fixture
 def listener(monkeypatch):
-    views = pytest.importorskip("dlo_ros.nodes.views")
+    views = pytest.importorskip("dlo_ros.nodes.multi_camera_listener")
     monkeypatch.setattr(views, "SpaceObserver", FakeObserver)
 
     def make(**values):
         node = FakeNode(**values)
         motion = Motion()
         motion.commands.append(None)
-        return node, views.ViewsListener(node, motion, lambda result: None, lambda stamp: None)
+        return node, views.MultiCameraListener(
+            node, motion, lambda result: None, lambda stamp: None
+        )
 
     return make
 
@@ -153,7 +155,7 @@ def test_images_wait_for_the_command(listener):
 def test_images_wait_for_the_frames_of_their_instant_but_not_for_a_silent_robot(
     listener, monkeypatch
 ):
-    views_module = pytest.importorskip("dlo_ros.nodes.views")
+    views_module = pytest.importorskip("dlo_ros.nodes.multi_camera_listener")
     frames = {"command.source": "tf", "command.start_frame": "gripper"}
     node, views = listener(**{"vision.cameras": ["left", "right"]}, **BOTH, **frames)
     clock = [100.0]

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""The estimator in a thread of its own, so that the node's callbacks stay quick (no ROS here)."""
+"""The thread of the live estimator, which keeps the node's callbacks short (no ROS here)."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class EstimatorThread:
         return len(self._tasks)
 
     def start(self) -> None:
-        """Begin to work off what has come; the kernels should be compiled by now."""
+        """Begin with the tasks that wait; the kernels should be compiled by now."""
         self._thread.start()
 
     def command(self, command: Command) -> None:
@@ -118,7 +118,7 @@ class EstimatorThread:
         return outcomes
 
     def stop(self) -> None:
-        """End the thread; a step that is under way may take longer than this call."""
+        """End the thread; a step in progress may take longer than this call."""
         with self._changed:
             self._stopping = True
             self._changed.notify()
@@ -183,7 +183,7 @@ def _has_work(estimator: OnlineEstimator, monitor: ResidualMonitor) -> bool:
 
 
 def _proceed(estimator: OnlineEstimator, monitor: ResidualMonitor) -> bool:
-    """Do a piece of what is left over; whether there is something new to tell."""
+    """Do one piece of the remaining work; whether it has a new outcome."""
     if estimator.busy:
         estimator.proceed()
         return estimator.estimate.significant or not estimator.busy

@@ -2,8 +2,8 @@
 """Effects that a simulated experiment hides: their names and values, checked.
 
 They are given as in a parameter file: `effects.NAME.KEY`, by the names and units of the interface.
-`hidden_rod` puts those that act on the rope into the discrete rod, `truth` those that act on its
-motion; those of the camera are here. Nothing is shared with the model that is to find them.
+`hidden_rod` puts those that act on the rope into the discrete rod, `true_motion` those that act on
+its motion; those of the camera are here. Nothing is shared with the model that is to find them.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from dlo_ros.errors import InputError
 from dlo_ros.parameters import CameraPose
 from dlo_ros.spline import FloatArray
-from dlo_ros.synthesis.sections import ExperimentBlock
+from dlo_ros.synthesis.experiment_block import ExperimentBlock
 
 Values = Mapping[str, float | tuple[float, ...]]
 Effects = Mapping[str, Values]
@@ -171,7 +171,7 @@ def read_effects(
 
 
 @dataclass(frozen=True)
-class Hidden:
+class HiddenEffects:
     """What an experiment hides.
 
     Args:

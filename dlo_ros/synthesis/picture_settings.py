@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What a simulated camera sees and how it sees it: intrinsics, board, rope, light, noise."""
+"""Settings of a simulated camera's pictures: intrinsics, board, rope, light, noise."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from dlo_ros.errors import InputError
 from dlo_ros.spline import FloatArray
-from dlo_ros.synthesis.sections import ExperimentBlock
+from dlo_ros.synthesis.experiment_block import ExperimentBlock
 
 Colour = tuple[float, float, float]
 
@@ -140,7 +140,7 @@ class Look:
 
 @dataclass(frozen=True)
 class DepthSensor:
-    """How a depth sensor beside the camera measures.
+    """The errors of a depth sensor beside the camera.
 
     Args:
         std: standard deviation of each pixel's depth [m].
@@ -169,7 +169,7 @@ class DepthSensor:
 
 @dataclass(frozen=True)
 class Measurement:
-    """How an observer would measure, where no images are made.
+    """The errors of an observer, where no images are made.
 
     Args:
         std: standard deviation of each point across the rope [m].

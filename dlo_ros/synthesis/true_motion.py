@@ -95,7 +95,7 @@ def project(basis: SplineBasis, curve: Callable[[FloatArray], FloatArray]) -> Fl
 
 
 class Grips:
-    """What an experiment's command imposes on the nodes of a discrete rod."""
+    """The motion that an experiment's command imposes on the nodes of a discrete rod."""
 
     def __init__(self, experiment: Experiment) -> None:
         self._command = experiment.command
@@ -133,7 +133,7 @@ class Grips:
         self._way = np.concatenate([[0.0], np.cumsum(steps)])
 
     def travelled(self, time: float) -> float:
-        """Fraction of the imposed points' way that is behind them at a time [s]; 0 without any."""
+        """Fraction of the imposed points' path until a time [s]; 0 without any path."""
         way = float(np.interp(time - self._delay, self._command.times, self._way))
         return way / float(self._way[-1]) if self._way[-1] > 0.0 else 0.0
 

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""The board's pose in the camera as a transform that other programs find on /tf_static."""
+"""The board's pose in the camera as a transform on /tf_static."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dlo_ros.nodes import qos
 from dlo_ros.nodes.message_factory import ROS_MESSAGES
 from dlo_ros.nodes.node_base import DloNode
 from dlo_ros.recordings import topics
-from dlo_ros.recordings.building import transform_message
+from dlo_ros.recordings.message_building import transform_message
 
 
 class BoardTransform:
@@ -33,12 +33,12 @@ class BoardTransform:
             )
 
     def seen_by(self, frame: str) -> None:
-        """Take the name of the camera's frame, as camera_info has it."""
+        """Set the name of the camera's frame, as camera_info has it."""
         self._frame = frame
         self.update()
 
     def update(self) -> None:
-        """Publish the transform where it is known, and another one than before."""
+        """Publish the transform where it is known and has changed."""
         settings = self._node.settings
         now = (self._frame, settings.camera)
         if self._publisher is None or self._frame is None or now == self._last:

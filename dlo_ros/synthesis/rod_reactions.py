@@ -1,8 +1,9 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Forces and torques of the grips on the discrete rod, by its own laws, and a sensor of them.
+"""Forces and torques of the grips on the discrete rod, and sensors that measure them.
 
-A grip's force is the slope of what a time step minimises, inertia included, by the place that it
-imposes; its torque that by the direction that it imposes and, in space, by its turn about the rod.
+A grip's force is the derivative of the potential that a time step minimises, inertia included, by
+the place that it imposes; its torque the derivative by the direction that it imposes and, in space,
+by its turn about the rod.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from dlo_ros.synthesis.rod_kernels import BANDS, elastic
 from dlo_ros.synthesis.rod_simulation import DiscreteRodSimulation
 from dlo_ros.synthesis.rod_steps import PlanarPotential, evaluate
 from dlo_ros.synthesis.spatial_simulation import SpatialSimulation
-from dlo_ros.synthesis.truth import Truth, simulate
+from dlo_ros.synthesis.true_motion import Truth, simulate
 from dlo_ros.synthesis.wrench_sensor import WrenchSensor
 
 TURN = 1e-5
@@ -33,7 +34,7 @@ WITHIN = 5e-3
 
 
 def reactions(simulation: DiscreteRodSimulation | SpatialSimulation) -> Mapping[str, FloatArray]:
-    """What the grips at the ends of a rod exert on it at its present instant.
+    """Forces and torques of the grips on the ends of a rod at its present instant.
 
     Returns:
         For each end that is held (`start`, `end`): force along x, y, z [N], and torque about these
@@ -108,7 +109,7 @@ def measured(
     accelerations: Mapping[str, FloatArray],
     seed: int,
 ) -> list[Wrenches]:
-    """What sensors at the grips would tell.
+    """Measurements of sensors at the grips.
 
     Args:
         stamps: at which they are stamped [ns], T of them.

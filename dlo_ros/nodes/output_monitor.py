@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""A listener that keeps what the three nodes publish, for the demo."""
+"""A listener that records what the three nodes publish, for the demo."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ from dlo_ros.recordings.messages import stamp_of
 
 
 @contextmanager
-def monitoring(settings: Settings) -> Iterator[Monitor]:
+def monitoring(settings: Settings) -> Iterator[OutputMonitor]:
     """A monitor while the block runs, ROS started and shut down around it."""
     with ros([]):
-        monitor = Monitor(settings)
+        monitor = OutputMonitor(settings)
         try:
             yield monitor
         finally:
             monitor.close()
 
 
-class Monitor(Node):
-    """Hears splines, ERR, estimates and diagnostics.
+class OutputMonitor(Node):
+    """Receives splines, ERR, estimates and diagnostics.
 
     Args:
         settings: of the nodes, which the splines must fit.
@@ -60,11 +60,11 @@ class Monitor(Node):
         self._executor.add_node(self)
 
     def listen(self, seconds: float) -> None:
-        """Take what comes, at most one message, waiting for it as long as that."""
+        """Process at most one message, waiting for it up to the given time."""
         self._executor.spin_once(timeout_sec=seconds)
 
     def missing(self) -> list[str]:
-        """Nodes that were not heard of yet, or whose topics are not there yet."""
+        """Nodes without a status so far, or whose topics are not there yet."""
         present = set(self.get_node_names())
         expected = {
             "observer": (topics.OBSERVED,),
@@ -86,8 +86,8 @@ class Monitor(Node):
         self.destroy_node()
 
     def state(self, name: str) -> str:
-        """What a node last said of itself."""
-        return self._states.get(name, "it has said nothing")
+        """The last status of a node."""
+        return self._states.get(name, "it has no status yet")
 
     def _hear(self, topic: str, callback: Any) -> None:
         def receive(message: Any) -> None:
@@ -117,7 +117,7 @@ class Monitor(Node):
                 self.heard.take_diagnostics({v.key: v.value for v in status.values})
 
     def _warn(self, text: str) -> None:
-        """Keep a warning, once for all numbers that it may show; waiting is no fault."""
+        """Record a warning, once for all numbers that it may show; waiting is no fault."""
         if ": waiting for " in text:
             return
         kind = re.sub(r"[\d.]+", "#", text)

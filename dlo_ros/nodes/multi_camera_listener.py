@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Images of several cameras, or of one with depth, in; the DLO in space out."""
+"""Input of the spatial observer: images of several cameras, or of one camera with depth."""
 
 from __future__ import annotations
 
@@ -61,14 +61,14 @@ def transport_of(node: DloNode, camera: str, chosen: str) -> tuple[str, str]:
     return wanted, compressed if wanted == "compressed" else raw
 
 
-class ViewsListener:
+class MultiCameraListener:
     """Observes the DLO in the images of each instant.
 
     Args:
         node: which subscribes.
         motion: the imposed motion, as it is known so far.
-        publish: is given what each instant showed.
-        predicted: gives the predicted control points at about a stamp [ns], or None.
+        publish: called with the observation of each instant.
+        predicted: returns the predicted control points near a stamp [ns], or None.
     """
 
     def __init__(
@@ -100,18 +100,18 @@ class ViewsListener:
             node.subscribe(topics.DEPTH, self._on_depth, qos.IMAGES)
 
     def reset(self) -> None:
-        """Forget the last shape and what waits."""
+        """Forget the last shape and the images that wait."""
         self._together.clear()
         self._held.clear()
         if self._observer is not None:
             self._observer.reset()
 
     def build(self) -> None:
-        """Take changed settings over with the next images."""
+        """Apply changed settings from the next images on."""
         self._observer = None
 
     def poll(self) -> None:
-        """Choose transports as they are published; look at what has waited long enough."""
+        """Choose transports as they are published; process images that waited long enough."""
         for name in self.cameras:
             self._choose_transport(name)
         self.release()
@@ -171,7 +171,7 @@ class ViewsListener:
         self.release()
 
     def release(self) -> None:
-        """Look at the images that wait, once the command is there or overdue."""
+        """Process the images that wait, once the command has come or is overdue."""
         if self._held and not self._motion.commands and self._node.is_published(topics.COMMAND):
             now = time.monotonic()
             if not self._hold_until:
@@ -183,9 +183,9 @@ class ViewsListener:
             self._node.guarded("image", self._see)(self._held.popleft())
 
     def _early(self, stamp: int) -> bool:
-        """Whether a robot's frames are still to tell where the clamps are at a stamp [ns].
+        """Whether a robot's frames may still bring the clamps' poses at a stamp [ns].
 
-        A robot that is silent keeps images waiting but once.
+        A robot that is silent delays images only once.
         """
         commands = self._motion.commands
         if self._node.settings.command.source == "topic" or not commands:
