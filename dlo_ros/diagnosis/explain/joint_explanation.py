@@ -5,11 +5,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeGuard
 
 import numpy as np
 
 from dlo_ros.diagnosis.contact.contact_search import PegBesideSetUp
-from dlo_ros.diagnosis.explain.candidate_trials import Step, fitted
+from dlo_ros.diagnosis.explain.candidate_trials import WORTH, Step, Trial, fitted
 from dlo_ros.diagnosis.explain.cause_search import (
     LOWERS,
     Offer,
@@ -143,22 +144,37 @@ def explain(
     recordings = prepared.recordings
     begun = starts(prepared.scene)
     enough = material_err(0.0, given)
-    firsts = [best_peg(prepared.setup, recordings, pegs)]
-    if prepared.setup.mean_err > enough:
-        firsts.append(best_far_start(prepared.setup, prepared.meant, recordings, begun))
-    first = max(
-        (f for f in firsts if f is not None), key=lambda f: f[0].posterior.evidence, default=None
-    )
-    found = search(prepared.setup, recordings, begun, enough, first)
+    setup, first = _beginning(prepared, begun, pegs, enough)
+    found = search(setup, recordings, begun, enough, first)
     # Judged in the end: what a cause does to a DLO looks like an error of the camera before.
     own = own_err(found.at, recordings)
     matters = material_err(own, given)
-    missed = LOWERS * (prepared.setup.mean_err - own)
+    missed = LOWERS * (setup.mean_err - own)
     least = max(missed, MENDS * (prepared.plain_err - own))
     causes = _named(found, recordings, begun, matters, least)
-    return Explanation(
-        prepared.setup, found.at, causes, own, matters, least, found.causes, found.trace
-    )
+    return Explanation(setup, found.at, causes, own, matters, least, found.causes, found.trace)
+
+
+def _beginning(
+    prepared: Prepared, begun: Sequence[Start], pegs: Sequence[PegBesideSetUp], enough: float
+) -> tuple[Evaluation, Trial | None]:
+    """The set-up, and the cause that no derivative tells of, with which the search begins."""
+    setup, recordings = prepared.setup, prepared.recordings
+    firsts = [best_peg(setup, recordings, pegs)]
+    if setup.mean_err > enough:
+        far = best_far_start(setup, prepared.meant, recordings, begun)
+        bare = without(*far, recordings) if far is not None else None
+        if bare is not None and not _gains(far, bare):
+            # The cause was the way to another minimum, in which the set-up needs none.
+            setup, far = bare, None
+        firsts.append(far)
+    found = [f for f in firsts if _gains(f, setup)]
+    return setup, max(found, key=lambda f: f[0].posterior.evidence, default=None)
+
+
+def _gains(trial: Trial | None, at: Evaluation) -> TypeGuard[Trial]:
+    """Whether there is a trial that is worth its cause."""
+    return trial is not None and trial[0].posterior.evidence >= at.posterior.evidence + WORTH
 
 
 def _named(
