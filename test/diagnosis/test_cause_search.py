@@ -213,3 +213,32 @@ def test_a_cause_matters_or_is_not_named(monkeypatch, linear, loss, without, nam
     )
     causes = joint_explanation._named(found, (), [start, *others], 1.1e-3, 0.5e-3)
     assert [c.effect for c in causes] == (["point_mass"] if named else [])
+
+
+@pytest.mark.parametrize(
+    ("far", "bare", "expected"),
+    [
+        (None, None, ("set-up", None)),
+        (60.0, 20.0, ("set-up", "heavy")),
+        (60.0, 59.0, ("other minimum", None)),  # the mass was but the way there
+        (60.0, None, ("set-up", "heavy")),
+        (2.0, 0.0, ("set-up", None)),
+    ],
+)
+def test_a_search_begins_with_what_lies_far_off_where_it_is_needed(
+    monkeypatch, far, bare, expected
+):
+    setup, heavy, minimum = (
+        evaluation(e or 0.0, err) for e, err in ((0.0, 9e-3), (far, 2e-3), (bare, 2e-3))
+    )
+    trial = None if far is None else (heavy, "heavy")
+    found = None if bare is None else minimum
+    monkeypatch.setattr(joint_explanation, "best_peg", lambda *_: None)
+    monkeypatch.setattr(joint_explanation, "best_far_start", lambda *_: trial)
+    monkeypatch.setattr(joint_explanation, "without", lambda *_: found)
+    prepared = SimpleNamespace(setup=setup, recordings=(), meant=None)
+    there, first = joint_explanation._beginning(prepared, (), (), 1e-3)
+    assert (there, first and first[1]) == (
+        {"set-up": setup, "other minimum": minimum}[expected[0]], expected[1]
+    )  # fmt: skip
+    assert joint_explanation._beginning(prepared, (), (), 1e-2) == (setup, None)
