@@ -222,7 +222,6 @@ def test_a_cause_matters_or_is_not_named(monkeypatch, linear, loss, without, nam
         (60.0, 20.0, ("set-up", "heavy")),
         (60.0, 59.0, ("other minimum", None)),  # the mass was but the way there
         (60.0, None, ("set-up", "heavy")),
-        (2.0, 0.0, ("set-up", None)),
     ],
 )
 def test_a_search_begins_with_what_lies_far_off_where_it_is_needed(
