@@ -6,10 +6,10 @@ import pytest
 import yaml
 from ordinary import some_of
 
+from dlo_ros.cli.loading import load_manipulation
 from dlo_ros.identification import identify
 from dlo_ros.inference.scene import scene
 from dlo_ros.parameters import Settings
-from dlo_ros.recordings.read import read_recording
 from dlo_ros.synthesis.experiment import find_experiment, read_experiment
 from dlo_ros.synthesis.synthesize import synthesize
 
@@ -24,7 +24,7 @@ def recorded(folder, factor, effects, seconds):
     tree["parameters"]["effects"] = effects
     made = read_experiment(tree | {"duration": seconds}, "space", "space.yaml")
     synthesize(made, folder / "bag", images=False, edges=60, step=4e-3)
-    return read_recording(folder / "bag", made.guess), made
+    return load_manipulation(folder / "bag", made.guess), made
 
 
 @pytest.mark.parametrize("factor", some_of([1.0 / 30.0, 30.0], [30.0]))
