@@ -25,6 +25,7 @@ from dlo_ros.diagnosis.findings.summary import Findings
 from dlo_ros.diagnosis.fitting.initial_fit import Beginning
 from dlo_ros.diagnosis.fitting.recording_noise import noise_floor
 from dlo_ros.diagnosis.fitting.worker_processes import Progress, Workers
+from dlo_ros.diagnosis.selection import verdict
 from dlo_ros.diagnosis.selection.effect_search import Candidate
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.variances import FEWEST_FRAMES
@@ -90,8 +91,9 @@ def takes_over(joint: Explanation, others: Sequence[Candidate]) -> bool:
 def joint_beside(found: Findings, joint: Learned | None, plain: Candidate) -> Findings:
     """Findings that name nothing, with the joint model where that clearly comes nearer.
 
-    Of a few shapes each of many effects explains all, and the joint model names none of them
-    either, unless more is wrong than single effects and pairs can tell.
+    Of a few shapes each of many effects explains all, and where much is left an effect may stand
+    for another one that nobody knows: the joint model then names none of them either, unless more
+    is wrong than single effects and pairs can tell.
     """
     before = held_out.mean(plain.at.err)
     if joint is None or before is None:
@@ -99,7 +101,8 @@ def joint_beside(found: Findings, joint: Learned | None, plain: Candidate) -> Fi
     if joint.explanation.at.mean_err > CLEARLY_BETTER * before:
         return found
     few = max(len(r) for r in plain.at.residuals) < FEWEST_FRAMES
-    if few and not takes_over(joint.explanation, found.singles):
+    much = joint.explanation.at.mean_err > verdict.SURE_LEFT * before
+    if (few or much) and not takes_over(joint.explanation, found.singles):
         joint = replace(joint, explanation=replace(joint.explanation, causes=()))
     return replace(found, joint=joint)
 

@@ -135,12 +135,13 @@ def test_no_noise_beyond_a_hundredth_of_the_length_is_the_measurements_own(monke
     assert measurement_error.own_err(at, [seen]) == pytest.approx(one_direction * own, rel=0.02)
 
 
-@pytest.mark.parametrize(("frames", "named"), [(3, 0), (12, 1)])
-def test_the_joint_model_names_causes_of_more_than_a_few_shapes(monkeypatch, frames, named):
+@pytest.mark.parametrize(("frames", "left", "named"), [(3, 2e-3, 0), (12, 2e-3, 1), (12, 3e-3, 0)])
+def test_the_joint_model_names_causes_of_more_than_a_few_shapes(monkeypatch, frames, left, named):
+    """And none where half of ERR is left, for which a camera that creeps may be the reason."""
     monkeypatch.setattr(joint_diagnosis, "takes_over", lambda *_: False)
     cause = Cause("point_mass", (), (), 90.0, 6e-3)
     explanation = Explanation(
-        None, SimpleNamespace(mean_err=2e-3), (cause,), 1e-3, 1.3e-3, 0.5e-3, (), ()
+        None, SimpleNamespace(mean_err=left), (cause,), 1e-3, 1.3e-3, 0.5e-3, (), ()
     )
     joint = Learned(explanation, (), None, None)
     at = SimpleNamespace(err=(np.full(frames, 6e-3),), residuals=(np.zeros((frames, 8)),))
