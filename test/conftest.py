@@ -40,3 +40,13 @@ def compiled_kernels(request: pytest.FixtureRequest) -> None:
     """Before nodes run against deadlines; a fresh workspace of `colcon test` has none."""
     if request.node.get_closest_marker("live"):
         compile_first(tuple(STAGES), print)
+
+
+@pytest.fixture(scope="module")
+def waiting(tmp_path_factory: pytest.TempPathFactory):
+    """Nodes on wall time that nothing was sent to yet."""
+    from live_system import GUESS, System  # needs rclpy
+
+    with System(tmp_path_factory.mktemp("waiting"), GUESS) as system:
+        system.ready()
+        yield system

@@ -198,7 +198,7 @@ def decided(
 ) -> verdicts.Decision:
     """One of two decisions, with the other as its rival where both name a cause."""
     known = chosen.at.model.effects
-    # Beside a residual that nothing explains, no difference is as certain as the noise makes it.
+    # Beside an unexplained residual a difference is less certain than the noise alone makes it.
     unsure = before.verdict == "unexplained"
 
     def near(c: Candidate, other: Candidate, ratio: float) -> bool:

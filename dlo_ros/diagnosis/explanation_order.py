@@ -116,12 +116,12 @@ def explain_in_order(
         return search(team, first.at, prospects, progress, most, thorough=False)
 
     def nearest(candidates: Sequence[Candidate]) -> Candidate | None:
-        """What comes near an explanation without being one."""
+        """The candidate that comes nearest to an explanation without being one."""
         near = min(candidates, key=lambda c: c.root_autocovariance, default=None)
         return near if near and most < near.root_autocovariance < REFORMED * most else None
 
     def firsts() -> Iterator[Candidate]:
-        """What a second effect is looked for beside; at last the second of what comes near."""
+        """First effects of pairs; the last one is the second effect of the nearest pair."""
         yield from (some := [*before, *firmest][:BASES])
         near = nearest(pairs)
         if near is not None and near.effect not in {c.effect for c in some}:
@@ -137,12 +137,12 @@ def explain_in_order(
         holdout_err = holdout_errors_beside(pairs)
         explained = confirmed_explanation(plain, pairs, singles, most, holdout_err)
         if explained is not None and explained.chosen is not None:
-            # What was no use alone at first may be enough where the pair has led it.
+            # An effect that was no use alone may be enough from the values that it has in the pair.
             alone = apart(team, explained.chosen.candidate, known)
             singles += alone
             single = confirmed_explanation(plain, alone, (), most, holdout_err)
             if single is None:
-                # What takes the place of the first beside the second.
+                # Other effects may take the place of the first one beside the second.
                 seconds = [c for c in alone if c.effect != first.effect]
                 second = min(seconds, key=lambda c: c.at.cost, default=None)
                 if second is not None:

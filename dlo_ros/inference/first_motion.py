@@ -55,8 +55,10 @@ def apparent_start(manipulation: Manipulation, length: float) -> str | None:
         return None
     if np.any(np.diff(times) <= 0.0):
         return None
-    velocity = steps / np.diff(times)[:, None, None]
-    return "observed" if _size(_at_first(velocity, times)) < _gained(velocity, times) else "moving"
+    velocity, middle = steps / np.diff(times)[:, None, None], 0.5 * (times[1:] + times[:-1])
+    # `observed` leaves out the velocity at first, `moving` what is gained in half an interval.
+    gained = (velocity[1] - velocity[0]) * middle[0] / (middle[1] - middle[0])
+    return "observed" if _size(velocity[0] - gained) < _size(gained) else "moving"
 
 
 def _imposed(manipulation: Manipulation, length: float) -> float:
@@ -76,19 +78,6 @@ def _imposed(manipulation: Manipulation, length: float) -> float:
         moved = np.linalg.norm(places - first[0], axis=1) + 2.0 * np.arccos(cosine) * length
         farthest = max(farthest, float(moved.max(initial=0.0)))
     return farthest
-
-
-def _at_first(velocity: FloatArray, times: FloatArray) -> FloatArray:
-    """The velocity of all points in the first picture [m/s], by that of the first two intervals."""
-    middle = 0.5 * (times[1:] + times[:-1])
-    gained = (velocity[1] - velocity[0]) * middle[0] / (middle[1] - middle[0])
-    return np.asarray(velocity[0] - gained)
-
-
-def _gained(velocity: FloatArray, times: FloatArray) -> float:
-    """The velocity that is gained in half the first interval [m/s]: what `moving` leaves out."""
-    middle = 0.5 * (times[1:] + times[:-1])
-    return _size((velocity[1] - velocity[0]) * middle[0] / (middle[1] - middle[0]))
 
 
 def _size(vectors: FloatArray) -> float:

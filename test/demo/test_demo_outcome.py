@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What the demo makes of what it has received: estimate.json, the report, the last line."""
+"""Outcome of the demo from the messages that it received: estimate.json, report, last line."""
 
 import io
 import json

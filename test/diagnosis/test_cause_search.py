@@ -55,14 +55,19 @@ def test_a_small_gain_is_no_cause(monkeypatch):
     assert added is None and told == {"mass": "gains too little"}
 
 
+def without_simulations(monkeypatch, own_err):
+    """A search in which nothing is simulated and every cause is needed, with an own ERR [m]."""
+    monkeypatch.setattr(cause_search, "offered", lambda *_: object())
+    monkeypatch.setattr(cause_search, "promised", lambda *_: [])
+    monkeypatch.setattr(cause_search, "linear_loss", lambda *_: 1e3)
+    monkeypatch.setattr(cause_search, "own_err", lambda *_: own_err)
+
+
 def test_the_search_ends_with_a_cause_that_takes_too_little_away_to_be_named(monkeypatch):
     starts = [Start(f"effect {k}", {"size": 0.0}, ("size",), ("size",)) for k in range(4)]
     offers = [SimpleNamespace(label=s.effect, effect=s.effect, start=s) for s in starts]
     left = [1.2e-3, 0.6e-3, 0.58e-3, 0.3e-3]
-    monkeypatch.setattr(cause_search, "offered", lambda *_: object())
-    monkeypatch.setattr(cause_search, "promised", lambda *_: [])
-    monkeypatch.setattr(cause_search, "linear_loss", lambda *_: 1e3)
-    monkeypatch.setattr(cause_search, "own_err", lambda *_: 1e-3)
+    without_simulations(monkeypatch, 1e-3)
     monkeypatch.setattr(
         cause_search, "best_trial",
         lambda number, *_: ((evaluation(40.0 * number, left[number - 1]), offers[number - 1]), []),
@@ -97,10 +102,7 @@ def test_a_strained_set_up_makes_way_for_the_effect_whose_work_it_does(
         yields = proposal("yield", object())
         return (None if err is None else (evaluation(90.0, err), yields)), []
 
-    monkeypatch.setattr(cause_search, "offered", lambda *_: object())
-    monkeypatch.setattr(cause_search, "promised", lambda *_: [])
-    monkeypatch.setattr(cause_search, "linear_loss", lambda *_: 1e3)
-    monkeypatch.setattr(cause_search, "own_err", lambda *_: 0.4e-3)
+    without_simulations(monkeypatch, 0.4e-3)
     monkeypatch.setattr(
         cause_search, "_strained",
         lambda at, causes, known: [g for g in strained if g.label not in known],

@@ -67,7 +67,7 @@ def test_sure_is_what_nothing_can_do_without():
     found, rivals = verdict.sure(plain, rest, holdout_err)
     assert found.effects == ("mass",) and rivals == ((),)
     assert found.candidate is rest[0]  # its numbers from where everything fits best
-    # What comes near without it stands beside it; too many of those, and nothing is certain.
+    # A model without it that comes near is a rival; too many rivals, and nothing is certain.
     beside = [*rest, *missing(tilt_and_drag=2e-3, tilt=2.2e-3)]
     found, rivals = verdict.sure(plain, beside, holdout_err)
     assert found.effects == ("mass",) and rivals == (("tilt",),)

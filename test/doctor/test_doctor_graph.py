@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What `doctor` makes of a graph of nodes: topics, QoS, clocks, frames, nodes that disagree."""
+"""Findings of `doctor` on a graph of nodes: topics, QoS, clocks, frames, nodes that disagree."""
 
 from dataclasses import replace
 

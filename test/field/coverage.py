@@ -170,7 +170,7 @@ def offline(drawn: Drawn) -> Estimate:
 
 
 def live(drawn: Drawn) -> Estimate:
-    """What the live estimator ends with."""
+    """The last estimate of the live estimator."""
     (recording,) = drawn.recordings
     return live_estimate(recording, drawn.guess)
 

@@ -26,6 +26,16 @@ from dlo_ros.recordings.images import decode
 NAN = float("nan")
 
 
+def refusal(read, kind, changes):
+    """The reason for which a message with changed fields is refused."""
+    message = fresh(kind)
+    for key, value in changes.items():
+        setattr(message, key, value)
+    with pytest.raises(InputError) as caught:
+        read(message)
+    return str(caught.value)
+
+
 def raw(encoding: str, pixels: np.ndarray, padding: int = 0):
     """An image message whose rows are padded with bytes that must not be seen."""
     height, width = pixels.shape[:2]
@@ -90,12 +100,7 @@ def test_bayer(pattern):
     ],
 )
 def test_images_that_lie(changes, reason):
-    message = fresh("image")
-    for key, value in changes.items():
-        setattr(message, key, value)
-    with pytest.raises(InputError) as caught:
-        read_image(message)
-    assert reason in str(caught.value)
+    assert reason in refusal(read_image, "image", changes)
 
 
 def png(picture: np.ndarray) -> bytes:
@@ -170,12 +175,7 @@ def test_damaged_pictures_raise_input_errors_only(junk, at, kind):
     ],
 )
 def test_unusable_camera_info(changes, reason):
-    message = fresh("info")
-    for key, value in changes.items():
-        setattr(message, key, value)
-    with pytest.raises(InputError) as caught:
-        read_camera_info(message)
-    assert reason in str(caught.value)
+    assert reason in refusal(read_camera_info, "info", changes)
 
 
 def test_camera_info_of_an_image_that_is_cut_out_and_binned():

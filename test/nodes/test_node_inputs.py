@@ -17,7 +17,7 @@ pytest.importorskip("rclpy")
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from live_graph import to_ros
-from live_system import GUESS, NODES, START, System, stamp_of, straight, swing
+from live_system import NODES, START, System, stamp_of, straight, swing
 from rclpy.qos import qos_profile_sensor_data
 from vision_scenes import Scene, bow, clamps, render
 from vision_scenes import settings as vision_settings
@@ -39,14 +39,6 @@ from dlo_ros.recordings import (
 )
 
 pytestmark = pytest.mark.live
-
-
-@pytest.fixture(scope="module")
-def waiting(tmp_path_factory: pytest.TempPathFactory):
-    """Nodes on wall time that nothing was sent to yet."""
-    with System(tmp_path_factory.mktemp("waiting"), GUESS) as system:
-        system.ready()
-        yield system
 
 
 def hostile_splines() -> list:

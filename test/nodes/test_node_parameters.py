@@ -15,7 +15,7 @@ import yaml
 pytest.importorskip("rclpy")
 
 from live_graph import Client, Process, to_ros
-from live_system import GUESS, NODES, System, straight, swing
+from live_system import GUESS, NODES, straight, swing
 from ordinary import some_of
 from rclpy.qos import DurabilityPolicy
 
@@ -29,14 +29,6 @@ from dlo_ros.recordings import (
 )
 
 pytestmark = pytest.mark.live
-
-
-@pytest.fixture(scope="module")
-def waiting(tmp_path_factory: pytest.TempPathFactory):
-    """Nodes on wall time that nothing was sent to yet."""
-    with System(tmp_path_factory.mktemp("waiting"), GUESS) as system:
-        system.ready()
-        yield system
 
 
 def test_parameters_are_described_and_checked_as_a_set(waiting):

@@ -135,7 +135,7 @@ def apart(found: Sequence[Peg], distance: float, most: int) -> list[Peg]:
 
 
 def resized(peg: Peg, rod: RodParameters, observed: Sequence[FloatArray]) -> list[Peg]:
-    """The same peg smaller and larger, in contact with the DLO at the same place.
+    """Pegs of smaller and larger radii, in contact with the DLO at the same place.
 
     A fit seldom finds its way between them, since radius and place must change together.
 

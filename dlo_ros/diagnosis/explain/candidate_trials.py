@@ -162,6 +162,18 @@ def _size(proposal: Proposal) -> Parameter | None:
     return next((p for p in proposal.parameters if p.key == key), None)
 
 
+def gains(trial: Trial, at: Evaluation) -> bool:
+    """Whether a trial is worth its cause, over a model without it."""
+    return trial[0].posterior.evidence >= at.posterior.evidence + WORTH
+
+
+def best_gain(trials: Sequence[Trial], at: Evaluation) -> Trial | None:
+    """The trial that explains most, nearer to the shapes than a model; None where none gains."""
+    nearer = [trial for trial in trials if trial[0].mean_err < at.mean_err]
+    best = max(nearer, key=lambda trial: trial[0].posterior.evidence, default=None)
+    return best if best is not None and gains(best, at) else None
+
+
 def fitted(
     model: ParametricModel, recordings: Sequence[Recording], iterations: int = FIT_ITERATIONS, *,
     far: bool = False,

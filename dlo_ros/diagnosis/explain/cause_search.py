@@ -18,6 +18,7 @@ from dlo_ros.diagnosis.explain.candidate_trials import (
     WORTH,
     Step,
     Trial,
+    best_gain,
     best_trial,
     fitted,
 )
@@ -97,16 +98,14 @@ def best_peg(
             minimum.
         pegs: candidates, with the model as it was before the impact.
     """
-    found = []
+    found: list[Trial] = []
     for candidate in pegs:
         proposal = proposal_of(candidate.before.settings, candidate.peg)
         model, _ = with_sheet(candidate.before, [proposal])
         here = fitted(model, recordings)
-        if here is not None and here.mean_err < at.mean_err:
+        if here is not None:
             found.append((here, proposal))
-    best = max(found, key=lambda row: row[0].posterior.evidence, default=None)
-    gained = best is not None and best[0].posterior.evidence - at.posterior.evidence >= WORTH
-    return best if gained else None
+    return best_gain(found, at)
 
 
 def search(
@@ -141,9 +140,7 @@ def search(
         known |= dropped
         number = len(causes) + 1
         offer = offered(at, recordings, begun)
-        candidates = [
-            p for p in promised(at, offer) if not {p.proposal.label, p.proposal.effect} & known
-        ]
+        candidates = _new(promised(at, offer), known)
         found, steps = best_trial(number, at, candidates, recordings)
         trace += steps
         _tell(steps)
@@ -189,7 +186,7 @@ def _takes_little(found: Trial | None, at: Evaluation) -> bool:
 def _strained(
     at: Evaluation, causes: Sequence[Proposal], exchanged: Sequence[str]
 ) -> list[Proposal]:
-    """What of the set-up lies beyond its tolerance, farthest first, and has not been exchanged."""
+    """Numbers of the set-up beyond their tolerance that are not exchanged yet, farthest first."""
     own = [c for c in causes if c.start is None]
     far = [g for g in freed(at.model) if is_beyond(at, g)]
     groups = [g for g in (*own, *far) if g.label not in exchanged]
@@ -218,21 +215,29 @@ def _exchange(
     except SimulationError as err:
         LOG.info("without %s: %s", group.label, err)
         return None, []
-    candidates = [
-        p for p in promised(bare, offered(bare, recordings, begun))
-        if p.proposal.start is not None and not {p.proposal.label, p.proposal.effect} & known
-    ]  # fmt: skip
-    return best_trial(number, at, candidates, recordings)
+    promises = _new(promised(bare, offered(bare, recordings, begun)), known)
+    effects = [p for p in promises if p.proposal.start is not None]
+    return best_trial(number, at, effects, recordings)
+
+
+def _new(promises: Sequence[Promise], known: set[str]) -> list[Promise]:
+    """The promises of proposals whose labels and effects are not known."""
+    return [p for p in promises if not {p.proposal.label, p.proposal.effect} & known]
 
 
 def _with_neutral(at: Evaluation, model: ParametricModel, group: Proposal) -> ParametricModel:
-    """A model with a group at neutral, and the rest where the linearised posterior lies then."""
-    held = model.with_prior([pinned(p) for p in group.parameters])
-    step = posterior(at.spectra, at.variances, held.offset(), held.precision()).step
-    theta = model.theta() + step
+    """A model with a group at neutral, and the other parameters as `_beside_neutral` says."""
+    theta = _beside_neutral(at, model, group).theta()
     for p in group.parameters:
         theta[model.index(p.name)] = p.centre
     return model.at(theta)
+
+
+def _beside_neutral(at: Evaluation, model: ParametricModel, group: Proposal) -> ParametricModel:
+    """A model at the mean of the linearised posterior with a group of parameters at neutral."""
+    held = model.with_prior([pinned(p) for p in group.parameters])
+    step = posterior(at.spectra, at.variances, held.offset(), held.precision()).step
+    return model.at(model.theta() + step)
 
 
 def _tell(steps: Sequence[Step]) -> None:
@@ -276,10 +281,7 @@ def without(
         return fitted(at.model.with_prior([_tolerated(p) for p in cause.parameters]), recordings)
     begins = [_neutral(at.model, cause)]
     if cause.from_nothing:
-        # Where the linearised posterior lies once the cause is at neutral.
-        held = at.model.with_prior([pinned(p) for p in cause.parameters])
-        found = posterior(at.spectra, at.variances, held.offset(), held.precision())
-        begins.append(_neutral(at.model.at(at.model.theta() + found.step), cause))
+        begins.append(_neutral(_beside_neutral(at, at.model, cause), cause))
     begun: list[Evaluation] = []
     for model in begins:
         try:

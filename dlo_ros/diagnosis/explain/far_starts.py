@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dlo_ros.diagnosis.explain.candidate_trials import WORSE, WORTH, Trial
+from dlo_ros.diagnosis.explain.candidate_trials import WORSE, Trial, best_gain
 from dlo_ros.diagnosis.proposals.linear_evidence import Proposal, proposal_of, with_sheet
 from dlo_ros.effects import Start
 from dlo_ros.errors import SimulationError
@@ -60,8 +60,4 @@ def best_far_start(
             found.append((settled(evaluate(begins, recordings), recordings), proposal))
         except SimulationError as reason:
             LOG.info("%s: %s", proposal.label, reason)
-    nearer = [trial for trial in found if trial[0].mean_err < at.mean_err]
-    best = max(nearer, key=lambda trial: trial[0].posterior.evidence, default=None)
-    if best is None or best[0].posterior.evidence - at.posterior.evidence < WORTH:
-        return None
-    return best
+    return best_gain(found, at)

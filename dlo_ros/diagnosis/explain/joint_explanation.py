@@ -5,12 +5,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeGuard
 
 import numpy as np
 
 from dlo_ros.diagnosis.contact.contact_search import PegBesideSetUp
-from dlo_ros.diagnosis.explain.candidate_trials import WORTH, Step, Trial, fitted
+from dlo_ros.diagnosis.explain.candidate_trials import Step, Trial, fitted, gains
 from dlo_ros.diagnosis.explain.cause_search import (
     LOWERS,
     Offer,
@@ -164,17 +163,12 @@ def _beginning(
     if setup.mean_err > enough:
         far = best_far_start(setup, prepared.meant, recordings, begun)
         bare = without(*far, recordings) if far is not None else None
-        if bare is not None and not _gains(far, bare):
+        if far is not None and bare is not None and not gains(far, bare):
             # The cause was the way to another minimum, in which the set-up needs none.
             setup, far = bare, None
         firsts.append(far)
-    found = [f for f in firsts if _gains(f, setup)]
+    found = [f for f in firsts if f is not None and gains(f, setup)]
     return setup, max(found, key=lambda f: f[0].posterior.evidence, default=None)
-
-
-def _gains(trial: Trial | None, at: Evaluation) -> TypeGuard[Trial]:
-    """Whether there is a trial that is worth its cause."""
-    return trial is not None and trial[0].posterior.evidence >= at.posterior.evidence + WORTH
 
 
 def _named(

@@ -225,7 +225,7 @@ def _held_against(
 
 
 def _nonsmooth(model: Model, recording: Recording, exact: bool) -> tuple[Forecast, FloatArray]:
-    """The same with effects that have no derivatives: differences, where they act."""
+    """Differences as derivatives of effects that have none, in the recordings in which they act."""
 
     def alone(one: Model) -> Forecast:
         settings = as_fine(one.settings, recording)
