@@ -62,9 +62,9 @@ class CompilationProgress:
 
     Args:
         done: whether the kernels can be loaded from the cache.
-        fraction: of the whole, 0 to 1.
+        fraction: fraction that is done, 0 to 1.
         remaining_seconds: estimated rest [s]; None where nothing is known yet.
-        error: why it ended before it was done, one line; otherwise empty.
+        error: the reason why it ended before it was done, one line; otherwise empty.
     """
 
     done: bool
@@ -212,7 +212,8 @@ class BackgroundCompilation:
         """Return when all is compiled; `start` has been called.
 
         Args:
-            tell: takes a message, one line, at the beginning and then every ten seconds.
+            tell: function that is called with a message, one line, at the beginning and then every
+                ten seconds.
 
         Raises:
             KernelError: the compilation fails.
@@ -280,7 +281,8 @@ def compile_first(stages: Sequence[str], tell: Callable[[str], object]) -> None:
 
     Args:
         stages: names in `STAGES`.
-        tell: takes a message, one line, at the beginning and then every ten seconds.
+        tell: function that is called with a message, one line, at the beginning and then every ten
+            seconds.
 
     Raises:
         KernelError: numba is not installed, the cache cannot be written or the compilation fails.

@@ -34,8 +34,8 @@ class LogChoice:
     """What is wanted.
 
     Args:
-        level: from which messages are told, of `logging`.
-        file: to which they are added; empty: the terminal, or the node's log.
+        level: lowest level of `logging` at which messages are shown.
+        file: file to which messages are added; empty: the terminal, or the node's log.
     """
 
     level: int
@@ -52,7 +52,7 @@ def chosen(verbose: bool, variables: Mapping[str, str] = os.environ) -> LogChoic
 
     Args:
         verbose: whether `--verbose` was given, which tells at least the steps.
-        variables: of the environment.
+        variables: the environment's variables.
 
     Raises:
         InputError: the variable cannot be understood.
@@ -97,7 +97,7 @@ class Terminal(logging.Filter):
     """Of the messages of one kind lets the first few different ones through, and counts the others.
 
     Args:
-        level: from which messages are shown; where that is below a warning, all of them are.
+        level: lowest level at which messages are shown; below a warning, all of them are shown.
     """
 
     SHOWN = 3

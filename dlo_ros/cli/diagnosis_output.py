@@ -131,7 +131,7 @@ def summary(found: Diagnosis, length: float, output: Path) -> list[str]:
     """The result for the terminal: a line each, none longer than a screen is wide.
 
     Args:
-        length: of the DLO [m].
+        length: length of the DLO [m].
         output: folder of the results.
     """
     told = story(found, length, str(output / EXTENDED))

@@ -65,8 +65,8 @@ def story(found: Diagnosis, length: float, file: str) -> Story:
     """The result of a diagnosis in sentences.
 
     Args:
-        length: of the DLO [m].
-        file: where the extended model is.
+        length: length of the DLO [m].
+        file: name of the file that holds the extended model.
     """
     return Story(
         headline(found),

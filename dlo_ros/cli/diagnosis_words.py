@@ -69,7 +69,7 @@ def label(name: str, count: int = 1) -> str:
     """A number of the set-up, `EFFECT.KEY` or `EFFECT.KEY[I]`, in words.
 
     Args:
-        count: of the values that KEY has.
+        count: number of values that KEY has.
     """
     effect, _, full = name.partition(".")
     key, _, index = full.partition("[")

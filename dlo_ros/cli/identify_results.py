@@ -51,7 +51,7 @@ def tree(
 
     Args:
         found: the result.
-        sampled: of the posterior, where it was asked for.
+        sampled: samples of the posterior, where they were asked for.
         redrawn: logarithms of a bootstrap over recordings, shape (B, 4), where asked for.
     """
     estimate = found.estimate
@@ -213,7 +213,7 @@ def report(
     Args:
         settings: the initial guess.
         found: the result, recordings in the order given here.
-        recordings: what was measured.
+        recordings: the recordings that the estimate comes from.
         before: forecasts with the initial guess, where they are known.
     """
     estimate = found.estimate

@@ -54,8 +54,8 @@ def load_settings(arguments: argparse.Namespace, bags: Sequence[Path] = ()) -> S
     """The parameter file, with what the command line overrides.
 
     Args:
-        arguments: of the command line.
-        bags: that tell the number of control points where the file does not.
+        arguments: parsed arguments of the command line.
+        bags: bags whose images tell the number of control points where the file does not.
 
     Raises:
         ParameterError: the file is unusable.
@@ -186,7 +186,7 @@ def _usable(
 
     Args:
         none: beginning of the message where there is none.
-        reason: why there is none, where nothing was observed at all.
+        reason: the reason why there is no observation, where nothing was observed at all.
 
     Raises:
         RecordingError: there is none.

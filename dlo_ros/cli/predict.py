@@ -147,7 +147,8 @@ def _write(
     """Write a predicted spline (n, 4) at a stamp [ns], and what the DLO and its grips bear.
 
     Args:
-        loadings: one at most; none where the rod model does not say what is borne.
+        loadings: at most one load of DLO and grips; none where the rod model does not compute
+            loads.
     """
     message = spline_message(BAG_MESSAGES, stamp, settings.frame_id, shape)
     writer.write(topics.PREDICTED, message, stamp)

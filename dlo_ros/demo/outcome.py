@@ -38,7 +38,8 @@ class LiveOutcome:
             better.
         err: mean of the live ERR over the last half second [m].
         noise_floor: the ERR that a perfect model would have [m]; None where not known.
-        initial: what the initial guess predicts, control points, shape (n, 4), by stamp [ns].
+        initial: prediction of the initial guess by stamp [ns], control points, each of shape (n,
+            4).
     """
 
     sample: EstimateSample
@@ -52,9 +53,9 @@ def assess(bag: Path, settings: Settings, heard: ReceivedData) -> LiveOutcome:
     """Compare the end of a run with its beginning.
 
     Args:
-        bag: what was played.
+        bag: the bag that was played.
         settings: the initial guess.
-        heard: what the nodes published.
+        heard: the messages that the nodes published.
 
     Raises:
         RecordingError: the bag cannot be read, or the identifier published no estimate.

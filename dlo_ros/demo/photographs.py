@@ -72,11 +72,11 @@ def photographs(
     """Pictures by the stamp of the observed spline [ns], for as many as a report shows.
 
     Args:
-        bag: what was played.
+        bag: the bag that was played.
         settings: the initial guess, with the cameras' poses.
-        heard: what the nodes published.
-        outcome: what the initial guess predicts.
-        camera: which of several cameras; empty: the one camera.
+        heard: the messages that the nodes published.
+        outcome: the outcome, which holds the prediction of the initial guess.
+        camera: name of one of several cameras; empty: the one camera.
 
     Raises:
         RecordingError: the bag cannot be read or has no images.

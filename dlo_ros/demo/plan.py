@@ -30,11 +30,11 @@ class LiveRun:
 
     Args:
         bag: the recording.
-        duration: of it [s].
+        duration: duration of the recording [s].
         topics: full names that are played.
         has_images: whether images are among them.
         params: parameter file of the nodes.
-        settings: its content.
+        settings: content of the parameter file.
         logs: folder for what the processes print.
     """
 
@@ -68,7 +68,8 @@ def plan_run(bag: Path, params: Path, settings: Settings, logs: Path) -> LiveRun
     Args:
         bag: the recording.
         params: parameter file of the nodes.
-        settings: its content; it names the cameras and says where the command comes from.
+        settings: content of the parameter file; it names the cameras and says where the command
+            comes from.
         logs: folder for what the processes print.
 
     Raises:

@@ -29,9 +29,9 @@ class Child:
     """A running process.
 
     Args:
-        name: for messages.
+        name: the process' name in messages.
         process: the process itself.
-        log: what it printed.
+        log: file with what the process printed.
     """
 
     name: str

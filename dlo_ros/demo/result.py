@@ -131,9 +131,9 @@ def report(
         heard: everything that was heard.
         outcome: the estimate, ERR before and after.
         bag: name of the recording.
-        length: of the DLO [m].
-        truth: from `read_truth`.
-        photographs: by the stamp of the observed spline.
+        length: length of the DLO [m].
+        truth: true values from `read_truth`.
+        photographs: pictures by the stamp of the observed spline.
         remarks: sentences for the reader.
         cameras: positions [m] of the cameras that have names.
     """

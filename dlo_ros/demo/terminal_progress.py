@@ -19,8 +19,8 @@ class Progress:
     """A table that moves on a terminal, a line for each second of the recording elsewhere.
 
     Args:
-        console: where to.
-        duration: of the recording [s].
+        console: console to write to.
+        duration: duration of the recording [s].
     """
 
     def __init__(self, console: Console, duration: float) -> None:

@@ -77,8 +77,8 @@ def quality(name: str, ends: Iterable[Endpoint]) -> list[Finding]:
     """Pairs of a publisher and a subscription that never exchange a message.
 
     Args:
-        name: of the topic.
-        ends: its endpoints.
+        name: name of the topic.
+        ends: the topic's publishers and subscriptions.
     """
     ends = list(ends)
     found = []

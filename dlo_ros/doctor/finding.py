@@ -31,7 +31,7 @@ class Finding:
     Args:
         level: level of the finding.
         text: observation in a sentence.
-        remedy: what to do about it; empty where nothing is to be done.
+        remedy: advice on what to do about it; empty where nothing is to be done.
     """
 
     level: Level

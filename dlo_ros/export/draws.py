@@ -31,7 +31,7 @@ class ParameterKnowledge:
     """Knowledge of the material and of the rod's other numbers.
 
     Args:
-        covariance: of the logarithms of `sensitivity_parameters.MATERIAL`, shape (4, 4).
+        covariance: covariance of the logarithms of `sensitivity_parameters.MATERIAL`, shape (4, 4).
         told: whether recordings or the parameter file say anything of E.
         numbers: standard deviation of effects' numbers, by effect and key.
     """

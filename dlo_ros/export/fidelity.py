@@ -61,7 +61,7 @@ class Choice:
     Args:
         elements: joints.
         step: time step [s].
-        achieved: for each scene; empty: nothing was run.
+        achieved: accuracy reached in each scene; empty: nothing was run.
     """
 
     elements: int
@@ -102,7 +102,7 @@ def choose(
     Args:
         mujoco: the module.
         scenes: motions, at least one.
-        settings: of the cable, the scenes' own.
+        settings: settings of the cable, which are also those of the scenes.
         plugin: whether the cable is that of MuJoCo's plugin.
         max_err: largest error over L that is allowed.
 

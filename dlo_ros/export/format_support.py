@@ -36,7 +36,7 @@ class Unsupported:
 
     Args:
         settings: the model without the effects that are left out.
-        lines: one for each thing that is left out or stands for another, each with its name.
+        lines: one line for each thing that is left out or approximated, each with its name.
     """
 
     settings: Settings

@@ -18,11 +18,12 @@ class Format:
     """One format.
 
     Args:
-        title: what it is.
-        simulator: that reads it.
-        write: makes the text of a chain; arguments `step` [s] and `comment`.
+        title: name of the format, for people.
+        simulator: the simulator that reads it.
+        write: function that makes the text of a chain; arguments `step` [s] and `comment`.
         says: fields of `dlo_ros.effects.Body` that it can say.
-        approximations: what it says by something else, one line each.
+        approximations: function that names the parts of a chain that the format only approximates,
+            one line each.
         plugin: the plugin of MuJoCo that it needs; empty: none.
         run: whether MuJoCo runs the file itself; otherwise the same chain stands for it.
         use: how the file is loaded, one line.

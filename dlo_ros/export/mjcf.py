@@ -36,7 +36,7 @@ def mjcf(chain: CableChain, *, plugin: bool, step: float, comment: str) -> str:
     Args:
         plugin: whether the joints' elasticity is that of MuJoCo's cable plugin.
         step: time step [s].
-        comment: what stands at the top.
+        comment: comment at the top of the file.
 
     Returns:
         A whole model, which can be included in another one.

@@ -64,7 +64,7 @@ class MujocoCable:
     Args:
         mujoco: the module.
         text: MJCF.
-        chain: what the text was made from.
+        chain: the chain that the text was made from.
 
     Raises:
         SimulationError: MuJoCo does not take the text.
@@ -129,8 +129,8 @@ class MujocoCable:
         Args:
             poses: pose of a grip ("start", "end") at a stamp [ns].
             begin: stamp of the present shape [ns].
-            stamps: at which shapes are wanted, growing, not before `begin`.
-            basis: of the shapes.
+            stamps: stamps at which shapes are wanted [ns], growing, not before `begin`.
+            basis: spline basis of the shapes that are returned.
 
         Raises:
             SimulationError: it blows up.

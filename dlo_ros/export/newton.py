@@ -123,7 +123,7 @@ def newton(chain: CableChain, *, step: float, comment: str) -> str:
 
     Args:
         step: time step [s].
-        comment: what stands at the top.
+        comment: comment at the top of the file.
     """
     viscosity, air = fluid(chain)
     grips = {grip.end: grip for grip in chain.grips}

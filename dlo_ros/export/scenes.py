@@ -32,18 +32,18 @@ class ComparedMotion:
     """A motion of the rod, and its observed shapes.
 
     Args:
-        name: for messages.
-        settings: of the rod that was simulated.
-        motion: as commanded.
-        stamps: of the shapes [ns], the first when the motion begins.
-        basis: of the shapes.
+        name: the motion's name in messages.
+        settings: settings of the rod that was simulated.
+        motion: motion of the clamps as commanded.
+        stamps: stamps of the shapes [ns], the first when the motion begins.
+        basis: spline basis of the shapes.
         shapes: control points of the rod, shape (F, n, 3) [m].
         fine: basis of `first`.
         first: the rod when the motion begins, in the simulation's own basis, shape (m, 4).
         soon: the same `INSTANT` later; None: it begins at rest.
         settled: whether it begins in equilibrium.
         observed: control points of what was seen, shape (F, n, 3), as the camera measures it.
-        camera: that measured it.
+        camera: the camera that measured `observed`.
     """
 
     name: str
@@ -119,8 +119,8 @@ def recorded_scene(
     """A recording's motion, from its first observed shape.
 
     Args:
-        settings: of the rod, without effects of the measurement.
-        full: with them.
+        settings: settings of the rod, without effects of the measurement.
+        full: settings with effects of the measurement.
 
     Raises:
         SimulationError, InputError: it cannot be simulated.

@@ -37,7 +37,7 @@ def sdf(chain: CableChain, *, step: float, comment: str) -> str:
 
     Args:
         step: time step [s].
-        comment: what stands at the top.
+        comment: comment at the top of the file.
     """
     lines = [
         '<?xml version="1.0"?>',

@@ -37,7 +37,7 @@ def usd(chain: CableChain, *, step: float, comment: str) -> str:
 
     Args:
         step: time step [s].
-        comment: what stands at the top.
+        comment: comment at the top of the file.
     """
     size = float(np.linalg.norm(chain.gravity))
     down = chain.gravity / size if size > 0.0 else np.array([0.0, 0.0, -1.0])

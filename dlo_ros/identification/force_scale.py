@@ -41,10 +41,10 @@ class Borne:
 
     Args:
         name: recording and end, for people.
-        measured: what the sensor told.
-        stamps: of the shapes [ns], F of them.
+        measured: forces that the sensor measured.
+        stamps: stamps of the shapes [ns], F of them.
         predicted: force and torque of the grip at these, shape (F, 6).
-        commands: what was imposed.
+        commands: commands that led the grips.
     """
 
     name: str
@@ -59,9 +59,10 @@ class Scale:
     """The common scale of all forces over the model's.
 
     Args:
-        log: its logarithm.
-        information: on it.
-        std: of its logarithm with everything; from how forces change alone; from their mean alone.
+        log: logarithm of the scale.
+        information: information on that logarithm.
+        std: standard deviation of the logarithm with all information; from how forces change alone;
+            from their mean alone.
     """
 
     log: float
@@ -110,7 +111,7 @@ def scale_of(
     """The scale that forces tell; None where none was measured near a shape.
 
     Args:
-        settings: of the parameter file, by whose weight offsets are judged.
+        settings: settings of the parameter file, by whose weight force offsets are judged.
         known: information beforehand on the logarithm of the scale, that it is 0.
         diameter_std: standard deviation of the DLO's diameter over the diameter.
     """
@@ -190,7 +191,7 @@ def words(std: tuple[float | None, float | None, float | None], messages: int) -
 
     Args:
         std: relative, with everything, from change alone, from the mean alone; None: unknown.
-        messages: that were measured.
+        messages: number of measured messages.
     """
     everything, change, mean = ("nothing" if s is None else f"{rounded(100.0 * s)} %" for s in std)
     return (

@@ -36,12 +36,12 @@ class Knowledge:
     """The source and the uncertainty of one quantity.
 
     Args:
-        name, words: for programs and for people.
+        name, words: names of the quantity for programs and for people.
         source: `data`: the recordings determine it, with the known forces; `prior`: it is known
             beforehand, and the recordings add little; `guess`: nobody knows it.
         data_std: relative standard deviation from the recordings alone, without anything known
             beforehand; None where they leave it open.
-        std: with everything; None where it is open.
+        std: standard deviation with all information; None where it is open.
     """
 
     name: str
@@ -55,8 +55,8 @@ def knowledge(estimate: Estimate, information: FloatArray) -> list[Knowledge]:
     """Source and uncertainty of E/mu, E, mu, c/mu, c and t_r.
 
     Args:
-        estimate: of the parameters.
-        information: of the data on the logarithms of `MATERIAL`, shape (4, 4).
+        estimate: estimate of the parameters.
+        information: information of the data on the logarithms of `MATERIAL`, shape (4, 4).
     """
     settings = estimate.settings
     forces = known_information(settings, weighed=False)

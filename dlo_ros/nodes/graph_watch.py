@@ -57,7 +57,7 @@ class GraphWatch:
     """Collects topics, endpoints, nodes and messages of the graph.
 
     Args:
-        node: by which is looked; it publishes nothing.
+        node: node that subscribes to the graph's topics; it publishes nothing.
     """
 
     def __init__(self, node: Node) -> None:
@@ -103,8 +103,8 @@ class GraphWatch:
         """All observations so far.
 
         Args:
-            middleware: its name.
-            seconds: for how long was looked [s].
+            middleware: name of the ROS middleware.
+            seconds: time for which the graph was watched [s].
         """
         nodes = []
         for name, ready in self._ready.items():
@@ -235,7 +235,7 @@ def watch(seconds: float) -> Graph:
     """Look at the graph for a while.
 
     Args:
-        seconds: for how long [s].
+        seconds: time for which the graph is watched [s].
     """
     with ros([]):
         node = Node(NAME, enable_rosout=False, start_parameter_services=False)

@@ -28,9 +28,10 @@ class Preparation:
     """Compilation and loading of a node's kernels.
 
     Args:
-        node: whose they are; it calls `proceed` now and then.
+        node: node whose kernels are prepared; it calls `proceed` now and then.
         stages: names in `dlo_ros.compilation.STAGES`.
-        load: returns when the compiled kernels are loaded; is called in a thread of its own.
+        load: function that returns when the compiled kernels are loaded; it is called in a thread
+            of its own.
 
     Raises:
         KernelError: numba is not installed, or no folder for compiled code can be written.
@@ -77,7 +78,7 @@ class Preparation:
         """Let the graph know that the node takes data from now on.
 
         Args:
-            state: what it does next, for the log.
+            state: the node's next task, for the log.
         """
         self._publisher.publish(Bool(data=True))
         took = time.monotonic() - self._began

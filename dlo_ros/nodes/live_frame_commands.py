@@ -28,8 +28,8 @@ class FrameCommands:
     """Commands from frames: each leads from the last known pose to the newest one.
 
     Args:
-        node: which subscribes; its settings say which frames.
-        callback: is given each command.
+        node: node that subscribes; its settings name the frames.
+        callback: function that is called with each command.
 
     Raises:
         ParameterError: tf2_msgs is missing, and frames are wanted.

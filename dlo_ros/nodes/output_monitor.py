@@ -39,7 +39,7 @@ class OutputMonitor(Node):
     """Receives splines, ERR, estimates and diagnostics.
 
     Args:
-        settings: of the nodes, which the splines must fit.
+        settings: settings of the nodes, which the splines must fit.
     """
 
     def __init__(self, settings: Settings) -> None:

@@ -63,7 +63,7 @@ class Player:
     """Plays a playlist on live topics.
 
     Args:
-        node: that publishes.
+        node: node that publishes.
         playlist: messages and their speed.
         clock: whether /clock is published, too.
     """
@@ -89,7 +89,7 @@ class Player:
 
         Args:
             stop: ends the waiting.
-            patience: how long at most [s]; 0 does not wait.
+            patience: longest time to wait [s]; 0 does not wait.
             awaited: names of nodes that must be ready, relative to the player's namespace.
 
         Raises:
@@ -237,7 +237,7 @@ def play(
     """Play until the end, or again and again until Ctrl-C.
 
     Args:
-        playlist: what and how fast.
+        playlist: the messages and the rate at which they are played.
         loop: whether to begin again at the end.
         clock: whether /clock is published, too.
         patience: seconds to wait at most for nodes that listen and are ready; 0 does not wait.

@@ -52,9 +52,9 @@ def write_lerobot(folder: Path, episodes: Sequence[Episode], settings: Settings)
     """Write recordings as a data set.
 
     Args:
-        folder: must not hold one yet.
+        folder: folder of the data set, which must not contain one yet.
         episodes: commands and observations of each recording; all impose the same.
-        settings: whose control points they have.
+        settings: settings with the number of control points of the recordings.
 
     Raises:
         InputError: they impose different things, or the folder cannot be written.
@@ -110,8 +110,8 @@ def read_lerobot(
     """An episode of a data set.
 
     Args:
-        folder: with `meta/info.json`.
-        settings: whose control points and frame it has.
+        folder: folder of the data set, with `meta/info.json`.
+        settings: settings with the number of control points and the frame of the episode.
         episode: number of the episode, from 0.
 
     Raises:

@@ -227,7 +227,7 @@ def cloud_table(
 
     Args:
         message: the cloud.
-        what: its topic, for messages.
+        what: name of the topic, for error messages.
         needed, optional: names of fields.
 
     Returns:

@@ -21,7 +21,7 @@ class Due:
 
     Args:
         after: seconds of wall time after the start of the playback.
-        message: as it lies in the bag.
+        message: the message as it stands in the bag.
     """
 
     after: float
@@ -35,7 +35,7 @@ class Playlist:
     Args:
         path: the bag.
         topics: full name and message type of each topic that is played.
-        latched: those whose last message holds until the next, such as a command.
+        latched: topics whose last message holds until the next, such as a command.
         start, end: times of recording between which it is played [ns].
         rate: seconds of the recording per second of wall time.
     """

@@ -47,7 +47,7 @@ def read_point_tables(
 
     Args:
         inputs: CSV and Parquet files; one with a column `name` is a `command.csv`.
-        settings: whose control points and frame the commands have.
+        settings: settings with the number of control points and the frame of the commands.
 
     Raises:
         InputError: a file is unusable, or none has points.
@@ -135,9 +135,9 @@ def write_points_bag(
 
     Args:
         output: the bag.
-        settings: whose frame they are in.
-        commands: by growing stamp.
-        lists: by growing stamp.
+        settings: settings whose `frame_id` the messages carry.
+        commands: commands by growing stamp.
+        lists: lists of points by growing stamp.
         force: whether an older bag is replaced.
 
     Raises:

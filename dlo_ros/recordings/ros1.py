@@ -123,7 +123,7 @@ def import_ros1(
     Args:
         inputs: the bags.
         output: the bag to write.
-        told: what the user says of topics, our name to the bag's.
+        told: topics as the user names them, our name to the bag's.
         force: whether an older bag is replaced.
 
     Returns:

@@ -32,8 +32,9 @@ class FirstShape:
     """The true first shape of a simulation.
 
     Args:
-        observations: one, or two for `moving`, at the instants at which they truly were so.
-        command: that holds then.
+        observations: one observation, or two for `moving`, with the instants at which the DLO truly
+            had these shapes.
+        command: command that holds at that time.
         shape: true control points at the last of these instants, published basis, shape (n, 4).
     """
 
@@ -52,7 +53,7 @@ class InitialState:
     """The state that a simulation starts from.
 
     Args:
-        state: of the rod.
+        state: state of the rod.
         stable: whether the equilibrium is stable; true where it starts from none.
         flat: whether it is an equilibrium in the plane y = 0.
     """
@@ -102,7 +103,7 @@ def initial_state(
     """The initial state as simulation.start says, in short pieces.
 
     Args:
-        parameters: by which sensitivities are wanted, see `sensitivity_parameters`.
+        parameters: parameters whose sensitivities are wanted, see `sensitivity_parameters`.
 
     Raises:
         InputError: the first two observed shapes have the same stamp.

@@ -32,10 +32,12 @@ class Track:
     """A simulated motion.
 
     Args:
-        state: at the last stamp.
+        state: state at the last stamp.
         shapes: control points of the simulation's basis at every stamp, shape (S, n, 4).
-        speeds: their velocities; zero where neither these nor sensitivities were asked for.
-        derivatives: with respect to the logarithms of the P parameters, shape (S, P, n, 4).
+        speeds: velocities of the control points; zero where neither these nor sensitivities were
+            requested.
+        derivatives: derivatives with respect to the logarithms of the P parameters, shape (S, P, n,
+            4).
         steps: taken, rejected ones included.
     """
 

@@ -56,7 +56,7 @@ class Noise:
     """The errors of the observer.
 
     Args:
-        std: of a measured point across the DLO [m].
+        std: standard deviation of a measured point across the DLO [m].
         spacing: distance between measured points along the DLO [m].
         common: error that is the same in all pictures of a recording, such as that of the
             calibration; root mean square along the DLO [m].
@@ -104,8 +104,8 @@ class Outlook:
         std: predicted standard deviations of the logarithms of young_modulus, density and
             specific_modulus, what is known beforehand included.
         response: mean displacement for a unit change of ln(E/mu), over L.
-        information: on the logarithms of `MATERIAL`, shape (4, 4).
-        forecast: with the settings as they are.
+        information: expected information on the logarithms of `MATERIAL`, shape (4, 4).
+        forecast: forecast of the plan with the given settings.
     """
 
     plan: Plan
@@ -123,9 +123,9 @@ def information(
 
     Args:
         recording: planned recording, whose shapes are still to come.
-        model: with the set-up open within its tolerances.
-        found: its forecast with derivatives by all of its parameters.
-        noise: of the observer.
+        model: the model with the set-up open within its tolerances.
+        found: the model's forecast with derivatives by all of its parameters.
+        noise: measurement noise of the observer.
 
     Returns:
         Shape (4, 4).
@@ -199,8 +199,8 @@ def outlook(
 
     Args:
         plan: the plan.
-        settings: what is known and guessed beforehand.
-        noise: of the observer.
+        settings: settings with the values that are known or guessed beforehand.
+        noise: measurement noise of the observer.
         known: information (4, 4) on the logarithms of `MATERIAL`, such as that of recordings that
             have been made; default: what the settings say is known, and weakly the guesses.
         hypotheses: factors of E/mu over which the gain is averaged; 1 is among them.

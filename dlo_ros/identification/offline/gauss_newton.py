@@ -46,7 +46,7 @@ class MaterialFit:
 
     Args:
         theta: ln (E, mu, c, t_r).
-        forecasts: of all recordings, with derivatives.
+        forecasts: forecasts of all recordings, with derivatives.
         cost: see above.
         normal: J^T J summed over recordings (4, 4) [m^2].
         gradient: J^T r (4,).
@@ -68,7 +68,7 @@ class Simulations:
     """Pool and resolutions with which recordings are simulated.
 
     Args:
-        pool: where.
+        pool: pool in which simulations run.
         spans: knot spans of each recording, with E/mu and tolerance for which they were judged.
     """
 
@@ -179,10 +179,10 @@ def evaluate(
 
     Args:
         train: recordings.
-        settings: of the search.
+        settings: settings of the search.
         guess: logarithms beforehand.
         theta: logarithms.
-        simulations: how.
+        simulations: pool and resolutions of the simulations.
         ignored: pictures of each recording that do not count, shape (F,) each.
 
     Raises:
@@ -342,7 +342,7 @@ def recentred(
     While searching, the data count as white, which gives them too much weight against the prior.
 
     Args:
-        fit: where the search ended.
+        fit: the point at which the search ended.
         guess: logarithms beforehand.
         known: information (4, 4) beforehand.
         told: information (4, 4) of the data.

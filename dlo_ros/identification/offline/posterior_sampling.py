@@ -34,7 +34,7 @@ class Sample:
 
     Args:
         theta: ln (E, mu, c, t_r), shape (N, 4).
-        weight: of each, adding up to 1, shape (N,).
+        weight: weights of the samples, which sum to 1, shape (N,).
     """
 
     theta: FloatArray
@@ -71,12 +71,12 @@ def sample(
     the model's.
 
     Args:
-        train, settings: as they were given to the fit; settings searchable.
+        train, settings: recordings and settings as they were given to the fit; settings searchable.
         found: the fit.
-        count: of samples.
-        seed: of the random numbers.
-        pool: where simulations run.
-        done: called with the share that is done.
+        count: number of samples.
+        seed: seed of the random numbers.
+        pool: pool in which simulations run.
+        done: function that is called with the fraction that is done.
 
     Raises:
         SimulationError: no sample can be simulated.
@@ -147,13 +147,13 @@ def bootstrap(
     """Fit recordings drawn with replacement, again and again.
 
     Args:
-        train, settings: as they were given to the fit; settings searchable.
+        train, settings: recordings and settings as they were given to the fit; settings searchable.
         found: the fit, from which each starts.
-        count: how often.
-        seed: of the draws; the same seed draws the same recordings.
-        pool: where the fits run.
+        count: number of draws.
+        seed: seed of the draws; the same seed draws the same recordings.
+        pool: pool in which the fits run.
         before: earlier results by number, from a run that was interrupted.
-        done: called with the number of a draw and its result.
+        done: function that is called with the number of a draw and its result.
 
     Returns:
         ln (E, mu, c, t_r) of the draws that could be fitted, shape (at most count, 4).

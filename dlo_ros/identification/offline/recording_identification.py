@@ -51,11 +51,11 @@ class RecordingResult:
     """The agreement of one recording with the model.
 
     Args:
-        name: of the recording.
+        name: name of the recording.
         role: `train` or `validate`.
         err, err_initial: time mean of eq. (10) with the estimate and with the initial guess [m];
             None where the simulation failed.
-        forecast: with the estimate.
+        forecast: forecast of the recording with the estimate.
         noise_floor: the err that a perfect model would have [m], None where unknown.
         before: forecast with the initial guess.
     """
@@ -74,13 +74,14 @@ class Identification:
     """The result of `identify`.
 
     Args:
-        estimate: of the parameters.
-        recordings: how each is matched, `train` before `validate`.
+        estimate: estimate of the parameters.
+        recordings: agreement of each recording with the model, `train` before `validate`.
         noise_floor: the err that a perfect model would have [m], None where unknown.
-        iterations: of the fit.
+        iterations: number of iterations of the fit.
         converged: whether it has.
         fitted: the fit itself; None where a result was put together otherwise.
-        set_up: its numbers with standard deviations; empty where the data hold it for exact.
+        set_up: estimated numbers of the set-up with standard deviations; empty where the data
+            support an exact set-up.
     """
 
     estimate: Estimate
@@ -108,8 +109,9 @@ def identify(
         train: recordings that determine the estimate.
         settings: initial guess and what is known beforehand.
         validate: recordings that are only predicted.
-        progress: called with what is being done and the share of it that is done.
-        pool: where simulations run; default: in threads.
+        progress: function that is called with the name of the present step and the fraction of it
+            that is done.
+        pool: pool in which simulations run; default: threads.
 
     Raises:
         InputError: no usable recording.
@@ -168,13 +170,14 @@ class FittedMaterial:
     """The result of the search.
 
     Args:
-        fit: with forecasts of all pictures.
+        fit: the fit with forecasts of all pictures.
         theta: ln (E, mu, c, t_r).
         told: information of the data on them (4, 4).
         ignored: outlier pictures of each recording, shape (F,) each.
-        settings: with the tolerance that was needed.
-        shifts: by which the simulation's own error may have moved theta, each (4,).
-        forces: what measured forces have told, which theta and told contain; None: there are none.
+        settings: settings with the tolerance that was needed.
+        shifts: shifts by which the simulation's own error may have moved theta, each (4,).
+        forces: information of measured forces, which theta and the information contain; None: there
+            are no forces.
     """
 
     fit: MaterialFit
@@ -198,9 +201,9 @@ def fitted(
 
     Args:
         train: recordings.
-        settings: as `searchable` gives them.
+        settings: settings as `searchable` gives them.
         progress: see `identify`.
-        pool: where simulations run; default: in threads.
+        pool: pool in which simulations run; default: threads.
     """
     guess, simulations = logarithms(settings), Simulations(pool or Threads())
     theta = best_start(train, settings, guess, progress, simulations)

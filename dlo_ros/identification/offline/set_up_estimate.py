@@ -49,10 +49,10 @@ class SetUp:
 
     Args:
         theta: ln (E, mu, c, t_r) of the likelier model.
-        information: of the data on them, shape (4, 4), with both models weighed.
-        probability: of the open set-up, 0 to 1.
-        settings: of the likelier model, the numbers of the set-up as effects.
-        values: of the set-up's numbers with standard deviations; empty where it is exact.
+        information: information of the data on theta, shape (4, 4), averaged over both models.
+        probability: posterior probability of the open set-up, 0 to 1.
+        settings: settings of the likelier model, the numbers of the set-up as effects.
+        values: numbers of the set-up with standard deviations; empty where it is exact.
     """
 
     theta: FloatArray
@@ -76,13 +76,13 @@ def weighed(
 
     Args:
         train: recordings.
-        settings: of the fit with the stated set-up, with the tolerance that was needed.
+        settings: settings of the fit with the stated set-up, with the tolerance that was needed.
         theta: ln (E, mu, c, t_r) of that fit.
-        told: its information, shape (4, 4).
+        told: information of that fit, shape (4, 4).
         ignored: outlier pictures of each recording, shape (F,) each.
         spans: knot spans of each recording's simulation.
         given: the parameter file, whose values the priors lie around.
-        shifts: by which the simulation's own error may have moved theta, each (4,).
+        shifts: shifts by which the simulation's own error may have moved theta, each (4,).
     """
     exact = SetUp(theta, told, 0.0, settings, {})
     recordings = [
@@ -190,9 +190,10 @@ def mixed(
     """Information of a mixture of two models about the mean of the likelier.
 
     Args:
-        likelier, other: their information, shape (P, P); what the former leaves open stays so.
-        probability: of the other.
-        apart: by which their means differ, shape (P,).
+        likelier, other: information of the two models, shape (P, P); what the likelier one leaves
+            open stays so.
+        probability: posterior probability of the other model.
+        apart: difference of the two models' means, shape (P,).
     """
     scale, values, basis = told_directions(likelier)
     theirs = basis.T @ (other * np.outer(scale, scale)) @ basis + RIDGE * np.eye(basis.shape[1])

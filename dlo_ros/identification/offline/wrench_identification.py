@@ -62,11 +62,12 @@ class Weighing:
 
     Args:
         theta: ln (E, mu, c, t_r) of shapes and forces.
-        information: of the forces on them, shape (4, 4).
+        information: information of the forces on theta, shape (4, 4).
         gradient: information times the step from theta to where forces alone would go, shape (4,).
-        std: of ln mu with everything; from how forces change alone; and from their mean alone.
-        left: for each recording and end, what is left of forces [N] and torques [N m].
-        messages: that were measured.
+        std: standard deviation of ln mu with all information; from how forces change alone; and
+            from their mean alone.
+        left: root mean square residual of forces [N] and torques [N m], for each recording and end.
+        messages: number of measured messages.
     """
 
     theta: FloatArray
@@ -96,13 +97,13 @@ def weighed_by_force(
 
     Args:
         train: recordings.
-        settings: of the fit to shapes, set-up included.
+        settings: settings of the fit to shapes, set-up included.
         theta: ln (E, mu, c, t_r) of that fit.
-        shapes: its information, shape (4, 4).
+        shapes: information of that fit, shape (4, 4).
         given: the parameter file.
         spans: knot spans of each recording's simulation.
         set_up: numbers of the set-up with the standard deviations that shapes leave.
-        pool: where simulations run.
+        pool: pool in which simulations run.
 
     Raises:
         SimulationError: a recording cannot be simulated.
@@ -184,7 +185,7 @@ def _of_scale(
     attributed to E/mu, which shapes determine better.
 
     Args:
-        information, gradient: of forces on `MATERIAL`, (4, 4) and (4,).
+        information, gradient: information of forces on `MATERIAL`, (4, 4), and its gradient, (4,).
         expected: information of all else.
     """
     ratios = np.array([k for k in range(len(gradient)) if k != MU])

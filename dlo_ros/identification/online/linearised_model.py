@@ -69,7 +69,7 @@ class JudgedResolution:
 
     Args:
         spans: knot spans.
-        error: of the shape, over L.
+        error: error of the shape, over L.
         ratio: E/mu [m^2/s^2].
         tolerance: error that was asked for, over L.
     """
@@ -100,9 +100,9 @@ class PriorInformation:
         prior: information (4, 4) on ln (E, mu, c, t_r) that guides the search, about `guess`.
         guess: logarithms beforehand, -inf for a damping of zero.
         summary: J^T J (4, 4) from before the window, in the units of information.
-        centre, pull: where it is linearised, and J^T r (4,) there: of the data alone, so that what
-            was known beforehand counts once.
-        autocorrelation_time: of the residuals, in observations.
+        centre, pull: point of linearisation (4,), and J^T r (4,) there, of the data alone, so that
+            what was known beforehand counts once.
+        autocorrelation_time: integrated autocorrelation time of the residuals, in observations.
         forces: information (4, 4) of measured forces, about `felt`.
     """
 
@@ -140,7 +140,7 @@ class PriorInformation:
         Args:
             at: the window's problem.
             theta: the estimate, about which the summary is from now on, shape (4,).
-            share: of the older summary that is kept.
+            share: fraction of the older summary that is kept.
         """
         usable = np.isfinite(self.guess)
         step = np.where(usable, theta - at.theta, 0.0)
@@ -165,10 +165,11 @@ class Run:
 
     Args:
         at: the problem that it linearises.
-        simulation: with sensitivities to ln (E, mu, c, t_r), started.
+        simulation: the started simulation, with sensitivities to ln (E, mu, c, t_r).
         unit: see `Window.noise_unit`.
         error: the simulation's own error, over L.
-        residuals, derivatives, predicted, stamps: of each observation, as in `Forecast`.
+        residuals, derivatives, predicted, stamps: lists over the observations, each as in
+            `Forecast`.
     """
 
     at: Linearised

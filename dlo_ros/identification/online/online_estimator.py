@@ -81,7 +81,7 @@ class OnlineEstimator:
     Args:
         settings: initial guess, prior knowledge, how the simulation starts.
         budget: see `BUDGET`; infinite: everything that is due is done at once [s].
-        clock: in which the budget counts.
+        clock: function that returns the time by which the budget counts [s].
     """
 
     def __init__(

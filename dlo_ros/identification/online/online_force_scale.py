@@ -64,10 +64,10 @@ class Forces:
         """Estimate the scale of all forces from those of the window, where that is due.
 
         Args:
-            run: along the observations of the window.
-            past: these observations.
-            commands: what was imposed.
-            prior: takes what was learned.
+            run: run of the model along the observations of the window.
+            past: the observations of the window.
+            commands: commands that led the grips.
+            prior: prior information, to which the result is added.
             begin: starts a simulation of the window that tells loads, with the run's settings.
         """
         ratio = float(run.at.theta[0] - run.at.theta[1])

@@ -22,8 +22,8 @@ def best_rival(past: Manipulation, run: Run, initial: Settings) -> Pieces[FloatA
     """Logarithms with another E/mu that explain the past better than a run; None if none do.
 
     Args:
-        past: what was imposed and seen.
-        run: along the same observations, or more.
+        past: commands and observations of the window.
+        run: run along the same observations, or more.
         initial: the guess, about which the rivals lie.
     """
     spans = 2 * (initial.rod.control_points - DEGREE)

@@ -30,7 +30,7 @@ class SetUpErrors:
         given: the parameter file, which states the set-up.
 
     Attributes:
-        shifts: of ln (E, mu, c, t_r), see `set_up_shifts`.
+        shifts: errors of ln (E, mu, c, t_r), see `set_up_shifts`.
     """
 
     def __init__(self, given: Settings) -> None:
@@ -44,7 +44,7 @@ class SetUpErrors:
         Args:
             run: the present one.
             past: the observations.
-            estimate: whose E/mu may have changed since.
+            estimate: the estimate, whose E/mu may have changed since.
         """
         if run is None or past.anchor is not None or run.used < FEWEST or past.elapsed < SETTLED:
             return False
@@ -59,7 +59,7 @@ class SetUpErrors:
 
         Args:
             run, past, estimate: see `due`.
-            prior: with which the estimate weighs pictures.
+            prior: prior information with which the estimate weighs pictures.
         """
         seen = past.manipulation()
         if run is None or seen is None:
