@@ -49,7 +49,7 @@ class Match:
     """Two or more centrelines matched.
 
     Args:
-        points: of the DLO in space, equally spaced in what was matched [m], shape (m, 3).
+        points: points of the DLO in space, equally spaced over the matched part [m], shape (m, 3).
         distance: root mean square distance from the epipolar lines [px], far ones cut.
     """
 
@@ -66,7 +66,7 @@ def align(cost: FloatArray, waiting: float) -> tuple[NDArray[np.int64], NDArray[
     """The cheapest monotone way from the first to the last cell of a table.
 
     Args:
-        cost: of each pair, shape (n, m).
+        cost: cost of each pair, shape (n, m).
         waiting: cost of a step along one side alone.
 
     Returns:
@@ -103,7 +103,7 @@ def match(courses: Sequence[Course]) -> Match:
     """Match the first centreline with each other one, and triangulate all together.
 
     Args:
-        courses: of one instant, all from the same end, two or more.
+        courses: courses of one instant, all from the same end, two or more.
     """
     reference = courses[0]
     rays = [course.sampled(SAMPLES) for course in courses]
