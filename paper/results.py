@@ -18,7 +18,7 @@ class Row:
         run: the experiment.
         material: E [Pa] and mu [kg/m^3].
         err: eq. (10) at the end of the experiment, as in Table IV [m].
-        mean: its mean over time [m].
+        mean: mean ERR over time [m].
         paper: the paper's ERR, in units that it does not state.
     """
 
@@ -34,9 +34,9 @@ class Automatic:
     """What `identify` finds.
 
     Args:
-        source: from which recordings.
-        estimate: of the parameters.
-        statement: what they determine.
+        source: names of the recordings.
+        estimate: estimate of the parameters.
+        statement: sentences on what the recordings determine.
         err: eq. (10) at the end of each experiment, by name [m].
     """
 
