@@ -122,7 +122,7 @@ class Terminal(logging.Filter):
             self._last, self._shown = record, seen[text] == 1 and len(seen) <= self.SHOWN
         return self._shown
 
-    def tell(self) -> None:
+    def report_repeats(self) -> None:
         """Say how often the same came again, or something like it."""
         for seen in self._seen.values():
             first, again = next(iter(seen)), seen.total() - min(len(seen), self.SHOWN)
@@ -182,4 +182,4 @@ def terminal_logging(choice: LogChoice) -> Iterator[None]:
     finally:
         for handler in root.handlers:
             handler.removeFilter(terminal)
-        terminal.tell()
+        terminal.report_repeats()

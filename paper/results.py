@@ -79,7 +79,7 @@ def _identified(source: str, names: tuple[str, ...], recorded: dict[str, Recorde
     # E and mu are those of the material: the thicker, longer rope is predicted with them, too.
     material = (estimate.young_modulus, estimate.density)
     err = {name: float(r.predicted(material).err[-1]) for name, r in recorded.items()}
-    return Automatic(source, estimate, tuple(sentences(estimate, found.fitted.told)), err)
+    return Automatic(source, estimate, tuple(sentences(estimate, found.fitted.information)), err)
 
 
 def _checks(rows: list[Row], automatic: tuple[Automatic, ...]) -> list[tuple[str, bool]]:

@@ -28,7 +28,7 @@ def title(effect: str) -> str:
 def clause(effect: str) -> str:
     """Clause on an effect; its name where the effect is not known (any more)."""
     known = effects().get(effect)
-    return known.told() if known else f"there is an effect of {effect.replace('_', ' ')}"
+    return known.report_phrase() if known else f"there is an effect of {effect.replace('_', ' ')}"
 
 
 def amount(value: float, std: float | None, unit: str) -> str:

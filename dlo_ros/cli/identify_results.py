@@ -41,7 +41,7 @@ WIDEST = 0.5  # relative standard deviation up to which an ellipse is drawn
 
 def information(found: Identification) -> FloatArray:
     """Information of the data on the logarithms of `MATERIAL`, shape (4, 4)."""
-    return np.zeros((4, 4)) if found.fitted is None else found.fitted.told
+    return np.zeros((4, 4)) if found.fitted is None else found.fitted.information
 
 
 def tree(
@@ -65,16 +65,16 @@ def tree(
         {"bag": r.name, "role": r.role, "err": r.err, "err_initial": r.err_initial}
         for r in found.recordings
     ]
-    told = information(found)
-    result["statement"] = sentences(estimate, told)
+    matrix = information(found)
+    result["statement"] = sentences(estimate, matrix)
     result["knowledge"] = {
         k.name: {"source": k.source, "data_std": k.data_std, "std": k.std}
-        for k in knowledge(estimate, told)
+        for k in knowledge(estimate, matrix)
     }
     result["traded"] = [list(pair) for pair in estimate.traded]
     result["correlation"] = {f"{a},{b}": v for (a, b), v in correlations(estimate).items()}
     # Of the logarithms: `design --estimate` takes it as known.
-    result["information"] = {"parameters": list(MATERIAL), "matrix": told.tolist()}
+    result["information"] = {"parameters": list(MATERIAL), "matrix": matrix.tolist()}
     result["damping"] = {
         "air_drag": estimate.settings.damping.air_drag,
         "relaxation_time": estimate.settings.damping.relaxation_time,
@@ -136,7 +136,7 @@ def summary(found: Identification) -> list[str]:
             f"{r.name} ({ROLES[r.role]}): the simulation is {before} off with the guess, {after} "
             "with the estimate (mean distance, ERR)"
         )
-    return lines + forces_told(found)
+    return lines + force_sentences(found)
 
 
 def _unit(name: str) -> str:
@@ -161,7 +161,7 @@ def _set_up(found: Identification) -> list[str]:
     ]
 
 
-def forces_told(found: Identification) -> list[str]:
+def force_sentences(found: Identification) -> list[str]:
     """A sentence on what measured forces determine, and by which of their parts."""
     forces = None if found.fitted is None else found.fitted.forces
     if forces is None:
@@ -173,7 +173,7 @@ def remarks(found: Identification) -> list[str]:
     """Sentences on what the recordings can and cannot tell."""
     estimate = found.estimate
     result = sentences(estimate, information(found))
-    result += forces_told(found)
+    result += force_sentences(found)
     result += _set_up(found)
     if not found.converged:
         result.append("The fit has not converged; the numbers are where it stopped.")

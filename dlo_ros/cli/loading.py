@@ -113,16 +113,16 @@ def load_information(path: Path) -> FloatArray:
     """
     try:
         tree = json.loads(path.read_text())
-        told = np.array(tree["information"]["matrix"], dtype=float)
+        information = np.array(tree["information"]["matrix"], dtype=float)
     except OSError as err:
         raise InputError(f"{path}: cannot be read ({err.strerror})") from err
     except (ValueError, KeyError, TypeError) as err:
         raise InputError(
             f"{path}: holds no information on parameters; give an estimate.json of identify"
         ) from err
-    if told.shape != (4, 4) or not np.all(np.isfinite(told)):
+    if information.shape != (4, 4) or not np.all(np.isfinite(information)):
         raise InputError(f"{path}: information.matrix is no 4 by 4 matrix")
-    return told
+    return information
 
 
 def prepare() -> None:

@@ -22,7 +22,7 @@ from dlo_ros.cli.loading import (
 )
 from dlo_ros.command import NANOSECONDS
 from dlo_ros.errors import InputError, SimulationError
-from dlo_ros.identification.estimate import stated_covariance, told_covariance
+from dlo_ros.identification.estimate import estimate_covariance, stated_covariance
 from dlo_ros.inference.forecast import forecast, warn_of_instability
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
@@ -116,7 +116,7 @@ def _try(arguments: argparse.Namespace, settings: Settings) -> int:
     if arguments.estimate is None:
         covariance = stated_covariance(settings)
     else:
-        covariance = told_covariance(settings, load_information(arguments.estimate))
+        covariance = estimate_covariance(settings, load_information(arguments.estimate))
     stamps = stamps_of(command, command.stamp, settings.simulation.rate)
     with BagWriter(arguments.output, force=arguments.force) as writer:
         prepare()

@@ -112,11 +112,11 @@ def plan_run(bag: Path, params: Path, settings: Settings, logs: Path) -> LiveRun
                 f"{params}: command.source is 'tf', but the package tf2_msgs is missing, which a "
                 "full ROS 2 has"
             )
-        told = held(*known)
-        if not told:
+        motion_topics = held(*known)
+        if not motion_topics:
             raise RecordingError(f"{bag}: has no {command[0]}; record the imposed motion")
         duration = (recording.end - recording.start) / 1e9
-        played = [*seen, *told, *held(*topics.WRENCHES)]
+        played = [*seen, *motion_topics, *held(*topics.WRENCHES)]
     return LiveRun(bag, duration, played, has_images, params.resolve(), settings, logs)
 
 

@@ -88,7 +88,7 @@ def _wrapped(start: str, text: str) -> list[str]:
 def _summary(findings: Sequence[Finding]) -> str:
     count = {level: sum(f.level == level for f in findings) for level in Level}
     bad, doubtful = count[Level.WRONG], count[Level.WARNING]
-    told = f", {doubtful} warning{'s' * (doubtful != 1)}" if doubtful else ""
+    warnings = f", {doubtful} warning{'s' * (doubtful != 1)}" if doubtful else ""
     if not bad:
-        return f"nothing is wrong{told}"
-    return f"{bad} {'thing is' if bad == 1 else 'things are'} wrong{told}"
+        return f"nothing is wrong{warnings}"
+    return f"{bad} {'thing is' if bad == 1 else 'things are'} wrong{warnings}"

@@ -278,7 +278,7 @@ class Effect:
         return cls.title or cls.name.replace("_", " ")
 
     @classmethod
-    def told(cls) -> str:
+    def report_phrase(cls) -> str:
         """The phrase for reports, or the name in words."""
         return cls.phrase or f"there is an effect of {cls.called()}"
 

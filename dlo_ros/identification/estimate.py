@@ -155,7 +155,7 @@ def stated_covariance(settings: Settings) -> FloatArray | None:
     return result if result.any() else None
 
 
-def told_covariance(settings: Settings, information: FloatArray) -> FloatArray:
+def estimate_covariance(settings: Settings, information: FloatArray) -> FloatArray:
     """Covariance (4, 4) of the logarithms after recordings, guesses included.
 
     Args:

@@ -102,10 +102,10 @@ def correlations(estimate: Estimate) -> dict[tuple[str, str], float]:
 def sentences(estimate: Estimate, information: FloatArray) -> list[str]:
     """Sentences on what the recordings determine, and what would settle the rest."""
     known = knowledge(estimate, information)
-    told = [f"{k.words} to {_percent(k.std)}" for k in known if k.source == "data" and k.std]
+    determined = [f"{k.words} to {_percent(k.std)}" for k in known if k.source == "data" and k.std]
     before = [k.words for k in known if k.source == "prior"]
     open_ = [k.words for k in known if k.source == "guess"]
-    result = [f"The recordings determine {enumerated(told)}." if told else
+    result = [f"The recordings determine {enumerated(determined)}." if determined else
               "The recordings determine none of the parameters."]  # fmt: skip
     if before:
         result.append(

@@ -287,7 +287,7 @@ def _pull(found: Forecast) -> float:
     return float(np.sum(found.derivative[:, 0] * found.residual))
 
 
-def told_directions(information: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def determined_directions(information: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Directions in which there is information.
 
     Returns:
@@ -303,7 +303,7 @@ def told_directions(information: FloatArray) -> tuple[FloatArray, FloatArray, Fl
 
 def sandwich(hessian: FloatArray, covariance: FloatArray) -> FloatArray:
     """H M^-1 H, where flat directions of H stay flat."""
-    scale, _, basis = told_directions(hessian)
+    scale, _, basis = determined_directions(hessian)
     h = hessian * np.outer(scale, scale)
     m = covariance * np.outer(scale, scale)
     inner = np.linalg.pinv(basis.T @ m @ basis, hermitian=True)

@@ -20,7 +20,7 @@ from dlo_ros.nodes.qos import LATCHED
 LOADING = "waiting for its compiled kernels"
 """State of a node whose kernels are compiled and are being loaded; takes a second or two."""
 
-TOLD = 10.0
+REPORT_INTERVAL = 10.0
 """Seconds between two log lines on the progress of a compilation."""
 
 
@@ -48,7 +48,7 @@ class Preparation:
         self._loading: threading.Thread | None = None
         self._compilation = BackgroundCompilation(stages)
         self._compiles = self._compilation.start()
-        self._began = self._told = time.monotonic()
+        self._began = self._reported = time.monotonic()
         if self._compiles:
             self.state = str(self._compilation.poll())
             node.get_logger().info("compiling the numerical kernels, once; other nodes share them")
@@ -65,8 +65,8 @@ class Preparation:
                 self.state = LOADING
                 self._loading = threading.Thread(target=self._run, name="loading", daemon=True)
                 self._loading.start()
-            elif time.monotonic() - self._told > TOLD:
-                self._told = time.monotonic()
+            elif time.monotonic() - self._reported > REPORT_INTERVAL:
+                self._reported = time.monotonic()
                 self._node.get_logger().info(self.state)
             return False
         if self._loading.is_alive() or self.error:
@@ -74,7 +74,7 @@ class Preparation:
         self.done = True
         return True
 
-    def tell(self, state: str) -> None:
+    def announce(self, state: str) -> None:
         """Let the graph know that the node takes data from now on.
 
         Args:

@@ -60,11 +60,11 @@ class FrameCommands:
         """Frames of the ends that are held: of poses those that come, or are to come."""
         if self._source == "tf":
             return self._frames
-        told = self._listener.transforms.parents
+        known = self._listener.transforms.parents
         return {
             end: each
             for end, each in self._frames.items()
-            if each[0] in told or self._node.is_published(each[0])
+            if each[0] in known or self._node.is_published(each[0])
         }
 
     def _proceed(self) -> None:

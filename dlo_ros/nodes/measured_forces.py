@@ -101,10 +101,10 @@ class MeasuredForces:
         if same_frame(frame, fixed):
             return np.inf
         try:
-            told = self._transforms.instants(frame, fixed)
+            stamps = self._transforms.instants(frame, fixed)
         except InputError:
             return -np.inf if time.monotonic() < self._since + PATIENCE else np.inf
-        return told[-1] if told and newest < told[-1] + LATE else np.inf
+        return stamps[-1] if stamps and newest < stamps[-1] + LATE else np.inf
 
     def _turned(
         self, end: str, stamps: np.ndarray, table: FloatArray, frame: str,

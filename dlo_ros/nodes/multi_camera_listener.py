@@ -190,14 +190,14 @@ class MultiCameraListener:
         commands = self._motion.commands
         if self._node.settings.command.source == "topic" or not commands:
             return False
-        told = commands[-1].end_stamp
-        if told >= stamp or told == self._silent_since:
+        end = commands[-1].end_stamp
+        if end >= stamp or end == self._silent_since:
             return False
         now = time.monotonic()
         self._front = self._front or now
         if now < self._front + PATIENCE:
             return True
-        self._silent_since = told
+        self._silent_since = end
         return False
 
     def _build(self) -> SpaceObserver | None:

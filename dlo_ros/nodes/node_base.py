@@ -93,7 +93,7 @@ class DloNode(Node):
                 self.health.preparing = ""
                 self.destroy_timer(timer)
                 self.begin()
-                preparation.tell(self.health.state[1])
+                preparation.announce(self.health.state[1])
                 self.health.publish()
                 return
             self.health.preparing = preparation.state

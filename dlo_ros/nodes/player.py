@@ -128,7 +128,7 @@ class Player:
                 idle = now
                 if now - began > patience:
                     raise InputError(
-                        f"waited {patience:g} s in vain for {told(pending)}; "
+                        f"waited {patience:g} s in vain for {states_text(pending)}; "
                         "--wait SECONDS gives more time"
                     )
                 report.say(pending)
@@ -204,7 +204,7 @@ class Report:
 
     def say(self, pending: Mapping[str, str]) -> None:
         """Log it at INFO, unless that was just done."""
-        text, now = f"waiting for {told(pending)}", time.monotonic()
+        text, now = f"waiting for {states_text(pending)}", time.monotonic()
         kind = NUMBER.sub("", text)
         if now - self._at > (NEWS if kind != self._last else REMINDER):
             self._last, self._at = kind, now
@@ -220,7 +220,7 @@ def nobody_listens(topics: Collection[str], patience: float) -> str:
     )
 
 
-def told(pending: Mapping[str, str]) -> str:
+def states_text(pending: Mapping[str, str]) -> str:
     """Nodes and their states as text, such as `observer (compiling, 40 %)`."""
     return ", ".join(f"{name.lstrip('/')} ({state})" for name, state in pending.items())
 

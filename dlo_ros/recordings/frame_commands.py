@@ -53,9 +53,9 @@ def instants(
     Raises:
         InputError: nothing connects a frame with the board.
     """
-    told = [transforms.instants(frame, fixed, since) for frame, _ in frames.values()]
+    known = [transforms.instants(frame, fixed, since) for frame, _ in frames.values()]
     result: list[int] = []
-    for stamp in common_instants([stamps for stamps in told if stamps]):
+    for stamp in common_instants([stamps for stamps in known if stamps]):
         if not result or stamp - result[-1] >= CLOSEST:
             result.append(stamp)
     return result

@@ -44,12 +44,12 @@ BY_TYPE = (
 """Topics that are told by their type where only one topic of the bag has it."""
 
 
-def chosen(held: Mapping[str, str], told: Mapping[str, str]) -> dict[str, str]:
+def chosen(held: Mapping[str, str], named: Mapping[str, str]) -> dict[str, str]:
     """The topic of a bag for each topic of the interface.
 
     Args:
         held: type of each topic of the bag.
-        told: the user's choice: name of the interface to name in the bag.
+        named: the user's choice: name of the interface to name in the bag.
 
     Returns:
         Our name by the bag's.
@@ -58,7 +58,7 @@ def chosen(held: Mapping[str, str], told: Mapping[str, str]) -> dict[str, str]:
         InputError: what the user says does not fit, or several topics could be one of ours.
     """
     result: dict[str, str] = {}
-    for own, name in told.items():
+    for own, name in named.items():
         if own.lstrip("/") not in {t.lstrip("/") for t in TAKEN}:
             raise InputError(f"--topic {own}={name}: '{own}' is none of {', '.join(TAKEN)}")
         own = next(t for t in TAKEN if t.lstrip("/") == own.lstrip("/"))
@@ -116,14 +116,14 @@ def held_topics(path: Path) -> dict[str, str]:
 
 
 def import_ros1(
-    inputs: Sequence[Path], output: Path, told: Mapping[str, str], *, force: bool = False
+    inputs: Sequence[Path], output: Path, named: Mapping[str, str], *, force: bool = False
 ) -> tuple[dict[str, str], list[str]]:
     """Convert ROS 1 bags of one recording to one rosbag2.
 
     Args:
         inputs: the bags.
         output: the bag to write.
-        told: topics as the user names them, our name to the bag's.
+        named: topics as the user names them, our name to the bag's.
         force: whether an older bag is replaced.
 
     Returns:
@@ -135,7 +135,7 @@ def import_ros1(
     held: dict[str, str] = {}
     for path in inputs:
         held |= held_topics(path)
-    names = chosen(held, told)
+    names = chosen(held, named)
     if not names:
         listed = ", ".join(f"{n} ({k})" for n, k in sorted(held.items())) or "no messages"
         raise InputError(

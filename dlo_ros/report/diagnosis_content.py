@@ -98,14 +98,14 @@ class RelatedInput:
         name: name of the input.
         share: fraction of the repeating part of the residual that the input predicts.
         chance: fraction of the surrogates that are explained as well.
-        told: whether the relation is more than chance.
+        significant: whether the relation is more than chance.
         alike: inputs that cannot be told from it.
     """
 
     name: str
     share: float
     chance: float
-    told: bool
+    significant: bool
     alike: tuple[str, ...]
 
 

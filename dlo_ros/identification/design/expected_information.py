@@ -215,7 +215,7 @@ def outlook(
     view = scene(settings, imposed_names([recording]), [shapes[:, :, :3]])
     forces = _felt(plan, settings, spans)
 
-    def told_by(factor: float) -> tuple[ParametricModel, Forecast, FloatArray] | None:
+    def informed_by(factor: float) -> tuple[ParametricModel, Forecast, FloatArray] | None:
         theta = logarithms(settings)
         theta[0] += math.log(factor)
         here = with_logarithms(settings, theta)
@@ -226,17 +226,17 @@ def outlook(
         except SimulationError:
             return None
 
-    each = Threads().map(told_by, list(hypotheses))
+    each = Threads().map(informed_by, list(hypotheses))
     gains = [0.0 if found is None else _gain(before, found[2]) for found in each]
     nominal = each[list(hypotheses).index(1.0)]
     if nominal is None:
         raise SimulationError(f"{plan.name}: the manipulation cannot be simulated")
-    model, found, told = nominal
+    model, found, expected_data = nominal
     assert found.derivative is not None
     derivative = np.zeros((len(found.stamps), len(MATERIAL), *found.residual.shape[1:]))
     derivative[:, _material(model)] = found.derivative[:, : len(_material(model))]
     found = replace(found, derivative=derivative)
-    covariance = np.linalg.inv(before + told)
+    covariance = np.linalg.inv(before + expected_data)
     std = {k: math.sqrt(max(float(c @ covariance @ c), 0.0)) for k, c in COMBINATIONS.items()}
     # Rod theories differ by that much (see `residual_information`), and shapes tell E D^2 / mu.
     theory = STRETCH_STIFFNESS * strain(settings)
@@ -245,7 +245,7 @@ def outlook(
         std[name] = math.hypot(std[name], theory, thickness)
     shift = displacement(found, settings)
     response = float(shift.mean()) / settings.rod.length
-    return Outlook(plan, float(np.mean(gains)), std, response, told, found)
+    return Outlook(plan, float(np.mean(gains)), std, response, expected_data, found)
 
 
 def _felt(plan: Plan, settings: Settings, spans: int | None) -> FloatArray:
@@ -254,14 +254,14 @@ def _felt(plan: Plan, settings: Settings, spans: int | None) -> FloatArray:
     The sensor is at the start, or at the end where the start is free, and sends one message with
     every picture.
     """
-    told = np.zeros((len(MATERIAL), len(MATERIAL)))
+    result = np.zeros((len(MATERIAL), len(MATERIAL)))
     if not settings.wrench.force_std > 0.0:
-        return told
+        return result
     recording = plan.manipulation()
     try:
         found = forecast(recording, settings, spans=spans, loads=True)
     except SimulationError:
-        return told
+        return result
     for end in (START, END):
         predicted = grip_wrenches(found.loadings, end)
         if predicted is None:
@@ -273,9 +273,9 @@ def _felt(plan: Plan, settings: Settings, spans: int | None) -> FloatArray:
             settings, [plan.command],
         )  # fmt: skip
         if field is not None:
-            told[1, 1] = float(expected(field)[0, 0])
-        return told
-    return told
+            result[1, 1] = float(expected(field)[0, 0])
+        return result
+    return result
 
 
 def displacement(found: Forecast, settings: Settings) -> FloatArray:
@@ -290,9 +290,9 @@ def displacement(found: Forecast, settings: Settings) -> FloatArray:
     return np.asarray(np.linalg.norm(curve, axis=2))
 
 
-def _gain(before: FloatArray, told: FloatArray) -> float:
+def _gain(before: FloatArray, gained: FloatArray) -> float:
     """Expected information about (E, mu) in bits, the other parameters being unknown."""
-    first, then = (np.linalg.inv(m)[:2, :2] for m in (before, before + told))
+    first, then = (np.linalg.inv(m)[:2, :2] for m in (before, before + gained))
     return float(np.linalg.slogdet(first)[1] - np.linalg.slogdet(then)[1]) / (2.0 * math.log(2.0))
 
 

@@ -83,7 +83,7 @@ def sample(
     """
     guess, prior = logarithms(settings), search_information(settings)
     usable = np.isfinite(guess)
-    covariance = np.linalg.inv(found.told + prior)
+    covariance = np.linalg.inv(found.information + prior)
     rng = np.random.default_rng(seed)
     steps = rng.multivariate_normal(np.zeros(4), WIDER**2 * covariance, size=count)
     steps[0] = 0.0
@@ -95,15 +95,15 @@ def sample(
         for recording, f, mask in zip(train, found.fit.forecasts, found.ignored, strict=True):
             assert f.derivative is not None
             tasks.append((recording, sets, f.spans, f.derivative, mask))
-    told = (pool or Threads()).map(_gradients, tasks, lambda k, _: done((k + 1) / len(tasks)))
+    gradients = (pool or Threads()).map(_gradients, tasks, lambda k, _: done((k + 1) / len(tasks)))
     per = len(train)
     gradient = np.concatenate(
-        [np.sum(told[k * per : (k + 1) * per], axis=0) for k in range(len(chunks))]
+        [np.sum(gradients[k * per : (k + 1) * per], axis=0) for k in range(len(chunks))]
     )
     inverse = np.linalg.pinv(found.fit.normal, rcond=1e-9, hermitian=True)
     off_data = gradient @ inverse.T
     off_prior = np.where(usable, theta - guess, 0.0)
-    shapes = found.told
+    shapes = found.information
     off_force = np.zeros(count)
     if found.forces is not None:
         shapes = shapes - found.forces.information
@@ -112,7 +112,7 @@ def sample(
         off_force -= 2.0 * off @ found.forces.gradient
     misfit = off_force + np.einsum("kp,pq,kq->k", off_data, shapes, off_data)
     misfit = misfit + np.einsum("kp,pq,kq->k", off_prior, prior, off_prior)
-    proposed = np.einsum("kp,pq,kq->k", steps, found.told + prior, steps) / WIDER**2
+    proposed = np.einsum("kp,pq,kq->k", steps, found.information + prior, steps) / WIDER**2
     logs = np.where(np.isfinite(misfit), -0.5 * misfit + 0.5 * proposed, -np.inf)
     if not np.isfinite(logs).any():
         raise SimulationError("no sample of the posterior can be simulated")

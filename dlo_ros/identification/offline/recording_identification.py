@@ -131,8 +131,8 @@ def identify(
     progress("looking at the forces", 0.95)
     found = _with_forces(train, found, settings, known, pool)
     settings = settings.with_effects(found.settings.effects)
-    fit, theta, told = found.fit, found.theta, found.told
-    estimate = summarise(settings, theta, told)
+    fit, theta, information = found.fit, found.theta, found.information
+    estimate = summarise(settings, theta, information)
     basis = SplineBasis(settings.rod.control_points, settings.rod.length)
     results = []
     for role, group in (("train", train), ("validate", validate)):
@@ -172,7 +172,7 @@ class FittedMaterial:
     Args:
         fit: the fit with forecasts of all pictures.
         theta: ln (E, mu, c, t_r).
-        told: information of the data on them (4, 4).
+        information: information of the data on them (4, 4).
         ignored: outlier pictures of each recording, shape (F,) each.
         settings: settings with the tolerance that was needed.
         shifts: shifts by which the simulation's own error may have moved theta, each (4,).
@@ -182,7 +182,7 @@ class FittedMaterial:
 
     fit: MaterialFit
     theta: FloatArray
-    told: FloatArray
+    information: FloatArray
     ignored: list[np.ndarray]
     settings: Settings
     iterations: int
@@ -242,15 +242,15 @@ def fitted(
     )  # fmt: skip
     used = [without(f, mask) for f, mask in zip(fit.forecasts, ignored, strict=True)]
     shifts = numerical_shifts(train, fine, fit, ignored, simulations)
-    told = data_information(used, with_logarithms(fine, fit.theta), shifts)
-    theta = recentred(fit, guess, search_information(settings), told)
+    information = data_information(used, with_logarithms(fine, fit.theta), shifts)
+    theta = recentred(fit, guess, search_information(settings), information)
     if float(np.abs(theta - fit.theta).max()) > CONVERGED:
         try:
             fit = evaluate(train, fine, guess, theta, simulations, ignored)
         except SimulationError as err:
             LOG.warning("the estimate stays where the search ended: %s", err)
             theta = fit.theta
-    return FittedMaterial(fit, theta, told, ignored, fine, iterations, converged, shifts)
+    return FittedMaterial(fit, theta, information, ignored, fine, iterations, converged, shifts)
 
 
 def _with_set_up(
@@ -259,13 +259,20 @@ def _with_set_up(
     """The fit with the set-up open within its tolerances, and the set-up's numbers."""
     spans = [f.spans for f in found.fit.forecasts]
     more = weighed(
-        train, found.settings, found.theta, found.told, found.ignored, spans, given, found.shifts
+        train,
+        found.settings,
+        found.theta,
+        found.information,
+        found.ignored,
+        spans,
+        given,
+        found.shifts,
     )
     for name, (value, std) in more.values.items():
         LOG.info("set-up: %s = %.4g +- %.2g", name, value, std)
     if not more.values:
         LOG.info("the set-up is taken as stated")
-        return replace(found, told=more.information), more.values
+        return replace(found, information=more.information), more.values
     fine = found.settings.with_effects(more.settings.effects)
     simulations = Simulations(pool or Threads())
     try:
@@ -273,7 +280,7 @@ def _with_set_up(
     except SimulationError as err:
         LOG.warning("the set-up is taken as exact: %s", err)
         return found, {}
-    found = replace(found, fit=fit, theta=more.theta, told=more.information, settings=fine)
+    found = replace(found, fit=fit, theta=more.theta, information=more.information, settings=fine)
     return found, more.values
 
 
@@ -295,7 +302,7 @@ def _with_forces(
     spans = [f.spans for f in found.fit.forecasts]
     try:
         forces = weighed_by_force(
-            train, found.settings, found.theta, found.told, given, spans, known, pool
+            train, found.settings, found.theta, found.information, given, spans, known, pool
         )
         if forces is None:
             return found
@@ -305,8 +312,8 @@ def _with_forces(
     except SimulationError as err:
         LOG.warning("measured forces are not used: %s", err)
         return found
-    told = found.told + forces.information
-    return replace(found, fit=fit, theta=forces.theta, told=told, forces=forces)
+    information = found.information + forces.information
+    return replace(found, fit=fit, theta=forces.theta, information=information, forces=forces)
 
 
 def _attempt(recording: Manipulation, settings: Settings) -> Forecast | None:

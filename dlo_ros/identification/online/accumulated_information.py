@@ -39,10 +39,10 @@ class AccumulatedInformation:
             return
         yield LONG
         found = run.equations()
-        told = found.information(model_shifts(run.simulation.settings, 4))
+        correlated = found.information(model_shifts(run.simulation.settings, 4))
         white = run.at.normal[0, 0] * run.at.scale(prior.step(run.at))
-        if told[0, 0] > 0.0:
-            prior.autocorrelation_time = max(1.0, float(white / told[0, 0]))
+        if correlated[0, 0] > 0.0:
+            prior.autocorrelation_time = max(1.0, float(white / correlated[0, 0]))
         self.present, self._measured = found, (run, run.used)
 
     def weighed(

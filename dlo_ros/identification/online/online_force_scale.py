@@ -44,7 +44,7 @@ class Forces:
     def __init__(self, settings: Settings) -> None:
         self._settings = settings
         self._rows: dict[str, deque[tuple[int, FloatArray, FloatArray]]] = {}
-        self._told = False  # by the present window
+        self._weighed = False  # by the present window
         self.fold()
 
     def add(self, measured: Wrenches) -> None:
@@ -55,7 +55,7 @@ class Forces:
 
     def fold(self) -> None:
         """A new window begins."""
-        self._used, self._ratio, self._told = 0, np.nan, False
+        self._used, self._ratio, self._weighed = 0, np.nan, False
 
     def weigh(
         self, run: Run, past: Sequence[Observation], commands: Sequence[Command],
@@ -95,9 +95,9 @@ class Forces:
         found = yield from scale_in_pieces(
             borne, self._settings, diameter_std=rod.diameter_std / rod.diameter
         )
-        if found is None or (not self._told and found.information < prior.forces[MU, MU]):
+        if found is None or (not self._weighed and found.information < prior.forces[MU, MU]):
             return  # an earlier window has told more
-        self._told = True
+        self._weighed = True
         prior.forces = np.zeros_like(prior.forces)
         prior.forces[MU, MU] = found.information
         prior.felt = theta.copy()

@@ -280,13 +280,13 @@ class _Fit:
     def _likelihood(self, q: FloatArray, std: FloatArray, inside: NDArray[np.bool_]) -> float:
         """See `PointCurve`: points beside the DLO lie anywhere within half its length."""
         length = self.basis.length
-        told = float(np.sum(np.log(0.5 * length / std[inside]) - 0.5))
+        density = float(np.sum(np.log(0.5 * length / std[inside]) - 0.5))
         speed = np.linalg.norm(self._slopes @ q, axis=1)
         bent = np.cross(self._slopes @ q, self._bending @ q)
         curvature = np.linalg.norm(bent, axis=1) / np.maximum(speed, 1e-6) ** 3
         usual = USUAL_CURVATURE / length
         energy = self._weights @ (curvature / usual) ** 2 / (USUAL_BEND * length)
-        return self.free * told - 0.5 * float(energy)
+        return self.free * density - 0.5 * float(energy)
 
     def _correlation(self, q: FloatArray, u: FloatArray, inside: NDArray[np.bool_]) -> float:
         order = np.flatnonzero(inside)[np.argsort(u[inside])]

@@ -53,11 +53,11 @@ def choose(
             kept.append(k)
     if len(kept) == 1:
         return kept[0]
-    told = [
+    nearest = [
         _nearest([distance(courses[k], shape, either_way=either_way) for k in kept], width)
         for shape in expected
     ]
-    chosen = {k for k in told if k is not None}
+    chosen = {k for k in nearest if k is not None}
     if len(chosen) != 1:
         raise AmbiguousError(TWO_COURSES)
     return kept[chosen.pop()]
