@@ -52,7 +52,7 @@ REPORT_INTERVAL = 10.0
 WORKER = (*command_of("dlo_ros.compile"), "--worker")
 """The command of a compiling process; stages follow."""
 
-BEGINNING = "compiling the numerical kernels, once; this takes a minute or two"
+FIRST_MESSAGE = "compiling the numerical kernels, once; this takes a minute or two"
 FAILED = "the numerical kernels could not be compiled"
 
 
@@ -224,7 +224,7 @@ class BackgroundCompilation:
                 raise KernelError(progress.error)
             if time.monotonic() - reported > REPORT_INTERVAL:
                 begins = progress.remaining_seconds is None and reported < 0.0
-                report(BEGINNING if begins else f"the numerical kernels: {progress}")
+                report(FIRST_MESSAGE if begins else f"the numerical kernels: {progress}")
                 reported = time.monotonic()
             time.sleep(WAIT)
             progress = self.poll()

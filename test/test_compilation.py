@@ -202,7 +202,7 @@ def test_a_failure_is_told_in_a_line(folder, begin, stage, reason):
     told = []
     with pytest.raises(KernelError, match=reason):
         compile_first((stage,), told.append)
-    assert told[0] == compilation.BEGINNING
+    assert told[0] == compilation.FIRST_MESSAGE
     assert all(line.startswith("the numerical kernels: compiling") for line in told[1:])
 
 
@@ -318,7 +318,7 @@ def test_a_compilation_that_has_begun_is_not_announced_again(folder, begin, monk
     one.wait(tell)
     first, *_ = told
     assert first.startswith("the numerical kernels: compiling, 0 %, about 20")
-    assert compilation.BEGINNING not in told
+    assert compilation.FIRST_MESSAGE not in told
 
 
 def test_the_parts_of_a_stage_count_together(folder, monkeypatch):

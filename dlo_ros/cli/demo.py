@@ -28,7 +28,7 @@ from dlo_ros.report import write_identification_report
 EXPERIMENT = "c_shape"
 IN_SPACE = "two_grippers"
 
-UNKNOWN = 1
+EXIT_UNKNOWN = 1
 """Exit status where the run went well, and E/mu is not known to the identifier."""
 
 
@@ -113,7 +113,7 @@ def _run(
     if not known:
         console.print(f"{bag}: E/mu is not identified; record more motion", soft_wrap=True)
     console.print(last_line(outcome, truth), highlight=False, soft_wrap=True)
-    return 0 if known else UNKNOWN
+    return 0 if known else EXIT_UNKNOWN
 
 
 def _from_poses(output: Path, settings: Settings, console: Console) -> tuple[Path, Settings]:

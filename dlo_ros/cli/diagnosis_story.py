@@ -28,15 +28,15 @@ from dlo_ros.report.diagnosis_content import Question, SetupRow
 from dlo_ros.report.elements import measured, number
 from dlo_ros.spline import FloatArray, SplineBasis
 
-HOW_WRONG = "How wrong is my simulation?"
-WHY = "Why?"
-GAIN = "What do I gain?"
+QUESTION_ERROR = "How wrong is my simulation?"
+QUESTION_CAUSE = "Why?"
+QUESTION_GAIN = "What do I gain?"
 NOTABLE = 3.0
 """Standard deviations from neutral, from which a number of the set-up is notably off."""
 RIVALS_NAMED = 2
 """Rivals that the headline names."""
 COUNTS = {2: "two", 3: "three", 4: "four", 5: "five", 6: "six"}
-VARIES = 1.3
+UNEVEN_ERROR = 1.3
 """Error at the worst over its mean, from which it is told where and when that is."""
 STATIONS = 41
 """Places along the DLO at which the error is looked at."""
@@ -71,9 +71,9 @@ def story(found: Diagnosis, length: float, file: str) -> Story:
     return Story(
         headline(found),
         (
-            Question(HOW_WRONG, _how_wrong(found, length)),
-            Question(WHY, _why(found)),
-            Question(GAIN, _gain(found, file)),
+            Question(QUESTION_ERROR, _how_wrong(found, length)),
+            Question(QUESTION_CAUSE, _why(found)),
+            Question(QUESTION_GAIN, _gain(found, file)),
         ),
         setup_lines(found),
         found.advice,
@@ -148,7 +148,7 @@ def _spread(found: Diagnosis) -> str:
     if not found.views:
         return ""
     low, high = np.percentile(np.concatenate([v.err_before for v in found.views]), [5.0, 95.0])
-    if high < VARIES * low:
+    if high < UNEVEN_ERROR * low:
         return ""
     return f", and between {mm(float(low))} and {mm(float(high))} in nine of ten pictures"
 
@@ -161,7 +161,7 @@ def _places(views: Sequence[RecordingView], length: float) -> list[str]:
     u = np.linspace(0.0, length, STATIONS)
     k = int(np.argmax(along))
     sentences = []
-    if along[k] > VARIES * along.mean():
+    if along[k] > UNEVEN_ERROR * along.mean():
         sentences.append(
             f"It is most wrong {_place(u[k] / length)} (at {1e3 * u[k]:.0f} of "
             f"{1e3 * length:.0f} mm from the start), by {mm(float(along[k]))}."
@@ -171,9 +171,9 @@ def _places(views: Sequence[RecordingView], length: float) -> list[str]:
     worst = max(views, key=lambda v: float(v.err_before.max()))
     frame = int(np.argmax(worst.err_before))
     means = [float(v.err_before.mean()) for v in views]
-    if worst.err_before[frame] > VARIES * np.mean(means):
+    if worst.err_before[frame] > UNEVEN_ERROR * np.mean(means):
         at = [f"in {worst.name}"] if len(views) > 1 else []
-        if worst.err_before[frame] > VARIES * worst.err_before.mean():
+        if worst.err_before[frame] > UNEVEN_ERROR * worst.err_before.mean():
             at.append(f"{worst.times[frame]:.1f} s after the beginning")
         sentences.append(f"It is worst {', '.join(at)}: {mm(float(worst.err_before[frame]))}.")
     return sentences

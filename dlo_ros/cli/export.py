@@ -37,7 +37,7 @@ from dlo_ros.parameters import Settings
 
 MAX_ERR = 0.01  # of the length, that the other simulator may be off by default
 MOST_SAMPLES = 100_000
-FINER = 10.0  # times finer than the allowed error is the rod against which is held
+REFERENCE_FINENESS = 10.0  # times finer than the allowed error is the rod against which is held
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -87,7 +87,7 @@ def run(arguments: argparse.Namespace) -> int:
     _check(arguments)
     full = Settings.load(arguments.params)
     known = read_knowledge(full, arguments.estimate)
-    left_out = unsupported(full, form.says)
+    left_out = unsupported(full, form.supported)
     fine = _finer(left_out.settings, arguments.max_err)
     manipulation = load_manipulation(arguments.bag, full) if arguments.bag else None
     prepare()
@@ -127,7 +127,7 @@ def _check(arguments: argparse.Namespace) -> None:
 def _finer(settings: Settings, max_err: float) -> Settings:
     """Settings whose simulation is finer than the error that is asked for."""
     simulation = settings.simulation
-    tolerance = min(simulation.tolerance, max_err / FINER)
+    tolerance = min(simulation.tolerance, max_err / REFERENCE_FINENESS)
     return replace(settings, simulation=replace(simulation, tolerance=tolerance))
 
 

@@ -33,10 +33,10 @@ from dlo_ros.rod.sensitivity_parameters import MATERIAL
 from dlo_ros.spline import FloatArray, SplineBasis
 
 ROLES = {"train": "used for the fit", "validate": "not used"}
-CLEARLY = 2.0  # standard deviations from neutral, from which a number of the set-up is told
+NOTABLE_STDS = 2.0  # standard deviations from neutral, from which a number of the set-up is told
 PLACES = 24  # along the DLO, in the map of residuals
-MISSED = 2.0  # ERR over the noise floor beyond which the model misses something
-WIDEST = 0.5  # relative standard deviation up to which an ellipse is drawn
+MODEL_ERROR_RATIO = 2.0  # ERR over the noise floor beyond which the model misses something
+LARGEST_ELLIPSE_STD = 0.5  # relative standard deviation up to which an ellipse is drawn
 
 
 def information(found: Identification) -> FloatArray:
@@ -152,7 +152,8 @@ def _set_up(found: Identification) -> list[str]:
     off = [
         f"{name.removeprefix(EFFECTS_PREFIX)} {measured(value, std, _unit(name))}"
         for name, (value, std) in found.set_up.items()
-        if abs(value - quantities(split_name(name)[0])[split_name(name)[1]].neutral) > CLEARLY * std
+        if abs(value - quantities(split_name(name)[0])[split_name(name)[1]].neutral)
+        > NOTABLE_STDS * std
     ]
     words = f": {', '.join(off)}" if off else ", though no single number is off for certain"
     return [
@@ -186,7 +187,11 @@ def remarks(found: Identification) -> list[str]:
                 else f"{left_out} pictures deviate grossly and do not count in the fit."
             )
     for r in found.recordings:
-        if r.err is not None and r.noise_floor is not None and r.err > MISSED * r.noise_floor:
+        if (
+            r.err is not None
+            and r.noise_floor is not None
+            and r.err > MODEL_ERROR_RATIO * r.noise_floor
+        ):
             result.append(
                 f"{r.name}: ERR is {r.err / r.noise_floor:.1f} times what noise alone would give. "
                 "Something else is at work, and part of its effect is absorbed by the parameters; "
@@ -301,7 +306,9 @@ def _ellipses(found: Identification) -> list[Ellipse]:
     for a, b in (("E", "mu"), ("E/mu", "c/mu"), ("E/mu", "t_r")):
         rows = np.stack([combinations[a][0], combinations[b][0]])
         covariance = rows @ estimate.covariance @ rows.T
-        if np.all(np.sqrt(np.diag(covariance)) < WIDEST) and np.all(np.diag(covariance) > 1e-14):
+        if np.all(np.sqrt(np.diag(covariance)) < LARGEST_ELLIPSE_STD) and np.all(
+            np.diag(covariance) > 1e-14
+        ):
             values = (combinations[a][1], combinations[b][1])
             result.append(Ellipse((a, b), values, covariance))
     return result

@@ -40,7 +40,7 @@ from dlo_ros.rod.loads.grip_reactions import Loading
 from dlo_ros.rod.motion_rehearsal import NO_LOADS, at_rest, rehearse, stamps_of
 from dlo_ros.spline import FloatArray
 
-MADE = (topics.PREDICTED, *topics.LOADS, topics.ERR)
+WRITTEN_TOPICS = (topics.PREDICTED, *topics.LOADS, topics.ERR)
 """Topics that the tool writes itself, and does not copy from its input."""
 
 
@@ -92,7 +92,7 @@ def _follow(arguments: argparse.Namespace, settings: Settings) -> int:
         prepare()
         found = forecast(manipulation, settings, loads=True)
         warn_of_instability(found, manipulation.name)
-        copy_topics(bag, writer, exclude=(*MADE, *_images()))
+        copy_topics(bag, writer, exclude=(*WRITTEN_TOPICS, *_images()))
         for k, stamp in enumerate(int(stamp) for stamp in found.stamps):
             _write(writer, settings, stamp, found.predicted[k], found.loadings[k : k + 1])
             writer.write(topics.ERR, float_message(BAG_MESSAGES, float(found.err[k])), stamp)

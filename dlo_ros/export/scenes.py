@@ -23,7 +23,7 @@ CONTROL_POINTS = 40  # of the standard motion's shapes, at least
 STROKE = 0.25  # of the length, by which the standard motion goes to and fro
 POINTS = 51  # of its command
 FRAMES = 61  # at which shapes are compared
-STILL = 1e-3  # of the length: what moves less stands still
+REST_MOTION = 1e-3  # of the length: what moves less stands still
 INSTANT = 1_000_000  # [ns] in which the velocity of a moving start is seen
 
 
@@ -62,7 +62,7 @@ class ComparedMotion:
     @property
     def moves(self) -> bool:
         """Whether the rod moves by more than a shape's rounding."""
-        return float(np.ptp(self.shapes, axis=0).max()) > STILL * self.basis.length
+        return float(np.ptp(self.shapes, axis=0).max()) > REST_MOTION * self.basis.length
 
     @property
     def command(self) -> Command:

@@ -36,7 +36,7 @@ LEAST = 1e-6
 
 
 @dataclass(frozen=True)
-class Borne:
+class GripForces:
     """Forces that were measured and predicted at one end.
 
     Args:
@@ -94,19 +94,23 @@ def grip_wrenches(loadings: Sequence[Loading], end: str) -> FloatArray | None:
 def borne_along(
     name: str, loadings: Sequence[Loading], stamps: Sequence[int], wrenches: Sequence[Wrenches],
     commands: Sequence[Command],
-) -> list[Borne]:  # fmt: skip
+) -> list[GripForces]:  # fmt: skip
     """What was measured at the ends, beside what the DLO bears at stamps [ns]."""
     result = []
     for measured in wrenches:
         predicted = grip_wrenches(loadings, measured.end)
         if predicted is not None:
             label = f"{name}, {measured.end}"
-            result.append(Borne(label, measured, tuple(stamps), predicted, tuple(commands)))
+            result.append(GripForces(label, measured, tuple(stamps), predicted, tuple(commands)))
     return result
 
 
 def scale_of(
-    borne: Sequence[Borne], settings: Settings, *, known: float = 0.0, diameter_std: float = 0.0
+    borne: Sequence[GripForces],
+    settings: Settings,
+    *,
+    known: float = 0.0,
+    diameter_std: float = 0.0,
 ) -> Scale | None:
     """The scale that forces tell; None where none was measured near a shape.
 
@@ -119,7 +123,11 @@ def scale_of(
 
 
 def scale_in_pieces(
-    borne: Sequence[Borne], settings: Settings, *, known: float = 0.0, diameter_std: float = 0.0
+    borne: Sequence[GripForces],
+    settings: Settings,
+    *,
+    known: float = 0.0,
+    diameter_std: float = 0.0,
 ) -> Pieces[Scale | None]:
     """As `scale_of`, piece by piece for who must not wait."""
     log, information = 0.0, 0.0
@@ -152,7 +160,7 @@ def scale_in_pieces(
 
 
 def _fields(
-    borne: Sequence[Borne], settings: Settings, scale: float, diameter_std: float
+    borne: Sequence[GripForces], settings: Settings, scale: float, diameter_std: float
 ) -> list[WrenchField]:
     """Measured and predicted forces with the derivative by the scale's logarithm."""
     result = []

@@ -20,7 +20,7 @@ PERIOD = 0.02
 POLL = 0.5
 """Seconds between two looks at whether the frames are there."""
 
-SILENT = 1.0
+SILENCE_TIMEOUT = 1.0
 """Seconds after which a robot that tells nothing any more is told of."""
 
 
@@ -106,7 +106,7 @@ class FrameCommands:
             return
         now = node.now()
         silent = (now - self._last) / NANOSECONDS
-        if now and moving and silent > SILENT:
+        if now and moving and silent > SILENCE_TIMEOUT:
             node.health.warn(
                 "command", f"the last pose of the clamps' frames came {silent:.1f} s ago"
             )

@@ -22,7 +22,7 @@ from dlo_ros.nodes import qos
 from dlo_ros.nodes.listeners import Listeners
 from dlo_ros.nodes.message_factory import message_class
 from dlo_ros.nodes.runtime import Stop, ros
-from dlo_ros.recordings.playback import Due, Playlist
+from dlo_ros.recordings.playback import Playlist, ScheduledMessage
 
 CLOCK_PERIOD = 0.01
 """Seconds of wall time between two /clock messages."""
@@ -46,13 +46,13 @@ Discovery that loses one message goes on three seconds later. Who is found only 
 beginning, and a simulation that begins late begins in the wrong state.
 """
 
-REMINDER = 10.0
+REMINDER_INTERVAL = 10.0
 """Seconds before it is said again what is waited for, where that has not changed."""
 
-NEWS = 2.0
+STATE_INTERVAL = 2.0
 """Seconds at least between two such lines, however often the state changes; numbers in it aside."""
 
-LISTEN = 0.02
+LISTEN_PERIOD = 0.02
 """Seconds between two looks at who is there, and two /clock messages meanwhile."""
 
 RUN_OUT = 0.25
@@ -119,7 +119,7 @@ class Player:
         while not stop.requested and patience > 0.0:
             # Nodes on simulated time need a time before the first message.
             self._tick(0.0)
-            listeners.update(LISTEN)
+            listeners.update(LISTEN_PERIOD)
             now, matched = time.monotonic(), self._matched()
             if matched != before:
                 before, changed = matched, now
@@ -134,7 +134,7 @@ class Player:
                 report.say(pending)
             elif first is None:
                 if now - idle > min(APPEAR, patience):
-                    raise InputError(nobody_listens(matched, patience))
+                    raise InputError(no_subscriber_message(matched, patience))
                 report.say({"a node": "nobody listens yet"})
             else:
                 settled = now - changed > SETTLED or now - first > COMPLETE + DISCOVERY
@@ -206,12 +206,12 @@ class Report:
         """Log it at INFO, unless that was just done."""
         text, now = f"waiting for {states_text(pending)}", time.monotonic()
         kind = NUMBER.sub("", text)
-        if now - self._at > (NEWS if kind != self._last else REMINDER):
+        if now - self._at > (STATE_INTERVAL if kind != self._last else REMINDER_INTERVAL):
             self._last, self._at = kind, now
             self._node.get_logger().info(text)
 
 
-def nobody_listens(topics: Collection[str], patience: float) -> str:
+def no_subscriber_message(topics: Collection[str], patience: float) -> str:
     """The message where no topic has a subscriber after `patience` [s], of which `APPEAR` count."""
     more = ", or give more time with --wait SECONDS" if patience < APPEAR else ""
     return (
@@ -275,11 +275,11 @@ class _ReadAhead:
 
     def __init__(self, playlist: Playlist) -> None:
         self._playlist = playlist
-        self._queue: queue.Queue[Due | Exception | None] = queue.Queue(READ_AHEAD)
+        self._queue: queue.Queue[ScheduledMessage | Exception | None] = queue.Queue(READ_AHEAD)
         self._left = threading.Event()
         self._thread = threading.Thread(target=self._read, name="reader", daemon=True)
 
-    def __enter__(self) -> Iterator[Due]:
+    def __enter__(self) -> Iterator[ScheduledMessage]:
         self._thread.start()
         return self._messages()
 
@@ -287,7 +287,7 @@ class _ReadAhead:
         self._left.set()
         self._thread.join(timeout=5.0)
 
-    def _messages(self) -> Iterator[Due]:
+    def _messages(self) -> Iterator[ScheduledMessage]:
         while (item := self._queue.get()) is not None:
             if isinstance(item, Exception):
                 raise item
@@ -302,7 +302,7 @@ class _ReadAhead:
         except Exception as err:  # raised again in the thread that plays
             self._put(err)
 
-    def _put(self, item: Due | Exception | None) -> bool:
+    def _put(self, item: ScheduledMessage | Exception | None) -> bool:
         while not self._left.is_set():
             try:
                 self._queue.put(item, timeout=0.1)

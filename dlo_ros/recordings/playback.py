@@ -16,7 +16,7 @@ from dlo_ros.recordings.bag import Bag, RawMessage, open_bag
 
 
 @dataclass(frozen=True)
-class Due:
+class ScheduledMessage:
     """A message and the time of its publication.
 
     Args:
@@ -56,7 +56,7 @@ class Playlist:
         """Time of the recording [ns] `after` seconds of wall time."""
         return self.start + round(after * self.rate * 1e9)
 
-    def messages(self) -> Iterator[Due]:
+    def messages(self) -> Iterator[ScheduledMessage]:
         """The messages in the order of recording.
 
         What was recorded before `start` on a latched topic (a command that still holds) is due at
@@ -74,10 +74,10 @@ class Playlist:
                     if message.topic in self.latched:
                         held[message.topic] = message
                     continue
-                yield from (Due(0.0, early) for early in held.values())
+                yield from (ScheduledMessage(0.0, early) for early in held.values())
                 held.clear()
-                yield Due((message.stamp - self.start) / 1e9 / self.rate, message)
-            yield from (Due(0.0, early) for early in held.values())
+                yield ScheduledMessage((message.stamp - self.start) / 1e9 / self.rate, message)
+            yield from (ScheduledMessage(0.0, early) for early in held.values())
 
 
 def plan(

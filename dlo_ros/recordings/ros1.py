@@ -23,7 +23,7 @@ from dlo_ros.recordings.write import BagWriter
 
 LOG = logging.getLogger(__name__)
 
-TAKEN = (
+IMPORTED_TOPICS = (
     topics.IMAGE, topics.COMPRESSED, topics.CAMERA_INFO, topics.DEPTH, topics.DEPTH_INFO,
     topics.MASK, topics.POINTS, topics.COMMAND, topics.START_POSE, topics.END_POSE,
     topics.WRENCH_START, topics.WRENCH_END, topics.OBSERVED, topics.OBSERVED_POINTS,
@@ -59,9 +59,11 @@ def chosen(held: Mapping[str, str], named: Mapping[str, str]) -> dict[str, str]:
     """
     result: dict[str, str] = {}
     for own, name in named.items():
-        if own.lstrip("/") not in {t.lstrip("/") for t in TAKEN}:
-            raise InputError(f"--topic {own}={name}: '{own}' is none of {', '.join(TAKEN)}")
-        own = next(t for t in TAKEN if t.lstrip("/") == own.lstrip("/"))
+        if own.lstrip("/") not in {t.lstrip("/") for t in IMPORTED_TOPICS}:
+            raise InputError(
+                f"--topic {own}={name}: '{own}' is none of {', '.join(IMPORTED_TOPICS)}"
+            )
+        own = next(t for t in IMPORTED_TOPICS if t.lstrip("/") == own.lstrip("/"))
         if name not in held:
             raise InputError(f"--topic {own}={name}: the bag has {', '.join(sorted(held))}")
         if held[name] != KINDS[own]:
@@ -70,11 +72,11 @@ def chosen(held: Mapping[str, str], named: Mapping[str, str]) -> dict[str, str]:
             )
         result[name] = own
     free = {name: kind for name, kind in held.items() if name not in result}
-    for own in (t for t in TAKEN if t not in result.values()):
+    for own in (t for t in IMPORTED_TOPICS if t not in result.values()):
         same = [n for n, kind in free.items() if kind == KINDS[own]]
         found = [n for n in same if topics.is_topic(n, own.lstrip("/"))]
         # camera/depth/image_raw is no camera/image_raw.
-        longer = [t for t in TAKEN if t != own and t.endswith(own)]
+        longer = [t for t in IMPORTED_TOPICS if t != own and t.endswith(own)]
         found = [n for n in found if not any(topics.is_topic(n, t) for t in longer)]
         if len(found) > 1:
             _several(own, found)

@@ -82,7 +82,7 @@ class SimulatedCamera:
 
 
 @dataclass(frozen=True)
-class Look:
+class Appearance:
     """Colours are red, green, blue from 0 to 255; lengths in m.
 
     Args:
@@ -115,7 +115,7 @@ class Look:
     board_distance: float = 0.25
 
     @classmethod
-    def read(cls, section: ExperimentBlock) -> Look:
+    def read(cls, section: ExperimentBlock) -> Appearance:
         """From the block `look` of an experiment file."""
 
         def colour(key: str, default: Colour) -> Colour:

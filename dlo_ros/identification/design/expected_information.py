@@ -213,7 +213,7 @@ def outlook(
     recording = plan.manipulation()
     shapes = forecast(recording, settings, spans=spans).predicted
     view = scene(settings, imposed_names([recording]), [shapes[:, :, :3]])
-    forces = _felt(plan, settings, spans)
+    forces = _force_information(plan, settings, spans)
 
     def informed_by(factor: float) -> tuple[ParametricModel, Forecast, FloatArray] | None:
         theta = logarithms(settings)
@@ -248,7 +248,7 @@ def outlook(
     return Outlook(plan, float(np.mean(gains)), std, response, expected_data, found)
 
 
-def _felt(plan: Plan, settings: Settings, spans: int | None) -> FloatArray:
+def _force_information(plan: Plan, settings: Settings, spans: int | None) -> FloatArray:
     """Information (4, 4) on mu from a force sensor of known noise at one grip, where E/mu is known.
 
     The sensor is at the start, or at the end where the start is free, and sends one message with

@@ -23,8 +23,8 @@ from dlo_ros.inference.parallel import Pool, Threads
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 
-TOGETHER = 8  # samples that are simulated at once
-WIDER = 1.3  # spread of the proposals, in that of the Gaussian posterior
+BATCH_SIZE = 8  # samples that are simulated at once
+PROPOSAL_SCALE = 1.3  # spread of the proposals, in that of the Gaussian posterior
 LEVELS = (0.025, 0.5, 0.975)
 
 
@@ -85,10 +85,10 @@ def sample(
     usable = np.isfinite(guess)
     covariance = np.linalg.inv(found.information + prior)
     rng = np.random.default_rng(seed)
-    steps = rng.multivariate_normal(np.zeros(4), WIDER**2 * covariance, size=count)
+    steps = rng.multivariate_normal(np.zeros(4), PROPOSAL_SCALE**2 * covariance, size=count)
     steps[0] = 0.0
     theta = np.where(usable, found.theta + steps, guess)
-    chunks = [theta[k : k + TOGETHER] for k in range(0, count, TOGETHER)]
+    chunks = [theta[k : k + BATCH_SIZE] for k in range(0, count, BATCH_SIZE)]
     tasks = []
     for chunk in chunks:
         sets = [with_logarithms(found.settings, row) for row in chunk]
@@ -112,7 +112,7 @@ def sample(
         off_force -= 2.0 * off @ found.forces.gradient
     misfit = off_force + np.einsum("kp,pq,kq->k", off_data, shapes, off_data)
     misfit = misfit + np.einsum("kp,pq,kq->k", off_prior, prior, off_prior)
-    proposed = np.einsum("kp,pq,kq->k", steps, found.information + prior, steps) / WIDER**2
+    proposed = np.einsum("kp,pq,kq->k", steps, found.information + prior, steps) / PROPOSAL_SCALE**2
     logs = np.where(np.isfinite(misfit), -0.5 * misfit + 0.5 * proposed, -np.inf)
     if not np.isfinite(logs).any():
         raise SimulationError("no sample of the posterior can be simulated")

@@ -33,7 +33,10 @@ from dlo_ros.identification.offline.gauss_newton import (
     without,
 )
 from dlo_ros.identification.offline.set_up_estimate import weighed
-from dlo_ros.identification.offline.wrench_identification import Weighing, weighed_by_force
+from dlo_ros.identification.offline.wrench_identification import (
+    ForceInformation,
+    information_with_forces,
+)
 from dlo_ros.identification.residual_information import data_information
 from dlo_ros.identification.residual_noise import noise_floor
 from dlo_ros.inference.forecast import Forecast, Manipulation, forecast
@@ -43,7 +46,7 @@ from dlo_ros.spline import FloatArray, SplineBasis
 
 LOG = logging.getLogger(__name__)
 
-ROUGHLY = 1e-2  # change of a logarithm at which the search goes on with a finer simulation
+COARSE_CONVERGED = 1e-2  # change of a logarithm at which the search goes on with a finer simulation
 
 
 @dataclass(frozen=True)
@@ -188,7 +191,7 @@ class FittedMaterial:
     iterations: int
     converged: bool
     shifts: Sequence[FloatArray] = ()
-    forces: Weighing | None = None
+    forces: ForceInformation | None = None
 
 
 def fitted(
@@ -209,7 +212,7 @@ def fitted(
     theta = best_start(train, settings, guess, progress, simulations)
     LOG.info("best start: %s", _words(theta))
     fit, iterations, converged = descend(
-        train, settings, guess, theta, progress, simulations, converged=ROUGHLY
+        train, settings, guess, theta, progress, simulations, converged=COARSE_CONVERGED
     )
     ignored = outlier_pictures(fit.forecasts)
     LOG.info(
@@ -219,7 +222,14 @@ def fitted(
     if any(mask.any() for mask in ignored):
         # They have bent the search so far.
         fit, more, _ = descend(
-            train, settings, guess, fit.theta, progress, simulations, ignored, converged=ROUGHLY
+            train,
+            settings,
+            guess,
+            fit.theta,
+            progress,
+            simulations,
+            ignored,
+            converged=COARSE_CONVERGED,
         )
         iterations += more
     typical = [float(np.median(np.sum(f.residual**2, axis=(1, 2)))) for f in fit.forecasts]
@@ -301,7 +311,7 @@ def _with_forces(
     """The fit with the forces that were measured at the grips."""
     spans = [f.spans for f in found.fit.forecasts]
     try:
-        forces = weighed_by_force(
+        forces = information_with_forces(
             train, found.settings, found.theta, found.information, given, spans, known, pool
         )
         if forces is None:

@@ -47,7 +47,7 @@ CLOSE = 0.2
 """Step in standard deviations at which the iteration ends."""
 LONGEST_STEP = 1.5
 """Change of a logarithm in one iteration."""
-HARDLY = 0.01
+GUESS_WEIGHT = 0.01
 """Weight of what was only guessed, where forces were measured."""
 MU = MATERIAL.index("density")
 RATIOS = np.array([[1.0, 1.0, 0, 0], [0, 1.0, 0, 0], [0, 1.0, 1.0, 0], [0, 0, 0, 1.0]])
@@ -57,7 +57,7 @@ ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
-class Weighing:
+class ForceInformation:
     """The information of measured forces.
 
     Args:
@@ -83,7 +83,7 @@ class Weighing:
         return bounded(self.std)
 
 
-def weighed_by_force(
+def information_with_forces(
     train: Sequence[Manipulation],
     settings: Settings,
     theta: FloatArray,
@@ -92,7 +92,7 @@ def weighed_by_force(
     spans: Sequence[int],
     set_up: Mapping[str, tuple[float, float]],
     pool: Pool | None = None,
-) -> Weighing | None:
+) -> ForceInformation | None:
     """The estimate with measured forces; None where there are none.
 
     Args:
@@ -115,7 +115,7 @@ def weighed_by_force(
     diameter = given.rod.diameter_std / given.rod.diameter or (DIAMETER_STD if set_up else 0.0)
     stated, shapes = shapes, _exact_diameter(shapes, diameter)
     known = known_information(given, weighed=True)
-    hardly = HARDLY * search_information(given)
+    hardly = GUESS_WEIGHT * search_information(given)
     guess = np.where(np.isfinite(logarithms(given)), logarithms(given), theta)
     usable = np.isfinite(theta)
     centre = np.where(usable, theta, 0.0)
@@ -160,7 +160,9 @@ def weighed_by_force(
     messages = sum(len(w.stamps) for r, _ in pairs for w in r.wrenches)
     result = np.where(usable, now, theta)
     whole = _uncertain(shapes + information, diameter * np.array([4.0, 2.0, 0.0, 0.0]))
-    return Weighing(result, whole - stated, gradient, (everything, change, weight), left, messages)
+    return ForceInformation(
+        result, whole - stated, gradient, (everything, change, weight), left, messages
+    )
 
 
 def _exact_diameter(shapes: FloatArray, diameter: float) -> FloatArray:

@@ -103,7 +103,7 @@ class PriorInformation:
         centre, pull: point of linearisation (4,), and J^T r (4,) there, of the data alone, so that
             what was known beforehand counts once.
         autocorrelation_time: integrated autocorrelation time of the residuals, in observations.
-        forces: information (4, 4) of measured forces, about `felt`.
+        forces: information (4, 4) of measured forces, about `force_centre`.
     """
 
     prior: FloatArray
@@ -113,19 +113,19 @@ class PriorInformation:
     pull: FloatArray = field(default_factory=lambda: np.zeros(4))
     autocorrelation_time: float = 1.0
     forces: FloatArray = field(default_factory=lambda: np.zeros((4, 4)))
-    felt: FloatArray = field(default_factory=lambda: np.zeros(4))
+    force_centre: FloatArray = field(default_factory=lambda: np.zeros(4))
 
     def step(self, at: Linearised) -> FloatArray:
         """From where a problem is linearised towards its minimum, not too far at once, (4,)."""
         usable = np.isfinite(self.guess)
         off = np.where(usable, at.theta - self.guess, 0.0)
         old = np.where(usable, at.theta - self.centre, 0.0)
-        felt = np.where(usable, at.theta - self.felt, 0.0)
+        force_centre = np.where(usable, at.theta - self.force_centre, 0.0)
         step = np.zeros(4)
         for _ in range(2):  # how noisy the residuals are is known better after the first step
             scale = self.scale(at, step)
             lhs = scale * at.normal + self.prior + self.summary + self.forces
-            rhs = scale * at.gradient - self.prior @ off - self.forces @ felt
+            rhs = scale * at.gradient - self.prior @ off - self.forces @ force_centre
             rhs += self.pull - self.summary @ old
             step = np.where(usable, np.linalg.solve(lhs, rhs), 0.0)
         return np.asarray(step * min(1.0, LONGEST_STEP / max(float(np.abs(step).max()), 1e-300)))

@@ -29,7 +29,7 @@ FEWEST = 10
 """Shapes before forces are looked at."""
 GROWTH = 1.3
 """Growth of the window after which they are looked at again."""
-OTHER = 0.05
+RATIO_CHANGE = 0.05
 """Change of ln(E/mu) after which they are."""
 MU = MATERIAL.index("density")
 
@@ -71,7 +71,7 @@ class Forces:
             begin: starts a simulation of the window that tells loads, with the run's settings.
         """
         ratio = float(run.at.theta[0] - run.at.theta[1])
-        same = abs(ratio - self._ratio) < OTHER
+        same = abs(ratio - self._ratio) < RATIO_CHANGE
         if not self._rows or run.used < FEWEST or (same and run.used < GROWTH * self._used):
             return
         self._used, self._ratio = run.used, ratio
@@ -100,8 +100,8 @@ class Forces:
         self._weighed = True
         prior.forces = np.zeros_like(prior.forces)
         prior.forces[MU, MU] = found.information
-        prior.felt = theta.copy()
-        prior.felt[MU] += found.log
+        prior.force_centre = theta.copy()
+        prior.force_centre[MU] += found.log
 
     def _wrenches(self) -> list[Wrenches]:
         """Measured wrenches of each end."""

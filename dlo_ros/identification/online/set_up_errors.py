@@ -20,7 +20,7 @@ LOG = logging.getLogger(__name__)
 FEWEST = 3  # observations before anything is concluded
 SETTLED = 0.8  # [s] of past before which neither tolerances nor resolution are worth a look
 SET_UP_GROWTH = 1.5  # of the past after which the set-up's tolerances are looked at again
-OTHER_RATIO = 0.05  # change of ln(E/mu) after which they are
+RATIO_CHANGE = 0.05  # change of ln(E/mu) after which they are
 
 
 class SetUpErrors:
@@ -49,7 +49,7 @@ class SetUpErrors:
         if run is None or past.anchor is not None or run.used < FEWEST or past.elapsed < SETTLED:
             return False
         used, ratio = self._examined
-        other = abs(math.log(estimate.specific_modulus) - ratio) > OTHER_RATIO
+        other = abs(math.log(estimate.specific_modulus) - ratio) > RATIO_CHANGE
         return not used or other or run.used > SET_UP_GROWTH * used
 
     def compute(
