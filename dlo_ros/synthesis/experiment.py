@@ -19,7 +19,7 @@
     camera: {...}        # intrinsics, see `picture_settings.SimulatedCamera`
     cameras: {NAME: {translation: [...], rotation: [...], ...}}   # several; keys as in `camera`
     depth: {...}         # a depth sensor beside the one camera, see `picture_settings.DepthSensor`
-    look: {...}          # see `picture_settings.Appearance`
+    look: {...}          # see `picture_settings.Look`
     measurement: {...}   # see `picture_settings.Measurement`
     wrench: {...}        # force-torque sensors at the grips, see `wrench_sensor.WrenchSensor`
     foreign: {...}       # effects that no parameter file names, see `hidden_effects.FOREIGN`
@@ -58,7 +58,7 @@ from dlo_ros.synthesis.experiment_block import ExperimentBlock
 from dlo_ros.synthesis.gripper_frames import check_frames
 from dlo_ros.synthesis.hidden_effects import FOREIGN, HiddenEffects, read_effects
 from dlo_ros.synthesis.hidden_rod import true_length
-from dlo_ros.synthesis.picture_settings import Appearance, DepthSensor, Measurement, SimulatedCamera
+from dlo_ros.synthesis.picture_settings import Look, DepthSensor, Measurement, SimulatedCamera
 from dlo_ros.synthesis.wrench_sensor import WrenchSensor
 
 START_STAMP = 1_760_000_000 * NANOSECONDS
@@ -103,7 +103,7 @@ class Experiment:
     initial_shape: FloatArray
     command: Command
     camera: SimulatedCamera
-    look: Appearance
+    look: Look
     measurement: Measurement
     hidden: HiddenEffects = field(default_factory=HiddenEffects)
     cameras: Mapping[str, tuple[SimulatedCamera, CameraPose]] = field(default_factory=dict)
@@ -180,7 +180,7 @@ def read_experiment(tree: Any, name: str, where: str) -> Experiment:
         initial_shape=_curve(top),
         command=_motion(top.block("motion"), truth),
         camera=_finished(SimulatedCamera.read, top.block("camera")),
-        look=_finished(Appearance.read, top.block("look")),
+        look=_finished(Look.read, top.block("look")),
         measurement=_finished(Measurement.read, top.block("measurement")),
         hidden=HiddenEffects(
             effects=read_effects(effects, f"{where}: {EFFECTS_KEY}"),

@@ -82,7 +82,7 @@ class SimulatedCamera:
 
 
 @dataclass(frozen=True)
-class Appearance:
+class Look:
     """Colours are red, green, blue from 0 to 255; lengths in m.
 
     Args:
@@ -115,7 +115,7 @@ class Appearance:
     board_distance: float = 0.25
 
     @classmethod
-    def read(cls, section: ExperimentBlock) -> Appearance:
+    def read(cls, section: ExperimentBlock) -> Look:
         """From the block `look` of an experiment file."""
 
         def colour(key: str, default: Colour) -> Colour:

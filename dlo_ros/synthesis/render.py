@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from dlo_ros.spline import FloatArray
 from dlo_ros.synthesis.camera_geometry import Geometry
-from dlo_ros.synthesis.picture_settings import Appearance, Colour
+from dlo_ros.synthesis.picture_settings import Look, Colour
 from dlo_ros.synthesis.render_kernels import Float32Array, trace
 
 Image = NDArray[np.uint8]
@@ -42,7 +42,7 @@ class Renderer:
     def __init__(
         self,
         geometry: Geometry,
-        look: Appearance,
+        look: Look,
         diameter: float,
         seed: int,
         behind: float | None = None,

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from dlo_ros.errors import InputError
 from dlo_ros.parameters import CameraPose
 from dlo_ros.synthesis.camera_geometry import Geometry
-from dlo_ros.synthesis.picture_settings import Appearance, SimulatedCamera
+from dlo_ros.synthesis.picture_settings import Look, SimulatedCamera
 from dlo_ros.synthesis.render import Renderer
 
 CAMERA = SimulatedCamera(
@@ -23,7 +23,7 @@ CAMERA = SimulatedCamera(
 )
 TILT = Rotation.from_euler("zxy", [1.0, 88.0, 4.0], degrees=True).as_quat()
 POSE = CameraPose((0.01, -0.02, 0.5), tuple(float(q) for q in TILT))
-PLAIN = Appearance(grain=0.0, hole_diameter=0.0, shadow=0.0, strand_contrast=0.0, pin_diameter=0.0)
+PLAIN = Look(grain=0.0, hole_diameter=0.0, shadow=0.0, strand_contrast=0.0, pin_diameter=0.0)
 DIAMETER = 0.008
 UP = np.array([0.0, 0.0, 1.0])
 AWAY = 9.0 * UP  # out of sight
@@ -34,7 +34,7 @@ def wave(u: np.ndarray) -> np.ndarray:
     return np.column_stack([1.1 * s, np.zeros_like(u), 0.05 * np.sin(20.0 * s)])
 
 
-def renderer(camera: SimulatedCamera = CAMERA, look: Appearance = PLAIN, seed: int = 0) -> Renderer:
+def renderer(camera: SimulatedCamera = CAMERA, look: Look = PLAIN, seed: int = 0) -> Renderer:
     return Renderer(Geometry(camera, POSE), look, DIAMETER, seed)
 
 
@@ -137,7 +137,7 @@ def test_same_seed_same_picture():
     u = np.linspace(0.0, 0.3, 301)
 
     def picture(seed):
-        return renderer(camera, Appearance(), seed).frame([wave(u)], u, np.array([0.0, 0.3]))
+        return renderer(camera, Look(), seed).frame([wave(u)], u, np.array([0.0, 0.3]))
 
     np.testing.assert_array_equal(picture(5), picture(5))
     assert np.mean(picture(5) != picture(6)) > 0.5

@@ -24,7 +24,7 @@ from dlo_ros.synthesis.camera_geometry import Geometry
 from dlo_ros.synthesis.experiment import find_experiment, load_experiment, read_experiment
 from dlo_ros.synthesis.hidden_effects import HiddenEffects
 from dlo_ros.synthesis.hidden_rod import build_spatial_rod
-from dlo_ros.synthesis.picture_settings import Appearance, DepthSensor, SimulatedCamera
+from dlo_ros.synthesis.picture_settings import Look, DepthSensor, SimulatedCamera
 from dlo_ros.synthesis.spatial_render import SpatialRenderer
 from dlo_ros.synthesis.synthesize import synthesize
 from dlo_ros.synthesis.true_motion import build_simulation, simulate
@@ -266,7 +266,7 @@ def loop():
 
 def test_the_rope_is_drawn_where_it_projects_and_hides_itself_by_depth():
     line, u = loop()
-    renderer = SpatialRenderer(Geometry(SMALL, EYE), Appearance(hole_diameter=0.0), 0.008, 0.25, 0)
+    renderer = SpatialRenderer(Geometry(SMALL, EYE), Look(hole_diameter=0.0), 0.008, 0.25, 0)
     seen = renderer.layers(line, u)
     whole = np.column_stack([np.interp(seen.u, u, c) for c in line.T])
     pixels = renderer.geometry.project(whole)
@@ -286,7 +286,7 @@ def test_the_rope_is_drawn_where_it_projects_and_hides_itself_by_depth():
 
 def test_depth_has_holes_mixed_pixels_and_noise():
     line, u = loop()
-    renderer = SpatialRenderer(Geometry(SMALL, EYE), Appearance(), 0.008, 0.25, 0)
+    renderer = SpatialRenderer(Geometry(SMALL, EYE), Look(), 0.008, 0.25, 0)
     sensor = DepthSensor(std=0.002, holes=0.05, mixed=0.5, thin=1.5)
     depth = renderer.depth(line, u, sensor).astype(float) / 1000.0
     seen = renderer.layers(line, u)

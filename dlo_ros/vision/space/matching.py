@@ -121,6 +121,24 @@ def match(courses: Sequence[Course]) -> Match:
         )
         inner = np.interp(np.arange(SAMPLES), j, i.astype(float))
         shares.append(np.interp(inner, np.arange(SAMPLES), shares[0]))
+    basis, points = triangulated(courses, rays, shares)
+    at = np.linspace(0.0, 1.0, 2 * SAMPLES)
+    return Match(basis.evaluate(points, at), float(np.sqrt(worst)))
+
+
+def triangulated(
+    courses: Sequence[Course], rays: Sequence[FloatArray], shares: Sequence[FloatArray]
+) -> tuple[SplineBasis, FloatArray]:
+    """The smooth curve in space nearest to the rays of matched centrelines.
+
+    Args:
+        courses: centrelines of one instant, with their cameras.
+        rays: rays through the samples of each centreline, each of shape (SAMPLES, 2).
+        shares: parameter of each sample along the curve, 0 to 1, each of shape (SAMPLES,).
+
+    Returns:
+        The basis of a spline over 0 to 1, and its control points [m], shape (k, 3).
+    """
     basis = SplineBasis(ROUGH_SPANS + 3, 1.0)
     k = basis.control_points
     third = basis.matrix((np.arange(basis.spans) + 0.5) / basis.spans, 3)
@@ -144,8 +162,7 @@ def match(courses: Sequence[Course]) -> Match:
         points = np.linalg.solve(matrix, right).reshape(k, 3)
         z = np.concatenate([b @ points @ r[2] + t[2] for b, r, t in depths])
         scale = 1.0 / np.maximum(np.abs(z), 1e-2) ** 2
-    at = np.linspace(0.0, 1.0, 2 * SAMPLES)
-    return Match(basis.evaluate(points, at), float(np.sqrt(worst)))
+    return basis, points
 
 
 def _increasing(values: FloatArray) -> FloatArray:
