@@ -88,8 +88,8 @@ def explain_in_order(
             holdout_err = holdout_errors(plain)
             return Findings(verdict.Decision("unexplained", None), holdout_err, joint=joint)
     prospects = screened(plain.at, known)
-    promise, by_chance = alarm(prospects)
-    if promise < by_chance and verdict.excusable(plain.at.residuals):
+    gain, by_chance = alarm(prospects)
+    if gain < by_chance and verdict.excusable(plain.at.residuals):
         return Findings(verdict.Decision("adequate", None), holdout_errors(plain))
     singles = search(team, plain.at, prospects, progress, most, thorough=not faint)
     holdout_err = holdout_errors_beside(singles)

@@ -255,7 +255,7 @@ def _trace(report: DiagnosisReport) -> str:
     ]
     text = paragraph(
         "Gain: how much the log evidence rises with the candidate; 3 is twenty to one. Those that "
-        "were not fitted have the gain that the linearised model promises."
+        "were not fitted have the gain that the linearised model predicts."
     )
     shown = table(["step", "candidate", "gain", "ERR", "what became of it"], rows) + text
     return f"<details><summary>{len(rows)} candidates, by step</summary>{shown}</details>"

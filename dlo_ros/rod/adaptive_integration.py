@@ -21,19 +21,22 @@ from dlo_ros.rod.solve.generalised_alpha import (
 from dlo_ros.rod.solve.integrator_state import NEXT, TIME, another, assign, commit
 
 FIRST_STEP = 1e-3  # [s]
+SAME_TIME = 1e-5
+"""Time [s] within which a corner of the imposed motion and a stop are one: stamps are rounded, and
+after a step between the two, of nanoseconds, the error control would have to begin anew."""
 
 
 @njit(from_python=False)
 def _next_stop(times, now, stop):
     """The next corner of the imposed motion, or the stop itself."""
-    after = np.searchsorted(times, now + 1e-9, side="right")
-    if after < times.size and now + 1e-9 < times[after] < stop - 1e-9:
+    after = np.searchsorted(times, now + SAME_TIME, side="right")
+    if after < times.size and times[after] < stop - SAME_TIME:
         return times[after]
     return stop
 
 
 @linked(from_python=True)
-def march(system, imposed, state, stops, tolerance, newton, varying, shapes, speeds,
+def march(system, imposed, state, stops, tolerance, newton, varying, shapes, speeds, twists,
           derivatives):  # fmt: skip
     """Integrate to a series of times.
 
@@ -46,6 +49,7 @@ def march(system, imposed, state, stops, tolerance, newton, varying, shapes, spe
         newton: error that Newton's method may leave, of L.
         varying: the state's derivatives by the parameters, see `propagation`; changed likewise.
         shapes, speeds: output, control points and their velocities, (S, n, d).
+        twists: output, twist strain [rad/m], (S, nb); (0, 0) in the plane.
         derivatives: output, (S, P, n, d).
 
     Returns:
@@ -86,6 +90,8 @@ def march(system, imposed, state, stops, tolerance, newton, varying, shapes, spe
             commit(new, state)
         assign(shapes[k], state.q)
         assign(speeds[k], state.velocity)
+        for i in range(twists.shape[1]):
+            twists[k, i] = state.other[i, 2]
         for a in range(count):
             assign(derivatives[k, a], varying.q[a])
     return DONE, steps

@@ -11,7 +11,6 @@ energy with another stiffness and other rest strains. The compiled steps are in
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -22,11 +21,10 @@ from dlo_ros.rod.boundary.imposed_motion import Boundary
 from dlo_ros.rod.integration import Track, integrate
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.packing import moving_of, state_of, true_command
-from dlo_ros.rod.planar_model import expand, in_plane
-from dlo_ros.rod.sensitivity_parameters import both_sides, compiled, variation_of
+from dlo_ros.rod.planar_model import in_plane
+from dlo_ros.rod.sensitivity_parameters import compiled
 from dlo_ros.rod.solve.generalised_alpha import starting_acceleration
 from dlo_ros.rod.state import State
-from dlo_ros.spline import FloatArray
 
 
 def advance(
@@ -71,8 +69,9 @@ def follow(
         if tracks.failures:
             raise SimulationError(tracks.failures[0])
         none = np.zeros((len(stamps), 0, *state.q.shape))
-        end = tracks.state(0)
-        return Track(end, tracks.shapes[0], np.zeros_like(tracks.shapes[0]), none, tracks.steps[0])
+        shapes = tracks.shapes[0]
+        still, untwisted = np.zeros_like(shapes), np.zeros((0, 0))
+        return Track(tracks.state(0), shapes, still, untwisted, none, tracks.steps[0])
     return integrate(model, boundary, state, command, stamps, parameters, flat=flat)
 
 
@@ -90,33 +89,13 @@ def sets_of(model: RodModel, boundary: Boundary) -> ParameterSets:
 
 
 def with_consistent_acceleration(
-    model: RodModel, boundary: Boundary, state: State, command: Command,
-    parameters: Sequence[str] = (),
-) -> State:  # fmt: skip
-    """The state with the acceleration that its forces cause, imposed points not accelerated.
-
-    Args:
-        parameters: see `follow`.
-    """
+    model: RodModel, boundary: Boundary, state: State, command: Command
+) -> State:
+    """The state with the acceleration that its forces cause, imposed points not accelerated."""
     true = true_command(model, command)
-    flat = in_plane(model, state, true, parameters)
+    flat = in_plane(model, state, true)
     moving = moving_of(state, true, flat=flat)
-
-    def acceleration(changed: RodModel, asked: Command) -> FloatArray:
-        rod = compiled(changed, boundary, asked, (), flat=flat)
-        return np.asarray(starting_acceleration(rod.system, rod.imposed, moving))
-
-    start = acceleration(model, command)
+    rod = compiled(model, boundary, command, (), flat=flat)
+    start = np.asarray(starting_acceleration(rod.system, rod.imposed, moving))
     moving = moving._replace(acceleration=start, auxiliary=start)
-    new = state_of(model, state, moving, state.stamp, state.sensitivity)
-    if not parameters or state.sensitivity is None:
-        return new
-    changes = []
-    for name in parameters:
-        chosen = variation_of(model.settings, name)
-        above, below = (acceleration(*pair) for pair in both_sides(model, command, chosen))
-        changes.append(expand((above - below) / (2.0 * chosen.step), state.q))
-    change = np.array(changes)
-    return replace(
-        new, sensitivity=state.sensitivity._replace(acceleration=change, auxiliary=change)
-    )
+    return state_of(model, state, moving, state.stamp, state.sensitivity)

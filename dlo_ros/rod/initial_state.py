@@ -7,45 +7,23 @@ import logging
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
 
-from dlo_ros.command import NANOSECONDS, Command
 from dlo_ros.errors import InputError
 from dlo_ros.observation import Observation
-from dlo_ros.rod import dynamics
 from dlo_ros.rod.boundary.command_timeline import CommandTimeline
 from dlo_ros.rod.boundary.imposed_motion import Boundary
 from dlo_ros.rod.measured_shapes import MeasurementMap
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.motion_validation import possible
-from dlo_ros.rod.packing import insensitive, true_command
+from dlo_ros.rod.observed_start import FirstShapes, observed_start
+from dlo_ros.rod.packing import true_command
 from dlo_ros.rod.planar_model import in_plane
 from dlo_ros.rod.sensitivity_parameters import compiled
 from dlo_ros.rod.state import State, rest_state
-from dlo_ros.rod.statics import hold, reachable, relax_stretch, settle
+from dlo_ros.rod.statics import settle
 from dlo_ros.rod_settings import RodSettings
-from dlo_ros.spline import FloatArray, SplineBasis
+from dlo_ros.spline import SplineBasis
 
 LOG = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True)
-class FirstShape:
-    """The true first shape of a simulation.
-
-    Args:
-        observations: one observation, or two for `moving`, with the instants at which the DLO truly
-            had these shapes.
-        command: command that holds at that time.
-        shape: true control points at the last of these instants, published basis, shape (n, 4).
-    """
-
-    observations: tuple[Observation, ...]
-    command: Command
-    shape: FloatArray
-
-    @property
-    def stamp(self) -> int:
-        """The instant of the start [ns]."""
-        return self.observations[-1].stamp
 
 
 @dataclass(frozen=True)
@@ -68,7 +46,7 @@ def beginning(
     timeline: CommandTimeline,
     measurement: MeasurementMap,
     observations: Sequence[Observation],
-) -> FirstShape:
+) -> FirstShapes:
     """The true beginning, from the first observed shapes; the timeline learns when it was.
 
     Raises:
@@ -90,13 +68,13 @@ def beginning(
     seen = [replace(o, stamp=o.stamp - measurement.later) for o in observations[:needed]]
     timeline.began = seen[0].stamp
     command = timeline.at(seen[-1].stamp, slips=settings.slips)
-    return FirstShape(tuple(seen), command, measurement.true(seen[-1].control_points))
+    return FirstShapes(tuple(seen), command, measurement.true(seen[-1].control_points))
 
 
 def initial_state(
     model: RodModel,
     boundary: Boundary,
-    begin: FirstShape,
+    begin: FirstShapes,
     measurement: MeasurementMap,
     parameters: Sequence[str],
 ) -> Generator[None, None, InitialState]:
@@ -110,36 +88,22 @@ def initial_state(
         SimulationError: no equilibrium, or imposed ends out of reach.
     """
     settings, command = model.settings, begin.command
+    if settings.simulation.start != "equilibrium":
+        yield
+        return InitialState(observed_start(model, boundary, begin, measurement, parameters))
     published = SplineBasis(settings.rod.control_points, settings.rod.length)
     lift = model.basis.projection(published)
     at_rest = rest_state(begin.stamp, lift @ begin.shape, model)
     yield
-    if settings.simulation.start == "equilibrium":
-        flat = in_plane(model, at_rest, true_command(model, command), parameters)
-        compiled(model, boundary, command, parameters, flat=flat)  # is kept
-        yield
-        found = settle(
-            model, boundary, at_rest, command, begin.stamp, fresh=True, parameters=parameters
-        )
-        if found.buckled:
-            LOG.info(
-                "the DLO buckles on its way to its first equilibrium; where nothing decides "
-                "between two sides, its weight or the camera's first shape should"
-            )
-        return InitialState(found.state, found.stable, flat)
-    held = hold(model, boundary, at_rest, command, begin.stamp)
-    reachable(model, held, boundary)
-    relaxed = relax_stretch(model, boundary, held, lift @ begin.shape)
-    state = rest_state(begin.stamp, relaxed, model)
-    if settings.simulation.start == "moving":
-        before = begin.observations[0]
-        elapsed = (begin.stamp - before.stamp) / NANOSECONDS
-        if elapsed <= 0.0:
-            raise InputError("the first two observed shapes have the same stamp")
-        velocity = lift @ (begin.shape - measurement.true(before.control_points)) / elapsed
-        velocity[:, 3] = 0.0
-        state = replace(state, velocity=velocity)
-    state = insensitive(state, len(parameters))
-    return InitialState(
-        dynamics.with_consistent_acceleration(model, boundary, state, command, parameters)
+    flat = in_plane(model, at_rest, true_command(model, command), parameters)
+    compiled(model, boundary, command, parameters, flat=flat)  # is kept
+    yield
+    found = settle(
+        model, boundary, at_rest, command, begin.stamp, fresh=True, parameters=parameters
     )
+    if found.buckled:
+        LOG.info(
+            "the DLO buckles on its way to its first equilibrium; where nothing decides "
+            "between two sides, its weight or the camera's first shape should"
+        )
+    return InitialState(found.state, found.stable, flat)

@@ -36,6 +36,7 @@ class Track:
         shapes: control points of the simulation's basis at every stamp, shape (S, n, 4).
         speeds: velocities of the control points; zero where neither these nor sensitivities were
             requested.
+        twists: twist strain [rad/m] at the nb bending points, shape (S, nb); (0, 0) in the plane.
         derivatives: derivatives with respect to the logarithms of the P parameters, shape (S, P, n,
             4).
         steps: taken, rejected ones included.
@@ -44,6 +45,7 @@ class Track:
     state: State
     shapes: FloatArray
     speeds: FloatArray
+    twists: FloatArray
     derivatives: FloatArray
     steps: int
 
@@ -72,12 +74,13 @@ def integrate(
         varying = nothing_varies(state, 0, flat=flat)
     times = (np.asarray(stamps, dtype=np.int64) - true.stamp) / NANOSECONDS
     shapes, speeds = (np.empty((len(times), *moving.q.shape)) for _ in range(2))
+    twists = np.empty((0, 0) if flat else (len(times), len(moving.stretch)))
     derivatives = np.empty((len(times), len(parameters), *moving.q.shape))
     tolerance = STEP_SHARE * model.settings.simulation.tolerance * model.basis.length
     newton = NEWTON_SHARE * tolerance / model.basis.length
     status, steps = adaptive_integration.march(
         rod.system, rod.imposed, moving, times, tolerance, newton, varying, shapes, speeds,
-        derivatives,
+        twists, derivatives,
     )  # fmt: skip
     if status == NO_DIRECTION:
         raise CommandError(NO_DIRECTION_TEXT)
@@ -89,4 +92,4 @@ def integrate(
     last = int(stamps[-1]) if len(stamps) else state.stamp
     new = state_of(model, state, moving, last, varying if parameters else None)
     shapes, speeds, derivatives = (expand(x, state.q) for x in (shapes, speeds, derivatives))
-    return Track(new, shapes, speeds, derivatives, steps)
+    return Track(new, shapes, speeds, twists, derivatives, steps)

@@ -42,6 +42,11 @@ class MeasurementMap:
             self._later_rate[p] = late / (2.0 * STEP)
 
     @property
+    def later_rate(self) -> FloatArray:
+        """Derivative of the delay by the parameters, shape (P,) [s over their unit]."""
+        return self._later_rate
+
+    @property
     def later(self) -> int:
         """Delay of the measurement after the simulated instant [ns]."""
         return round(sum(e.later() for e in self._effects) * NANOSECONDS)

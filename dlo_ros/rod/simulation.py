@@ -31,7 +31,7 @@ from dlo_ros.rod.prediction import Prediction
 from dlo_ros.rod.protocol import RodSimulation, instability
 from dlo_ros.rod.sensitivity_parameters import variation_of
 from dlo_ros.rod.simulation_batch import SimulationBatch, StartedSet, started_set
-from dlo_ros.rod.state import State, refined, strains_of, twist_angle, with_history
+from dlo_ros.rod.state import State, refined, strains_of, twist_along, twist_angle, with_history
 from dlo_ros.rod.statics import hold, reachable, settle
 from dlo_ros.rod_settings import RodSettings
 from dlo_ros.spline import FloatArray, SplineBasis
@@ -215,6 +215,7 @@ class Simulation(RodSimulation):
             )
         stamps = [stamp - self._measurement.later for stamp in stamps]
         predictions: list[Prediction] = []
+        wanted = set(stamps)
         course = self._timeline.another()
         for stops in course.legs(state.stamp, stamps):
             command = course.at(max(stops[0] - 1, state.stamp), slips=self.settings.slips)
@@ -224,10 +225,9 @@ class Simulation(RodSimulation):
             steady(boundary, state, true_command(model, command), stops[-1], held)
             command = course.begin(state.stamp, command, state.q, model.basis)
             course.following = command
-            # In space the twist angle of a shape needs its whole state, so stops come one by one.
-            together = in_plane(model, state, command, self.parameters) and (
-                not self._loads or (model.plain and dense([state.stamp, *stops]))
-            )
+            flat = in_plane(model, state, command, self.parameters)
+            # In space the loads on a shape need its whole state, so stops come one by one.
+            together = not self._loads or (flat and model.plain and dense([state.stamp, *stops]))
             made: list[State] = []
             for leg in [stops] if together else [[s] for s in stops]:
                 for stop in leg:
@@ -237,13 +237,17 @@ class Simulation(RodSimulation):
                 track = dynamics.follow(*asked, speeds=self._loads and several)
                 state = track.state
                 if not several:
-                    made += [state] * (leg[0] in stamps)
+                    made += [state] * (leg[0] in wanted)
                     continue
                 borne = loadings_along(model, boundary, before, leg, track) if self._loads else []
                 down = self.published.projection(model.basis)
+                shapes = track.shapes
+                if not flat:
+                    for shape, strain in zip(shapes, track.twists, strict=True):
+                        shape[:, 3] = twist_along(model, float(shape[0, 3]), strain)
                 for k, stop in enumerate(leg):
-                    if stop in stamps:
-                        seen = down @ track.shapes[k], down, track.speeds[k], track.derivatives[k]
+                    if stop in wanted:
+                        seen = down @ shapes[k], down, track.speeds[k], track.derivatives[k]
                         predictions.append(self._seen(stop, *seen, borne[k] if borne else None))
             borne = loadings(model, boundary, made, command) if self._loads and made else []
             for one in made:

@@ -12,7 +12,6 @@ import numpy as np
 from dlo_ros.command import NANOSECONDS, Command
 from dlo_ros.errors import CommandError, SimulationError
 from dlo_ros.rod.boundary.imposed_motion import NO_DIRECTION_TEXT, Boundary, Held
-from dlo_ros.rod.elements import rod_forces
 from dlo_ros.rod.elements.rod_tables import (
     DOF,
     ConstitutiveLaw,
@@ -28,7 +27,7 @@ from dlo_ros.rod.sensitivity.propagation import propagate_equilibrium
 from dlo_ros.rod.sensitivity_parameters import compiled
 from dlo_ros.rod.solve import equilibrium_continuation, newton_iteration
 from dlo_ros.rod.solve.generalised_alpha import DONE, NO_DIRECTION
-from dlo_ros.rod.state import State, rest_state
+from dlo_ros.rod.state import State
 from dlo_ros.spline import FloatArray
 
 TOLERANCE = 1e-9
@@ -38,11 +37,6 @@ FREE = Surroundings(
     0.0, 1.0, np.zeros((0, 3)), 0.0, np.zeros(0, np.int64), np.zeros((0, 4)), np.zeros(0),
     np.zeros((0, 3)), 0.0, np.zeros((0, 3)),
 )  # fmt: skip
-# Pull to the first shape and bending stiffness while what is held is approached, and at the end.
-STRONGEST, WEAKEST = 10.0, 1e-4
-APPROACH = 10  # steps to what is held
-SLOWEST = 0.9  # of the pull: smaller reductions are not tried
-STRAIGHT = 0.05  # of the length: radius of gyration that the bending stiffness stands for
 NO_INTERNAL_VARIABLES = InternalVariables(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros((0, 6)))
 
 
@@ -168,69 +162,3 @@ def reachable(model: RodModel, held: Held, boundary: Boundary) -> None:
                 f"the command holds two points {apart:.4g} m apart, but the DLO between them is "
                 f"only {length:.4g} m long"
             )
-
-
-def before_walls(model: RodModel, boundary: Boundary, q: FloatArray) -> FloatArray:
-    """The shape q (n, 4) with what is free of it led back to the free side of all walls.
-
-    A shape is observed with errors and may lie beyond a wall by the DLO's radius; the contact would
-    throw the DLO off. A spline lies within the hull of its control points.
-    """
-    result = np.array(q)
-    free = ~boundary.fixed.reshape(-1, DOF)[:, 0]
-    for x, z, offset in model.surroundings.walls:
-        deep = np.minimum(x * result[:, 0] + z * result[:, 2] - offset, 0.0) * free
-        result[:, 0] -= deep * x
-        result[:, 2] -= deep * z
-    return result
-
-
-def relax_stretch(model: RodModel, boundary: Boundary, held: Held, q: FloatArray) -> FloatArray:
-    """The nearest shape that is held as commanded and not stretched.
-
-    An observed spline has noise along its axis, which stiff stretch would turn into violent
-    vibration. Minimises the stretch energy, a pull to the given shape q (n, 4), and a bending
-    energy that is zero in the given shape: without it, what is too short between two points that
-    are held would buckle in waves as short as the basis allows. Pull and bending go from strong to
-    weak together: a compression by a share e of the length is held straight while e^2 is less than
-    4 `pull` `bend` (beam on an elastic foundation).
-    """
-    given = rest_state(0, before_walls(model, boundary, q), model)
-    curvature = np.ascontiguousarray(given.strains.other[:, :2])
-    soft = model.stiffness._replace(bend_rest=curvature, twist=0.0 * model.stiffness.twist + 1.0)
-    stiffest, length = float(soft.stretch.mean()), model.basis.length
-    pulled = np.empty_like(given.q)
-    rod_forces.multiply_scalar(model.gram, model.gram, given.q, pulled)
-
-    def relaxed(q: FloatArray, weak: float, share: float) -> FloatArray | None:
-        """From q; None where Newton's method does not converge."""
-        pull = weak * stiffest / length**2
-        bend = weak * stiffest * (STRAIGHT * length) ** 2 * np.array([1.0, 1.0, 0.0])
-        bend = np.tile(bend, (len(soft.bend), 1))
-        matter = Material(
-            soft._replace(bend=bend), 1.0, curvature, LINEAR, FREE, NO_INTERNAL_VARIABLES, 0.0, 0.0
-        )
-        target, found = given.q + share * (held.target - given.q), q.copy()
-        iterations, _ = newton_iteration.implicit_step(
-            found, target, boundary.fixed, boundary.pins, boundary.pin_values(held),
-            model.rule, matter, given.reference, pull * model.gram, pull * model.gram,
-            pull * pulled, length, 1e-12,
-        )  # fmt: skip
-        return found if iterations > 0 else None
-
-    best: FloatArray | None = given.q
-    for share in np.linspace(0.0, 1.0, APPROACH + 1)[1:]:
-        best = None if best is None else relaxed(best, STRONGEST, float(share))
-    if best is None:
-        raise SimulationError(
-            "the first observed shape cannot be held as commanded; check rod.length, the command "
-            "and the observed spline"
-        )
-    weak, ratio = STRONGEST, 0.5
-    while weak > WEAKEST and ratio < SLOWEST:
-        found = relaxed(best, ratio * weak, 1.0)
-        if found is None:
-            ratio = ratio**0.5
-        else:
-            best, weak = found, ratio * weak
-    return before_walls(model, boundary, best)

@@ -58,7 +58,7 @@ from dlo_ros.synthesis.experiment_block import ExperimentBlock
 from dlo_ros.synthesis.gripper_frames import check_frames
 from dlo_ros.synthesis.hidden_effects import FOREIGN, HiddenEffects, read_effects
 from dlo_ros.synthesis.hidden_rod import true_length
-from dlo_ros.synthesis.picture_settings import Look, DepthSensor, Measurement, SimulatedCamera
+from dlo_ros.synthesis.picture_settings import DepthSensor, Look, Measurement, SimulatedCamera
 from dlo_ros.synthesis.wrench_sensor import WrenchSensor
 
 START_STAMP = 1_760_000_000 * NANOSECONDS

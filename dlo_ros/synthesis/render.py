@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from dlo_ros.spline import FloatArray
 from dlo_ros.synthesis.camera_geometry import Geometry
-from dlo_ros.synthesis.picture_settings import Look, Colour
+from dlo_ros.synthesis.picture_settings import Colour, Look
 from dlo_ros.synthesis.render_kernels import Float32Array, trace
 
 Image = NDArray[np.uint8]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from dlo_ros.spline import FloatArray
 from dlo_ros.synthesis.camera_geometry import Geometry
-from dlo_ros.synthesis.picture_settings import Look, DepthSensor
+from dlo_ros.synthesis.picture_settings import DepthSensor, Look
 from dlo_ros.synthesis.render import Image, Renderer
 
 SPACING = 0.5  # [px] of the samples along the rope

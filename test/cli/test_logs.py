@@ -150,9 +150,12 @@ def test_the_steps_of_a_fit_are_told(caplog):
 
     caplog.set_level(logging.INFO, "dlo_ros")
     _tell(
-        [Step(1, "weight", 12.3, 0.0042, "added"), Step(1, "draught", 1.0, None, "promised less")]
+        [
+            Step(1, "weight", 12.3, 0.0042, "added"),
+            Step(1, "draught", 1.0, None, "predicted to gain less"),
+        ]
     )
     assert [r.getMessage() for r in caplog.records] == [
         "cause 1: weight: +12.3, ERR 4.200 mm: added",
-        "cause 1: draught: +1.0, ERR -: promised less",
+        "cause 1: draught: +1.0, ERR -: predicted to gain less",
     ]

@@ -11,7 +11,7 @@ from rods import PAPER
 from dlo_ros.diagnosis.contact.contact_search import PegBesideSetUp
 from dlo_ros.diagnosis.explain import candidate_trials, cause_search, joint_explanation
 from dlo_ros.diagnosis.explain.certainty import SCALES, certain
-from dlo_ros.diagnosis.proposals.linear_evidence import Promise, proposal_of, with_sheet
+from dlo_ros.diagnosis.proposals.linear_evidence import PredictedGain, proposal_of, with_proposals
 from dlo_ros.effects import Start
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.priors import material_priors
@@ -27,7 +27,7 @@ def best_of(monkeypatch, fits):
         SimpleNamespace(proposal=SimpleNamespace(label=name), gain=10.0, model=name)
         for name in fits
     ]
-    monkeypatch.setattr(candidate_trials, "_checked", lambda promise, _: (1e-3, promise))
+    monkeypatch.setattr(candidate_trials, "_checked", lambda predicted, _: (1e-3, predicted))
     monkeypatch.setattr(
         candidate_trials, "fitted", lambda model, *_, **__: evaluation(*fits[model])
     )
@@ -146,7 +146,7 @@ def test_the_size_of_what_begins_at_a_finite_one_is_looked_for(monkeypatch):
     """A yield at one and a half times the curvature from which it is looked for."""
     keys = ("yield_curvature", "hardening")
     start = Start("plasticity", {keys[0]: 4.0, keys[1]: 0.35}, keys, keys, neutral=False)
-    begin, _ = with_sheet(
+    begin, _ = with_proposals(
         ParametricModel(PAPER, material_priors(PAPER)), [proposal := proposal_of(PAPER, start)]
     )
 
@@ -155,8 +155,8 @@ def test_the_size_of_what_begins_at_a_finite_one_is_looked_for(monkeypatch):
         return SimpleNamespace(mean_err=1e-3 * (1.0 + off**2))
 
     monkeypatch.setattr(candidate_trials, "simulate", simulate)
-    err, promise = candidate_trials._checked(Promise(proposal, 10.0, begin, begin), ())
-    found = promise.model.settings.effects["plasticity"]
+    err, predicted = candidate_trials._checked(PredictedGain(proposal, 10.0, begin, begin), ())
+    found = predicted.model.settings.effects["plasticity"]
     assert found["yield_curvature"] == pytest.approx(6.0, rel=0.05)
     assert found["hardening"] == 0.35 and err == pytest.approx(1e-3, rel=0.01)
 

@@ -24,7 +24,7 @@ from dlo_ros.synthesis.camera_geometry import Geometry
 from dlo_ros.synthesis.experiment import find_experiment, load_experiment, read_experiment
 from dlo_ros.synthesis.hidden_effects import HiddenEffects
 from dlo_ros.synthesis.hidden_rod import build_spatial_rod
-from dlo_ros.synthesis.picture_settings import Look, DepthSensor, SimulatedCamera
+from dlo_ros.synthesis.picture_settings import DepthSensor, Look, SimulatedCamera
 from dlo_ros.synthesis.spatial_render import SpatialRenderer
 from dlo_ros.synthesis.synthesize import synthesize
 from dlo_ros.synthesis.true_motion import build_simulation, simulate

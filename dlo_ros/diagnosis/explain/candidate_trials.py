@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Proposals tried: those that promise most are simulated, those that come nearest are fitted."""
+"""Proposals tried: the largest predicted gains are simulated, the nearest to the shapes fitted."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from dlo_ros.diagnosis.proposals.linear_evidence import Promise, Proposal
+from dlo_ros.diagnosis.proposals.linear_evidence import PredictedGain, Proposal
 from dlo_ros.effects import quantities
 from dlo_ros.errors import SimulationError
 from dlo_ros.inference.joint import Evaluation, evaluate, fit, simulate
@@ -27,12 +27,12 @@ WORTH = 3.0
 """Gain in log evidence for which a cause is added: twenty to one."""
 CHECKED = 10
 NEAR = 0.3
-"""Proposals that are simulated in a step, those that promise most, and their share of the best
-promise: a promise is linear, and no better than that."""
+"""Proposals that are simulated in a step, those with the largest predicted gain, and their share of
+the largest: the prediction is linear, and no better than that."""
 WORSE = 2.0
-"""ERR over that without a proposal, from which no fit begins at the values that it promises."""
+"""ERR over that without a proposal, from which no fit begins at the predicted values."""
 SHARES = (1.0, 0.5)
-"""Shares of the way to the promised model that are simulated."""
+"""Shares of the way to the predicted model that are simulated."""
 SIZES, SIZE_TRIALS = 2.2, 6
 """Factor up to which the size of an effect that begins at a finite one may be larger or smaller
 where its fit begins, and number of sizes that are simulated: no derivative tells of it."""
@@ -49,7 +49,7 @@ class Step:
     Args:
         step: number of the step.
         name: of the proposal.
-        gain: in log evidence, as fitted, or as promised where it was not.
+        gain: in log evidence, as fitted, or as predicted where it was not.
         err: of the fitted model [m]; None where it was not fitted.
         outcome: why it was kept or dropped.
     """
@@ -62,44 +62,47 @@ class Step:
 
 
 def best_trial(
-    number: int, at: Evaluation, promises: Sequence[Promise], recordings: Sequence[Recording]
+    number: int,
+    at: Evaluation,
+    predictions: Sequence[PredictedGain],
+    recordings: Sequence[Recording],
 ) -> tuple[Trial | None, list[Step]]:
-    """Fit the most promising proposals; return the one that gains most, if it is worth adding.
+    """Fit the proposals of the largest predicted gains; return the best, if it is worth adding.
 
     Args:
         number: of the step, for the trace.
         at: the joint model over which a proposal must gain.
-        promises: best first.
+        predictions: best first.
 
     Returns:
         The best trial, None where none is worth it, and what became of each proposal.
     """
     trace: list[Step] = []
-    checked: list[tuple[float, Promise]] = []
-    for k, promise in enumerate(promises):
-        name = promise.proposal.label
-        if k >= CHECKED or promise.gain < max(WORTH, NEAR * promises[0].gain):
-            trace.append(Step(number, name, promise.gain, None, "promised less"))
+    checked: list[tuple[float, PredictedGain]] = []
+    for k, predicted in enumerate(predictions):
+        name = predicted.proposal.label
+        if k >= CHECKED or predicted.gain < max(WORTH, NEAR * predictions[0].gain):
+            trace.append(Step(number, name, predicted.gain, None, "predicted to gain less"))
             continue
-        there = _checked(promise, recordings)
+        there = _checked(predicted, recordings)
         if there is None:
-            trace.append(Step(number, name, promise.gain, None, "cannot be simulated"))
+            trace.append(Step(number, name, predicted.gain, None, "cannot be simulated"))
         else:
             checked.append(there)
     checked.sort(key=lambda row: row[0])
     begun: list[Trial] = []
-    for k, (err, promise) in enumerate(checked):
-        name = promise.proposal.label
+    for k, (err, predicted) in enumerate(checked):
+        name = predicted.proposal.label
         if k >= TRIALS or err > WORSE * at.mean_err:
             outcome = "others come nearer" if k >= TRIALS else "makes matters worse"
-            trace.append(Step(number, name, promise.gain, err, outcome))
+            trace.append(Step(number, name, predicted.gain, err, outcome))
             continue
         # From farther off, a fit must come near before errors can be told from the effect.
-        found = fitted(promise.model, recordings, FIRST_ITERATIONS, far=err > at.mean_err)
+        found = fitted(predicted.model, recordings, FIRST_ITERATIONS, far=err > at.mean_err)
         if found is None:
-            trace.append(Step(number, name, promise.gain, err, "cannot be simulated"))
+            trace.append(Step(number, name, predicted.gain, err, "cannot be simulated"))
         else:
-            begun.append((found, promise.proposal))
+            begun.append((found, predicted.proposal))
     # A proposal with which predictions lie farther from the shapes is no explanation, whatever its
     # log evidence.
     begun.sort(key=lambda row: (row[0].mean_err > at.mean_err, -row[0].posterior.evidence))
@@ -118,24 +121,26 @@ def best_trial(
     return best, trace
 
 
-def _checked(promise: Promise, recordings: Sequence[Recording]) -> tuple[float, Promise] | None:
-    """ERR [m] of a proposal where it promises most, and from where it is fitted; None: nowhere."""
-    begin, end = promise.begin.theta(), promise.model.theta()
-    found: list[tuple[float, Promise]] = []
+def _checked(
+    predicted: PredictedGain, recordings: Sequence[Recording]
+) -> tuple[float, PredictedGain] | None:
+    """ERR [m] of a proposal where its fit begins, and that beginning; None: nowhere."""
+    begin, end = predicted.begin.theta(), predicted.model.theta()
+    found: list[tuple[float, PredictedGain]] = []
 
     def tried(theta: FloatArray) -> float:
-        model = promise.begin.at(theta)
+        model = predicted.begin.at(theta)
         try:
             err = simulate(model, recordings, ()).mean_err
         except SimulationError as reason:
-            LOG.info("%s: %s", promise.proposal.label, reason)
+            LOG.info("%s: %s", predicted.proposal.label, reason)
             return float(np.finfo(float).max)
-        found.append((err, replace(promise, model=model)))
+        found.append((err, replace(predicted, model=model)))
         return err
 
     for share in SHARES:
         tried(begin + share * (end - begin))
-    size = _size(promise.proposal)
+    size = _size(predicted.proposal)
     if size is not None and found:
         here = min(found, key=lambda row: row[0])[1].model
         k, theta, most = here.index(size.name), here.theta(), float(np.log(SIZES))

@@ -2,8 +2,8 @@
 """Causes that recordings show beyond the tolerances of a set-up: a search by evidence.
 
 The set-up within its tolerances is always part of the model. Of the proposals (`linear_evidence`)
-the most promising ones are simulated, those that come nearest are fitted, and the one that raises
-the log evidence most stays.
+those with the largest predicted gains are simulated, those that come nearest are fitted, and the
+one that raises the log evidence most stays.
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ from dlo_ros.diagnosis.explain.certainty import is_beyond, tolerances_off
 from dlo_ros.diagnosis.explain.measurement_error import OWN, own_err
 from dlo_ros.diagnosis.proposals.linear_evidence import (
     Extra,
-    Promise,
+    PredictedGain,
     Proposal,
     added,
     columns,
     freed,
     linear_posterior,
     pinned,
-    promises,
+    predicted_gains,
     proposal_of,
-    sheets,
-    with_sheet,
+    simulated_together,
+    with_proposals,
 )
 from dlo_ros.effects import Start
 from dlo_ros.errors import SimulationError
@@ -101,7 +101,7 @@ def best_peg(
     found: list[Trial] = []
     for candidate in pegs:
         proposal = proposal_of(candidate.before.settings, candidate.peg)
-        model, _ = with_sheet(candidate.before, [proposal])
+        model, _ = with_proposals(candidate.before, [proposal])
         here = fitted(model, recordings)
         if here is not None:
             found.append((here, proposal))
@@ -140,7 +140,7 @@ def search(
         known |= dropped
         number = len(causes) + 1
         offer = offered(at, recordings, begun)
-        candidates = _new(promised(at, offer), known)
+        candidates = _new(ranked_proposals(at, offer), known)
         found, steps = best_trial(number, at, candidates, recordings)
         trace += steps
         _tell(steps)
@@ -200,7 +200,8 @@ def _exchange(
     """The best effect in place of numbers of the set-up that lie beyond their tolerance.
 
     While the true cause is not in the model, the set-up may be strained until it does most of the
-    work. From there the cause promises little and makes matters worse where it is simulated.
+    work. From there little gain is predicted for the cause, and it makes matters worse where it is
+    simulated.
 
     Args:
         number: of the step, for the trace.
@@ -215,14 +216,14 @@ def _exchange(
     except SimulationError as err:
         LOG.info("without %s: %s", group.label, err)
         return None, []
-    promises = _new(promised(bare, offered(bare, recordings, begun)), known)
-    effects = [p for p in promises if p.proposal.start is not None]
+    predictions = _new(ranked_proposals(bare, offered(bare, recordings, begun)), known)
+    effects = [p for p in predictions if p.proposal.start is not None]
     return best_trial(number, at, effects, recordings)
 
 
-def _new(promises: Sequence[Promise], known: set[str]) -> list[Promise]:
-    """The promises of proposals whose labels and effects are not known."""
-    return [p for p in promises if not {p.proposal.label, p.proposal.effect} & known]
+def _new(predictions: Sequence[PredictedGain], known: set[str]) -> list[PredictedGain]:
+    """The predictions of proposals whose labels and effects are not known."""
+    return [p for p in predictions if not {p.proposal.label, p.proposal.effect} & known]
 
 
 def _with_neutral(at: Evaluation, model: ParametricModel, group: Proposal) -> ParametricModel:
@@ -309,17 +310,17 @@ def offered(at: Evaluation, recordings: Sequence[Recording], begun: Sequence[Sta
     """Simulate every effect that might be added to a model."""
     proposals = added(at.model, begun)
     extra: Extra = {}
-    for sheet in sheets(proposals):
-        model, names = with_sheet(at.model, sheet)
+    for together in simulated_together(proposals):
+        model, names = with_proposals(at.model, together)
         try:
-            extra |= columns(at, sheet, simulate(model, recordings, names))
+            extra |= columns(at, together, simulate(model, recordings, names))
         except SimulationError as err:
-            LOG.info("%s: %s", ", ".join(p.label for p in sheet), err)
+            LOG.info("%s: %s", ", ".join(p.label for p in together), err)
     return Offer(tuple(p for p in proposals if id(p) in extra), extra)
 
 
-def promised(at: Evaluation, offer: Offer, *, smooth: bool = False) -> list[Promise]:
-    """The promises of all proposals, best first.
+def ranked_proposals(at: Evaluation, offer: Offer, *, smooth: bool = False) -> list[PredictedGain]:
+    """The predictions of all proposals, best first.
 
     Args:
         offer: of the same model, or of one with more causes, which differs by little.
@@ -329,4 +330,4 @@ def promised(at: Evaluation, offer: Offer, *, smooth: bool = False) -> list[Prom
         p for p in (*freed(at.model), *offer.proposals)
         if not smooth or p.from_nothing
     ]  # fmt: skip
-    return sorted(promises(at, proposals, offer.extra), key=lambda p: -p.gain)
+    return sorted(predicted_gains(at, proposals, offer.extra), key=lambda p: -p.gain)

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dlo_ros.diagnosis.explain.candidate_trials import WORSE, Trial, best_gain
-from dlo_ros.diagnosis.proposals.linear_evidence import Proposal, proposal_of, with_sheet
+from dlo_ros.diagnosis.proposals.linear_evidence import Proposal, proposal_of, with_proposals
 from dlo_ros.effects import Start
 from dlo_ros.errors import SimulationError
 from dlo_ros.inference.joint import Evaluation, evaluate, settled, simulate
@@ -41,7 +41,7 @@ def best_far_start(
     there: list[tuple[float, ParametricModel, Proposal]] = []
     for start in (s for s in begun if s.afar):
         proposal = proposal_of(meant.settings, start)
-        model, _ = with_sheet(meant, [proposal])
+        model, _ = with_proposals(meant, [proposal])
         for factor in FACTORS:
             theta = model.theta()
             theta[model.index("young_modulus")] += np.log(factor)

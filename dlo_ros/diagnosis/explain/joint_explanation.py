@@ -17,7 +17,7 @@ from dlo_ros.diagnosis.explain.cause_search import (
     best_peg,
     linear_loss,
     offered,
-    promised,
+    ranked_proposals,
     search,
     without,
 )
@@ -229,14 +229,14 @@ def _rivals(
     missing = at.posterior.evidence - bare.posterior.evidence - RIVAL
     result: list[str] = []
     fits = 0
-    for promise in promised(bare, offer, smooth=True):
-        effect = promise.proposal.effect
-        if effect == group.effect or effect in result or promise.gain < missing:
+    for predicted in ranked_proposals(bare, offer, smooth=True):
+        effect = predicted.proposal.effect
+        if effect == group.effect or effect in result or predicted.gain < missing:
             continue
         if fits >= RIVAL_FITS:
             break
         fits += 1
-        there = fitted(promise.model, recordings)
+        there = fitted(predicted.model, recordings)
         if there and there.posterior.evidence - bare.posterior.evidence >= missing:
             result.append(effect)
     return tuple(result)

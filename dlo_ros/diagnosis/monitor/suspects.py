@@ -28,8 +28,8 @@ from dlo_ros.diagnosis.proposals.linear_evidence import (
     linear_prior,
     pinned,
     proposal_of,
-    sheets,
-    with_sheet,
+    simulated_together,
+    with_proposals,
 )
 from dlo_ros.effects import Scene
 from dlo_ros.errors import DloError
@@ -200,14 +200,14 @@ def _added(
 ) -> Pieces[list[Hypothesis]]:
     """Every effect beside what there may be without it."""
     result: list[Hypothesis] = []
-    for sheet in sheets(_proposals(at, recording, view)):
-        model, names = with_sheet(at.model, sheet)
+    for together in simulated_together(_proposals(at, recording, view)):
+        model, names = with_proposals(at.model, together)
         try:
-            extra = columns(at, sheet, (yield from simulated(model, recording, names, AT_ONCE)))
+            extra = columns(at, together, (yield from simulated(model, recording, names, AT_ONCE)))
         except DloError as err:
-            LOG.info("%s: %s", ", ".join(p.label for p in sheet), err)
+            LOG.info("%s: %s", ", ".join(p.label for p in together), err)
             continue
-        for proposal in sheet:
+        for proposal in together:
             yield LONG
             offset, precision = linear_prior(at.model.settings, proposal)
             for there in bare:

@@ -58,7 +58,7 @@ class Proposal:
 
 
 @dataclass(frozen=True)
-class Promise:
+class PredictedGain:
     """The gain in log evidence that the linearised posterior predicts for a proposal.
 
     Args:
@@ -128,42 +128,42 @@ Extra = dict[int, tuple[FloatArray, ...]]
 """Derivatives by what a proposal adds, per recording (F, Q, K), by the proposal's identity."""
 
 
-def sheets(proposals: Sequence[Proposal]) -> list[list[Proposal]]:
+def simulated_together(proposals: Sequence[Proposal]) -> list[list[Proposal]]:
     """Groups of added effects that share a simulation: neutral ones, one of each kind."""
     waiting = [p for p in proposals if p.start is not None]
     result = [[p] for p in waiting if not p.from_nothing]
     neutral = [p for p in waiting if p.from_nothing]
     while neutral:
-        sheet: list[Proposal] = []
+        together: list[Proposal] = []
         for p in neutral:
-            if p.effect not in {s.effect for s in sheet}:
-                sheet.append(p)
-        neutral = [p for p in neutral if p not in sheet]
-        result.append(sheet)
+            if p.effect not in {s.effect for s in together}:
+                together.append(p)
+        neutral = [p for p in neutral if p not in together]
+        result.append(together)
     return result
 
 
-def with_sheet(
-    model: ParametricModel, sheet: Sequence[Proposal]
+def with_proposals(
+    model: ParametricModel, together: Sequence[Proposal]
 ) -> tuple[ParametricModel, tuple[str, ...]]:
     """The model with the effects of a group, and the parameters whose derivatives are wanted."""
     names: list[str] = []
-    for p in sheet:
+    for p in together:
         assert p.start is not None
         model = model.extended(p.effect, dict(p.start.block), p.parameters)
         names += p.columns if p.from_nothing else ()
     return model, tuple(names)
 
 
-def columns(at: Evaluation, sheet: Sequence[Proposal], found: Simulated) -> Extra:
+def columns(at: Evaluation, together: Sequence[Proposal], found: Simulated) -> Extra:
     """Derivatives by what each proposal of a group adds; its whole change where it has none.
 
     Args:
-        found: the simulation of `with_sheet`.
+        found: the simulation of `with_proposals`.
     """
     result: Extra = {}
     first = 0
-    for p in sheet:
+    for p in together:
         if not p.from_nothing:
             result[id(p)] = tuple(
                 (here[0] - there[0])[:, None, :]
@@ -197,7 +197,9 @@ def linear_prior(settings: Settings, proposal: Proposal) -> tuple[FloatArray, Fl
     return own.offset(), own.precision()
 
 
-def promises(at: Evaluation, proposals: Sequence[Proposal], extra: Extra) -> list[Promise]:
+def predicted_gains(
+    at: Evaluation, proposals: Sequence[Proposal], extra: Extra
+) -> list[PredictedGain]:
     """The gain in log evidence that the linearised posterior predicts for each proposal.
 
     Args:
@@ -225,15 +227,15 @@ def promises(at: Evaluation, proposals: Sequence[Proposal], extra: Extra) -> lis
     return result
 
 
-def _freed(at: Evaluation, proposal: Proposal) -> Promise:
+def _freed(at: Evaluation, proposal: Proposal) -> PredictedGain:
     """The predicted gain of numbers of the set-up that leave their tolerance."""
     model = at.model.with_prior(proposal.parameters)
     found = linear_posterior(at, at.spectra, model.offset(), model.precision())
     gain = found.evidence - at.posterior.evidence
-    return Promise(proposal, gain, model, model.at(model.theta() + found.step))
+    return PredictedGain(proposal, gain, model, model.at(model.theta() + found.step))
 
 
-def _added(at: Evaluation, proposal: Proposal, spectra: Sequence[Spectrum]) -> Promise:
+def _added(at: Evaluation, proposal: Proposal, spectra: Sequence[Spectrum]) -> PredictedGain:
     """The predicted gain of an effect, whose changes are the last columns of the spectra."""
     assert proposal.start is not None
     offset, precision = linear_prior(at.model.settings, proposal)
@@ -245,16 +247,16 @@ def _added(at: Evaluation, proposal: Proposal, spectra: Sequence[Spectrum]) -> P
     step, amount = found.step[:count], found.step[count:]
     gain = found.evidence - at.posterior.evidence
     if not proposal.from_nothing and amount[0] <= 0.0:
-        return Promise(proposal, 0.0, at.model, at.model)
+        return PredictedGain(proposal, 0.0, at.model, at.model)
     model = at.model.extended(proposal.effect, dict(proposal.start.block), proposal.parameters)
     if not proposal.from_nothing:
         share = min(1.0 / amount[0], 1.0)
-        return Promise(proposal, gain, model, model.at(_moved(model, at.model, share * step)))
+        return PredictedGain(proposal, gain, model, model.at(_moved(model, at.model, share * step)))
     theta = _moved(model, at.model, step)
     linear = [p.name for p in proposal.parameters if p.name in proposal.columns]
     for name, x in zip(linear, amount, strict=True):
         theta[model.index(name)] += x
-    return Promise(proposal, gain, model, model.at(theta))
+    return PredictedGain(proposal, gain, model, model.at(theta))
 
 
 def _moved(model: ParametricModel, before: ParametricModel, step: FloatArray) -> FloatArray:

@@ -171,13 +171,13 @@ def _screen_alone(problem: Problem, task: Task) -> list[Prospect]:
     except SimulationError as err:
         LOG.info("%s: %s", start.effect, err)
         return []
-    promised = AT_LEAST * at.sum_of_squares
+    predicted = AT_LEAST * at.sum_of_squares
     if at.jacobians is not None:
-        # Far from its start a linearisation promises what it cannot keep.
+        # Far from its start a linearisation predicts too much.
         step, left = total(at, problem.given).minimum()
-        promised = max(promised, left * at.excess)
+        predicted = max(predicted, left * at.excess)
         own = own + np.clip(step[:count], -LARGEST_LOG_STEP, LARGEST_LOG_STEP)
-    return [Prospect(start, promised, own)]
+    return [Prospect(start, predicted, own)]
 
 
 def _screen(problem: Problem, task: Task) -> list[Prospect]:

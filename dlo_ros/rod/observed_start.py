@@ -1,0 +1,153 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""The state of a rod that starts from its first observed shapes, with its sensitivities.
+
+Where the DLO truly was follows from what was seen by the camera's errors, and its ends from the
+command by those of the clamps: a parameter of these moves the first shape, too. The derivatives are
+differences of two such states.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dlo_ros.command import NANOSECONDS, Command
+from dlo_ros.errors import InputError
+from dlo_ros.observation import Observation
+from dlo_ros.rod.boundary.imposed_motion import Boundary
+from dlo_ros.rod.dynamics import with_consistent_acceleration
+from dlo_ros.rod.elements.rod_tables import InternalVariables, Reference
+from dlo_ros.rod.measured_shapes import MeasurementMap
+from dlo_ros.rod.model import RodModel
+from dlo_ros.rod.packing import nothing_varies
+from dlo_ros.rod.sensitivity.sensitivity_state import SensitivityState
+from dlo_ros.rod.sensitivity_parameters import both_sides, variation_of
+from dlo_ros.rod.state import State, rest_state
+from dlo_ros.rod.statics import hold, reachable
+from dlo_ros.rod.stretch_relaxation import Relaxation
+from dlo_ros.spline import FloatArray, SplineBasis
+
+
+@dataclass(frozen=True)
+class FirstShapes:
+    """What is known of a DLO when its simulation starts.
+
+    Args:
+        observations: one, or two for simulation.start `moving`, at the instants at which they
+            truly were so.
+        command: that holds then.
+        shape: true control points at the last of these instants, published basis, shape (n, 4).
+    """
+
+    observations: tuple[Observation, ...]
+    command: Command
+    shape: FloatArray
+
+    @property
+    def stamp(self) -> int:
+        """The instant of the start [ns]."""
+        return self.observations[-1].stamp
+
+
+def observed_start(
+    model: RodModel, boundary: Boundary, first: FirstShapes, measurement: MeasurementMap,
+    parameters: Sequence[str] = (),
+) -> State:  # fmt: skip
+    """The state that begins with the observed shape, held as commanded and not stretched.
+
+    Args:
+        measurement: from true shapes to measured ones, with the rates of these parameters.
+        parameters: by which sensitivities are wanted, see `sensitivity_parameters`.
+
+    Raises:
+        InputError: the first two observed shapes have the same stamp.
+        SimulationError: imposed ends out of reach.
+    """
+    begun = _Begun(model, boundary, first, measurement)
+    reachable(model, begun.held, boundary)
+    shape, pull = Relaxation(model, boundary, begun.held, begun.seen[-1]).solution()
+    state = begun.state(shape, first.command)
+    if not parameters:
+        return state
+    varying = nothing_varies(state, len(parameters))
+    for k, name in enumerate(parameters):
+        chosen = variation_of(model.settings, name)
+        pair = []
+        for varied, asked in both_sides(model, first.command, chosen):
+            there = _Begun(
+                varied, boundary, replace(first, command=asked), MeasurementMap(varied.settings)
+            )
+            moved = shape
+            if not there.begins_as(begun):
+                relaxation = Relaxation(varied, boundary, there.held, there.seen[-1])
+                moved = relaxation.solution_near(shape, pull)
+            pair.append(there.state(moved, asked))
+        _set_difference(varying, k, pair[0], pair[1], chosen.step)
+    # What is seen later was so before; at one instant the DLO has moved on meanwhile.
+    later = measurement.later_rate[:, None, None]
+    varying.q[:] += later * state.velocity
+    varying.velocity[:] += later * state.acceleration
+    return replace(state, sensitivity=varying)
+
+
+class _Begun:
+    """A rod with its true first shapes and what holds it then."""
+
+    def __init__(
+        self, model: RodModel, boundary: Boundary, first: FirstShapes, measurement: MeasurementMap
+    ) -> None:
+        self.model, self.boundary, self._first = model, boundary, first
+        rod = model.settings.rod
+        lift = model.basis.projection(SplineBasis(rod.control_points, rod.length))
+        self.seen = [lift @ measurement.true(o.control_points) for o in first.observations]
+        at_rest = rest_state(first.stamp, self.seen[-1], model)
+        self.held = hold(model, boundary, at_rest, first.command, first.stamp)
+
+    def begins_as(self, other: _Begun) -> bool:
+        """Whether the first shapes, and all that decides how they are held, are the same."""
+        return (
+            all(np.array_equal(a, b) for a, b in zip(self.seen, other.seen, strict=True))
+            and np.array_equal(self.held.target, other.held.target)
+            and np.array_equal(self.held.pins, other.held.pins)
+            and np.array_equal(
+                self.model.stiffness.stretch_rest, other.model.stiffness.stretch_rest
+            )
+        )
+
+    def state(self, shape: FloatArray, command: Command) -> State:
+        """The state in a shape (n, 4), with the velocity that was observed."""
+        model, observations = self.model, self._first.observations
+        state = rest_state(self._first.stamp, shape, model)
+        if model.settings.simulation.start == "moving":
+            elapsed = (observations[-1].stamp - observations[0].stamp) / NANOSECONDS
+            if elapsed <= 0.0:
+                raise InputError("the first two observed shapes have the same stamp")
+            velocity = (self.seen[-1] - self.seen[0]) / elapsed
+            velocity[:, 3] = 0.0
+            state = replace(state, velocity=velocity)
+        return with_consistent_acceleration(model, self.boundary, state, command)
+
+
+def _set_difference(
+    varying: SensitivityState, k: int, above: State, below: State, step: float
+) -> None:
+    """Write the derivatives by parameter k, from the states above and below its value."""
+
+    def difference(part: Callable[[State], FloatArray]) -> FloatArray:
+        return np.asarray((part(above) - part(below)) / (2.0 * step))
+
+    varying.q[k] = difference(lambda s: s.q)
+    varying.velocity[k] = difference(lambda s: s.velocity)
+    varying.acceleration[k] = difference(lambda s: s.acceleration)
+    varying.auxiliary[k] = difference(lambda s: s.auxiliary)
+    varying.stretch[k] = difference(lambda s: s.strains.stretch)
+    varying.stretch_before[k] = varying.stretch[k]
+    varying.other[k] = difference(lambda s: s.strains.other)
+    varying.other_before[k] = varying.other[k]
+    for name in Reference._fields:
+        getattr(varying.reference, name)[k] = difference(lambda s: getattr(s.reference, name))  # noqa: B023
+    for name in InternalVariables._fields:
+        getattr(varying.internal, name)[k] = difference(lambda s: getattr(s.internal, name))  # noqa: B023
+    varying.frames[k] = above.frames, below.frames

@@ -1,0 +1,122 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""The nearest shape to an observed one that is held as commanded and not stretched.
+
+An observed spline has noise along its axis, which stiff stretch would turn into violent vibration.
+The stretch energy is minimised, with a pull to the given shape and a bending energy that is zero in
+the given shape: without it, what is too short between two points that are held would buckle in
+waves as short as the basis allows. Pull and bending go from strong to weak together: a compression
+by a share e of the length is held straight while e^2 is less than 4 `pull` `bend` (beam on an
+elastic foundation).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dlo_ros.errors import SimulationError
+from dlo_ros.rod.boundary.imposed_motion import Boundary, Held
+from dlo_ros.rod.elements import rod_forces
+from dlo_ros.rod.elements.rod_tables import DOF, Material
+from dlo_ros.rod.model import RodModel
+from dlo_ros.rod.solve import newton_iteration
+from dlo_ros.rod.state import rest_state
+from dlo_ros.rod.statics import FREE, LINEAR, NO_INTERNAL_VARIABLES
+from dlo_ros.spline import FloatArray
+
+# Pull to the given shape and bending stiffness while what is held is approached, and at the end.
+STRONGEST, WEAKEST = 10.0, 1e-4
+APPROACH = 10  # steps to what is held
+SLOWEST = 0.9  # of the pull: smaller reductions are not tried
+STRAIGHT = 0.05  # of the length: radius of gyration that the bending stiffness stands for
+
+
+class Relaxation:
+    """The search for the nearest shape that is not stretched.
+
+    Args:
+        model, boundary: the rod, and where it is held.
+        held: what the command holds.
+        shape: as it was observed, in the simulation's basis, shape (n, 4).
+    """
+
+    def __init__(self, model: RodModel, boundary: Boundary, held: Held, shape: FloatArray) -> None:
+        self._model, self._boundary, self._held = model, boundary, held
+        self._given = rest_state(0, before_walls(model, boundary, shape), model)
+        curvature = np.ascontiguousarray(self._given.strains.other[:, :2])
+        twist = 0.0 * model.stiffness.twist + 1.0
+        self._soft = model.stiffness._replace(bend_rest=curvature, twist=twist)
+        self._pulled = np.empty_like(self._given.q)
+        rod_forces.multiply_scalar(model.gram, model.gram, self._given.q, self._pulled)
+
+    def solution(self) -> tuple[FloatArray, float]:
+        """The nearest shape (n, 4), and the pull with which it was found.
+
+        Raises:
+            SimulationError: the shape cannot be led to what is held.
+        """
+        best: FloatArray | None = self._given.q
+        for share in np.linspace(0.0, 1.0, APPROACH + 1)[1:]:
+            best = None if best is None else self._relaxed(best, STRONGEST, float(share))
+        if best is None:
+            raise SimulationError(
+                "the first observed shape cannot be held as commanded; check rod.length, the "
+                "command and the observed spline"
+            )
+        weak, ratio = STRONGEST, 0.5
+        while weak > WEAKEST and ratio < SLOWEST:
+            found = self._relaxed(best, ratio * weak, 1.0)
+            if found is None:
+                ratio = ratio**0.5
+            else:
+                best, weak = found, ratio * weak
+        return before_walls(self._model, self._boundary, best), weak
+
+    def solution_near(self, shape: FloatArray, pull: float) -> FloatArray:
+        """The nearest shape (n, 4), where that of a little different problem is known.
+
+        Raises:
+            SimulationError: the two differ too much.
+        """
+        found = self._relaxed(shape, pull, 1.0)
+        if found is None:
+            raise SimulationError("a little different first shape cannot be held as commanded")
+        return before_walls(self._model, self._boundary, found)
+
+    def _relaxed(self, q: FloatArray, weak: float, share: float) -> FloatArray | None:
+        """The minimum near q (n, 4); None where Newton's method does not converge.
+
+        Args:
+            weak: weight of pull and bending.
+            share: of the way from the given shape to what is held.
+        """
+        model, boundary, held, given = self._model, self._boundary, self._held, self._given
+        stiffest, length = float(self._soft.stretch.mean()), model.basis.length
+        pull = weak * stiffest / length**2
+        bend = weak * stiffest * (STRAIGHT * length) ** 2 * np.array([1.0, 1.0, 0.0])
+        bend = np.tile(bend, (len(self._soft.bend), 1))
+        matter = Material(
+            self._soft._replace(bend=bend), 1.0, self._soft.bend_rest, LINEAR, FREE,
+            NO_INTERNAL_VARIABLES, 0.0, 0.0,
+        )  # fmt: skip
+        target, found = given.q + share * (held.target - given.q), q.copy()
+        iterations, _ = newton_iteration.implicit_step(
+            found, target, boundary.fixed, boundary.pins, boundary.pin_values(held),
+            model.rule, matter, given.reference, pull * model.gram, pull * model.gram,
+            pull * self._pulled, length, 1e-12,
+        )  # fmt: skip
+        return found if iterations > 0 else None
+
+
+def before_walls(model: RodModel, boundary: Boundary, q: FloatArray) -> FloatArray:
+    """The shape q (n, 4) with what is free of it led back to the free side of all walls.
+
+    A shape is observed with errors and may lie beyond a wall by the DLO's radius; the contact would
+    throw the DLO off. A spline lies within the hull of its control points.
+    """
+    result = np.array(q)
+    free = ~boundary.fixed.reshape(-1, DOF)[:, 0]
+    for x, z, offset in model.surroundings.walls:
+        deep = np.minimum(x * result[:, 0] + z * result[:, 2] - offset, 0.0) * free
+        result[:, 0] -= deep * x
+        result[:, 2] -= deep * z
+    return result
