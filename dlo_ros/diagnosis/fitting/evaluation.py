@@ -32,8 +32,8 @@ class CandidateEvaluation:
     """A model's residuals against recordings, and their derivatives.
 
     Args:
-        model: with its values.
-        residuals: per recording in units of the noise, shape (F, K).
+        model: model with its values.
+        residuals: residuals of each recording in units of the noise, shape (F, K).
         jacobians: derivatives of the prediction by the open parameters as the fit sees them, per
             recording, shape (F, P, K); None where not asked for.
         sum_of_squares: sum of squared residuals.

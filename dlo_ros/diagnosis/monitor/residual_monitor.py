@@ -60,7 +60,7 @@ class Suspicion:
 
     Args:
         leftover: the residuals that E, mu and damping leave.
-        suspects: what the joint model says of it; None where it could not be asked.
+        suspects: result of the joint model's linear test; None where it could not be computed.
     """
 
     leftover: CorrelatedResidual
