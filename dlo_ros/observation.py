@@ -80,7 +80,7 @@ class Wrenches:
         end: `start` or `end`.
         stamps: [ns], growing, shape (k,).
         force: forces along the axes of the fixed frame [N], shape (k, 3).
-        torque: likewise, about that end of the DLO [N m], shape (k, 3).
+        torque: torques about that end of the DLO along the same axes [N m], shape (k, 3).
         axes: rotation of the sensor's axes in the fixed frame, shape (k, 3, 3).
 
     Raises:

@@ -147,7 +147,8 @@ def named(
     Args:
         plain: the fitted model without effects.
         best: the fitted model that comes nearest to the data.
-        decision: so far; of an explanation by other causes the damping is no part.
+        decision: decision on the other effects; the damping does not belong to an explanation by
+            other causes.
         holdout_err: ERR of a candidate there [m].
     """
     given = team.problem.given

@@ -80,7 +80,7 @@ class Body:
             within which it turns over [1/m]; None: there is none.
         friction: Coulomb friction with the board per length [N/m]; None: the board is not touched.
         pegs: the pegs that the DLO may touch.
-        walls: likewise.
+        walls: the walls that the DLO may touch.
         quadratic_drag: c of a force per length -c |v_n| v_n [N s^2/m^3]; None: there is none.
         lengthening: true length over configured length.
         slip: free length gained through a grip during the motion [m]; None: no grip slips.

@@ -360,7 +360,7 @@ def borrowed(at: Evaluation, model: ParametricModel, recordings: Sequence[Record
     """A model held against recordings, with the derivatives of another that has all it has.
 
     Args:
-        at: held against the same recordings, or longer ones with the same beginnings.
+        at: evaluation against the same recordings, or longer ones with the same beginnings.
 
     Raises:
         SimulationError: it cannot be simulated.

@@ -219,7 +219,7 @@ def outliers(*fields: FloatArray, limit: float = 6.0) -> np.ndarray:
     stands alone.
 
     Args:
-        fields: such as residuals, shape (F, n, 3) each.
+        fields: fields such as residuals, shape (F, n, 3) each.
         limit: limit of a jump, in typical jumps.
     """
     flat = [f.reshape(len(f), -1).copy() for f in fields]

@@ -33,7 +33,7 @@ class EstimateSample:
     Args:
         stamp: time of the recording [ns].
         values: values by the names in `QUANTITIES`, SI units.
-        std: likewise; infinite where unknown.
+        std: standard deviations by the same names; infinite where unknown.
     """
 
     stamp: int

@@ -53,7 +53,8 @@ class Series:
         colour: a key of `COLOURS`.
         x, y: shape (m,); NaN leaves a gap.
         lower, upper: edges of a band around it, shape (m,).
-        dashed: drawn with dashes, so that colour is not all that tells curves apart.
+        dashed: whether it is drawn with dashes, so that curves can be distinguished without
+            colours.
     """
 
     label: str

@@ -62,7 +62,7 @@ class ShapeFrame:
         err: eq. (10) of the paper [m]; None where it is not known.
         photograph: the picture behind; None shows the grid alone.
         arrows: begin and end of each arrow [m], shape (m, 2, 3), drawn on the grid.
-        faint: likewise, of what is not sure.
+        faint: uncertain arrows in the same form.
     """
 
     time: float

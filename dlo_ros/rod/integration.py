@@ -39,7 +39,7 @@ class Track:
         twists: twist strain [rad/m] at the nb bending points, shape (S, nb); (0, 0) in the plane.
         derivatives: derivatives with respect to the logarithms of the P parameters, shape (S, P, n,
             4).
-        steps: taken, rejected ones included.
+        steps: number of steps, rejected ones included.
     """
 
     state: State

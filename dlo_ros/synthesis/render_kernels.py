@@ -40,10 +40,10 @@ def _trace(
         reach: distance from the axis within which pixels are wanted [m].
         margin: the same in the image [px].
         radius: radius of the rope [m].
-        across: out, signed distance of the pixel's ray from the axis [m], (H, W); left alone where
-            no axis is near, so it must come filled with something large.
-        along: out, u [m]; beyond an end it goes on past 0 and L, (H, W).
-        segment: out, index of the piece of the axis, (H, W).
+        across: output, signed distance of the pixel's ray from the axis [m], (H, W); not written
+            where no axis is near, so it must be filled with a large value before.
+        along: output, material coordinate u [m]; it continues beyond 0 and L past the ends, (H, W).
+        segment: output, index of the piece of the axis, (H, W).
     """
     height, width = across.shape
     last = line.shape[0] - 2

@@ -40,7 +40,7 @@ class CorrelatedResidual:
 
     Args:
         common: root mean square distance along the DLO that neighbouring pictures share [m].
-        noise: likewise, that is new in every picture [m].
+        noise: root mean square distance that is new in every picture [m].
         own: error that the simulation and the theory may have themselves [m].
     """
 

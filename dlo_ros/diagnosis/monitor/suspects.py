@@ -77,7 +77,7 @@ class Suspects:
     Args:
         err: mean distance that E, mu and damping leave [m].
         setup_err: error that a set-up within its tolerances leaves [m].
-        material: below which nothing is left to explain [m].
+        material: error below which nothing needs to be explained [m].
         found: names of effects with the share of `err` that each would explain, best first; a
             number of the set-up far beyond its tolerance is one, too.
     """

@@ -48,7 +48,7 @@ class BoardPose:
         found: the pattern's pose behind it.
         std_translation: standard deviation of the pattern's centre along the optical frame's
             axes [m], shape (3,), for a camera known exactly.
-        std_rotation: likewise of the rotation about these axes [rad], shape (3,).
+        std_rotation: standard deviations of the rotation about these axes [rad], shape (3,).
         hints: advice on what to be careful about.
     """
 

@@ -121,7 +121,7 @@ class PatternPose:
     Args:
         rotation: rotation matrix from the pattern's frame to the optical frame, shape (3, 3).
         translation: the pattern's centre [m], shape (3,).
-        residuals: seen minus computed [px], shape (n, 2).
+        residuals: measured minus computed pixels [px], shape (n, 2).
         covariance: covariance of the rotation vector (optical frame) [rad] and the translation [m],
             shape (6, 6), with the std of corners that the residuals have.
         rival: RMS of the other, mirrored solution over that of this one; close to 1 the tilt is

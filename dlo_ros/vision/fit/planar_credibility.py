@@ -115,7 +115,7 @@ def check_change(length: float, before: float) -> None:
     """Check that the seen length is that of the last image.
 
     Args:
-        length, before: seen now and in the last image [m].
+        length, before: seen length, now and in the last image [m].
 
     Raises:
         VisionError: with the reason.

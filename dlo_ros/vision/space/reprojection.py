@@ -234,7 +234,7 @@ def _scatter(residual: FloatArray, freedom: float, floor: float, width: float) -
         residual: distances of the points from the curve, shape (m,).
         freedom: share of the scatter that the curve has not followed.
         floor: added in squares.
-        width: beyond a quarter of which scatter is no noise.
+        width: width of the DLO [px]; scatter beyond a quarter of it does not count as noise.
     """
     size = np.minimum(np.abs(residual), 0.25 * width)
     usual = 1.4826 * float(np.median(size)) if len(size) else 0.0

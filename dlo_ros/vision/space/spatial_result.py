@@ -23,7 +23,7 @@ class SpaceFit:
         points: control points of the fine spline [m], shape (k, 3).
         covariance: covariance of the control points, x y z of the first, then of the second ...,
             shape (3 k, 3 k) [m^2].
-        stretch: seen length over L, less 1.
+        stretch: relative stretch: seen length over L, less 1.
         residuals: residuals of each view's points across its centreline [px], each of shape (m,).
         u: material coordinates of each view's points [m], each of shape (m,).
         stds: standard deviations of the views' points, estimated from the residuals [px], each of

@@ -42,7 +42,7 @@ class LengthRule:
     """What lengths a course may have, as shares of the DLO's.
 
     Args:
-        shortest, longest: beyond these a course is none.
+        shortest, longest: limits of the length; a course beyond them is dropped.
         std: standard deviation of the length; infinite where the length is no criterion.
     """
 
