@@ -30,7 +30,8 @@ class Prepared:
 
     Args:
         run: simulates the whole task from its start, as often as wanted; this is timed.
-        curves: makes shapes (instants, points, 2) [m] of what `run` returned; this is not.
+        curves: function that makes the shapes (instants, points, 2) [m] out of what `run` returned;
+            not timed.
     """
 
     run: Callable[[], Any]
@@ -41,7 +42,7 @@ class Contender(ABC):
     """One simulator in one form.
 
     Args:
-        name: in tables.
+        name: the simulator's name in tables.
     """
 
     name: str
@@ -86,8 +87,9 @@ class Choice:
     """The cheapest setting that was found.
 
     Args:
-        contender, task, level, setting: of what.
-        error: over L, measured.
+        contender, task, level, setting: simulator, simulation, accuracy and setting that belong
+            together.
+        error: measured error of the shapes, over L.
         rough: cost in the search [ms of CPU per simulated second].
     """
 

@@ -31,7 +31,7 @@ class MovingClamp(elastica.ConstraintBase):
 
     Args:
         at: 0 or -1, which end.
-        travel: how far it moves within the first second [m].
+        travel: distance by which it moves within the first second [m].
     """
 
     def __init__(self, *args: Any, at: int, travel: float, **kwargs: Any) -> None:

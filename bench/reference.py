@@ -27,7 +27,7 @@ def reference(task: Task, *, stretch: bool = True, drag: bool = False) -> FloatA
     """Right shapes of a task, x and z at its quadrature points, shape (instants, points, 2) [m].
 
     Args:
-        task: what is asked.
+        task: the simulation that every simulator is asked for.
         stretch: whether the rod can stretch.
         drag: whether a motion is damped by drag, in place of Kelvin-Voigt damping.
     """

@@ -18,7 +18,7 @@ class Row:
     """One goal.
 
     Args:
-        name: what is measured.
+        name: the goal: the quantity that is measured.
         ours, unit: our value; None where no setting of ours reaches the error.
         peer, peer_value: whom or what it is held against; None where the peer has no setting.
         goal: largest ratio of ours to the peer's that meets it.

@@ -88,7 +88,7 @@ class Lanes(Together):
     """The rod of this package in its plane: one call for all sets.
 
     Args:
-        numbers: which sets.
+        numbers: indices of the parameter sets to simulate.
     """
 
     def __init__(self, task: Task, setting: Setting, numbers: Sequence[int] = range(SETS)) -> None:
@@ -118,8 +118,8 @@ class MujocoBatch(Together):
     """`mujoco.batch` with one model for each set.
 
     Args:
-        task: what is simulated.
-        setting: of the chain.
+        task: the simulation that is asked for.
+        setting: the setting of the chain, such as its number of links.
     """
 
     stretch = False

@@ -23,10 +23,10 @@ class Task:
     """One simulation.
 
     Args:
-        name: as in the table.
+        name: the task's name in the table.
         rod: material and geometry.
         duration: simulated time [s].
-        approach: how far each end moves towards the other within the first second [m].
+        approach: distance by which each end moves towards the other within the first second [m].
         both_ends: whether the end is clamped, too; both clamps are horizontal.
         samples: instants that are compared [s]; one, at the end, where the settled shape counts.
         relaxation_time: Kelvin-Voigt damping that belongs to the task [s]; None: free choice.

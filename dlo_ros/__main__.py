@@ -23,7 +23,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
     """Run one executable.
 
     Args:
-        arguments: its name and its own arguments; those of the process where None.
+        arguments: the executable's name and its own arguments; None: those of the process.
 
     Returns:
         The exit status, see `dlo_ros.cli.main.main`.

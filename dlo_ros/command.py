@@ -30,15 +30,16 @@ class Command:
 
     Args:
         stamp: start of the trajectory [ns]; 0 must have been replaced by the moment of receipt.
-        names: what is imposed, K of `start`, `end`, `control_point_1` ... `control_point_n`.
+        names: names of the K imposed positions and directions: `start`, `end`, `control_point_1`
+            ... `control_point_n`.
         times: seconds from the start, growing, shape (T,).
         positions: [m], shape (T, K, 3).
         rotations: unit quaternions x y z w, shape (T, K, 4); used for `start` and `end` only.
         velocities: [m/s], shape (T, K, 3), NaN where a point carries none.
         control_points: n of the published basis, which the names count in.
         frame_id: frame of the positions.
-        path_before: how far imposed points have travelled under the commands before [m].
-        whole_path: how far they travel in the whole motion [m]; None: by this command alone.
+        path_before: distance that imposed points have travelled under the commands before [m].
+        whole_path: distance that they travel in the whole motion [m]; None: in this command alone.
         began: stamp of the first observed shape [ns]; None: the start of the trajectory.
 
     Raises:

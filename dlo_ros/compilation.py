@@ -39,20 +39,20 @@ PROCESSES = 2
 SETTLED = 3.0
 """Seconds after which the rate so far tells how long the rest will take."""
 
-TELLING = 0.03
+LEAST_FRACTION = 0.03
 """Fraction of the whole after which the rate so far tells how long the rest will take."""
 
 WAIT = 0.1
 """Seconds between two looks at what other processes do."""
 
-TELL = 10.0
+REPORT_INTERVAL = 10.0
 """Seconds between two messages on the progress."""
 
 
 WORKER = (*command_of("dlo_ros.compile"), "--worker")
 """The command of a compiling process; stages follow."""
 
-BEGINNING = "compiling the numerical kernels, once; this takes a minute or two"
+FIRST_MESSAGE = "compiling the numerical kernels, once; this takes a minute or two"
 FAILED = "the numerical kernels could not be compiled"
 
 
@@ -62,9 +62,9 @@ class CompilationProgress:
 
     Args:
         done: whether the kernels can be loaded from the cache.
-        fraction: of the whole, 0 to 1.
+        fraction: fraction that is done, 0 to 1.
         remaining_seconds: estimated rest [s]; None where nothing is known yet.
-        error: why it ended before it was done, one line; otherwise empty.
+        error: the reason why it ended before it was done, one line; otherwise empty.
     """
 
     done: bool
@@ -108,7 +108,7 @@ class PartFiles:
                 return max(0, int(file.read_text()))
         return 0
 
-    def tell(self, functions: int) -> None:
+    def report(self, functions: int) -> None:
         """Let others know how far the compilation is."""
         _replace(self._progress, str(functions))
 
@@ -208,23 +208,24 @@ class BackgroundCompilation:
                     stream.close()
         self._workers.clear()
 
-    def wait(self, tell: Callable[[str], object]) -> None:
+    def wait(self, report: Callable[[str], object]) -> None:
         """Return when all is compiled; `start` has been called.
 
         Args:
-            tell: takes a message, one line, at the beginning and then every ten seconds.
+            report: function that is called with a one-line message, at the start and then every ten
+                seconds.
 
         Raises:
             KernelError: the compilation fails.
         """
-        progress, told = self.poll(), -TELL
+        progress, reported = self.poll(), -REPORT_INTERVAL
         while not progress.done:
             if progress.error:
                 raise KernelError(progress.error)
-            if time.monotonic() - told > TELL:
-                begins = progress.remaining_seconds is None and told < 0.0
-                tell(BEGINNING if begins else f"the numerical kernels: {progress}")
-                told = time.monotonic()
+            if time.monotonic() - reported > REPORT_INTERVAL:
+                begins = progress.remaining_seconds is None and reported < 0.0
+                report(FIRST_MESSAGE if begins else f"the numerical kernels: {progress}")
+                reported = time.monotonic()
             time.sleep(WAIT)
             progress = self.poll()
 
@@ -251,7 +252,7 @@ class BackgroundCompilation:
             self._began = now, fraction
             return None
         elapsed = now - began
-        if elapsed < SETTLED or fraction - first < TELLING:
+        if elapsed < SETTLED or fraction - first < LEAST_FRACTION:
             return None
         return elapsed * (1.0 - fraction) / (fraction - first)
 
@@ -275,18 +276,19 @@ class BackgroundCompilation:
         return f"{FAILED}: {reason}"
 
 
-def compile_first(stages: Sequence[str], tell: Callable[[str], object]) -> None:
+def compile_first(stages: Sequence[str], report: Callable[[str], object]) -> None:
     """Return when kernels can be loaded from the cache; a compilation is told of, loading is not.
 
     Args:
         stages: names in `STAGES`.
-        tell: takes a message, one line, at the beginning and then every ten seconds.
+        report: function that is called with a one-line message, at the beginning and then every ten
+            seconds.
 
     Raises:
         KernelError: numba is not installed, the cache cannot be written or the compilation fails.
     """
     with BackgroundCompilation(stages) as compilation:
-        compilation.wait(tell)
+        compilation.wait(report)
 
 
 @contextmanager

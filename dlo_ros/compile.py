@@ -103,7 +103,7 @@ def _compile(part: Part, files: PartFiles) -> None:
         """Counts the functions that are compiled and kept."""
 
         functions = files.functions  # of a process that was ended; they are in the cache
-        told = 0.0
+        reported = 0.0
 
         def on_start(self, _: Any) -> None:
             """Nothing is known yet."""
@@ -111,12 +111,12 @@ def _compile(part: Part, files: PartFiles) -> None:
         def on_end(self, event: Any) -> None:
             """Tell others now and then."""
             self.functions += bool(event.data["dispatcher"].stats.cache_path)
-            if time.monotonic() - self.told > INTERVAL:
-                self.told = time.monotonic()
-                files.tell(self.functions)
+            if time.monotonic() - self.reported > INTERVAL:
+                self.reported = time.monotonic()
+                files.report(self.functions)
 
     count = Count()
-    files.tell(count.functions)
+    files.report(count.functions)
     module, _, function = part.work.partition(":")
     with event.install_listener("numba:compile", count):
         getattr(importlib.import_module(module), function)()

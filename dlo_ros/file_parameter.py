@@ -27,7 +27,7 @@ class FileParameter:
     Args:
         name: dotted name as in the parameter file.
         default: value where the file has none; None means that it must be given.
-        description: one sentence.
+        description: meaning of the parameter, one sentence.
         unit: SI unit, empty where there is none.
         kind: double, integer, string, bool or double[N].
         lower, upper: range, both ends allowed (numbers only; for arrays each element).

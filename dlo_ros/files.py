@@ -66,7 +66,7 @@ def read_yaml(path: Path, kind: type[InputError] = InputError) -> Any:
     more than any memory holds. A file that seems to have been cut short is told of.
 
     Args:
-        kind: of the error that is raised.
+        kind: class of the error that is raised.
 
     Raises:
         InputError: it cannot be read, or is no valid YAML; the message says where.

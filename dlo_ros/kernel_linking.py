@@ -46,7 +46,7 @@ class LinkedKernel:
     """A compiled function, called from Python or by its symbol from compiled code.
 
     Args:
-        dispatcher: what `numba.njit` makes of the function.
+        dispatcher: function that `numba.njit` returned.
         from_python: whether that can be called from Python.
     """
 

@@ -34,8 +34,8 @@ class LogChoice:
     """What is wanted.
 
     Args:
-        level: from which messages are told, of `logging`.
-        file: to which they are added; empty: the terminal, or the node's log.
+        level: lowest level of `logging` at which messages are shown.
+        file: file to which messages are added; empty: the terminal, or the node's log.
     """
 
     level: int
@@ -52,7 +52,7 @@ def chosen(verbose: bool, variables: Mapping[str, str] = os.environ) -> LogChoic
 
     Args:
         verbose: whether `--verbose` was given, which tells at least the steps.
-        variables: of the environment.
+        variables: the environment's variables.
 
     Raises:
         InputError: the variable cannot be understood.
@@ -97,7 +97,7 @@ class Terminal(logging.Filter):
     """Of the messages of one kind lets the first few different ones through, and counts the others.
 
     Args:
-        level: from which messages are shown; where that is below a warning, all of them are.
+        level: lowest level at which messages are shown; below a warning, all of them are shown.
     """
 
     SHOWN = 3
@@ -122,7 +122,7 @@ class Terminal(logging.Filter):
             self._last, self._shown = record, seen[text] == 1 and len(seen) <= self.SHOWN
         return self._shown
 
-    def tell(self) -> None:
+    def report_repeats(self) -> None:
         """Say how often the same came again, or something like it."""
         for seen in self._seen.values():
             first, again = next(iter(seen)), seen.total() - min(len(seen), self.SHOWN)
@@ -182,4 +182,4 @@ def terminal_logging(choice: LogChoice) -> Iterator[None]:
     finally:
         for handler in root.handlers:
             handler.removeFilter(terminal)
-        terminal.tell()
+        terminal.report_repeats()

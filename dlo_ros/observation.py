@@ -52,7 +52,7 @@ class Observation:
     """An observed spline.
 
     Args:
-        stamp: of the image [ns].
+        stamp: stamp of the image [ns].
         control_points: x, y, z [m] and theta [rad] of the published basis, shape (n, 4).
         points: the measured points behind the spline, where they are known.
 
@@ -79,8 +79,8 @@ class Wrenches:
     Args:
         end: `start` or `end`.
         stamps: [ns], growing, shape (k,).
-        force: along the axes of the fixed frame [N], shape (k, 3).
-        torque: likewise, about that end of the DLO [N m], shape (k, 3).
+        force: forces along the axes of the fixed frame [N], shape (k, 3).
+        torque: torques about that end of the DLO along the same axes [N m], shape (k, 3).
         axes: rotation of the sensor's axes in the fixed frame, shape (k, 3, 3).
 
     Raises:

@@ -58,7 +58,7 @@ def read_cameras(values: Mapping[str, Any]) -> dict[str, CameraPose]:
     """The named cameras of a parameter file by name, in the order of `vision.cameras`.
 
     Args:
-        values: by dotted name.
+        values: values by their dotted names.
 
     Raises:
         ParameterError: a name no topic can have or given twice, or a pose missing or unusable.

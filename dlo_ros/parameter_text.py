@@ -20,7 +20,7 @@ def parameter_lines(values: Mapping[str, Value]) -> str:
     """The block `/**: ros__parameters:` of a ROS 2 parameter file.
 
     Args:
-        values: by dotted name.
+        values: values by their dotted names.
     """
     tree: dict[str, Any] = {}
     for name, value in values.items():

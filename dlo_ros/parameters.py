@@ -108,7 +108,7 @@ class Settings(RodSettings):
         """Build from dotted names; what is missing takes its default.
 
         Args:
-            values: by dotted name.
+            values: values by their dotted names.
             node: name of the node whose settings they are, which need not be given what it does
                 not use; None for a tool, which may use all.
 

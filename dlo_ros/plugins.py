@@ -15,8 +15,8 @@ def loaded(group: str, what: str) -> Iterator[tuple[EntryPoint, Any]]:
     """The entry points of a group with what they name; one that fails costs a warning only.
 
     Args:
-        group: of the entry points.
-        what: is added by them, for the warning.
+        group: name of the group of entry points.
+        what: kind of thing that the entry points add, for the warning.
     """
     for point in entry_points(group=group):
         try:

@@ -99,10 +99,10 @@ class RodSettings:
     """All that a simulated DLO depends on.
 
     Args:
-        rod: its material and size.
+        rod: material and size of the DLO.
         gravity: [m/s^2], shape (3,).
-        damping: of its motion.
-        simulation: how it is simulated.
+        damping: damping of the motion.
+        simulation: numerical parameters of the simulation.
         effects: values of those that the model contains, by name and key.
     """
 

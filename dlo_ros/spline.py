@@ -154,7 +154,7 @@ class SplineBasis:
         Args:
             u: material coordinates [m], shape (m,).
             points: shape (m, d).
-            weights: one per point, shape (m,); default 1.
+            weights: weight of each point, shape (m,); default 1.
 
         Returns:
             Control points, shape (n, d).

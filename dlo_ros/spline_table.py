@@ -18,8 +18,8 @@ class BasisTable:
     """A basis and its slope at equal steps of u, and at a few places more.
 
     Args:
-        basis: of k control points.
-        values, slope: at equal steps, shape (m, k).
+        basis: spline basis of k control points.
+        values, slope: values and slopes of the basis functions at equal steps of u, shape (m, k).
         halves: slope at two places of each knot span, shape (2 spans, k).
         third: third derivative in each knot span, shape (spans, k).
         ends, end_slopes: values and slopes at both ends, shape (2, k).

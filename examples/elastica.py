@@ -56,7 +56,7 @@ def cantilever(
         rod: material and geometry.
         weight: load per length, downwards [N/m].
         tip_force: load at the free end, downwards [N].
-        angle: of the clamp against x, upwards [rad].
+        angle: angle of the clamp against x, upwards [rad].
         guess: a solution close by; default: the load grows from a weak one, then the clamp turns.
 
     Raises:

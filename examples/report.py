@@ -31,7 +31,7 @@ class Result:
     """What every example returns.
 
     Args:
-        summary: one line that says what was compared with what, and how well it agrees.
+        summary: one line of text: the two results that were compared, and their difference.
         error: the error that the line states.
     """
 

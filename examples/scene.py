@@ -32,7 +32,7 @@ def hold(
     """A command for T instants and K names.
 
     Args:
-        names: what is held.
+        names: names of the K held positions and directions.
         positions: [m], shape (T, K, 3).
         rotations: quaternions x y z w, shape (T, K, 4); default: the clamps point along x.
         velocities: [m/s], shape (T, K, 3); default: none given.

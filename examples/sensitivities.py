@@ -50,7 +50,8 @@ class Sensitivities(Result):
     The unit is that of the logarithm, the rope's length, a radian or the mass itself.
 
     Args:
-        errors: of the whole shape, over the parameter's largest derivative (motions, parameters).
+        errors: error of the whole shape, over the parameter's largest derivative (motions,
+            parameters).
     """
 
     exact: FloatArray

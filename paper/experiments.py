@@ -24,8 +24,8 @@ class Run:
     """One experiment and the parameter sets that the paper tries on it.
 
     Args:
-        name: of the experiment file.
-        title: in the paper.
+        name: name of the experiment file.
+        title: name of the experiment in the paper.
         sets: E and mu.
         paper: ERR of each in the paper, in units that it does not state.
     """
@@ -53,8 +53,8 @@ class Recorded:
     """An experiment that was made.
 
     Args:
-        run: which one.
-        settings: what is known beforehand; E and mu are a guess.
+        run: the experiment and its parameter sets.
+        settings: settings that are known beforehand; E and mu are a guess.
         manipulation: command and observed shapes.
     """
 

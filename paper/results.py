@@ -18,7 +18,7 @@ class Row:
         run: the experiment.
         material: E [Pa] and mu [kg/m^3].
         err: eq. (10) at the end of the experiment, as in Table IV [m].
-        mean: its mean over time [m].
+        mean: mean ERR over time [m].
         paper: the paper's ERR, in units that it does not state.
     """
 
@@ -34,9 +34,9 @@ class Automatic:
     """What `identify` finds.
 
     Args:
-        source: from which recordings.
-        estimate: of the parameters.
-        statement: what they determine.
+        source: names of the recordings.
+        estimate: estimate of the parameters.
+        statement: sentences on what the recordings determine.
         err: eq. (10) at the end of each experiment, by name [m].
     """
 
@@ -79,7 +79,7 @@ def _identified(source: str, names: tuple[str, ...], recorded: dict[str, Recorde
     # E and mu are those of the material: the thicker, longer rope is predicted with them, too.
     material = (estimate.young_modulus, estimate.density)
     err = {name: float(r.predicted(material).err[-1]) for name, r in recorded.items()}
-    return Automatic(source, estimate, tuple(sentences(estimate, found.fitted.told)), err)
+    return Automatic(source, estimate, tuple(sentences(estimate, found.fitted.information)), err)
 
 
 def _checks(rows: list[Row], automatic: tuple[Automatic, ...]) -> list[tuple[str, bool]]:

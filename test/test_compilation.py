@@ -202,7 +202,7 @@ def test_a_failure_is_told_in_a_line(folder, begin, stage, reason):
     told = []
     with pytest.raises(KernelError, match=reason):
         compile_first((stage,), told.append)
-    assert told[0] == compilation.BEGINNING
+    assert told[0] == compilation.FIRST_MESSAGE
     assert all(line.startswith("the numerical kernels: compiling") for line in told[1:])
 
 
@@ -298,7 +298,7 @@ def test_waiting_for_the_parts_of_others_does_not_count_as_slowness(folder, monk
     now[0] = 300.0
     assert one.poll().remaining_seconds is None
     now[0] = 310.0
-    PartFiles(folder, "late").tell(5)
+    PartFiles(folder, "late").report(5)
     assert one.poll().remaining_seconds == pytest.approx(10.0)
 
 
@@ -307,7 +307,7 @@ def test_a_compilation_that_has_begun_is_not_announced_again(folder, begin, monk
     one = begin("slow")
     until(lambda: begun(folder))
     one._began = (time.monotonic() - 100.0, -0.5)
-    monkeypatch.setattr(compilation, "TELL", 0.2)
+    monkeypatch.setattr(compilation, "REPORT_INTERVAL", 0.2)
     told = []
 
     def tell(text):
@@ -318,7 +318,7 @@ def test_a_compilation_that_has_begun_is_not_announced_again(folder, begin, monk
     one.wait(tell)
     first, *_ = told
     assert first.startswith("the numerical kernels: compiling, 0 %, about 20")
-    assert compilation.BEGINNING not in told
+    assert compilation.FIRST_MESSAGE not in told
 
 
 def test_the_parts_of_a_stage_count_together(folder, monkeypatch):
@@ -330,12 +330,12 @@ def test_the_parts_of_a_stage_count_together(folder, monkeypatch):
     one = BackgroundCompilation(["both", "last"])
     a, b, c = (PartFiles(folder, name) for name in "abc")
     assert one.poll().fraction == 0.0
-    a.tell(5)
-    b.tell(15)
+    a.report(5)
+    b.report(15)
     assert one.poll().fraction == pytest.approx(0.25)
     b.finish(20)
     assert one.poll().fraction == pytest.approx(0.25 + 0.5 * 5 / 40)
-    a.tell(1000)  # the sources have grown since the functions were counted
+    a.report(1000)  # the sources have grown since the functions were counted
     assert one.poll().fraction == pytest.approx(0.5 * 0.99)
     a.finish(1000)
     assert one.poll().fraction == 0.5
@@ -346,7 +346,7 @@ def test_the_parts_of_a_stage_count_together(folder, monkeypatch):
 def test_what_another_has_compiled_of_a_part_counts(folder):
     files = PartFiles(folder, "slow")
     assert files.functions == 0
-    files.tell(7)
+    files.report(7)
     assert PartFiles(folder, "slow").functions == 7
     files.finish(9)
     assert PartFiles(folder, "slow").functions == 9

@@ -33,10 +33,11 @@ def calibrate_together(
 
     Args:
         cameras: NAME=FILE, the file a camera_info.yaml.
-        folders: one for each camera, in their order; pictures of equal name are of one instant.
+        folders: one folder of pictures for each camera, in the order of the cameras; pictures of
+            equal name were taken at one instant.
         board: name of the picture, in every folder, with the pattern lying on the board.
-        pattern: what the pictures show.
-        pattern_at: where the pattern's centre lies in the board frame [m].
+        pattern: the calibration pattern in the pictures.
+        pattern_at: position of the pattern's centre in the board frame [m].
         up: the side of the first camera's image that is up on the board.
 
     Raises:

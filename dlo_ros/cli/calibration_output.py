@@ -52,12 +52,12 @@ def write_results(
 
     Args:
         output: the folder.
-        camera_name: as the camera's driver knows it.
-        pattern: what the views show.
+        camera_name: the camera's name, as its driver knows it.
+        pattern: the calibration pattern in the views.
         found: the camera.
         skipped: pictures that gave no view.
-        board: its pose, None where it was not asked for.
-        picture: of the board.
+        board: the board's pose, None where it was not asked for.
+        picture: the picture of the board.
 
     Raises:
         OSError: the folder cannot be written.

@@ -36,7 +36,7 @@ def with_control_points(
     """The settings, with a number of control points that suits the bags where the file has none.
 
     Args:
-        settings: of the parameter file.
+        settings: the settings of the parameter file.
         params: the parameter file.
         bags: the first that has a number decides.
         observe: runs the observer on a bag's images.
@@ -83,7 +83,7 @@ def chosen(path: Path, settings: Settings, observe: Observe) -> int | None:
 
     Args:
         path: the bag.
-        settings: of the observer.
+        settings: the observer's settings.
         observe: runs it.
 
     Raises:

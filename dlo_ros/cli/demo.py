@@ -28,7 +28,7 @@ from dlo_ros.report import write_identification_report
 EXPERIMENT = "c_shape"
 IN_SPACE = "two_grippers"
 
-UNKNOWN = 1
+EXIT_UNKNOWN = 1
 """Exit status where the run went well, and E/mu is not known to the identifier."""
 
 
@@ -87,33 +87,33 @@ def _run(
 
     # Nodes that start while the others compile would wait for each other in vain.
     compilation.wait(console.print)
-    heard = run_live(live, console)
-    outcome = assess(bag, settings, heard)
+    received = run_live(live, console)
+    outcome = assess(bag, settings, received)
     truth = read_truth(bag)
     console.print("Writing the report")
     views: Views = {
-        camera: photographs(bag, settings, heard, outcome, camera)
+        camera: photographs(bag, settings, received, outcome, camera)
         for camera in (settings.cameras or ("",) if live.has_images else ())
     }
     pictures = next(iter(views.values()), {})
     name = bag.resolve().name
     page = report(
-        heard, outcome, name, settings.rod.length, truth, pictures, heard.warnings,
+        received, outcome, name, settings.rod.length, truth, pictures, received.warnings,
         settings.camera_positions,
     )  # fmt: skip
-    write_json(output / "estimate.json", estimate_tree(heard, outcome, name, truth))
+    write_json(output / "estimate.json", estimate_tree(received, outcome, name, truth))
     write_identification_report(output / "report.html", page)
     if settings.cameras:
         motion = Motion(list(read_recording(bag, settings).commands))
-        write_space_overview(output / "overview.png", page, views, motion, min(heard.observed))
+        write_space_overview(output / "overview.png", page, views, motion, min(received.observed))
     else:
         write_overview(output / "overview.png", page)
     console.print(f"{output}/estimate.json, {output}/report.html", soft_wrap=True)
-    known = heard.identifiable(SPECIFIC_MODULUS)
+    known = received.identifiable(SPECIFIC_MODULUS)
     if not known:
         console.print(f"{bag}: E/mu is not identified; record more motion", soft_wrap=True)
     console.print(last_line(outcome, truth), highlight=False, soft_wrap=True)
-    return 0 if known else UNKNOWN
+    return 0 if known else EXIT_UNKNOWN
 
 
 def _from_poses(output: Path, settings: Settings, console: Console) -> tuple[Path, Settings]:

@@ -53,7 +53,7 @@ NEW = "EXPERIMENT.yaml"
 PANELS = 4  # instants that the report shows
 FACTORS = (0.5, 1.0, 2.0)  # of E/mu in its pictures
 QUANTITIES = ("young_modulus", "density", "specific_modulus")
-TOLD = 0.5  # relative standard deviation above which a number is no knowledge
+KNOWN_STD = 0.5  # relative standard deviation above which a number is no knowledge
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -141,8 +141,8 @@ def run(arguments: argparse.Namespace) -> int:
     print("Expected information of each experiment, the largest first:")
     width = max(len(entry["name"]) for entry in tree["experiments"])
     for entry in tree["experiments"]:
-        told = entry["std"]["specific_modulus"]
-        words = "nothing of E/mu" if told is None else f"E/mu to {rounded(100 * told)} %"
+        std = entry["std"]["specific_modulus"]
+        words = "nothing of E/mu" if std is None else f"E/mu to {rounded(100 * std)} %"
         print(f"  {entry['name']:<{width}}  {words} (information {entry['information']:.1f} bit)")
     print(report.headline)
     print(f"written to {output}: design.json, report.html, {NEW}")
@@ -251,7 +251,7 @@ def _tree(
                 "name": o.plan.name,
                 "origin": "searched" if o is new else "given",
                 "information": o.gain,
-                "std": dict(zip(QUANTITIES, _told(o), strict=True)),
+                "std": dict(zip(QUANTITIES, _determined(o), strict=True)),
                 "response": o.response,
                 "reason": reason(o, weakest, settings),
             }
@@ -279,7 +279,7 @@ def _report(
             o.plan.name,
             "searched" if o is new else "given",
             o.gain,
-            _told(o),
+            _determined(o),
             0.01 * o.response * settings.rod.length,
             reason(o, weakest, settings),
             panels(o, settings),
@@ -295,7 +295,7 @@ def _report(
     return DesignReport(headline, shown, (general, *remarks))
 
 
-def _told(o: Outlook) -> tuple[float | None, float | None, float | None]:
+def _determined(o: Outlook) -> tuple[float | None, float | None, float | None]:
     # E and mu that only a guess holds are not told by the manipulation.
     # By eigenvalues: what is known very well and not at all stands side by side in it.
     known, modes = np.linalg.eigh(0.5 * (o.information + o.information.T))
@@ -303,7 +303,7 @@ def _told(o: Outlook) -> tuple[float | None, float | None, float | None]:
     alone = (math.sqrt(free[0]), math.sqrt(free[1]), 0.0)
     values = (o.std[name] for name in QUANTITIES)
     young, density, ratio = (
-        v if v < TOLD and a < 10.0 else None for v, a in zip(values, alone, strict=True)
+        v if v < KNOWN_STD and a < 10.0 else None for v, a in zip(values, alone, strict=True)
     )
     return young, density, ratio
 

@@ -131,19 +131,19 @@ def summary(found: Diagnosis, length: float, output: Path) -> list[str]:
     """The result for the terminal: a line each, none longer than a screen is wide.
 
     Args:
-        length: of the DLO [m].
+        length: length of the DLO [m].
         output: folder of the results.
     """
-    told = story(found, length, str(output / EXTENDED))
-    lines = [*_wrapped(f"{found.verdict}: {told.headline}", "")]
-    for answer in told.answers:
+    text = story(found, length, str(output / EXTENDED))
+    lines = [*_wrapped(f"{found.verdict}: {text.headline}", "")]
+    for answer in text.answers:
         lines += ["", answer.text]
         for sentence in answer.answer:
             lines += _wrapped(sentence, "  ")
-    if told.setup:
+    if text.setup:
         lines += ["", "Your set-up, as far as the data determine it"]
-        lines += [f"  {row}" for row in _setup_table(told.setup)]
-    lines += ["", "What to record next", *_wrapped(told.advice, "  ")]
+        lines += [f"  {row}" for row in _setup_table(text.setup)]
+    lines += ["", "What to record next", *_wrapped(text.advice, "  ")]
     return lines
 
 
@@ -185,13 +185,13 @@ def _parameters(effect: NamedEffect) -> list[FoundParameter]:
 def report(found: Diagnosis, settings: Settings, loads: Sequence[LoadRow] = ()) -> DiagnosisReport:
     """The contents of report.html."""
     length = settings.rod.length
-    told = story(found, length, f"{EXTENDED} (beside this page)")
+    text = story(found, length, f"{EXTENDED} (beside this page)")
     remarks = list(found.remarks)
     if found.simulation_error is not None:
         remarks.append(f"The simulation's own error is {mm(found.simulation_error)} at most.")
     return DiagnosisReport(
-        told.headline,
-        told.answers,
+        text.headline,
+        text.answers,
         found.verdict,
         extends(found),
         tuple(
@@ -230,7 +230,7 @@ def report(found: Diagnosis, settings: Settings, loads: Sequence[LoadRow] = ()) 
             )
             if r is not None and r.pattern is not None
         ),
-        told.setup,
+        text.setup,
         tuple(SearchStep(t.step, t.name, t.gain, t.err, t.outcome) for t in found.trace),
         tuple(loads),
         settings.camera_positions,

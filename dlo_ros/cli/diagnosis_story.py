@@ -28,15 +28,15 @@ from dlo_ros.report.diagnosis_content import Question, SetupRow
 from dlo_ros.report.elements import measured, number
 from dlo_ros.spline import FloatArray, SplineBasis
 
-HOW_WRONG = "How wrong is my simulation?"
-WHY = "Why?"
-GAIN = "What do I gain?"
+QUESTION_ERROR = "How wrong is my simulation?"
+QUESTION_CAUSE = "Why?"
+QUESTION_GAIN = "What do I gain?"
 NOTABLE = 3.0
 """Standard deviations from neutral, from which a number of the set-up is notably off."""
-TOLD = 2
+RIVALS_NAMED = 2
 """Rivals that the headline names."""
 COUNTS = {2: "two", 3: "three", 4: "four", 5: "five", 6: "six"}
-VARIES = 1.3
+UNEVEN_ERROR = 1.3
 """Error at the worst over its mean, from which it is told where and when that is."""
 STATIONS = 41
 """Places along the DLO at which the error is looked at."""
@@ -65,15 +65,15 @@ def story(found: Diagnosis, length: float, file: str) -> Story:
     """The result of a diagnosis in sentences.
 
     Args:
-        length: of the DLO [m].
-        file: where the extended model is.
+        length: length of the DLO [m].
+        file: name of the file that holds the extended model.
     """
     return Story(
         headline(found),
         (
-            Question(HOW_WRONG, _how_wrong(found, length)),
-            Question(WHY, _why(found)),
-            Question(GAIN, _gain(found, file)),
+            Question(QUESTION_ERROR, _how_wrong(found, length)),
+            Question(QUESTION_CAUSE, _why(found)),
+            Question(QUESTION_GAIN, _gain(found, file)),
         ),
         setup_lines(found),
         found.advice,
@@ -106,7 +106,7 @@ def headline(found: Diagnosis) -> str:
 
 def _short(effect: NamedEffect) -> str:
     rivals = [title(n) for n in effect.rivals]
-    if len(rivals) > TOLD:
+    if len(rivals) > RIVALS_NAMED:
         rivals = [f"one of {len(rivals)} others"]
     return f"{title(effect.name)} (or {', '.join(rivals)})" if rivals else title(effect.name)
 
@@ -130,17 +130,17 @@ def _how_wrong(found: Diagnosis, length: float) -> tuple[str, ...]:
     where = "data that were not used"
     if found.baseline.err_holdout is None:
         where = "the data that it was fitted to"
-    told = [
+    sentences = [
         f"With the best Young's modulus and density it is {mm(err)} off on average "
         f"({number(100.0 * err / length, digits=2)} % of the length), on {where}{_spread(found)}."
     ]
-    told += _places(found.views, length)
+    sentences += _places(found.views, length)
     if found.noise_floor is not None:
         words = f"The measurement itself is about {mm(found.noise_floor)} off"
         if found.material_err is not None:
             words += f"; less than {mm(found.material_err)} does not matter here"
-        told.append(f"{words}.")
-    return tuple(told)
+        sentences.append(f"{words}.")
+    return tuple(sentences)
 
 
 def _spread(found: Diagnosis) -> str:
@@ -154,7 +154,7 @@ def _spread(found: Diagnosis) -> str:
     order = np.argsort(errors)
     share = (np.cumsum(weights[order]) - 0.5 * weights[order]) / len(found.views)
     low, high = np.interp([0.05, 0.95], share, errors[order])
-    if high < VARIES * low:
+    if high < UNEVEN_ERROR * low:
         return ""
     return f", and between {mm(float(low))} and {mm(float(high))} in nine of ten pictures"
 
@@ -166,23 +166,23 @@ def _places(views: Sequence[RecordingView], length: float) -> list[str]:
     along = np.sqrt(np.mean([np.mean(distances(v, length) ** 2, axis=0) for v in views], axis=0))
     u = np.linspace(0.0, length, STATIONS)
     k = int(np.argmax(along))
-    told = []
-    if along[k] > VARIES * along.mean():
-        told.append(
+    sentences = []
+    if along[k] > UNEVEN_ERROR * along.mean():
+        sentences.append(
             f"It is most wrong {_place(u[k] / length)} (at {1e3 * u[k]:.0f} of "
             f"{1e3 * length:.0f} mm from the start), by {mm(float(along[k]))}."
         )
     else:
-        told.append("It is about as wrong all along the DLO.")
+        sentences.append("It is about as wrong all along the DLO.")
     worst = max(views, key=lambda v: float(v.err_before.max()))
     frame = int(np.argmax(worst.err_before))
     means = [float(v.err_before.mean()) for v in views]
-    if worst.err_before[frame] > VARIES * np.mean(means):
+    if worst.err_before[frame] > UNEVEN_ERROR * np.mean(means):
         at = [f"in {worst.name}"] if len(views) > 1 else []
-        if worst.err_before[frame] > VARIES * worst.err_before.mean():
+        if worst.err_before[frame] > UNEVEN_ERROR * worst.err_before.mean():
             at.append(f"{worst.times[frame]:.1f} s after the beginning")
-        told.append(f"It is worst {', '.join(at)}: {mm(float(worst.err_before[frame]))}.")
-    return told
+        sentences.append(f"It is worst {', '.join(at)}: {mm(float(worst.err_before[frame]))}.")
+    return sentences
 
 
 def distances(view: RecordingView, length: float) -> FloatArray:
@@ -205,7 +205,7 @@ def _place(share: float) -> str:
 
 
 def _why(found: Diagnosis) -> tuple[str, ...]:
-    told = [_cause(e) for e in found.effects]
+    sentences = [_cause(e) for e in found.effects]
     if found.verdict == "adequate":
         if found.setup and extends(found):
             labels = _labels(found)
@@ -217,22 +217,24 @@ def _why(found: Diagnosis) -> tuple[str, ...]:
                 if far
                 else "each within twice its tolerance"
             )
-            told.append(f"The set-up is a little off in several places, {where}: see the table.")
-        elif not told:
-            told.append(
+            sentences.append(
+                f"The set-up is a little off in several places, {where}: see the table."
+            )
+        elif not sentences:
+            sentences.append(
                 "Nothing that matters is wrong."
                 if _immaterial(found)
                 else "The data show no cause for certain."
             )
     elif found.verdict == "unexplained":
         left = found.extended.err_holdout if extends(found) else _error(found)
-        beside = "The remaining error" if told else "Nothing is certain. The error"
-        if not told and extends(found):
+        beside = "The remaining error" if sentences else "Nothing is certain. The error"
+        if not sentences and extends(found):
             beside = (
                 "No cause is certain; the set-up within its tolerances explains a part. The rest"
             )
-        told.append(f"{beside} ({mm(left)}) is explained by no cause that is known here.")
-    return tuple(told)
+        sentences.append(f"{beside} ({mm(left)}) is explained by no cause that is known here.")
+    return tuple(sentences)
 
 
 def _cause(effect: NamedEffect) -> str:
@@ -264,9 +266,9 @@ def _gain(found: Diagnosis, file: str) -> tuple[str, ...]:
     load = f"Load {file}, with the nodes or any tool"
     if not extends(found):
         return (f"{load}: it holds what was fitted, E/mu = {known}. Nothing is added to it.",)
-    told = []
+    sentences = []
     if before is None or after is None:
-        told.append(f"On data that were not used: {mm(before)} before, {mm(after)} after.")
+        sentences.append(f"On data that were not used: {mm(before)} before, {mm(after)} after.")
     else:
         change = f"{mm(before)} before, {mm(after)} after"
         gain = found.gain
@@ -277,16 +279,16 @@ def _gain(found: Diagnosis, file: str) -> tuple[str, ...]:
             change += f", {percent(gain.value)} less{interval}"
         else:
             change += ", so nothing is gained there"
-        told.append(f"On data that were not used: {change}.")
+        sentences.append(f"On data that were not used: {change}.")
         if found.material_err is not None and after > found.material_err:
             matters = f"the {mm(found.material_err)} that do not matter"
             if found.verdict == "unexplained":
-                told.append(f"That is still more than {matters}.")
+                sentences.append(f"That is still more than {matters}.")
             else:
-                told.append(f"Fitted to these data too, the model comes within {matters}.")
+                sentences.append(f"Fitted to these data too, the model comes within {matters}.")
     what = "all of that" if found.effects else "the set-up as fitted"
-    told.append(f"{load}: it holds {what}, and E/mu = {known}.")
-    return tuple(told)
+    sentences.append(f"{load}: it holds {what}, and E/mu = {known}.")
+    return tuple(sentences)
 
 
 def setup_lines(found: Diagnosis) -> tuple[SetupRow, ...]:

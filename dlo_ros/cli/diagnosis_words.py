@@ -28,7 +28,7 @@ def title(effect: str) -> str:
 def clause(effect: str) -> str:
     """Clause on an effect; its name where the effect is not known (any more)."""
     known = effects().get(effect)
-    return known.told() if known else f"there is an effect of {effect.replace('_', ' ')}"
+    return known.report_phrase() if known else f"there is an effect of {effect.replace('_', ' ')}"
 
 
 def amount(value: float, std: float | None, unit: str) -> str:
@@ -69,7 +69,7 @@ def label(name: str, count: int = 1) -> str:
     """A number of the set-up, `EFFECT.KEY` or `EFFECT.KEY[I]`, in words.
 
     Args:
-        count: of the values that KEY has.
+        count: number of values that KEY has.
     """
     effect, _, full = name.partition(".")
     key, _, index = full.partition("[")

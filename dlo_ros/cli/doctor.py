@@ -60,7 +60,7 @@ def examine(params: Path | None, seconds: float) -> dict[str, list[Finding]]:
 
     Args:
         params: parameter file, None for none.
-        seconds: for how long the graph is watched [s]; 0: not at all.
+        seconds: time for which the graph is watched [s]; 0: not at all.
     """
     sections = {
         "Installed": installation.installed(__version__),
@@ -104,7 +104,7 @@ def judge(graph: Graph, settings: Settings | None) -> dict[str, list[Finding]]:
     """Findings about what was seen of the graph, by section.
 
     Args:
-        graph: what was seen.
+        graph: the ROS graph as it was seen.
         settings: parameter file that the nodes should go by, None for none.
     """
     from dlo_ros.doctor.connections import connections

@@ -37,7 +37,7 @@ from dlo_ros.parameters import Settings
 
 MAX_ERR = 0.01  # of the length, that the other simulator may be off by default
 MOST_SAMPLES = 100_000
-FINER = 10.0  # times finer than the allowed error is the rod against which is held
+REFERENCE_FINENESS = 10.0  # times finer than the allowed error is the rod against which is held
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -87,16 +87,16 @@ def run(arguments: argparse.Namespace) -> int:
     _check(arguments)
     full = Settings.load(arguments.params)
     known = read_knowledge(full, arguments.estimate)
-    left_out = unsupported(full, form.says)
+    left_out = unsupported(full, form.supported)
     fine = _finer(left_out.settings, arguments.max_err)
     manipulation = load_manipulation(arguments.bag, full) if arguments.bag else None
     prepare()
     scenes = _scenes(manipulation, fine, full)
     mujoco = mujoco_run.installed()
-    told, choice = _chosen(mujoco, form, scenes, fine, arguments.max_err)
+    notes, choice = _chosen(mujoco, form, scenes, fine, arguments.max_err)
     chain = first_chain(scenes[0], fine, choice.elements)
     lines = [
-        *told,
+        *notes,
         *form.approximations(chain),
         *left_out.lines,
         *(f"{name} is left out: only the ends are held" for name in pinned(scenes[0].command)),
@@ -127,7 +127,7 @@ def _check(arguments: argparse.Namespace) -> None:
 def _finer(settings: Settings, max_err: float) -> Settings:
     """Settings whose simulation is finer than the error that is asked for."""
     simulation = settings.simulation
-    tolerance = min(simulation.tolerance, max_err / FINER)
+    tolerance = min(simulation.tolerance, max_err / REFERENCE_FINENESS)
     return replace(settings, simulation=replace(simulation, tolerance=tolerance))
 
 
@@ -157,14 +157,14 @@ def _chosen(
             "nothing was run: MuJoCo is not installed (pip install 'dlo_ros[export]'), "
             f"so it has {DEFAULT_ELEMENTS} elements"
         ], default
-    told = []
+    notes = []
     if form.plugin and not mujoco_run.has_plugin(mujoco, form.plugin):
         return [
             f"nothing was run: MuJoCo {mujoco.__version__} has no {form.plugin} (3.17 is the last "
             f"that has it; mjcf-chain needs none), so it has {DEFAULT_ELEMENTS} elements"
         ], default
     if not form.run:
-        told.append(
+        notes.append(
             f"{form.simulator} was not run: the same chain in MuJoCo {mujoco.__version__} stands "
             "for it"
         )
@@ -172,11 +172,11 @@ def _chosen(
     if found is None:
         raise SimulationError("MuJoCo's cable blows up with every time step that was tried")
     if found.worst > max_err:
-        told.append(
+        notes.append(
             f"WARNING: {100 * max_err:g} % of the length is not reached; this is the best that "
             "was tried"
         )
-    return told, found
+    return notes, found
 
 
 def _numbered(output: Path, count: int) -> list[Path]:

@@ -178,8 +178,8 @@ class _Kept:
     """Results of a long run, kept in a file so that a run cut short goes on where it was.
 
     Args:
-        path: of the file.
-        key: of the run; results of another one do not count.
+        path: path of the file.
+        key: key of the run; results of another run do not count.
     """
 
     def __init__(self, path: Path, key: str) -> None:
@@ -225,7 +225,7 @@ def write_results(
         output: the folder, made where it is missing.
         settings: the initial guess.
         found: the result, recordings in the order given here.
-        recordings: what was measured.
+        recordings: the recordings that the estimate comes from.
         sampled, redrawn: see `tree`.
     """
     output.mkdir(parents=True, exist_ok=True)

@@ -33,15 +33,15 @@ from dlo_ros.rod.sensitivity_parameters import MATERIAL
 from dlo_ros.spline import FloatArray, SplineBasis
 
 ROLES = {"train": "used for the fit", "validate": "not used"}
-CLEARLY = 2.0  # standard deviations from neutral, from which a number of the set-up is told
+NOTABLE_STDS = 2.0  # standard deviations from neutral, from which a number of the set-up is told
 PLACES = 24  # along the DLO, in the map of residuals
-MISSED = 2.0  # ERR over the noise floor beyond which the model misses something
-WIDEST = 0.5  # relative standard deviation up to which an ellipse is drawn
+MODEL_ERROR_RATIO = 2.0  # ERR over the noise floor beyond which the model misses something
+LARGEST_ELLIPSE_STD = 0.5  # relative standard deviation up to which an ellipse is drawn
 
 
 def information(found: Identification) -> FloatArray:
     """Information of the data on the logarithms of `MATERIAL`, shape (4, 4)."""
-    return np.zeros((4, 4)) if found.fitted is None else found.fitted.told
+    return np.zeros((4, 4)) if found.fitted is None else found.fitted.information
 
 
 def tree(
@@ -51,7 +51,7 @@ def tree(
 
     Args:
         found: the result.
-        sampled: of the posterior, where it was asked for.
+        sampled: samples of the posterior, where they were asked for.
         redrawn: logarithms of a bootstrap over recordings, shape (B, 4), where asked for.
     """
     estimate = found.estimate
@@ -65,16 +65,16 @@ def tree(
         {"bag": r.name, "role": r.role, "err": r.err, "err_initial": r.err_initial}
         for r in found.recordings
     ]
-    told = information(found)
-    result["statement"] = sentences(estimate, told)
+    matrix = information(found)
+    result["statement"] = sentences(estimate, matrix)
     result["knowledge"] = {
         k.name: {"source": k.source, "data_std": k.data_std, "std": k.std}
-        for k in knowledge(estimate, told)
+        for k in knowledge(estimate, matrix)
     }
     result["traded"] = [list(pair) for pair in estimate.traded]
     result["correlation"] = {f"{a},{b}": v for (a, b), v in correlations(estimate).items()}
     # Of the logarithms: `design --estimate` takes it as known.
-    result["information"] = {"parameters": list(MATERIAL), "matrix": told.tolist()}
+    result["information"] = {"parameters": list(MATERIAL), "matrix": matrix.tolist()}
     result["damping"] = {
         "air_drag": estimate.settings.damping.air_drag,
         "relaxation_time": estimate.settings.damping.relaxation_time,
@@ -136,7 +136,7 @@ def summary(found: Identification) -> list[str]:
             f"{r.name} ({ROLES[r.role]}): the simulation is {before} off with the guess, {after} "
             "with the estimate (mean distance, ERR)"
         )
-    return lines + forces_told(found)
+    return lines + force_sentences(found)
 
 
 def _unit(name: str) -> str:
@@ -152,7 +152,8 @@ def _set_up(found: Identification) -> list[str]:
     off = [
         f"{name.removeprefix(EFFECTS_PREFIX)} {measured(value, std, _unit(name))}"
         for name, (value, std) in found.set_up.items()
-        if abs(value - quantities(split_name(name)[0])[split_name(name)[1]].neutral) > CLEARLY * std
+        if abs(value - quantities(split_name(name)[0])[split_name(name)[1]].neutral)
+        > NOTABLE_STDS * std
     ]
     words = f": {', '.join(off)}" if off else ", though no single number is off for certain"
     return [
@@ -161,7 +162,7 @@ def _set_up(found: Identification) -> list[str]:
     ]
 
 
-def forces_told(found: Identification) -> list[str]:
+def force_sentences(found: Identification) -> list[str]:
     """A sentence on what measured forces determine, and by which of their parts."""
     forces = None if found.fitted is None else found.fitted.forces
     if forces is None:
@@ -173,7 +174,7 @@ def remarks(found: Identification) -> list[str]:
     """Sentences on what the recordings can and cannot tell."""
     estimate = found.estimate
     result = sentences(estimate, information(found))
-    result += forces_told(found)
+    result += force_sentences(found)
     result += _set_up(found)
     if not found.converged:
         result.append("The fit has not converged; the numbers are where it stopped.")
@@ -186,7 +187,11 @@ def remarks(found: Identification) -> list[str]:
                 else f"{left_out} pictures deviate grossly and do not count in the fit."
             )
     for r in found.recordings:
-        if r.err is not None and r.noise_floor is not None and r.err > MISSED * r.noise_floor:
+        if (
+            r.err is not None
+            and r.noise_floor is not None
+            and r.err > MODEL_ERROR_RATIO * r.noise_floor
+        ):
             result.append(
                 f"{r.name}: ERR is {r.err / r.noise_floor:.1f} times what noise alone would give. "
                 "Something else is at work, and part of its effect is absorbed by the parameters; "
@@ -213,7 +218,7 @@ def report(
     Args:
         settings: the initial guess.
         found: the result, recordings in the order given here.
-        recordings: what was measured.
+        recordings: the recordings that the estimate comes from.
         before: forecasts with the initial guess, where they are known.
     """
     estimate = found.estimate
@@ -301,7 +306,9 @@ def _ellipses(found: Identification) -> list[Ellipse]:
     for a, b in (("E", "mu"), ("E/mu", "c/mu"), ("E/mu", "t_r")):
         rows = np.stack([combinations[a][0], combinations[b][0]])
         covariance = rows @ estimate.covariance @ rows.T
-        if np.all(np.sqrt(np.diag(covariance)) < WIDEST) and np.all(np.diag(covariance) > 1e-14):
+        if np.all(np.sqrt(np.diag(covariance)) < LARGEST_ELLIPSE_STD) and np.all(
+            np.diag(covariance) > 1e-14
+        ):
             values = (combinations[a][1], combinations[b][1])
             result.append(Ellipse((a, b), values, covariance))
     return result

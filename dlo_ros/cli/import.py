@@ -91,10 +91,10 @@ def _points(arguments: argparse.Namespace, settings: Settings) -> int:
 
 
 def _ros1(arguments: argparse.Namespace) -> int:
-    told = dict(text.partition("=")[::2] for text in arguments.topic)
-    if not all(told.values()):
+    topics = dict(text.partition("=")[::2] for text in arguments.topic)
+    if not all(topics.values()):
         raise InputError("--topic is written OURS=THEIRS, such as dlo/points=/tracker/cloud")
-    names, left = import_ros1(arguments.inputs, arguments.output, told, force=arguments.force)
+    names, left = import_ros1(arguments.inputs, arguments.output, topics, force=arguments.force)
     print(f"{arguments.output}: {', '.join(f'{a} from {b}' for b, a in sorted(names.items()))}")
     if left:
         print(f"  not taken: {', '.join(left)}")

@@ -54,8 +54,8 @@ def load_settings(arguments: argparse.Namespace, bags: Sequence[Path] = ()) -> S
     """The parameter file, with what the command line overrides.
 
     Args:
-        arguments: of the command line.
-        bags: that tell the number of control points where the file does not.
+        arguments: parsed arguments of the command line.
+        bags: bags whose images tell the number of control points where the file does not.
 
     Raises:
         ParameterError: the file is unusable.
@@ -113,16 +113,16 @@ def load_information(path: Path) -> FloatArray:
     """
     try:
         tree = json.loads(path.read_text())
-        told = np.array(tree["information"]["matrix"], dtype=float)
+        information = np.array(tree["information"]["matrix"], dtype=float)
     except OSError as err:
         raise InputError(f"{path}: cannot be read ({err.strerror})") from err
     except (ValueError, KeyError, TypeError) as err:
         raise InputError(
             f"{path}: holds no information on parameters; give an estimate.json of identify"
         ) from err
-    if told.shape != (4, 4) or not np.all(np.isfinite(told)):
+    if information.shape != (4, 4) or not np.all(np.isfinite(information)):
         raise InputError(f"{path}: information.matrix is no 4 by 4 matrix")
-    return told
+    return information
 
 
 def prepare() -> None:
@@ -186,7 +186,7 @@ def _usable(
 
     Args:
         none: beginning of the message where there is none.
-        reason: why there is none, where nothing was observed at all.
+        reason: the reason why there is no observation, where nothing was observed at all.
 
     Raises:
         RecordingError: there is none.

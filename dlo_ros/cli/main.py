@@ -46,8 +46,8 @@ class Executable:
     """One name of `dlo_ros NAME` and `ros2 run dlo_ros NAME`.
 
     Args:
-        name: as typed.
-        summary: what it does, one line.
+        name: the executable's name, as it is typed.
+        summary: what the executable does, in one line.
         example: arguments of a typical call.
         node: whether it is a ROS node, which takes ROS arguments.
     """
@@ -146,7 +146,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run one executable.
 
     Args:
-        arguments: its name and its own arguments; those of the process where None.
+        arguments: the executable's name and its own arguments; None: those of the process.
 
     Returns:
         Exit status: 0 done, 2 an input is unusable, 130 interrupted, 1 a defect of this program.

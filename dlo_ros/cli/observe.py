@@ -147,7 +147,7 @@ def observe_recording(
     Args:
         path: rosbag2 folder with images, camera_info and, where motion was imposed, commands.
         settings: parameter file of the recording.
-        on_skip: is told one line for each unusable image.
+        on_skip: function that is called with one line for each unusable image.
 
     Yields:
         Every image that could be decoded, with what was found.

@@ -32,8 +32,8 @@ class ObservedPoints:
 
     Args:
         stamp: [ns].
-        result: what it showed; None where that is not credible.
-        reason: why it is not.
+        result: the shape that the points show; None where that is not credible.
+        reason: the reason why it is not credible.
     """
 
     stamp: int

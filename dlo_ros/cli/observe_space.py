@@ -27,10 +27,10 @@ class ObservedFrame:
     """One image of a recording, or those of several cameras of one instant.
 
     Args:
-        stamp: of the first one [ns].
+        stamp: stamp of the first image [ns].
         views: image (BGR), the camera that took it, and what was found, None where nothing credible
             was; by the camera's name, which is empty for the only one.
-        reason: why nothing was found.
+        reason: the reason why nothing was found.
         offset: largest difference of the stamps [s].
     """
 
@@ -69,7 +69,7 @@ def observe_together(
         path: rosbag2 folder with the images and camera_infos.
         settings: parameter file of the recording.
         motion: the commands.
-        on_skip: is told one line for each unusable image.
+        on_skip: function that is called with one line for each unusable image.
 
     Raises:
         DloError: the bag or a camera_info is unusable.

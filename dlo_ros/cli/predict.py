@@ -22,7 +22,7 @@ from dlo_ros.cli.loading import (
 )
 from dlo_ros.command import NANOSECONDS
 from dlo_ros.errors import InputError, SimulationError
-from dlo_ros.identification.estimate import stated_covariance, told_covariance
+from dlo_ros.identification.estimate import estimate_covariance, stated_covariance
 from dlo_ros.inference.forecast import forecast, warn_of_instability
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
@@ -40,7 +40,7 @@ from dlo_ros.rod.loads.grip_reactions import Loading
 from dlo_ros.rod.motion_rehearsal import NO_LOADS, at_rest, rehearse, stamps_of
 from dlo_ros.spline import FloatArray
 
-MADE = (topics.PREDICTED, *topics.LOADS, topics.ERR)
+WRITTEN_TOPICS = (topics.PREDICTED, *topics.LOADS, topics.ERR)
 """Topics that the tool writes itself, and does not copy from its input."""
 
 
@@ -92,7 +92,7 @@ def _follow(arguments: argparse.Namespace, settings: Settings) -> int:
         prepare()
         found = forecast(manipulation, settings, loads=True)
         warn_of_instability(found, manipulation.name)
-        copy_topics(bag, writer, exclude=(*MADE, *_images()))
+        copy_topics(bag, writer, exclude=(*WRITTEN_TOPICS, *_images()))
         for k, stamp in enumerate(int(stamp) for stamp in found.stamps):
             _write(writer, settings, stamp, found.predicted[k], found.loadings[k : k + 1])
             writer.write(topics.ERR, float_message(BAG_MESSAGES, float(found.err[k])), stamp)
@@ -116,7 +116,7 @@ def _try(arguments: argparse.Namespace, settings: Settings) -> int:
     if arguments.estimate is None:
         covariance = stated_covariance(settings)
     else:
-        covariance = told_covariance(settings, load_information(arguments.estimate))
+        covariance = estimate_covariance(settings, load_information(arguments.estimate))
     stamps = stamps_of(command, command.stamp, settings.simulation.rate)
     with BagWriter(arguments.output, force=arguments.force) as writer:
         prepare()
@@ -147,7 +147,8 @@ def _write(
     """Write a predicted spline (n, 4) at a stamp [ns], and what the DLO and its grips bear.
 
     Args:
-        loadings: one at most; none where the rod model does not say what is borne.
+        loadings: at most one load of DLO and grips; none where the rod model does not compute
+            loads.
     """
     message = spline_message(BAG_MESSAGES, stamp, settings.frame_id, shape)
     writer.write(topics.PREDICTED, message, stamp)

@@ -18,7 +18,7 @@ def progress_bar(*columns: str | ProgressColumn) -> Iterator[Progress]:
     """A bar on stderr while the block runs; where stderr is a file not even an empty line.
 
     Args:
-        columns: what it shows; rich's usual where none is given.
+        columns: columns of the bar; without any, those that rich shows by default.
     """
     console = Console(stderr=True)
     bar = Progress(*columns, console=console, transient=True)

@@ -55,7 +55,7 @@ def run_live(run: LiveRun, console: Console) -> ReceivedData:
         )
         with Progress(console, run.duration) as progress:
             _listen(monitor, children, player, progress)
-        return monitor.heard
+        return monitor.received
 
 
 def _wait_until_ready(monitor: OutputMonitor, children: Children) -> None:
@@ -77,26 +77,26 @@ def _listen(monitor: OutputMonitor, children: Children, player: Child, progress:
         while condition():
             children.check(player)
             monitor.listen(0.05)
-            progress.update(monitor.heard)
+            progress.update(monitor.received)
 
     spin_while(lambda: player.process.poll() is None)
-    last, since = monitor.received, time.monotonic()
+    last, since = monitor.messages, time.monotonic()
     deadline = since + DRAINED_WITHIN
 
     def busy() -> bool:
         nonlocal last, since
         now = time.monotonic()
-        if monitor.received != last:
-            last, since = monitor.received, now
+        if monitor.messages != last:
+            last, since = monitor.messages, now
         return now < min(since + QUIET, deadline)
 
     spin_while(busy)
-    if not monitor.heard.observed:
+    if not monitor.received.observed:
         raise ProcessError(
             f"nothing was observed while the recording played; observer: "
             f"{monitor.state('observer')}"
         )
-    if not monitor.heard.err:
+    if not monitor.received.err:
         raise ProcessError(
             f"no observed shape could be compared with a simulated one; simulator: "
             f"{monitor.state('simulator')}; identifier: {monitor.state('identifier')}"

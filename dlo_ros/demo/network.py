@@ -23,7 +23,7 @@ def isolate(logs: Path) -> int:
     """Set the environment of this process and its children, where the user has not.
 
     Args:
-        logs: where ROS may write its own log files.
+        logs: folder into which ROS may write its own log files.
 
     Returns:
         The domain id.

@@ -38,7 +38,8 @@ class LiveOutcome:
             better.
         err: mean of the live ERR over the last half second [m].
         noise_floor: the ERR that a perfect model would have [m]; None where not known.
-        initial: what the initial guess predicts, control points, shape (n, 4), by stamp [ns].
+        initial: prediction of the initial guess by stamp [ns], control points, each of shape (n,
+            4).
     """
 
     sample: EstimateSample
@@ -48,21 +49,21 @@ class LiveOutcome:
     initial: Mapping[int, FloatArray]
 
 
-def assess(bag: Path, settings: Settings, heard: ReceivedData) -> LiveOutcome:
+def assess(bag: Path, settings: Settings, received: ReceivedData) -> LiveOutcome:
     """Compare the end of a run with its beginning.
 
     Args:
-        bag: what was played.
+        bag: the bag that was played.
         settings: the initial guess.
-        heard: what the nodes published.
+        received: the messages that the nodes published.
 
     Raises:
         RecordingError: the bag cannot be read, or the identifier published no estimate.
     """
-    sample, errors = heard.estimate(), heard.errors(settings.rod.length)
+    sample, errors = received.estimate(), received.errors(settings.rod.length)
     if sample is None or not errors:
         raise RecordingError(f"{bag}: the identifier published no estimate")
-    observations = tuple(Observation(s, heard.observed[s]) for s in sorted(heard.observed))
+    observations = tuple(Observation(s, received.observed[s]) for s in sorted(received.observed))
     before = _initial_guess(bag, settings, observations)
     after = [value for stamp, value in errors.items() if stamp >= max(errors) - LAST_MOMENTS]
     basis = SplineBasis(settings.rod.control_points, settings.rod.length)

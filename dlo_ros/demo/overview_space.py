@@ -40,10 +40,10 @@ def write_space_overview(
     """Write a PNG of the last instant with pictures of all cameras, and of the run's course.
 
     Args:
-        path: of the picture.
-        report: of one recording.
-        views: of every camera; empty: no pictures were played.
-        motion: of the clamps.
+        path: path of the picture.
+        report: report about one recording.
+        views: views of every camera; empty: no pictures were played.
+        motion: motion of the clamps.
         start: stamp of the first observed spline [ns].
     """
     recording = report.recordings[0]

@@ -67,26 +67,26 @@ class ImageWindow:
 
 
 def photographs(
-    bag: Path, settings: Settings, heard: ReceivedData, outcome: LiveOutcome, camera: str = ""
+    bag: Path, settings: Settings, received: ReceivedData, outcome: LiveOutcome, camera: str = ""
 ) -> dict[int, Photograph]:
     """Pictures by the stamp of the observed spline [ns], for as many as a report shows.
 
     Args:
-        bag: what was played.
+        bag: the bag that was played.
         settings: the initial guess, with the cameras' poses.
-        heard: what the nodes published.
-        outcome: what the initial guess predicts.
-        camera: which of several cameras; empty: the one camera.
+        received: the messages that the nodes published.
+        outcome: the outcome, which holds the prediction of the initial guess.
+        camera: name of one of several cameras; empty: the one camera.
 
     Raises:
         RecordingError: the bag cannot be read or has no images.
     """
-    stamps = sorted(heard.observed)
+    stamps = sorted(received.observed)
     chosen = np.linspace(0, len(stamps) - 1, min(MOST_FRAMES, len(stamps))).round().astype(int)
     shapes = {
         stamps[k]: {
-            "observed": heard.observed[stamps[k]],
-            "predicted": heard.predicted_at(stamps[k]),
+            "observed": received.observed[stamps[k]],
+            "predicted": received.predicted_at(stamps[k]),
             "initial": outcome.initial.get(stamps[k]),
         }
         for k in chosen

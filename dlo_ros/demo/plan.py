@@ -30,11 +30,11 @@ class LiveRun:
 
     Args:
         bag: the recording.
-        duration: of it [s].
+        duration: duration of the recording [s].
         topics: full names that are played.
         has_images: whether images are among them.
         params: parameter file of the nodes.
-        settings: its content.
+        settings: content of the parameter file.
         logs: folder for what the processes print.
     """
 
@@ -68,7 +68,8 @@ def plan_run(bag: Path, params: Path, settings: Settings, logs: Path) -> LiveRun
     Args:
         bag: the recording.
         params: parameter file of the nodes.
-        settings: its content; it names the cameras and says where the command comes from.
+        settings: content of the parameter file; it names the cameras and says where the command
+            comes from.
         logs: folder for what the processes print.
 
     Raises:
@@ -111,11 +112,11 @@ def plan_run(bag: Path, params: Path, settings: Settings, logs: Path) -> LiveRun
                 f"{params}: command.source is 'tf', but the package tf2_msgs is missing, which a "
                 "full ROS 2 has"
             )
-        told = held(*known)
-        if not told:
+        motion_topics = held(*known)
+        if not motion_topics:
             raise RecordingError(f"{bag}: has no {command[0]}; record the imposed motion")
         duration = (recording.end - recording.start) / 1e9
-        played = [*seen, *told, *held(*topics.WRENCHES)]
+        played = [*seen, *motion_topics, *held(*topics.WRENCHES)]
     return LiveRun(bag, duration, played, has_images, params.resolve(), settings, logs)
 
 

@@ -15,8 +15,8 @@ from dlo_ros.errors import DloError
 from dlo_ros.own_process import command_of
 
 # Patience [s] with a child that was asked to end, first kindly, then firmly.
-KINDLY = 6.0
-FIRMLY = 3.0
+INTERRUPT_TIMEOUT = 6.0
+TERMINATE_TIMEOUT = 3.0
 LAST_LINES = 3
 
 
@@ -29,9 +29,9 @@ class Child:
     """A running process.
 
     Args:
-        name: for messages.
+        name: the process' name in messages.
         process: the process itself.
-        log: what it printed.
+        log: file with what the process printed.
     """
 
     name: str
@@ -98,12 +98,15 @@ class Children:
         """End all children: interrupted first, so that they end as with Ctrl-C, then by force."""
         previous = signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C must not stop us
         try:
-            for sign, patience in ((signal.SIGINT, KINDLY), (signal.SIGTERM, FIRMLY)):
+            for sign, patience in (
+                (signal.SIGINT, INTERRUPT_TIMEOUT),
+                (signal.SIGTERM, TERMINATE_TIMEOUT),
+            ):
                 self._signal(sign)
                 if self._all_ended(patience):
                     return
             self._signal(signal.SIGKILL)
-            self._all_ended(FIRMLY)
+            self._all_ended(TERMINATE_TIMEOUT)
         finally:
             signal.signal(signal.SIGINT, previous)
 

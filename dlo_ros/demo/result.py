@@ -68,7 +68,7 @@ def read_truth(bag: Path) -> dict[str, float]:
 
 
 def estimate_tree(
-    heard: ReceivedData, outcome: LiveOutcome, bag: str, truth: Mapping[str, float]
+    received: ReceivedData, outcome: LiveOutcome, bag: str, truth: Mapping[str, float]
 ) -> Any:
     """What estimate.json holds: the keys of `identify`, and `true` where the truth is known."""
     sample = outcome.sample
@@ -76,7 +76,7 @@ def estimate_tree(
         name: {"value": sample.values[name], "std": _finite(sample.std[name])}
         for name in QUANTITIES
     }
-    tree["identifiable"] = {name: heard.identifiable(name) for name in QUANTITIES}
+    tree["identifiable"] = {name: received.identifiable(name) for name in QUANTITIES}
     tree["noise_floor"] = outcome.noise_floor
     tree["recordings"] = [
         {"bag": bag, "role": "train", "err": outcome.err, "err_initial": outcome.err_initial}
@@ -116,7 +116,7 @@ def with_std(sample: EstimateSample, name: str) -> str:
 
 
 def report(
-    heard: ReceivedData,
+    received: ReceivedData,
     outcome: LiveOutcome,
     bag: str,
     length: float,
@@ -128,16 +128,16 @@ def report(
     """The report of a live run.
 
     Args:
-        heard: everything that was heard.
+        received: everything that was heard.
         outcome: the estimate, ERR before and after.
         bag: name of the recording.
-        length: of the DLO [m].
-        truth: from `read_truth`.
-        photographs: by the stamp of the observed spline.
+        length: length of the DLO [m].
+        truth: true values from `read_truth`.
+        photographs: pictures by the stamp of the observed spline.
         remarks: sentences for the reader.
         cameras: positions [m] of the cameras that have names.
     """
-    start = min(heard.observed)
+    start = min(received.observed)
     sample = outcome.sample
     estimates = [
         EstimateRow(
@@ -146,7 +146,7 @@ def report(
             sample.values[name],
             _finite(sample.std[name]),
             truth.get(name),
-            heard.identifiable(name),
+            received.identifiable(name),
         )
         for name in QUANTITIES
     ]
@@ -156,14 +156,14 @@ def report(
         length,
         outcome.err_initial,
         outcome.err,
-        _frames(heard, outcome, length, start, photographs),
+        _frames(received, outcome, length, start, photographs),
     )
     return IdentificationReport(
         title=f"Live identification of {bag}",
         headline=last_line(outcome, truth),
         estimates=tuple(estimates),
         recordings=(recording,),
-        tracks=tuple(_track(heard.samples, name, start, truth.get(name)) for name in QUANTITIES),
+        tracks=tuple(_track(received.samples, name, start, truth.get(name)) for name in QUANTITIES),
         noise_floor=outcome.noise_floor,
         remarks=(*EXPLANATION, *remarks),
         cameras=cameras,
@@ -171,23 +171,23 @@ def report(
 
 
 def _frames(
-    heard: ReceivedData,
+    received: ReceivedData,
     outcome: LiveOutcome,
     length: float,
     start: int,
     photographs: Mapping[int, Photograph],
 ) -> tuple[ShapeFrame, ...]:
-    errors = heard.errors(length)
+    errors = received.errors(length)
     return tuple(
         ShapeFrame(
             time=(stamp - start) / 1e9,
-            observed=heard.observed[stamp],
-            predicted=heard.predicted_at(stamp),
+            observed=received.observed[stamp],
+            predicted=received.predicted_at(stamp),
             initial=outcome.initial.get(stamp),
             err=errors.get(stamp),
             photograph=photographs.get(stamp),
         )
-        for stamp in sorted(heard.observed)
+        for stamp in sorted(received.observed)
     )
 
 

@@ -19,8 +19,8 @@ class Progress:
     """A table that moves on a terminal, a line for each second of the recording elsewhere.
 
     Args:
-        console: where to.
-        duration: of the recording [s].
+        console: console to write to.
+        duration: duration of the recording [s].
     """
 
     def __init__(self, console: Console, duration: float) -> None:
@@ -44,38 +44,38 @@ class Progress:
         if self._live:
             self._live.stop()
 
-    def update(self, heard: ReceivedData) -> None:
+    def update(self, received: ReceivedData) -> None:
         """Show the state; may be called as often as needed."""
-        if not heard.now:
+        if not received.now:
             return
         if self._start is None:
-            self._start = heard.now
-        time = (heard.now - self._start) / NANOSECONDS
+            self._start = received.now
+        time = (received.now - self._start) / NANOSECONDS
         if self._live:
-            self._live.update(self._table(time, heard))
+            self._live.update(self._table(time, received))
         elif int(time) > self._printed:
             self._printed = int(time)
-            self._console.print(line(time, heard), highlight=False, soft_wrap=True)
+            self._console.print(line(time, received), highlight=False, soft_wrap=True)
 
-    def _table(self, time: float, heard: ReceivedData) -> Group:
+    def _table(self, time: float, received: ReceivedData) -> Group:
         table = Table(box=None, show_header=False, padding=(0, 2))
         table.add_row("time", f"{time:.1f} of {self._duration:.1f} s")
-        table.add_row("observed", f"{len(heard.observed)} splines")
-        table.add_row("ERR", _err(heard))
-        sample = heard.estimate()
+        table.add_row("observed", f"{len(received.observed)} splines")
+        table.add_row("ERR", _err(received))
+        sample = received.estimate()
         for name in QUANTITIES:
             table.add_row(SYMBOLS[name], with_std(sample, name) if sample else "not yet")
         return Group(ProgressBar(total=self._duration, completed=time, width=60), table)
 
 
-def line(time: float, heard: ReceivedData) -> str:
+def line(time: float, received: ReceivedData) -> str:
     """The state in one line."""
-    parts = [f"{time:5.1f} s", f"ERR {_err(heard)}"]
-    sample = heard.estimate()
+    parts = [f"{time:5.1f} s", f"ERR {_err(received)}"]
+    sample = received.estimate()
     if sample:
         parts += [f"{SYMBOLS[name]} {with_std(sample, name)}" for name in QUANTITIES]
     return "  ".join(parts)
 
 
-def _err(heard: ReceivedData) -> str:
-    return f"{heard.err[-1][1] * 1e3:.2f} mm" if heard.err else "not yet"
+def _err(received: ReceivedData) -> str:
+    return f"{received.err[-1][1] * 1e3:.2f} mm" if received.err else "not yet"

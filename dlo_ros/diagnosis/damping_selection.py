@@ -37,7 +37,7 @@ class Guess:
     Args:
         effect: name of the effect that would correct it.
         given, fitted: value in the file and in the fit, in the file's unit.
-        std: of the logarithm.
+        std: standard deviation of the guess's logarithm.
     """
 
     effect: str
@@ -129,7 +129,7 @@ class Damping:
 
     Args:
         plain: the plain model with the file's damping.
-        decision: what is named, damping included.
+        decision: decision on the named effects, damping included.
         candidates: all that were fitted.
     """
 
@@ -145,9 +145,10 @@ def named(
     """Name the damping where nothing else was missing, or where it is certain.
 
     Args:
-        plain: without effects.
-        best: what comes nearest to the data.
-        decision: so far; of an explanation by other causes the damping is no part.
+        plain: the fitted model without effects.
+        best: the fitted model that comes nearest to the data.
+        decision: decision on the other effects; the damping does not belong to an explanation by
+            other causes.
         holdout_err: ERR of a candidate there [m].
     """
     given = team.problem.given

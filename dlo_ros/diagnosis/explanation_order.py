@@ -45,9 +45,10 @@ def explain_in_order(
     Args:
         team: the workers, with the recordings to learn from.
         plain: the fitted plain model.
-        holdout_errors: makes the errors on held-out data, which a model chooses.
+        holdout_errors: function that returns the errors on held-out data, by which a model is
+            chosen.
         beginning: the initial fit to all recordings.
-        processes: that simulate at the same time.
+        processes: number of processes that simulate at the same time.
         progress: see `diagnose`.
 
     Returns:

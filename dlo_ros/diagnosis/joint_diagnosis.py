@@ -50,7 +50,7 @@ def learned_jointly(
 
     Args:
         plain: the plain model's fit.
-        begun: what is to be learned from at first.
+        begun: recordings to learn from at first.
     """
     given = team.problem.given
     joint = learn(begun, given, _met(team, plain, begun, progress))

@@ -55,12 +55,13 @@ def diagnose(
     """Find what the model gets wrong.
 
     Args:
-        recordings: to learn from; without `holdout` one of them, or the end of the only one, is
-            held out for the measured gain.
+        recordings: recordings to learn from; without `holdout` one of them, or the end of the only
+            one, is held out for the measured gain.
         settings: initial guess, what is known beforehand, and effects that are known already.
         holdout: recordings that are only predicted.
-        processes: that simulate at the same time.
-        progress: called with what is being done and the share of it that is done.
+        processes: number of processes that simulate at the same time.
+        progress: function that is called with the name of the present step and the fraction of it
+            that is done.
 
     Raises:
         InputError: no usable recording.

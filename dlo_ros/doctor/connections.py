@@ -9,13 +9,13 @@ from dlo_ros.doctor.finding import Finding, ok, warning, wrong
 from dlo_ros.doctor.graph import Endpoint, Graph
 from dlo_ros.recordings import topics
 
-OWN = "dlo/"
+INTERFACE_PREFIX = "dlo/"
 """Topics whose names are the interface's alone; `image_raw` may be any camera's."""
 
-SENDERS = (topics.OBSERVED, topics.PREDICTED)
+SINGLE_PUBLISHER_TOPICS = (topics.OBSERVED, topics.PREDICTED)
 """Topics with one publisher for each DLO: of two, every other shape is another's."""
 
-DRAWN = (topics.OVERLAY, topics.MASK)
+OVERLAYS = (topics.OVERLAY, topics.MASK)
 """Images that no camera takes."""
 
 DEPTH = "depth"
@@ -61,7 +61,7 @@ def _types(name: str, ends: Iterable[Endpoint]) -> list[Finding]:
     expected = topics.TYPES.get(own) if own else None
     kinds = {e.kind: e for e in ends}
     if expected is not None:
-        judge = wrong if own and own.startswith(OWN) else warning
+        judge = wrong if own and own.startswith(INTERFACE_PREFIX) else warning
         return [
             judge(f"{name} of {end.node} is {kind}", f"it must be {expected}")
             for kind, end in sorted(kinds.items())
@@ -77,8 +77,8 @@ def quality(name: str, ends: Iterable[Endpoint]) -> list[Finding]:
     """Pairs of a publisher and a subscription that never exchange a message.
 
     Args:
-        name: of the topic.
-        ends: its endpoints.
+        name: name of the topic.
+        ends: the topic's publishers and subscriptions.
     """
     ends = list(ends)
     found = []
@@ -112,7 +112,7 @@ def _alone(graph: Graph, name: str) -> list[Finding]:
     listeners = [e.node for e in graph.subscriptions(name) if e.node in ours]
     if own not in (topics.IMAGE, topics.COMPRESSED) or not listeners or graph.publishers(name):
         return []
-    cameras = (n for n in graph.images if n != name and topics.relative(n) not in DRAWN)
+    cameras = (n for n in graph.images if n != name and topics.relative(n) not in OVERLAYS)
     others = sorted(cameras, key=lambda n: (DEPTH in n, n))
     if not others:
         return []
@@ -128,7 +128,7 @@ def _alone(graph: Graph, name: str) -> list[Finding]:
 
 def _several(graph: Graph, name: str) -> list[Finding]:
     senders = sorted(e.node for e in graph.publishers(name))
-    if topics.relative(name) not in SENDERS or len(senders) < 2:
+    if topics.relative(name) not in SINGLE_PUBLISHER_TOPICS or len(senders) < 2:
         return []
     return [
         wrong(

@@ -37,7 +37,7 @@ def network(variables: Mapping[str, str] = os.environ) -> list[Finding]:
     """Middleware, domain and discovery as the environment has them.
 
     Args:
-        variables: of the environment.
+        variables: the environment's variables.
     """
     return [
         _middleware(variables),
@@ -115,7 +115,7 @@ def shared_memory(folder: Path = SHARED_MEMORY) -> list[Finding]:
     """Whether images fit into the shared memory through which nodes hand them over.
 
     Args:
-        folder: where it is mounted; nothing is said where there is none.
+        folder: folder where shared memory is mounted; there is no finding where it does not exist.
     """
     try:
         free = shutil.disk_usage(folder).free

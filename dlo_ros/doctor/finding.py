@@ -31,7 +31,7 @@ class Finding:
     Args:
         level: level of the finding.
         text: observation in a sentence.
-        remedy: what to do about it; empty where nothing is to be done.
+        remedy: advice on what to do about it; empty where nothing is to be done.
     """
 
     level: Level
@@ -88,7 +88,7 @@ def _wrapped(start: str, text: str) -> list[str]:
 def _summary(findings: Sequence[Finding]) -> str:
     count = {level: sum(f.level == level for f in findings) for level in Level}
     bad, doubtful = count[Level.WRONG], count[Level.WARNING]
-    told = f", {doubtful} warning{'s' * (doubtful != 1)}" if doubtful else ""
+    warnings = f", {doubtful} warning{'s' * (doubtful != 1)}" if doubtful else ""
     if not bad:
-        return f"nothing is wrong{told}"
-    return f"{bad} {'thing is' if bad == 1 else 'things are'} wrong{told}"
+        return f"nothing is wrong{warnings}"
+    return f"{bad} {'thing is' if bad == 1 else 'things are'} wrong{warnings}"

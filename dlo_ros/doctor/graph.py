@@ -38,8 +38,9 @@ class NodeState:
     Args:
         name: full name.
         ready: whether it says that it takes data; None where it has not said.
-        level: of its last status on /diagnostics: 0 OK, 1 WARN, 2 ERROR, 3 STALE; None: none.
-        message: of that status.
+        level: level of the node's last status on /diagnostics: 0 OK, 1 WARN, 2 ERROR, 3 STALE;
+            None: no status.
+        message: message of that status.
         parameters: values of `WATCHED`; those that it does not declare, or that it did not answer
             in time, are left out.
     """
@@ -61,8 +62,8 @@ class Header:
     """The last message of a topic.
 
     Args:
-        frame: its `frame_id`.
-        stamp: its stamp [s].
+        frame: the message's `frame_id`.
+        stamp: the message's stamp [s].
         clock: the time when it came [s], of /clock where that is heard, else of the system.
         poses: number of its poses; None where it holds none.
     """
@@ -78,13 +79,13 @@ class Graph:
     """All that was seen.
 
     Args:
-        middleware: its name.
-        seconds: for how long was looked [s].
+        middleware: name of the ROS middleware.
+        seconds: time for which the graph was watched [s].
         topics: endpoints of each topic that is of the interface, or of one of the package's nodes.
         images: full names and types of all topics with camera images.
         nodes: the package's nodes.
         clock: first and last time on each clock topic that was heard [s].
-        headers: by the full name of their topic.
+        headers: last headers by the full name of their topic.
         frames: all frames of /tf and /tf_static.
     """
 

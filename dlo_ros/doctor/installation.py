@@ -31,7 +31,7 @@ def installed(
     """Python, the package, its libraries and rclpy.
 
     Args:
-        version: of the package.
+        version: version of the package.
         importer: imports a module by name.
     """
     return [_python(version), *_libraries(importer), _ros(importer)]
@@ -156,7 +156,7 @@ def judge_kernels(folder: str, can_write: bool, missing: Sequence[str]) -> list[
     """Findings about the folder of compiled kernels.
 
     Args:
-        folder: its path.
+        folder: path of the folder.
         can_write: whether new machine code can be kept there.
         missing: stages whose machine code is not complete.
     """

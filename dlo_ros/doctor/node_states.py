@@ -21,7 +21,7 @@ def nodes(graph: Graph, settings: Settings | None = None) -> list[Finding]:
     """Findings about each node, and about those of one namespace together.
 
     Args:
-        graph: what was seen.
+        graph: the ROS graph as it was seen.
         settings: parameter file that the nodes should go by, None for none.
     """
     if not graph.nodes:

@@ -23,10 +23,10 @@ class Usual:
     """The range in which a quantity of a real DLO usually lies.
 
     Args:
-        name: of the quantity, as it is told.
-        unit: in which it is told.
-        lower, upper: of the range.
-        low, high: what is likely where it lies below or above.
+        name: the quantity's name, as it is printed.
+        unit: the unit in which the quantity is printed.
+        lower, upper: limits of the range.
+        low, high: the likely reason for a value below or above the range.
     """
 
     name: str
@@ -112,7 +112,7 @@ def judge_file(path: Path | str) -> tuple[list[Finding], Settings | None]:
     """Load a parameter file and judge it.
 
     Args:
-        path: of the parameter file.
+        path: path of the parameter file.
 
     Returns:
         The findings, and the settings; None where the file cannot be used.

@@ -91,7 +91,7 @@ def frames(graph: Graph, settings: Settings | None = None) -> list[Finding]:
     """Findings about frames, and about the bases of shapes.
 
     Args:
-        graph: what was seen.
+        graph: the ROS graph as it was seen.
         settings: the parameter file, where there is one; otherwise the nodes' own parameters are
             taken.
     """

@@ -53,22 +53,24 @@ class Body:
     """The rod during its assembly; an effect changes its numbers in place.
 
     Args:
-        basis: of the simulation, over the configured length L.
+        basis: spline basis of the simulation, over the configured length L.
         points: material coordinates of the quadrature points [m], shape (nb,).
-        weight: their weights [m], shape (nb,); the cells of this width tile the DLO.
+        weight: weights of the quadrature points [m], shape (nb,); the cells of this width tile the
+            DLO.
         bend: bending stiffness about both principal axes of the section [N m^2], shape (nb, 2).
-        section_angle: from the first material director to the first principal axis [rad].
+        section_angle: angle from the first material director to the first principal axis [rad].
         bend_rest: curvature at rest about them [1/m], shape (nb, 2); in the board's plane the
             first director is +y.
         twist_rest: twist at rest [rad/m], shape (nb,).
         line_density: mass per length [kg/m].
         air_drag: force per length over velocity [N s/m^2].
-        relaxation_time: of Kelvin-Voigt damping [s].
+        relaxation_time: relaxation time of Kelvin-Voigt damping [s].
         gravity: [m/s^2], shape (3,).
         force: dead force per length [N/m], shape (3,).
         masses: masses fixed to the DLO, each as mass [kg] and place u [m].
-        kinks: in the board's plane, each as angle [rad] and place u [m].
-        grip_compliance: of the grips at start and end against the DLO's moment [rad/(N m)].
+        kinks: kinks in the board's plane, each as angle [rad] and place u [m].
+        grip_compliance: compliance of the grips at start and end against the DLO's moment [rad/(N
+            m)].
         half_curvature: curvature at which the tangent bending stiffness has halved [1/m].
         yield_curvature: elastic curvature past which bending yields [1/m].
         hardening: tangent bending stiffness past the yield over that before it, 0 to 1.
@@ -77,12 +79,13 @@ class Body:
         inner_friction: largest moment of friction within the DLO [N m], and the change of curvature
             within which it turns over [1/m]; None: there is none.
         friction: Coulomb friction with the board per length [N/m]; None: the board is not touched.
-        pegs: that the DLO may touch.
-        walls: likewise.
+        pegs: the pegs that the DLO may touch.
+        walls: the walls that the DLO may touch.
         quadratic_drag: c of a force per length -c |v_n| v_n [N s^2/m^3]; None: there is none.
         lengthening: true length over configured length.
         slip: free length gained through a grip during the motion [m]; None: no grip slips.
-        slip_onset: when it is gained, all at once [s] from the first frame; None: evenly.
+        slip_onset: time at which it is gained, all at once [s] from the first frame; None: it is
+            gained evenly.
     """
 
     basis: SplineBasis
@@ -275,7 +278,7 @@ class Effect:
         return cls.title or cls.name.replace("_", " ")
 
     @classmethod
-    def told(cls) -> str:
+    def report_phrase(cls) -> str:
         """The phrase for reports, or the name in words."""
         return cls.phrase or f"there is an effect of {cls.called()}"
 
@@ -352,7 +355,7 @@ def _beginning(q: Quantity, rope: RopeScale, place: float, side: float) -> Value
     """Value of a parameter at the start of a search.
 
     Args:
-        place: of the length.
+        place: the place along the DLO at which the effect starts, over the length.
         side: 0: nothing; 1 or -1: the natural size above or below that.
     """
     if q.role in ("place", "extent") and q.unit == "m":

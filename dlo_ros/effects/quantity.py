@@ -33,8 +33,8 @@ class RopeScale:
 
     Args:
         length: L [m].
-        weight: per length [N/m].
-        mass: of the whole rope [kg].
+        weight: weight per length [N/m].
+        mass: mass of the whole rope [kg].
         air_drag: configured force per length over velocity [N s/m^2].
         relaxation_time: configured, of Kelvin-Voigt damping [s].
     """
@@ -76,7 +76,7 @@ class Quantity:
         counts: numbers of values that must be given, such as the components of a vector, the first
             as long as nothing is said; 1 is a number by itself; empty: one value, or any number of
             an array.
-        role: what kind of number it is.
+        role: kind of number, see `Role`.
         tolerance: standard deviation within which a set-up is as careful people build it, in units
             of the rope (of the logarithm for a ratio); None: there is no such thing.
         natural: plausible size for a cause, in units of the rope; None: as for others of the unit.
@@ -143,8 +143,8 @@ class Quantity:
         """Whether one of the numbers acts out of the board's plane.
 
         Args:
-            index: of the number; None: it is the only one.
-            count: how many there are.
+            index: index of the number; None: it is the only one.
+            count: how many numbers the parameter has.
         """
         if not self.counts or index is None or count != VECTOR:
             return self.spatial
@@ -223,7 +223,7 @@ def quantity(
     Args:
         neutral, unit, lower, upper, description, array, counts, tolerance, natural, search,
             adds_to, stated_by, spatial: as there.
-        role: as there; default: `angle` in radians, else `size`.
+        role: as in `Quantity`; default: `angle` in radians, else `size`.
 
     Raises:
         ValueError: the tolerance or the natural size is not positive, or a range is empty.

@@ -129,7 +129,7 @@ def damping_effect(name: str) -> str:
     """Name of the effect that adds to a damping of the parameter file; empty where there is none.
 
     Args:
-        name: of the damping, such as "air_drag".
+        name: name of the damping, such as "air_drag".
     """
     return next((effect for effect, (n, _) in added_to_damping().items() if n == name), "")
 

@@ -33,7 +33,7 @@ class Start:
         screened: keys in which the effect is linear at first.
         fitted: keys that are fitted.
         neutral: whether the model is still that without the effect.
-        form: tells variants of one effect with different open parameters apart.
+        form: label that tells variants of one effect with different open parameters apart.
         own: change of the other open parameters that belongs to it, as the fit sees them; empty:
             none.
     """

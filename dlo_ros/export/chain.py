@@ -39,7 +39,7 @@ class CableChain:
     """The cable with N joints and N + 1 links.
 
     Args:
-        length: of the whole cable [m].
+        length: length of the whole cable [m].
         diameter: [m].
         bend, twist: stiffness of the joints [N m/rad], shape (N,).
         relaxation_time: damping of a joint over its stiffness [s].
@@ -49,7 +49,7 @@ class CableChain:
         gravity: [m/s^2], shape (3,).
         air_drag: force per length over velocity [N s/m^2].
         quadratic_drag: force per length over squared velocity across [N s^2/m^3].
-        grips: of the ends that are held.
+        grips: the grips of the ends that are held.
         root: pose of link 0 when the motion begins.
         turns: rotation of each joint from rest when the motion begins, N of them.
     """
@@ -141,9 +141,9 @@ def build_chain(
     Args:
         settings: the parameter file; what its effects make of the rod is in the chain as far as
             a chain can have it.
-        command: as it was commanded.
-        stamp: when the motion begins [ns].
-        basis: of `shape`.
+        command: the command as it was given, effects not applied.
+        stamp: stamp at which the motion begins [ns].
+        basis: spline basis of `shape`.
         shape: control points when the motion begins, shape (n, 4).
         joints: N.
 

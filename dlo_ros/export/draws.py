@@ -18,7 +18,7 @@ from dlo_ros.identification.estimate import known_information, logarithms, with_
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 
-NOBODY = np.array([1.0, 0.3, 1.0, 1.0])
+UNKNOWN_STD = np.array([1.0, 0.3, 1.0, 1.0])
 """Standard deviations of the logarithms of E, mu and both dampings where nobody knows them: E by a
 factor of three, the density by a third, dampings by a factor of three, to stay plausible."""
 RATIO = np.array([1.0, -1.0, 0.0, 0.0])  # E/mu among the logarithms
@@ -31,13 +31,13 @@ class ParameterKnowledge:
     """Knowledge of the material and of the rod's other numbers.
 
     Args:
-        covariance: of the logarithms of `sensitivity_parameters.MATERIAL`, shape (4, 4).
-        told: whether recordings or the parameter file say anything of E.
+        covariance: covariance of the logarithms of `sensitivity_parameters.MATERIAL`, shape (4, 4).
+        determined: whether recordings or the parameter file contain information on E.
         numbers: standard deviation of effects' numbers, by effect and key.
     """
 
     covariance: FloatArray
-    told: bool
+    determined: bool
     numbers: dict[tuple[str, str], FloatArray]
 
     @property
@@ -53,29 +53,29 @@ def read_knowledge(settings: Settings, estimate: Path | None) -> ParameterKnowle
         InputError: the file is no estimate.json of `identify`.
     """
     information = known_information(settings, weighed=True)
-    told = np.zeros((4, 4))
+    data = np.zeros((4, 4))
     set_up: dict[str, Any] = {}
     if estimate is not None:
         try:
             tree = json.loads(estimate.read_text())
-            told = np.array(tree["information"]["matrix"], dtype=np.float64)
+            data = np.array(tree["information"]["matrix"], dtype=np.float64)
             set_up = dict(tree.get("setup", {}))
         except OSError as err:
             raise InputError(f"{estimate}: cannot be read ({err.strerror})") from err
         except (ValueError, KeyError, TypeError) as err:
             raise InputError(f"{estimate}: is no estimate.json of identify") from err
-        if told.shape != (4, 4) or not np.all(np.isfinite(told)):
+        if data.shape != (4, 4) or not np.all(np.isfinite(data)):
             raise InputError(f"{estimate}: its information is no matrix of four by four numbers")
     rod = settings.rod
     if estimate is None and rod.specific_modulus_std > 0.0:  # as identify writes it
         along = rod.specific_modulus / rod.specific_modulus_std * RATIO
-        told = np.outer(along, along)
-    whole = information + told + np.diag(NOBODY**-2)
+        data = np.outer(along, along)
+    whole = information + data + np.diag(UNKNOWN_STD**-2)
     absent = ~np.isfinite(logarithms(settings))  # a damping of zero stays what it is
     whole[np.ix_(absent, absent)] += 1e12 * np.eye(int(absent.sum()))
     return ParameterKnowledge(
         np.asarray(np.linalg.inv(whole), dtype=np.float64),
-        bool(told.any()),
+        bool(data.any()),
         _numbers(settings, set_up),
     )
 
@@ -98,7 +98,7 @@ def _numbers(settings: Settings, set_up: dict[str, Any]) -> dict[tuple[str, str]
 def statement(settings: Settings, known: ParameterKnowledge) -> str:
     """E/mu with its 95 % interval, as a sentence."""
     ratio, spread = settings.rod.specific_modulus, TWO_SIDED * known.ratio_std
-    if not known.told:
+    if not known.determined:
         return (
             f"E/mu is {ratio:.4g} m^2/s^2; its uncertainty is not given "
             "(--estimate estimate.json gives it)"

@@ -22,7 +22,7 @@ from dlo_ros.parameters import Settings
 ELEMENTS = (8, 12, 16, 20, 24, 32, 40, 50, 64, 80, 100, 128)  # that are tried
 STEPS = (2e-3, 1e-3, 5e-4, 2e-4, 1e-4, 5e-5)  # [s] that are tried
 DEFAULT_ELEMENTS = 32  # where no simulator can be run
-WORTH = 0.8  # of the error that a shorter step must leave to be worth its time
+STEP_GAIN = 0.8  # of the error that a shorter step must leave to be worth its time
 BOUND = 3.0  # step times highest frequency: longer ones blow up (2 without damping)
 PATIENCE = 240.0  # [s] of processor time after which no more is tried
 
@@ -61,7 +61,7 @@ class Choice:
     Args:
         elements: joints.
         step: time step [s].
-        achieved: for each scene; empty: nothing was run.
+        achieved: accuracy reached in each scene; empty: nothing was run.
     """
 
     elements: int
@@ -102,7 +102,7 @@ def choose(
     Args:
         mujoco: the module.
         scenes: motions, at least one.
-        settings: of the cable, the scenes' own.
+        settings: settings of the cable, which are also those of the scenes.
         plugin: whether the cable is that of MuJoCo's plugin.
         max_err: largest error over L that is allowed.
 
@@ -128,7 +128,7 @@ def choose(
                 best = found
             if found.worst <= max_err:
                 return found
-            if found.worst > WORTH * before:
+            if found.worst > STEP_GAIN * before:
                 break
             before = found.worst
     return best

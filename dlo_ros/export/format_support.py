@@ -36,24 +36,24 @@ class Unsupported:
 
     Args:
         settings: the model without the effects that are left out.
-        lines: one for each thing that is left out or stands for another, each with its name.
+        lines: one line for each thing that is left out or approximated, each with its name.
     """
 
     settings: Settings
     lines: tuple[str, ...]
 
 
-def unsupported(settings: Settings, says: frozenset[str]) -> Unsupported:
+def unsupported(settings: Settings, supported: frozenset[str]) -> Unsupported:
     """The parts of a model that a format cannot represent.
 
     Args:
         settings: the parameter file.
-        says: fields of `Body` that it can say; those that are not named count as not said, so that
-            no new effect is lost silently.
+        supported: fields of `Body` that the format can express; others count as unsupported, so
+            that no new effect is lost silently.
     """
     kept, lines = dict(settings.effects), []
     for effect in build(settings.effects):
-        missing = sorted(_changed(settings, effect) - says)
+        missing = sorted(_changed(settings, effect) - supported)
         seen = _measures(effect)
         if not missing and not seen:
             continue
@@ -64,7 +64,7 @@ def unsupported(settings: Settings, says: frozenset[str]) -> Unsupported:
         lines.append(f"{called} is left out: {why}")
         del kept[effect.name]
     damping = settings.damping
-    if damping.air_drag > 0.0 and "air_drag" not in says:
+    if damping.air_drag > 0.0 and "air_drag" not in supported:
         lines.append(f"damping.air_drag, {damping.air_drag:g} N s/m^2, is left out")
     stretch = _stretch(settings)
     lines.append(f"stretch: links are rigid; hanging straight the DLO is {stretch:.2g} % longer")

@@ -18,11 +18,12 @@ class Format:
     """One format.
 
     Args:
-        title: what it is.
-        simulator: that reads it.
-        write: makes the text of a chain; arguments `step` [s] and `comment`.
-        says: fields of `dlo_ros.effects.Body` that it can say.
-        approximations: what it says by something else, one line each.
+        title: name of the format, for people.
+        simulator: the simulator that reads it.
+        write: function that makes the text of a chain; arguments `step` [s] and `comment`.
+        supported: fields of `dlo_ros.effects.Body` that it can say.
+        approximations: function that names the parts of a chain that the format only approximates,
+            one line each.
         plugin: the plugin of MuJoCo that it needs; empty: none.
         run: whether MuJoCo runs the file itself; otherwise the same chain stands for it.
         use: how the file is loaded, one line.
@@ -31,7 +32,7 @@ class Format:
     title: str
     simulator: str
     write: Write
-    says: frozenset[str]
+    supported: frozenset[str]
     approximations: Callable[[CableChain], tuple[str, ...]]
     plugin: str
     run: bool
@@ -44,23 +45,23 @@ LOAD = (
 )
 FORMATS: dict[str, Format] = {
     "mjcf": Format(
-        "MJCF with the plugin for cables", "MuJoCo", partial(mjcf.mjcf, plugin=True), mjcf.SAYS,
+        "MJCF with the plugin for cables", "MuJoCo", partial(mjcf.mjcf, plugin=True), mjcf.FIELDS,
         partial(mjcf.approximations, plugin=True), mjcf.PLUGIN, True, LOAD,
     ),
     "mjcf-chain": Format(
-        "MJCF as a chain of ball joints", "MuJoCo", partial(mjcf.mjcf, plugin=False), mjcf.SAYS,
+        "MJCF as a chain of ball joints", "MuJoCo", partial(mjcf.mjcf, plugin=False), mjcf.FIELDS,
         partial(mjcf.approximations, plugin=False), "", True, LOAD,
     ),
     "sdf": Format(
-        "SDF as a chain of universal joints", "Gazebo", sdf.sdf, sdf.SAYS, sdf.approximations, "",
+        "SDF as a chain of universal joints", "Gazebo", sdf.sdf, sdf.FIELDS, sdf.approximations, "",
         False, "gz sim FILE; or copy its <model> into a world",
     ),
     "usd": Format(
-        "USD text with physics", "Isaac Sim", usd.usd, usd.SAYS, usd.approximations, "", False,
+        "USD text with physics", "Isaac Sim", usd.usd, usd.FIELDS, usd.approximations, "", False,
         "open FILE, or add it as a reference; its name should end in .usda",
     ),
     "newton": Format(
-        "Python script for Newton", "Newton", newton.newton, newton.SAYS, newton.approximations, "",
-        False, "python FILE --cpu; or import it: build() adds the cable to a ModelBuilder",
+        "Python script for Newton", "Newton", newton.newton, newton.FIELDS, newton.approximations,
+        "", False, "python FILE --cpu; or import it: build() adds the cable to a ModelBuilder",
     ),
 }  # fmt: skip

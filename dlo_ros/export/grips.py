@@ -48,7 +48,7 @@ class Grip:
 
     Args:
         end: "start" or "end".
-        kind: what is held.
+        kind: the degrees of freedom that are held, see `Kind`.
         commanded: pose of the grip when the motion begins.
         offset: pose of the cable's end in the grip: the set-up's error, and the roll with which the
             grip took the cable.

@@ -21,8 +21,8 @@ from dlo_ros.export.format_support import CHAIN, body_fields
 from dlo_ros.export.grips import Grip, Pose
 from dlo_ros.spline import FloatArray
 
-SAYS = CHAIN | body_fields("air_drag quadratic_drag twist_rest")
-"""Fields of the rod that the format can say."""
+FIELDS = CHAIN | body_fields("air_drag quadratic_drag twist_rest")
+"""Fields of the rod that the format can express."""
 PLUGIN = "mujoco.elasticity.cable"
 WELD = 2.0  # time constant of the grips, in steps: the hardest that MuJoCo allows
 HARD = "0.9999 0.9999 0.001"  # impedance of a grip
@@ -36,7 +36,7 @@ def mjcf(chain: CableChain, *, plugin: bool, step: float, comment: str) -> str:
     Args:
         plugin: whether the joints' elasticity is that of MuJoCo's cable plugin.
         step: time step [s].
-        comment: what stands at the top.
+        comment: comment at the top of the file.
 
     Returns:
         A whole model, which can be included in another one.
@@ -82,7 +82,7 @@ def viscosity(chain: CableChain, air_drag: float) -> float:
 
 
 def approximations(chain: CableChain, *, plugin: bool) -> tuple[str, ...]:
-    """What the format says by something else, one line each."""
+    """Parts of the cable that the format only approximates, one line each."""
     ratio = float(np.mean(chain.twist)) / float(np.mean(chain.bend))
     if plugin and not chain.uniform:
         return (

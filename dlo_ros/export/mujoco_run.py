@@ -21,7 +21,9 @@ from dlo_ros.export.scenes import INSTANT
 from dlo_ros.spline import FloatArray, SplineBasis
 
 PROBE = """<mujoco><extension><plugin plugin="{}"/></extension></mujoco>"""
-STILL = 2e-5  # of the length, that a cable at rest moves within the time of its slowest motion
+REST_MOTION = (
+    2e-5  # of the length, that a cable at rest moves within the time of its slowest motion
+)
 LONGEST = 100  # such times in which a cable comes to rest
 SAMPLES = 8  # points of the curve to a cell
 
@@ -64,7 +66,7 @@ class MujocoCable:
     Args:
         mujoco: the module.
         text: MJCF.
-        chain: what the text was made from.
+        chain: the chain that the text was made from.
 
     Raises:
         SimulationError: MuJoCo does not take the text.
@@ -111,7 +113,7 @@ class MujocoCable:
             self._mujoco.mj_step(model, data, watched)
             self._check(k * watched * self.step)
             now = self._places()
-            if np.abs(now - before).max() < STILL * self._chain.length:
+            if np.abs(now - before).max() < REST_MOTION * self._chain.length:
                 break
             before = now
         else:
@@ -129,8 +131,8 @@ class MujocoCable:
         Args:
             poses: pose of a grip ("start", "end") at a stamp [ns].
             begin: stamp of the present shape [ns].
-            stamps: at which shapes are wanted, growing, not before `begin`.
-            basis: of the shapes.
+            stamps: stamps at which shapes are wanted [ns], growing, not before `begin`.
+            basis: spline basis of the shapes that are returned.
 
         Raises:
             SimulationError: it blows up.

@@ -9,10 +9,10 @@ import numpy as np
 
 from dlo_ros.export.chain import CableChain
 from dlo_ros.export.grips import Pose
-from dlo_ros.export.mjcf import SAYS, fluid
+from dlo_ros.export.mjcf import FIELDS, fluid
 from dlo_ros.spline import FloatArray
 
-__all__ = ["SAYS", "approximations", "newton"]
+__all__ = ["FIELDS", "approximations", "newton"]
 
 BODY = '''
 import argparse
@@ -106,7 +106,7 @@ if __name__ == "__main__":
 
 
 def approximations(chain: CableChain) -> tuple[str, ...]:
-    """What the format says by something else, one line each."""
+    """Parts of the cable that the format only approximates, one line each."""
     ratio = float(np.mean(chain.twist)) / float(np.mean(chain.bend))
     lines = [
         "twist: a ball joint is as stiff against it as against bending; "
@@ -123,7 +123,7 @@ def newton(chain: CableChain, *, step: float, comment: str) -> str:
 
     Args:
         step: time step [s].
-        comment: what stands at the top.
+        comment: comment at the top of the file.
     """
     viscosity, air = fluid(chain)
     grips = {grip.end: grip for grip in chain.grips}

@@ -23,7 +23,7 @@ CONTROL_POINTS = 40  # of the standard motion's shapes, at least
 STROKE = 0.25  # of the length, by which the standard motion goes to and fro
 POINTS = 51  # of its command
 FRAMES = 61  # at which shapes are compared
-STILL = 1e-3  # of the length: what moves less stands still
+REST_MOTION = 1e-3  # of the length: what moves less stands still
 INSTANT = 1_000_000  # [ns] in which the velocity of a moving start is seen
 
 
@@ -32,18 +32,18 @@ class ComparedMotion:
     """A motion of the rod, and its observed shapes.
 
     Args:
-        name: for messages.
-        settings: of the rod that was simulated.
-        motion: as commanded.
-        stamps: of the shapes [ns], the first when the motion begins.
-        basis: of the shapes.
+        name: the motion's name in messages.
+        settings: settings of the rod that was simulated.
+        motion: motion of the clamps as commanded.
+        stamps: stamps of the shapes [ns], the first when the motion begins.
+        basis: spline basis of the shapes.
         shapes: control points of the rod, shape (F, n, 3) [m].
         fine: basis of `first`.
         first: the rod when the motion begins, in the simulation's own basis, shape (m, 4).
         soon: the same `INSTANT` later; None: it begins at rest.
         settled: whether it begins in equilibrium.
         observed: control points of what was seen, shape (F, n, 3), as the camera measures it.
-        camera: that measured it.
+        camera: the camera that measured `observed`.
     """
 
     name: str
@@ -62,7 +62,7 @@ class ComparedMotion:
     @property
     def moves(self) -> bool:
         """Whether the rod moves by more than a shape's rounding."""
-        return float(np.ptp(self.shapes, axis=0).max()) > STILL * self.basis.length
+        return float(np.ptp(self.shapes, axis=0).max()) > REST_MOTION * self.basis.length
 
     @property
     def command(self) -> Command:
@@ -119,8 +119,8 @@ def recorded_scene(
     """A recording's motion, from its first observed shape.
 
     Args:
-        settings: of the rod, without effects of the measurement.
-        full: with them.
+        settings: settings of the rod, without effects of the measurement.
+        full: settings with effects of the measurement.
 
     Raises:
         SimulationError, InputError: it cannot be simulated.

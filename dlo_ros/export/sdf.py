@@ -18,14 +18,14 @@ from dlo_ros.export.format_support import CHAIN
 from dlo_ros.export.grips import Grip, Pose
 from dlo_ros.spline import FloatArray
 
-SAYS = CHAIN
-"""Fields of the rod that the format can say."""
+FIELDS = CHAIN
+"""Fields of the rod that the format can express."""
 VERSION = "1.9"
 FURTHEST = 2.0  # [rad] that a joint may turn to either side
 
 
 def approximations(chain: CableChain) -> tuple[str, ...]:
-    """What the format says by something else, one line each."""
+    """Parts of the cable that the format only approximates, one line each."""
     lines = ["twist: a universal joint does not twist at all"]
     if chain.grips:
         lines.append("grips stand still: they are joints with the world")
@@ -37,7 +37,7 @@ def sdf(chain: CableChain, *, step: float, comment: str) -> str:
 
     Args:
         step: time step [s].
-        comment: what stands at the top.
+        comment: comment at the top of the file.
     """
     lines = [
         '<?xml version="1.0"?>',

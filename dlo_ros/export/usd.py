@@ -20,15 +20,15 @@ from dlo_ros.export.format_support import CHAIN, body_fields
 from dlo_ros.export.grips import Grip, Pose
 from dlo_ros.spline import FloatArray
 
-SAYS = CHAIN | body_fields("air_drag twist_rest")
-"""Fields of the rod that the format can say."""
+FIELDS = CHAIN | body_fields("air_drag twist_rest")
+"""Fields of the rod that the format can express."""
 DEGREE = math.pi / 180.0
 LOCKED = ("transX", "transY", "transZ")
 DRIVEN = ("rotX", "rotY", "rotZ")
 
 
 def approximations(chain: CableChain) -> tuple[str, ...]:
-    """What the format says by something else, one line each."""
+    """Parts of the cable that the format only approximates, one line each."""
     return ("springs are drives about three axes, right for small angles of a joint",)
 
 
@@ -37,7 +37,7 @@ def usd(chain: CableChain, *, step: float, comment: str) -> str:
 
     Args:
         step: time step [s].
-        comment: what stands at the top.
+        comment: comment at the top of the file.
     """
     size = float(np.linalg.norm(chain.gravity))
     down = chain.gravity / size if size > 0.0 else np.array([0.0, 0.0, -1.0])

@@ -38,9 +38,9 @@ class Worker:
     """Does as much of some work as fits into a time budget, again and again.
 
     Args:
-        budget: that a turn takes [s], what its caller has done before included; infinite: all work
-            is done at once. At least one piece is done in every turn.
-        clock: in which the budget counts [s].
+        budget: processor time of a turn [s], including what its caller has done before; infinite:
+            all work is done at once. At least one piece is done in every turn.
+        clock: function that returns the time by which the budget counts [s].
     """
 
     def __init__(self, budget: float, clock: Callable[[], float]) -> None:
@@ -60,7 +60,7 @@ class Worker:
         """Go on with the work, or with what is due where there is none.
 
         Args:
-            begin: of the turn, by the clock [s].
+            begin: start of the turn, by the clock [s].
         """
         if self._work is None:
             self._work = due()

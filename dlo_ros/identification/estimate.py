@@ -39,9 +39,9 @@ class Estimate:
         settings: the parameter file with the estimated E, mu and, where fitted, damping.
         young_modulus, density, specific_modulus: Pa, kg/m^3, m^2/s^2.
         young_modulus_std, density_std, specific_modulus_std: None where unbounded.
-        identifiable: per parameter, whether the recordings together with known forces determine
-            it, leaving density_std aside.
-        covariance: of the logarithms of `MATERIAL`, known prior information included,
+        identifiable: whether the recordings together with known forces determine a parameter, by
+            its name, leaving density_std aside.
+        covariance: covariance of the logarithms of `MATERIAL`, known prior information included,
             shape (4, 4).
         traded: pairs of parameters with a correlation beyond 0.95.
         significant: whether it differs enough from what was last reported as significant to be
@@ -155,7 +155,7 @@ def stated_covariance(settings: Settings) -> FloatArray | None:
     return result if result.any() else None
 
 
-def told_covariance(settings: Settings, information: FloatArray) -> FloatArray:
+def estimate_covariance(settings: Settings, information: FloatArray) -> FloatArray:
     """Covariance (4, 4) of the logarithms after recordings, guesses included.
 
     Args:
@@ -179,7 +179,7 @@ def summarise(initial: Settings, theta: FloatArray, data_information: FloatArray
     Args:
         initial: the settings before the fit, whose std fields are the prior knowledge.
         theta: estimated ln (E, mu, c, t_r).
-        data_information: of the data alone, correlation accounted for, shape (4, 4).
+        data_information: information of the data alone, correlation accounted for, shape (4, 4).
     """
     covariance = _inverse(data_information + known_information(initial, weighed=True))
     unweighed = _inverse(data_information + known_information(initial, weighed=False))

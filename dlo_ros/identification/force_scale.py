@@ -36,15 +36,15 @@ LEAST = 1e-6
 
 
 @dataclass(frozen=True)
-class Borne:
+class GripForces:
     """Forces that were measured and predicted at one end.
 
     Args:
         name: recording and end, for people.
-        measured: what the sensor told.
-        stamps: of the shapes [ns], F of them.
+        measured: forces that the sensor measured.
+        stamps: stamps of the shapes [ns], F of them.
         predicted: force and torque of the grip at these, shape (F, 6).
-        commands: what was imposed.
+        commands: commands that led the grips.
     """
 
     name: str
@@ -59,9 +59,10 @@ class Scale:
     """The common scale of all forces over the model's.
 
     Args:
-        log: its logarithm.
-        information: on it.
-        std: of its logarithm with everything; from how forces change alone; from their mean alone.
+        log: logarithm of the scale.
+        information: information on that logarithm.
+        std: standard deviation of the logarithm with all information; from how forces change alone;
+            from their mean alone.
     """
 
     log: float
@@ -93,24 +94,28 @@ def grip_wrenches(loadings: Sequence[Loading], end: str) -> FloatArray | None:
 def borne_along(
     name: str, loadings: Sequence[Loading], stamps: Sequence[int], wrenches: Sequence[Wrenches],
     commands: Sequence[Command],
-) -> list[Borne]:  # fmt: skip
+) -> list[GripForces]:  # fmt: skip
     """What was measured at the ends, beside what the DLO bears at stamps [ns]."""
     result = []
     for measured in wrenches:
         predicted = grip_wrenches(loadings, measured.end)
         if predicted is not None:
             label = f"{name}, {measured.end}"
-            result.append(Borne(label, measured, tuple(stamps), predicted, tuple(commands)))
+            result.append(GripForces(label, measured, tuple(stamps), predicted, tuple(commands)))
     return result
 
 
 def scale_of(
-    borne: Sequence[Borne], settings: Settings, *, known: float = 0.0, diameter_std: float = 0.0
+    borne: Sequence[GripForces],
+    settings: Settings,
+    *,
+    known: float = 0.0,
+    diameter_std: float = 0.0,
 ) -> Scale | None:
     """The scale that forces tell; None where none was measured near a shape.
 
     Args:
-        settings: of the parameter file, by whose weight offsets are judged.
+        settings: settings of the parameter file, by whose weight force offsets are judged.
         known: information beforehand on the logarithm of the scale, that it is 0.
         diameter_std: standard deviation of the DLO's diameter over the diameter.
     """
@@ -118,7 +123,11 @@ def scale_of(
 
 
 def scale_in_pieces(
-    borne: Sequence[Borne], settings: Settings, *, known: float = 0.0, diameter_std: float = 0.0
+    borne: Sequence[GripForces],
+    settings: Settings,
+    *,
+    known: float = 0.0,
+    diameter_std: float = 0.0,
 ) -> Pieces[Scale | None]:
     """As `scale_of`, piece by piece for who must not wait."""
     log, information = 0.0, 0.0
@@ -151,7 +160,7 @@ def scale_in_pieces(
 
 
 def _fields(
-    borne: Sequence[Borne], settings: Settings, scale: float, diameter_std: float
+    borne: Sequence[GripForces], settings: Settings, scale: float, diameter_std: float
 ) -> list[WrenchField]:
     """Measured and predicted forces with the derivative by the scale's logarithm."""
     result = []
@@ -190,7 +199,7 @@ def words(std: tuple[float | None, float | None, float | None], messages: int) -
 
     Args:
         std: relative, with everything, from change alone, from the mean alone; None: unknown.
-        messages: that were measured.
+        messages: number of measured messages.
     """
     everything, change, mean = ("nothing" if s is None else f"{rounded(100.0 * s)} %" for s in std)
     return (

@@ -36,12 +36,12 @@ class Knowledge:
     """The source and the uncertainty of one quantity.
 
     Args:
-        name, words: for programs and for people.
+        name, words: names of the quantity for programs and for people.
         source: `data`: the recordings determine it, with the known forces; `prior`: it is known
             beforehand, and the recordings add little; `guess`: nobody knows it.
         data_std: relative standard deviation from the recordings alone, without anything known
             beforehand; None where they leave it open.
-        std: with everything; None where it is open.
+        std: standard deviation with all information; None where it is open.
     """
 
     name: str
@@ -55,8 +55,8 @@ def knowledge(estimate: Estimate, information: FloatArray) -> list[Knowledge]:
     """Source and uncertainty of E/mu, E, mu, c/mu, c and t_r.
 
     Args:
-        estimate: of the parameters.
-        information: of the data on the logarithms of `MATERIAL`, shape (4, 4).
+        estimate: estimate of the parameters.
+        information: information of the data on the logarithms of `MATERIAL`, shape (4, 4).
     """
     settings = estimate.settings
     forces = known_information(settings, weighed=False)
@@ -102,10 +102,10 @@ def correlations(estimate: Estimate) -> dict[tuple[str, str], float]:
 def sentences(estimate: Estimate, information: FloatArray) -> list[str]:
     """Sentences on what the recordings determine, and what would settle the rest."""
     known = knowledge(estimate, information)
-    told = [f"{k.words} to {_percent(k.std)}" for k in known if k.source == "data" and k.std]
+    determined = [f"{k.words} to {_percent(k.std)}" for k in known if k.source == "data" and k.std]
     before = [k.words for k in known if k.source == "prior"]
     open_ = [k.words for k in known if k.source == "guess"]
-    result = [f"The recordings determine {enumerated(told)}." if told else
+    result = [f"The recordings determine {enumerated(determined)}." if determined else
               "The recordings determine none of the parameters."]  # fmt: skip
     if before:
         result.append(

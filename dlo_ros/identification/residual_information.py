@@ -40,9 +40,9 @@ class Errors:
         across, along: variance of the part that is new in every picture, of one number, across
             the DLO and along it [m^2].
         lasting: variance of the part that dies out over time [m^2].
-        persistence: its correlation from picture to picture, 0 to 1.
+        persistence: correlation of the drawn-out part from picture to picture, 0 to 1.
         constant: variance of the part that stays [m^2].
-        reach: over how many control points the lasting parts are correlated.
+        reach: number of control points over which the lasting parts are correlated.
     """
 
     across: float
@@ -90,8 +90,8 @@ def residual_errors(residual: FloatArray, direction: FloatArray) -> Errors:
     """Decomposition of residuals into parts of different correlation.
 
     Args:
-        residual: as in `Forecast`, shape (F, n, 3) [m].
-        direction: of the DLO, shape (F, n, 3).
+        residual: residual as in `Forecast`, shape (F, n, 3) [m].
+        direction: unit tangents of the DLO, shape (F, n, 3).
     """
     frames, n, _ = residual.shape
     squares = np.sum(residual**2, axis=(0, 1))
@@ -208,8 +208,8 @@ def normal_equations(found: Forecast, settings: RodSettings | None = None) -> No
     """Normal equations of one recording, for what its residuals are made of.
 
     Args:
-        found: with derivatives.
-        settings: of the model, for its own error; None leaves that out.
+        found: forecast with derivatives.
+        settings: settings of the model, for its own error; None leaves that out.
     """
     assert found.derivative is not None
     direction = tangents(found.predicted)
@@ -224,9 +224,9 @@ def _normal_equations(
     """See `normal_equations`.
 
     Args:
-        derivative: as in `Forecast`, shape (F, P, n, 3).
-        direction: of the DLO, shape (F, n, 3).
-        errors: of the residuals.
+        derivative: derivatives of the prediction as in `Forecast`, shape (F, P, n, 3).
+        direction: unit tangents of the DLO, shape (F, n, 3).
+        errors: variances and correlations of the residuals.
         own: error of the model [m], the same in all pictures and smooth along the DLO.
     """
     parameters, n = derivative.shape[1:3]
@@ -263,9 +263,9 @@ def data_information(
     (Birge ratio, on the direction of ln E).
 
     Args:
-        forecasts: with derivatives.
-        settings: of the model, for its own error; None leaves that out.
-        shifts: by which the logarithms are known to be wrong without being corrected, each (P,).
+        forecasts: forecasts with derivatives.
+        settings: settings of the model, for its own error; None leaves that out.
+        shifts: uncorrected errors of the logarithms that are known to be possible, each (P,).
     """
     found = [normal_equations(f, settings) for f in forecasts]
     hessian = np.sum([e.hessian for e in found], axis=0)
@@ -287,7 +287,7 @@ def _pull(found: Forecast) -> float:
     return float(np.sum(found.derivative[:, 0] * found.residual))
 
 
-def told_directions(information: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def determined_directions(information: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Directions in which there is information.
 
     Returns:
@@ -303,7 +303,7 @@ def told_directions(information: FloatArray) -> tuple[FloatArray, FloatArray, Fl
 
 def sandwich(hessian: FloatArray, covariance: FloatArray) -> FloatArray:
     """H M^-1 H, where flat directions of H stay flat."""
-    scale, _, basis = told_directions(hessian)
+    scale, _, basis = determined_directions(hessian)
     h = hessian * np.outer(scale, scale)
     m = covariance * np.outer(scale, scale)
     inner = np.linalg.pinv(basis.T @ m @ basis, hermitian=True)

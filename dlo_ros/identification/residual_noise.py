@@ -22,7 +22,7 @@ def correlation_length(residuals: Sequence[FloatArray], axis: int) -> float:
     many samples it has. The sum is cut where the correlation has decayed.
 
     Args:
-        residuals: one field per recording, shape (F, n, 3).
+        residuals: one residual field per recording, shape (F, n, 3).
         axis: 0 for time, 1 for the position along the DLO.
     """
     total, lag_zero, longest = np.zeros(0), 0.0, max(r.shape[axis] for r in residuals)

@@ -29,7 +29,7 @@ def apparent_start(manipulation: Manipulation, length: float) -> str | None:
     """The value of simulation.start of a recording that begins in motion by itself.
 
     Args:
-        length: of the DLO [m].
+        length: length of the DLO [m].
 
     Returns:
         `observed` where it has been let go from rest, `moving` where it was in motion already;

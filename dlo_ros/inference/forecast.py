@@ -29,11 +29,11 @@ class Manipulation:
     """A measured manipulation: what was imposed and what was seen.
 
     Args:
-        name: for messages and reports.
-        commands: in the order of receipt.
-        observations: by growing stamp, at least one.
+        name: name for messages and reports.
+        commands: commands in the order of receipt.
+        observations: observations by growing stamp, at least one.
         wrenches: measured forces and torques of the grips, for each end that has them.
-        start: how its simulation starts, see simulation.start; None: as the settings say.
+        start: value of simulation.start for this recording; None: that of the settings.
     """
 
     name: str
@@ -70,15 +70,15 @@ class Forecast:
         residual: observed minus predicted in coefficients of which the squares sum to the mean
             squared distance along u, and of which white noise along the DLO makes white numbers;
             shape (F, n, 3) [m]. Of pictures with measured points: see `observation_operator`.
-        derivative: of the prediction in these coefficients with respect to the logarithms of the
-            P parameters, shape (F, P, n, 3); None where not asked for.
-        sensitivity: of the predicted control points themselves, shape (F, P, n, 3) [m]; None where
-            not asked for.
+        derivative: derivative of the prediction in these coefficients with respect to the
+            logarithms of the P parameters, shape (F, P, n, 3); None where not requested.
+        sensitivity: derivative of the predicted control points themselves, shape (F, P, n, 3) [m];
+            None where not requested.
         err: eq. (10), shape (F,) [m].
         spans: knot spans of the simulation.
         resolution_error: the simulation's own error, over L; NaN where it was not judged.
         stable: whether the equilibrium that it starts from is stable.
-        loadings: what the DLO and its grips bear, F of them; none where that was not asked for.
+        loadings: loads on the DLO and its grips, F of them; none where they were not requested.
     """
 
     stamps: np.ndarray
@@ -112,7 +112,7 @@ def forecast(
     """Simulate a manipulation from its first observed shape and compare at every observed stamp.
 
     Args:
-        parameters: of which derivatives are wanted, see `dlo_ros.rod.sensitivity_parameters`.
+        parameters: parameters of the wanted derivatives, see `dlo_ros.rod.sensitivity_parameters`.
         spans: knot spans; default: as simulation.tolerance asks.
         last_stamp: leave out later observations [ns].
         loads: whether forces, tension and bend radius are wanted.
@@ -168,7 +168,7 @@ def warn_of_instability(found: Forecast, name: str) -> None:
     news.
 
     Args:
-        name: of the recording.
+        name: name of the recording.
     """
     if not found.stable:
         flat = not np.any(found.predicted[..., 1])

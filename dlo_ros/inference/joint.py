@@ -49,11 +49,11 @@ class Evaluation:
     """A model held against recordings.
 
     Args:
-        model: with its values.
+        model: model with its values.
         fields: residual coefficients [m], shape (F, K), and their derivatives, shape (F, P, K), of
             each recording.
         spectra: normal equations of each recording.
-        variances: of the errors.
+        variances: variances of the errors of each recording.
         posterior: linearised at the model's values.
         err: eq. (10) per recording and frame [m].
         predicted: control points per recording [m], shape (F, n, 4).
@@ -128,7 +128,8 @@ def field(
 
     Args:
         predicted: control points of the last F frames [m], shape (F, n, 3 or more).
-        moves: their derivatives by the simulation's P parameters, shape (F, P, n, 3); None: none.
+        moves: derivatives of the simulated shapes by the simulation's P parameters, shape (F, P, n,
+            3); None: none.
         scale: derivatives of those parameters by the model's, shape (P,).
 
     Raises:
@@ -155,7 +156,7 @@ def least(
     """Least squares with priors, as if the model were linear and errors white.
 
     Args:
-        fields: per recording.
+        fields: one residual field per recording.
         offset: prior means minus the values, shape (P,).
         precision: inverse prior variances, shape (P,).
 
@@ -313,8 +314,8 @@ class _Improvement:
     """One iteration of a fit.
 
     Args:
-        at: what is better, with the derivatives from before; None where nothing is.
-        way: for the next one.
+        at: better evaluation, with the derivatives from before; None where none was found.
+        way: state of the search for the next iteration.
         gain_predicted: whether the derivatives predicted the gain.
     """
 
@@ -359,7 +360,7 @@ def borrowed(at: Evaluation, model: ParametricModel, recordings: Sequence[Record
     """A model held against recordings, with the derivatives of another that has all it has.
 
     Args:
-        at: held against the same recordings, or longer ones with the same beginnings.
+        at: evaluation against the same recordings, or longer ones with the same beginnings.
 
     Raises:
         SimulationError: it cannot be simulated.

@@ -30,19 +30,19 @@ class Recording:
     """One recording with what turns a difference of shapes into white numbers.
 
     Args:
-        manipulation: what was imposed and seen.
+        manipulation: commands and observations of the recording.
         observed: control points [m], shape (F, n, 3).
-        times: since the first frame [s], shape (F,).
-        across: from differences of control points to coefficients, shape (F, K, n, 3); their
-            squares sum to the mean squared distance along u. The first n are normal to the
-            observed curve in the board's plane, then those along it, then those out of the plane
-            where the recording leaves it.
+        times: times since the first frame [s], shape (F,).
+        across: matrices that map differences of control points to coefficients, shape (F, K, n, 3);
+            the squares of these sum to the mean squared distance along u. The first n are normal to
+            the observed curve in the board's plane, then those along it, then those out of the
+            plane where the recording leaves it.
         noise: standard deviation of each coefficient [m], shape (K,).
         spans: knot spans of the simulation; None: as simulation.tolerance asks.
-        tolerance: of the simulation's time steps; None: simulation.tolerance.
+        tolerance: tolerance of the simulation's time steps; None: simulation.tolerance.
         bias: standard deviation of what stays wrong in all pictures, in each coefficient [m],
             shape (K,); 0: nothing.
-        beyond: what measured points say beyond the observed splines, in coefficients [m], shape
+        beyond: difference of measured points from the observed splines, in coefficients [m], shape
             (F, K). Of pictures with points, `across` and it are those of `observation_operator`.
     """
 
@@ -219,8 +219,8 @@ def outliers(*fields: FloatArray, limit: float = 6.0) -> np.ndarray:
     stands alone.
 
     Args:
-        fields: such as residuals, shape (F, n, 3) each.
-        limit: in typical jumps.
+        fields: fields such as residuals, shape (F, n, 3) each.
+        limit: limit of a jump, in typical jumps.
     """
     flat = [f.reshape(len(f), -1).copy() for f in fields]
     wrong = np.zeros(len(flat[0]), dtype=bool)

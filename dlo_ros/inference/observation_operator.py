@@ -65,9 +65,9 @@ class Operator:
     """Linear map from control points to the points of one picture, in units of their stated noise.
 
     Args:
-        rows: from control points [m] to numbers, for each direction (across in the plane, along,
-            out of the plane), shape (3, n, n, 3).
-        offset: of the points, shape (3, n).
+        rows: matrices from control points [m] to numbers, for each direction (across in the plane,
+            along, out of the plane), shape (3, n, n, 3).
+        offset: offsets of the points, shape (3, n).
         turn: unit vectors of these directions at the Greville abscissae, shape (n, 3, 3).
         information: sum of 1 / std^2 [1/m^2].
     """
@@ -108,7 +108,7 @@ def operator_of(observation: Observation, length: float) -> Operator | None:
     """The operator of an observation; None where it has no usable points, or too few.
 
     Args:
-        observation: whose splines fix the basis and the directions.
+        observation: observation, whose splines fix the basis and the directions.
         length: L [m].
     """
     if observation.points is None:
@@ -193,8 +193,8 @@ def _not_followed(basis: SplineBasis, u: FloatArray, apart: FloatArray) -> Float
 
     Args:
         basis: the published one.
-        u: of the points [m], shape (m,).
-        apart: of the points from the published spline [m], shape (m, 3).
+        u: material coordinates of the points [m], shape (m,).
+        apart: differences of the points from the published spline [m], shape (m, 3).
     """
     times = -(-FINER_SPANS // basis.spans)
     times = min(times, (len(u) // POINTS_EACH - DEGREE) // basis.spans)

@@ -73,7 +73,7 @@ class Processes:
     """Worker processes of this machine.
 
     Args:
-        count: how many.
+        count: number of processes.
     """
 
     def __init__(self, count: int) -> None:
@@ -130,7 +130,7 @@ class Cluster:
     """Workers of a Dask cluster.
 
     Args:
-        address: of its scheduler, such as tcp://host:8786.
+        address: address of the scheduler, such as tcp://host:8786.
 
     Raises:
         InputError: Dask is not installed, or no scheduler answers.

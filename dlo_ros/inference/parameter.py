@@ -20,7 +20,7 @@ class Parameter:
     """One unknown number.
 
     Args:
-        name: as in `dlo_ros.rod.sensitivity_parameters`.
+        name: name as in `dlo_ros.rod.sensitivity_parameters`.
         unit: SI unit of its value.
         logarithmic: whether inference works on its logarithm.
         lower, upper: hard range of the value.

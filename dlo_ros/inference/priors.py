@@ -58,7 +58,7 @@ def joint_model(start: Settings, given: Settings, scene: Scene) -> ParametricMod
     Args:
         start: values of the material from where a fit begins; effects given beforehand stay.
         given: the parameter file.
-        scene: what the recordings look like.
+        scene: properties of the recordings on which the priors depend.
     """
     model = ParametricModel(start, material_priors(given))
     for name, effect in effects().items():

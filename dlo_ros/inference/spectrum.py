@@ -34,7 +34,7 @@ class Spectrum:
 
     Args:
         frames: number of frames F; of joined spectra that of all of them.
-        count: of numbers in each bin, shape (B,).
+        count: number of values in each bin, shape (B,).
         sum_of_squares: sum of squared residuals [m^2], shape (B,).
         gradient: J^T r, shape (B, P).
         hessian: J^T J, shape (B, P, P).

@@ -53,8 +53,8 @@ class Variances:
     """Error variances of one recording, each in D directions; mean squares along the DLO [m^2].
 
     Args:
-        white: of noise that is white along the DLO, shape (D,).
-        nodal: of noise that every control point has of its own, shape (D,).
+        white: variances of noise that is white along the DLO, shape (D,).
+        nodal: variances of noise that every control point has of its own, shape (D,).
         fading: smooth along the DLO, shape (D,).
         lasting: the same in all frames, smooth along the DLO, shape (D,).
         rough: the same in all frames, white along the DLO, shape (D,).
@@ -133,7 +133,8 @@ def widened_covariance(
     samples, 2002); each standard deviation is at least that. Nothing is simulated for it.
 
     Args:
-        offset, precision: of the prior, see `posterior`.
+        offset, precision: prior means minus the point of linearisation, and inverse prior
+            variances, see `posterior`.
     """
     found = posterior(spectra, variances, offset, precision)
     if len(spectra) < 2:
@@ -185,10 +186,11 @@ def fit_variances(
     common to all: a recording that fits badly is no less worth than the others.
 
     Args:
-        offset, precision: of the prior, see `posterior`.
-        length: of the DLO [m].
-        start: of the search; default: from the residuals.
-        iterations: of the search at most.
+        offset, precision: prior means minus the point of linearisation, and inverse prior
+            variances, see `posterior`.
+        length: length of the DLO [m].
+        start: variances at the start of the search; default: from the residuals.
+        iterations: largest number of iterations.
     """
     x0 = _packed([guess(s, length) for s in spectra])
     if start:

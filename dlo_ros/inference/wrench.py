@@ -47,10 +47,10 @@ class WrenchField:
     Args:
         name: recording and end, for people.
         residual: measured minus predicted [N; N m], shape (F, C).
-        derivative: of the prediction by P logarithms, shape (F, C, P).
+        derivative: derivatives of the prediction by P logarithms, shape (F, C, P).
         nuisances: columns in prior standard deviations, shape (F, C, Q).
-        offsets: which of the columns are constant offsets, shape (Q,).
-        torque: which components are torques, shape (C,).
+        offsets: whether a column is a constant offset, shape (Q,).
+        torque: whether a component is a torque, shape (C,).
         white: stated noise of a component [N; N m], shape (C,).
         scale: weight, and weight times length, of each component [N; N m], shape (C,).
     """
@@ -73,7 +73,7 @@ class Told:
         information: shape (P, P).
         gradient: information times the step to the logarithms that fit best, shape (P,).
         left: root mean square of what is left in each component [N; N m], shape (C,).
-        variance: of the errors, in the cosine transform over time, shape (F, C).
+        variance: variance of the errors, in the cosine transform over time, shape (F, C).
     """
 
     information: FloatArray
@@ -95,11 +95,11 @@ def wrench_field(
     """One end of one recording; None where nothing was measured near its shapes.
 
     Args:
-        stamps: of the shapes [ns], F of them.
+        stamps: stamps of the shapes [ns], F of them.
         predicted: force and torque of the grip at these, shape (F, 6).
-        derivative: of these by P logarithms, shape (F, 6, P).
-        settings: of the DLO and its sensors.
-        commands: what was imposed.
+        derivative: derivatives of the predicted forces by P logarithms, shape (F, 6, P).
+        settings: settings of the DLO and its sensors.
+        commands: commands that led the grips.
         more: further columns in prior standard deviations, shape (F, 6) each.
     """
     values, share, found = near(measured, stamps)
@@ -206,8 +206,8 @@ def told(field: WrenchField, offset: FloatArray, precision: FloatArray) -> Told:
     """Variances of one end's errors, and what it tells with them.
 
     Args:
-        offset: where the logarithms are expected minus where the derivatives are taken, shape (P,).
-        precision: of that expectation, shape (P, P).
+        offset: expected logarithms minus those at which the derivatives are taken, shape (P,).
+        precision: precision of that expectation, shape (P, P).
     """
     transformed = _Transformed.of(field)
     return transformed.told(transformed.fitted(offset, precision), field)

@@ -35,7 +35,7 @@ def near(
     A parabola or line through the messages of a window, at most half the way to the next shape.
 
     Args:
-        stamps: of the shapes [ns], F of them.
+        stamps: stamps of the shapes [ns], F of them.
 
     Returns:
         Force and torque (F, 6), standard deviation of each over that of one message, (F,), and
@@ -79,7 +79,7 @@ def shaken(measured: Wrenches, stamps: Sequence[int]) -> NDArray[np.bool_]:
     """Which shapes have forces about them that jump as no motion between pictures does, (F,).
 
     Args:
-        stamps: of the shapes [ns], F of them.
+        stamps: stamps of the shapes [ns], F of them.
     """
     at = np.asarray(stamps, dtype=np.int64)
     if len(measured.stamps) < FEWEST:

@@ -36,8 +36,9 @@ class CommandSubscription:
     One that the executor hands over too late is followed by those that it was before, once more.
 
     Args:
-        node: which subscribes.
-        callback: is given each command; one that is malformed is refused with a warning instead.
+        node: node that subscribes.
+        callback: function that is called with each command; a malformed one is refused with a
+            warning instead.
     """
 
     def __init__(self, node: DloNode, callback: Callable[[Command], None]) -> None:

@@ -137,9 +137,9 @@ class LiveSettings:
     """The node's settings, changed as a set by `ros2 param set` and refused as a set.
 
     Args:
-        node: whose parameters were declared.
-        settings: as they were declared.
-        changed: is called with the new settings after a change.
+        node: node whose parameters were declared.
+        settings: settings as they were declared.
+        changed: function that is called with the new settings after a change.
         usable: raises a DloError for settings that the table allows, but the node cannot use.
     """
 

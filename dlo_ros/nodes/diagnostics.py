@@ -61,8 +61,8 @@ class Health:
 
     Args:
         node: the node that is described.
-        task: what the node does, the second part of the status' name.
-        hardware_id: which camera, or which DLO: the namespace where there is one.
+        task: the node's task, the second part of the status' name.
+        hardware_id: name of the camera or of the DLO: the namespace where there is one.
         steady: the event, as `count` names it, that goes on while the node works.
     """
 

@@ -54,7 +54,7 @@ class EstimatorThread:
 
     Args:
         settings: the parameter file.
-        ready: is called from the thread whenever an outcome can be taken.
+        ready: function that the thread calls whenever an outcome can be taken.
     """
 
     def __init__(self, settings: Settings, ready: Callable[[], None]) -> None:

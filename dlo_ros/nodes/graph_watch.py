@@ -27,12 +27,12 @@ from dlo_ros.recordings import topics
 NAME = "_dlo_doctor"
 """The underscore hides it from `ros2 node list`."""
 
-LOOK = 0.3
+GRAPH_PERIOD = 0.3
 """Seconds between two looks at who is there."""
 
 CLOCK_TYPE = "rosgraph_msgs/msg/Clock"
 TRANSFORMS = {topics.MOVING_TRANSFORMS: qos.SENSOR, topics.TRANSFORMS: qos.LATCHED}
-HEARD = (
+HEADER_TOPICS = (
     topics.OBSERVED,
     topics.OBSERVED_POINTS,
     topics.PREDICTED,
@@ -57,7 +57,7 @@ class GraphWatch:
     """Collects topics, endpoints, nodes and messages of the graph.
 
     Args:
-        node: by which is looked; it publishes nothing.
+        node: node that subscribes to the graph's topics; it publishes nothing.
     """
 
     def __init__(self, node: Node) -> None:
@@ -93,7 +93,9 @@ class GraphWatch:
             found[name] = self._endpoints(name)
         for name, ends in found.items():
             own = topics.relative(name)
-            if own in HEARD and any(e.publishes and e.kind == topics.TYPES[own] for e in ends):
+            if own in HEADER_TOPICS and any(
+                e.publishes and e.kind == topics.TYPES[own] for e in ends
+            ):
                 latched = own == topics.COMMAND and all(e.latched for e in ends if e.publishes)
                 profile = qos.LATCHED if latched else qos.SENSOR
                 self._hear(name, topics.TYPES[own], self._on_header, profile)
@@ -103,8 +105,8 @@ class GraphWatch:
         """All observations so far.
 
         Args:
-            middleware: its name.
-            seconds: for how long was looked [s].
+            middleware: name of the ROS middleware.
+            seconds: time for which the graph was watched [s].
         """
         nodes = []
         for name, ready in self._ready.items():
@@ -235,7 +237,7 @@ def watch(seconds: float) -> Graph:
     """Look at the graph for a while.
 
     Args:
-        seconds: for how long [s].
+        seconds: time for which the graph is watched [s].
     """
     with ros([]):
         node = Node(NAME, enable_rosout=False, start_parameter_services=False)
@@ -244,9 +246,9 @@ def watch(seconds: float) -> Graph:
         try:
             view = GraphWatch(node)
             end = time.monotonic() + seconds
-            looked = -LOOK
+            looked = -GRAPH_PERIOD
             while (now := time.monotonic()) < end:
-                if now - looked >= LOOK:
+                if now - looked >= GRAPH_PERIOD:
                     looked = now
                     view.look()
                 executor.spin_once(timeout_sec=min(0.05, end - now))

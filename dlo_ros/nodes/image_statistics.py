@@ -35,7 +35,7 @@ class ImageStatistics:
         """Count an image.
 
         Args:
-            stamp: of the image [ns].
+            stamp: stamp of the image [ns].
         """
         last, self._last = self._last, stamp
         if last is None or not 0 < stamp - last < LONGEST * NANOSECONDS:

@@ -20,7 +20,7 @@ from dlo_ros.nodes.qos import LATCHED
 LOADING = "waiting for its compiled kernels"
 """State of a node whose kernels are compiled and are being loaded; takes a second or two."""
 
-TOLD = 10.0
+REPORT_INTERVAL = 10.0
 """Seconds between two log lines on the progress of a compilation."""
 
 
@@ -28,9 +28,10 @@ class Preparation:
     """Compilation and loading of a node's kernels.
 
     Args:
-        node: whose they are; it calls `proceed` now and then.
+        node: node whose kernels are prepared; it calls `proceed` now and then.
         stages: names in `dlo_ros.compilation.STAGES`.
-        load: returns when the compiled kernels are loaded; is called in a thread of its own.
+        load: function that returns when the compiled kernels are loaded; it is called in a thread
+            of its own.
 
     Raises:
         KernelError: numba is not installed, or no folder for compiled code can be written.
@@ -47,7 +48,7 @@ class Preparation:
         self._loading: threading.Thread | None = None
         self._compilation = BackgroundCompilation(stages)
         self._compiles = self._compilation.start()
-        self._began = self._told = time.monotonic()
+        self._began = self._reported = time.monotonic()
         if self._compiles:
             self.state = str(self._compilation.poll())
             node.get_logger().info("compiling the numerical kernels, once; other nodes share them")
@@ -64,8 +65,8 @@ class Preparation:
                 self.state = LOADING
                 self._loading = threading.Thread(target=self._run, name="loading", daemon=True)
                 self._loading.start()
-            elif time.monotonic() - self._told > TOLD:
-                self._told = time.monotonic()
+            elif time.monotonic() - self._reported > REPORT_INTERVAL:
+                self._reported = time.monotonic()
                 self._node.get_logger().info(self.state)
             return False
         if self._loading.is_alive() or self.error:
@@ -73,11 +74,11 @@ class Preparation:
         self.done = True
         return True
 
-    def tell(self, state: str) -> None:
+    def announce(self, state: str) -> None:
         """Let the graph know that the node takes data from now on.
 
         Args:
-            state: what it does next, for the log.
+            state: the node's next task, for the log.
         """
         self._publisher.publish(Bool(data=True))
         took = time.monotonic() - self._began

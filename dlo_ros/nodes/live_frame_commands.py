@@ -20,7 +20,7 @@ PERIOD = 0.02
 POLL = 0.5
 """Seconds between two looks at whether the frames are there."""
 
-SILENT = 1.0
+SILENCE_TIMEOUT = 1.0
 """Seconds after which a robot that tells nothing any more is told of."""
 
 
@@ -28,8 +28,8 @@ class FrameCommands:
     """Commands from frames: each leads from the last known pose to the newest one.
 
     Args:
-        node: which subscribes; its settings say which frames.
-        callback: is given each command.
+        node: node that subscribes; its settings name the frames.
+        callback: function that is called with each command.
 
     Raises:
         ParameterError: tf2_msgs is missing, and frames are wanted.
@@ -60,11 +60,11 @@ class FrameCommands:
         """Frames of the ends that are held: of poses those that come, or are to come."""
         if self._source == "tf":
             return self._frames
-        told = self._listener.transforms.parents
+        known = self._listener.transforms.parents
         return {
             end: each
             for end, each in self._frames.items()
-            if each[0] in told or self._node.is_published(each[0])
+            if each[0] in known or self._node.is_published(each[0])
         }
 
     def _proceed(self) -> None:
@@ -106,7 +106,7 @@ class FrameCommands:
             return
         now = node.now()
         silent = (now - self._last) / NANOSECONDS
-        if now and moving and silent > SILENT:
+        if now and moving and silent > SILENCE_TIMEOUT:
             node.health.warn(
                 "command", f"the last pose of the clamps' frames came {silent:.1f} s ago"
             )

@@ -17,7 +17,7 @@ class LoadPublisher:
     """Publishes forces, tension and bend radius of predictions, and raises the alarm.
 
     Args:
-        node: which publishes.
+        node: node that publishes.
     """
 
     def __init__(self, node: DloNode) -> None:

@@ -26,7 +26,7 @@ class Markers:
     """Draws splines of one colour, only while there is a subscriber.
 
     Args:
-        node: which publishes.
+        node: node that publishes.
         name: namespace of the markers, such as `observed`.
         colour: red, green, blue, 0 to 1.
     """

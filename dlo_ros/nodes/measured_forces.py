@@ -34,7 +34,7 @@ class MeasuredForces:
     """Messages of `dlo/wrench_start` and `dlo/wrench_end`, transformed to `frame_id`.
 
     Args:
-        node: which subscribes; to transforms only once a message is in another frame.
+        node: node that subscribes; to transforms only once a message is in another frame.
     """
 
     def __init__(self, node: DloNode) -> None:
@@ -69,7 +69,7 @@ class MeasuredForces:
         """The messages so far in `frame_id`; those whose frame has no pose yet wait.
 
         Args:
-            commands: that say where the ends are held.
+            commands: commands that say where the ends are held.
         """
         result = []
         for end, waiting in self._waiting.items():
@@ -101,10 +101,10 @@ class MeasuredForces:
         if same_frame(frame, fixed):
             return np.inf
         try:
-            told = self._transforms.instants(frame, fixed)
+            stamps = self._transforms.instants(frame, fixed)
         except InputError:
             return -np.inf if time.monotonic() < self._since + PATIENCE else np.inf
-        return told[-1] if told and newest < told[-1] + LATE else np.inf
+        return stamps[-1] if stamps and newest < stamps[-1] + LATE else np.inf
 
     def _turned(
         self, end: str, stamps: np.ndarray, table: FloatArray, frame: str,

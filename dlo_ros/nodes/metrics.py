@@ -21,7 +21,7 @@ class Metrics:
     """Publishes `dlo/metrics`, where statistics_msgs is installed.
 
     Args:
-        node: which publishes.
+        node: node that publishes.
     """
 
     def __init__(self, node: DloNode) -> None:

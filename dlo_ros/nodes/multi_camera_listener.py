@@ -44,9 +44,9 @@ def transport_of(node: DloNode, camera: str, chosen: str) -> tuple[str, str]:
     """Whether images of a camera come raw or compressed, and their topic; compressed if both.
 
     Args:
-        node: which subscribes; its settings may say.
-        camera: its name; empty: the one camera.
-        chosen: what it was before, which stays where neither is published; empty: nothing.
+        node: node that subscribes; its settings may name the transport.
+        camera: name of the camera; empty: the one camera.
+        chosen: transport used so far, which is kept where neither is published; empty: none.
     """
     compressed = topics.of_camera(camera, topics.COMPRESSED)
     raw = topics.of_camera(camera, topics.IMAGE)
@@ -65,10 +65,10 @@ class MultiCameraListener:
     """Observes the DLO in the images of each instant.
 
     Args:
-        node: which subscribes.
+        node: node that subscribes.
         motion: the imposed motion, as it is known so far.
-        publish: called with the observation of each instant.
-        predicted: returns the predicted control points near a stamp [ns], or None.
+        publish: function that is called with the observation of each instant.
+        predicted: function that returns the predicted control points near a stamp [ns], or None.
     """
 
     def __init__(
@@ -190,14 +190,14 @@ class MultiCameraListener:
         commands = self._motion.commands
         if self._node.settings.command.source == "topic" or not commands:
             return False
-        told = commands[-1].end_stamp
-        if told >= stamp or told == self._silent_since:
+        end = commands[-1].end_stamp
+        if end >= stamp or end == self._silent_since:
             return False
         now = time.monotonic()
         self._front = self._front or now
         if now < self._front + PATIENCE:
             return True
-        self._silent_since = told
+        self._silent_since = end
         return False
 
     def _build(self) -> SpaceObserver | None:

@@ -39,8 +39,8 @@ class DloNode(Node):
 
     Args:
         name: observer, simulator or identifier.
-        task: what it does, for the diagnostics.
-        steady: what it counts again and again while it works, for the diagnostics.
+        task: the node's task, for the diagnostics.
+        steady: name of the work that the node repeats and counts, for the diagnostics.
 
     Raises:
         ParameterError: a parameter is missing or unusable.
@@ -80,7 +80,7 @@ class DloNode(Node):
 
         Args:
             stages: names in `dlo_ros.compilation.STAGES`.
-            load: returns when the compiled kernels are loaded.
+            load: function that returns when the compiled kernels are loaded.
 
         Raises:
             KernelError: see `Preparation`.
@@ -93,7 +93,7 @@ class DloNode(Node):
                 self.health.preparing = ""
                 self.destroy_timer(timer)
                 self.begin()
-                preparation.tell(self.health.state[1])
+                preparation.announce(self.health.state[1])
                 self.health.publish()
                 return
             self.health.preparing = preparation.state
@@ -190,8 +190,8 @@ class DloNode(Node):
         """A guarded subscription, its QoS open to overrides.
 
         Args:
-            topic: one of the interface's, or another.
-            callback: is given each message.
+            topic: name of the topic, of the interface or not.
+            callback: function that is called with each message.
             qos: profile.
             kind: type of its messages; the interface says that of its own topics.
             drain: whether all messages that wait are taken at once. An executor takes one of each

@@ -39,23 +39,23 @@ class OutputMonitor(Node):
     """Receives splines, ERR, estimates and diagnostics.
 
     Args:
-        settings: of the nodes, which the splines must fit.
+        settings: settings of the nodes, which the splines must fit.
     """
 
     def __init__(self, settings: Settings) -> None:
         use_sim_time = Parameter("use_sim_time", Parameter.Type.BOOL, True)
         super().__init__("demo_monitor", parameter_overrides=[use_sim_time])
-        self.heard = ReceivedData()
-        self.received = 0
+        self.received = ReceivedData()
+        self.messages = 0
         self._executor = SingleThreadedExecutor()
         self._settings = settings
         self._states: dict[str, str] = {}
         self._kinds: set[str] = set()
         self._hear(topics.OBSERVED, lambda m: self._spline(topics.OBSERVED, m))
         self._hear(topics.PREDICTED, lambda m: self._spline(topics.PREDICTED, m))
-        self._hear(topics.ERR, lambda m: self.heard.err.append((self.heard.now, m.data)))
-        self._hear(topics.YOUNG_MODULUS, lambda m: self.heard.take_estimate(m.data, None))
-        self._hear(topics.DENSITY, lambda m: self.heard.take_estimate(None, m.data))
+        self._hear(topics.ERR, lambda m: self.received.err.append((self.received.now, m.data)))
+        self._hear(topics.YOUNG_MODULUS, lambda m: self.received.take_estimate(m.data, None))
+        self._hear(topics.DENSITY, lambda m: self.received.take_estimate(None, m.data))
         self.create_subscription(DiagnosticArray, "/diagnostics", self._diagnostics, 10)
         self._executor.add_node(self)
 
@@ -91,15 +91,15 @@ class OutputMonitor(Node):
 
     def _hear(self, topic: str, callback: Any) -> None:
         def receive(message: Any) -> None:
-            self.received += 1
-            self.heard.tick(int(self.get_clock().now().nanoseconds))
+            self.messages += 1
+            self.received.tick(int(self.get_clock().now().nanoseconds))
             callback(message)
 
         qos = LATCHED if topic in topics.LATCHED else RELIABLE
         self.create_subscription(message_class(topics.TYPES[topic]), topic, receive, qos)
 
     def _spline(self, topic: str, message: Any) -> None:
-        kept = self.heard.observed if topic == topics.OBSERVED else self.heard.predicted
+        kept = self.received.observed if topic == topics.OBSERVED else self.received.predicted
         try:
             kept[stamp_of(message)] = read_spline(message, self._settings, topic)
         except InputError as err:
@@ -114,7 +114,7 @@ class OutputMonitor(Node):
             if status.level not in (DiagnosticStatus.OK, DiagnosticStatus.STALE):
                 self._warn(f"{name}: {status.message}")
             if name == "identifier":
-                self.heard.take_diagnostics({v.key: v.value for v in status.values})
+                self.received.take_diagnostics({v.key: v.value for v in status.values})
 
     def _warn(self, text: str) -> None:
         """Record a warning, once for all numbers that it may show; waiting is no fault."""
@@ -123,4 +123,4 @@ class OutputMonitor(Node):
         kind = re.sub(r"[\d.]+", "#", text)
         if kind not in self._kinds:
             self._kinds.add(kind)
-            self.heard.warnings.append(text)
+            self.received.warnings.append(text)

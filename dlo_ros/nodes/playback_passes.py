@@ -39,7 +39,7 @@ class PlaybackPasses:
         """Whether a message that arrives now belongs to a pass before.
 
         Args:
-            stamp: of the message [ns].
+            stamp: stamp of the message [ns].
             now: the clock [ns].
         """
         jumped = now < self._end and time.monotonic() - self._jumped_at < UNDER_WAY

@@ -22,7 +22,7 @@ from dlo_ros.nodes import qos
 from dlo_ros.nodes.listeners import Listeners
 from dlo_ros.nodes.message_factory import message_class
 from dlo_ros.nodes.runtime import Stop, ros
-from dlo_ros.recordings.playback import Due, Playlist
+from dlo_ros.recordings.playback import Playlist, ScheduledMessage
 
 CLOCK_PERIOD = 0.01
 """Seconds of wall time between two /clock messages."""
@@ -46,13 +46,13 @@ Discovery that loses one message goes on three seconds later. Who is found only 
 beginning, and a simulation that begins late begins in the wrong state.
 """
 
-REMINDER = 10.0
+REMINDER_INTERVAL = 10.0
 """Seconds before it is said again what is waited for, where that has not changed."""
 
-NEWS = 2.0
+STATE_INTERVAL = 2.0
 """Seconds at least between two such lines, however often the state changes; numbers in it aside."""
 
-LISTEN = 0.02
+LISTEN_PERIOD = 0.02
 """Seconds between two looks at who is there, and two /clock messages meanwhile."""
 
 RUN_OUT = 0.25
@@ -63,7 +63,7 @@ class Player:
     """Plays a playlist on live topics.
 
     Args:
-        node: that publishes.
+        node: node that publishes.
         playlist: messages and their speed.
         clock: whether /clock is published, too.
     """
@@ -89,7 +89,7 @@ class Player:
 
         Args:
             stop: ends the waiting.
-            patience: how long at most [s]; 0 does not wait.
+            patience: longest time to wait [s]; 0 does not wait.
             awaited: names of nodes that must be ready, relative to the player's namespace.
 
         Raises:
@@ -119,7 +119,7 @@ class Player:
         while not stop.requested and patience > 0.0:
             # Nodes on simulated time need a time before the first message.
             self._tick(0.0)
-            listeners.update(LISTEN)
+            listeners.update(LISTEN_PERIOD)
             now, matched = time.monotonic(), self._matched()
             if matched != before:
                 before, changed = matched, now
@@ -128,13 +128,13 @@ class Player:
                 idle = now
                 if now - began > patience:
                     raise InputError(
-                        f"waited {patience:g} s in vain for {told(pending)}; "
+                        f"waited {patience:g} s in vain for {states_text(pending)}; "
                         "--wait SECONDS gives more time"
                     )
                 report.say(pending)
             elif first is None:
                 if now - idle > min(APPEAR, patience):
-                    raise InputError(nobody_listens(matched, patience))
+                    raise InputError(no_subscriber_message(matched, patience))
                 report.say({"a node": "nobody listens yet"})
             else:
                 settled = now - changed > SETTLED or now - first > COMPLETE + DISCOVERY
@@ -204,14 +204,14 @@ class Report:
 
     def say(self, pending: Mapping[str, str]) -> None:
         """Log it at INFO, unless that was just done."""
-        text, now = f"waiting for {told(pending)}", time.monotonic()
+        text, now = f"waiting for {states_text(pending)}", time.monotonic()
         kind = NUMBER.sub("", text)
-        if now - self._at > (NEWS if kind != self._last else REMINDER):
+        if now - self._at > (STATE_INTERVAL if kind != self._last else REMINDER_INTERVAL):
             self._last, self._at = kind, now
             self._node.get_logger().info(text)
 
 
-def nobody_listens(topics: Collection[str], patience: float) -> str:
+def no_subscriber_message(topics: Collection[str], patience: float) -> str:
     """The message where no topic has a subscriber after `patience` [s], of which `APPEAR` count."""
     more = ", or give more time with --wait SECONDS" if patience < APPEAR else ""
     return (
@@ -220,7 +220,7 @@ def nobody_listens(topics: Collection[str], patience: float) -> str:
     )
 
 
-def told(pending: Mapping[str, str]) -> str:
+def states_text(pending: Mapping[str, str]) -> str:
     """Nodes and their states as text, such as `observer (compiling, 40 %)`."""
     return ", ".join(f"{name.lstrip('/')} ({state})" for name, state in pending.items())
 
@@ -237,7 +237,7 @@ def play(
     """Play until the end, or again and again until Ctrl-C.
 
     Args:
-        playlist: what and how fast.
+        playlist: the messages and the rate at which they are played.
         loop: whether to begin again at the end.
         clock: whether /clock is published, too.
         patience: seconds to wait at most for nodes that listen and are ready; 0 does not wait.
@@ -275,11 +275,11 @@ class _ReadAhead:
 
     def __init__(self, playlist: Playlist) -> None:
         self._playlist = playlist
-        self._queue: queue.Queue[Due | Exception | None] = queue.Queue(READ_AHEAD)
+        self._queue: queue.Queue[ScheduledMessage | Exception | None] = queue.Queue(READ_AHEAD)
         self._left = threading.Event()
         self._thread = threading.Thread(target=self._read, name="reader", daemon=True)
 
-    def __enter__(self) -> Iterator[Due]:
+    def __enter__(self) -> Iterator[ScheduledMessage]:
         self._thread.start()
         return self._messages()
 
@@ -287,7 +287,7 @@ class _ReadAhead:
         self._left.set()
         self._thread.join(timeout=5.0)
 
-    def _messages(self) -> Iterator[Due]:
+    def _messages(self) -> Iterator[ScheduledMessage]:
         while (item := self._queue.get()) is not None:
             if isinstance(item, Exception):
                 raise item
@@ -302,7 +302,7 @@ class _ReadAhead:
         except Exception as err:  # raised again in the thread that plays
             self._put(err)
 
-    def _put(self, item: Due | Exception | None) -> bool:
+    def _put(self, item: ScheduledMessage | Exception | None) -> bool:
         while not self._left.is_set():
             try:
                 self._queue.put(item, timeout=0.1)

@@ -32,8 +32,8 @@ class EstimateSample:
 
     Args:
         stamp: time of the recording [ns].
-        values: by the names in `QUANTITIES`, SI units.
-        std: likewise; infinite where unknown.
+        values: values by the names in `QUANTITIES`, SI units.
+        std: standard deviations by the same names; infinite where unknown.
     """
 
     stamp: int
@@ -111,7 +111,7 @@ class ReceivedData:
         As the identifier computes it; its dlo/err carries no stamp.
 
         Args:
-            length: of the DLO [m].
+            length: length of the DLO [m].
         """
         result = {}
         predictions = sorted(self.predicted.items(), key=itemgetter(0))

@@ -117,9 +117,9 @@ class Rehearsing:
         seconds = (found.stamps[-1] - found.stamps[0]) / NANOSECONDS
         limits = self._node.settings.limits
         alarms = found.extremes.alarms(limits) if found.loadings else []
-        told = found.sentences(replace(limits, tension=0.0, bend_radius=0.0))
+        sentences = found.sentences(replace(limits, tension=0.0, bend_radius=0.0))
         self._node.get_logger().info(
-            f"rehearsal of {seconds:.2f} s in {answer.took:.2f} s: {'; '.join(told)}"
+            f"rehearsal of {seconds:.2f} s in {answer.took:.2f} s: {'; '.join(sentences)}"
         )
         for alarm in alarms:
             health.warn("rehearsal", f"rehearsal: {alarm}")

@@ -26,8 +26,8 @@ class Request:
     """A motion to simulate.
 
     Args:
-        prepare: returns the started simulation; called in the thread.
-        simulate: called with that simulation; returns the rehearsal.
+        prepare: function that returns the started simulation; the thread calls it.
+        simulate: function that is called with that simulation; it returns the rehearsal.
     """
 
     prepare: Callable[[], RodSimulation]

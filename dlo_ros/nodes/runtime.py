@@ -46,8 +46,8 @@ class RosLog(logging.Handler):
     """What the package's modules below the nodes tell, in the node's log.
 
     Args:
-        name: of the node.
-        level: of `logging`, from which messages are passed on.
+        name: name of the node.
+        level: lowest level of `logging` that is passed on.
     """
 
     def __init__(self, name: str, level: int = logging.WARNING) -> None:
@@ -168,9 +168,10 @@ def run(name: str, make: Callable[[], Any], arguments: Sequence[str] | None = No
     """Run a node until Ctrl-C.
 
     Args:
-        name: of the executable, for messages.
+        name: name of the executable, for messages.
         make: builds the node, after ROS was started.
-        arguments: of the command line without the program's name; those of the process where None.
+        arguments: arguments of the command line without the program's name; None: those of the
+            process.
 
     Returns:
         Exit status: 0 ended on request, 2 a parameter or argument is unusable.

@@ -68,7 +68,7 @@ CLOCK_FOLLOWS = 0.2
 """Seconds of wall time in which /clock goes back after the shapes have: `ros2 bag play` publishes
 it some ten times a second."""
 
-WORTH_TELLING = 0.1
+REPORTED_CHANGE = 0.1
 """Relative change of E or density that is logged at INFO; the identifier sends new values with
 every image, and less is hardly to be seen in the shape."""
 
@@ -84,7 +84,7 @@ class SimulatorNode(DloNode):
         self._untried = False
         self._period = round(NANOSECONDS / self.settings.simulation.rate)
         self._retry_at = 0.0
-        self._told = self.settings
+        self._reported = self.settings
         self._publisher = self.publisher(topics.PREDICTED, qos.RELIABLE)
         self._loads = LoadPublisher(self)
         self._rehearsing = Rehearsing(self, self._simulation)
@@ -129,8 +129,8 @@ class SimulatorNode(DloNode):
             f"E {settings.rod.young_modulus:.4g} Pa, density {settings.rod.density:.4g} kg/m^3"
             f"{effects}"
         )
-        if differs(settings, self._told):
-            self._told = settings
+        if differs(settings, self._reported):
+            self._reported = settings
             self.get_logger().info(text)
         else:
             self.get_logger().debug(text)
@@ -234,8 +234,8 @@ class SimulatorNode(DloNode):
         now, commands = self.now(), self._simulation.motion.commands
         if self.settings.command.source == "topic" or not commands:
             return now
-        told = commands[-1].end_stamp
-        return told if 0 < now - told < FRAMES_LATE * NANOSECONDS else now
+        reported = commands[-1].end_stamp
+        return reported if 0 < now - reported < FRAMES_LATE * NANOSECONDS else now
 
     def _predict(self, stamp: int) -> None:
         began = time.monotonic()
@@ -278,13 +278,13 @@ class SimulatorNode(DloNode):
         self.health.waiting(" and ".join(missing) or "an observed shape that it can start from")
 
 
-def differs(settings: Settings, told: Settings) -> bool:
+def differs(settings: Settings, reported: Settings) -> bool:
     """Whether parameters differ visibly from those that were logged last."""
     changes = [
-        math.log(getattr(settings.rod, name) / getattr(told.rod, name))
+        math.log(getattr(settings.rod, name) / getattr(reported.rod, name))
         for name in ("young_modulus", "density")
     ]
-    return max(map(abs, changes)) > WORTH_TELLING or settings.effects != told.effects
+    return max(map(abs, changes)) > REPORTED_CHANGE or settings.effects != reported.effects
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -25,9 +25,10 @@ class TrackerPointsListener:
     """Observes the DLO in each list of points.
 
     Args:
-        node: which subscribes.
+        node: node that subscribes.
         motion: the imposed motion, as it is known so far.
-        publish: called with each observation; returns whether it could be published.
+        publish: function that is called with each observation; it returns whether it could be
+            published.
     """
 
     def __init__(

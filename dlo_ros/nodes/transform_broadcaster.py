@@ -19,7 +19,7 @@ class BoardTransform:
     It does so where tf2_msgs is installed and the parameter `publish_tf` asks for it.
 
     Args:
-        node: which publishes, with its settings.
+        node: node that publishes, with its settings.
     """
 
     def __init__(self, node: DloNode) -> None:

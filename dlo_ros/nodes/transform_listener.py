@@ -24,7 +24,7 @@ class TransformListener:
     """Poses of frames from received transforms.
 
     Args:
-        node: which subscribes; it says where tf2_msgs is missing.
+        node: node that subscribes; it warns where tf2_msgs is missing.
     """
 
     def __init__(self, node: DloNode) -> None:

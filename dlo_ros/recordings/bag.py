@@ -25,9 +25,9 @@ class RawMessage(NamedTuple):
     Args:
         topic: full topic name.
         type: message type such as `geometry_msgs/msg/PoseArray`.
-        stamp: when it was recorded [ns].
+        stamp: time at which the message was recorded [ns].
         data: CDR bytes.
-        connection: of the reader.
+        connection: connection of the reader.
     """
 
     topic: str
@@ -99,7 +99,7 @@ class Bag:
         """Messages in the order of recording.
 
         Args:
-            connections: which; default all.
+            connections: connections whose messages are read; default: all.
 
         Raises:
             RecordingError: the file is damaged, or holds fewer messages than its index says.

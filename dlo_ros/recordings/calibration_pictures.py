@@ -27,7 +27,7 @@ class Picture:
     """One picture.
 
     Args:
-        name: of the file, or the bag's name and the time.
+        name: name of the file, or the bag's name and the time.
         image: BGR, shape (h, w, 3), in the sensor's raster.
         moving: whether it is one of a bag, of which many look alike.
     """
@@ -88,8 +88,8 @@ def pictures(
 
     Args:
         path: the input. Of a bag, pictures at least `INTERVAL` apart are taken.
-        on_skip: is told one line for each picture of a folder or bag that is unusable.
-        on_seen: is called for each one that was passed, taken or not.
+        on_skip: function that is called with one line for each unusable picture of a folder or bag.
+        on_seen: function that is called for each picture that was read, used or not.
 
     Raises:
         InputError: nothing there, or a file that was named is no image.

@@ -71,7 +71,8 @@ def iterate_together(
         path: rosbag2.
         cameras: names as in `vision.cameras`; the empty name is the one camera.
         depth: whether depth images belong to the first one.
-        on_skip: is told one line for each message that is unusable, and how many have no partner.
+        on_skip: function that is called with one line for each unusable message, and with the
+            number of messages without a partner.
 
     Yields:
         Pictures by the cameras' names.

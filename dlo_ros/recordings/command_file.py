@@ -47,7 +47,7 @@ def read_command_file(path: Path, settings: Settings) -> Command:
 
     Args:
         path: ends in .csv for CSV.
-        settings: of the DLO: control points and frame.
+        settings: settings of the DLO: control points and frame.
 
     Raises:
         InputError: the file is missing or malformed; one line that says what and where.

@@ -45,7 +45,7 @@ def instants(
     Empty where nothing moves.
 
     Args:
-        transforms: that join the frames to the board.
+        transforms: transforms that join the frames to the board.
         frames: see `clamp_frames`.
         fixed: the board's frame.
         since: stamp [ns] before which none is wanted.
@@ -53,9 +53,9 @@ def instants(
     Raises:
         InputError: nothing connects a frame with the board.
     """
-    told = [transforms.instants(frame, fixed, since) for frame, _ in frames.values()]
+    known = [transforms.instants(frame, fixed, since) for frame, _ in frames.values()]
     result: list[int] = []
-    for stamp in common_instants([stamps for stamps in told if stamps]):
+    for stamp in common_instants([stamps for stamps in known if stamps]):
         if not result or stamp - result[-1] >= CLOSEST:
             result.append(stamp)
     return result
@@ -70,10 +70,10 @@ def command_of(
     """The command that moves the clamps as the frames move.
 
     Args:
-        transforms: that join the frames to the board.
+        transforms: transforms that join the frames to the board.
         frames: see `clamp_frames`, at least one.
         stamps: growing [ns], at least one.
-        settings: whose `frame_id` is the board.
+        settings: settings whose `frame_id` is the board.
 
     Raises:
         InputError: nothing connects a frame with the board.
@@ -102,8 +102,8 @@ def commands_from_frames(bag: Bag, settings: Settings, skipped: list[str]) -> li
 
     Args:
         bag: an open bag.
-        settings: with `command.source` tf or pose.
-        skipped: called with a line for each message that is unusable.
+        settings: settings with `command.source` tf or pose.
+        skipped: list to which a line is added for each unusable message.
 
     Raises:
         CommandError: a frame is not there; what is, and what would mend it.

@@ -57,7 +57,7 @@ class CameraInfo:
     """Intrinsics of the images as they are published (binning and region of interest applied).
 
     Args:
-        width, height: of the image [px].
+        width, height: size of the image [px].
         distortion_model: plumb_bob or rational_polynomial.
         d: distortion coefficients in OpenCV's order.
         k: camera matrix, row by row, 9 numbers [px].

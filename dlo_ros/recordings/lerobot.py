@@ -52,9 +52,9 @@ def write_lerobot(folder: Path, episodes: Sequence[Episode], settings: Settings)
     """Write recordings as a data set.
 
     Args:
-        folder: must not hold one yet.
+        folder: folder of the data set, which must not contain one yet.
         episodes: commands and observations of each recording; all impose the same.
-        settings: whose control points they have.
+        settings: settings with the number of control points of the recordings.
 
     Raises:
         InputError: they impose different things, or the folder cannot be written.
@@ -69,7 +69,7 @@ def write_lerobot(folder: Path, episodes: Sequence[Episode], settings: Settings)
             "the recordings impose different things, or one does over time; LeRobot's layout has "
             "one kind of action for all: export them one by one, or as csv"
         )
-    total, rates, told = 0, [], []
+    total, rates, listed = 0, [], []
     for number, (commands, observations) in enumerate(episodes):
         at = np.array([o.stamp for o in observations], dtype=np.int64)
         count = len(at)
@@ -94,11 +94,11 @@ def write_lerobot(folder: Path, episodes: Sequence[Episode], settings: Settings)
             parquet.write_table(arrow.table(columns), path)
         except OSError as err:
             raise InputError(f"{path}: cannot be written ({err.strerror})") from err
-        told.append({"episode_index": number, "tasks": [TASK], "length": count})
+        listed.append({"episode_index": number, "tasks": [TASK], "length": count})
         total += count
     (folder / INFO).parent.mkdir(parents=True, exist_ok=True)
     write_text(folder / "meta/tasks.jsonl", _lines([{"task_index": 0, "task": TASK}]))
-    write_text(folder / "meta/episodes.jsonl", _lines(told))
+    write_text(folder / "meta/episodes.jsonl", _lines(listed))
     rate = float(np.mean(rates)) if rates else 1.0
     info = _info(settings, names, len(episodes), total, rate)
     write_text(folder / INFO, json.dumps(info, indent=2) + "\n")
@@ -110,8 +110,8 @@ def read_lerobot(
     """An episode of a data set.
 
     Args:
-        folder: with `meta/info.json`.
-        settings: whose control points and frame it has.
+        folder: folder of the data set, with `meta/info.json`.
+        settings: settings with the number of control points and the frame of the episode.
         episode: number of the episode, from 0.
 
     Raises:

@@ -146,11 +146,11 @@ def cloud_message(
     """sensor_msgs/PointCloud2 of float fields.
 
     Args:
-        factory: makes the message.
+        factory: function that makes the message.
         stamp: [ns].
         frame_id: frame of the points.
-        names: of the fields.
-        table: their numbers, shape (points, names).
+        names: names of the fields.
+        table: values of the fields, shape (points, names).
 
     Raises:
         InputError: a number that is not finite.
@@ -252,14 +252,15 @@ def metric_message(
     """statistics_msgs/MetricsMessage of a quantity that belongs to one instant.
 
     Args:
-        factory: makes the message.
+        factory: function that makes the message.
         source: name of the node that has measured it.
-        name: of the quantity, such as `young_modulus`.
+        name: name of the quantity, such as `young_modulus`.
         unit: SI unit of its numbers.
         stamp: start and end of the window [ns].
-        average: its value.
-        std: its standard deviation; None where it is unknown or unbounded, and left out.
-        maximum: its largest value; None where it has none, and left out.
+        average: value of the quantity.
+        std: standard deviation of the quantity; None where it is unknown or unbounded, and left
+            out.
+        maximum: largest value of the quantity; None where it has none, and left out.
 
     Raises:
         InputError: a number is not finite.
@@ -296,7 +297,7 @@ def transform_message(
     """tf2_msgs/TFMessage of one transform: the pose of a frame in its parent.
 
     Args:
-        factory: makes the message.
+        factory: function that makes the message.
         stamp: [ns].
         parent: frame in which the pose is given.
         child: frame whose pose it is.

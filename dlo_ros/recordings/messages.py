@@ -216,8 +216,10 @@ def read_point_list(message: Any) -> PointList:
         raise InputError(
             f"{what} has no usable point: finite, in metres, std positive where it is given"
         )
-    told = {name: columns[name][usable].copy() for name in ("u", "std") if name in columns}
-    return PointList(stamp_of(message), table[usable, :3].copy(), told.get("u"), told.get("std"))
+    optional = {name: columns[name][usable].copy() for name in ("u", "std") if name in columns}
+    return PointList(
+        stamp_of(message), table[usable, :3].copy(), optional.get("u"), optional.get("std")
+    )
 
 
 def cloud_table(
@@ -227,7 +229,7 @@ def cloud_table(
 
     Args:
         message: the cloud.
-        what: its topic, for messages.
+        what: name of the topic, for error messages.
         needed, optional: names of fields.
 
     Returns:

@@ -16,12 +16,12 @@ from dlo_ros.recordings.bag import Bag, RawMessage, open_bag
 
 
 @dataclass(frozen=True)
-class Due:
+class ScheduledMessage:
     """A message and the time of its publication.
 
     Args:
         after: seconds of wall time after the start of the playback.
-        message: as it lies in the bag.
+        message: the message as it stands in the bag.
     """
 
     after: float
@@ -35,7 +35,7 @@ class Playlist:
     Args:
         path: the bag.
         topics: full name and message type of each topic that is played.
-        latched: those whose last message holds until the next, such as a command.
+        latched: topics whose last message holds until the next, such as a command.
         start, end: times of recording between which it is played [ns].
         rate: seconds of the recording per second of wall time.
     """
@@ -56,7 +56,7 @@ class Playlist:
         """Time of the recording [ns] `after` seconds of wall time."""
         return self.start + round(after * self.rate * 1e9)
 
-    def messages(self) -> Iterator[Due]:
+    def messages(self) -> Iterator[ScheduledMessage]:
         """The messages in the order of recording.
 
         What was recorded before `start` on a latched topic (a command that still holds) is due at
@@ -74,10 +74,10 @@ class Playlist:
                     if message.topic in self.latched:
                         held[message.topic] = message
                     continue
-                yield from (Due(0.0, early) for early in held.values())
+                yield from (ScheduledMessage(0.0, early) for early in held.values())
                 held.clear()
-                yield Due((message.stamp - self.start) / 1e9 / self.rate, message)
-            yield from (Due(0.0, early) for early in held.values())
+                yield ScheduledMessage((message.stamp - self.start) / 1e9 / self.rate, message)
+            yield from (ScheduledMessage(0.0, early) for early in held.values())
 
 
 def plan(

@@ -24,9 +24,10 @@ def points_on_board(message: Any, settings: Settings, transforms: Transforms) ->
     """The points of a sensor_msgs/PointCloud2, in `frame_id`.
 
     Args:
-        message: with x, y, z (u, std) in a frame of its own.
-        settings: whose `frame_id` is the board.
-        transforms: that lead from the message's frame to the board, unless it is the same.
+        message: the message, with x, y, z (u, std) in a frame of its own.
+        settings: settings whose `frame_id` is the board.
+        transforms: transforms that lead from the message's frame to the board, unless it is the
+            same.
 
     Raises:
         InputError: the message is malformed, or nothing leads from its frame to the board.
@@ -49,8 +50,8 @@ def iterate_points(
 
     Args:
         path: rosbag2 folder.
-        settings: whose `frame_id` is the board.
-        on_skip: is told one line for each list that is unusable.
+        settings: settings whose `frame_id` is the board.
+        on_skip: function that is called with one line for each unusable list.
 
     Raises:
         RecordingError: no bag, damaged, or no list is usable.

@@ -36,7 +36,7 @@ from dlo_ros.recordings.write import BagWriter
 from dlo_ros.spline import FloatArray
 
 PLACE = ("x", "y", "z")
-TOLD = ("u", "std")
+OPTIONAL = ("u", "std")
 """Columns that a tracker may leave away."""
 
 
@@ -47,7 +47,7 @@ def read_point_tables(
 
     Args:
         inputs: CSV and Parquet files; one with a column `name` is a `command.csv`.
-        settings: whose control points and frame the commands have.
+        settings: settings with the number of control points and the frame of the commands.
 
     Raises:
         InputError: a file is unusable, or none has points.
@@ -70,7 +70,7 @@ def read_point_tables(
 
 def _csv(path: Path) -> tuple[NDArray[np.int64], dict[str, FloatArray]]:
     rows = rows_of(path, PLACE)
-    names = (*PLACE, *(name for name in TOLD if name in rows[0]))
+    names = (*PLACE, *(name for name in OPTIONAL if name in rows[0]))
     table = numbers(path, rows, names)
     at = np.array(stamps(path, rows), dtype=np.int64)
     return at, {name: table[:, k] for k, name in enumerate(names)}
@@ -90,7 +90,7 @@ def _parquet(path: Path) -> tuple[NDArray[np.int64], dict[str, FloatArray]]:
             f"{', '.join(PLACE)}"
         )
     columns = {}
-    for name in (*PLACE, *(n for n in TOLD if n in held)):
+    for name in (*PLACE, *(n for n in OPTIONAL if n in held)):
         try:
             columns[name] = np.array(table.column(name).to_numpy(), dtype=np.float64)
         except (TypeError, ValueError) as err:
@@ -114,11 +114,11 @@ def _lists(path: Path, at: NDArray[np.int64], columns: dict[str, FloatArray]) ->
     order = np.argsort(at, kind="stable")
     at = at[order]
     place = np.column_stack([columns[name] for name in PLACE])[order]
-    told = {name: columns[name][order] for name in TOLD if name in columns}
+    optional = {name: columns[name][order] for name in OPTIONAL if name in columns}
     edges = np.flatnonzero(np.diff(at)) + 1
     result = []
     for part in np.split(np.arange(len(at)), edges):
-        own = {name: values[part] for name, values in told.items()}
+        own = {name: values[part] for name, values in optional.items()}
         result.append(PointList(int(at[part[0]]), place[part], own.get("u"), own.get("std")))
     return result
 
@@ -135,9 +135,9 @@ def write_points_bag(
 
     Args:
         output: the bag.
-        settings: whose frame they are in.
-        commands: by growing stamp.
-        lists: by growing stamp.
+        settings: settings whose `frame_id` the messages carry.
+        commands: commands by growing stamp.
+        lists: lists of points by growing stamp.
         force: whether an older bag is replaced.
 
     Raises:
@@ -145,9 +145,9 @@ def write_points_bag(
     """
     messages = [(topics.COMMAND, command_message(BAG_MESSAGES, c)) for c in commands]
     for each in lists:
-        told = {"u": each.u, "std": each.std}
-        names = [*PLACE, *(n for n, values in told.items() if values is not None)]
-        columns = [each.positions, *(v for v in told.values() if v is not None)]
+        optional = {"u": each.u, "std": each.std}
+        names = [*PLACE, *(n for n, values in optional.items() if values is not None)]
+        columns = [each.positions, *(v for v in optional.values() if v is not None)]
         cloud = cloud_message(
             BAG_MESSAGES, each.stamp, settings.frame_id, names, np.column_stack(columns)
         )

@@ -48,7 +48,7 @@ class BagContents:
     Args:
         name: name of the bag's folder.
         path: the folder.
-        commands: in the order of receipt.
+        commands: commands in the order of receipt.
         observations: observed splines by growing stamp, each stamp once.
         has_images: whether the bag holds camera images.
         has_points: whether it holds another tracker's points.
@@ -76,7 +76,7 @@ def read_recording(
 
     Args:
         path: rosbag2 folder.
-        settings: whose length, control points and frame the messages must fit.
+        settings: settings whose length, control points and frame the messages must fit.
         require_command: whether a bag without a usable `dlo/command` is refused.
 
     Raises:
@@ -128,7 +128,7 @@ def iterate_images(
     camera_info of its stamp, else the one before it, else the first.
 
     Args:
-        on_skip: is told one line for each image that is unusable.
+        on_skip: function that is called with one line for each unusable image.
 
     Yields:
         Stamp [ns], BGR picture of shape (height, width, 3), intrinsics.
@@ -167,7 +167,7 @@ def iterate_masks(
     """The masks of a bag in the order of recording; none where it has none.
 
     Args:
-        on_skip: is told one line for each mask that is unusable.
+        on_skip: function that is called with one line for each unusable mask.
 
     Returns:
         Stamp [ns] and mask of shape (height, width), not zero where the DLO may be, of each.
@@ -185,8 +185,9 @@ def iterate_predictions(
 
     Args:
         path: rosbag2 folder.
-        settings: whose frame they must be in; their number of control points is their own.
-        on_skip: is told one line for each spline that is unusable.
+        settings: settings whose frame the splines must have; their number of control points is
+            free.
+        on_skip: function that is called with one line for each unusable spline.
 
     Returns:
         Stamp [ns] and control points, shape (n, 4), of each.

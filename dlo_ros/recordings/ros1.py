@@ -23,7 +23,7 @@ from dlo_ros.recordings.write import BagWriter
 
 LOG = logging.getLogger(__name__)
 
-TAKEN = (
+IMPORTED_TOPICS = (
     topics.IMAGE, topics.COMPRESSED, topics.CAMERA_INFO, topics.DEPTH, topics.DEPTH_INFO,
     topics.MASK, topics.POINTS, topics.COMMAND, topics.START_POSE, topics.END_POSE,
     topics.WRENCH_START, topics.WRENCH_END, topics.OBSERVED, topics.OBSERVED_POINTS,
@@ -44,12 +44,12 @@ BY_TYPE = (
 """Topics that are told by their type where only one topic of the bag has it."""
 
 
-def chosen(held: Mapping[str, str], told: Mapping[str, str]) -> dict[str, str]:
+def chosen(held: Mapping[str, str], named: Mapping[str, str]) -> dict[str, str]:
     """The topic of a bag for each topic of the interface.
 
     Args:
         held: type of each topic of the bag.
-        told: the user's choice: name of the interface to name in the bag.
+        named: the user's choice: name of the interface to name in the bag.
 
     Returns:
         Our name by the bag's.
@@ -58,10 +58,12 @@ def chosen(held: Mapping[str, str], told: Mapping[str, str]) -> dict[str, str]:
         InputError: what the user says does not fit, or several topics could be one of ours.
     """
     result: dict[str, str] = {}
-    for own, name in told.items():
-        if own.lstrip("/") not in {t.lstrip("/") for t in TAKEN}:
-            raise InputError(f"--topic {own}={name}: '{own}' is none of {', '.join(TAKEN)}")
-        own = next(t for t in TAKEN if t.lstrip("/") == own.lstrip("/"))
+    for own, name in named.items():
+        if own.lstrip("/") not in {t.lstrip("/") for t in IMPORTED_TOPICS}:
+            raise InputError(
+                f"--topic {own}={name}: '{own}' is none of {', '.join(IMPORTED_TOPICS)}"
+            )
+        own = next(t for t in IMPORTED_TOPICS if t.lstrip("/") == own.lstrip("/"))
         if name not in held:
             raise InputError(f"--topic {own}={name}: the bag has {', '.join(sorted(held))}")
         if held[name] != KINDS[own]:
@@ -70,11 +72,11 @@ def chosen(held: Mapping[str, str], told: Mapping[str, str]) -> dict[str, str]:
             )
         result[name] = own
     free = {name: kind for name, kind in held.items() if name not in result}
-    for own in (t for t in TAKEN if t not in result.values()):
+    for own in (t for t in IMPORTED_TOPICS if t not in result.values()):
         same = [n for n, kind in free.items() if kind == KINDS[own]]
         found = [n for n in same if topics.is_topic(n, own.lstrip("/"))]
         # camera/depth/image_raw is no camera/image_raw.
-        longer = [t for t in TAKEN if t != own and t.endswith(own)]
+        longer = [t for t in IMPORTED_TOPICS if t != own and t.endswith(own)]
         found = [n for n in found if not any(topics.is_topic(n, t) for t in longer)]
         if len(found) > 1:
             _several(own, found)
@@ -116,14 +118,14 @@ def held_topics(path: Path) -> dict[str, str]:
 
 
 def import_ros1(
-    inputs: Sequence[Path], output: Path, told: Mapping[str, str], *, force: bool = False
+    inputs: Sequence[Path], output: Path, named: Mapping[str, str], *, force: bool = False
 ) -> tuple[dict[str, str], list[str]]:
     """Convert ROS 1 bags of one recording to one rosbag2.
 
     Args:
         inputs: the bags.
         output: the bag to write.
-        told: what the user says of topics, our name to the bag's.
+        named: topics as the user names them, our name to the bag's.
         force: whether an older bag is replaced.
 
     Returns:
@@ -135,7 +137,7 @@ def import_ros1(
     held: dict[str, str] = {}
     for path in inputs:
         held |= held_topics(path)
-    names = chosen(held, told)
+    names = chosen(held, named)
     if not names:
         listed = ", ".join(f"{n} ({k})" for n, k in sorted(held.items())) or "no messages"
         raise InputError(

@@ -18,7 +18,7 @@ class ApproximateTime(Generic[Item]):
     """Finds for each item of the first sensor the item of every other one nearest in time.
 
     Args:
-        names: of the sensors; the first one's stamps count.
+        names: names of the sensors; the first one's stamps count.
     """
 
     def __init__(self, names: Iterable[str]) -> None:
@@ -38,9 +38,9 @@ class ApproximateTime(Generic[Item]):
         """Take an item.
 
         Args:
-            name: of its sensor.
+            name: name of the sensor.
             stamp: [ns]; those of one sensor grow.
-            item: of that instant.
+            item: item that the sensor produced at that instant.
 
         Returns:
             The sets that are complete now, with their stamps [ns], in the order of time.

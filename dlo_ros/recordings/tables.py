@@ -123,7 +123,7 @@ def read_csv(
 
     Args:
         inputs: files, told apart by their columns, or folders.
-        settings: whose control points and frame they have.
+        settings: settings with the number of control points and the frame of the recording.
 
     Raises:
         InputError: a file is unusable, or there are no splines or no commands.
@@ -294,10 +294,10 @@ def write_bag(
 
     Args:
         output: the bag.
-        settings: whose frame they are in.
-        commands: by growing stamp.
-        observations: by growing stamp.
-        wrenches: of the ends at which there are any.
+        settings: settings whose `frame_id` the messages carry.
+        commands: commands by growing stamp.
+        observations: observed splines by growing stamp.
+        wrenches: measured forces at the ends that have a sensor.
         force: whether an older bag is replaced.
 
     Raises:

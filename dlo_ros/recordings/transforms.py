@@ -188,11 +188,11 @@ class Transforms:
 
     def _poses(self, name: str, stamps: Sequence[int]) -> tuple[FloatArray, FloatArray]:
         """Poses of a frame in its parent."""
-        told = np.array(self.stamps[name], dtype=np.int64)
-        first, poses = int(told[0]), self.poses[name]
-        at = np.interp(np.array(stamps) - first, told - first, np.arange(len(told)))
-        before = np.minimum(at.astype(int), len(told) - 1)
-        after = np.minimum(before + 1, len(told) - 1)
+        known = np.array(self.stamps[name], dtype=np.int64)
+        first, poses = int(known[0]), self.poses[name]
+        at = np.interp(np.array(stamps) - first, known - first, np.arange(len(known)))
+        before = np.minimum(at.astype(int), len(known) - 1)
+        after = np.minimum(before + 1, len(known) - 1)
         share = (at - before)[:, None]
         a = Rotation.from_matrix([poses[k][0] for k in before])
         b = Rotation.from_matrix([poses[k][0] for k in after])

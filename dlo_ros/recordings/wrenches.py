@@ -102,7 +102,7 @@ def in_fixed_frame(
     Args:
         stamps: [ns], growing, shape (k,).
         table: forces and torques in a frame, shape (k, 6).
-        frame: its name.
+        frame: name of that frame.
 
     Raises:
         InputError: the frame's pose is not known.

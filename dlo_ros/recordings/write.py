@@ -106,7 +106,7 @@ class BagWriter:
 
         Args:
             topic: relative name as in the interface, or a full name.
-            stamp: when it was recorded [ns].
+            stamp: time at which the message was recorded [ns].
         """
         kind = str(message.__msgtype__)
         name = topic if topic.startswith("/") else f"/{topic}"

@@ -24,13 +24,13 @@ class CalibrationView:
     """One picture of the pattern.
 
     Args:
-        name: of the picture.
+        name: name of the picture.
         used: whether the camera rests on it.
-        reason: why not.
+        reason: the reason why the pattern was not found.
         error: root mean square reprojection error [px]; NaN where there is none.
-        distance: of the pattern from the camera [m]; NaN where it is not known.
-        tilt: of the pattern against the line of sight [deg]; NaN where it is not known.
-        pixels: its corners, shape (n, 2); may be empty.
+        distance: distance of the pattern from the camera [m]; NaN where it is not known.
+        tilt: tilt of the pattern against the line of sight [deg]; NaN where it is not known.
+        pixels: the pattern's corners [px], shape (n, 2); may be empty.
         dropped: number of corners left out.
     """
 
@@ -50,8 +50,8 @@ class BoardPicture:
 
     Args:
         jpeg: the picture with the board frame drawn in.
-        rows: what was found, names and values.
-        hints: what to be careful about.
+        rows: results, each as name and value.
+        hints: advice on what to be careful about.
     """
 
     jpeg: bytes
@@ -65,11 +65,11 @@ class CalibrationReport:
 
     Args:
         headline: the result in one line.
-        width, height: of the images [px].
+        width, height: size of the images [px].
         rows: the camera's numbers, names and values.
-        views: in the order of the input; may be empty.
+        views: views in the order of the input; may be empty.
         lenses: model, its error in cross-validation [px], and what was decided; may be empty.
-        hints: which views are missing, and what to be careful about.
+        hints: advice: which views are missing, and what to be careful about.
         board: None where it was not asked for.
     """
 

@@ -35,12 +35,12 @@ class DesignedExperiment:
     """One manipulation.
 
     Args:
-        name: for people.
+        name: name of the manipulation, for people.
         origin: `given` or `searched`.
-        gain: how much it tells about E and mu [bit].
+        gain: expected information about E and mu [bit].
         std: relative standard deviations of E, mu and E/mu after it; None where it tells nothing.
         response: mean displacement for 1 % of E/mu [m].
-        reason: why it stands where it stands.
+        reason: the reason for its rank.
         panels: instants to show; may be empty.
     """
 

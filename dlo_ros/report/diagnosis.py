@@ -182,7 +182,7 @@ def _chance(share: float) -> str:
 
 
 def _verdict(related: RelatedInput) -> str:
-    if not related.told:
+    if not related.significant:
         return ""
     return f"yes, or {', '.join(related.alike)}" if related.alike else "yes"
 

@@ -27,10 +27,10 @@ class FoundEffect:
     """A named cause.
 
     Args:
-        name: of the effect.
-        meaning: in plain words.
-        parameters: its numbers.
-        rivals: what explains the data as well.
+        name: name of the effect.
+        meaning: meaning of the effect in plain words.
+        parameters: numbers of the effect.
+        rivals: alternatives that explain the data as well.
     """
 
     name: str
@@ -64,12 +64,12 @@ class DiagnosedRecording:
     """One recording before and after.
 
     Args:
-        name, role: of the recording.
+        name, role: name and role of the recording.
         length: L of the spline basis [m].
         times: [s], shape (F,).
         observed, before, after: control points [m], shape (F, n, 3 or 4).
         err_before, err_after: eq. (10), shape (F,) [m].
-        u: of the maps [m], shape (U,).
+        u: material coordinates of the maps [m], shape (U,).
         field_before, field_after: observed minus predicted across the DLO [m], shape (F, U).
         force, force_std: the missing force, x, y, z [N/m], shape (F, U, 3), or None.
     """
@@ -95,17 +95,17 @@ class RelatedInput:
     """An input that may have to do with a residual.
 
     Args:
-        name: of the input.
-        share: of the repeating part of the residual, that it predicts.
-        chance: how often surrogates are explained as well.
-        told: whether the relation is more than chance.
+        name: name of the input.
+        share: fraction of the repeating part of the residual that the input predicts.
+        chance: fraction of the surrogates that are explained as well.
+        significant: whether the relation is more than chance.
         alike: inputs that cannot be told from it.
     """
 
     name: str
     share: float
     chance: float
-    told: bool
+    significant: bool
     alike: tuple[str, ...]
 
 
@@ -124,9 +124,9 @@ class SetupRow:
     """A number of the set-up in words.
 
     Args:
-        name: what it is.
-        off: by how much it is off, with its standard deviation.
-        tolerance: to what careful people get it.
+        name: name of the number, in words.
+        off: deviation from the stated value, with its standard deviation.
+        tolerance: tolerance within which careful people set it up.
         notable: whether it is off by more than the data leave open.
     """
 
@@ -161,9 +161,9 @@ class DiagnosisReport:
 
     Args:
         headline: the result in a sentence.
-        questions: what a person asks first.
+        questions: questions that a person asks first, with their answers.
         extends: whether the extended model is another than the plain one.
-        loads: what the DLO bore in the recordings, by the extended model.
+        loads: loads on the DLO in the recordings, by the extended model.
         cameras: positions [m] of the cameras that have names, which the view in space shows.
     """
 

@@ -33,9 +33,10 @@ class EstimateRow:
     """One parameter as it was found.
 
     Args:
-        name: in words, such as "Young's modulus E".
+        name: name of the parameter in words, such as "Young's modulus E".
         unit: SI unit.
-        value, std: in that unit; None where unknown or unbounded.
+        value, std: estimate and its standard deviation in that unit; None where unknown or
+            unbounded.
         true: the truth where it is known.
         identifiable: whether the data determine it; None where nobody asked.
     """
@@ -53,9 +54,10 @@ class ParameterTrack:
     """The estimate of one parameter over time or iterations.
 
     Args:
-        name, unit: as in `EstimateRow`.
+        name, unit: name and unit as in `EstimateRow`.
         times: [s], or the number of the iteration, shape (m,).
-        values, std: in the unit, shape (m,); a std that is unknown is NaN.
+        values, std: estimates and their standard deviations in the unit, shape (m,); an unknown std
+            is NaN.
         true: the truth where it is known.
     """
 
@@ -72,12 +74,12 @@ class RecordingRow:
     """One recording.
 
     Args:
-        name: of the bag.
+        name: name of the bag.
         role: train or validate.
         length: L of the spline basis [m].
         err_initial, err: eq. (10) before and after [m]; None where not known.
         frames: the shapes in the order of time; may be empty.
-        residuals: along the DLO and in time; None where not known.
+        residuals: map of the residuals along the DLO and in time; None where not known.
     """
 
     name: str
@@ -94,16 +96,16 @@ class IdentificationReport:
     """The contents of the report.
 
     Args:
-        title: for the heading.
+        title: text of the heading.
         headline: the result in one line.
-        estimates: what was found.
-        recordings: from what.
-        tracks: how the estimates moved; may be empty.
-        track_label: what the tracks go over, with its unit.
+        estimates: the estimated parameters.
+        recordings: the recordings that the estimate comes from.
+        tracks: estimates over time or iterations; may be empty.
+        track_label: label of the axis over which the tracks are drawn, with its unit.
         noise_floor: the ERR that a perfect model would have [m]; None where not known.
         remarks: sentences for the reader, such as what the data cannot tell.
         ellipses: pairs of parameters and their common uncertainty; may be empty.
-        loads: what the DLO bore in the recordings; may be empty.
+        loads: loads on the DLO in the recordings; may be empty.
         cameras: positions [m] of the cameras that have names, which the view in space shows.
     """
 

@@ -22,7 +22,7 @@ class LoadRow:
     """One recording.
 
     Args:
-        name: of the bag.
+        name: name of the bag.
         tension: largest [N].
         bend_radius: smallest [m].
         start, end: largest force of the grip there [N]; None where that end is free.

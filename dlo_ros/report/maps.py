@@ -26,11 +26,11 @@ def field_maps(
     """Maps beside one another with one colour scale, as an HTML image.
 
     Args:
-        titles: of the maps.
+        titles: titles of the maps.
         times: [s], shape (F,).
         u: material coordinates [m], shape (U,).
         fields: signed values, each of shape (F, U).
-        label: of the colours, with the unit.
+        label: label of the colour scale, with the unit.
         largest: end of the colour scale; default: what 99 of 100 values stay below.
     """
     values = np.abs(np.concatenate([f.ravel() for f in fields]))

@@ -49,11 +49,12 @@ class Series:
     """One curve.
 
     Args:
-        label: for the legend.
+        label: name of the curve in the legend.
         colour: a key of `COLOURS`.
         x, y: shape (m,); NaN leaves a gap.
         lower, upper: edges of a band around it, shape (m,).
-        dashed: drawn with dashes, so that colour is not all that tells curves apart.
+        dashed: whether it is drawn with dashes, so that curves can be distinguished without
+            colours.
     """
 
     label: str
@@ -80,7 +81,7 @@ class LinePlot:
 
     Args:
         name: unique on the page.
-        x_label, y_label: with units.
+        x_label, y_label: labels of the axes, with units.
         series: the curves.
         levels: horizontal lines.
         logarithmic: whether y is; it then shows whole decades only where the data span some.

@@ -37,7 +37,7 @@ class Photograph:
 
     Args:
         jpeg: the file's bytes.
-        width, height: its size [px].
+        width, height: size of the picture [px].
         observed, predicted, initial: curves [px], shape (m, 2), as in `ShapeFrame`; None where
             there is none.
     """
@@ -55,14 +55,14 @@ class ShapeFrame:
     """The shapes of one instant.
 
     Args:
-        time: from the recording's start [s].
+        time: time from the recording's start [s].
         observed, predicted: control points of the published basis [m], shape (n, 3) or (n, 4);
             None where there is none.
-        initial: what was predicted before anything was identified, likewise.
+        initial: shape predicted with the initial guess, likewise.
         err: eq. (10) of the paper [m]; None where it is not known.
         photograph: the picture behind; None shows the grid alone.
-        arrows: from and to [m], shape (m, 2, 3), drawn on the grid.
-        faint: likewise, of what is not sure.
+        arrows: begin and end of each arrow [m], shape (m, 2, 3), drawn on the grid.
+        faint: uncertain arrows in the same form.
     """
 
     time: float
@@ -84,9 +84,9 @@ def player(
     """An HTML element that shows the frames, thinned out to what a reader can look at.
 
     Args:
-        frames: in the order of time.
+        frames: frames in the order of time.
         length: L of the spline basis [m].
-        arrows: what they mean, for the legend.
+        arrows: meaning of the arrows, for the legend.
         cameras: the cameras' positions [m], shape (3,), by name, whose lines of sight the view that
             turns shows.
 
@@ -198,7 +198,7 @@ def _step(extent: FloatArray) -> float:
     """Distance of grid lines [mm]: the smallest of 1, 2, 5, 10, ... with six cells at most.
 
     Args:
-        extent: of what is drawn, in each direction [mm].
+        extent: extent of the drawing in each direction [mm].
     """
     least = float(extent.max()) / CELLS
     power = 10.0 ** math.floor(math.log10(least)) if least > 0.0 else 1.0

@@ -21,9 +21,9 @@ class Ellipse:
     """Estimates and joint covariance of two parameters.
 
     Args:
-        names: with unit, of the horizontal and the vertical one.
+        names: names with unit, of the horizontal and the vertical quantity.
         values: estimates.
-        covariance: of their logarithms, shape (2, 2).
+        covariance: covariance of their logarithms, shape (2, 2).
     """
 
     names: tuple[str, str]

@@ -42,7 +42,8 @@ def march(system, imposed, state, stops, tolerance, newton, varying, shapes, spe
 
     Args:
         system, imposed: the rod and its command, with the variants of P parameters.
-        state: where it is; becomes where it is at the end (where it fails: the last good one).
+        state: state at the start; holds the state at the end afterwards (where it fails: the last
+            good one).
         stops: times [s] from the command's start, growing, (S,).
         tolerance: error that one step may add [m], in the mean over the rod.
         newton: error that Newton's method may leave, of L.

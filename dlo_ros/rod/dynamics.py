@@ -53,9 +53,9 @@ def follow(
 
     Args:
         stamps: [ns], growing, none before the state's.
-        command: as it was commanded; the model's effects are applied to it.
-        parameters: by which sensitivities are wanted, see `sensitivity_parameters`; those of the
-            state are carried along.
+        command: command as it was given; the model's effects are applied to it.
+        parameters: parameters whose sensitivities are wanted, see `sensitivity_parameters`; those
+            of the state are propagated.
         speeds: whether the velocities at the stamps are wanted.
 
     Raises:

@@ -31,7 +31,7 @@ class InitialState:
     """The state that a simulation starts from.
 
     Args:
-        state: of the rod.
+        state: state of the rod.
         stable: whether the equilibrium is stable; true where it starts from none.
         flat: whether it is an equilibrium in the plane y = 0.
     """
@@ -81,7 +81,7 @@ def initial_state(
     """The initial state as simulation.start says, in short pieces.
 
     Args:
-        parameters: by which sensitivities are wanted, see `sensitivity_parameters`.
+        parameters: parameters whose sensitivities are wanted, see `sensitivity_parameters`.
 
     Raises:
         InputError: the first two observed shapes have the same stamp.

@@ -32,12 +32,14 @@ class Track:
     """A simulated motion.
 
     Args:
-        state: at the last stamp.
+        state: state at the last stamp.
         shapes: control points of the simulation's basis at every stamp, shape (S, n, 4).
-        speeds: their velocities; zero where neither these nor sensitivities were asked for.
+        speeds: velocities of the control points; zero where neither these nor sensitivities were
+            requested.
         twists: twist strain [rad/m] at the nb bending points, shape (S, nb); (0, 0) in the plane.
-        derivatives: with respect to the logarithms of the P parameters, shape (S, P, n, 4).
-        steps: taken, rejected ones included.
+        derivatives: derivatives with respect to the logarithms of the P parameters, shape (S, P, n,
+            4).
+        steps: number of steps, rejected ones included.
     """
 
     state: State

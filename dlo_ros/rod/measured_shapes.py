@@ -18,8 +18,8 @@ class MeasurementMap:
     """Maps between true and measured shapes; affine in the control points.
 
     Args:
-        settings: whose effects count.
-        parameters: by which sensitivities are wanted, see `sensitivity_parameters`.
+        settings: settings whose effects on the measurement count.
+        parameters: parameters whose sensitivities are wanted, see `sensitivity_parameters`.
     """
 
     def __init__(self, settings: RodSettings, parameters: Sequence[str] = ()) -> None:
@@ -71,7 +71,7 @@ class MeasurementMap:
 
         Args:
             shape, velocity: true control points and their velocities, shape (n, 4) and (n, 3).
-            change: their derivatives by the parameters, shape (P, n, 3).
+            change: derivatives of the control points by the parameters, shape (P, n, 3).
 
         Returns:
             Shape (P, n, 3).

@@ -24,8 +24,8 @@ from dlo_ros.rod_settings import STANDARD_GRAVITY, RodSettings
 from dlo_ros.spline import FloatArray, SplineBasis
 
 CONTACTS = 8  # points of a knot span at which contact is looked for
-SINK = 2e-6  # of L: how deep a contact gives way under all of the DLO's weight
-CREEP = 3e-5  # of L: displacement at which friction acts fully
+CONTACT_PENETRATION = 2e-6  # of L: how deep a contact gives way under all of the DLO's weight
+PRESLIDING_DISPLACEMENT = 3e-5  # of L: displacement at which friction acts fully
 INACTIVE = 9e5  # [1/m] curvatures that no DLO reaches
 # What depends on basis and ends alone.
 DISCRETISATION = ("rule", "points", "gram", "basis_slope", "basis_curvature", "twist_fit")
@@ -219,8 +219,8 @@ class RodModel:
         weight = rod.linear_density * STANDARD_GRAVITY * length
         push = weight + 10.0 * rod.bending_stiffness / length**2
         return Surroundings(
-            (body.friction or 0.0) * body.lengthening, CREEP * length, pegs,
-            push / (width * SINK * length), span, b, np.full(len(u), width), walls,
+            (body.friction or 0.0) * body.lengthening, PRESLIDING_DISPLACEMENT * length, pegs,
+            push / (width * CONTACT_PENETRATION * length), span, b, np.full(len(u), width), walls,
             (body.quadratic_drag or 0.0) * body.lengthening, np.zeros((0, 3)),
         )  # fmt: skip
 

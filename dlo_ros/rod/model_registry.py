@@ -77,8 +77,8 @@ def simulation_of(
     Args:
         settings: material, damping, gravity, effects and how they are simulated.
         motion: the imposed motion; commands may be added while the simulation runs.
-        parameters: by which derivatives are wanted, named as in `sensitivity_parameters`. A model
-            that has none gives difference quotients.
+        parameters: parameters by which derivatives are wanted, named as in
+            `sensitivity_parameters`. A model without derivatives gives difference quotients.
         spans: knot spans of the simulation; default: as many as simulation.tolerance needs.
         loads: whether predictions contain the loads on the DLO and its grips.
 

@@ -39,7 +39,8 @@ class Rehearsal:
         shapes: control points x, y, z [m], theta [rad], shape (S, n, 4).
         std: standard deviation of the position that the parameters' gives [m], at equally spaced
             places from u = 0 to L, shape (S, `PLACES`); None where none is known.
-        loadings: what the DLO and its grips bear, S of them; none where the rod model says none.
+        loadings: loads on the DLO and its grips, S of them; none where the rod model does not
+            compute loads.
         length: L [m].
     """
 
@@ -79,9 +80,11 @@ def rehearse(
     """Simulate through stamps.
 
     Args:
-        simulation: that has started, with `loads`, and sensitivities by `varied_by(covariance)`.
+        simulation: simulation that has started, with `loads`, and sensitivities by
+            `varied_by(covariance)`.
         stamps: [ns], growing, the first not before the simulation's instant; at least one.
-        covariance: of the logarithms of `MATERIAL`, shape (4, 4); None where nothing is known.
+        covariance: covariance of the logarithms of `MATERIAL`, shape (4, 4); None where it is not
+            known.
 
     Raises:
         InputError: there are more than `LONGEST` stamps.
@@ -148,9 +151,9 @@ class Fork:
     It shares nothing that changes, so that it may run in another thread.
 
     Args:
-        simulation: under the command that is tried.
+        simulation: simulation that follows the command under trial.
         present: the command that holds now.
-        parameters: by which sensitivities are wanted.
+        parameters: parameters whose sensitivities are wanted.
     """
 
     simulation: RodSimulation

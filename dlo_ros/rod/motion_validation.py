@@ -37,8 +37,8 @@ def steady(
     """Check imposed motion for jumps between the state's instant and another.
 
     Args:
-        held: what was held before; a new grip may find the DLO elsewhere than simulated.
-        command: what is truly imposed.
+        held: names of what was held before; a new grip may find the DLO elsewhere than simulated.
+        command: command with all effects applied.
         until: stamp [ns].
 
     Raises:

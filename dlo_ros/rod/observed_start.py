@@ -35,9 +35,9 @@ class FirstShapes:
     """What is known of a DLO when its simulation starts.
 
     Args:
-        observations: one, or two for simulation.start `moving`, at the instants at which they
-            truly were so.
-        command: that holds then.
+        observations: one observation, or two for simulation.start `moving`, with the instants at
+            which the DLO truly had these shapes.
+        command: command that holds at that time.
         shape: true control points at the last of these instants, published basis, shape (n, 4).
     """
 
@@ -58,8 +58,8 @@ def observed_start(
     """The state that begins with the observed shape, held as commanded and not stretched.
 
     Args:
-        measurement: from true shapes to measured ones, with the rates of these parameters.
-        parameters: by which sensitivities are wanted, see `sensitivity_parameters`.
+        measurement: map from true shapes to measured ones, with the rates of these parameters.
+        parameters: parameters whose sensitivities are wanted, see `sensitivity_parameters`.
 
     Raises:
         InputError: the first two observed shapes have the same stamp.

@@ -111,7 +111,7 @@ def varying_of(state: State, wanted: SensitivityState, *, flat: bool) -> Sensiti
     """A copy of a state's sensitivities for compiled code.
 
     Args:
-        wanted: which parameters they are by, see `sensitivity_parameters`.
+        wanted: sensitivity parameters, see `sensitivity_parameters`.
     """
     v = state.sensitivity
     assert v is not None

@@ -30,8 +30,9 @@ def in_plane(
     """Whether motion, rest strains and loads all lie in the plane y = 0.
 
     Args:
-        command: as it truly is.
-        parameters: by which derivatives are wanted; one that acts across the plane leaves it.
+        command: command with all effects applied.
+        parameters: parameters by which derivatives are wanted; one that acts out of the plane makes
+            the motion spatial.
     """
     slack = ROUNDING * model.basis.length
     return bool(

@@ -70,7 +70,7 @@ class RodSimulation(Protocol):
         Args:
             observations: the first observed shapes, at least one, or two for `moving`. It begins
                 at the first, or for `moving` at the second; further ones have no meaning.
-            last_stamp: until when the motion matters for the resolution [ns]; default: the
+            last_stamp: stamp until which the motion matters for the resolution [ns]; default: the
                 command's end.
 
         Raises:
@@ -186,8 +186,8 @@ class RodSimulation(Protocol):
         """Many parameter sets at once, from this simulation's start, piece by piece.
 
         Args:
-            sets: of the same DLO; the first are the simulation's own settings.
-            last_stamp: until when they will be simulated [ns].
+            sets: settings of the same DLO; the first are the simulation's own settings.
+            last_stamp: stamp until which the sets will be simulated [ns].
 
         Returns:
             None where they cannot share their simulation, or the model has no batch: they are
@@ -201,7 +201,7 @@ class RodBatch(Protocol):
     """S parameter sets of one DLO that are simulated at once.
 
     Attributes:
-        failures: why a set cannot be simulated, by its number.
+        failures: the reason why a set cannot be simulated, by its number.
         stable: whether the equilibrium that a set starts from is stable, S of them.
     """
 
@@ -228,7 +228,7 @@ class RodBatch(Protocol):
 
         Args:
             parameters: P names, by which they are.
-            quotient: how derivatives follow from the sets.
+            quotient: rule by which derivatives follow from the sets.
         """
 
 

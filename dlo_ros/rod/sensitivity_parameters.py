@@ -155,7 +155,7 @@ class Compiled:
 
     Args:
         system, imposed: see there.
-        step, moves, rates, special: of the parameters, see `SensitivityState`.
+        step, moves, rates, special: fields of the parameters, see `SensitivityState`.
     """
 
     system: System
@@ -178,8 +178,8 @@ def compiled(
     """The rod and its command for compiled code, kept with the model.
 
     Args:
-        command: as it was commanded, effects not applied.
-        names: of the parameters whose sensitivities are wanted, see above.
+        command: command as it was given, effects not applied.
+        names: names of the parameters whose sensitivities are wanted, see above.
         flat: whether the rod runs in its planar form.
 
     Raises:

@@ -47,7 +47,8 @@ class Simulation(RodSimulation):
     Args:
         settings: the parameter file.
         motion: the imposed motion; commands may be added while the simulation runs.
-        parameters: by which derivatives are wanted, named as in `sensitivity_parameters`.
+        parameters: parameters by which derivatives are wanted, named as in
+            `sensitivity_parameters`.
         spans: knot spans of the simulation; default: as many as simulation.tolerance needs.
         loads: whether predictions say what the DLO and its grips bear.
 
@@ -134,7 +135,7 @@ class Simulation(RodSimulation):
 
         Args:
             motion: imposed from here on; default: the same. One of its own suits another thread.
-            loads: as in the class; default: as here.
+            loads: whether loads are computed, as in the class; default: as in this simulation.
         """
         twin = copy(self)
         twin._loads = self._loads if loads is None else loads
@@ -314,7 +315,8 @@ class Simulation(RodSimulation):
 
         Args:
             down: projection onto the published basis.
-            velocity, derivative: in the simulation's basis, shape (m, 4) and (P, m, 4).
+            velocity, derivative: velocities and derivatives in the simulation's basis, shapes (m,
+                4) and (P, m, 4).
             borne: see `Prediction.loading`.
         """
         stamp, seen = stamp + self._measurement.later, self._measurement.measured(shape)

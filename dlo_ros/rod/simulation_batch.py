@@ -34,7 +34,7 @@ def started_set(model: RodModel, boundary: Boundary, state: State, command: Comm
     """A parameter set, started as the simulation of another one was.
 
     Args:
-        state: of that one, at its start.
+        state: state of that other simulation at its start.
 
     Raises:
         SimulationError: it has no equilibrium.
@@ -49,10 +49,10 @@ class SimulationBatch:
     """S parameter sets of a planar rod; see `RodBatch`.
 
     Args:
-        sets: those that could be started, by their number; the first among them.
-        failures: why the others could not.
+        sets: sets that could be started, by their number; the first among them.
+        failures: the reason why the other sets could not be started, by their number.
         boundary: common to all.
-        command: that holds all the time.
+        command: command that holds all the time.
         published: basis of the shapes.
         resumed: a simulation of the first set that goes on from a state whose sensitivities to
             some parameters are known.

@@ -35,7 +35,7 @@ class State:
         q, velocity, acceleration: x, y, z [m] and theta [rad], and rates, shape (n, 4).
         auxiliary: acceleration-like variable of the generalised-alpha method, shape (n, 4).
         reference: frame at the bending points.
-        frames: at both ends, shape (2, FRAME), see `boundary.conditions`.
+        frames: frames of both ends, shape (2, FRAME), see `boundary.conditions`.
         strains, previous: strains now and one step ago (for the strain rate).
         internal: variables of bending and friction, see `InternalVariables`.
         last_step: length of the last step [s], 0 at a start.
@@ -79,7 +79,7 @@ def internal_at_rest(q: FloatArray, now: Strains, model: RodModel) -> InternalVa
     """Internal variables of a DLO that was never bent too far and feels no friction.
 
     Args:
-        q, now: its shape, shape (n, 4), and the strains there.
+        q, now: control points, shape (n, 4), and the strains at the quadrature points.
     """
     yielding, touching, lagging = model.remembers
     anchor = rest_anchor(q, model.rule) if touching else np.zeros((0, 2))

@@ -78,8 +78,8 @@ def settle(
 
     Args:
         fresh: whether the DLO starts there: it has come without friction, and bent but once.
-        command: as it was commanded; the model's effects are applied to it.
-        parameters: by which the state's sensitivities are wanted, see `sensitivity_parameters`.
+        command: command as it was given; the model's effects are applied to it.
+        parameters: parameters whose sensitivities are wanted, see `sensitivity_parameters`.
 
     Raises:
         SimulationError: no equilibrium was found, for example because the imposed ends are

@@ -35,8 +35,8 @@ class Relaxation:
 
     Args:
         model, boundary: the rod, and where it is held.
-        held: what the command holds.
-        shape: as it was observed, in the simulation's basis, shape (n, 4).
+        held: degrees of freedom that the command holds.
+        shape: observed shape in the simulation's basis, shape (n, 4).
     """
 
     def __init__(self, model: RodModel, boundary: Boundary, held: Held, shape: FloatArray) -> None:
@@ -87,7 +87,7 @@ class Relaxation:
 
         Args:
             weak: weight of pull and bending.
-            share: of the way from the given shape to what is held.
+            share: fraction of the way from the given shape to what is held.
         """
         model, boundary, held, given = self._model, self._boundary, self._held, self._given
         stiffest, length = float(self._soft.stretch.mean()), model.basis.length

@@ -26,7 +26,7 @@ class Geometry:
 
     Args:
         camera: intrinsics.
-        pose: of the board in the camera's optical frame.
+        pose: pose of the board in the camera's optical frame.
     """
 
     camera: SimulatedCamera

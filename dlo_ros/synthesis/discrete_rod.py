@@ -69,14 +69,15 @@ class DiscreteRod:
         lengths: reference length of the edges [m], shape (N,).
         stretch_stiffness: E A of the edges [N], shape (N,).
         bending_stiffness: B of the vertices [N m^2], shape (N + 1,); the ends count where clamped.
-        mass: of the nodes [kg], shape (N + 1,).
-        drag: of the nodes [N s/m], shape (N + 1,): force -drag times velocity.
-        rest_curvature: of the vertices [1/m], shape (N + 1,).
+        mass: masses of the nodes [kg], shape (N + 1,).
+        drag: drag coefficients of the nodes [N s/m], shape (N + 1,): force -drag times velocity.
+        rest_curvature: curvatures at rest at the vertices [1/m], shape (N + 1,).
         force: constant force on the nodes [N], shape (N + 1, 2).
         gravity: x and z [m/s^2], shape (2,).
         relaxation_time: t_r [s] of Kelvin-Voigt damping.
         kink: turning angle at rest beside that of `rest_curvature` [rad], shape (N + 1,).
-        half_curvature: where the tangent bending stiffness has fallen to one half [1/m].
+        half_curvature: curvature at which the tangent bending stiffness has fallen to one half
+            [1/m].
         yield_curvature: elastic curvature beyond which the rest curvature follows [1/m].
         hardening: tangent stiffness past the yield, over that before it, 0 to 1.
         hysteresis: largest moment of a hysteretic bending element, over B [1/m].
@@ -87,8 +88,8 @@ class DiscreteRod:
         friction: largest friction with the board of the nodes [N], shape (N + 1,).
         pegs: x, z [m] and the distance of the DLO's axis at contact [m], shape (m, 3).
         wall: unit normal x, z and where along it the DLO's axis touches [m], shape (3,), or none.
-        quadratic_drag: of the nodes, force over the square of the velocity across the DLO
-            [N s^2/m^2], shape (N + 1,).
+        quadratic_drag: quadratic drag of the nodes, force over the square of the velocity across
+            the DLO [N s^2/m^2], shape (N + 1,).
     """
 
     lengths: FloatArray
@@ -271,7 +272,7 @@ class DiscreteRod:
         Args:
             held: 1 where a node is imposed, 0 where it is free, shape (N + 1,).
             clamps: imposed directions [rad], NaN where free, shape (2,).
-            law: of bending with its history; otherwise without any.
+            law: bending law with its history; None: linear bending.
         """
         return PlanarPotential(
             held=held,

@@ -81,14 +81,14 @@ class Experiment:
     """A whole experiment file.
 
     Args:
-        name: of the experiment.
+        name: name of the experiment.
         truth: parameters of the simulated rope, and the camera's stated pose, without effects.
         guess: parameters that the parameter file beside the bag gives.
-        duration: from the first image to the last [s].
+        duration: time from the first image to the last [s].
         initial_shape: rough curve x, z [m], shape (m, 2), or x, y, z, shape (m, 3).
         command: imposed motion; its stamp is the start of the recording.
         camera: intrinsics and quality.
-        look: of board and rope.
+        look: appearance of board and rope.
         measurement: noise where no images are made.
         hidden: effects that the truth has beside its parameters.
         cameras: several cameras by name, each with its stated pose; empty: the one camera.
@@ -153,9 +153,9 @@ def read_experiment(tree: Any, name: str, where: str) -> Experiment:
     """Check and convert the content of an experiment file.
 
     Args:
-        tree: as YAML gives it.
-        name: of the experiment, where the file has no `name`.
-        where: for messages, the file.
+        tree: content of the file as YAML gives it.
+        name: name of the experiment, where the file has no `name`.
+        where: name of the file, for error messages.
 
     Raises:
         InputError: something is missing, unknown or out of range.

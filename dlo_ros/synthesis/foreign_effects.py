@@ -33,8 +33,8 @@ def gusts(force: float, correlation_time: float, seed: int, axes: int = 2) -> Ch
 
     Args:
         force: root mean square of each component of the force per length [N/m].
-        correlation_time: within which the force changes [s].
-        seed: of the random numbers.
+        correlation_time: time within which the force changes [s].
+        seed: seed of the random numbers.
         axes: coordinates of a node: 2 in the plane, 3 in space.
     """
     rng = np.random.default_rng(seed)

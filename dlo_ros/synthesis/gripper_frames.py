@@ -55,8 +55,8 @@ def write_frames(writer: BagWriter, settings: Settings, command: Command, until:
 
     Args:
         writer: an open writer.
-        settings: that name the frames and the clamps' offsets in them.
-        command: of the clamps.
+        settings: settings that name the frames and the clamps' offsets in them.
+        command: command of the clamps.
         until: stamp of the last image [ns].
     """
     own = command.stamp + np.rint(command.times * NANOSECONDS).astype(np.int64)

@@ -34,10 +34,10 @@ class Key:
     Args:
         unit: SI unit.
         lower, upper: range, both ends allowed.
-        default: where it is not given; None means that it must be.
+        default: value where the file gives none; None means that it must be given.
         listed: whether a list of numbers is allowed as well.
-        counts: how many numbers must be given as a list, zeros where none is; 1 stands for a number
-            by itself; empty: one number.
+        counts: allowed numbers of values in a list, zeros by default; 1 stands for a number by
+            itself; empty: one number.
     """
 
     unit: str
@@ -129,9 +129,9 @@ def read_effects(
     """Check a block of effects.
 
     Args:
-        tree: as YAML gives it: effect, key, number.
-        where: for messages, the file and the block.
-        table: of the allowed names.
+        tree: content of the block as YAML gives it: effect, key, number.
+        where: names of the file and the block, for error messages.
+        table: allowed keys of each allowed effect.
 
     Returns:
         All keys of the effects that are named, those not given with their defaults.
@@ -175,8 +175,8 @@ class HiddenEffects:
     """What an experiment hides.
 
     Args:
-        effects: those that the interface names.
-        foreign: those that it does not.
+        effects: hidden effects that the interface names.
+        foreign: hidden effects that the interface does not name.
     """
 
     effects: Effects = field(default_factory=dict)
@@ -230,7 +230,7 @@ class HiddenEffects:
 
         Args:
             points: true ones in the board frame [m], shape (m, 3).
-            time: since the start of the recording [s].
+            time: time since the start of the recording [s].
         """
         rotation = Rotation.from_rotvec(self.turn("camera_rotation", "angle"))
         creep = time * self.number("camera_creep", "angle")

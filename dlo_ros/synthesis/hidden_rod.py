@@ -92,7 +92,7 @@ def build_rod(
     """A rod with all that is hidden in it and does not change in time.
 
     Args:
-        settings: its parameters.
+        settings: parameters of the rod.
         hidden: the effects.
         edges: wanted number of edges.
         pins: material coordinates u [m] where a node must lie.
@@ -150,7 +150,7 @@ def change(
     """What the rod is at a time, where something of it changes by itself.
 
     Args:
-        settings: its parameters.
+        settings: parameters of the rod.
         hidden: the effects.
         travelled: fraction of the imposed points' way that is behind them at a time [s].
         axes: coordinates of a node: 2 in the plane, 3 in space.
@@ -197,8 +197,8 @@ def stretched(rod: DiscreteRod, factor: float, hung: FloatArray) -> DiscreteRod:
     even gain gives the same shape, and no edge grows beyond what the others can follow.
 
     Args:
-        rod: as it is at first.
-        factor: its length over that at first.
+        rod: the rod before it is lengthened.
+        factor: length over the length before.
         hung: masses that belong to bodies on the nodes [kg], shape (N + 1,).
     """
     return replace(

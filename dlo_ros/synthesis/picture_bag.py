@@ -37,11 +37,11 @@ def record_pictures(
     """Draw all frames for every camera of an experiment, and their depth images.
 
     Args:
-        experiment: with its cameras.
+        experiment: experiment with its cameras.
         truth: the motion.
-        writer: of the bag.
+        writer: writer of the bag.
         frames: indices of the frames.
-        seed: of noise and texture.
+        seed: seed of noise and texture.
 
     Raises:
         InputError: the rope comes behind the board.
@@ -88,11 +88,11 @@ def record_board_pictures(
     """Draw all frames of a rope in front of its board, as the one camera sees them.
 
     Args:
-        experiment: with its camera.
+        experiment: experiment with its camera.
         truth: the motion.
-        writer: of the bag.
+        writer: writer of the bag.
         frames: indices of the frames.
-        renderer: of the board.
+        renderer: renderer of the board.
         held: material coordinates [m] where a pin holds the rope, shape (k,).
     """
     u = renderer.spacing(experiment.truth.rod.length)

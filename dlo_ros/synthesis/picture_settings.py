@@ -21,7 +21,7 @@ class SimulatedCamera:
     """Intrinsics as in sensor_msgs/CameraInfo, and the rate of images.
 
     Args:
-        width, height: of the image [px].
+        width, height: size of the image [px].
         focal_length: fx and fy [px].
         principal_point: cx and cy [px].
         model: plumb_bob or rational_polynomial.
@@ -86,17 +86,17 @@ class Look:
     """Colours are red, green, blue from 0 to 255; lengths in m.
 
     Args:
-        board_colour: of the extruded polystyrene.
+        board_colour: colour of the extruded polystyrene.
         hole_pitch: distance of the pre-drilled holes; one lies at the board's origin.
         hole_diameter: 0 for a board without holes.
         grain: standard deviation of the board's texture [grey levels].
-        unevenness: how much darker the darkest corner is, 0 to 1.
+        unevenness: relative darkness of the darkest corner, 0 to 1.
         shadow: darkness of the rope's shadow, 0 to 1.
-        rope_colour: of the rope.
+        rope_colour: colour of the rope.
         strand_pitch: length of one turn of the rope's strands, in diameters; 0 for a smooth wire.
         strand_contrast: darkness of the grooves between strands, 0 to 1.
-        pin_colour: of the pins that hold the rope.
-        pin_diameter: of their heads, in diameters of the rope; 0 for none.
+        pin_colour: colour of the pins that hold the rope.
+        pin_diameter: diameter of the pins' heads, in diameters of the rope; 0 for none.
         board_distance: y of the board's surface, where several cameras, a depth sensor or a rope in
             space are drawn; else it is the rope's radius.
     """

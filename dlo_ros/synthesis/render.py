@@ -33,9 +33,9 @@ class Renderer:
 
     Args:
         geometry: camera and pose.
-        look: of board and rope.
-        diameter: of the rope [m].
-        seed: of texture and noise.
+        look: appearance of board and rope.
+        diameter: diameter of the rope [m].
+        seed: seed of texture and noise.
         behind: y of the board's surface [m]; None: one radius behind the plane y = 0.
     """
 

@@ -33,17 +33,17 @@ def _trace(
     Args:
         line: x and z of the axis [m], shape (m, 2), closely spaced.
         pixels: the same points in the image [px], shape (m, 2).
-        u: their material coordinates [m], shape (m,).
+        u: material coordinates of the axis points [m], shape (m,).
         eye: camera's centre in the board frame [m], shape (3,).
         plane: x and z of the board's plane y = 0 at each pixel of the region [m], (H, W, 2).
         corner: column and row of the region's first pixel.
-        reach: how far from the axis pixels are wanted [m].
+        reach: distance from the axis within which pixels are wanted [m].
         margin: the same in the image [px].
-        radius: of the rope [m].
-        across: out, signed distance of the pixel's ray from the axis [m], (H, W); left alone where
-            no axis is near, so it must come filled with something large.
-        along: out, u [m]; beyond an end it goes on past 0 and L, (H, W).
-        segment: out, index of the piece of the axis, (H, W).
+        radius: radius of the rope [m].
+        across: output, signed distance of the pixel's ray from the axis [m], (H, W); not written
+            where no axis is near, so it must be filled with a large value before.
+        along: output, material coordinate u [m]; it continues beyond 0 and L past the ends, (H, W).
+        segment: output, index of the piece of the axis, (H, W).
     """
     height, width = across.shape
     last = line.shape[0] - 2

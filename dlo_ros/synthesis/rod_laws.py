@@ -33,7 +33,7 @@ class BendingLaw(NamedTuple):
         plastic: the slider's angle before the step [rad].
         drag: largest moment of the hysteretic element [J], 0 for none.
         width: angle over which that moment turns round [rad].
-        drag_state: that moment before the step, over `drag`, -1 to 1.
+        drag_state: frictional moment before the step, over `drag`, -1 to 1.
         turn: turning angle before the step [rad].
     """
 
@@ -56,8 +56,8 @@ class Friction(NamedTuple):
     Args:
         active: whether there is any.
         limit: largest force on each node [N], shape (N + 1,).
-        anchor: where the presliding springs are fixed [m], shape (N + 1, 2).
-        slack: how far a node is drawn from its anchor when it slides [m].
+        anchor: points to which the presliding springs are fixed [m], shape (N + 1, 2).
+        slack: distance of a node from its anchor at which it slides [m].
     """
 
     active: bool
@@ -71,7 +71,7 @@ class Wind(NamedTuple):
 
     Args:
         active: whether there is any.
-        coefficient: of each node [N s^2/m^2], shape (N + 1,).
+        coefficient: drag coefficient of each node [N s^2/m^2], shape (N + 1,).
         along: unit tangent of each node, shape (N + 1, 2).
         past: [m/s], shape (N + 1, 2).
         rate: [1/s].
@@ -176,7 +176,7 @@ def _drag_nodes(friction: Friction, x: FloatArray, gradient: FloatArray, band: F
 
     Args:
         x: nodes [m], shape (N + 1, 2).
-        gradient, band: are added to, as in `rod_kernels.elastic`.
+        gradient, band: arrays to which the derivatives are added, as in `rod_kernels.elastic`.
     """
     total = 0.0
     for i in range(x.shape[0]):
@@ -228,8 +228,8 @@ def _press(
 
     Args:
         x: nodes [m], shape (N + 1, 2).
-        lengths: of the edges [m], shape (N,).
-        gradient, band: are added to, as in `rod_kernels.elastic`.
+        lengths: lengths of the edges [m], shape (N,).
+        gradient, band: arrays to which the derivatives are added, as in `rod_kernels.elastic`.
     """
     total = 0.0
     last = x.shape[0] - 1
@@ -320,7 +320,7 @@ def _blow(wind: Wind, x: FloatArray, gradient: FloatArray, band: FloatArray) -> 
 
     Args:
         x: nodes [m], shape (N + 1, 2).
-        gradient, band: are added to, as in `rod_kernels.elastic`.
+        gradient, band: arrays to which the derivatives are added, as in `rod_kernels.elastic`.
     """
     total = 0.0
     for i in range(x.shape[0]):

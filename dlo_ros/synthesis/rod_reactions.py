@@ -112,10 +112,10 @@ def measured(
     """Measurements of sensors at the grips.
 
     Args:
-        stamps: at which they are stamped [ns], T of them.
+        stamps: stamps of the measurements [ns], T of them.
         true: see `reactions`, at the instants that are measured.
-        accelerations: of each grip at these instants [m/s^2], shape (T, 3).
-        seed: of noise and offset.
+        accelerations: acceleration of each grip at these instants [m/s^2], shape (T, 3).
+        seed: seed of noise and offset.
 
     Raises:
         InputError: a grip holds the DLO at some instants only.
@@ -148,9 +148,9 @@ def record(
     """Run a settled simulation over the stamps of images, and measure at the grips.
 
     Args:
-        stamps: of the images [ns].
+        stamps: stamps of the images [ns].
         length: configured length [m].
-        seed: of noise and offset.
+        seed: seed of noise and offset.
 
     Raises:
         InputError: a grip holds the DLO at some instants only.

@@ -69,12 +69,12 @@ class DiscreteRodSimulation:
     """The rod in time.
 
     Args:
-        rod: its properties.
-        boundary: what is imposed at a time [s].
+        rod: properties of the rod.
+        boundary: function that returns the imposed values at a time [s].
         x: nodes [m] at the start, shape (N + 1, 2), at rest.
         step: largest time step [s].
         time: start [s].
-        change: what the rod is at a time.
+        change: function that returns the rod's properties at a time; None: they do not change.
     """
 
     def __init__(

@@ -34,15 +34,15 @@ class PlanarPotential(NamedTuple):
 
     Args:
         held: 1 where a node is imposed, 0 where it is free, shape (N + 1,).
-        lengths: of the edges [m], shape (N,).
+        lengths: lengths of the edges [m], shape (N,).
         clamps: imposed directions [rad], NaN where free, shape (2,).
-        stiffness: of each edge's stretch and of each vertex's turning angle [J].
-        offsets: what rest strain and history put against each strain [J].
+        stiffness: stiffness of each edge's stretch and of each vertex's turning angle [J].
+        offsets: moments and forces of rest strain and history against each strain [J].
         spring: [N/m], shape (N + 1,), from inertia and drag.
         load: [N], shape (N + 1, 2).
-        law: of bending, where it is not linear.
-        friction: with the board.
-        contact: with pegs and a wall.
+        law: law of bending, where it is not linear.
+        friction: friction with the board.
+        contact: contact with pegs and a wall.
         wind: drag that grows with the square of speed.
     """
 

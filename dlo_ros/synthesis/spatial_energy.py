@@ -56,7 +56,7 @@ class Drag(NamedTuple):
     """Drag by the square of the velocity across the rod; v = rate x + past.
 
     Args:
-        coefficient: of the nodes [N s^2/m^2], shape (N + 1,).
+        coefficient: drag coefficients of the nodes [N s^2/m^2], shape (N + 1,).
         along: unit tangents at the nodes, shape (N + 1, 3).
         past: [m/s], shape (N + 1, 3).
         rate: [1/s].
@@ -72,18 +72,18 @@ class SpatialPotential(NamedTuple):
     """What one implicit step, or an equilibrium, minimises.
 
     Args:
-        free: which degrees of freedom are, shape (4 (N + 1),).
-        lengths: of the edges [m], shape (N,).
+        free: whether a degree of freedom is free, shape (4 (N + 1),).
+        lengths: lengths of the edges [m], shape (N,).
         ends: the clamps.
         stretch: stiffness of each edge [J] and the force against its strain [J], (N,) each.
-        stiffness: of curvatures and twist [J], shape (N + 1, 3, 3).
-        offset: what rest strain and history put against each strain [J], shape (N + 1, 3).
+        stiffness: stiffness of curvatures and twist [J], shape (N + 1, 3, 3).
+        offset: moments of rest strain and history against each strain [J], shape (N + 1, 3).
         softening: elastic stiffness that softens [J], (N + 1, 3, 3), strain at rest, (N + 1, 3),
             and the angle at which its tangent is half of it, (N + 1,); None: linear.
         spring: [N/m] of the nodes, shape (N + 1,), and [J] of the spins, shape (N,).
         load: [N] on the nodes, shape (N + 1, 3), and [J] on the spins, shape (N,).
         contact: pegs and a wall.
-        drag: by the square of speed; None: none.
+        drag: drag by the square of speed; None: none.
     """
 
     free: NDArray[np.bool_]
@@ -250,7 +250,7 @@ def evaluate(
 
     Args:
         shape: nodes and directors.
-        spin: how far each edge has turned about itself in the step [rad], shape (N,).
+        spin: angle by which each edge has turned about itself in the step [rad], shape (N,).
         p: the potential.
         slopes: whether gradient and Hessian are wanted, too.
 

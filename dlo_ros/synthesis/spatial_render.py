@@ -35,7 +35,7 @@ class Layers(NamedTuple):
         across: distance of the pixel from the axis in radii, -1 to 1 within, shape (m,).
         u: material coordinate [m], shape (m,).
         normal: unit vector across the axis in the image, x to the right, z up, shape (m, 2).
-        depth: of the axis [m], shape (m,).
+        depth: depth of the axis [m], shape (m,).
         cover: share of the pixel, shape (m,).
     """
 
@@ -53,10 +53,10 @@ class SpatialRenderer:
 
     Args:
         geometry: camera and pose.
-        look: of board and rope.
-        diameter: of the rope [m].
+        look: appearance of board and rope.
+        diameter: diameter of the rope [m].
         behind: y of the board's surface [m]; the rope must stay before it.
-        seed: of texture and noise.
+        seed: seed of texture and noise.
     """
 
     def __init__(
@@ -109,7 +109,7 @@ class SpatialRenderer:
         Args:
             line: the axis in the board frame [m], shape (m, 3).
             u: material coordinates of its points [m], shape (m,).
-            sensor: how well it measures.
+            sensor: noise and range of the depth sensor.
 
         Returns:
             Depth [mm], 0 where there is none, shape (H, W).

@@ -39,8 +39,8 @@ class SpatialRod(DiscreteRod):
 
     Args:
         twist_stiffness: C of the vertices [N m^2], shape (N + 1,).
-        spin_inertia: of the edges about their axis [kg m^2], shape (N,).
-        second_curvature: at rest about the second director [1/m], shape (N + 1,).
+        spin_inertia: moments of inertia of the edges about their axis [kg m^2], shape (N,).
+        second_curvature: curvature at rest about the second director [1/m], shape (N + 1,).
         section: bending stiffness over `bending_stiffness` in the material frame, shape (2, 2).
     """
 
@@ -83,8 +83,9 @@ def in_space(rod: DiscreteRod, material: RodParameters, gravity: FloatArray) -> 
     """A planar rod as one in space, with the twist of a round section of the same material.
 
     Args:
-        rod: its properties in the plane; where it is stiffer against bending, it is against twist.
-        material: of the rod.
+        rod: properties of the rod in the plane; where it is stiffer against bending, it is against
+            twist.
+        material: material of the rod.
         gravity: x, y and z [m/s^2], shape (3,).
     """
     own = {name: getattr(rod, name) for name in DiscreteRod.__dataclass_fields__}

@@ -59,12 +59,12 @@ class SpatialSimulation:
     """The rod in time; arguments and methods are those of `rod_simulation.DiscreteRodSimulation`.
 
     Args:
-        rod: its properties.
-        boundary: what is imposed at a time [s].
+        rod: properties of the rod.
+        boundary: function that returns the imposed values at a time [s].
         x: nodes [m] at the start, shape (N + 1, 3), at rest and free of twist.
         step: largest time step [s].
         time: start [s].
-        change: what the rod is at a time.
+        change: function that returns the rod's properties at a time; None: they do not change.
     """
 
     def __init__(

@@ -56,14 +56,14 @@ def synthesize(
     """Simulate an experiment and record it.
 
     Args:
-        experiment: what happens and who watches.
+        experiment: the experiment: its rope, its motion, its cameras.
         output: folder of the bag.
-        seed: of noise and texture; the same seed gives the same bag.
+        seed: seed of noise and texture; the same seed gives the same bag.
         images: whether a camera is rendered; otherwise the observed splines are written directly.
         force: whether an existing bag is replaced.
         progress: wraps the loop over the frames.
-        edges: of the simulated rope; default as in `true_motion.build_simulation`.
-        step: of its simulation [s]; likewise.
+        edges: number of edges of the simulated rope; default as in `true_motion.build_simulation`.
+        step: time step of its simulation [s]; likewise.
 
     Returns:
         The true motion.

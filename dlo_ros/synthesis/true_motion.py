@@ -37,7 +37,7 @@ class Truth:
         rod: the discrete rod, whose nodes these are, as it is at the start.
         u: material coordinates of the nodes in the configured length [m], shape (N + 1,).
         nodes: x and z [m], shape (T, N + 1, 2); in space x, y and z, shape (T, N + 1, 3).
-        velocities: of the nodes [m/s], likewise.
+        velocities: velocities of the nodes [m/s], likewise.
         twist: angle against the twist-free frame at the nodes [rad], shape (T, N + 1); None in the
             plane.
     """
@@ -53,7 +53,7 @@ class Truth:
         """Points of the rope's axis in the board frame.
 
         Args:
-            index: of the image.
+            index: index of the image.
             u: material coordinates [m], shape (m,).
             later: instant within the exposure, after the stamp [s].
 
@@ -218,7 +218,7 @@ def build_simulation(
     """The rope of an experiment, settled under the first imposed values.
 
     Args:
-        edges: of the discrete rod; default `EDGES`, in space `SPATIAL_EDGES`.
+        edges: number of edges of the discrete rod; default `EDGES`, in space `SPATIAL_EDGES`.
         step: largest time step [s]; default `STEP`, in space `SPATIAL_STEP`.
         space: whether it moves in space; default: where the experiment leaves the plane.
 
@@ -268,7 +268,7 @@ def simulate(
         stamps: [ns].
         length: configured length [m], by which the material coordinate counts; None where that is
             the rod's.
-        reached: is told each stamp when the simulation is there.
+        reached: function that is called with each stamp when the simulation has reached it.
 
     Raises:
         SimulationError: a step did not converge.

@@ -13,11 +13,12 @@ class WrenchSensor:
     """Force-torque sensors at the grips.
 
     Args:
-        rate: of measurements [Hz].
+        rate: rate of measurements [Hz].
         force_std, torque_std: white noise [N; N m].
-        force_bias_std, torque_bias_std: of the constant offset of each component [N; N m].
-        delay: by which a measurement is stamped too late [s].
-        tool_mass: between sensor and DLO, tared at rest [kg].
+        force_bias_std, torque_bias_std: standard deviations of the constant offset of each
+            component [N; N m].
+        delay: delay by which a measurement is stamped too late [s].
+        tool_mass: mass between sensor and DLO, tared at rest [kg].
     """
 
     rate: float = 100.0

@@ -18,9 +18,9 @@ def expected_shape(
     """The last shape, carried on by its velocity and the clamps.
 
     Args:
-        stamp: for which it is wanted [ns].
+        stamp: stamp of the expected shape [ns].
         last: the last shape.
-        velocity: of its points [m/s]; None where it is not known.
+        velocity: velocity of the last shape's points [m/s]; None where it is not known.
         ends: the clamps at that stamp.
 
     Returns:
@@ -42,7 +42,7 @@ def expected_width(camera: Camera, diameter: float, ends: EndPoses) -> float:
 
     Args:
         camera: intrinsics and the board's pose.
-        diameter: of the DLO [m].
+        diameter: diameter of the DLO [m].
         ends: the clamps, as far as they are known.
 
     Raises:
@@ -69,9 +69,9 @@ def traced_backwards(outer: FloatArray, before: LastShape | None, diameter: floa
     """Whether a path without known ends runs from the end to the start.
 
     Args:
-        outer: its first and last point on the board, x and z [m], shape (2, 2).
+        outer: first and last point of the path on the board, x and z [m], shape (2, 2).
         before: the shape before; None at a first detection, where the start is further left.
-        diameter: of the DLO [m], by which x must differ.
+        diameter: diameter of the DLO [m], by which x must differ.
     """
     first, last = outer
     if before is not None:

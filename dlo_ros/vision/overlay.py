@@ -69,7 +69,7 @@ def spline_pixels(control_points: FloatArray, length: float, camera: Camera) -> 
     Args:
         control_points: shape (n, 3) or (n, 4), x y z first [m].
         length: L [m].
-        camera: that looks at it.
+        camera: camera of the picture.
     """
     basis = SplineBasis(len(control_points), length)
     u = np.linspace(0.0, length, 300)
@@ -88,11 +88,12 @@ def draw_overlay(
 
     Args:
         image: BGR or mono.
-        camera: that took it.
-        length: of the DLO, L [m].
-        result: what was observed; None where nothing was.
+        camera: camera of the picture.
+        length: length of the DLO, L [m].
+        result: observation; None where the DLO was not found.
         predicted: control points of the simulated DLO at that instant, shape (n, 3 or 4).
-        message: one line that is written into the picture, such as why nothing was found.
+        message: one line of text that is written into the picture, such as the reason why nothing
+            was found.
 
     Returns:
         A new BGR image.

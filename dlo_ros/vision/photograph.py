@@ -53,7 +53,7 @@ class FoundDlo:
         u: share of the arc length in the picture, 0 to 1, shape (m,).
         seen: whether it was seen there (else bridged), shape (m,).
         width: [px].
-        contrast: to the background [grey levels].
+        contrast: contrast to the background [grey levels].
     """
 
     pixels: FloatArray
@@ -73,7 +73,7 @@ def find_dlos(image: Image, hints: Hints | None = None) -> list[FoundDlo]:
 
     Args:
         image: BGR or mono, uint8.
-        hints: what is known of where they are.
+        hints: hints of the user on where the DLOs are.
 
     Raises:
         VisionError: it is no image.

@@ -111,7 +111,7 @@ class Observer:
         """Find the DLO in an image.
 
         Args:
-            stamp: of the image [ns].
+            stamp: stamp of the image [ns].
             image: BGR or mono, uint8, shape (h, w, 3) or (h, w).
             predicted: control points that are expected at the stamp, x, y, z [m] (and theta), of
                 any number n from 4, shape (n, 3) or (n, 4). They choose between courses that the

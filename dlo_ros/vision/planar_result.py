@@ -24,9 +24,9 @@ class VisionResult:
         fraction_seen: share of the length where the DLO was seen.
         seen_length: length from end to end [m]; compare with rod.length.
         pixels: the centreline in the image, from start to end [px], shape (m, 2).
-        pixels_seen: which of them were seen (else bridged), shape (m,).
-        width: of the DLO [px].
-        contrast: of the DLO to its background [grey levels].
+        pixels_seen: whether each pixel of the centreline was seen (else bridged), shape (m,).
+        width: width of the DLO [px].
+        contrast: contrast of the DLO to its background [grey levels].
         tracked: whether the last shape's surroundings sufficed (else the whole image was searched).
     """
 
@@ -87,7 +87,7 @@ class LastShape:
         """The shape of a picture.
 
         Args:
-            stamp: of the picture [ns].
+            stamp: stamp of the picture [ns].
             curve: points (x, z) of the shape [m], equally spaced in u, shape (m, 2).
             seen_length: length from end to end [m].
             located: the DLO in the picture.

@@ -27,10 +27,10 @@ class LinearCantilever(RodSimulation):
     own weight of Euler and Bernoulli, with the part of g across the clamp's direction.
 
     Args:
-        settings: of which it takes the rod, gravity, and effects on gravity, the clamp and the
-            measurement.
+        settings: settings; rod, gravity, and effects on gravity, the clamp and the measurement are
+            used.
         motion: the imposed motion.
-        parameters, spans, loads: it has no derivatives, no resolution and no loads.
+        parameters, spans, loads: ignored: the model has no derivatives, no resolution and no loads.
 
     Raises:
         SimulationError: an effect changes the rod otherwise, which this model does not know.

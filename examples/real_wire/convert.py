@@ -22,9 +22,9 @@ def convert(folder: Path, trial: str, settings: Settings, output: Path) -> None:
     """Write one measured shape as a bag that every tool reads.
 
     Args:
-        folder: with TRIAL.csv (columns u_m, x_m, z_m) and clamps.csv.
+        folder: folder with TRIAL.csv (columns u_m, x_m, z_m) and clamps.csv.
         trial: name of the shape.
-        settings: whose length and number of control points the spline has.
+        settings: settings with the length and the number of control points of the spline.
         output: the bag; an older one is replaced.
 
     Raises:

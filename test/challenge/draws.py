@@ -22,10 +22,10 @@ class Scene:
     Args:
         length, weight: L [m], weight per length [N/m].
         curvature: 90th percentile of the largest curvature of each picture [1/m].
-        relaxation_time, air_drag: of the rope.
-        mass: of the rope [kg].
+        relaxation_time, air_drag: damping of the rope.
+        mass: mass of the rope [kg].
         clamps_start, clamps_end: whether any recording has that clamp.
-        shapes: of each recording, nodes in time [m], each (T, N + 1, 2).
+        shapes: true shapes of each recording, nodes in time [m], each (T, N + 1, 2).
     """
 
     length: float

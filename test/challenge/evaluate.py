@@ -20,10 +20,10 @@ class Case:
     """One challenge and what came of it.
 
     Args:
-        kind, hidden: what was asked.
-        outcome: of `OUTCOMES`.
-        named: what the tool named.
-        seconds: that it took.
+        kind, hidden: kind of the challenge and names of its hidden effects.
+        outcome: outcome, one of `OUTCOMES`.
+        named: causes that the tool named.
+        seconds: run time of the tool [s].
         gain: err on held-out data over the noise floor, where something was named.
         missed: effect parameters that are neither within 10 % nor within 2 std of the truth.
         parameters: effect parameters that could be compared.

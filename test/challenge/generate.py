@@ -37,12 +37,12 @@ class Challenge:
     """A drawn challenge.
 
     Args:
-        seed, kind: what it was drawn with.
-        effects, foreign: what is hidden, as in an experiment file.
+        seed, kind: seed and kind with which it was drawn.
+        effects, foreign: hidden effects, as in an experiment file.
         ratio: residual over noise of each effect alone, after E and mu have been fitted again.
         absorbed: change of ln(E / mu) by which that fit absorbs a part, of each effect alone.
-        noise: of the measured points across the rope [m].
-        manipulations: their names.
+        noise: noise of the measured points across the rope [m].
+        manipulations: names of the manipulations.
         trees: an experiment file for each recording.
     """
 
@@ -62,9 +62,9 @@ class Challenge:
         """Write a bag for each recording, `params.yaml`, and the answer as `challenge.json`.
 
         Args:
-            folder: to write into; it is made.
+            folder: folder to write into; it is made.
             images: whether a camera is rendered.
-            edges, step: of the simulation, as `synthesize` takes them.
+            edges, step: edges and time step of the simulation, as `synthesize` takes them.
 
         Returns:
             The bags' folders.
@@ -88,10 +88,10 @@ def draw(
     """Draw a challenge; the same arguments give the same one.
 
     Args:
-        seed: of everything.
-        kind: of `KINDS`.
+        seed: seed of all random numbers.
+        kind: kind of challenge, one of `KINDS`.
         names: the effects; drawn where none are given.
-        recordings: how many, 2 to 4; drawn where None.
+        recordings: number of recordings, 2 to 4; None: drawn.
 
     Raises:
         RuntimeError: no such effect shows itself strongly enough in any manipulation tried.

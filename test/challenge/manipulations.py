@@ -23,9 +23,9 @@ class Manipulation:
     """One recording's motion.
 
     Args:
-        name: of the kind.
+        name: kind of the manipulation.
         initial_shape: rough curve, x and z over L, shape (m, 2).
-        ways: of each imposed name.
+        ways: motion of each imposed name.
     """
 
     name: str

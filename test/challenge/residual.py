@@ -21,7 +21,7 @@ class Shapes:
     Args:
         points: x and z [m], shape (T, POINTS, 2).
         normals: shape (T, POINTS, 2).
-        nodes: of each recording, shape (T, N + 1, 2).
+        nodes: nodes of each recording, shape (T, N + 1, 2).
     """
 
     points: np.ndarray
@@ -71,8 +71,8 @@ class Refit:
 
     Args:
         trees: recordings without effects.
-        noise: of a measured point [m].
-        density_std: of ln mu beforehand.
+        noise: noise of a measured point [m].
+        density_std: prior standard deviation of ln mu.
         known: effects that the fitted model has as well.
     """
 

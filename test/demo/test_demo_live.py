@@ -30,16 +30,16 @@ WARN, OK = DiagnosticStatus.WARN, DiagnosticStatus.OK
 
 def played(bag, settings):
     """What the nodes would publish if they predicted 1 mm too high."""
-    heard = ReceivedData()
+    received = ReceivedData()
     for k, seen in enumerate(read_recording(bag, settings).observations):
-        heard.observed[seen.stamp] = seen.control_points
-        heard.predicted[seen.stamp] = seen.control_points + np.array([0.0, 0.0, 0.001, 0.0])
-        heard.tick(seen.stamp)
-        heard.err.append((seen.stamp, 0.001))
-        heard.take_estimate(1e7 + 1e5 * k, 2000.0)
-    heard.take_diagnostics({"specific_modulus std [m^2/s^2]": "200"})
-    heard.warnings.append("observer: a strange picture")
-    return heard
+        received.observed[seen.stamp] = seen.control_points
+        received.predicted[seen.stamp] = seen.control_points + np.array([0.0, 0.0, 0.001, 0.0])
+        received.tick(seen.stamp)
+        received.err.append((seen.stamp, 0.001))
+        received.take_estimate(1e7 + 1e5 * k, 2000.0)
+    received.take_diagnostics({"specific_modulus std [m^2/s^2]": "200"})
+    received.warnings.append("observer: a strange picture")
+    return received
 
 
 @pytest.mark.parametrize("images", [True, False])
@@ -73,17 +73,17 @@ def test_a_recording_that_cannot_be_made_is_said(tmp_path, monkeypatch, capsys):
 class Nodes:
     """Stands for the listener and the processes."""
 
-    def __init__(self, heard=None, missing=()):
-        self.heard = heard or ReceivedData()
-        self.received = 0
-        self.process = SimpleNamespace(poll=lambda: 0 if self.received > 2 else None)
+    def __init__(self, received=None, missing=()):
+        self.received = received or ReceivedData()
+        self.messages = 0
+        self.process = SimpleNamespace(poll=lambda: 0 if self.messages > 2 else None)
         self._missing = list(missing)
 
     def missing(self):
         return self._missing
 
     def listen(self, seconds):
-        self.received += self.received < 3
+        self.messages += self.messages < 3
 
     def state(self, name):
         return f"waiting for something that {name} needs"
@@ -106,8 +106,8 @@ def test_a_run_without_result_says_what_each_node_waits_for(tmp_path, monkeypatc
     )
     whole = played(bag, recordings_samples.SETTINGS)
 
-    def listen(heard):
-        nodes = Nodes(heard)
+    def listen(received):
+        nodes = Nodes(received)
         with Progress(Console(quiet=True), 1.0) as progress:
             live._listen(nodes, nodes, nodes, progress)
 
@@ -143,11 +143,11 @@ def test_the_listener_keeps_what_is_well_formed_and_each_warning_once(monkeypatc
         for topic in (topics.OBSERVED, topics.PREDICTED):
             monitor._spline(topic, good)
             monitor._spline(topic, short)
-        assert list(monitor.heard.observed) == list(monitor.heard.predicted) == [10**9]
+        assert list(monitor.received.observed) == list(monitor.received.predicted) == [10**9]
         assert monitor.state("observer") == "it has no status yet"
         say(monitor, ("observer", WARN, "waiting for camera_info"), ("other", WARN, "is hot"))
         say(monitor, ("/left/observer", WARN, "3 px too thin"), ("identifier", OK, "estimating"))
         say(monitor, ("observer", WARN, "4 px too thin"), ("simulator", WARN, "4 px too thin"))
         assert monitor.state("observer") == "4 px too thin"
-        assert monitor.heard.warnings == ["observer: 3 px too thin", "simulator: 4 px too thin"]
-        assert monitor.heard.facts["specific_modulus std [m^2/s^2]"] == "12"
+        assert monitor.received.warnings == ["observer: 3 px too thin", "simulator: 4 px too thin"]
+        assert monitor.received.facts["specific_modulus std [m^2/s^2]"] == "12"

@@ -55,8 +55,8 @@ def test_children_are_interrupted_first(tmp_path, monkeypatch):
 
 
 def test_children_that_do_not_listen_are_ended_by_force(tmp_path, monkeypatch):
-    monkeypatch.setattr(processes, "KINDLY", 0.2)
-    monkeypatch.setattr(processes, "FIRMLY", 0.2)
+    monkeypatch.setattr(processes, "INTERRUPT_TIMEOUT", 0.2)
+    monkeypatch.setattr(processes, "TERMINATE_TIMEOUT", 0.2)
     code = "import signal\nfor s in (2, 15): signal.signal(s, signal.SIG_IGN)\n" + READY
     with pytest.raises(ZeroDivisionError), Children(tmp_path, os.environ) as children:
         started = child(children, code + "time.sleep(60)", monkeypatch)

@@ -34,7 +34,7 @@ def elastica(law, force, start=0.0, length=ROD.length, breaks=()):
         law: curvature as a function of u and moment.
         force: internal force (x, z) at u, of all loads beyond u.
         start: direction at the clamp, positive from x towards -z [rad].
-        breaks: where force or law jump.
+        breaks: places along the rope where force or law jump.
     """
     problem = Cantilever(
         length, lambda u: u, STRETCH, force, curvature=lambda moment, u: law(u, moment),

@@ -19,7 +19,7 @@ from dlo_ros.export.chain import STIFFEST
 from dlo_ros.export.draws import draw, read_knowledge, statement
 from dlo_ros.export.format_support import unsupported
 from dlo_ros.export.formats import FORMATS
-from dlo_ros.export.mjcf import SAYS, mjcf
+from dlo_ros.export.mjcf import FIELDS, mjcf
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.model import RodModel
 
@@ -130,7 +130,7 @@ def same(a, b):
 def test_an_effect_is_in_the_chain_or_told_by_name(name):
     given = plausible(name)
     settings = replace(Settings(ROD), effects=given)
-    found = unsupported(settings, SAYS)
+    found = unsupported(settings, FIELDS)
     told = [line for line in found.lines if line.startswith(f"effects.{name} (")]
     assert bool(told) == (name not in found.settings.effects)
     if not told:
@@ -140,8 +140,8 @@ def test_an_effect_is_in_the_chain_or_told_by_name(name):
 
 
 def test_a_new_field_of_the_rod_counts_as_not_said():
-    assert {f.name for f in fields(Body)} > SAYS
-    hidden = SAYS - {"masses"}
+    assert {f.name for f in fields(Body)} > FIELDS
+    hidden = FIELDS - {"masses"}
     settings = replace(Settings(ROD), effects=plausible("point_mass"))
     assert (
         "effects.point_mass (mass on the DLO) is left out" in unsupported(settings, hidden).lines[0]
@@ -150,12 +150,12 @@ def test_a_new_field_of_the_rod_counts_as_not_said():
 
 def test_a_flat_section_is_told_also_where_it_lies_level():
     settings = replace(Settings(ROD), effects={"anisotropy": {"ratio": 3.0}})
-    found = unsupported(settings, SAYS)
+    found = unsupported(settings, FIELDS)
     assert "effects.anisotropy (" in found.lines[0] and not found.settings.effects
 
 
 def test_stretch_is_told_with_its_size():
-    [line] = unsupported(Settings(ROD), SAYS).lines
+    [line] = unsupported(Settings(ROD), FIELDS).lines
     weight = RodModel(Settings(ROD), BASIS).line_load[:, 2].sum()
     share = 50.0 * abs(weight) / (ROD.young_modulus * ROD.area)
     assert line == f"stretch: links are rigid; hanging straight the DLO is {share:.2g} % longer"
@@ -332,5 +332,5 @@ def test_an_unknown_format_lists_the_others(params, tmp_path, capsys):
 
 
 def test_effects_that_stay_are_those_of_the_chain(params):
-    left = unsupported(Settings.load(params), SAYS)
+    left = unsupported(Settings.load(params), FIELDS)
     assert not build(left.settings.effects)

@@ -47,8 +47,8 @@ class Drawn:
     """Recordings of a rope.
 
     Args:
-        recordings: of it.
-        guess: what is known beforehand.
+        recordings: recordings of the rope.
+        guess: settings that are known beforehand.
         ratio: true E/mu [m^2/s^2].
         thickness: true diameter over the one that is known; shapes tell E D^2/mu.
     """
@@ -63,7 +63,7 @@ def condition(seed: int, name: str) -> Drawn:
     """One recording of 3 s with points whose noise is 0.2 to 0.5 mm across the rope, and a fault.
 
     Args:
-        name: of `CONDITIONS`.
+        name: name of the condition, one of `CONDITIONS`.
     """
     for attempt in range(20):
         rng = np.random.default_rng([seed, attempt, 77])

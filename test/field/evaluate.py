@@ -29,8 +29,9 @@ class Result:
     Args:
         main: whether the main cause is "named", "rival", or "missed".
         wrong: names that stand for nothing that was hidden.
-        share: of the explainable ERR that is explained on held-out data.
-        missed, parameters: of the causes' numbers, beyond 10 % and 2 std.
+        share: fraction of the explainable ERR that is explained on held-out data.
+        missed, parameters: how many numbers of the causes are beyond 10 % and 2 std, and how many
+            there are.
         modulus: ln(E / mu) off, over its stated standard deviation; None where none is stated.
         off: ln(E / mu) off.
     """

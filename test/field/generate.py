@@ -48,11 +48,11 @@ class Case:
     """A drawn case.
 
     Args:
-        seed: of everything.
+        seed: seed of all random numbers.
         causes: values of what is to be found, the main one first.
         set_up: errors of the set-up.
         ratio: residual of each cause over the measurement's own errors.
-        manipulations: their names.
+        manipulations: names of the manipulations.
         trees: an experiment file for each recording.
     """
 
@@ -67,7 +67,7 @@ class Case:
         """Write a bag for each recording, `params.yaml`, and the answer as `case.json`.
 
         Args:
-            folder: to write into; it is made.
+            folder: folder to write into; it is made.
             pictures: whether a camera's pictures are written instead of shapes.
 
         Returns:
@@ -171,8 +171,8 @@ def draw(seed: int, count: int = 1, names: tuple[str, ...] = ()) -> Case:
     """Draw a case; the same arguments give the same one.
 
     Args:
-        count: of causes, 0 to 3; more than 3 recordings where they are several.
-        names: of the causes; drawn where none are given.
+        count: number of causes, 0 to 3; more than 3 recordings where there are several causes.
+        names: names of the causes; drawn where none are given.
 
     Raises:
         RuntimeError: no such cause shows itself in any manipulation tried.

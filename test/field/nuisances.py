@@ -21,7 +21,7 @@ def set_up(rng: np.random.Generator, length: float, ends: tuple[str, ...]) -> di
     """Errors of a set-up as careful people build it, as effects of an experiment file.
 
     Args:
-        ends: that are clamped in any recording.
+        ends: ends that are clamped in any recording.
     """
     n = rng.normal
     curvature = 0.5 / length * smooth(rng, np.linspace(0.0, 1.0, SAMPLES), 2.0 * REACH)
@@ -46,10 +46,11 @@ class Errors:
     """How shapes are measured wrongly.
 
     Args:
-        fixed: of each control point x, z in every picture [m], shape (n, 2).
+        fixed: error of each control point's x, z that is the same in every picture [m], shape (n,
+            2).
         fading: standard deviation of what is new, slowly, in each picture [m].
         memory: correlation of neighbouring pictures.
-        stretch: of u where the end is free.
+        stretch: relative error of u where the end is free.
         gross, missing: shares of the pictures.
     """
 
@@ -65,7 +66,7 @@ class Errors:
         """Errors of a camera that was set up with care.
 
         Args:
-            u: of the control points over L, shape (n,).
+            u: material coordinates of the control points over L, shape (n,).
         """
         fixed = 1e-3 * length * np.column_stack([smooth(rng, u), smooth(rng, u)])
         return cls(fixed, 3e-4, float(rng.uniform(0.2, 0.6)), 5e-3 * rng.normal())
@@ -77,7 +78,7 @@ class Errors:
 
         Args:
             shapes: control points, (F, n, 3).
-            u: of the control points over L.
+            u: material coordinates of the control points over L.
             free: whether the rope's end is.
 
         Returns:

@@ -95,9 +95,9 @@ def test_a_hung_mass_tells_e_and_mu_apart():
         off = getattr(estimate, name) - getattr(truth.rod, name)
         assert abs(off) < 3.0 * getattr(estimate, f"{name}_std")
     assert estimate.density_std < 0.05 * estimate.density
-    sources = {k.name: k.source for k in knowledge(estimate, found.fitted.told)}
+    sources = {k.name: k.source for k in knowledge(estimate, found.fitted.information)}
     assert sources["density"] == "data"
-    assert any("traded" in s for s in sentences(estimate, found.fitted.told))
+    assert any("traded" in s for s in sentences(estimate, found.fitted.information))
     # Where nobody says that it hangs there, neither is known.
     silent = identify([recording], guess).estimate
     assert not silent.identifiable["density"]
@@ -106,11 +106,11 @@ def test_a_hung_mass_tells_e_and_mu_apart():
 def test_words_say_where_knowledge_comes_from():
     weighed = replace(PAPER, rod=replace(PAPER.rod, density_std=25.0))
     found = identify([at_rest(PAPER)], weighed)
-    sources = {k.name: k.source for k in knowledge(found.estimate, found.fitted.told)}
+    sources = {k.name: k.source for k in knowledge(found.estimate, found.fitted.information)}
     assert sources["specific_modulus"] == "data"
     assert sources["density"] == sources["young_modulus"] == "prior"
     assert sources["air_drag"] == "guess"
-    words = " ".join(sentences(found.estimate, found.fitted.told))
+    words = " ".join(sentences(found.estimate, found.fitted.information))
     assert "known from what was given beforehand" in words
 
 

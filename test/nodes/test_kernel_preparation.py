@@ -111,7 +111,7 @@ def test_first_compiled_then_loaded_then_ready(prepare):
     assert until_it_ends(one) and one.done and not one.proceed()
     assert loaded and loaded[0] is not threading.main_thread()
     assert node.published == [False]  # the node says so when it has begun its work
-    one.tell("waiting for a rope")
+    one.announce("waiting for a rope")
     assert node.published == [False, True]
     first, last = node.logged
     assert first.startswith("compiling the numerical kernels")
@@ -123,7 +123,7 @@ def test_no_word_of_compiling_where_all_is_compiled(prepare):
     states = {one.state}
     while not one.proceed():
         states.add(one.state)
-    one.tell("waiting for a rope")
+    one.announce("waiting for a rope")
     assert node.logged == ["ready: waiting for a rope"]
     assert states == {LOADING}
 
@@ -132,7 +132,7 @@ def test_the_progress_is_logged_now_and_then(prepare, monkeypatch):
     one, node, _ = prepare()
     one.proceed()
     assert len(node.logged) == 1
-    monkeypatch.setattr(kernel_preparation, "TOLD", 0.0)
+    monkeypatch.setattr(kernel_preparation, "REPORT_INTERVAL", 0.0)
     one.proceed()
     assert node.logged[1:] == ["compiling, 40 %, about 30 s"]
 

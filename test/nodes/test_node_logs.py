@@ -101,11 +101,11 @@ def test_diagnostics_come_out_of_turn_only_where_something_has_changed(monkeypat
 
 def test_the_simulator_logs_what_has_visibly_changed():
     pytest.importorskip("rclpy")
-    from dlo_ros.nodes.simulator import WORTH_TELLING, differs
+    from dlo_ros.nodes.simulator import REPORTED_CHANGE, differs
 
     told = samples.SETTINGS
     rod = told.rod
-    for factor, expected in ((1.0, False), (1.0 + 0.9 * WORTH_TELLING, False), (1.2, True)):
+    for factor, expected in ((1.0, False), (1.0 + 0.9 * REPORTED_CHANGE, False), (1.2, True)):
         for e, mu in ((factor, 1.0), (1.0, factor), (1.0 / factor, 1.0)):
             new = told.with_material(e * rod.young_modulus, mu * rod.density)
             assert differs(new, told) == expected, (e, mu)

@@ -264,10 +264,10 @@ def test_nobody_listens(alone, splines, tmp_path):
 
 def test_more_time_is_advised_only_where_it_helps():
     pytest.importorskip("rclpy")
-    from dlo_ros.nodes.player import APPEAR, nobody_listens
+    from dlo_ros.nodes.player import APPEAR, no_subscriber_message
 
-    assert "--wait SECONDS" in nobody_listens(["/dlo/command"], 0.5 * APPEAR)
-    assert "--wait" not in nobody_listens(["/dlo/command"], 600.0)
+    assert "--wait SECONDS" in no_subscriber_message(["/dlo/command"], 0.5 * APPEAR)
+    assert "--wait" not in no_subscriber_message(["/dlo/command"], 600.0)
 
 
 @pytest.mark.slow

@@ -74,7 +74,7 @@ class Wire:
     """The three live nodes on simulated time, and publishers that send bytes as they are.
 
     Args:
-        folder: for logs and the parameter file.
+        folder: folder for logs and the parameter file.
         images: the topic of the camera; the observer takes only one of the two.
     """
 

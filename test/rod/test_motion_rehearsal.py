@@ -10,7 +10,7 @@ from rods import PAPER, SECOND, command
 
 from dlo_ros.command import Command
 from dlo_ros.errors import InputError, SimulationError
-from dlo_ros.identification.estimate import stated_covariance, told_covariance
+from dlo_ros.identification.estimate import estimate_covariance, stated_covariance
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.live_simulation import LiveSimulation
@@ -117,7 +117,7 @@ def test_stated_stds_make_the_covariance():
 
 
 def test_an_estimate_that_tells_much_leaves_little_open():
-    told = told_covariance(PAPER, np.diag([1e4, 0.0, 0.0, 0.0]))
+    told = estimate_covariance(PAPER, np.diag([1e4, 0.0, 0.0, 0.0]))
     assert told[0, 0] == pytest.approx(1e-4, rel=1e-2) and told[1, 1] > 0.05
 
 

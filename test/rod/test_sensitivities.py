@@ -216,7 +216,8 @@ def check(settings, imposed, name, slack, space, first=None, wide=30.0):
 
     Args:
         first: see `run`.
-        wide: of the differences, in steps: rounding does not count then; they are of fourth order.
+        wide: step of the wide differences, in steps, at which rounding does not count; they are of
+            fourth order.
     """
     _, exact = run(settings, imposed, (name,), first)
     chosen = variation_of(settings, name)

@@ -92,9 +92,9 @@ def hinged(problem: Cantilever, compliance: float, weight: float) -> Cantilever:
     """The cantilever on a torsional spring: its direction gives way to the moment at the clamp.
 
     Args:
-        problem: under its own weight alone.
-        compliance: of the spring [rad/(N m)].
-        weight: per length [N/m].
+        problem: the cantilever under its own weight alone.
+        compliance: compliance of the spring [rad/(N m)].
+        weight: weight per length [N/m].
     """
     fine = np.linspace(0.0, problem.length, 2001)
     given = problem.direction

@@ -51,9 +51,10 @@ class Process:
     """A process that would be started.
 
     Args:
-        arguments: those before --ros-args.
+        arguments: arguments before --ros-args.
         ros_arguments: remappings, parameters and all else after it.
-        on_exit: what follows its end, given its exit status; raises where the launch fails.
+        on_exit: function that returns what follows its end, given its exit status; it raises where
+            the launch fails.
     """
 
     package: str

@@ -118,7 +118,7 @@ class Rig:
     """Live simulator and identifier, and the robot and camera that this process plays.
 
     Args:
-        folder: for their logs and the parameter file.
+        folder: folder for their logs and the parameter file.
         rate: seconds of simulated time a second of wall time.
     """
 
@@ -228,13 +228,13 @@ class Rig:
         """Play the motion from its start.
 
         Args:
-            seconds: how much of it.
-            fault: what becomes of the observed splines.
-            during: is called with the present time of the motion [s]; what it returns is what the
-                clock is off by [s].
+            seconds: duration of the part that is played [s].
+            fault: function that changes the observed splines.
+            during: function that is called with the present time of the motion [s] and returns the
+                error of the clock [s].
             measured: the true shapes; default those of `shapes`.
             imposed: the motion, its start at 0; default `swing`.
-            overtaken: when the command is sent [s].
+            overtaken: time at which the command is sent [s].
         """
         truth = shapes(seconds) if measured is None else measured
         waiting = sorted(

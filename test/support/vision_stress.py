@@ -58,9 +58,9 @@ class Verdict:
     """What became of one picture.
 
     Args:
-        kind: of the picture.
+        kind: kind of the picture.
         found: 'right', 'wrong' or 'silent'.
-        reason: of silence.
+        reason: reason for which no spline was published.
         across, along: root mean square of error over stated std, over the published points; NaN
             where nothing was published.
         points: share of the published points beyond three std, likewise.

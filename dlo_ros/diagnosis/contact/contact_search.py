@@ -110,7 +110,7 @@ def _pegs(team: Workers, consensus: CandidateEvaluation, scale: float) -> list[P
 
     Args:
         consensus: evaluation of the fit to undisturbed pictures on all drafts.
-        scale: of the robust loss, see `robust_fit.robust`.
+        scale: scale of the robust loss, see `robust_fit.robust`.
     """
     length = consensus.model.settings.rod.length
     observed = [d.observed for d in team.problem.drafts]

@@ -48,10 +48,10 @@ class Step:
 
     Args:
         step: number of the step.
-        name: of the proposal.
-        gain: in log evidence, as fitted, or as predicted where it was not.
-        err: of the fitted model [m]; None where it was not fitted.
-        outcome: why it was kept or dropped.
+        name: name of the proposal.
+        gain: gain in log evidence, fitted, or predicted where it was not fitted.
+        err: ERR of the fitted model [m]; None where it was not fitted.
+        outcome: the reason why the candidate was kept or dropped.
     """
 
     step: int
@@ -70,7 +70,7 @@ def best_trial(
     """Fit the proposals of the largest predicted gains; return the best, if it is worth adding.
 
     Args:
-        number: of the step, for the trace.
+        number: number of the step, for the trace.
         at: the joint model over which a proposal must gain.
         predictions: best first.
 

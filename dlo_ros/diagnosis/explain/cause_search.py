@@ -63,8 +63,8 @@ class Offer:
     """Effects that might be added to a model, each simulated where it is looked for.
 
     Args:
-        proposals: of effects that the model does not contain.
-        extra: what each of them changes, see `linear_evidence.columns`.
+        proposals: proposals of effects that the model does not contain.
+        extra: derivatives of the shapes by what each proposal adds, see `linear_evidence.columns`.
     """
 
     proposals: tuple[Proposal, ...]
@@ -77,9 +77,9 @@ class Search:
 
     Args:
         at: the joint model with all causes.
-        causes: in the order in which they were found.
+        causes: causes in the order in which they were found.
         trace: every candidate of every step.
-        offer: what else might be a cause; None where it was not asked for any more.
+        offer: proposals of further causes; None where they were not computed any more.
     """
 
     at: Evaluation
@@ -204,7 +204,7 @@ def _exchange(
     simulated.
 
     Args:
-        number: of the step, for the trace.
+        number: number of the step, for the trace.
         at: the joint model over which the effect must gain.
         group: the numbers.
         begun: effects that might be added, where they are looked for.
@@ -323,7 +323,7 @@ def ranked_proposals(at: Evaluation, offer: Offer, *, smooth: bool = False) -> l
     """The predictions of all proposals, best first.
 
     Args:
-        offer: of the same model, or of one with more causes, which differs by little.
+        offer: offer of the same model, or of one with more causes, which differs by little.
         smooth: whether only those that are linear at first.
     """
     proposals = [

@@ -58,7 +58,7 @@ def tolerances_off(at: Evaluation, group: Proposal) -> float:
     """Distance from neutral of the size of a group that is farthest off, in tolerances.
 
     Args:
-        group: with the priors of a cause.
+        group: group of numbers, with the priors of a cause.
     """
     off = dict(zip(at.model.names, at.model.offset(), strict=True))
     sizes = [p for p in group.parameters if p.name in off and not _geometric(p)]
@@ -93,7 +93,7 @@ def departures(at: Evaluation, causes: Sequence[Proposal] = ()) -> int:
 
     Args:
         at: the joint model.
-        causes: that have been added to it or freed.
+        causes: causes that have been added to the model or freed.
     """
     acting = [c for c in causes if c.start is not None]
     tolerated = replace(

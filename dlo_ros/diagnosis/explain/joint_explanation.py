@@ -51,8 +51,8 @@ class Cause:
     """A cause that the data show for certain.
 
     Args:
-        effect: its name.
-        names: of its parameters.
+        effect: name of the effect.
+        names: names of the effect's parameters.
         rivals: effects that explain the data as well in its place.
         evidence: log evidence that is lost without it.
         err: ERR without it [m].
@@ -72,7 +72,7 @@ class Explanation:
     Args:
         setup: the set-up within tolerance, fitted.
         at: the same with all causes.
-        causes: those that are certain.
+        causes: the causes that are certain.
         own_err: ERR that the measurement alone has [m].
         material_err: ERR [m] below which nothing is left to explain.
         nameable_err: ERR [m] that an effect which has been added must take away to be named.
@@ -95,8 +95,8 @@ class Prepared:
     """Recordings with the joint model's set-up fitted to them, before any cause is looked for.
 
     Args:
-        recordings: to learn from.
-        scene: what the recordings look like.
+        recordings: recordings to learn from.
+        scene: properties of the recordings on which priors and searches depend.
         plain_err: ERR of the plain model [m].
         meant: the model with the set-up at neutral.
         setup: the fit.
@@ -113,7 +113,7 @@ def prepare(recordings: Sequence[Recording], plain: Settings, given: Settings) -
     """Fit the set-up within its tolerances.
 
     Args:
-        recordings: to learn from.
+        recordings: recordings to learn from.
         plain: settings of the plain model's fit, from where the fit starts.
         given: the parameter file, whose material the priors lie around.
 
@@ -135,7 +135,7 @@ def explain(
 
     Args:
         given: the parameter file.
-        pegs: those that the DLO may have hit.
+        pegs: pegs that the DLO may have hit.
 
     Raises:
         SimulationError: the joint model cannot be simulated.

@@ -27,7 +27,8 @@ class NamedEffect:
     """An effect that the data show, and its rivals, which explain them as well.
 
     Args:
-        share: of the ERR beyond the measurement's own that it takes away, 0 to 1; None: unknown.
+        share: fraction of the ERR beyond the measurement's own that the effect removes, 0 to 1;
+            None: unknown.
     """
 
     name: str
@@ -51,7 +52,7 @@ class Fitted:
     """A fitted model with its parameters and errors.
 
     Args:
-        settings: with the estimated values.
+        settings: settings with the estimated values.
         young_modulus, density, specific_modulus: value and std (None: unbounded).
         err_train, err_holdout: time mean of eq. (10) [m]; None where it cannot be simulated.
     """
@@ -88,7 +89,7 @@ class RecordingView:
     """One recording with the shapes of the plain and the extended model.
 
     Args:
-        name, role: of the recording, `train` or `holdout`.
+        name, role: name of the recording, and its role, `train` or `holdout`.
         times: [s], shape (F,).
         observed, before, after: control points [m], shape (F, n, 3 or 4).
         err_before, err_after: eq. (10), shape (F,) [m].
@@ -120,16 +121,17 @@ class Diagnosis:
     Args:
         verdict, effects, noise_floor, gain, candidates, advice: see interface.md.
         baseline, extended: the plain and the extended model.
-        root_autocovariance_before, root_autocovariance_after: of the residuals of both models, from
-            frame to frame, in units of the noise.
+        root_autocovariance_before, root_autocovariance_after: root autocovariance of the residuals
+            of both models, from frame to frame, in units of the noise.
         chance: the root autocovariance that noise alone exceeds in 1 of 100 cases.
         simulation_error: mean distance that the discretisation causes [m]; None where unknown.
         remarks: sentences for the reader.
-        views: for the report.
+        views: recordings with their shapes, for the report.
         relations_before, relations_after: inputs on which the residual of the plain model
             depends, and that of the best extension, which may be no more than a suspect.
         material_err: ERR below which nothing is left to explain [m].
-        share: of the held-out ERR beyond the measurement's own that the extended model takes away.
+        share: fraction of the held-out ERR beyond the measurement's own that the extended model
+            removes.
         setup: numbers of the set-up within their tolerances, by effect and key.
         systematic: errors of the measurement and of the model, by name.
         trace: every candidate of every step of the joint model's search.

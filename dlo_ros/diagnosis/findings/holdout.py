@@ -55,8 +55,8 @@ def split(
     Of those that the others predict it is the one with the largest residual of the plain model.
 
     Args:
-        recordings: those to train on, then those given to be held out.
-        holdout: how many of these.
+        recordings: recordings to train on, then recordings to hold out.
+        holdout: number of recordings to hold out.
         plain, best: fits to the former without and with what was found.
     """
     count = len(recordings)
@@ -167,7 +167,7 @@ class HoldoutErrors:
 
     Args:
         recordings: all; the first `learned` are those that candidates were fitted to.
-        parted: which frames are held out.
+        parted: frames that are held out.
         known: results of earlier calls, by the candidate's identity.
     """
 

@@ -53,7 +53,7 @@ def damping_as_effects(settings: Settings, given: Settings, names: Iterable[str]
     """Settings that tell a fitted damping as the parameter file's damping and an added effect.
 
     Args:
-        settings: as fitted.
+        settings: settings with the fitted damping.
         given: the parameter file.
         names: effects as which dampings are told; others, and effects that the settings contain
             already, are left as they are.

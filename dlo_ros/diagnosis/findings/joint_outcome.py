@@ -67,7 +67,7 @@ class Learned:
     """The joint explanation, and what it was learned from.
 
     Args:
-        explanation: of the recordings learned from.
+        explanation: explanation of the recordings learned from.
         masks: frames of each recording of the beginning that are held out, shape (F,).
         held, seen: ERR [m] of the frames that are held out, and of the others, see `_errors`, of
             the full model with values that know nothing of the former.
@@ -85,9 +85,9 @@ class TrainingSet:
 
     Args:
         recordings: all of the beginning's.
-        count: of those, from the first, that may be learned from.
-        held_out: one of them that is held out all the same; None: none is.
-        prepared: what is learned from, and the set-up.
+        count: number of recordings, from the first, that may be learned from.
+        held_out: index of a recording among them that is held out all the same; None: none is.
+        prepared: the recordings learned from, with the set-up fitted to them.
     """
 
     recordings: Sequence[Recording]
@@ -136,7 +136,7 @@ def learn(
 
     Args:
         given: the parameter file.
-        pegs: those that the DLO may have hit.
+        pegs: pegs that the DLO may have hit.
     """
     recordings, count, held_out = training.recordings, training.count, training.held_out
     frames = [len(r.times) for r in recordings]
@@ -322,7 +322,7 @@ def _verdict(
     Args:
         matters: ERR [m] below which nothing is left to explain.
         nameable: ERR [m] that a cause must take away to be named.
-        causes: that are named.
+        causes: causes that are named.
     """
     if setup < matters and all(c.err < matters for c in causes):
         return "adequate"
@@ -347,8 +347,8 @@ def _effect(
 
     Args:
         given: the parameter file.
-        err: of the full model on what was learned from [m].
-        missed: what the plain model misses there beyond the measurement's own error [m].
+        err: ERR of the full model on the recordings learned from [m].
+        missed: error of the plain model on them beyond the measurement's own [m].
     """
     share = (cause.err - err) / missed if missed > 0.0 else None
     return NamedEffect(

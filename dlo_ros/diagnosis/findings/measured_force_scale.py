@@ -42,10 +42,10 @@ def with_forces(
     """The diagnosis with E, mu and every force in it on the scale of the measured forces.
 
     Args:
-        found: from shapes.
-        recordings: that it was learned from.
+        found: diagnosis from shapes.
+        recordings: recordings that the diagnosis was learned from.
         given: the parameter file.
-        remarks: to add all the same.
+        remarks: remarks that are added in any case.
     """
     found = replace(found, remarks=(*found.remarks, *remarks))
     measured = [r for r in recordings if r.wrenches]

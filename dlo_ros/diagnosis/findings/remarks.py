@@ -21,7 +21,7 @@ def remarks(
 
     Args:
         plain, best: the model without and with what is named.
-        suspects: what comes nearest where nothing explains the data, best first.
+        suspects: models that come nearest where nothing explains the data, best first.
     """
     said = []
     if decision.chosen is not None:

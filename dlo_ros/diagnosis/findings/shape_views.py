@@ -76,7 +76,7 @@ def _across(
     """Function that gives the distance across the DLO at stations for predicted control points.
 
     Args:
-        values: of the basis functions at the stations, shape (U, n).
+        values: values of the basis functions at the stations, shape (U, n).
 
     Returns:
         A function of control points [m], shape (F, n, 3 or more), of the last F frames; it returns

@@ -28,7 +28,7 @@ class Standard:
     """A manipulation in words and as a command.
 
     Args:
-        words: what to do, an imperative without its full stop.
+        words: instruction to the person, an imperative without its full stop.
         command: the imposed motion.
         shape: rough first shape, control points [m], shape (n, 4).
         duration: [s].

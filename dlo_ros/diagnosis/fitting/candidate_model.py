@@ -30,7 +30,7 @@ class Model:
     """Settings, and which of their numbers are fitted.
 
     Args:
-        settings: with the values.
+        settings: settings with the values of the numbers.
         free: names as in `dlo_ros.rod.sensitivity_parameters`.
         bounds: lowest and highest value of parameters that were measured beforehand.
     """

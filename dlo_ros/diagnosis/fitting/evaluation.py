@@ -32,14 +32,14 @@ class CandidateEvaluation:
     """A model's residuals against recordings, and their derivatives.
 
     Args:
-        model: with its values.
-        residuals: per recording in units of the noise, shape (F, K).
+        model: model with its values.
+        residuals: residuals of each recording in units of the noise, shape (F, K).
         jacobians: derivatives of the prediction by the open parameters as the fit sees them, per
             recording, shape (F, P, K); None where not asked for.
         sum_of_squares: sum of squared residuals.
-        cost: minus twice the log likelihood, the noise as large as what is left over but no smaller
-            than measured, and what the prior adds: a model that misses much must not pay for it
-            with what is known.
+        cost: minus twice the log likelihood, plus the prior's term. The noise variance is the one
+            left over, but not below the measured one: a model that misses much must not gain by
+            leaving known values.
         predicted: control points per recording, shape (F, n, 4).
         err: eq. (10) per recording and frame [m].
         expensive_jacobian: whether derivatives have cost as much as several simulations.

@@ -25,7 +25,7 @@ class Problem:
     """The recordings that are to be explained.
 
     Args:
-        recordings: with their noise.
+        recordings: recordings with their noise.
         given: the parameter file, for what is known beforehand.
         drafts: the recordings with a coarser simulation, perhaps shorter, to try effects with.
     """

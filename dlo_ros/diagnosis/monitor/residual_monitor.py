@@ -40,7 +40,7 @@ class CorrelatedResidual:
 
     Args:
         common: root mean square distance along the DLO that neighbouring pictures share [m].
-        noise: likewise, that is new in every picture [m].
+        noise: root mean square distance that is new in every picture [m].
         own: error that the simulation and the theory may have themselves [m].
     """
 
@@ -60,7 +60,7 @@ class Suspicion:
 
     Args:
         leftover: the residuals that E, mu and damping leave.
-        suspects: what the joint model says of it; None where it could not be asked.
+        suspects: result of the joint model's linear test; None where it could not be computed.
     """
 
     leftover: CorrelatedResidual

@@ -76,8 +76,8 @@ class Suspects:
 
     Args:
         err: mean distance that E, mu and damping leave [m].
-        setup_err: that a set-up within its tolerances leaves besides [m].
-        material: below which nothing is left to explain [m].
+        setup_err: error that a set-up within its tolerances leaves [m].
+        material: error below which nothing needs to be explained [m].
         found: names of effects with the share of `err` that each would explain, best first; a
             number of the set-up far beyond its tolerance is one, too.
     """
@@ -101,10 +101,11 @@ class Hypothesis:
     """A model of the motion, linearised at the estimate.
 
     Args:
-        effect: that it adds; empty: none.
+        effect: name of the effect that the model adds; empty: none.
         fields: residuals and derivatives.
-        offset, precision: of the prior, see `least`.
-        step: of the parameters, as if errors were white.
+        offset, precision: prior means minus the present values, and inverse prior variances, shape
+            (P,) each.
+        step: step of the parameters by least squares, as if errors were white.
         err: mean distance that this leaves [m].
     """
 
@@ -136,10 +137,10 @@ def suspects(past: Manipulation, settings: Settings, spans: int, noise: float) -
     A suspect does clearly better than a set-up within its tolerances, alone or beside it.
 
     Args:
-        past: what was imposed and seen, from the start of the simulation on.
-        settings: with the estimated parameters.
+        past: commands and observations from the start of the simulation on.
+        settings: settings with the estimated parameters.
         spans: knot spans of the simulation.
-        noise: of a picture, as a mean distance along the DLO [m].
+        noise: noise of a picture, as a mean distance along the DLO [m].
 
     Raises:
         DloError: the joint model cannot be simulated.

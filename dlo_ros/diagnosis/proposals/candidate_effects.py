@@ -30,7 +30,7 @@ def moved(start: Start, amounts: Sequence[float]) -> Start:
     """A start whose screened numbers are changed by amounts in the units of the fit.
 
     Args:
-        amounts: in the order of the block's keys; of the logarithm where that is fitted.
+        amounts: amounts in the order of the block's keys; of the logarithm where that is fitted.
     """
     left = list(amounts)
     return _changed(start, lambda q, v: q.restored(q.transformed(v) + left.pop(0)))

@@ -97,7 +97,7 @@ class Beam:
         """Forces on the control points [N] from loads per length at the quadrature points [N/m].
 
         Args:
-            density: in each direction alike, shape (Q, M).
+            density: load per length, the same in each direction, shape (Q, M).
 
         Returns:
             Shape (d N, d M), coordinates interleaved.

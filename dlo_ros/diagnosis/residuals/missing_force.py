@@ -38,7 +38,7 @@ class MissingForce:
 
     Args:
         force: x, y, z [N/m], shape (F, U, 3); y is 0 where a recording keeps to the plane.
-        std: its standard deviation [N/m], shape (F, U, 3).
+        std: standard deviation of the load [N/m], shape (F, U, 3).
     """
 
     force: FloatArray
@@ -131,10 +131,10 @@ def _noise(parts: Sequence[FloatArray], place: int, step: float) -> FloatArray:
     """Root of the covariance of what comes of smoothed measurements, shape (K, K).
 
     Args:
-        parts: what comes of the measurement, its speed and its acceleration, in units of the
+        parts: linear maps of the measurement, its speed and its acceleration, in units of the
             measurement's noise, each of shape (K, J).
-        place: of the frame in the window over which it is smoothed.
-        step: between two frames [s].
+        place: index of the frame in the window over which it is smoothed.
+        step: time between two frames [s].
     """
     weights = [
         savgol_coeffs(WINDOW, 3, deriv=order, delta=step, pos=place, use="dot")

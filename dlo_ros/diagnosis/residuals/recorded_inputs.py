@@ -29,8 +29,8 @@ class Input:
     """A quantity that varied in recordings.
 
     Args:
-        name: in plain words, to follow "depends on".
-        columns: per recording the numbers on which a residual may depend, shape (F, m).
+        name: name of the quantity in plain words, to follow "depends on".
+        columns: numbers of each recording on which a residual may depend, shape (F, m).
     """
 
     name: str

@@ -52,9 +52,9 @@ class ResidualPattern:
     """The strongest shape along the DLO.
 
     Args:
-        share: of the part of the residual that repeats.
-        place: where it is largest [m].
-        signs: how often it changes its sign along the DLO.
+        share: fraction of the repeating part of the residual that has this shape.
+        place: material coordinate of its largest value [m].
+        signs: number of its changes of sign along the DLO.
     """
 
     share: float
@@ -67,10 +67,10 @@ class Relation:
     """How much of a residual an input explains.
 
     Args:
-        name: of the input.
-        share: of the part that repeats and does not drift, predicted from the other recordings or
+        name: name of the input.
+        share: fraction of the repeating part without drift, predicted from the other recordings or
             spans of time.
-        chance: how often surrogates are explained as well.
+        chance: fraction of the surrogates that are explained as well.
         told: whether the relation is more than chance, and not only by way of another input.
         alike: inputs that explain it about as well, so that the data cannot separate them.
     """
@@ -87,12 +87,12 @@ class Relations:
     """Patterns of the residuals of some recordings, and the inputs that they depend on.
 
     Args:
-        root_autocovariance: of the residuals from frame to frame, in units of the noise, see
-            `residual_autocovariance.root_autocovariance`.
+        root_autocovariance: root autocovariance of the residuals from frame to frame, in units of
+            the noise, see `residual_autocovariance.root_autocovariance`.
         size: the same [m], as eq. (10) measures it.
         constant, slow: shares of it that stay within each recording, and that drift there.
-        pattern: along the DLO; None where nothing repeats.
-        inputs: by falling share, significant ones first.
+        pattern: strongest pattern along the DLO; None where nothing repeats.
+        inputs: inputs by falling share, significant ones first.
         unjudged: inputs that vary too slowly to be separated from a drift.
     """
 
@@ -117,9 +117,10 @@ def relations(
     """Test the residuals of a model.
 
     Args:
-        residuals: per recording in units of the noise, shape (F, K), of its last F frames.
+        residuals: residuals of each recording in units of the noise, shape (F, K), of its last F
+            frames.
         predicted: control points per recording [m], shape (F, n, 3 or more).
-        settings: of the model.
+        settings: settings of the model.
     """
     width = max(r.shape[1] for r in residuals)
     unit = float(np.mean([np.sqrt(np.mean(r.noise**2)) for r in recordings]))
@@ -162,8 +163,8 @@ def relate(
     """The inputs that residual fields depend on.
 
     Args:
-        fields: per recording, shape (F, K), F at least `FEWEST`.
-        times: per recording [s], shape (F,).
+        fields: residual field of each recording, shape (F, K), F at least `FEWEST`.
+        times: times of each recording [s], shape (F,).
 
     Returns:
         Relations to all inputs, those that are told first; inputs that cannot be judged.

@@ -31,7 +31,7 @@ def root_autocovariance(residuals: Sequence[FloatArray]) -> float:
     recording of one frame has none; there the variance beyond the noise takes its place.
 
     Args:
-        residuals: per recording, shape (F, K).
+        residuals: residuals of each recording, shape (F, K).
     """
     products, count = 0.0, 0
     for r in residuals:
@@ -111,8 +111,8 @@ class Comparison:
     """Two models on the same measurements.
 
     Args:
-        difference: of the sums of squared residuals, the other's minus the first's.
-        std: its standard error, from blocks of time.
+        difference: difference of the sums of squared residuals, the other's minus the first's.
+        std: standard error of the difference, from blocks of time.
     """
 
     difference: float

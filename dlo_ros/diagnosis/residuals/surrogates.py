@@ -22,9 +22,10 @@ def chances(
     """Share of surrogates, Gaussian and shifted, that each input explains as well as the residual.
 
     Args:
-        amplitudes: per recording, over time, of patterns along the DLO, shape (F, M).
-        slow: per recording, orthonormal columns that span what drifts, shape (F, d).
-        judged: for each input orthonormal columns without drift, all recordings below one another.
+        amplitudes: amplitudes of patterns along the DLO over time, for each recording, shape (F,
+            M).
+        slow: orthonormal columns that span slow drifts, for each recording, shape (F, d).
+        judged: orthonormal columns of each input without drift, all recordings below one another.
 
     Returns:
         For each input the share of Gaussian surrogates of which the best of all inputs explains as

@@ -60,7 +60,8 @@ class Candidate:
         form: see `Start`.
         at: the fit, with derivatives.
         score: see `residual_autocovariance.predictive_score`; lower is better.
-        root_autocovariance: of the residuals from frame to frame, in units of the noise.
+        root_autocovariance: root autocovariance of the residuals from frame to frame, in units of
+            the noise.
     """
 
     effect: str
@@ -140,7 +141,8 @@ def search(
     Args:
         before: the fitted model without them.
         prospects: see `screening.screen`.
-        progress: called with what is being done and the share of it that is done.
+        progress: function that is called with the name of the present step and the fraction of it
+            that is done.
         enough: root autocovariance of the residuals with which an effect explains the data.
         thorough: whether, where none explains the data, these are fitted, too: less promising
             starting values, unlikely effects, and pegs that increase the residual where tried.

@@ -90,7 +90,7 @@ def limit(before: float) -> float:
     """Root autocovariance of the residuals up to which an extended model explains the data.
 
     Args:
-        before: that of the plain model.
+        before: root autocovariance of the plain model.
     """
     if before < FAINT:
         return FAINT_LEFT * before

@@ -11,7 +11,7 @@ import numpy as np
 from dlo_ros.effects.base import Effect, Scene, Start, quantity
 from dlo_ros.spline import FloatArray
 
-CAREFUL = 0.005  # of the length, to which the board's origin is found in a picture
+TOLERANCE = 0.005  # of the length, to which the board's origin is found in a picture
 
 
 @dataclass(frozen=True)
@@ -23,10 +23,10 @@ class CameraShift(Effect):
     phrase: ClassVar[str] = "the camera shows everything shifted"
     in_setup: ClassVar[bool] = True
 
-    x: float = quantity(0.0, "m", -1.0, 1.0, "of the measured shapes, along x", tolerance=CAREFUL)
-    z: float = quantity(0.0, "m", -1.0, 1.0, "of the measured shapes, along z", tolerance=CAREFUL)
+    x: float = quantity(0.0, "m", -1.0, 1.0, "of the measured shapes, along x", tolerance=TOLERANCE)
+    z: float = quantity(0.0, "m", -1.0, 1.0, "of the measured shapes, along z", tolerance=TOLERANCE)
     y: float = quantity(
-        0.0, "m", -1.0, 1.0, "of the measured shapes, along y", tolerance=CAREFUL, spatial=True
+        0.0, "m", -1.0, 1.0, "of the measured shapes, along y", tolerance=TOLERANCE, spatial=True
     )
 
     @property

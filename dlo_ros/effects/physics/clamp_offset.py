@@ -14,7 +14,7 @@ from dlo_ros.effects.start import Block
 
 IN_PLANE = (0, 2)  # axes of an offset of two numbers
 AXES = (2, 3)
-CAREFUL = 0.005  # of the length, to which a clamp's place is measured
+TOLERANCE = 0.005  # of the length, to which a clamp's place is measured
 
 
 @dataclass(frozen=True)
@@ -31,10 +31,10 @@ class ClampOffset(Effect):
     in_setup: ClassVar[bool] = True
 
     start: tuple[float, ...] = quantity(
-        0.0, "m", -1.0, 1.0, "at the start: x, z, or x, y, z", counts=AXES, tolerance=CAREFUL
+        0.0, "m", -1.0, 1.0, "at the start: x, z, or x, y, z", counts=AXES, tolerance=TOLERANCE
     )
     end: tuple[float, ...] = quantity(
-        0.0, "m", -1.0, 1.0, "at the end: x, z, or x, y, z", counts=AXES, tolerance=CAREFUL
+        0.0, "m", -1.0, 1.0, "at the end: x, z, or x, y, z", counts=AXES, tolerance=TOLERANCE
     )
 
     def impose(self, command: Command) -> Command:

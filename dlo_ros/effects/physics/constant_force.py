@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from dlo_ros.effects.base import Body, Effect, quantity
 
-SLIGHT = 0.02  # of the weight: draught of a room in which nobody feels any
+TOLERANCE = 0.02  # of the weight: draught of a room in which nobody feels any
 
 
 @dataclass(frozen=True)
@@ -20,9 +20,9 @@ class ConstantForce(Effect):
     phrase: ClassVar[str] = "an even force, such as a draught, acts on all of the DLO"
     varied_in_batch: ClassVar[bool] = True
 
-    x: float = quantity(0.0, "N/m", -100.0, 100.0, "along x", tolerance=SLIGHT)
-    z: float = quantity(0.0, "N/m", -100.0, 100.0, "along z", tolerance=SLIGHT)
-    y: float = quantity(0.0, "N/m", -100.0, 100.0, "along y", tolerance=SLIGHT, spatial=True)
+    x: float = quantity(0.0, "N/m", -100.0, 100.0, "along x", tolerance=TOLERANCE)
+    z: float = quantity(0.0, "N/m", -100.0, 100.0, "along z", tolerance=TOLERANCE)
+    y: float = quantity(0.0, "N/m", -100.0, 100.0, "along y", tolerance=TOLERANCE, spatial=True)
 
     def shape_body(self, body: Body) -> None:
         """See the base class."""

@@ -8,7 +8,8 @@ from typing import ClassVar
 
 from dlo_ros.effects.base import Body, Effect, Scene, Start, quantity
 
-SEEN = (1.0, 4.0)  # of the curvatures that occur, at which the stiffness may have halved
+CURVATURE_SHARES = (1.0, 4.0)
+"""Curvatures at which the stiffness may have halved, over those that occur."""
 
 
 @dataclass(frozen=True)
@@ -34,5 +35,5 @@ class NonlinearStiffness(Effect):
         key = ("half_curvature",)
         return [
             Start(cls.name, {key[0]: factor * scene.curvature}, key, key, neutral=False)
-            for factor in SEEN
+            for factor in CURVATURE_SHARES
         ]

@@ -8,7 +8,8 @@ from typing import ClassVar
 
 from dlo_ros.effects.base import Body, Effect, Scene, Start, quantity
 
-SEEN = (0.25, 0.5, 0.85)  # of the curvatures that occur, at which the DLO may have yielded
+CURVATURE_SHARES = (0.25, 0.5, 0.85)
+"""Curvatures at which the DLO may have yielded, over those that occur."""
 HARDENING = 0.35  # from which one is looked for
 
 
@@ -42,5 +43,5 @@ class Plasticity(Effect):
         return [
             Start(cls.name, {keys[0]: share * scene.curvature, keys[1]: HARDENING}, keys, keys,
                   neutral=False)
-            for share in SEEN
+            for share in CURVATURE_SHARES
         ]  # fmt: skip

@@ -42,8 +42,8 @@ def reason(found: Outlook, weakest: Outlook, settings: Settings) -> str:
     place = f"most at u = {at:.2f} m" + (f" around {when:.1f} s" if moving else "")
     words.append(place)
     sentence = ", ".join(words)
-    told = f"so it determines E/mu to {rounded(100.0 * found.std['specific_modulus'])} %"
+    result = f"so it determines E/mu to {rounded(100.0 * found.std['specific_modulus'])} %"
     density = found.std["density"]
     if found.information[1, 1] > 0.0 and density < IDENTIFIED and settings.damping.air_drag_std:
-        told += f" and, by the known drag, mu to {rounded(100.0 * density)} %"
-    return f"{sentence}; {told}."
+        result += f" and, by the known drag, mu to {rounded(100.0 * density)} %"
+    return f"{sentence}; {result}."

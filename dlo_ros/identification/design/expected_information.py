@@ -56,7 +56,7 @@ class Noise:
     """The errors of the observer.
 
     Args:
-        std: of a measured point across the DLO [m].
+        std: standard deviation of a measured point across the DLO [m].
         spacing: distance between measured points along the DLO [m].
         common: error that is the same in all pictures of a recording, such as that of the
             calibration; root mean square along the DLO [m].
@@ -104,8 +104,8 @@ class Outlook:
         std: predicted standard deviations of the logarithms of young_modulus, density and
             specific_modulus, what is known beforehand included.
         response: mean displacement for a unit change of ln(E/mu), over L.
-        information: on the logarithms of `MATERIAL`, shape (4, 4).
-        forecast: with the settings as they are.
+        information: expected information on the logarithms of `MATERIAL`, shape (4, 4).
+        forecast: forecast of the plan with the given settings.
     """
 
     plan: Plan
@@ -123,9 +123,9 @@ def information(
 
     Args:
         recording: planned recording, whose shapes are still to come.
-        model: with the set-up open within its tolerances.
-        found: its forecast with derivatives by all of its parameters.
-        noise: of the observer.
+        model: the model with the set-up open within its tolerances.
+        found: the model's forecast with derivatives by all of its parameters.
+        noise: measurement noise of the observer.
 
     Returns:
         Shape (4, 4).
@@ -199,8 +199,8 @@ def outlook(
 
     Args:
         plan: the plan.
-        settings: what is known and guessed beforehand.
-        noise: of the observer.
+        settings: settings with the values that are known or guessed beforehand.
+        noise: measurement noise of the observer.
         known: information (4, 4) on the logarithms of `MATERIAL`, such as that of recordings that
             have been made; default: what the settings say is known, and weakly the guesses.
         hypotheses: factors of E/mu over which the gain is averaged; 1 is among them.
@@ -213,9 +213,9 @@ def outlook(
     recording = plan.manipulation()
     shapes = forecast(recording, settings, spans=spans).predicted
     view = scene(settings, imposed_names([recording]), [shapes[:, :, :3]])
-    forces = _felt(plan, settings, spans)
+    forces = _force_information(plan, settings, spans)
 
-    def told_by(factor: float) -> tuple[ParametricModel, Forecast, FloatArray] | None:
+    def informed_by(factor: float) -> tuple[ParametricModel, Forecast, FloatArray] | None:
         theta = logarithms(settings)
         theta[0] += math.log(factor)
         here = with_logarithms(settings, theta)
@@ -226,17 +226,17 @@ def outlook(
         except SimulationError:
             return None
 
-    each = Threads().map(told_by, list(hypotheses))
+    each = Threads().map(informed_by, list(hypotheses))
     gains = [0.0 if found is None else _gain(before, found[2]) for found in each]
     nominal = each[list(hypotheses).index(1.0)]
     if nominal is None:
         raise SimulationError(f"{plan.name}: the manipulation cannot be simulated")
-    model, found, told = nominal
+    model, found, expected_data = nominal
     assert found.derivative is not None
     derivative = np.zeros((len(found.stamps), len(MATERIAL), *found.residual.shape[1:]))
     derivative[:, _material(model)] = found.derivative[:, : len(_material(model))]
     found = replace(found, derivative=derivative)
-    covariance = np.linalg.inv(before + told)
+    covariance = np.linalg.inv(before + expected_data)
     std = {k: math.sqrt(max(float(c @ covariance @ c), 0.0)) for k, c in COMBINATIONS.items()}
     # Rod theories differ by that much (see `residual_information`), and shapes tell E D^2 / mu.
     theory = STRETCH_STIFFNESS * strain(settings)
@@ -245,23 +245,23 @@ def outlook(
         std[name] = math.hypot(std[name], theory, thickness)
     shift = displacement(found, settings)
     response = float(shift.mean()) / settings.rod.length
-    return Outlook(plan, float(np.mean(gains)), std, response, told, found)
+    return Outlook(plan, float(np.mean(gains)), std, response, expected_data, found)
 
 
-def _felt(plan: Plan, settings: Settings, spans: int | None) -> FloatArray:
+def _force_information(plan: Plan, settings: Settings, spans: int | None) -> FloatArray:
     """Information (4, 4) on mu from a force sensor of known noise at one grip, where E/mu is known.
 
     The sensor is at the start, or at the end where the start is free, and sends one message with
     every picture.
     """
-    told = np.zeros((len(MATERIAL), len(MATERIAL)))
+    result = np.zeros((len(MATERIAL), len(MATERIAL)))
     if not settings.wrench.force_std > 0.0:
-        return told
+        return result
     recording = plan.manipulation()
     try:
         found = forecast(recording, settings, spans=spans, loads=True)
     except SimulationError:
-        return told
+        return result
     for end in (START, END):
         predicted = grip_wrenches(found.loadings, end)
         if predicted is None:
@@ -273,9 +273,9 @@ def _felt(plan: Plan, settings: Settings, spans: int | None) -> FloatArray:
             settings, [plan.command],
         )  # fmt: skip
         if field is not None:
-            told[1, 1] = float(expected(field)[0, 0])
-        return told
-    return told
+            result[1, 1] = float(expected(field)[0, 0])
+        return result
+    return result
 
 
 def displacement(found: Forecast, settings: Settings) -> FloatArray:
@@ -290,9 +290,9 @@ def displacement(found: Forecast, settings: Settings) -> FloatArray:
     return np.asarray(np.linalg.norm(curve, axis=2))
 
 
-def _gain(before: FloatArray, told: FloatArray) -> float:
+def _gain(before: FloatArray, gained: FloatArray) -> float:
     """Expected information about (E, mu) in bits, the other parameters being unknown."""
-    first, then = (np.linalg.inv(m)[:2, :2] for m in (before, before + told))
+    first, then = (np.linalg.inv(m)[:2, :2] for m in (before, before + gained))
     return float(np.linalg.slogdet(first)[1] - np.linalg.slogdet(then)[1]) / (2.0 * math.log(2.0))
 
 

@@ -42,7 +42,7 @@ class Workspace:
         x, z: bounds of the held ends [m], low and high.
         speed: largest speed of a held end [m/s].
         turn: largest angular speed of a clamp [rad/s].
-        duration: of a recording [s].
+        duration: duration of a recording [s].
     """
 
     x: tuple[float, float]
@@ -65,7 +65,7 @@ class ManipulationCandidate:
     """A manipulation as numbers.
 
     Args:
-        kind: one of `KINDS`.
+        kind: kind of manipulation, one of `KINDS`.
         start, end: x, z [m] and direction [rad] of growing u at the held ends, positive from x
             towards -z, at `MOMENTS` moments, shape (MOMENTS, 3).
     """
@@ -241,8 +241,8 @@ class Found:
     """The best manipulation of a search.
 
     Args:
-        candidate: as numbers.
-        outlook: what it would tell.
+        candidate: numbers of the manipulation.
+        outlook: expected result of the manipulation.
         tried: candidates that were simulated.
     """
 
@@ -264,13 +264,13 @@ def search(
     """The manipulation with the largest expected information about (E, mu); see `outlook`.
 
     Args:
-        settings: of the rod; the first guess.
-        workspace: what is possible.
-        noise: of the observer.
+        settings: settings of the rod with the first guess of its parameters.
+        workspace: limits of the manipulation.
+        noise: measurement noise of the observer.
         known: see `outlook`.
         budget: candidates that are simulated.
-        seed: of the random numbers; the same seed gives the same manipulation.
-        progress: called with the share of the budget that is used.
+        seed: seed of the random numbers; the same seed gives the same manipulation.
+        progress: function that is called with the fraction of the budget that is used.
 
     Raises:
         SimulationError: no candidate can be simulated.

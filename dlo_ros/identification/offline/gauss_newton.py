@@ -33,7 +33,7 @@ START_FACTORS = (1.0, 1 / 100, 1 / 30, 1 / 10, 1 / 3, 3.0, 10.0, 30.0, 100.0)  #
 SCAN_SECONDS = 4.0  # of each recording, for the comparison of starts
 MAX_ITERATIONS = 30
 CONVERGED = 1e-4  # change of a logarithm
-WORTHLESS = 5e-3  # gain of the log likelihood, repeated residuals counted once
+LEAST_GAIN = 5e-3  # gain of the log likelihood, repeated residuals counted once
 LONGEST_STEP = 1.5  # change of a logarithm in one iteration
 STEP_COARSER = 2.0  # of the time steps, to see what they do
 
@@ -46,7 +46,7 @@ class MaterialFit:
 
     Args:
         theta: ln (E, mu, c, t_r).
-        forecasts: of all recordings, with derivatives.
+        forecasts: forecasts of all recordings, with derivatives.
         cost: see above.
         normal: J^T J summed over recordings (4, 4) [m^2].
         gradient: J^T r (4,).
@@ -68,7 +68,7 @@ class Simulations:
     """Pool and resolutions with which recordings are simulated.
 
     Args:
-        pool: where.
+        pool: pool in which simulations run.
         spans: knot spans of each recording, with E/mu and tolerance for which they were judged.
     """
 
@@ -179,10 +179,10 @@ def evaluate(
 
     Args:
         train: recordings.
-        settings: of the search.
+        settings: settings of the search.
         guess: logarithms beforehand.
         theta: logarithms.
-        simulations: how.
+        simulations: pool and resolutions of the simulations.
         ignored: pictures of each recording that do not count, shape (F,) each.
 
     Raises:
@@ -255,8 +255,8 @@ def descend(
         scale = fit.count / max(fit.sum_of_squares, fit.count * NOISE_LIMIT**2)
         off = np.where(np.isfinite(guess), fit.theta - guess, 0.0)
         normal = scale * fit.normal + prior
-        told_again = autocorrelation_time(fit.forecasts)
-        judged = normal / told_again
+        correlation_time = autocorrelation_time(fit.forecasts)
+        judged = normal / correlation_time
         slope = scale * fit.gradient - prior @ off
         accepted = False
         for _ in range(12):
@@ -280,7 +280,7 @@ def descend(
         fit = trial
         LOG.debug("iteration %d: cost %.4f, %.4f less", iteration, fit.cost, gained)
         damping *= 0.1
-        if gained < WORTHLESS * told_again and damping < 1e-2:
+        if gained < LEAST_GAIN * correlation_time and damping < 1e-2:
             return fit, iteration, True
     LOG.warning("the fit has not converged after %d iterations", MAX_ITERATIONS)
     return fit, MAX_ITERATIONS, False
@@ -335,20 +335,20 @@ def numerical_shifts(
 
 
 def recentred(
-    fit: MaterialFit, guess: FloatArray, known: FloatArray, told: FloatArray
+    fit: MaterialFit, guess: FloatArray, known: FloatArray, information: FloatArray
 ) -> FloatArray:
     """The best logarithms with the information that the data have after correlation.
 
     While searching, the data count as white, which gives them too much weight against the prior.
 
     Args:
-        fit: where the search ended.
+        fit: the point at which the search ended.
         guess: logarithms beforehand.
         known: information (4, 4) beforehand.
-        told: information (4, 4) of the data.
+        information: information (4, 4) of the data.
     """
     off = np.where(np.isfinite(guess), fit.theta - guess, 0.0)
     # Where the data alone would go, in the directions that they tell.
     wanted = np.linalg.pinv(fit.normal, rcond=1e-9, hermitian=True) @ fit.gradient
-    step = np.linalg.solve(told + known, told @ wanted - known @ off)
+    step = np.linalg.solve(information + known, information @ wanted - known @ off)
     return np.asarray(fit.theta + step)

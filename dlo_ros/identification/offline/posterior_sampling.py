@@ -23,8 +23,8 @@ from dlo_ros.inference.parallel import Pool, Threads
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 
-TOGETHER = 8  # samples that are simulated at once
-WIDER = 1.3  # spread of the proposals, in that of the Gaussian posterior
+BATCH_SIZE = 8  # samples that are simulated at once
+PROPOSAL_SCALE = 1.3  # spread of the proposals, in that of the Gaussian posterior
 LEVELS = (0.025, 0.5, 0.975)
 
 
@@ -34,7 +34,7 @@ class Sample:
 
     Args:
         theta: ln (E, mu, c, t_r), shape (N, 4).
-        weight: of each, adding up to 1, shape (N,).
+        weight: weights of the samples, which sum to 1, shape (N,).
     """
 
     theta: FloatArray
@@ -71,39 +71,39 @@ def sample(
     the model's.
 
     Args:
-        train, settings: as they were given to the fit; settings searchable.
+        train, settings: recordings and settings as they were given to the fit; settings searchable.
         found: the fit.
-        count: of samples.
-        seed: of the random numbers.
-        pool: where simulations run.
-        done: called with the share that is done.
+        count: number of samples.
+        seed: seed of the random numbers.
+        pool: pool in which simulations run.
+        done: function that is called with the fraction that is done.
 
     Raises:
         SimulationError: no sample can be simulated.
     """
     guess, prior = logarithms(settings), search_information(settings)
     usable = np.isfinite(guess)
-    covariance = np.linalg.inv(found.told + prior)
+    covariance = np.linalg.inv(found.information + prior)
     rng = np.random.default_rng(seed)
-    steps = rng.multivariate_normal(np.zeros(4), WIDER**2 * covariance, size=count)
+    steps = rng.multivariate_normal(np.zeros(4), PROPOSAL_SCALE**2 * covariance, size=count)
     steps[0] = 0.0
     theta = np.where(usable, found.theta + steps, guess)
-    chunks = [theta[k : k + TOGETHER] for k in range(0, count, TOGETHER)]
+    chunks = [theta[k : k + BATCH_SIZE] for k in range(0, count, BATCH_SIZE)]
     tasks = []
     for chunk in chunks:
         sets = [with_logarithms(found.settings, row) for row in chunk]
         for recording, f, mask in zip(train, found.fit.forecasts, found.ignored, strict=True):
             assert f.derivative is not None
             tasks.append((recording, sets, f.spans, f.derivative, mask))
-    told = (pool or Threads()).map(_gradients, tasks, lambda k, _: done((k + 1) / len(tasks)))
+    gradients = (pool or Threads()).map(_gradients, tasks, lambda k, _: done((k + 1) / len(tasks)))
     per = len(train)
     gradient = np.concatenate(
-        [np.sum(told[k * per : (k + 1) * per], axis=0) for k in range(len(chunks))]
+        [np.sum(gradients[k * per : (k + 1) * per], axis=0) for k in range(len(chunks))]
     )
     inverse = np.linalg.pinv(found.fit.normal, rcond=1e-9, hermitian=True)
     off_data = gradient @ inverse.T
     off_prior = np.where(usable, theta - guess, 0.0)
-    shapes = found.told
+    shapes = found.information
     off_force = np.zeros(count)
     if found.forces is not None:
         shapes = shapes - found.forces.information
@@ -112,7 +112,7 @@ def sample(
         off_force -= 2.0 * off @ found.forces.gradient
     misfit = off_force + np.einsum("kp,pq,kq->k", off_data, shapes, off_data)
     misfit = misfit + np.einsum("kp,pq,kq->k", off_prior, prior, off_prior)
-    proposed = np.einsum("kp,pq,kq->k", steps, found.told + prior, steps) / WIDER**2
+    proposed = np.einsum("kp,pq,kq->k", steps, found.information + prior, steps) / PROPOSAL_SCALE**2
     logs = np.where(np.isfinite(misfit), -0.5 * misfit + 0.5 * proposed, -np.inf)
     if not np.isfinite(logs).any():
         raise SimulationError("no sample of the posterior can be simulated")
@@ -147,13 +147,13 @@ def bootstrap(
     """Fit recordings drawn with replacement, again and again.
 
     Args:
-        train, settings: as they were given to the fit; settings searchable.
+        train, settings: recordings and settings as they were given to the fit; settings searchable.
         found: the fit, from which each starts.
-        count: how often.
-        seed: of the draws; the same seed draws the same recordings.
-        pool: where the fits run.
+        count: number of draws.
+        seed: seed of the draws; the same seed draws the same recordings.
+        pool: pool in which the fits run.
         before: earlier results by number, from a run that was interrupted.
-        done: called with the number of a draw and its result.
+        done: function that is called with the number of a draw and its result.
 
     Returns:
         ln (E, mu, c, t_r) of the draws that could be fitted, shape (at most count, 4).

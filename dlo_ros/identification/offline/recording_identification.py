@@ -33,7 +33,10 @@ from dlo_ros.identification.offline.gauss_newton import (
     without,
 )
 from dlo_ros.identification.offline.set_up_estimate import weighed
-from dlo_ros.identification.offline.wrench_identification import Weighing, weighed_by_force
+from dlo_ros.identification.offline.wrench_identification import (
+    ForceInformation,
+    information_with_forces,
+)
 from dlo_ros.identification.residual_information import data_information
 from dlo_ros.identification.residual_noise import noise_floor
 from dlo_ros.inference.forecast import Forecast, Manipulation, forecast
@@ -43,7 +46,7 @@ from dlo_ros.spline import FloatArray, SplineBasis
 
 LOG = logging.getLogger(__name__)
 
-ROUGHLY = 1e-2  # change of a logarithm at which the search goes on with a finer simulation
+COARSE_CONVERGED = 1e-2  # change of a logarithm at which the search goes on with a finer simulation
 
 
 @dataclass(frozen=True)
@@ -51,11 +54,11 @@ class RecordingResult:
     """The agreement of one recording with the model.
 
     Args:
-        name: of the recording.
+        name: name of the recording.
         role: `train` or `validate`.
         err, err_initial: time mean of eq. (10) with the estimate and with the initial guess [m];
             None where the simulation failed.
-        forecast: with the estimate.
+        forecast: forecast of the recording with the estimate.
         noise_floor: the err that a perfect model would have [m], None where unknown.
         before: forecast with the initial guess.
     """
@@ -74,13 +77,14 @@ class Identification:
     """The result of `identify`.
 
     Args:
-        estimate: of the parameters.
-        recordings: how each is matched, `train` before `validate`.
+        estimate: estimate of the parameters.
+        recordings: agreement of each recording with the model, `train` before `validate`.
         noise_floor: the err that a perfect model would have [m], None where unknown.
-        iterations: of the fit.
+        iterations: number of iterations of the fit.
         converged: whether it has.
         fitted: the fit itself; None where a result was put together otherwise.
-        set_up: its numbers with standard deviations; empty where the data hold it for exact.
+        set_up: estimated numbers of the set-up with standard deviations; empty where the data
+            support an exact set-up.
     """
 
     estimate: Estimate
@@ -108,8 +112,9 @@ def identify(
         train: recordings that determine the estimate.
         settings: initial guess and what is known beforehand.
         validate: recordings that are only predicted.
-        progress: called with what is being done and the share of it that is done.
-        pool: where simulations run; default: in threads.
+        progress: function that is called with the name of the present step and the fraction of it
+            that is done.
+        pool: pool in which simulations run; default: threads.
 
     Raises:
         InputError: no usable recording.
@@ -129,8 +134,8 @@ def identify(
     progress("looking at the forces", 0.95)
     found = _with_forces(train, found, settings, known, pool)
     settings = settings.with_effects(found.settings.effects)
-    fit, theta, told = found.fit, found.theta, found.told
-    estimate = summarise(settings, theta, told)
+    fit, theta, information = found.fit, found.theta, found.information
+    estimate = summarise(settings, theta, information)
     basis = SplineBasis(settings.rod.control_points, settings.rod.length)
     results = []
     for role, group in (("train", train), ("validate", validate)):
@@ -168,24 +173,25 @@ class FittedMaterial:
     """The result of the search.
 
     Args:
-        fit: with forecasts of all pictures.
+        fit: the fit with forecasts of all pictures.
         theta: ln (E, mu, c, t_r).
-        told: information of the data on them (4, 4).
+        information: information of the data on them (4, 4).
         ignored: outlier pictures of each recording, shape (F,) each.
-        settings: with the tolerance that was needed.
-        shifts: by which the simulation's own error may have moved theta, each (4,).
-        forces: what measured forces have told, which theta and told contain; None: there are none.
+        settings: settings with the tolerance that was needed.
+        shifts: shifts by which the simulation's own error may have moved theta, each (4,).
+        forces: information of measured forces, which theta and the information contain; None: there
+            are no forces.
     """
 
     fit: MaterialFit
     theta: FloatArray
-    told: FloatArray
+    information: FloatArray
     ignored: list[np.ndarray]
     settings: Settings
     iterations: int
     converged: bool
     shifts: Sequence[FloatArray] = ()
-    forces: Weighing | None = None
+    forces: ForceInformation | None = None
 
 
 def fitted(
@@ -198,15 +204,15 @@ def fitted(
 
     Args:
         train: recordings.
-        settings: as `searchable` gives them.
+        settings: settings as `searchable` gives them.
         progress: see `identify`.
-        pool: where simulations run; default: in threads.
+        pool: pool in which simulations run; default: threads.
     """
     guess, simulations = logarithms(settings), Simulations(pool or Threads())
     theta = best_start(train, settings, guess, progress, simulations)
     LOG.info("best start: %s", _words(theta))
     fit, iterations, converged = descend(
-        train, settings, guess, theta, progress, simulations, converged=ROUGHLY
+        train, settings, guess, theta, progress, simulations, converged=COARSE_CONVERGED
     )
     ignored = outlier_pictures(fit.forecasts)
     LOG.info(
@@ -216,7 +222,14 @@ def fitted(
     if any(mask.any() for mask in ignored):
         # They have bent the search so far.
         fit, more, _ = descend(
-            train, settings, guess, fit.theta, progress, simulations, ignored, converged=ROUGHLY
+            train,
+            settings,
+            guess,
+            fit.theta,
+            progress,
+            simulations,
+            ignored,
+            converged=COARSE_CONVERGED,
         )
         iterations += more
     typical = [float(np.median(np.sum(f.residual**2, axis=(1, 2)))) for f in fit.forecasts]
@@ -239,15 +252,15 @@ def fitted(
     )  # fmt: skip
     used = [without(f, mask) for f, mask in zip(fit.forecasts, ignored, strict=True)]
     shifts = numerical_shifts(train, fine, fit, ignored, simulations)
-    told = data_information(used, with_logarithms(fine, fit.theta), shifts)
-    theta = recentred(fit, guess, search_information(settings), told)
+    information = data_information(used, with_logarithms(fine, fit.theta), shifts)
+    theta = recentred(fit, guess, search_information(settings), information)
     if float(np.abs(theta - fit.theta).max()) > CONVERGED:
         try:
             fit = evaluate(train, fine, guess, theta, simulations, ignored)
         except SimulationError as err:
             LOG.warning("the estimate stays where the search ended: %s", err)
             theta = fit.theta
-    return FittedMaterial(fit, theta, told, ignored, fine, iterations, converged, shifts)
+    return FittedMaterial(fit, theta, information, ignored, fine, iterations, converged, shifts)
 
 
 def _with_set_up(
@@ -256,13 +269,20 @@ def _with_set_up(
     """The fit with the set-up open within its tolerances, and the set-up's numbers."""
     spans = [f.spans for f in found.fit.forecasts]
     more = weighed(
-        train, found.settings, found.theta, found.told, found.ignored, spans, given, found.shifts
+        train,
+        found.settings,
+        found.theta,
+        found.information,
+        found.ignored,
+        spans,
+        given,
+        found.shifts,
     )
     for name, (value, std) in more.values.items():
         LOG.info("set-up: %s = %.4g +- %.2g", name, value, std)
     if not more.values:
         LOG.info("the set-up is taken as stated")
-        return replace(found, told=more.information), more.values
+        return replace(found, information=more.information), more.values
     fine = found.settings.with_effects(more.settings.effects)
     simulations = Simulations(pool or Threads())
     try:
@@ -270,7 +290,7 @@ def _with_set_up(
     except SimulationError as err:
         LOG.warning("the set-up is taken as exact: %s", err)
         return found, {}
-    found = replace(found, fit=fit, theta=more.theta, told=more.information, settings=fine)
+    found = replace(found, fit=fit, theta=more.theta, information=more.information, settings=fine)
     return found, more.values
 
 
@@ -291,8 +311,8 @@ def _with_forces(
     """The fit with the forces that were measured at the grips."""
     spans = [f.spans for f in found.fit.forecasts]
     try:
-        forces = weighed_by_force(
-            train, found.settings, found.theta, found.told, given, spans, known, pool
+        forces = information_with_forces(
+            train, found.settings, found.theta, found.information, given, spans, known, pool
         )
         if forces is None:
             return found
@@ -302,8 +322,8 @@ def _with_forces(
     except SimulationError as err:
         LOG.warning("measured forces are not used: %s", err)
         return found
-    told = found.told + forces.information
-    return replace(found, fit=fit, theta=forces.theta, told=told, forces=forces)
+    information = found.information + forces.information
+    return replace(found, fit=fit, theta=forces.theta, information=information, forces=forces)
 
 
 def _attempt(recording: Manipulation, settings: Settings) -> Forecast | None:

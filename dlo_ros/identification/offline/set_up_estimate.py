@@ -19,7 +19,7 @@ from scipy.special import expit
 
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.estimate import logarithms, with_logarithms
-from dlo_ros.identification.residual_information import model_shifts, told_directions
+from dlo_ros.identification.residual_information import determined_directions, model_shifts
 from dlo_ros.inference.forecast import Manipulation
 from dlo_ros.inference.joint import Evaluation, evaluate, fit, misfit, restricted, settled
 from dlo_ros.inference.measured import Recording, measured
@@ -49,10 +49,10 @@ class SetUp:
 
     Args:
         theta: ln (E, mu, c, t_r) of the likelier model.
-        information: of the data on them, shape (4, 4), with both models weighed.
-        probability: of the open set-up, 0 to 1.
-        settings: of the likelier model, the numbers of the set-up as effects.
-        values: of the set-up's numbers with standard deviations; empty where it is exact.
+        information: information of the data on theta, shape (4, 4), averaged over both models.
+        probability: posterior probability of the open set-up, 0 to 1.
+        settings: settings of the likelier model, the numbers of the set-up as effects.
+        values: numbers of the set-up with standard deviations; empty where it is exact.
     """
 
     theta: FloatArray
@@ -66,7 +66,7 @@ def weighed(
     train: Sequence[Manipulation],
     settings: Settings,
     theta: FloatArray,
-    told: FloatArray,
+    information: FloatArray,
     ignored: Sequence[np.ndarray],
     spans: Sequence[int],
     given: Settings,
@@ -76,15 +76,15 @@ def weighed(
 
     Args:
         train: recordings.
-        settings: of the fit with the stated set-up, with the tolerance that was needed.
+        settings: settings of the fit with the stated set-up, with the tolerance that was needed.
         theta: ln (E, mu, c, t_r) of that fit.
-        told: its information, shape (4, 4).
+        information: information of that fit, shape (4, 4).
         ignored: outlier pictures of each recording, shape (F,) each.
         spans: knot spans of each recording's simulation.
         given: the parameter file, whose values the priors lie around.
-        shifts: by which the simulation's own error may have moved theta, each (4,).
+        shifts: shifts by which the simulation's own error may have moved theta, each (4,).
     """
-    exact = SetUp(theta, told, 0.0, settings, {})
+    exact = SetUp(theta, information, 0.0, settings, {})
     recordings = [
         replace(_seen(r, mask, settings), spans=s, tolerance=settings.simulation.tolerance)
         for r, mask, s in zip(train, ignored, spans, strict=True)
@@ -144,19 +144,19 @@ def _averaged(
 ) -> SetUp:
     """The likelier of two models, and the covariance with both."""
     model, settings = at.model, at.model.settings
-    theta, told = logarithms(settings), np.zeros_like(exact.information)
+    theta, information = logarithms(settings), np.zeros_like(exact.information)
     place = [MATERIAL.index(p.name) for p in model.parameters if not p.effect]
-    told[np.ix_(place, place)] = marginal_information(at)
+    information[np.ix_(place, place)] = marginal_information(at)
     rough = 0.0 if settings.rod.diameter_std else 2.0 * DIAMETER_STD
     young_modulus = np.eye(len(MATERIAL))[MATERIAL.index("young_modulus")]
     for shift in (*shifts, *model_shifts(settings, len(MATERIAL)), rough * young_modulus):
-        told = widened(told, shift)
+        information = widened(information, shift)
     apart = np.zeros(len(theta))
     apart[place] = theta[place] - exact.theta[place]
     if probability <= 0.5:
-        information = mixed(exact.information, told, probability, apart)
+        information = mixed(exact.information, information, probability, apart)
         return replace(exact, information=information, probability=probability)
-    information = mixed(told, exact.information, 1.0 - probability, apart)
+    information = mixed(information, exact.information, 1.0 - probability, apart)
     spread = np.sqrt(np.diag(at.posterior.covariance))
     found = {
         p.name: (float(p.outer(float(x))), p.outer_std(float(x), float(std)))
@@ -180,8 +180,8 @@ def marginal_information(at: Evaluation) -> FloatArray:
 
 def widened(information: FloatArray, shift: FloatArray) -> FloatArray:
     """Information on numbers that a further unknown shift affects (Sherman and Morrison)."""
-    told = information @ shift
-    return np.asarray(information - np.outer(told, told) / (1.0 + shift @ told))
+    product = information @ shift
+    return np.asarray(information - np.outer(product, product) / (1.0 + shift @ product))
 
 
 def mixed(
@@ -190,11 +190,12 @@ def mixed(
     """Information of a mixture of two models about the mean of the likelier.
 
     Args:
-        likelier, other: their information, shape (P, P); what the former leaves open stays so.
-        probability: of the other.
-        apart: by which their means differ, shape (P,).
+        likelier, other: information of the two models, shape (P, P); what the likelier one leaves
+            open stays so.
+        probability: posterior probability of the other model.
+        apart: difference of the two models' means, shape (P,).
     """
-    scale, values, basis = told_directions(likelier)
+    scale, values, basis = determined_directions(likelier)
     theirs = basis.T @ (other * np.outer(scale, scale)) @ basis + RIDGE * np.eye(basis.shape[1])
     off = basis.T @ (apart / scale)
     covariance = (1.0 - probability) * np.diag(1.0 / values)

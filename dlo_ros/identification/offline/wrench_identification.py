@@ -47,7 +47,7 @@ CLOSE = 0.2
 """Step in standard deviations at which the iteration ends."""
 LONGEST_STEP = 1.5
 """Change of a logarithm in one iteration."""
-HARDLY = 0.01
+GUESS_WEIGHT = 0.01
 """Weight of what was only guessed, where forces were measured."""
 MU = MATERIAL.index("density")
 RATIOS = np.array([[1.0, 1.0, 0, 0], [0, 1.0, 0, 0], [0, 1.0, 1.0, 0], [0, 0, 0, 1.0]])
@@ -57,16 +57,17 @@ ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
-class Weighing:
+class ForceInformation:
     """The information of measured forces.
 
     Args:
         theta: ln (E, mu, c, t_r) of shapes and forces.
-        information: of the forces on them, shape (4, 4).
+        information: information of the forces on theta, shape (4, 4).
         gradient: information times the step from theta to where forces alone would go, shape (4,).
-        std: of ln mu with everything; from how forces change alone; and from their mean alone.
-        left: for each recording and end, what is left of forces [N] and torques [N m].
-        messages: that were measured.
+        std: standard deviation of ln mu with all information; from how forces change alone; and
+            from their mean alone.
+        left: root mean square residual of forces [N] and torques [N m], for each recording and end.
+        messages: number of measured messages.
     """
 
     theta: FloatArray
@@ -82,7 +83,7 @@ class Weighing:
         return bounded(self.std)
 
 
-def weighed_by_force(
+def information_with_forces(
     train: Sequence[Manipulation],
     settings: Settings,
     theta: FloatArray,
@@ -91,18 +92,18 @@ def weighed_by_force(
     spans: Sequence[int],
     set_up: Mapping[str, tuple[float, float]],
     pool: Pool | None = None,
-) -> Weighing | None:
+) -> ForceInformation | None:
     """The estimate with measured forces; None where there are none.
 
     Args:
         train: recordings.
-        settings: of the fit to shapes, set-up included.
+        settings: settings of the fit to shapes, set-up included.
         theta: ln (E, mu, c, t_r) of that fit.
-        shapes: its information, shape (4, 4).
+        shapes: information of that fit, shape (4, 4).
         given: the parameter file.
         spans: knot spans of each recording's simulation.
         set_up: numbers of the set-up with the standard deviations that shapes leave.
-        pool: where simulations run.
+        pool: pool in which simulations run.
 
     Raises:
         SimulationError: a recording cannot be simulated.
@@ -114,7 +115,7 @@ def weighed_by_force(
     diameter = given.rod.diameter_std / given.rod.diameter or (DIAMETER_STD if set_up else 0.0)
     stated, shapes = shapes, _exact_diameter(shapes, diameter)
     known = known_information(given, weighed=True)
-    hardly = HARDLY * search_information(given)
+    hardly = GUESS_WEIGHT * search_information(given)
     guess = np.where(np.isfinite(logarithms(given)), logarithms(given), theta)
     usable = np.isfinite(theta)
     centre = np.where(usable, theta, 0.0)
@@ -159,7 +160,9 @@ def weighed_by_force(
     messages = sum(len(w.stamps) for r, _ in pairs for w in r.wrenches)
     result = np.where(usable, now, theta)
     whole = _uncertain(shapes + information, diameter * np.array([4.0, 2.0, 0.0, 0.0]))
-    return Weighing(result, whole - stated, gradient, (everything, change, weight), left, messages)
+    return ForceInformation(
+        result, whole - stated, gradient, (everything, change, weight), left, messages
+    )
 
 
 def _exact_diameter(shapes: FloatArray, diameter: float) -> FloatArray:
@@ -184,7 +187,7 @@ def _of_scale(
     attributed to E/mu, which shapes determine better.
 
     Args:
-        information, gradient: of forces on `MATERIAL`, (4, 4) and (4,).
+        information, gradient: information of forces on `MATERIAL`, (4, 4), and its gradient, (4,).
         expected: information of all else.
     """
     ratios = np.array([k for k in range(len(gradient)) if k != MU])

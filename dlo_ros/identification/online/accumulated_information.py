@@ -16,8 +16,9 @@ class AccumulatedInformation:
     """Normal equations of the present run, and of the windows before it.
 
     Attributes:
-        present: of the present run, when it was last measured; None before.
-        earlier: of older windows, in units of information; None where there are none.
+        present: information of the present run, when it was last measured; None before.
+        earlier: normal equations of older windows, in units of information; None where there are
+            none.
     """
 
     def __init__(self) -> None:
@@ -30,7 +31,7 @@ class AccumulatedInformation:
 
         Args:
             run: the present one.
-            prior: whose autocorrelation time of the residuals is renewed.
+            prior: prior information, whose autocorrelation time of the residuals is renewed.
         """
         measured, used = self._measured
         recent = run.used < used + max(AUTOCORRELATION_EVERY, run.used // 10)
@@ -38,10 +39,10 @@ class AccumulatedInformation:
             return
         yield LONG
         found = run.equations()
-        told = found.information(model_shifts(run.simulation.settings, 4))
+        correlated = found.information(model_shifts(run.simulation.settings, 4))
         white = run.at.normal[0, 0] * run.at.scale(prior.step(run.at))
-        if told[0, 0] > 0.0:
-            prior.autocorrelation_time = max(1.0, float(white / told[0, 0]))
+        if correlated[0, 0] > 0.0:
+            prior.autocorrelation_time = max(1.0, float(white / correlated[0, 0]))
         self.present, self._measured = found, (run, run.used)
 
     def weighed(
@@ -53,8 +54,8 @@ class AccumulatedInformation:
 
         Args:
             run: the present one.
-            step: from where it is linearised to the estimate, shape (4,).
-            prior: which knows the autocorrelation time of the residuals.
+            step: step from the point of linearisation to the estimate, shape (4,).
+            prior: prior information, which holds the autocorrelation time of the residuals.
         """
         if self.present is None:
             return self.earlier

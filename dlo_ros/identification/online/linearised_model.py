@@ -69,7 +69,7 @@ class JudgedResolution:
 
     Args:
         spans: knot spans.
-        error: of the shape, over L.
+        error: error of the shape, over L.
         ratio: E/mu [m^2/s^2].
         tolerance: error that was asked for, over L.
     """
@@ -100,10 +100,10 @@ class PriorInformation:
         prior: information (4, 4) on ln (E, mu, c, t_r) that guides the search, about `guess`.
         guess: logarithms beforehand, -inf for a damping of zero.
         summary: J^T J (4, 4) from before the window, in the units of information.
-        centre, pull: where it is linearised, and J^T r (4,) there: of the data alone, so that what
-            was known beforehand counts once.
-        autocorrelation_time: of the residuals, in observations.
-        forces: information (4, 4) of measured forces, about `felt`.
+        centre, pull: point of linearisation (4,), and J^T r (4,) there, of the data alone, so that
+            what was known beforehand counts once.
+        autocorrelation_time: integrated autocorrelation time of the residuals, in observations.
+        forces: information (4, 4) of measured forces, about `force_centre`.
     """
 
     prior: FloatArray
@@ -113,19 +113,19 @@ class PriorInformation:
     pull: FloatArray = field(default_factory=lambda: np.zeros(4))
     autocorrelation_time: float = 1.0
     forces: FloatArray = field(default_factory=lambda: np.zeros((4, 4)))
-    felt: FloatArray = field(default_factory=lambda: np.zeros(4))
+    force_centre: FloatArray = field(default_factory=lambda: np.zeros(4))
 
     def step(self, at: Linearised) -> FloatArray:
         """From where a problem is linearised towards its minimum, not too far at once, (4,)."""
         usable = np.isfinite(self.guess)
         off = np.where(usable, at.theta - self.guess, 0.0)
         old = np.where(usable, at.theta - self.centre, 0.0)
-        felt = np.where(usable, at.theta - self.felt, 0.0)
+        force_centre = np.where(usable, at.theta - self.force_centre, 0.0)
         step = np.zeros(4)
         for _ in range(2):  # how noisy the residuals are is known better after the first step
             scale = self.scale(at, step)
             lhs = scale * at.normal + self.prior + self.summary + self.forces
-            rhs = scale * at.gradient - self.prior @ off - self.forces @ felt
+            rhs = scale * at.gradient - self.prior @ off - self.forces @ force_centre
             rhs += self.pull - self.summary @ old
             step = np.where(usable, np.linalg.solve(lhs, rhs), 0.0)
         return np.asarray(step * min(1.0, LONGEST_STEP / max(float(np.abs(step).max()), 1e-300)))
@@ -140,7 +140,7 @@ class PriorInformation:
         Args:
             at: the window's problem.
             theta: the estimate, about which the summary is from now on, shape (4,).
-            share: of the older summary that is kept.
+            share: fraction of the older summary that is kept.
         """
         usable = np.isfinite(self.guess)
         step = np.where(usable, theta - at.theta, 0.0)
@@ -165,10 +165,11 @@ class Run:
 
     Args:
         at: the problem that it linearises.
-        simulation: with sensitivities to ln (E, mu, c, t_r), started.
+        simulation: the started simulation, with sensitivities to ln (E, mu, c, t_r).
         unit: see `Window.noise_unit`.
         error: the simulation's own error, over L.
-        residuals, derivatives, predicted, stamps: of each observation, as in `Forecast`.
+        residuals, derivatives, predicted, stamps: lists over the observations, each as in
+            `Forecast`.
     """
 
     at: Linearised

@@ -66,11 +66,13 @@ FEWEST_AT_ONCE, MOST_AT_ONCE = 2, 20
 AT_ONCE = 6  # likewise, with several sets of parameters
 ITERATIONS = 4  # before the work begins that else would wait
 WINDOW = 20.0  # [s] of past that is simulated again; older information is kept as a summary
-STUCK = 1.2  # growth of the past after which a relinearisation is tried again that did not help
+RETRY_GROWTH = (
+    1.2  # growth of the past after which a relinearisation is tried again that did not help
+)
 TRIALS = (0.3, 0.8, 1.6, 3.2)  # [s] of past after which rivals are tried
 SIGNIFICANT = 0.01  # change of a logarithm that is worth passing on
 UNKNOWN_WEIGHT = 0.1  # of a change that leaves E/mu alone where only E/mu is determined
-UNJUDGED = 1e-3  # of L: the simulation's own error that is reckoned with before it is judged
+ASSUMED_ERROR = 1e-3  # of L: the simulation's own error that is reckoned with before it is judged
 
 
 class OnlineEstimator:
@@ -81,7 +83,7 @@ class OnlineEstimator:
     Args:
         settings: initial guess, prior knowledge, how the simulation starts.
         budget: see `BUDGET`; infinite: everything that is due is done at once [s].
-        clock: in which the budget counts.
+        clock: function that returns the time by which the budget counts [s].
     """
 
     def __init__(
@@ -238,7 +240,7 @@ class OnlineEstimator:
         """Simulate the past with given parameters; None where that fails."""
         settings = with_logarithms(self._initial, theta)
         spans, error = self._resolution(settings)
-        if error < UNJUDGED:
+        if error < ASSUMED_ERROR:
             settings = self._finer(settings)
         yield LONG
         try:
@@ -281,7 +283,7 @@ class OnlineEstimator:
         ):
             return self._judged_resolution.spans, self._judged_resolution.error
         # Twice the published ones, until the parameters are worth a closer look.
-        return 2 * (settings.rod.control_points - DEGREE), UNJUDGED
+        return 2 * (settings.rod.control_points - DEGREE), ASSUMED_ERROR
 
     def _judge_resolution(self) -> Pieces[None]:
         """Judge the simulation's own error at the estimate; refine where it is too large."""
@@ -292,7 +294,7 @@ class OnlineEstimator:
         if self._past.anchor is not None or (before is not None and before.holds(settings)):
             return
         judge, seen = simulation_of(settings, self._motion), self._past.observations
-        spans, error = run.simulation.basis.spans, UNJUDGED
+        spans, error = run.simulation.basis.spans, ASSUMED_ERROR
         try:
             for _ in judge.judging(seen[:2], seen[-1].stamp):
                 yield SHORT
@@ -339,7 +341,7 @@ class OnlineEstimator:
                     yield from self._measure_information()
                     break
             else:
-                self._retry = int(STUCK * run.used) + 1
+                self._retry = int(RETRY_GROWTH * run.used) + 1
                 return
 
     def _measure_information(self) -> Pieces[None]:

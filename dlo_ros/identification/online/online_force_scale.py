@@ -29,7 +29,7 @@ FEWEST = 10
 """Shapes before forces are looked at."""
 GROWTH = 1.3
 """Growth of the window after which they are looked at again."""
-OTHER = 0.05
+RATIO_CHANGE = 0.05
 """Change of ln(E/mu) after which they are."""
 MU = MATERIAL.index("density")
 
@@ -44,7 +44,7 @@ class Forces:
     def __init__(self, settings: Settings) -> None:
         self._settings = settings
         self._rows: dict[str, deque[tuple[int, FloatArray, FloatArray]]] = {}
-        self._told = False  # by the present window
+        self._weighed = False  # by the present window
         self.fold()
 
     def add(self, measured: Wrenches) -> None:
@@ -55,7 +55,7 @@ class Forces:
 
     def fold(self) -> None:
         """A new window begins."""
-        self._used, self._ratio, self._told = 0, np.nan, False
+        self._used, self._ratio, self._weighed = 0, np.nan, False
 
     def weigh(
         self, run: Run, past: Sequence[Observation], commands: Sequence[Command],
@@ -64,14 +64,14 @@ class Forces:
         """Estimate the scale of all forces from those of the window, where that is due.
 
         Args:
-            run: along the observations of the window.
-            past: these observations.
-            commands: what was imposed.
-            prior: takes what was learned.
+            run: run of the model along the observations of the window.
+            past: the observations of the window.
+            commands: commands that led the grips.
+            prior: prior information, to which the result is added.
             begin: starts a simulation of the window that tells loads, with the run's settings.
         """
         ratio = float(run.at.theta[0] - run.at.theta[1])
-        same = abs(ratio - self._ratio) < OTHER
+        same = abs(ratio - self._ratio) < RATIO_CHANGE
         if not self._rows or run.used < FEWEST or (same and run.used < GROWTH * self._used):
             return
         self._used, self._ratio = run.used, ratio
@@ -95,13 +95,13 @@ class Forces:
         found = yield from scale_in_pieces(
             borne, self._settings, diameter_std=rod.diameter_std / rod.diameter
         )
-        if found is None or (not self._told and found.information < prior.forces[MU, MU]):
+        if found is None or (not self._weighed and found.information < prior.forces[MU, MU]):
             return  # an earlier window has told more
-        self._told = True
+        self._weighed = True
         prior.forces = np.zeros_like(prior.forces)
         prior.forces[MU, MU] = found.information
-        prior.felt = theta.copy()
-        prior.felt[MU] += found.log
+        prior.force_centre = theta.copy()
+        prior.force_centre[MU] += found.log
 
     def _wrenches(self) -> list[Wrenches]:
         """Measured wrenches of each end."""

@@ -14,7 +14,7 @@ from dlo_ros.parameters import Settings
 from dlo_ros.spline import DEGREE, FloatArray
 
 RIVALS = (1 / 30, 1 / 8, 1 / 3, 3.0, 8.0, 30.0)  # of E/mu
-CLEARLY = 0.5  # of the squared residuals that a rival may leave
+RIVAL_MISFIT = 0.5  # of the squared residuals that a rival may leave
 AT_ONCE = 4  # observations in a piece of work
 
 
@@ -22,8 +22,8 @@ def best_rival(past: Manipulation, run: Run, initial: Settings) -> Pieces[FloatA
     """Logarithms with another E/mu that explain the past better than a run; None if none do.
 
     Args:
-        past: what was imposed and seen.
-        run: along the same observations, or more.
+        past: commands and observations of the window.
+        run: run along the same observations, or more.
         initial: the guess, about which the rivals lie.
     """
     spans = 2 * (initial.rod.control_points - DEGREE)
@@ -37,6 +37,6 @@ def best_rival(past: Manipulation, run: Run, initial: Settings) -> Pieces[FloatA
     best, least = None, run.sum_of_squares_until(past.observations[-1].stamp)
     for theta, rival in zip(thetas, forecasts, strict=True):
         sum_of_squares = np.inf if rival is None else float(np.sum(rival.residual**2))
-        if sum_of_squares < CLEARLY * least:
+        if sum_of_squares < RIVAL_MISFIT * least:
             best, least = theta, sum_of_squares
     return best

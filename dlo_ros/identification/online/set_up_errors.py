@@ -20,7 +20,7 @@ LOG = logging.getLogger(__name__)
 FEWEST = 3  # observations before anything is concluded
 SETTLED = 0.8  # [s] of past before which neither tolerances nor resolution are worth a look
 SET_UP_GROWTH = 1.5  # of the past after which the set-up's tolerances are looked at again
-OTHER_RATIO = 0.05  # change of ln(E/mu) after which they are
+RATIO_CHANGE = 0.05  # change of ln(E/mu) after which they are
 
 
 class SetUpErrors:
@@ -30,7 +30,7 @@ class SetUpErrors:
         given: the parameter file, which states the set-up.
 
     Attributes:
-        shifts: of ln (E, mu, c, t_r), see `set_up_shifts`.
+        shifts: errors of ln (E, mu, c, t_r), see `set_up_shifts`.
     """
 
     def __init__(self, given: Settings) -> None:
@@ -44,12 +44,12 @@ class SetUpErrors:
         Args:
             run: the present one.
             past: the observations.
-            estimate: whose E/mu may have changed since.
+            estimate: the estimate, whose E/mu may have changed since.
         """
         if run is None or past.anchor is not None or run.used < FEWEST or past.elapsed < SETTLED:
             return False
         used, ratio = self._examined
-        other = abs(math.log(estimate.specific_modulus) - ratio) > OTHER_RATIO
+        other = abs(math.log(estimate.specific_modulus) - ratio) > RATIO_CHANGE
         return not used or other or run.used > SET_UP_GROWTH * used
 
     def compute(
@@ -59,7 +59,7 @@ class SetUpErrors:
 
         Args:
             run, past, estimate: see `due`.
-            prior: with which the estimate weighs pictures.
+            prior: prior information with which the estimate weighs pictures.
         """
         seen = past.manipulation()
         if run is None or seen is None:

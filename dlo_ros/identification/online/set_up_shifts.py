@@ -53,11 +53,11 @@ def set_up_shifts(
     set-up counts as exact.
 
     Args:
-        past: what was imposed and seen, from the start of the simulation on.
-        settings: with the estimate.
+        past: commands and observations from the start of the simulation on.
+        settings: settings with the estimate.
         given: the parameter file, whose values the priors lie around.
         spans: knot spans of the simulation.
-        weighting: of the estimate.
+        weighting: weighting of the estimate.
 
     Raises:
         SimulationError: the motion cannot be simulated.

@@ -51,7 +51,7 @@ class ParameterSets:
     """Parameter sets of one DLO, laid out for compiled code once and simulated as often as wanted.
 
     Args:
-        models: one for each set, S in all, with the same basis; steps keep the smallest
+        models: one rod model for each set, S in all, with the same basis; steps keep the smallest
             simulation.tolerance among them.
         boundary: common to all sets: clamps or held tips at the ends, or none.
 
@@ -132,7 +132,7 @@ class ParameterSets:
         spoils no other.
 
         Args:
-            states: one for each set, all at the same instant and in the plane y = 0.
+            states: one state for each set, all at the same instant and in the plane y = 0.
             stamps: [ns], growing, none before the states'.
 
         Raises:

@@ -24,8 +24,8 @@ def march(sets, tables, imposed, frames, motion, room, clock, reach, limit, stop
     """Integrate all sets to a series of times, one group of LANES after the other.
 
     Args:
-        frames: of both ends, (C, 2, FRAME), carried along.
-        motion: where the sets are, carried along.
+        frames: frames of both ends, (C, 2, FRAME), updated in place.
+        motion: states of the sets, updated in place.
         clock: time from the command's start, last and next step [s], carried along, (C, 3).
         reach: distance of the second control point from an end [m].
         limit: moves of a control point beyond this are taken as divergence [m].

@@ -124,7 +124,8 @@ def assemble(q, tables, law, scratch, matrix, tension, first):
 
     Args:
         matrix: basis matrix for x and for z alike, lower rows (4 n, LANES).
-        tension: with weights, for the Hessian where there was no linear solution yet, (nb, LANES).
+        tension: tension times weights, for the Hessian where there was no linear solution yet, (nb,
+            LANES).
         first: whether that is so.
     """
     lo, hi = tables.lo, tables.hi

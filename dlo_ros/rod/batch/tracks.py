@@ -70,9 +70,9 @@ class Tracks:
 
     Args:
         shapes: control points at every stamp, NaN for sets that failed, shape (S, T, n, 4).
-        steps: that each set took part in, rejected ones included, shape (S,).
-        failures: why a set failed, by its number.
-        ends: where the sets are at the last stamp.
+        steps: number of steps of each set, rejected ones included, shape (S,).
+        failures: the reason why a set failed, by its number.
+        ends: states of the sets at the last stamp.
     """
 
     shapes: FloatArray

@@ -26,8 +26,10 @@ class CommandTimeline:
     Args:
         motion: the commands; more may come.
         following: the command that the rod followed last.
-        standing_in: what stands for a command, by its identity, beside the command itself.
-        whole_path: how far imposed points travel under the commands that were known first [m].
+        standing_in: commands that replace a given command, by its identity, beside the command
+            itself.
+        whole_path: distance that imposed points travel under the commands that were known first
+            [m].
         began: stamp of the first observed shape [ns].
     """
 

@@ -90,7 +90,7 @@ def align(frame, base):
 
     Args:
         frame: (FRAME,), changed.
-        base: of the other run, (FRAME,).
+        base: frame of the other run, (FRAME,).
 
     Returns:
         By how much the twist angle grows [rad].

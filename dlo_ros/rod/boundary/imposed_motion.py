@@ -37,7 +37,7 @@ class Boundary:
     """The degrees of freedom that a command holds (interface.md, end).
 
     Args:
-        names: what the command imposes.
+        names: names of what the command imposes.
         basis: the simulation's basis.
         published: the basis that the names count in, same length.
     """

@@ -44,7 +44,7 @@ def turned_round(observation: Observation, length: float) -> Observation:
 
     Args:
         observation: the shape.
-        length: of the DLO [m].
+        length: length of the DLO [m].
     """
     shape = observation.control_points[::-1].copy()
     shape[:, 3] *= -1.0  # the axis of the twist angle points the other way
@@ -58,9 +58,9 @@ def along(motion: Motion, observation: Observation, length: float) -> Observatio
     """The shape in the direction from the commanded start to the commanded end.
 
     Args:
-        motion: what is imposed.
+        motion: motion of the clamps.
         observation: the shape.
-        length: of the DLO [m].
+        length: length of the DLO [m].
     """
     return turned_round(observation, length) if runs_backwards(observation, motion) else observation
 

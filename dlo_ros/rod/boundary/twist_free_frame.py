@@ -23,7 +23,7 @@ def twist_free(
 
     Args:
         q: control points, shape (n, 4) (theta is not used).
-        basis: their basis.
+        basis: spline basis of the control points.
         points: material coordinates of the bending points [m], shape (nb,), growing.
         director: first director at u = 0, shape (3,); default: any.
 

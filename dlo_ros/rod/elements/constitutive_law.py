@@ -105,7 +105,7 @@ def respond(stretch, other, weight, material, out):
 
     Args:
         stretch, other: strains (nb,) and (nb, 3), see `strains.strains`.
-        weight: of the quadrature points [m], shape (nb,).
+        weight: weights of the quadrature points [m], shape (nb,).
         material: see `Material`.
         out: output.
 

@@ -97,7 +97,7 @@ def add_squares(block, dof, modulus, gradient, line):
     Args:
         dof: coordinates that it depends on, the first ones.
         modulus: factor, integrated over the span.
-        gradient: of its mean, and behind it of its `tilt`, shape (2 FIRST,).
+        gradient: gradient of the span's mean, and behind it of its `tilt`, shape (2 FIRST,).
         line: whether the tilt counts.
     """
     for c in range(dof):

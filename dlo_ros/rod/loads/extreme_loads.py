@@ -21,8 +21,8 @@ class Extremes:
     """The instants of the largest loads on a DLO.
 
     Args:
-        loadings: at all instants, at least one.
-        times: of the instants [s].
+        loadings: loads at all instants, at least one.
+        times: times of the instants [s].
     """
 
     loadings: Sequence[Loading]

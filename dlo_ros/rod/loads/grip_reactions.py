@@ -52,9 +52,9 @@ class MotionForces:
     """Acceleration of a DLO and the forces on it at S instants.
 
     Args:
-        acceleration: of the control points [m/s^2], shape (S, n, 3).
-        forces: from outside, inertia included, at the points of `ExternalForces` and at the pins
-            [N], shape (S, m, 3); with the grips' they are in balance.
+        acceleration: accelerations of the control points [m/s^2], shape (S, n, 3).
+        forces: external forces, inertia included, at the points of `ExternalForces` and at the pins
+            [N], shape (S, m, 3); they are in balance with the forces of the grips.
     """
 
     acceleration: FloatArray
@@ -66,11 +66,11 @@ class Loading:
     """The loads on a DLO and its grips at one instant.
 
     Args:
-        start, end: of the grips at u = 0 and u = L; None where that end is free.
+        start, end: wrenches of the grips at u = 0 and u = L; None where that end is free.
         tension: largest along the DLO [N]; negative where all of it is pushed.
-        tension_at: where [m of u].
+        tension_at: material coordinate of the largest tension [m].
         bend_radius: smallest of the axis [m], at most `STRAIGHT` times the length.
-        bend_at: where [m of u].
+        bend_at: material coordinate of the smallest bend radius [m].
     """
 
     start: Wrench | None
@@ -92,8 +92,8 @@ def loadings(
     """The loads on a rod and its grips in given states.
 
     Args:
-        states: at least one.
-        command: that the rod follows, as it was commanded.
+        states: states of the rod, at least one.
+        command: command that the rod follows, effects not applied.
     """
     if model.body.slip and len(states) > 1:
         return [loadings(model, boundary, [state], command)[0] for state in states]
@@ -126,7 +126,7 @@ def loadings_along(
     Args:
         model: a rod that is `plain`.
         before: the state in which the track began.
-        stamps: of the track [ns], S of them.
+        stamps: stamps of the track [ns], S of them.
         track: shapes and speeds at the stamps.
     """
     times = (np.array([before.stamp, *stamps]) - before.stamp) / NANOSECONDS
@@ -279,7 +279,8 @@ class _Held:
     (n); what is free accelerates by itself.
 
     Args:
-        reactions: in what is held, zero elsewhere, shape (n, 2 n).
+        reactions: reaction forces at held and pinned control points, zero elsewhere, shape (n, 2
+            n).
         motion: acceleration, and the forces of the m pins, shape (n + m, 2 n).
     """
 

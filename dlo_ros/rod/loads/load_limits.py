@@ -19,7 +19,7 @@ class LoadWarning:
     """A limit that is near or passed.
 
     Args:
-        name: of the parameter.
+        name: name of the parameter that sets the limit.
         passed: whether it is passed; otherwise it is near.
         text: value, place and limit, one line.
     """

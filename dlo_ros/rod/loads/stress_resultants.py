@@ -25,7 +25,7 @@ class Instants:
 
     Args:
         q, velocity: x, y, z [m] and theta [rad] of the control points, and rates, shape (S, n, 4).
-        acceleration: likewise; only that of what is held counts.
+        acceleration: rates of the velocity, shape (S, n, 4); only those of held points are used.
         director: first director of the reference frame, shape (S, nb, 3).
         twist: twist of the reference frame [rad/m], shape (S, nb).
         internal: variables of bending and friction, with a leading axis of S.

@@ -199,7 +199,7 @@ def propagate_step(system, imposed, old, new, varying):
 
     Args:
         system, imposed: the rod and its command, with two variants for each parameter.
-        old, new: its states before and after the step.
+        old, new: sensitivity states before and after the step.
         varying: the derivatives before; become those after.
     """
     h, time, q, rule = new.clock[LAST], new.clock[TIME], new.q, system.rule

@@ -74,7 +74,8 @@ def _remember(system, q, other, old, h, fresh, varying, d_q, d_other):
         q, other: shape and strains after the step.
         old: the state before it.
         h, fresh: see `follow`.
-        d_q, d_other: their derivatives, shape (P, n, d) and (P, nb, 3).
+        d_q, d_other: derivatives of the shape, shape (P, n, d), and of the other strains, shape (P,
+            nb, 3).
     """
     past = old.internal
     if past.plastic.shape[0] + past.anchor.shape[0] + past.inner.shape[0] == 0:

@@ -21,7 +21,7 @@ def eliminate(band, fixed, rhs, increments):
 
     Args:
         band: matrix, lower rows (N, w + 1), changed in place.
-        fixed: which degrees of freedom are imposed, shape (N,).
+        fixed: whether a degree of freedom is imposed, shape (N,).
         rhs, increments: right-hand sides and what the imposed ones become, shape (P, N).
     """
     size, last = band.shape[0], band.shape[1] - 1
@@ -141,7 +141,7 @@ def pin_gap(fixed, pins, pin_rows, target, pinned):
     """Values that `pins @ q` must have, shape (m,), given the imposed values.
 
     Args:
-        fixed: which degrees of freedom are imposed, shape (N,).
+        fixed: whether a degree of freedom is imposed, shape (N,).
         pins, pin_rows: rows of the pinned coordinates in the free ones and in all, shape (m, N).
         target: imposed values, shape (n, 4) or (n, 2).
         pinned: positions of the pinned points [m], shape (k, 3).

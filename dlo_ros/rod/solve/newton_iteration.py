@@ -58,14 +58,14 @@ def equilibrium(q, increment, fixed, pins, gap, rule, matter, ref, load, mass, s
     Args:
         q: start, overwritten with the equilibrium, shape (n, 4).
         increment: change of the fixed degrees of freedom still to be made, shape (4 n,).
-        fixed: which degrees of freedom are imposed, shape (4 n,).
+        fixed: whether a degree of freedom is imposed, shape (4 n,).
         pins, gap: constraint rows (m, 4 n), and what they still lack (m,).
         rule, matter, ref: as in `assemble`.
         load: generalised dead load [N], shape (4 n,).
         mass, spin: basis matrices of the shift, shape (n, 4).
         rate2: scale of the shift [1/s^2].
         length: L [m].
-        longest: how far a control point may move in one iteration [m].
+        longest: largest distance that a control point may move in one iteration [m].
         tolerance: convergence when a full Newton step is smaller than tolerance * L.
 
     Returns:

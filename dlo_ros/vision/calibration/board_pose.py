@@ -43,13 +43,13 @@ class BoardPose:
     """Pose of the board in the camera.
 
     Args:
-        pose: of the board frame in the optical frame, as the parameter file has it.
-        pattern_at: of the pattern's centre in the board frame [m].
+        pose: pose of the board frame in the optical frame, as the parameter file has it.
+        pattern_at: position of the pattern's centre in the board frame [m].
         found: the pattern's pose behind it.
         std_translation: standard deviation of the pattern's centre along the optical frame's
             axes [m], shape (3,), for a camera known exactly.
-        std_rotation: likewise of the rotation about these axes [rad], shape (3,).
-        hints: what to be careful about.
+        std_rotation: standard deviations of the rotation about these axes [rad], shape (3,).
+        hints: advice on what to be careful about.
     """
 
     pose: CameraPose
@@ -70,10 +70,10 @@ def board_pose(
     """The board's pose from one view of the pattern on it.
 
     Args:
-        view: of the pattern lying on the board.
-        pattern: what it shows.
+        view: view of the pattern lying on the board.
+        pattern: the calibration pattern in the view.
         intrinsics: the camera.
-        pattern_at: where the pattern's centre lies in the board frame [m].
+        pattern_at: position of the pattern's centre in the board frame [m].
         up: the side of the image, a key of `UP`, that is up on the board.
 
     Raises:

@@ -55,8 +55,8 @@ class ViewResult:
     Args:
         view: corners that were taken out as outliers are not in it.
         used: whether the camera was fitted to it.
-        reason: why not; empty where it was.
-        pose: of the pattern under the result, None where there is none.
+        reason: the reason why the view was not used; empty where it was.
+        pose: pose of the pattern under the result, None where there is none.
         dropped: number of corners taken out.
     """
 
@@ -79,10 +79,10 @@ class Calibration:
     Args:
         intrinsics: the camera.
         std: standard deviations of fx, fy, cx, cy [px]; None where the camera was given.
-        views: in the order given.
+        views: the views in the order given.
         lenses: the models that were compared; empty where the camera was given.
         lens: the chosen one, None where the camera was given.
-        hints: what further views would help, and what to be careful about.
+        hints: advice: which further views would help, and what to be careful about.
     """
 
     intrinsics: Intrinsics
@@ -120,9 +120,10 @@ def calibrate(
 
     Args:
         views: pictures of one size in which the pattern was found.
-        pattern: what they show.
-        seed: of the subsets and folds that are drawn.
-        progress: is told what is being done, and its share of the whole.
+        pattern: the calibration pattern in the views.
+        seed: seed of the random subsets and folds.
+        progress: function that is called with the name of the present step and its fraction of the
+            whole.
 
     Raises:
         InputError: sizes differ, too few views, or they leave the focal length open.

@@ -30,9 +30,9 @@ class Lens:
     """The free coefficients of OpenCV's distortion model.
 
     Args:
-        name: as it is shown.
-        model: of sensor_msgs/CameraInfo.
-        radial: how many of k1 k2 k3.
+        name: name of the lens model, as it is printed.
+        model: distortion model of sensor_msgs/CameraInfo.
+        radial: number of free coefficients among k1 k2 k3.
         tangential: whether p1 and p2.
     """
 
@@ -81,7 +81,7 @@ class Intrinsics:
         matrix: K, shape (3, 3) [px].
         distortion: k1 k2 p1 p2 k3 [k4 k5 k6 [s1 s2 s3 s4]].
         model: plumb_bob or rational_polynomial.
-        width, height: of the image [px].
+        width, height: size of the image [px].
     """
 
     matrix: FloatArray
@@ -119,11 +119,11 @@ class PatternPose:
     """Pose of the pattern in the optical frame, with its residuals.
 
     Args:
-        rotation: that takes vectors of the pattern's frame into the optical frame, shape (3, 3).
+        rotation: rotation matrix from the pattern's frame to the optical frame, shape (3, 3).
         translation: the pattern's centre [m], shape (3,).
-        residuals: seen minus computed [px], shape (n, 2).
-        covariance: of the rotation vector (optical frame) [rad] and the translation [m], shape
-            (6, 6), for corners as uncertain as the residuals say.
+        residuals: measured minus computed pixels [px], shape (n, 2).
+        covariance: covariance of the rotation vector (optical frame) [rad] and the translation [m],
+            shape (6, 6), with the std of corners that the residuals have.
         rival: RMS of the other, mirrored solution over that of this one; close to 1 the tilt is
             ambiguous.
     """
@@ -157,7 +157,7 @@ class CameraFit:
     Args:
         intrinsics: the camera.
         std: standard deviations of fx, fy, cx, cy [px], shape (4,).
-        lens: what was free.
+        lens: the distortion coefficients that were free.
     """
 
     intrinsics: Intrinsics
@@ -172,9 +172,9 @@ def fit_camera(
 
     Args:
         views: all of one size.
-        pattern: what they show.
-        lens: which distortion coefficients are free.
-        guess: where to start.
+        pattern: the calibration pattern in the views.
+        lens: the distortion coefficients that are free.
+        guess: intrinsics at the start of the iteration; default: from homographies.
 
     Raises:
         VisionError: the views do not determine a camera.
@@ -272,8 +272,8 @@ def without_outliers(view: PatternView, pose: PatternPose, typical: float) -> Pa
     """The view without single corners that were found in a wrong place (a glare, a finger).
 
     Args:
-        view: that was located.
-        pose: with the residuals of the view's corners.
+        view: view in which the pattern was located.
+        pose: pose of the pattern, with the residuals of the view's corners.
         typical: usual reprojection error [px].
     """
     distance = np.linalg.norm(pose.residuals, axis=1)

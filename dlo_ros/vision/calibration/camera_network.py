@@ -34,10 +34,10 @@ class CalibratedCameras:
     """Where the board is, seen from each camera.
 
     Args:
-        poses: of the board frame in the optical frames, by the cameras' names.
+        poses: poses of the board frame in the optical frames, by the cameras' names.
         rms: root mean square distance of the corners from their computed places [px].
-        instants: that were used.
-        distances: of each further camera from the first one [m], by name, and its std.
+        instants: number of instants that were used.
+        distances: distance of each further camera from the first one [m], by name, and its std.
     """
 
     poses: Mapping[str, CameraPose]
@@ -69,9 +69,9 @@ def calibrate_cameras(
     Args:
         instants: views of the same instant, by the cameras' names; in one of them all see it.
         board: index of the instant in which the pattern lies on the board.
-        intrinsics: of the cameras, by name; the first one is what the others are related to.
-        pattern: what the views show.
-        pattern_at: where the pattern's centre lies in the board frame [m].
+        intrinsics: intrinsics of the cameras, by name; the others are related to the first one.
+        pattern: the calibration pattern in the views.
+        pattern_at: position of the pattern's centre in the board frame [m].
         up: the side of the first camera's image that is up on the board.
 
     Raises:

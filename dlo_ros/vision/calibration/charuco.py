@@ -27,7 +27,7 @@ def search_charuco(gray: Image, board: Charuco) -> tuple[NDArray[np.int64], Floa
 
     Args:
         gray: shape (h, w).
-        board: what to look for.
+        board: the board that is searched for.
 
     Returns:
         Numbers of the corners, shape (n,), and roughly where they are [px], shape (n, 2).

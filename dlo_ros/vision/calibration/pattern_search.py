@@ -30,11 +30,11 @@ class PatternView:
     """One picture of the pattern.
 
     Args:
-        name: of the file, or the bag and the time.
-        width, height: of the picture [px].
+        name: name of the file, or the bag and the time.
+        width, height: size of the picture [px].
         corners: numbers of the pattern's corners that were found, shape (n,).
-        pixels: where they are, shape (n, 2).
-        edge_width: over how many pixels black turns into white; a sharp picture has 1 to 3.
+        pixels: pixels of the corners, shape (n, 2).
+        edge_width: number of pixels over which black turns into white; a sharp picture has 1 to 3.
     """
 
     name: str
@@ -53,7 +53,7 @@ def find_pattern(
     Args:
         image: grey or BGR, shape (h, w) or (h, w, 3).
         pattern: a chessboard must be seen whole, a ChArUco board may be seen in part.
-        name: of the view.
+        name: name of the view.
         thorough: whether to try hard, which takes most time where there is nothing.
 
     Raises:

@@ -37,8 +37,8 @@ def print_pattern(pattern: Pattern, path: Path) -> str:
     """Write the pattern for printing, on the smallest sheet of paper that has room for it.
 
     Args:
-        pattern: what to draw.
-        path: its suffix chooses PDF, SVG or PNG (which carries its resolution).
+        pattern: the pattern to draw.
+        path: path of the file; its suffix chooses PDF, SVG or PNG (which carries its resolution).
 
     Returns:
         The paper's name, or its size.

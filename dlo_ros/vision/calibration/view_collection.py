@@ -34,7 +34,7 @@ class ViewCollector:
     """Collects the views of one camera.
 
     Args:
-        pattern: what they show.
+        pattern: the calibration pattern in the views.
     """
 
     def __init__(self, pattern: Pattern) -> None:
@@ -52,7 +52,7 @@ class ViewCollector:
         """Look for the pattern; returns whether the picture was taken as a view.
 
         Args:
-            name: of the picture.
+            name: name of the picture.
             image: grey or BGR.
             moving: whether it is one of a film, of which only different ones are wanted.
 

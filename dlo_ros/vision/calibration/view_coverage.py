@@ -29,7 +29,7 @@ class Coverage:
     """Collects views and names the missing ones.
 
     Args:
-        pattern: what the views show.
+        pattern: the calibration pattern in the views.
     """
 
     def __init__(self, pattern: Pattern) -> None:
@@ -45,8 +45,8 @@ class Coverage:
 
         Args:
             view: corners and their pixels.
-            pose: of the pattern; without it a usual lens (60 degrees) is assumed, which tells
-                tilted views from others well enough.
+            pose: pose of the pattern; without it a usual lens (60 degrees) is assumed, which
+                suffices to recognise tilted views.
         """
         self.count += 1
         p = (view.pixels + 0.5) / [view.width, view.height]

@@ -38,7 +38,7 @@ def undistort(points: FloatArray, coefficients: FloatArray, tolerance: float) ->
 
     Args:
         points: distorted normalised image points, shape (m, 2).
-        coefficients: as in `distort`.
+        coefficients: distortion coefficients as in `distort`.
         tolerance: largest error after distorting again; a point that misses it is NaN.
 
     Returns:

@@ -32,7 +32,7 @@ class Camera:
     Args:
         matrix: K, shape (3, 3) [px].
         distortion: k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s2 s3 s4 [tx ty]]]]; empty for none.
-        width, height: of the image [px].
+        width, height: size of the image [px].
         pose: pose of the board in the camera's optical frame.
         model: `plumb_bob` or `rational_polynomial`; empty where there is no distortion.
 

@@ -38,8 +38,8 @@ class Ends:
     """Positions of the DLO's ends on its course.
 
     Args:
-        places: of start and end, in profiles, shape (2,).
-        covariance: of both, in arc length [m^2], shape (2, 2).
+        places: places of start and end, in profiles, shape (2,).
+        covariance: covariance of both places, in arc length [m^2], shape (2, 2).
         visible: arc length between the outermost places that look like the DLO [m]; NaN where
             both ends are held.
     """
@@ -62,11 +62,11 @@ def find_ends(
 
     Args:
         image: BGR.
-        located: along a course that is prolonged beyond free ends.
-        camera: that took the picture.
+        located: the DLO along a course that is prolonged beyond free ends.
+        camera: camera of the picture.
         length: L [m].
-        length_std: of L [m]; 0: not known.
-        prolonged: by how much [px].
+        length_std: standard deviation of L [m]; 0: not known.
+        prolonged: length by which the course was prolonged [px].
         free: whether start and end are free.
     """
     last = len(located.curve) - 1.0
@@ -113,8 +113,8 @@ def locate_ends(
         arc: arc length at each profile of the course [m], shape (m,).
         tips: likelihood of start and end; None: held, at the course's first or last profile.
         length: L [m].
-        length_std: of L [m]; 0: not known.
-        width: of the DLO [m].
+        length_std: standard deviation of L [m]; 0: not known.
+        width: width of the DLO [m].
     """
     count = len(arc)
     spread = np.hypot(LENGTH_STD * length, length_std)
@@ -161,7 +161,7 @@ def std_along(u: FloatArray, length: float, covariance: FloatArray, doubtful: fl
     Args:
         u: material coordinates [m], shape (m,).
         length: L [m].
-        covariance: of the ends' places [m^2], shape (2, 2).
+        covariance: covariance of the ends' places [m^2], shape (2, 2).
         doubtful: length of the bridges [m].
     """
     x = u / length

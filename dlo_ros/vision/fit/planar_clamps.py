@@ -81,8 +81,8 @@ def clamps_in(
     Args:
         bars: the bar map.
         ends: the clamps in the board's plane.
-        camera: that took the picture.
-        diameter: of the DLO [m].
+        camera: camera of the picture.
+        diameter: diameter of the DLO [m].
     """
 
     def local(clamp: ClampBoard | None) -> ClampPixel | None:
@@ -98,8 +98,8 @@ def to_pixel(clamp: ClampBoard, camera: Camera, step: float) -> ClampPixel | Non
     """A clamp in the picture; None where it lies behind the camera.
 
     Args:
-        clamp: in the board's plane.
-        camera: that takes the picture.
+        clamp: pose of the clamp in the board's plane.
+        camera: camera of the picture.
         step: small length for the direction's difference quotient [m].
     """
     points = np.zeros((2, 3))

@@ -42,12 +42,12 @@ def check(
     """Check that a detection is credible.
 
     Args:
-        fit: of what was found.
-        located: in the picture.
+        fit: fitted spline of the detected DLO.
+        located: the DLO as it was located in the picture.
         ends: the clamps.
-        camera: that took the picture.
-        length: of the DLO, L [m].
-        diameter: of the DLO [m].
+        camera: camera of the picture.
+        length: length of the DLO, L [m].
+        diameter: diameter of the DLO [m].
 
     Raises:
         VisionError: with the reason.
@@ -115,7 +115,7 @@ def check_change(length: float, before: float) -> None:
     """Check that the seen length is that of the last image.
 
     Args:
-        length, before: seen now and in the last image [m].
+        length, before: seen length, now and in the last image [m].
 
     Raises:
         VisionError: with the reason.
@@ -130,7 +130,7 @@ def unusable(image: Image, width: float) -> str:
 
     Args:
         image: BGR.
-        width: of the DLO that is looked for [px].
+        width: expected width of the DLO [px].
     """
     rows = image[:: max(1, image.shape[0] // LOOKED_AT)]
     grey = np.asarray(cv2.cvtColor(np.ascontiguousarray(rows), cv2.COLOR_BGR2GRAY), np.float32)

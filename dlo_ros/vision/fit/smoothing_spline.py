@@ -61,7 +61,7 @@ def smooth(
         p: parameters of the points, within the domain, shape (m,).
         points: shape (m, d).
         span: distance of the knots, in p.
-        domain: where the curve is wanted.
+        domain: interval on which the curve is wanted.
         supports: known ends. Their weights count in points of unit weight.
         trust: weight of each point before outliers are weighed down, shape (m,); default 1. The
             scatter is judged by the points of weight 1.

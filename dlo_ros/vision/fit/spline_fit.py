@@ -56,8 +56,9 @@ class SplineFit:
         seen_length: length of the fine curve from end to end [m]; it would be L if the camera, L
             and the ends were exact.
         fraction_seen: share of that length where an edge of the DLO was seen.
-        width: of the DLO as it was seen [m].
-        visible_length: between the outermost places that look like the DLO, or its clamps [m].
+        width: width of the DLO as it was seen [m].
+        visible_length: length between the outermost places that look like the DLO, or its clamps
+            [m].
     """
 
     observation: Observation
@@ -84,11 +85,12 @@ def fit_spline(
 
     Args:
         located: the DLO's middle along a curve that runs from its start to its end.
-        camera: that took the picture.
-        basis: of the published spline; its length is L.
-        stamp: of the image [ns].
+        camera: camera of the picture.
+        basis: basis of the published spline; its length is L.
+        stamp: stamp of the image [ns].
         start, end: clamps where they are known.
-        found: where on the curve the DLO starts and ends; default: the whole curve, both held.
+        found: positions of the DLO's start and end on the curve; default: the whole curve, both
+            held.
 
     Raises:
         VisionError: too little was seen, or it lies beyond the board's horizon.
@@ -177,7 +179,7 @@ def _material(s: FloatArray, seen: Mask, length: float, width: float) -> FloatAr
         s: arc length of the points [m], from 0, shape (m,).
         seen: whether the DLO was seen there, shape (m,).
         length: L [m].
-        width: of the DLO [m]; gaps that are not much longer are bridged well.
+        width: width of the DLO [m]; gaps that are not much longer are bridged well.
 
     Returns:
         u [m], from 0 to L, shape (m,).

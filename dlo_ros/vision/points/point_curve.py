@@ -45,7 +45,7 @@ class PointCurve:
     """A fitted curve.
 
     Args:
-        basis: of the curve.
+        basis: spline basis of the curve.
         control_points: [m], shape (k, 3).
         u: material coordinate of each point [m], shape (m,).
         across: distance of each point from the curve [m], shape (m,).
@@ -54,7 +54,8 @@ class PointCurve:
         inside: whether a point belongs to the DLO, shape (m,).
         stretch: length of the curve over L.
         likelihood: logarithm of that of the points, with a prior that prefers smooth curves.
-        correlation: of neighbouring points' offsets from the curve; 0 where they only scatter.
+        correlation: correlation of neighbouring points' offsets from the curve; 0 where they only
+            scatter.
     """
 
     basis: SplineBasis
@@ -83,9 +84,9 @@ def fit_curve(
 
     Args:
         points: [m], shape (m, 3); in the plane y = 0 where all have y = 0.
-        basis: of the curve.
+        basis: spline basis of the curve.
         first: control points to begin with [m], shape (k, 3).
-        grips: at u = 0 and u = L; None: that end is free.
+        grips: poses of the grips at u = 0 and u = L; None: that end is free.
         std: standard deviation of each coordinate of the points [m], shape (m,); None: estimated
             from what is left over, alike for all. It is scaled up where what is left over is more.
         known: material coordinates of the points [m], shape (m,); None: found.
@@ -279,13 +280,13 @@ class _Fit:
     def _likelihood(self, q: FloatArray, std: FloatArray, inside: NDArray[np.bool_]) -> float:
         """See `PointCurve`: points beside the DLO lie anywhere within half its length."""
         length = self.basis.length
-        told = float(np.sum(np.log(0.5 * length / std[inside]) - 0.5))
+        density = float(np.sum(np.log(0.5 * length / std[inside]) - 0.5))
         speed = np.linalg.norm(self._slopes @ q, axis=1)
         bent = np.cross(self._slopes @ q, self._bending @ q)
         curvature = np.linalg.norm(bent, axis=1) / np.maximum(speed, 1e-6) ** 3
         usual = USUAL_CURVATURE / length
         energy = self._weights @ (curvature / usual) ** 2 / (USUAL_BEND * length)
-        return self.free * told - 0.5 * float(energy)
+        return self.free * density - 0.5 * float(energy)
 
     def _correlation(self, q: FloatArray, u: FloatArray, inside: NDArray[np.bool_]) -> float:
         order = np.flatnonzero(inside)[np.argsort(u[inside])]

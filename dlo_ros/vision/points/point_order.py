@@ -40,10 +40,10 @@ def courses(
 
     Args:
         points: [m], shape (m, 3).
-        length: of the DLO [m].
-        start: where it is held at u = 0 [m], shape (3,); None: not known.
+        length: length of the DLO [m].
+        start: position of the grip at u = 0 [m], shape (3,); None: not known.
         direction: unit vector of growing u there, shape (3,); None: not known.
-        end: where it is held at u = L [m], shape (3,); None: not known.
+        end: position of the grip at u = L [m], shape (3,); None: not known.
 
     Yields:
         Polylines [m], shape (k, 3), from the start where it is known.
@@ -76,7 +76,7 @@ def contracted(points: FloatArray, radius: float) -> FloatArray:
 
     Args:
         points: [m], shape (m, 3).
-        radius: of the Gaussian neighbourhood [m].
+        radius: radius of the Gaussian neighbourhood [m].
     """
     moved = points
     for step in range(CONTRACTIONS):

@@ -35,7 +35,7 @@ def offsets_for(width: float) -> FloatArray:
     """Where a cross-section is sampled, from the middle [px], shape (k,).
 
     Args:
-        width: of the DLO [px].
+        width: width of the DLO [px].
     """
     half = round(ACROSS * SAMPLES)
     return np.arange(-half, half + 1.0) * (width / SAMPLES)
@@ -48,8 +48,8 @@ class Sections:
     Args:
         shape: shape (k,).
         board: colour beside the DLO, shape (3,).
-        axis: from the board's colour to the DLO's, shape (3,).
-        misfit: of the DLO's own cross-sections, in contrasts.
+        axis: difference of the DLO's colour and the board's, shape (3,).
+        misfit: misfit of the DLO's own cross-sections, in contrasts.
         same: contrasts by which colours differ that are one ground.
     """
 
@@ -82,7 +82,7 @@ class Sections:
 
         Args:
             strip: shape (m, k, 3).
-            part: of the cross-section that is looked at.
+            part: part of the cross-section that is compared.
         """
         part_of = np.ascontiguousarray(strip[:, part])
         return np.asarray(compare(part_of, self.shape[part], self.board, self.axis))
@@ -92,8 +92,8 @@ class Sections:
 
         Args:
             strip: shape (m, k, 3).
-            offsets: of the cross-section's pixels [px], shape (k,).
-            width: of the DLO [px].
+            offsets: offsets of the cross-section's pixels [px], shape (k,).
+            width: width of the DLO [px].
             step: distance of the cross-sections [widths].
         """
         contrast = max(float(np.linalg.norm(self.axis)), 1.0)

@@ -35,11 +35,11 @@ def doubt_of_middle(
 
     Args:
         profiles: brightness across the DLO, shape (m, k).
-        offsets: of the samples [px], evenly spaced, shape (k,).
-        middle: that was found in each profile [px], shape (m,).
+        offsets: offsets of the samples [px], evenly spaced, shape (k,).
+        middle: middle of the DLO found in each profile [px], shape (m,).
         seen: profiles in which it was, shape (m,).
-        width: of the DLO [px].
-        spacing: of the profiles [px].
+        width: width of the DLO [px].
+        spacing: distance between profiles [px].
 
     Returns:
         [px], shape (m,); 0 where nothing tells.

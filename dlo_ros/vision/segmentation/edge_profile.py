@@ -80,21 +80,23 @@ class Located:
     Args:
         curve: points of the curve that was searched across [px], shape (m, 2).
         normals: unit normals there, shape (m, 2).
-        offset: of the DLO's middle along the normal [px], shape (m,); interpolated where unseen.
+        offset: offset of the DLO's middle along the normal [px], shape (m,); interpolated where
+            unseen.
         seen: whether an edge was found there, shape (m,).
-        likeness: how much the middle has the DLO's colour, 1 alike and 0 not, shape (m,).
-        width: of the DLO [px].
+        likeness: similarity of the colour in the middle to the DLO's, 1 equal and 0 different,
+            shape (m,).
+        width: width of the DLO [px].
         contrast: median contrast to the background [grey levels].
         colour: median colour of the DLO, BGR, shape (3,).
-        spacing: of the curve's points [px].
+        spacing: distance between the curve's points [px].
         width_spread: standard deviation of the width along the DLO [px] (robust).
         imbalance: difference of the backgrounds on the two sides over the contrast to the nearer
             one, median; large along the edge of an object.
         blur: length over which light was smeared across the DLO, by motion or by the lens [px],
             shape (m,).
-        doubt: by how much the middle of the usual cross-section is in doubt [px], shape (m,).
-        known_width, tones: what `locate` was told.
-        excluded: where it cannot be, as somebody said, shape (m,); None: nowhere.
+        doubt: uncertainty of the middle of the usual cross-section [px], shape (m,).
+        known_width, tones: arguments of `locate`.
+        excluded: places where the user says that the DLO is not, shape (m,); None: nowhere.
     """
 
     curve: FloatArray
@@ -150,8 +152,8 @@ def locate(
     Args:
         image: BGR.
         curve: equally spaced points [px], shape (m, 2).
-        width: of the DLO [px], to about a fifth; it is measured anew.
-        colour: of the DLO where it is known.
+        width: width of the DLO [px], to about a fifth; it is measured anew.
+        colour: colour of the DLO where it is known.
         known_width: the edges lie the width apart to a tenth; what lies otherwise is none.
         tones: whether the DLO changes its colour along itself.
     """

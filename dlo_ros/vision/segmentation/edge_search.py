@@ -21,8 +21,8 @@ def slope_towards(
 
     Args:
         strip: colours, shape (m, k, 3).
-        offsets: of the samples [px], shape (k,).
-        change: of the colour at an edge, in the direction of growing offsets, shape (m, 3).
+        offsets: offsets of the samples [px], shape (k,).
+        change: change of the colour at an edge, in the direction of growing offsets, shape (m, 3).
 
     Returns:
         Slope [grey levels/px], 0 where it falls, shape (m, k), and the whole change [grey levels],
@@ -41,7 +41,7 @@ def climbing_length(
 
     Args:
         slope, climb: see `slope_towards`.
-        offsets: of the samples [px], shape (k,).
+        offsets: offsets of the samples [px], shape (k,).
         expected: offset of the edge [px], shape (m,).
         window: distance from there within which the edge is looked for [px].
 
@@ -68,10 +68,10 @@ def steepest_change(
 
     Args:
         slope, climb: see `slope_towards`.
-        offsets: of the samples [px], shape (k,).
+        offsets: offsets of the samples [px], shape (k,).
         expected: offset of the edge [px], shape (m,).
         window: distance from there within which the edge is looked for [px], shape (m,).
-        width: of the DLO [px].
+        width: width of the DLO [px].
 
     Returns:
         Offset of the edge [px], shape (m,), and whether there is one.

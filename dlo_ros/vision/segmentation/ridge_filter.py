@@ -32,7 +32,7 @@ def bars(
     Args:
         planes: the smoothed picture by channels, with a border, shape (3, h + 2 p, w + 2 p).
         padding: p, at least as far as any pixel that is compared.
-        searched: not zero where a bar may be, shape (h, w).
+        searched: mask of where a bar may be, not zero there, shape (h, w).
         across: (row, column) to the compared background, one row an orientation, shape (k, 2);
             the orientations are equally spaced over half a turn, and k is even.
         threshold: least contrast [grey levels].

@@ -41,7 +41,7 @@ class RidgeMap:
         orientation: index of the direction along the bar, angle = index * pi / ORIENTATIONS.
         colour: the smoothed image that was searched, shape (h, w, 3).
         scale: size of a pixel of the image in pixels of this map (at most 1).
-        width: of the bar in pixels of this map.
+        width: width of the bar in pixels of this map.
         threshold: strength below which nothing was kept [grey levels].
         origin: pixel (x, y) of the image where the map begins.
     """
@@ -87,8 +87,8 @@ def map_ridges(
 
     Args:
         image: BGR, shape (h, w, 3).
-        width: of the DLO in the image [px]; found are bars of about 0.6 to 1.6 times that.
-        allowed: where the DLO may be, not zero there, of any size; None for everywhere.
+        width: width of the DLO in the image [px]; bars of about 0.6 to 1.6 times that are found.
+        allowed: mask of where the DLO may be, not zero there, of any size; None for everywhere.
         tones: whether the DLO may change its colour along itself.
 
     Raises:

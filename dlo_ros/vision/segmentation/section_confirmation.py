@@ -41,11 +41,11 @@ def confirm(
         normals: unit normals, shape (m, 2).
         seen: whether a middle was found, shape (m,).
         both: whether from two edges, shape (m,).
-        width: of the DLO [px].
-        spacing: of the sections [px].
+        width: width of the DLO [px].
+        spacing: distance between the sections [px].
         along: standard deviation of the weights of the means along the DLO, in sections.
         longest: sections; a longer gap is one beside which the means mix.
-        edge_std: of the distance of the two edges [px].
+        edge_std: standard deviation of the distance of the two edges [px].
 
     Returns:
         The mask without what the sure sections do not confirm, shape (m,), and the standard

@@ -57,7 +57,7 @@ class Hints:
 
         Args:
             image: BGR, shape (h, w, 3).
-            width: of the DLO [px].
+            width: width of the DLO [px].
 
         Raises:
             InputError: a mask or the empty board has another size than the image.

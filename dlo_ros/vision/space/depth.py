@@ -32,7 +32,7 @@ def profile_depths(image: Depths, located: Located, radius: float) -> FloatArray
     Args:
         image: depths along the optical axis [m], NaN or 0 where there is none, shape (h, w).
         located: the DLO in the picture.
-        radius: of the DLO [m].
+        radius: radius of the DLO [m].
     """
     return _across(image, located.points, located.normals, located.width, radius)
 
@@ -63,8 +63,8 @@ def course_depth(image: Depths, course: FloatArray, width: float, radius: float)
     Args:
         image: see `profile_depths`.
         course: pixels, shape (k, 2).
-        width: of the DLO [px].
-        radius: of the DLO [m].
+        width: width of the DLO [px].
+        radius: radius of the DLO [m].
 
     Raises:
         VisionError: hardly any of it has a depth.

@@ -49,7 +49,7 @@ class Match:
     """Two or more centrelines matched.
 
     Args:
-        points: of the DLO in space, equally spaced in what was matched [m], shape (m, 3).
+        points: points of the DLO in space, equally spaced over the matched part [m], shape (m, 3).
         distance: root mean square distance from the epipolar lines [px], far ones cut.
     """
 
@@ -66,7 +66,7 @@ def align(cost: FloatArray, waiting: float) -> tuple[NDArray[np.int64], NDArray[
     """The cheapest monotone way from the first to the last cell of a table.
 
     Args:
-        cost: of each pair, shape (n, m).
+        cost: cost of each pair, shape (n, m).
         waiting: cost of a step along one side alone.
 
     Returns:
@@ -103,7 +103,7 @@ def match(courses: Sequence[Course]) -> Match:
     """Match the first centreline with each other one, and triangulate all together.
 
     Args:
-        courses: of one instant, all from the same end, two or more.
+        courses: courses of one instant, all from the same end, two or more.
     """
     reference = courses[0]
     rays = [course.sampled(SAMPLES) for course in courses]
@@ -121,6 +121,24 @@ def match(courses: Sequence[Course]) -> Match:
         )
         inner = np.interp(np.arange(SAMPLES), j, i.astype(float))
         shares.append(np.interp(inner, np.arange(SAMPLES), shares[0]))
+    basis, points = triangulated(courses, rays, shares)
+    at = np.linspace(0.0, 1.0, 2 * SAMPLES)
+    return Match(basis.evaluate(points, at), float(np.sqrt(worst)))
+
+
+def triangulated(
+    courses: Sequence[Course], rays: Sequence[FloatArray], shares: Sequence[FloatArray]
+) -> tuple[SplineBasis, FloatArray]:
+    """The smooth curve in space nearest to the rays of matched centrelines.
+
+    Args:
+        courses: centrelines of one instant, with their cameras.
+        rays: rays through the samples of each centreline, each of shape (SAMPLES, 2).
+        shares: parameter of each sample along the curve, 0 to 1, each of shape (SAMPLES,).
+
+    Returns:
+        The basis of a spline over 0 to 1, and its control points [m], shape (k, 3).
+    """
     basis = SplineBasis(ROUGH_SPANS + 3, 1.0)
     k = basis.control_points
     third = basis.matrix((np.arange(basis.spans) + 0.5) / basis.spans, 3)
@@ -144,8 +162,7 @@ def match(courses: Sequence[Course]) -> Match:
         points = np.linalg.solve(matrix, right).reshape(k, 3)
         z = np.concatenate([b @ points @ r[2] + t[2] for b, r, t in depths])
         scale = 1.0 / np.maximum(np.abs(z), 1e-2) ** 2
-    at = np.linspace(0.0, 1.0, 2 * SAMPLES)
-    return Match(basis.evaluate(points, at), float(np.sqrt(worst)))
+    return basis, points
 
 
 def _increasing(values: FloatArray) -> FloatArray:

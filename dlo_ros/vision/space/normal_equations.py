@@ -27,7 +27,7 @@ class SplineNormalEquations:
         Args:
             rows: derivatives of the residuals by the first unknowns, shape (m, at most all)
             residual: shape (m,).
-            weight: one over the variance, shape (m,).
+            weight: weight of each observation, one over its variance, shape (m,).
         """
         size = rows.shape[1]
         weighted = rows * weight[:, None]
@@ -39,8 +39,8 @@ class SplineNormalEquations:
 
         Args:
             first: index of the first one.
-            values: of them now, shape (m,).
-            std: of each.
+            values: present values of the unknowns, shape (m,).
+            std: standard deviation of each unknown.
         """
         own = np.arange(first, first + len(values))
         self.matrix[own, own] += std**-2
@@ -50,9 +50,10 @@ class SplineNormalEquations:
         """Add that a derivative vanishes in all three coordinates.
 
         Args:
-            derivative: of the spline, shape (m, k).
+            derivative: matrix that gives the spline's derivative from its control points, shape (m,
+                k).
             points: control points [m], shape (k, 3).
-            weight: of each, one over the variance.
+            weight: weight of each row, one over the variance.
         """
         square = weight * (derivative.T @ derivative)
         for axis in range(3):

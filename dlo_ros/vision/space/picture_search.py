@@ -47,9 +47,9 @@ class Measured:
     """The DLO in one picture.
 
     Args:
-        located: its middle along a curve.
+        located: middle of the DLO along a curve.
         u: material coordinate of each profile [m], shape (k,); None where it is not known yet.
-        prolonged: by how much the curve was prolonged at free ends [px].
+        prolonged: length by which the curve was prolonged at free ends [px].
         free: whether start and end are free.
     """
 
@@ -108,9 +108,9 @@ class ViewSearch:
     """Looks for the DLO in one camera's pictures.
 
     Args:
-        camera: that takes them.
-        hints: what is known of its colour.
-        length, diameter: of the DLO [m].
+        camera: camera of the pictures.
+        hints: hints of the user on the DLO's colour.
+        length, diameter: length and diameter of the DLO [m].
     """
 
     def __init__(self, camera: Camera, hints: Hints, length: float, diameter: float) -> None:
@@ -205,10 +205,10 @@ class ViewSearch:
 
         Args:
             image: BGR.
-            curve: of the expected DLO in the board frame [m], shape (m, 3).
+            curve: expected curve of the DLO in the board frame [m], shape (m, 3).
             u: material coordinates there [m], shape (m,).
             free: whether start and end are free.
-            search: to each side [widths].
+            search: width of the search to each side [widths].
 
         Raises:
             VisionError: it is not there.
@@ -256,10 +256,11 @@ def along_curve(measured: Measured, camera: Camera, curve: FloatArray, u: FloatA
     """A course with the material coordinates of a curve in space that it shows.
 
     Args:
-        measured: of the camera's picture; where its direction is not known it is found.
-        camera: that took it.
+        measured: the DLO as measured in the camera's picture; its direction is found where it is
+            not known.
+        camera: camera of the picture.
         curve: [m], shape (m, 3).
-        u: of its points [m], shape (m,), growing.
+        u: material coordinates of the curve's points [m], shape (m,), growing.
 
     Raises:
         VisionError: the curve lies behind the camera.

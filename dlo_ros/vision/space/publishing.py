@@ -31,11 +31,12 @@ def publish(
     along it is the std of u.
 
     Args:
-        stamp: of the pictures [ns].
+        stamp: stamp of the pictures [ns].
         fit: the fine spline.
-        basis: of the published spline.
-        seen: which of equal steps of u anything was seen of.
-        end_stds: how well start and end are known along the DLO [m]; infinite where they are not.
+        basis: basis of the published spline.
+        seen: whether anything was seen at each of equal steps of u.
+        end_stds: standard deviations of start and end along the DLO [m]; infinite where they are
+            not known.
 
     Raises:
         VisionError: hardly anything was seen.

@@ -61,10 +61,10 @@ class Prior:
     """Prior knowledge besides the pictures.
 
     Args:
-        diameter: of the DLO [m].
-        clamps: of start and end; None where it is free.
-        velocity: of the fine spline's control points [m/s], shape (k, 3); None: unknown.
-        speed_std: how well the velocity is known [m/s].
+        diameter: diameter of the DLO [m].
+        clamps: poses of the clamps of start and end; None where the end is free.
+        velocity: velocity of the fine spline's control points [m/s], shape (k, 3); None: unknown.
+        speed_std: standard deviation of the velocity [m/s].
         roughness: see `SpaceFit`; None: `ROUGHNESS`.
     """
 
@@ -79,7 +79,7 @@ class _Seen:
     """A view's points beside the projected curve.
 
     Args:
-        view: what was measured.
+        view: the view that was measured.
         curve: points of the curve in the board frame [m], shape (m, 3).
         u: material coordinates of both [m], shape (m,).
         length: L [m].
@@ -125,10 +125,10 @@ def fit_views(
     """Fit the fine spline.
 
     Args:
-        views: of one instant, up to their `dt`.
-        basis: of the fine spline; its length is L.
+        views: views of one instant, up to their `dt`.
+        basis: basis of the fine spline; its length is L.
         start: control points to begin with [m], shape (k, 3).
-        prior: what is known besides.
+        prior: prior knowledge besides the pictures.
 
     Raises:
         VisionError: too little was seen, or the equations have no solution.
@@ -231,10 +231,10 @@ def _scatter(residual: FloatArray, freedom: float, floor: float, width: float) -
     """Standard deviation of each point, from the scatter of all and of those around it.
 
     Args:
-        residual: of the points beside the curve, shape (m,).
+        residual: distances of the points from the curve, shape (m,).
         freedom: share of the scatter that the curve has not followed.
         floor: added in squares.
-        width: beyond a quarter of which scatter is no noise.
+        width: width of the DLO [px]; scatter beyond a quarter of it does not count as noise.
     """
     size = np.minimum(np.abs(residual), 0.25 * width)
     usual = 1.4826 * float(np.median(size)) if len(size) else 0.0

@@ -55,10 +55,10 @@ def check(views: Sequence[View], fit: SpaceFit, clamps: Clamps, diameter: float)
     """Check that a fit in space is credible.
 
     Args:
-        views: that were fitted.
+        views: views that the spline was fitted to.
         fit: the fine spline.
-        clamps: of start and end.
-        diameter: of the DLO [m].
+        clamps: poses of the clamps of start and end.
+        diameter: diameter of the DLO [m].
 
     Raises:
         VisionError: with the reason.

@@ -126,7 +126,7 @@ class SpaceObserver:
         The shape is that at the stamp of the first camera's picture.
 
         Args:
-            frames: by the cameras' names.
+            frames: pictures by the cameras' names.
 
         Raises:
             VisionError: no credible DLO; the message says why.

@@ -19,13 +19,15 @@ class SpaceFit:
     """The fine spline through the centrelines of all views.
 
     Args:
-        basis: of the fine spline.
-        points: its control points [m], shape (k, 3).
-        covariance: of them, x y z of the first, then of the second ..., shape (3 k, 3 k) [m^2].
-        stretch: seen length over L, less 1.
-        residuals: of each view's points across its centreline [px], each of shape (m,).
+        basis: basis of the fine spline.
+        points: control points of the fine spline [m], shape (k, 3).
+        covariance: covariance of the control points, x y z of the first, then of the second ...,
+            shape (3 k, 3 k) [m^2].
+        stretch: relative stretch: seen length over L, less 1.
+        residuals: residuals of each view's points across its centreline [px], each of shape (m,).
         u: material coordinates of each view's points [m], each of shape (m,).
-        stds: that the views' points turned out to have [px], each of shape (m,).
+        stds: standard deviations of the views' points, estimated from the residuals [px], each of
+            shape (m,).
         weights: robust ones, each of shape (m,).
         roughness: density of the squared third derivative [1/m^3], which bridges what is not seen.
     """
@@ -60,10 +62,10 @@ class SpaceResult:
     Args:
         observation: control points and measured points, with the stamp of the first camera.
         fit: the fine spline.
-        views: what each camera contributed, by its name; all share the observation.
+        views: result of each camera, by its name; all share the observation.
         offset: largest difference of the pictures' stamps [s].
         seen_by_several: share of the length that two cameras saw, or one with its depth.
-        seen: which of 400 equal steps of u anything was seen of.
+        seen: whether anything was seen at each of 400 equal steps of u.
     """
 
     observation: Observation

@@ -26,15 +26,15 @@ class View:
     """Measured points of the centreline in one picture, along the DLO.
 
     Args:
-        camera: that took it.
+        camera: camera of the picture.
         pixels: shape (m, 2).
         rays: the same, undistorted and normalised, shape (m, 2).
         tangents: unit vectors along the centreline among the rays, towards growing u, shape (m, 2).
         u: material coordinate at which each is looked for first [m], shape (m,).
-        width: of the DLO [px].
+        width: width of the DLO [px].
         dt: time of the picture after that of the shape which is fitted [s].
         tips: pixels of start and end where they are free and were seen.
-        depth: along the optical axis, of the DLO's axis [m], NaN where unknown, shape (m,).
+        depth: depth of the DLO's axis along the optical axis [m], NaN where unknown, shape (m,).
         shared: standard deviation across that a point has in common with its neighbours, for as
             many of them as if each had it alone [px], shape (m,).
     """
@@ -90,13 +90,13 @@ def view_of(
     """Means over blocks of the profiles that were seen.
 
     Args:
-        camera: that took the picture.
+        camera: camera of the picture.
         located: the DLO's middle along a curve.
         u: material coordinate of each profile [m], shape (k,).
         dt: see `View`.
         seen: profiles that count, shape (k,).
         tips: see `View`.
-        depth: of the axis at each profile [m], NaN where unknown, shape (k,).
+        depth: depth of the axis at each profile [m], NaN where unknown, shape (k,).
     """
     index = np.arange(len(located.curve))
     size = max(1, round(BLOCK * located.width / located.spacing))

@@ -36,7 +36,7 @@ def centred(image: Image, curve: FloatArray, width: float) -> tuple[FloatArray, 
     Args:
         image: BGR.
         curve: equally spaced points on the DLO [px], shape (m, 2).
-        width: of the DLO [px], known to about a tenth.
+        width: width of the DLO [px], known to about a tenth.
 
     Returns:
         The curve, and whether it was moved.

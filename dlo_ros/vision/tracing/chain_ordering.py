@@ -42,8 +42,8 @@ class LengthRule:
     """What lengths a course may have, as shares of the DLO's.
 
     Args:
-        shortest, longest: beyond these a course is none.
-        std: how well the length is expected to agree; infinite where it tells nothing.
+        shortest, longest: limits of the length; a course beyond them is dropped.
+        std: standard deviation of the length; infinite where the length is no criterion.
     """
 
     shortest: float = 1.0 - LENGTH_LIMIT
@@ -69,10 +69,10 @@ class Path:
     Args:
         points: shape (m, 2), from the start to the end.
         seen: whether a chain lies there (else a bridge), shape (m,).
-        cost: of the links and of the length.
-        length: in the unit of the plane.
+        cost: cost of the links and of the length.
+        length: length in the unit of the plane.
         contrast: median contrast of the chains [grey levels].
-        colour: of the DLO, BGR, shape (3,).
+        colour: colour of the DLO, BGR, shape (3,).
     """
 
     points: FloatArray
@@ -95,12 +95,12 @@ class PathSearch:
     """Finds the path of a DLO of known length through chains.
 
     Args:
-        chains: from `find_chains`, in pixels of the bar map.
+        chains: chains from `find_chains`, in pixels of the bar map.
         bars: the bar map.
-        length: of the DLO, in the unit of the plane.
-        plane: where lengths are true.
+        length: length of the DLO, in the unit of the plane.
+        plane: grid of the board's plane, in which lengths are true.
         start, end: clamps where they are known, in pixels of the bar map.
-        rule: what lengths a course may have.
+        rule: lengths that a course may have.
     """
 
     def __init__(
@@ -131,7 +131,7 @@ class PathSearch:
         """The best paths that run differently, the best one first.
 
         Args:
-            most: of them; pictures that show more are refused.
+            most: largest number of candidates; pictures that show more are refused.
 
         Raises:
             VisionError: no path of about the right length, or too many that are equally good.

@@ -38,9 +38,9 @@ def choose(
     """Index of the course that is the DLO.
 
     Args:
-        courses: at least one, the most plausible first [px], shapes (m, 2).
+        courses: courses, at least one, the most plausible first [px], shapes (m, 2).
         expected: shapes that the DLO may have, from the start to the end [px], shapes (m, 2).
-        width: of the DLO [px].
+        width: width of the DLO [px].
         either_way: whether the same course backwards is the same course.
 
     Raises:
@@ -53,11 +53,11 @@ def choose(
             kept.append(k)
     if len(kept) == 1:
         return kept[0]
-    told = [
+    nearest = [
         _nearest([distance(courses[k], shape, either_way=either_way) for k in kept], width)
         for shape in expected
     ]
-    chosen = {k for k in told if k is not None}
+    chosen = {k for k in nearest if k is not None}
     if len(chosen) != 1:
         raise AmbiguousError(TWO_COURSES)
     return kept[chosen.pop()]
@@ -96,7 +96,7 @@ def on_two_strands(
     Args:
         one, other: points of the courses, shapes (m, 2).
         one_seen, other_seen: whether the DLO was seen there, shapes (m,).
-        width: of the DLO, in the unit of the points.
+        width: width of the DLO, in the unit of the points.
     """
     step = np.hypot(*np.diff(other, axis=0).T)
     distance, nearest = cKDTree(other).query(one)

@@ -20,9 +20,9 @@ def prolong(
 
     Args:
         points: polyline [px], shape (m, 2).
-        width: of the DLO [px].
-        spacing: of the result [px].
-        start, end: which ends are free.
+        width: width of the DLO [px].
+        spacing: spacing of the resulting points [px].
+        start, end: whether that end is free.
 
     Returns:
         The curve, shape (k, 2), and how much was added at each free end [px].
@@ -45,9 +45,9 @@ def free_end(located: Located, prolonged: float, from_start: bool) -> float:
     """Where the DLO's colour stops near a prolonged end.
 
     Args:
-        located: along a curve from `prolong`.
-        prolonged: by how much that end was prolonged [px].
-        from_start: which end.
+        located: the DLO along a curve from `prolong`.
+        prolonged: length by which that end was prolonged [px].
+        from_start: whether the end is the one at the start of the curve.
 
     Returns:
         The profile, with fraction, counted from the curve's first.

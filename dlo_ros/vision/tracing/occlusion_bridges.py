@@ -30,7 +30,7 @@ def check_bridges(image: Image, pixels: FloatArray, seen: Mask, width: float) ->
         image: BGR.
         pixels: the course from start to end [px], shape (m, 2).
         seen: whether the DLO was seen there, shape (m,).
-        width: of the DLO [px].
+        width: width of the DLO [px].
 
     Raises:
         VisionError: with the reason.

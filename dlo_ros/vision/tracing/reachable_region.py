@@ -20,9 +20,9 @@ def reach(camera: Camera, held: list[FloatArray], length: float, diameter: float
     The way from one clamp over any of its points to the other is no longer than the DLO.
 
     Args:
-        camera: that takes the picture.
-        held: where it is held, (x, z) [m]: at one end, or at both.
-        length, diameter: of the DLO [m].
+        camera: camera of the picture.
+        held: positions (x, z) of the held ends [m], one or two.
+        length, diameter: length and diameter of the DLO [m].
 
     Returns:
         Not zero where it can be, one value for CELL x CELL pixels; None for everywhere.
@@ -48,7 +48,7 @@ def spread(cells: Image, like: Image) -> Image:
     """The values of cells that cover a picture, for each of its pixels.
 
     Args:
-        cells: from `reach`.
+        cells: cells that `reach` returned.
         like: any array of the picture's height and width.
     """
     rows, columns = (np.arange(n) // CELL for n in like.shape[:2])

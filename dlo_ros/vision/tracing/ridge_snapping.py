@@ -33,10 +33,10 @@ def follow(
     Args:
         image: BGR.
         curve: equally spaced points [px], shape (m, 2).
-        width: of the DLO [px].
+        width: width of the DLO [px].
         search: largest distance of the DLO from the curve [px].
-        colour: of the DLO, where it is known, shape (3,).
-        contrast: of the DLO, where it is known [grey levels].
+        colour: colour of the DLO, where it is known, shape (3,).
+        contrast: contrast of the DLO, where it is known [grey levels].
 
     Returns:
         The moved and smoothed curve, shape (m, 2).

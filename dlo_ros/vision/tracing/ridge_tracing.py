@@ -166,9 +166,9 @@ def chain_end(chain: Chain, last: bool, width: float) -> ChainEnd:
     """Position, outward direction and curvature at one end of a chain.
 
     Args:
-        chain: at least four points.
+        chain: chain of at least four points.
         last: the end with the last point, else the one with the first.
-        width: of the DLO in the chain's pixels.
+        width: width of the DLO in the chain's pixels.
     """
     span = max(5, round(END_SPAN * width))
     p = chain.points[-span:] if last else chain.points[:span][::-1]

@@ -66,11 +66,12 @@ def continued(
     Beyond the end the course may have been drawn to a hole or to something else that is dark.
 
     Args:
-        located: along the course.
+        located: the DLO along the course.
         course: smoothed middle [px], shape (m, 2).
         provisional: profile near which the end was found.
-        window: how far in from there the part lies that tells how it goes on [widths].
-        from_start: which end.
+        window: distances from the end between which the part lies that predicts the course near the
+            end [widths].
+        from_start: whether the end is the one at the start of the course.
     """
     per_width = located.width / located.spacing
     index = np.arange(len(course), dtype=np.float64)
@@ -99,11 +100,11 @@ def find_tip(
 
     Args:
         image: BGR.
-        located: along a course that goes on beyond the end.
-        course: its smoothed middle, from `continued` [px], shape (m, 2).
+        located: the DLO along a course that goes on beyond the end.
+        course: smoothed middle of the DLO, from `continued` [px], shape (m, 2).
         provisional: profile near which the end was found.
         beyond: profiles by which the end may lie outside the course.
-        from_start: which end.
+        from_start: whether the end is the one at the start of the course.
     """
     count, width = len(located.curve), located.width
     sign = -1.0 if from_start else 1.0  # of profiles towards the outside
