@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -32,9 +32,17 @@ UNKNOWN = 1e-12
 """Share of a guess's information that counts in a standard deviation that is told: none."""
 
 
-def effect_numbers(effect: str, at: Evaluation, given: Settings) -> dict[str, Number]:
-    """Values of an effect's keys with standard deviations."""
-    spread = dict(zip(at.model.names, outer_stds(at), strict=True))
+def effect_numbers(
+    effect: str, at: Evaluation, given: Settings, widening: Mapping[str, float] | None = None
+) -> dict[str, Number]:
+    """Values of an effect's keys with standard deviations.
+
+    Args:
+        widening: factors of the std of parameters, see `confirmed_uncertainty`.
+    """
+    factors = widening or {}
+    pairs = zip(at.model.names, outer_stds(at), strict=True)
+    spread = {name: factors.get(name, 1.0) * std for name, std in pairs}
     name, _ = added_to_damping().get(effect, ("", ""))
     result = {}
     told = damping_as_effects(at.model.settings, given, (effect,))
@@ -87,9 +95,15 @@ def _covariance(at: Evaluation) -> FloatArray:
     return widened_covariance(at.spectra, at.variances, at.model.offset(), precision)
 
 
-def fitted_material(at: Evaluation, err_train: float | None, err_holdout: float | None) -> Fitted:
-    """The material with standard deviations, and errors [m]."""
-    spread, rod = _covariance(at), at.model.settings.rod
+def fitted_material(
+    at: Evaluation, err_train: float | None, err_holdout: float | None, widening: float = 1.0
+) -> Fitted:
+    """The material with standard deviations, and errors [m].
+
+    Args:
+        widening: factor of the std, see `confirmed_uncertainty`.
+    """
+    spread, rod = widening**2 * _covariance(at), at.model.settings.rod
     section = 2.0 * (rod.diameter_std / rod.diameter or DIAMETER_STD)
     unit = {
         name: np.array([float(n == name) for n in at.model.names])

@@ -18,6 +18,7 @@ from dlo_ros.diagnosis.explain.joint_explanation import (
 )
 from dlo_ros.diagnosis.explain.measurement_error import OWN, material_err, own_err
 from dlo_ros.diagnosis.findings import holdout
+from dlo_ros.diagnosis.findings.confirmed_uncertainty import Widening, confirmed
 from dlo_ros.diagnosis.findings.diagnosis_outcome import (
     Diagnosis,
     NamedEffect,
@@ -223,6 +224,7 @@ def joint_outcome(
         bare.mean_err, max(final.mean_err, least), matters, found.nameable_err, found.causes
     )
     missed = (holdout.mean(seen_before) or 0.0) - own
+    wider = confirmed(final, first, [name for c in found.causes for name in c.names])
     base = held_against(plain.at.model, first, given, derivatives=False)
     ours = held_against(Model(final.model.settings, ()), first, given, derivatives=False)
     related_before = related_after = None
@@ -237,11 +239,11 @@ def joint_outcome(
     )
     return Diagnosis(
         verdict,
-        tuple(_effect(c, final, given, found.at.mean_err, missed) for c in found.causes),
+        tuple(_effect(c, final, given, found.at.mean_err, missed, wider) for c in found.causes),
         own,
         plain_material(plain, holdout.mean(seen_before), holdout.mean(before)),
         replace(
-            fitted_material(final, holdout.mean(seen_after), holdout.mean(after)),
+            fitted_material(final, holdout.mean(seen_after), holdout.mean(after), wider.material),
             settings=damping_as_effects(
                 final.model.settings, given, [c.effect for c in found.causes]
             ),
@@ -341,7 +343,7 @@ def _share(before: float | None, after: float | None, own: float) -> float | Non
 
 
 def _effect(
-    cause: Cause, final: Evaluation, given: Settings, err: float, missed: float
+    cause: Cause, final: Evaluation, given: Settings, err: float, missed: float, wider: Widening
 ) -> NamedEffect:
     """A cause with its numbers and its share.
 
@@ -349,11 +351,12 @@ def _effect(
         given: the parameter file.
         err: ERR of the full model on the recordings learned from [m].
         missed: error of the plain model on them beyond the measurement's own [m].
+        wider: factors of the standard deviations.
     """
     share = (cause.err - err) / missed if missed > 0.0 else None
     return NamedEffect(
-        cause.effect, effect_numbers(cause.effect, final, given), cause.rivals,
-        None if share is None else float(np.clip(share, 0.0, 1.0)),
+        cause.effect, effect_numbers(cause.effect, final, given, wider.parameters),
+        cause.rivals, None if share is None else float(np.clip(share, 0.0, 1.0)),
     )  # fmt: skip
 
 

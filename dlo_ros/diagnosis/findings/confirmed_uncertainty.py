@@ -1,0 +1,94 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Standard deviations confirmed by simulation, where a linearised model may understate them.
+
+A parameter that moves alone, by the std that it would have with all others known, lowers the log
+posterior by one half. Where a motion is unstable, or sticks and slips, the derivatives at one point
+may be far larger than any change that the parameter really makes, and it does not; a std taken from
+them is too small.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dlo_ros.errors import SimulationError
+from dlo_ros.inference.joint import Evaluation, borrowed, misfit
+from dlo_ros.inference.measured import Recording
+from dlo_ros.spline import FloatArray
+
+AT_ONE_STD = 0.5
+"""Loss of log posterior at one std."""
+CONFIRMED = 0.125
+"""Loss of log posterior from which a distance is taken as one that the data refute: a std that is
+too small by less than two may be an accident of the simulation's steps."""
+FARTHER, LONGEST = 4.0, 256.0
+"""Factor between the distances that are tried, and the largest, in std."""
+
+
+@dataclass(frozen=True)
+class Widening:
+    """Factors, at least 1, by which standard deviations must grow.
+
+    Args:
+        parameters: name of a parameter and its factor; of others none is known.
+        material: that of ln(E / mu), which serves for E and mu, too.
+    """
+
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    material: float = 1.0
+
+
+def confirmed(at: Evaluation, recordings: Sequence[Recording], names: Iterable[str]) -> Widening:
+    """The factors of some parameters and of the material.
+
+    Args:
+        at: a fit; where it is not one to these recordings, nothing can be confirmed.
+        names: of the parameters; those that the model does not contain have none.
+    """
+    if len(at.err) != len(recordings):
+        return Widening()
+    ratio = _unit(at, "young_modulus") - _unit(at, "density")
+    return Widening(
+        {n: factor_along(at, recordings, _unit(at, n)) for n in names if n in at.model.names},
+        factor_along(at, recordings, ratio),
+    )
+
+
+def factor_along(at: Evaluation, recordings: Sequence[Recording], weights: FloatArray) -> float:
+    """Factor, at least 1, by which the std of parameters that move together must grow.
+
+    Args:
+        weights: direction of their move, shape (P,).
+    """
+    information = np.linalg.inv(at.posterior.covariance)
+    step = weights / np.sqrt(float(weights @ information @ weights))
+    distance = 1.0
+    while distance <= LONGEST:
+        loss = _loss(at, recordings, distance * step)
+        if loss is None:
+            break
+        if loss >= CONFIRMED:
+            return max(1.0, distance * float(np.sqrt(AT_ONE_STD / loss)))
+        distance *= FARTHER
+    return max(1.0, distance / FARTHER)
+
+
+def _loss(at: Evaluation, recordings: Sequence[Recording], step: FloatArray) -> float | None:
+    """Mean loss of log posterior a step either way; None where it cannot be simulated."""
+    here, losses = misfit(at, at), []
+    for side in (1.0, -1.0):
+        model = at.model.at(at.model.theta() + side * step)
+        if not np.allclose(model.theta() - at.model.theta(), side * step):
+            continue  # a bound of a parameter lies nearer
+        try:
+            losses.append(misfit(borrowed(at, model, recordings), at) - here)
+        except SimulationError:
+            return None
+    return float(np.mean(losses)) if losses else None
+
+
+def _unit(at: Evaluation, name: str) -> FloatArray:
+    return np.array([float(n == name) for n in at.model.names])

@@ -1,0 +1,73 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Standard deviations grow where simulations do not bear the derivatives out."""
+
+import pytest
+from experiment_recordings import moving
+
+from dlo_ros.diagnosis.findings.confirmed_uncertainty import confirmed
+from dlo_ros.diagnosis.findings.joint_numbers import fitted_material, outer_stds
+from dlo_ros.diagnosis.findings.joint_outcome import training_set
+from dlo_ros.diagnosis.fitting.initial_fit import begin
+from dlo_ros.errors import SimulationError
+from dlo_ros.inference.joint import Simulated, judged
+
+ANGLE = "effects.clamp_angle.start"
+TOO_STEEP = 50.0
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    recording, given = moving("simple", {"clamp_angle": {"start": 0.02}}, 12)
+    begun = begin([recording], given)
+    prepared = training_set(begun, 1, begun.at.model.settings, given).prepared
+    return prepared.setup, prepared.recordings
+
+
+def with_steep(at, name):
+    """The fit with derivatives by a parameter that no simulation bears out."""
+    k = at.model.index(name)
+    fields = []
+    for residual, jacobian in at.fields:
+        steep = jacobian.copy()
+        steep[:, k] *= TOO_STEEP
+        fields.append((residual, steep))
+    return judged(at.model, Simulated(tuple(fields), at.err, at.predicted), at.variances)
+
+
+def test_what_simulations_bear_out_stays(fitted):
+    found = confirmed(*fitted, ["young_modulus", ANGLE, "effects.not_there.size"])
+    assert set(found.parameters) == {"young_modulus", ANGLE}
+    assert max(*found.parameters.values(), found.material) < 2.0
+
+
+def test_a_std_from_derivatives_that_are_too_steep_grows(fitted):
+    at, recordings = fitted
+    k = at.model.index(ANGLE)
+    steep = with_steep(at, ANGLE)
+    before, claimed = outer_stds(at)[k], outer_stds(steep)[k]
+    assert claimed < 0.1 * before
+    factor = confirmed(steep, recordings, [ANGLE]).parameters[ANGLE]
+    assert 0.5 * before < factor * claimed < 2.0 * before
+
+
+def test_a_fit_to_other_recordings_confirms_nothing(fitted):
+    at, recordings = fitted
+    found = confirmed(at, [*recordings, *recordings], [ANGLE])
+    assert found.parameters == {} and found.material == 1.0
+
+
+def test_the_material_takes_its_factor(fitted):
+    at, _ = fitted
+    narrow, wide = (fitted_material(at, None, None, factor) for factor in (1.0, 30.0))
+    assert wide.specific_modulus[1] > 2.0 * narrow.specific_modulus[1]
+    assert wide.specific_modulus[0] == narrow.specific_modulus[0]
+
+
+def test_what_cannot_be_simulated_confirms_nothing(fitted, monkeypatch):
+    at, recordings = fitted
+
+    def fails(*_):
+        raise SimulationError("no shape")
+
+    monkeypatch.setattr("dlo_ros.diagnosis.findings.confirmed_uncertainty.borrowed", fails)
+    assert confirmed(at, recordings, [ANGLE]).parameters == {ANGLE: 1.0}
