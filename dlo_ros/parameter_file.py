@@ -47,7 +47,7 @@ def parameter_values(path: Path) -> dict[str, Any]:
 
 
 def read_parameter_file(path: Path) -> dict[str, Any]:
-    """As `parameter_values`; names that look like mistakes are told.
+    """Parameters as of `parameter_values`; names that look like mistakes give a warning.
 
     Raises:
         ParameterError: see `parameter_blocks`.

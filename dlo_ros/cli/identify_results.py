@@ -171,7 +171,7 @@ def force_sentences(found: Identification) -> list[str]:
 
 
 def remarks(found: Identification) -> list[str]:
-    """Sentences on what the recordings can and cannot tell."""
+    """Sentences on what the recordings determine and what they do not."""
     estimate = found.estimate
     result = sentences(estimate, information(found))
     result += force_sentences(found)

@@ -126,7 +126,9 @@ def load_information(path: Path) -> FloatArray:
 
 
 def prepare() -> None:
-    """Compile the model, or load it from the cache; a long wait is told on stderr."""
+    """Compile the model, or load it from the cache; progress of a long wait is printed on
+    stderr.
+    """
     compile_first(("rod",), lambda text: print(text, file=sys.stderr))
     compile_kernels()
 

@@ -84,7 +84,7 @@ def _divided_differences(shapes: FloatArray, stamps: FloatArray, order: int) -> 
 
 
 def point_noise(observations: Sequence[Observation], basis: SplineBasis) -> float | None:
-    """The same from the stated std of the measured points, where a recording has them [m]."""
+    """Noise floor by the stated std of the measured points, where a recording has them [m]."""
     values = [
         float(np.sqrt(np.mean(o.points.std**2) * basis.control_points / len(o.points.std)))
         for o in observations

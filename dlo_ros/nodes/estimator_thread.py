@@ -33,7 +33,7 @@ COMMANDS = 2000
 
 
 class EstimateOutcome(NamedTuple):
-    """What an observed spline led to: an estimate, or the reason why there is none.
+    """The result of an observed spline: an estimate, or the reason why there is none.
 
     `stamp` is that of the newest spline behind it [ns]; `later` marks an estimate that further work
     has led to, without a new spline; `suspicion` says what the model seems to miss, if anything.

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What a node does before it takes data: its kernels are compiled by other processes and loaded.
+"""The time before a node takes data: its kernels are compiled by other processes and loaded.
 
 Meanwhile the node answers parameters, services and diagnostics. Its latched topic `~/ready`
 (std_msgs/Bool) tells whether it takes data.

@@ -170,7 +170,9 @@ class DloNode(Node):
             )
 
     def optional_publisher(self, topic: str, qos: QoSProfile, kind: str = "") -> Any | None:
-        """As `publisher`; None, which is said, where the package of its messages is missing."""
+        """A publisher as of `publisher`; None, with a log line, where the package of its messages
+        is missing.
+        """
         wanted = kind or topics.type_of(topic)
         if installed(wanted):
             return self.publisher(topic, qos, kind)
@@ -219,7 +221,7 @@ class DloNode(Node):
 
     @contextmanager
     def _overriding(self, topic: str) -> Iterator[None]:
-        """Tell of an override that ROS refuses by names that a person understands."""
+        """Report an override that ROS refuses by names that a person understands."""
         try:
             yield
         except (RuntimeError, AttributeError, AssertionError) as err:

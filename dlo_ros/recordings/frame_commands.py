@@ -40,7 +40,7 @@ def clamp_frames(settings: Settings) -> dict[str, tuple[str, Offset]]:
 def instants(
     transforms: Transforms, frames: dict[str, tuple[str, Offset]], fixed: str, since: int = 0
 ) -> list[int]:
-    """Stamps [ns] at which all clamps' poses are known and one is told anew.
+    """Stamps [ns] at which all clamps' poses are known and one of them is updated.
 
     Empty where nothing moves.
 

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""The imposed motion as a robot tells it: grippers as frames in `/tf` and as poses."""
+"""The imposed motion as a robot publishes it: grippers as frames in `/tf` and as poses."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ MARGIN = NANOSECONDS // 10
 
 
 def check_frames(settings: Settings, command: Command, where: str) -> None:
-    """Refuse frames that cannot tell an experiment's motion.
+    """Refuse frames that cannot express an experiment's motion.
 
     Args:
         settings: the true parameters.

@@ -88,7 +88,9 @@ class Observer:
 
     @property
     def mask(self) -> Image | None:
-        """Where the DLO may be in the next images, not zero there, shape (h, w); None: anywhere."""
+        """Mask of where the DLO may be in the next images, not zero there, shape (h, w); None:
+        anywhere.
+        """
         return self._hints.mask
 
     @mask.setter

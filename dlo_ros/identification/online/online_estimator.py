@@ -382,7 +382,9 @@ class OnlineEstimator:
         self._estimate = estimate
 
     def _fold(self) -> None:
-        """Keep what the window has told as a summary, and start a new one at the present state."""
+        """Keep the information of the window as a summary, and start a new window at the present
+        state.
+        """
         run = self._run
         elapsed = self._past.elapsed
         # Work that is under way may end first, but not for ever.

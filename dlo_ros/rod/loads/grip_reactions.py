@@ -242,7 +242,7 @@ class Balance:
         return self._balances(1.0)
 
     def _balances(self, longer: float) -> tuple[_Held, _Held]:
-        """Of positions and of theta, for a free length over the model's."""
+        """Balances of positions and of theta, for a free length over the model's."""
         matrix = self._external.matrix
         mass = matrix.T @ (self._external.mass(longer)[:, None] * matrix)
         none = np.zeros((0, len(mass)))
@@ -289,7 +289,9 @@ class _Held:
 
     @classmethod
     def of(cls, mass: FloatArray, held: np.ndarray, pins: FloatArray) -> _Held:
-        """For a mass matrix (n, n), the rows that are held (n,) and those of the pins (m, n)."""
+        """Linear functions for a mass matrix (n, n), the rows that are held (n,) and those of the
+        pins (m, n).
+        """
         free, n, m = ~held, len(mass), len(pins)
         one, rows = np.eye(n), int(free.sum())
         matrix = np.zeros((rows + m, rows + m))

@@ -109,7 +109,7 @@ def _fit(board: Charuco, places: FloatArray, numbers: NDArray[np.int64]) -> floa
 
 
 def _mismatch(board: Charuco, places: FloatArray, numbers: NDArray[np.int64]) -> str:
-    """Why the markers do not fit, and the size that would."""
+    """Reason why the markers do not fit, and the size that would."""
     words = f"its markers are not those of a {board.kind}"
     limit = 2 * (max(board.columns, board.rows) + 3)
     best, name = TRUSTED, ""

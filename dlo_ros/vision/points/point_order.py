@@ -161,7 +161,7 @@ def _traced(
 def _ahead(
     points: FloatArray, tree: cKDTree, place: FloatArray, heading: FloatArray, radius: float
 ) -> FloatArray | None:
-    """Where the course goes on; None where nothing lies ahead within the longest gap."""
+    """The next point of a course; None where nothing lies ahead within the longest gap."""
     reach = 1.5 * radius
     while reach <= LONGEST_GAP * radius:
         near = points[tree.query_ball_point(place, reach)] - place

@@ -32,7 +32,7 @@ SLANT = 1.0  # [widths] by which an edge may lie further on one side than in the
 
 
 def offsets_for(width: float) -> FloatArray:
-    """Where a cross-section is sampled, from the middle [px], shape (k,).
+    """Offsets of a cross-section's samples from the middle [px], shape (k,).
 
     Args:
         width: width of the DLO [px].

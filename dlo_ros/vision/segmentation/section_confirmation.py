@@ -34,7 +34,7 @@ def confirm(
     longest: int,
     edge_std: float,
 ) -> tuple[Mask, FloatArray]:
-    """Which sections are the DLO's, and how well the doubtful ones are known.
+    """Mask of the sections that are the DLO's, and the standard deviation of the doubtful ones.
 
     Args:
         points: middles of the sections [px], shape (m, 2).

@@ -257,7 +257,7 @@ def _slide(
     velocity: FloatArray,
     drift: FloatArray,
 ) -> FloatArray:
-    """Where the projected curve passes a view's points: new material coordinates [m]."""
+    """Material coordinates [m] at which the projected curve passes a view's points."""
     length = table.basis.length
     curve = _curve(table.matrix(u), u / length, view, points, velocity, drift)
     seen = _Seen(view, curve, u, length)

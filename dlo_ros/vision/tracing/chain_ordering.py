@@ -39,7 +39,7 @@ MANY_COURSES = "many courses of the DLO are equally plausible (an ambiguous cros
 
 @dataclass(frozen=True)
 class LengthRule:
-    """What lengths a course may have, as shares of the DLO's.
+    """Lengths that a course may have, as shares of the DLO's.
 
     Args:
         shortest, longest: limits of the length; a course beyond them is dropped.
