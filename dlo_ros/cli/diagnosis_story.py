@@ -144,10 +144,16 @@ def _how_wrong(found: Diagnosis, length: float) -> tuple[str, ...]:
 
 
 def _spread(found: Diagnosis) -> str:
-    """Range of the error in most pictures."""
+    """Range of the error in most pictures, all recordings counting the same, as in the mean."""
     if not found.views:
         return ""
-    low, high = np.percentile(np.concatenate([v.err_before for v in found.views]), [5.0, 95.0])
+    errors = np.concatenate([v.err_before for v in found.views])
+    weights = np.concatenate(
+        [np.full(len(v.err_before), 1.0 / len(v.err_before)) for v in found.views]
+    )
+    order = np.argsort(errors)
+    share = (np.cumsum(weights[order]) - 0.5 * weights[order]) / len(found.views)
+    low, high = np.interp([0.05, 0.95], share, errors[order])
     if high < UNEVEN_ERROR * low:
         return ""
     return f", and between {mm(float(low))} and {mm(float(high))} in nine of ten pictures"
@@ -157,7 +163,7 @@ def _places(views: Sequence[RecordingView], length: float) -> list[str]:
     """Sentence on the places and times of the plain model's error."""
     if not views:
         return []
-    along = np.sqrt(np.mean(np.concatenate([distances(v, length) for v in views]) ** 2, axis=0))
+    along = np.sqrt(np.mean([np.mean(distances(v, length) ** 2, axis=0) for v in views], axis=0))
     u = np.linspace(0.0, length, STATIONS)
     k = int(np.argmax(along))
     sentences = []

@@ -58,7 +58,7 @@ def test_a_small_gain_is_no_cause(monkeypatch):
 def without_simulations(monkeypatch, own_err):
     """A search in which nothing is simulated and every cause is needed, with an own ERR [m]."""
     monkeypatch.setattr(cause_search, "offered", lambda *_: object())
-    monkeypatch.setattr(cause_search, "promised", lambda *_: [])
+    monkeypatch.setattr(cause_search, "ranked_proposals", lambda *_: [])
     monkeypatch.setattr(cause_search, "linear_loss", lambda *_: 1e3)
     monkeypatch.setattr(cause_search, "own_err", lambda *_: own_err)
 

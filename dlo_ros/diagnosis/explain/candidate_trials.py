@@ -110,7 +110,9 @@ def best_trial(
     for k, (found, proposal) in enumerate(begun):
         outcome = "fitted, but another gains more"
         if k == 0:
-            found = fit(found, recordings, FIT_ITERATIONS)
+            longer = fit(found, recordings, FIT_ITERATIONS)
+            # Where the shapes are left by what goes on, the shorter fit is the better explanation.
+            found = found if longer.mean_err > at.mean_err >= found.mean_err else longer
             outcome = "gains too little"
         gain = found.posterior.evidence - at.posterior.evidence
         if found.mean_err > at.mean_err:

@@ -28,12 +28,25 @@ simulate the same DLO differ by."""
 
 
 def beyond(at: Evaluation) -> list[Proposal]:
-    """Groups of the set-up of which a number lies beyond its tolerance."""
+    """Groups of the set-up with a number far beyond its tolerance, or beyond it for certain."""
     return [
         replace(g, parameters=tuple(p for p in at.model.parameters if p.name in g.columns))
         for g in freed(at.model)
-        if is_beyond(at, g)
+        if is_beyond(at, g) or _beyond_for_certain(at, g)
     ]
+
+
+def _beyond_for_certain(at: Evaluation, group: Proposal) -> bool:
+    """Whether a size lies more than one tolerance off, and its uncertainty farther than that."""
+    if not group.from_nothing:
+        return False
+    std = dict(zip(at.model.names, np.sqrt(np.diag(at.posterior.covariance)), strict=True))
+    return any(
+        tolerances_off(at, replace(group, parameters=(p,)))
+        > 1.0 + CERTAIN * SLAB * std[p.name] / p.std
+        for p in group.parameters
+        if p.name in std
+    )
 
 
 def is_beyond(at: Evaluation, group: Proposal, tolerances: float = BEYOND) -> bool:

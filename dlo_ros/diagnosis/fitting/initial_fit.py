@@ -34,14 +34,16 @@ OWN_SHARE = 0.0015
 noise allows: nothing finer is judged."""
 OWN_MATTERS = 0.3
 """Error of the simulation itself over the model's residual, from which it matters."""
+IN_TIME = 0.3
+"""Share of that error that time steps may have: they damp, in all pictures alike."""
 ROUNDS = 2
 SPACE_ROUNDS = 5
 WORTH = 0.7
 """Error over that with fewer knot spans, below which more of them are worth their time."""
-COARSEST = 2e-3
+COARSEST = 1e-2
 """Tolerance of a simulation at which the search for steps that are fine enough begins: one step may
-then add 0.06 mm per metre of DLO."""
-TIME_ROUNDS = 3
+then add 0.3 mm per metre of DLO."""
+TIME_ROUNDS = 4
 TIME_GAIN = 9.0
 """Factor by which the error falls with a tenth of the tolerance."""
 DRAFT_SPANS = 2
@@ -223,7 +225,7 @@ def _finer(
             recording, own = replace(recording, spans=found.spans), found.resolution_error
         if own > tolerance:
             recording, own = _in_space(recording, at.model, tolerance)
-        recording, error = _in_time(recording, at.model, fineness)
+        recording, error = _in_time(recording, at.model, IN_TIME * fineness)
         result.append(recording)
         errors.append(np.hypot(own * settings.rod.length, error))
     return tuple(result), float(np.nanmax(errors)) if np.isfinite(errors).any() else np.nan
