@@ -37,10 +37,10 @@ PROCESSES = 2
 """Compiling processes at a time, over all nodes; each takes half a gigabyte."""
 
 SETTLED = 3.0
-"""Seconds after which the rate so far tells how long the rest will take."""
+"""Seconds after which the remaining time follows from the rate so far."""
 
 LEAST_FRACTION = 0.03
-"""Fraction of the whole after which the rate so far tells how long the rest will take."""
+"""Fraction of the whole after which the remaining time follows from the rate so far."""
 
 WAIT = 0.1
 """Seconds between two looks at what other processes do."""
@@ -168,7 +168,7 @@ class BackgroundCompilation:
                 worker = subprocess.Popen(
                     (*WORKER, *self._stages),
                     env=environment,
-                    stdin=subprocess.PIPE,  # its end tells the worker that this process has ended
+                    stdin=subprocess.PIPE,  # its end shows the worker that this process has ended
                     stdout=subprocess.DEVNULL,
                     stderr=subprocess.PIPE,
                 )
@@ -248,7 +248,7 @@ class BackgroundCompilation:
             return None
         began, first = self._began
         now = time.monotonic()
-        if fraction <= first:  # it waits for other parts, which tells nothing of its rate
+        if fraction <= first:  # it waits for other parts: no measure of its rate
             self._began = now, fraction
             return None
         elapsed = now - began

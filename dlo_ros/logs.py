@@ -51,7 +51,7 @@ def chosen(verbose: bool, variables: Mapping[str, str] = os.environ) -> LogChoic
     """The user's choice.
 
     Args:
-        verbose: whether `--verbose` was given, which tells at least the steps.
+        verbose: whether `--verbose` was given, which logs at least the steps.
         variables: the environment's variables.
 
     Raises:
@@ -132,7 +132,7 @@ class Terminal(logging.Filter):
 
 
 WARNINGS = LogChoice(logging.WARNING)
-"""What is told where nothing was chosen."""
+"""The default: warnings alone."""
 
 
 @contextmanager

@@ -37,8 +37,8 @@ class PointList:
     Args:
         stamp: [ns].
         positions: [m] in the board frame, shape (m, 3).
-        u: material coordinates [m], shape (m,); None where the tracker does not tell them.
-        std: standard deviation of each coordinate [m], shape (m,); None where it is not told.
+        u: material coordinates [m], shape (m,); None where the tracker does not state them.
+        std: standard deviation of each coordinate [m], shape (m,); None where it is not stated.
     """
 
     stamp: int

@@ -55,7 +55,7 @@ def load_settings(arguments: argparse.Namespace, bags: Sequence[Path] = ()) -> S
 
     Args:
         arguments: parsed arguments of the command line.
-        bags: bags whose images tell the number of control points where the file does not.
+        bags: bags whose images determine the number of control points where the file does not.
 
     Raises:
         ParameterError: the file is unusable.

@@ -32,7 +32,7 @@ def installed() -> Any | None:
         found = importlib.import_module("mujoco")
     except ImportError:
         return None
-    found.set_mju_user_warning(lambda text: None)  # what blows up is told of by its error
+    found.set_mju_user_warning(lambda text: None)  # a blow-up is reported by its error
     return found
 
 

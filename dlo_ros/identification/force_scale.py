@@ -2,7 +2,7 @@
 """The common scale of all forces of a model that shapes have determined but for that scale.
 
 E, mu, the drag and every force of an effect may be multiplied by one number without any shape being
-another. Forces measured at the grips tell it without a further simulation.
+another. Forces measured at the grips determine it without a further simulation.
 """
 
 from __future__ import annotations

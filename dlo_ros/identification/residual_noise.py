@@ -12,7 +12,7 @@ from dlo_ros.observation import Observation
 from dlo_ros.spline import FloatArray, SplineBasis
 
 DIFFERENCE_ORDERS = (2, 4, 6)
-FRAMES_FOR_NOISE = 12  # fewer tell too little about the scatter from frame to frame
+FRAMES_FOR_NOISE = 12  # fewer do not determine the scatter from frame to frame
 
 
 def correlation_length(residuals: Sequence[FloatArray], axis: int) -> float:

@@ -88,7 +88,7 @@ class EstimatorThread:
     def observe(self, observation: Observation) -> None:
         """Take an observed spline; where too many wait every second one is dropped.
 
-        What is left still tells of the whole time, and the estimate falls no further behind.
+        The remaining ones still cover the whole time, and the estimate falls no further behind.
         """
         with self._changed:
             splines = [task for task in self._tasks if isinstance(task, Observation)]
@@ -164,7 +164,7 @@ class EstimatorThread:
                     estimate = estimator.estimate
             except DloError as err:
                 problem = str(err)
-            except Exception as err:  # a defect must not end the thread, the node tells of it
+            except Exception as err:  # a defect must not end the thread, the node reports it
                 problem = f"{type(err).__name__}: {err}"
             if estimate is None and not problem:
                 continue

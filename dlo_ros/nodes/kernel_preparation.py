@@ -2,7 +2,7 @@
 """The time before a node takes data: its kernels are compiled by other processes and loaded.
 
 Meanwhile the node answers parameters, services and diagnostics. Its latched topic `~/ready`
-(std_msgs/Bool) tells whether it takes data.
+(std_msgs/Bool) says whether it takes data.
 """
 
 from __future__ import annotations

@@ -197,7 +197,7 @@ class DloNode(Node):
             qos: profile.
             kind: type of its messages; the interface says that of its own topics.
             drain: whether all messages that wait are taken at once. An executor takes one of each
-                topic between two images, and a robot tells its poses more often than that.
+                topic between two images, and a robot publishes its poses more often.
         """
         message = message_class(kind or topics.type_of(topic))
         guarded = self.guarded(topic, callback)

@@ -309,7 +309,7 @@ class Observer:
         moved, aside = centred(image, resample(moved, spacing), rough.width)
         if (
             aside or rough.known_width
-        ):  # then what looks like edges is not to be trusted to tell the width
+        ):  # then what looks like edges is no reliable measure of the width
             width = rough.width
         located = locate(
             image,

@@ -31,7 +31,7 @@ from dlo_ros.spline import FloatArray
 PLACES = 4
 """Places in a knot span at which the bend is judged."""
 STRAIGHT = 1e6
-"""Radius over length beyond which a DLO counts as straight; so large a radius is told instead."""
+"""Radius over length beyond which a DLO counts as straight; this radius is stated instead."""
 DENSE = 0.021
 """Longest time [s] between instants of which velocities give the accelerations of what is held: a
 motion of 1 Hz is then known to 0.3 %. At 50 Hz, the usual rate, it is 0.02 s."""

@@ -87,7 +87,7 @@ def _fit(board: Charuco, places: FloatArray, numbers: NDArray[np.int64]) -> floa
     """Share of neighbouring markers that lie to each other as the board has them.
 
     Neighbours only, each pair with a homography of its own, since a lens bends a whole board by
-    more than what tells two layouts apart.
+    more than the difference of two layouts.
     """
     inside = numbers < len(board.markers)
     if inside.sum() < LEAST_MARKERS:

@@ -83,7 +83,7 @@ class PointObserver:
 
     Args:
         settings: parameter file.
-        motion: the imposed motion, whose grips tell which end is the start; None: nothing is held.
+        motion: the imposed motion, whose grips show which end is the start; None: nothing is held.
     """
 
     def __init__(self, settings: Settings, motion: Motion | None = None) -> None:

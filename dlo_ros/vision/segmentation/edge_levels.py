@@ -42,7 +42,7 @@ def doubt_of_middle(
         spacing: distance between profiles [px].
 
     Returns:
-        [px], shape (m,); 0 where nothing tells.
+        [px], shape (m,); 0 where it is unknown.
     """
     sections, at = _usual(profiles, offsets, middle, seen, width, spacing)
     if len(at) == 0:

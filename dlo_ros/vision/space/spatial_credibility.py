@@ -26,7 +26,7 @@ MOST_BESIDE = 0.08  # which may be so of this share of a view's points
 LONGEST_STRETCH = 0.03  # of L: what is seen may be longer or shorter by as much
 FAR_FROM_CLAMP = 4.0  # [diameters] that an end may lie from its clamp
 JUDGED = 15  # places of which the std is looked at
-LARGEST_STD = 0.02  # of L: where nothing tells the depth better, median over the DLO
+LARGEST_STD = 0.02  # of L: where nothing determines the depth better, median over the DLO
 
 
 def seen_by(views: Sequence[View], fit: SpaceFit, length: float) -> tuple[Mask, Mask]:

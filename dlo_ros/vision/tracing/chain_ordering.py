@@ -3,7 +3,7 @@
 
 Best-first search over sequences of chains. Known clamps fix where a path starts and ends; the known
 length decides between paths that are equally smooth. Which of several that are equally plausible
-is the DLO, `course_choice` tells.
+is the DLO, `course_choice` decides.
 """
 
 from __future__ import annotations
