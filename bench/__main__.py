@@ -240,7 +240,7 @@ def single_rows(value: dict[Any, float], curves: dict[str, dict[int, float]]) ->
 
 
 def show_settings(console: Console, what: str, choices: dict[Key, Choice]) -> None:
-    """What was chosen, with the error that it has."""
+    """Print the chosen settings with their errors."""
     table = Table(title=f"Cheapest settings that reach the error, {what}")
     for name in ("task", "error / L", "simulator", "has", "setting"):
         table.add_column(name)

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What every simulator has to offer to be compared."""
+"""The interface through which simulators are compared."""
 
 from __future__ import annotations
 
@@ -52,7 +52,9 @@ class Contender(ABC):
 
     @abstractmethod
     def settings(self, task: Task) -> Iterable[list[Setting]]:
-        """Settings to try, in lists from cheap to dear; a list is left once it is good enough."""
+        """Settings to try, in lists from cheap to expensive; a list is left once it is good
+        enough.
+        """
 
     @abstractmethod
     def prepare(self, task: Task, setting: Setting) -> Prepared:

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What is right: the planar elastica as a boundary value problem, and a converged motion.
+"""Reference shapes: the planar elastica as a boundary value problem, and a converged motion.
 
 The elastica is solved with the stretch that the rod has, and without for peers whose links are
 rigid. Its energy per reference length is B/2 (angle' / stretch)^2 + E A / 2 (stretch - 1)^2.

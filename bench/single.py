@@ -70,7 +70,7 @@ class Statics:
         ).state
 
     def public(self) -> Any:
-        """What a user calls: `settle` with the parameters that matter."""
+        """Settle as a user does: `settle` with the parameters that matter."""
         with in_space(self.spatial):
             self.at = 1 - self.at
             return self._settle(self.at, self.states[1 - self.at], PARAMETERS)
@@ -94,7 +94,7 @@ class Statics:
         return float(np.abs(exact - difference).max() / np.abs(difference).max())
 
     def compiled(self) -> Callable[[], Any]:
-        """The same through the compiled functions alone, everything around them prepared."""
+        """A function that settles by compiled code alone, everything around it prepared."""
         flat = not self.spatial
         parts = []
         for k in (0, 1):

@@ -61,7 +61,7 @@ class Task:
         return self.rod.length - 2.0 * self.approach
 
     def with_material(self, stiffer: float, denser: float) -> Task:
-        """The same task with E and density multiplied."""
+        """The task with E and density multiplied."""
         rod = replace(
             self.rod,
             young_modulus=stiffer * self.rod.young_modulus,

@@ -53,7 +53,7 @@ def hanging(sway: float) -> FloatArray:
 
 
 class Pictures:
-    """The pictures and what the observer is told."""
+    """The pictures, and the hints that the observer gets."""
 
     def __init__(self) -> None:
         view = SimulatedCamera()

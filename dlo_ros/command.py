@@ -129,7 +129,7 @@ class Command:
 
     @cached_property
     def path(self) -> FloatArray:
-        """How far all imposed points together have travelled [m], shape (T,)."""
+        """Distance that all imposed points together have travelled [m], shape (T,)."""
         moved = np.linalg.norm(np.diff(self.positions, axis=0), axis=2).sum(axis=1)
         return np.concatenate([[0.0], np.cumsum(moved)])
 
@@ -177,7 +177,7 @@ class Motion:
         return next((c for c in reversed(self.commands) if c.stamp <= stamp), self.commands[0])
 
     def paths(self) -> list[float]:
-        """How far imposed points have travelled before each command, and in all [m]."""
+        """Distances that imposed points have travelled before each command, and in all [m]."""
         result = [0.0]
         for k, command in enumerate(self.commands):
             path = float(command.path[-1])

@@ -37,10 +37,10 @@ PROCESSES = 2
 """Compiling processes at a time, over all nodes; each takes half a gigabyte."""
 
 SETTLED = 3.0
-"""Seconds after which the rate so far tells how long the rest will take."""
+"""Seconds after which the remaining time follows from the rate so far."""
 
 LEAST_FRACTION = 0.03
-"""Fraction of the whole after which the rate so far tells how long the rest will take."""
+"""Fraction of the whole after which the remaining time follows from the rate so far."""
 
 WAIT = 0.1
 """Seconds between two looks at what other processes do."""
@@ -102,7 +102,7 @@ class PartFiles:
 
     @property
     def functions(self) -> int:
-        """Number of functions that are compiled, as the compiling process told last."""
+        """Number of functions that are compiled, by the compiling process' last report."""
         for file in (self.mark, self._progress):
             with suppress(OSError, ValueError):
                 return max(0, int(file.read_text()))
@@ -168,7 +168,7 @@ class BackgroundCompilation:
                 worker = subprocess.Popen(
                     (*WORKER, *self._stages),
                     env=environment,
-                    stdin=subprocess.PIPE,  # its end tells the worker that this process has ended
+                    stdin=subprocess.PIPE,  # its end shows the worker that this process has ended
                     stdout=subprocess.DEVNULL,
                     stderr=subprocess.PIPE,
                 )
@@ -181,7 +181,7 @@ class BackgroundCompilation:
         return True
 
     def poll(self) -> CompilationProgress:
-        """How far the compilation is; takes less than a millisecond."""
+        """Present progress of the compilation; takes less than a millisecond."""
         error = ""
         if not self._done and not self._error and self._workers:
             error = self._failure()
@@ -248,7 +248,7 @@ class BackgroundCompilation:
             return None
         began, first = self._began
         now = time.monotonic()
-        if fraction <= first:  # it waits for other parts, which tells nothing of its rate
+        if fraction <= first:  # it waits for other parts: no measure of its rate
             self._began = now, fraction
             return None
         elapsed = now - began
@@ -257,7 +257,7 @@ class BackgroundCompilation:
         return elapsed * (1.0 - fraction) / (fraction - first)
 
     def _failure(self) -> str:
-        """Why all workers have ended without a result; empty while one goes on."""
+        """Reason why all workers have ended without a result; empty while one goes on."""
         states = []
         for worker in self._workers:
             assert worker.stderr is not None
@@ -277,7 +277,7 @@ class BackgroundCompilation:
 
 
 def compile_first(stages: Sequence[str], report: Callable[[str], object]) -> None:
-    """Return when kernels can be loaded from the cache; a compilation is told of, loading is not.
+    """Return when kernels can be loaded from the cache; a compilation is reported, loading is not.
 
     Args:
         stages: names in `STAGES`.

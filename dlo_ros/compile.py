@@ -109,7 +109,7 @@ def _compile(part: Part, files: PartFiles) -> None:
             """Nothing is known yet."""
 
         def on_end(self, event: Any) -> None:
-            """Tell others now and then."""
+            """Report the progress to other processes at intervals."""
             self.functions += bool(event.data["dispatcher"].stats.cache_path)
             if time.monotonic() - self.reported > INTERVAL:
                 self.reported = time.monotonic()

@@ -1,7 +1,7 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The libraries that the package needs: their names, oldest versions, and how to get them.
 
-Nothing is imported here, so that whoever lacks one of them can be told so.
+Nothing is imported here, so that a missing one can be reported.
 """
 
 from __future__ import annotations

@@ -63,7 +63,7 @@ def read_yaml(path: Path, kind: type[InputError] = InputError) -> Any:
     """The content of a YAML file: mappings, lists, numbers, text, and nothing else.
 
     Aliases are refused, as ROS's own reader of parameter files does: a few lines of them unfold to
-    more than any memory holds. A file that seems to have been cut short is told of.
+    more than any memory holds. A file that seems to be cut short gives a warning.
 
     Args:
         kind: class of the error that is raised.

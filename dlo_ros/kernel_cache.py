@@ -149,7 +149,7 @@ def find_folder(package: Path, chosen: str, digest: str) -> Path:
 
 
 def unwritable(package: Path, chosen: str) -> str:
-    """What to do where no folder for machine code can be written, one line; see `find_folder`."""
+    """Advice where no folder for machine code can be written, one line; see `find_folder`."""
     if chosen:
         return (
             f"NUMBA_CACHE_DIR is {chosen}, which cannot be written; name a folder for compiled "
@@ -215,7 +215,7 @@ def source_digest(package: Path) -> str:
 
 @cache
 def machine() -> str:
-    """What machine code depends on besides its sources: the Python and the processor."""
+    """Properties of Python and processor that machine code depends on besides its sources."""
     from llvmlite import binding
 
     config = _numba().config
@@ -247,7 +247,7 @@ def _numba() -> Any:
 
 
 def _parents(package: Path, chosen: str) -> list[Path]:
-    """Where the folder may lie, the best place first."""
+    """Folders in which the cache may lie, the best place first."""
     return [Path(chosen)] if chosen else [package / "__pycache__", *_user_caches()]
 
 

@@ -141,7 +141,7 @@ def _caller(kernel: LinkedKernel) -> Any:
 
 
 def _register(kernel: LinkedKernel) -> None:
-    """Tell numba of a kernel's type, and how to call it."""
+    """Register a kernel's type with numba, and the way to call it."""
     from numba import types
     from numba.core import cgutils, imputils
     from numba.core.typing.templates import AbstractTemplate, infer_global

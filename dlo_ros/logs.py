@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What tools and nodes tell of their steps: `--verbose` and the variable `DLO_ROS_LOG`.
+"""Logging of the steps of tools and nodes: `--verbose` and the variable `DLO_ROS_LOG`.
 
 Modules write to `logging.getLogger(__name__)`: warnings are for the user and always shown, `info`
 are the steps of a computation, `debug` what happened within a step.
@@ -31,7 +31,7 @@ LEVELS: Mapping[str, int] = {
 
 @dataclass(frozen=True)
 class LogChoice:
-    """What is wanted.
+    """The user's choice of log level and file.
 
     Args:
         level: lowest level of `logging` at which messages are shown.
@@ -51,7 +51,7 @@ def chosen(verbose: bool, variables: Mapping[str, str] = os.environ) -> LogChoic
     """The user's choice.
 
     Args:
-        verbose: whether `--verbose` was given, which tells at least the steps.
+        verbose: whether `--verbose` was given, which logs at least the steps.
         variables: the environment's variables.
 
     Raises:
@@ -94,7 +94,7 @@ class Lines(logging.Formatter):
 
 
 class Terminal(logging.Filter):
-    """Of the messages of one kind lets the first few different ones through, and counts the others.
+    """A filter that shows the first few different messages of one kind, and counts the others.
 
     Args:
         level: lowest level at which messages are shown; below a warning, all of them are shown.
@@ -123,7 +123,7 @@ class Terminal(logging.Filter):
         return self._shown
 
     def report_repeats(self) -> None:
-        """Say how often the same came again, or something like it."""
+        """Print how often the same message, or a similar one, was repeated."""
         for seen in self._seen.values():
             first, again = next(iter(seen)), seen.total() - min(len(seen), self.SHOWN)
             if again:
@@ -132,7 +132,7 @@ class Terminal(logging.Filter):
 
 
 WARNINGS = LogChoice(logging.WARNING)
-"""What is told where nothing was chosen."""
+"""The default: warnings alone."""
 
 
 @contextmanager
@@ -165,7 +165,7 @@ def package_logging(choice: LogChoice) -> Iterator[None]:
 
 @contextmanager
 def terminal_logging(choice: LogChoice) -> Iterator[None]:
-    """The same for a tool: warnings, and what was chosen, on stderr.
+    """Logging of a tool: warnings, and the chosen level, on stderr.
 
     Raises:
         InputError: see `package_logging`.

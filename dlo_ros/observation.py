@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What a camera saw of the DLO at one instant (no ROS here)."""
+"""Observations of the DLO by a camera at one instant (no ROS here)."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ class PointList:
     Args:
         stamp: [ns].
         positions: [m] in the board frame, shape (m, 3).
-        u: material coordinates [m], shape (m,); None where the tracker does not tell them.
-        std: standard deviation of each coordinate [m], shape (m,); None where it is not told.
+        u: material coordinates [m], shape (m,); None where the tracker does not state them.
+        std: standard deviation of each coordinate [m], shape (m,); None where it is not stated.
     """
 
     stamp: int
@@ -95,7 +95,7 @@ class Wrenches:
 
     @classmethod
     def along_axes(cls, end: str, stamps: NDArray[np.int64], values: FloatArray) -> Wrenches:
-        """Those of a sensor with the axes of the fixed frame.
+        """Wrenches of a sensor with the axes of the fixed frame.
 
         Args:
             values: force and torque [N; N m], shape (k, 6).

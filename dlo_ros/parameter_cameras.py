@@ -38,7 +38,7 @@ class CameraPose:
 
     @property
     def position(self) -> NDArray[np.float64]:
-        """Where the camera stands in the frame board [m], shape (3,)."""
+        """Position of the camera in the frame board [m], shape (3,)."""
         turned = Rotation.from_quat(self.rotation).inv().apply(self.translation)
         return -np.asarray(turned, dtype=np.float64)
 

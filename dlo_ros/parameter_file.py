@@ -47,7 +47,7 @@ def parameter_values(path: Path) -> dict[str, Any]:
 
 
 def read_parameter_file(path: Path) -> dict[str, Any]:
-    """As `parameter_values`; names that look like mistakes are told.
+    """Parameters as of `parameter_values`; names that look like mistakes give a warning.
 
     Raises:
         ParameterError: see `parameter_blocks`.
@@ -57,7 +57,7 @@ def read_parameter_file(path: Path) -> dict[str, Any]:
     for name in values:
         if name in TABLE or name.startswith(PREFIX) or of_cameras(name):
             continue
-        # Other nodes' parameters may stand beside ours; what looks like one of ours is told of.
+        # Other nodes' parameters may stand beside ours; a name like one of ours gives a warning.
         near = get_close_matches(name, TABLE, n=1, cutoff=0.85)
         if near or name.split(".")[0] in groups:
             meant = f"; is {near[0]} meant?" if near else ""

@@ -35,7 +35,7 @@ Quadruple = tuple[float, float, float, float]
 
 @dataclass(frozen=True)
 class WrenchParameters:
-    """How well force-torque sensors at the grips measure; a standard deviation of 0: not known."""
+    """Noise of force-torque sensors at the grips; a standard deviation of 0: not known."""
 
     force_std: float = 0.0
     torque_std: float = 0.0
@@ -50,7 +50,7 @@ NO_OFFSET: Offset = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
 @dataclass(frozen=True)
 class CommandParameters:
-    """Where the imposed motion comes from.
+    """Source of the imposed motion.
 
     Offsets are the clamp's pose in its frame: x y z [m], quaternion x y z w, x along growing u.
     """
@@ -64,14 +64,14 @@ class CommandParameters:
 
 @dataclass(frozen=True)
 class DiagnosisParameters:
-    """What difference between model and DLO matters."""
+    """Limit above which a difference between model and DLO matters."""
 
     material_err: float = 5e-4
 
 
 @dataclass(frozen=True)
 class VisionParameters:
-    """What is known of where the DLO is in the picture; the defaults say nothing."""
+    """Prior knowledge of the DLO's place in the picture; the defaults state nothing."""
 
     region: Quadruple = (0.0, 0.0, 0.0, 0.0)
     colour_low: Vector = (0.0, 0.0, 0.0)
@@ -191,7 +191,7 @@ class Settings(RodSettings):
         return result | flat_cameras(self.cameras)
 
     def with_physics(self, other: RodSettings) -> Settings:
-        """The same settings, with all that a simulated DLO depends on from others."""
+        """These settings, with all that a simulated DLO depends on taken from others."""
         parts = {f.name: getattr(other, f.name) for f in fields(RodSettings)}
         return replace(self, **parts)
 

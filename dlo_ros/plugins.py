@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What other packages add, found by their entry points."""
+"""Extensions by other packages, found by their entry points."""
 
 from __future__ import annotations
 

@@ -62,7 +62,7 @@ class RodParameters:
 
     @property
     def specific_modulus(self) -> float:
-        """E / mu [m^2/s^2], which is all that settled shapes can tell."""
+        """E / mu [m^2/s^2], which is all that settled shapes determine."""
         return self.young_modulus / self.density
 
 
@@ -78,7 +78,7 @@ class DampingParameters:
 
 @dataclass(frozen=True)
 class SimulationParameters:
-    """How the simulation is discretised, started and published."""
+    """Discretisation, start and rate of the simulation."""
 
     tolerance: float = 2e-4
     start: str = "equilibrium"
@@ -88,7 +88,7 @@ class SimulationParameters:
 
 @dataclass(frozen=True)
 class LimitParameters:
-    """What the DLO bears: bend radius [m] and tension [N]; 0 where there is no limit."""
+    """Limits of the load on the DLO: bend radius [m] and tension [N]; 0 where there is no limit."""
 
     bend_radius: float = 0.0
     tension: float = 0.0
@@ -153,15 +153,15 @@ class RodSettings:
 
     @property
     def scale(self) -> RopeScale:
-        """What numbers of effects are measured by."""
+        """Scale by which the numbers of effects are measured."""
         rod, damping = self.rod, self.damping
         weight, mass = rod.linear_density * STANDARD_GRAVITY, rod.linear_density * rod.length
         return RopeScale(rod.length, weight, mass, damping.air_drag, damping.relaxation_time)
 
     def with_effects(self, effects: Values) -> Self:
-        """The same settings with these effects, by name and key, and no others."""
+        """These settings with other effects, by name and key, and no others."""
         return replace(self, effects=effects)
 
     def with_material(self, young_modulus: float, density: float) -> Self:
-        """The same settings with another E [Pa] and mu [kg/m^3]."""
+        """These settings with another E [Pa] and mu [kg/m^3]."""
         return replace(self, rod=replace(self.rod, young_modulus=young_modulus, density=density))

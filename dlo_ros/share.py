@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Where the files are that come with the package: config, launch."""
+"""Locations of the files that come with the package: config, launch."""
 
 from __future__ import annotations
 

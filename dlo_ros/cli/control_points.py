@@ -45,7 +45,7 @@ def with_control_points(
     if not bags or NAME in parameter_values(params):
         return settings
     for path in bags:
-        with suppress(DloError):  # what is wrong with a bag is told where it is read
+        with suppress(DloError):  # a defect of a bag is reported where it is read
             number = _of_bag(path, settings, observe, anew=anew)
             if number is not None:
                 return replace(settings, rod=replace(settings.rod, control_points=number))

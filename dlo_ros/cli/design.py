@@ -296,7 +296,7 @@ def _report(
 
 
 def _determined(o: Outlook) -> tuple[float | None, float | None, float | None]:
-    # E and mu that only a guess holds are not told by the manipulation.
+    # E and mu that only a guess fixes are not determined by the manipulation.
     # By eigenvalues: what is known very well and not at all stands side by side in it.
     known, modes = np.linalg.eigh(0.5 * (o.information + o.information.T))
     free = (modes**2 / (np.maximum(known, 0.0) + 1e-6)).sum(axis=1)

@@ -37,7 +37,7 @@ RIVALS_NAMED = 2
 """Rivals that the headline names."""
 COUNTS = {2: "two", 3: "three", 4: "four", 5: "five", 6: "six"}
 UNEVEN_ERROR = 1.3
-"""Error at the worst over its mean, from which it is told where and when that is."""
+"""Error at the worst over its mean, from which the place and the time are stated."""
 STATIONS = 41
 """Places along the DLO at which the error is looked at."""
 NEAR_END, NEAR_MIDDLE = 0.15, 0.1
@@ -274,7 +274,7 @@ def _gain(found: Diagnosis, file: str) -> tuple[str, ...]:
         gain = found.gain
         if gain is not None and gain.value > 0.0:
             low, high = (f"{100.0 * v:.0f}" for v in (gain.low, gain.high))
-            # Pictures that do not differ, as of one pose, tell nothing of an interval.
+            # Pictures that do not differ, as of one pose, give no interval.
             interval = f" (95 % interval {low} to {high} %)" if low != high else ""
             change += f", {percent(gain.value)} less{interval}"
         else:

@@ -16,7 +16,7 @@ from dlo_ros.report.elements import measured, millimetres, number
 AXES = {2: "xz", 3: "xyz"}
 """Names of the components of a vector, by their number."""
 SMALL = 1.0
-"""Mass [kg] or time [s] below which it is told in thousandths."""
+"""Mass [kg] or time [s] below which it is printed in thousandths."""
 
 
 def title(effect: str) -> str:

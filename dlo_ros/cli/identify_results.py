@@ -33,7 +33,7 @@ from dlo_ros.rod.sensitivity_parameters import MATERIAL
 from dlo_ros.spline import FloatArray, SplineBasis
 
 ROLES = {"train": "used for the fit", "validate": "not used"}
-NOTABLE_STDS = 2.0  # standard deviations from neutral, from which a number of the set-up is told
+NOTABLE_STDS = 2.0  # standard deviations from neutral, from which a number of the set-up is listed
 PLACES = 24  # along the DLO, in the map of residuals
 MODEL_ERROR_RATIO = 2.0  # ERR over the noise floor beyond which the model misses something
 LARGEST_ELLIPSE_STD = 0.5  # relative standard deviation up to which an ellipse is drawn
@@ -171,7 +171,7 @@ def force_sentences(found: Identification) -> list[str]:
 
 
 def remarks(found: Identification) -> list[str]:
-    """Sentences on what the recordings can and cannot tell."""
+    """Sentences on what the recordings determine and what they do not."""
     estimate = found.estimate
     result = sentences(estimate, information(found))
     result += force_sentences(found)

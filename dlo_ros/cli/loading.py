@@ -55,7 +55,7 @@ def load_settings(arguments: argparse.Namespace, bags: Sequence[Path] = ()) -> S
 
     Args:
         arguments: parsed arguments of the command line.
-        bags: bags whose images tell the number of control points where the file does not.
+        bags: bags whose images determine the number of control points where the file does not.
 
     Raises:
         ParameterError: the file is unusable.
@@ -126,7 +126,9 @@ def load_information(path: Path) -> FloatArray:
 
 
 def prepare() -> None:
-    """Compile the model, or load it from the cache; a long wait is told on stderr."""
+    """Compile the model, or load it from the cache; progress of a long wait is printed on
+    stderr.
+    """
     compile_first(("rod",), lambda text: print(text, file=sys.stderr))
     compile_kernels()
 

@@ -307,7 +307,7 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
 
 
 def _leave(number: int, frame: FrameType | None) -> None:
-    """End at once, as somebody asked for."""
+    """End at once, on request."""
     os._exit(EXIT_DONE)
 
 

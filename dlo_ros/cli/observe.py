@@ -275,7 +275,7 @@ def _advice(found: list[VisionResult], settings: Settings) -> str:
 
 
 def _prepare() -> None:
-    """Compile the vision stage; a long wait is told on stderr."""
+    """Compile the vision stage; progress of a long wait is printed on stderr."""
     compile_first(("vision",), lambda text: print(text, file=sys.stderr))
 
 

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Which topics of a recording the demo plays (no ROS here)."""
+"""The choice of a recording's topics that the demo plays (no ROS here)."""
 
 from __future__ import annotations
 

@@ -70,7 +70,7 @@ def read_truth(bag: Path) -> dict[str, float]:
 def estimate_tree(
     received: ReceivedData, outcome: LiveOutcome, bag: str, truth: Mapping[str, float]
 ) -> Any:
-    """What estimate.json holds: the keys of `identify`, and `true` where the truth is known."""
+    """Content of estimate.json: the keys of `identify`, and `true` where the truth is known."""
     sample = outcome.sample
     tree: dict[str, Any] = {
         name: {"value": sample.values[name], "std": _finite(sample.std[name])}

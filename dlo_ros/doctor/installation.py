@@ -89,7 +89,7 @@ def _library(dependency: Dependency, importer: Callable[[str], Any]) -> Finding:
 
 
 def _version(dependency: Dependency, module: Any) -> str:
-    """As the module says, or as it was installed."""
+    """Version that the module states, or that was installed."""
     said = getattr(module, "__version__", None)
     if isinstance(said, str):
         return said

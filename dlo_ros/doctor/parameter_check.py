@@ -223,7 +223,7 @@ def _files(settings: Settings) -> list[Finding]:
 
 @contextmanager
 def _collected() -> Iterator[list[str]]:
-    """What the parameter reader warns of, instead of on the terminal."""
+    """Collect the parameter reader's warnings instead of printing them."""
     said: list[str] = []
 
     class Collect(logging.Handler):

@@ -33,7 +33,7 @@ class Start:
         screened: keys in which the effect is linear at first.
         fitted: keys that are fitted.
         neutral: whether the model is still that without the effect.
-        form: label that tells variants of one effect with different open parameters apart.
+        form: label that distinguishes variants of one effect with different open parameters.
         own: change of the other open parameters that belongs to it, as the fit sees them; empty:
             none.
     """
@@ -48,7 +48,7 @@ class Start:
 
     @property
     def afar(self) -> bool:
-        """Whether it begins far from neutral, where no key tells linearly of it."""
+        """Whether it begins far from neutral, where no derivative shows it."""
         return not self.neutral and not self.screened
 
 

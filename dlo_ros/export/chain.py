@@ -80,7 +80,7 @@ class CableChain:
         return self.length / self.joints
 
     def extent(self, link: int) -> tuple[float, float]:
-        """Where a link begins and ends on its x axis [m]."""
+        """First and last coordinate of a link on its x axis [m]."""
         h = self.cell
         return (0.5 * h if link == 0 else 0.0), (0.5 * h if link == self.joints else h)
 

@@ -97,7 +97,7 @@ def _measures(effect: Effect) -> bool:
 
 
 def _stretch(settings: Settings) -> float:
-    """By how much a DLO that hangs from one end is longer by its own weight [%]."""
+    """Relative lengthening of a DLO that hangs from one end, by its own weight [%]."""
     rod = settings.rod
     weight = rod.linear_density * STANDARD_GRAVITY * rod.length
     return 100.0 * 0.5 * weight / (rod.young_modulus * rod.area)

@@ -61,7 +61,7 @@ class Grip:
 
 
 def kind_of(command: Command, end: str) -> Kind | None:
-    """How a command holds an end; None: it is free."""
+    """Kind of grip with which a command holds an end; None: it is free."""
     last = command.control_points
     tip, second = (1, 2) if end == START else (last, last - 1)
     if end in command.names or {f"{CONTROL_POINT}{tip}", f"{CONTROL_POINT}{second}"} <= set(
@@ -72,7 +72,7 @@ def kind_of(command: Command, end: str) -> Kind | None:
 
 
 def pose_at(command: Command, end: str, stamp: int) -> Pose:
-    """Where a command holds an end at a stamp [ns]; it must hold it.
+    """Pose at which a command holds an end at a stamp [ns]; it must hold it.
 
     Of an end that is imposed by two control points, x is the line from one to the other and y is as
     near the board's normal as it can be; of a tip alone the orientation is that of the board.

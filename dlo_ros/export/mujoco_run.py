@@ -21,9 +21,7 @@ from dlo_ros.export.scenes import INSTANT
 from dlo_ros.spline import FloatArray, SplineBasis
 
 PROBE = """<mujoco><extension><plugin plugin="{}"/></extension></mujoco>"""
-REST_MOTION = (
-    2e-5  # of the length, that a cable at rest moves within the time of its slowest motion
-)
+REST_MOTION = 2e-5  # of the length, within the time of the slowest motion, of a cable at rest
 LONGEST = 100  # such times in which a cable comes to rest
 SAMPLES = 8  # points of the curve to a cell
 
@@ -34,7 +32,7 @@ def installed() -> Any | None:
         found = importlib.import_module("mujoco")
     except ImportError:
         return None
-    found.set_mju_user_warning(lambda text: None)  # what blows up is told of by its error
+    found.set_mju_user_warning(lambda text: None)  # a blow-up is reported by its error
     return found
 
 

@@ -72,7 +72,7 @@ class ComparedMotion:
         return found
 
     def pose(self, end: str, stamp: int) -> Pose:
-        """Where an end is held at a stamp [ns]."""
+        """Pose of a held end at a stamp [ns]."""
         command = self.motion.at(stamp)
         assert command is not None
         return pose_at(command, end, stamp)

@@ -44,7 +44,7 @@ def forecast_varied(
     spans: int | None = None,
     last_stamp: int | None = None,
 ) -> Forecast:
-    """As `forecast` with derivatives by `MATERIAL`.
+    """Forecast of one recording as `forecast` gives it, with derivatives by `MATERIAL`.
 
     Raises:
         InputError, SimulationError: as `forecast`.
@@ -62,7 +62,8 @@ def varied_in_pieces(
     last_stamp: int | None = None,
     frames: int | None = None,
 ) -> Generator[None, None, Varied | None]:
-    """As `forecast_varied`, in short pieces; None where the sets cannot be simulated at once.
+    """Forecast as of `forecast_varied`, in short pieces; None where the sets cannot be simulated at
+    once.
 
     Args:
         frames: observations of a piece; None: all.
@@ -127,7 +128,9 @@ def forecast_each(
 def forecast_together(
     manipulation: Manipulation, settings: Sequence[Settings], spans: int | None = None
 ) -> list[Forecast | None] | None:
-    """As `forecast_each`, but None altogether where the sets cannot share their simulation."""
+    """Forecasts as of `forecast_each`, but None altogether where the sets cannot share a
+    simulation.
+    """
     together = exhausted(_together(manipulation, settings, spans, None, None))
     return together.forecasts if together is not None else None
 
@@ -139,7 +142,7 @@ def forecast_in_pieces(
     last_stamp: int | None = None,
     frames: int | None = None,
 ) -> Generator[None, None, list[Forecast | None]]:
-    """As `forecast_each`, in short pieces for callers that must not wait.
+    """Forecasts as of `forecast_each`, in short pieces for callers that must not wait.
 
     Args:
         frames: observations of a piece; None: all.

@@ -2,7 +2,7 @@
 """The common scale of all forces of a model that shapes have determined but for that scale.
 
 E, mu, the drag and every force of an effect may be multiplied by one number without any shape being
-another. Forces measured at the grips tell it without a further simulation.
+another. Forces measured at the grips determine it without a further simulation.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ def borne_along(
     name: str, loadings: Sequence[Loading], stamps: Sequence[int], wrenches: Sequence[Wrenches],
     commands: Sequence[Command],
 ) -> list[GripForces]:  # fmt: skip
-    """What was measured at the ends, beside what the DLO bears at stamps [ns]."""
+    """Measured forces at the ends, beside the predicted ones at stamps [ns]."""
     result = []
     for measured in wrenches:
         predicted = grip_wrenches(loadings, measured.end)
@@ -112,7 +112,7 @@ def scale_of(
     known: float = 0.0,
     diameter_std: float = 0.0,
 ) -> Scale | None:
-    """The scale that forces tell; None where none was measured near a shape.
+    """The scale of all forces; None where no force was measured near a shape.
 
     Args:
         settings: settings of the parameter file, by whose weight force offsets are judged.
@@ -129,7 +129,7 @@ def scale_in_pieces(
     known: float = 0.0,
     diameter_std: float = 0.0,
 ) -> Pieces[Scale | None]:
-    """As `scale_of`, piece by piece for who must not wait."""
+    """The scale as of `scale_of`, in short pieces for callers that must not wait."""
     log, information = 0.0, 0.0
     fields: list[WrenchField] = []
     variances: list[FloatArray] = []
@@ -195,7 +195,7 @@ def with_scale(settings: Settings, log: float) -> Settings:
 
 
 def words(std: tuple[float | None, float | None, float | None], messages: int) -> str:
-    """A sentence on what measured forces tell of mu, and by what.
+    """A sentence on how well measured forces determine mu, and by what.
 
     Args:
         std: relative, with everything, from change alone, from the mean alone; None: unknown.

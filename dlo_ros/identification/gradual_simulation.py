@@ -18,7 +18,8 @@ from dlo_ros.rod.model_registry import simulation_of
 def simulated(
     model: ParametricModel, recording: Recording, names: Sequence[str], at_once: int = 1
 ) -> Pieces[Simulated]:
-    """As `dlo_ros.inference.joint.simulate` does of one recording, with the mean distance as ERR.
+    """Simulation of one recording as by `dlo_ros.inference.joint.simulate`, with the mean distance
+    as ERR.
 
     Args:
         names: parameters of which derivatives are wanted.

@@ -12,7 +12,7 @@ from dlo_ros.observation import Observation
 from dlo_ros.spline import FloatArray, SplineBasis
 
 DIFFERENCE_ORDERS = (2, 4, 6)
-FRAMES_FOR_NOISE = 12  # fewer tell too little about the scatter from frame to frame
+FRAMES_FOR_NOISE = 12  # fewer do not determine the scatter from frame to frame
 
 
 def correlation_length(residuals: Sequence[FloatArray], axis: int) -> float:
@@ -84,7 +84,7 @@ def _divided_differences(shapes: FloatArray, stamps: FloatArray, order: int) -> 
 
 
 def point_noise(observations: Sequence[Observation], basis: SplineBasis) -> float | None:
-    """The same from the stated std of the measured points, where a recording has them [m]."""
+    """Noise floor by the stated std of the measured points, where a recording has them [m]."""
     values = [
         float(np.sqrt(np.mean(o.points.std**2) * basis.control_points / len(o.points.std)))
         for o in observations

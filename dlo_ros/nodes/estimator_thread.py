@@ -33,7 +33,7 @@ COMMANDS = 2000
 
 
 class EstimateOutcome(NamedTuple):
-    """What an observed spline led to: an estimate, or the reason why there is none.
+    """The result of an observed spline: an estimate, or the reason why there is none.
 
     `stamp` is that of the newest spline behind it [ns]; `later` marks an estimate that further work
     has led to, without a new spline; `suspicion` says what the model seems to miss, if anything.
@@ -88,7 +88,7 @@ class EstimatorThread:
     def observe(self, observation: Observation) -> None:
         """Take an observed spline; where too many wait every second one is dropped.
 
-        What is left still tells of the whole time, and the estimate falls no further behind.
+        The remaining ones still cover the whole time, and the estimate falls no further behind.
         """
         with self._changed:
             splines = [task for task in self._tasks if isinstance(task, Observation)]
@@ -164,7 +164,7 @@ class EstimatorThread:
                     estimate = estimator.estimate
             except DloError as err:
                 problem = str(err)
-            except Exception as err:  # a defect must not end the thread, the node tells of it
+            except Exception as err:  # a defect must not end the thread, the node reports it
                 problem = f"{type(err).__name__}: {err}"
             if estimate is None and not problem:
                 continue

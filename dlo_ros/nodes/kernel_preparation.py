@@ -1,8 +1,8 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What a node does before it takes data: its kernels are compiled by other processes and loaded.
+"""The time before a node takes data: its kernels are compiled by other processes and loaded.
 
 Meanwhile the node answers parameters, services and diagnostics. Its latched topic `~/ready`
-(std_msgs/Bool) tells whether it takes data.
+(std_msgs/Bool) says whether it takes data.
 """
 
 from __future__ import annotations

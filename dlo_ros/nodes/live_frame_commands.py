@@ -15,13 +15,13 @@ from dlo_ros.nodes.transform_listener import KEPT, TransformListener
 from dlo_ros.recordings.frame_commands import POSES, clamp_frames, command_of, instants
 
 PERIOD = 0.02
-"""Seconds of wall time between two commands: a robot tells its frames more often than that."""
+"""Seconds of wall time between two commands: a robot publishes its frames more often than that."""
 
 POLL = 0.5
 """Seconds between two looks at whether the frames are there."""
 
 SILENCE_TIMEOUT = 1.0
-"""Seconds after which a robot that tells nothing any more is told of."""
+"""Seconds after which a warning says that a robot publishes nothing any more."""
 
 
 class FrameCommands:
@@ -79,7 +79,7 @@ class FrameCommands:
         try:
             stamps = instants(transforms, frames, self._node.settings.frame_id, self._last)
         except InputError:
-            return  # not all has come yet; `_look` tells where it stays so
+            return  # not all has come yet; `_look` reports where it stays so
         if not stamps and self._now and not self._last:  # all of it holds for good
             stamps = [self._now]
         new = [s for s in stamps if s > self._last]

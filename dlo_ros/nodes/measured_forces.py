@@ -110,7 +110,9 @@ class MeasuredForces:
         self, end: str, stamps: np.ndarray, table: FloatArray, frame: str,
         commands: Sequence[Command],
     ) -> list[Wrenches]:  # fmt: skip
-        """Forces (k, 6) in a frame as those in `frame_id`; none, which is told, where unknown."""
+        """Forces (k, 6) of a frame in `frame_id`; empty, with a warning, where its pose is
+        unknown.
+        """
         settings, topic, transforms = self._node.settings, TOPICS[end], self._transforms
         try:
             if not same_frame(frame, settings.frame_id):

@@ -87,7 +87,7 @@ class MultiCameraListener:
         self._held: deque[Images] = deque(maxlen=HELD)
         self._hold_until = 0.0
         self._front = 0.0  # when the first of those that wait came to the front
-        self._silent_since = -1  # stamp that the robot told last [ns]
+        self._silent_since = -1  # last stamp of the robot's frames [ns]
         self._last_depth = -DEPTH_FRESH
         self._transports: dict[str, tuple[str, Any]] = {}
         self._overlays: dict[str, Any] = {}

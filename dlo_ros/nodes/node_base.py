@@ -170,7 +170,9 @@ class DloNode(Node):
             )
 
     def optional_publisher(self, topic: str, qos: QoSProfile, kind: str = "") -> Any | None:
-        """As `publisher`; None, which is said, where the package of its messages is missing."""
+        """A publisher as of `publisher`; None, with a log line, where the package of its messages
+        is missing.
+        """
         wanted = kind or topics.type_of(topic)
         if installed(wanted):
             return self.publisher(topic, qos, kind)
@@ -195,7 +197,7 @@ class DloNode(Node):
             qos: profile.
             kind: type of its messages; the interface says that of its own topics.
             drain: whether all messages that wait are taken at once. An executor takes one of each
-                topic between two images, and a robot tells its poses more often than that.
+                topic between two images, and a robot publishes its poses more often.
         """
         message = message_class(kind or topics.type_of(topic))
         guarded = self.guarded(topic, callback)
@@ -219,7 +221,7 @@ class DloNode(Node):
 
     @contextmanager
     def _overriding(self, topic: str) -> Iterator[None]:
-        """Tell of an override that ROS refuses by names that a person understands."""
+        """Report an override that ROS refuses by names that a person understands."""
         try:
             yield
         except (RuntimeError, AttributeError, AssertionError) as err:

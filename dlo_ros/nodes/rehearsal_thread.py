@@ -100,7 +100,7 @@ class RehearsalThread:
                 found = request.simulate(request.prepare())
             except DloError as err:
                 problem = str(err)
-            except Exception as err:  # a defect must not end the thread, the node tells of it
+            except Exception as err:  # a defect must not end the thread, the node reports it
                 problem = f"{type(err).__name__}: {err}"
             with self._changed:
                 self._answers.append(Answer(found, problem, time.thread_time() - began))

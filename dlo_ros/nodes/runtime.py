@@ -43,7 +43,7 @@ LOG = "log directory"
 
 
 class RosLog(logging.Handler):
-    """What the package's modules below the nodes tell, in the node's log.
+    """Passes messages of the package's modules below the nodes to the node's log.
 
     Args:
         name: name of the node.

@@ -230,7 +230,7 @@ class SimulatorNode(DloNode):
             )
 
     def _known_until(self) -> int:
-        """The instant [ns] to which to predict: now, or the newest that a robot's frames tell."""
+        """The instant [ns] to which to predict: now, or the newest stamp of a robot's frames."""
         now, commands = self.now(), self._simulation.motion.commands
         if self.settings.command.source == "topic" or not commands:
             return now

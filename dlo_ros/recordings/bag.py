@@ -47,12 +47,12 @@ class Bag:
 
     @property
     def start(self) -> int:
-        """When the first message was recorded [ns]."""
+        """Time at which the first message was recorded [ns]."""
         return self._reader.start_time
 
     @property
     def end(self) -> int:
-        """When the last message was recorded [ns]."""
+        """Time at which the last message was recorded [ns]."""
         return self._reader.end_time - 1
 
     @property
@@ -203,7 +203,7 @@ def _check_index(path: Path, reader: Reader) -> None:
 
 
 def damaged(path: Path, err: Exception) -> RecordingError:
-    """The error that tells a person about a file that could not be parsed."""
+    """The error for a file that could not be parsed, as a message for people."""
     if isinstance(err, PermissionError):
         return RecordingError(f"{path}: cannot be read (permission denied)")
     return RecordingError(

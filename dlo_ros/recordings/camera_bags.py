@@ -53,7 +53,7 @@ def has_depth(path: Path) -> bool:
 
 
 def count_images(path: Path, camera: str) -> int:
-    """How many pictures of a camera a bag holds."""
+    """Number of a camera's pictures in a bag."""
     with open_bag(path) as bag:
         return sum(connection.msgcount for connection in _images(bag, camera))
 

@@ -233,7 +233,7 @@ def _csv_tracks(path: Path) -> dict[str, _Track]:
 
 
 def _columns(name: str, head: Sequence[str]) -> tuple[str, Sequence[str]]:
-    """How a name's columns say its direction: kind, and the columns themselves."""
+    """Kind of a name's direction columns, and the columns themselves."""
     own = {c.rpartition(".")[2] for c in head if c.rpartition(".")[0] == name and c != "time"}
     forms = {"rotation": QUATERNION, "direction": DIRECTION, "angle": (ANGLE,)}
     unknown = own - {"x", "y", "z"} - {c for form in forms.values() for c in form}

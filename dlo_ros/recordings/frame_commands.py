@@ -2,7 +2,7 @@
 """The imposed motion from a robot's frames (`command.source`: tf) or poses (pose).
 
 A frame, and the clamp's offset in it, give the clamp's pose in `frame_id` at the instants at which
-the robot tells it; between them it is interpolated as in any command.
+the robot publishes it; between them it is interpolated as in any command.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from dlo_ros.recordings.transforms import Transforms, common_instants, transform
 from dlo_ros.spline import FloatArray
 
 CLOSEST = NANOSECONDS // 1000
-"""Instants closer than this [ns] are one: robots tell each joint by itself."""
+"""Instants closer than this [ns] are one: robots publish each joint by itself."""
 
 POSES = {START: topics.START_POSE, END: topics.END_POSE}
 
@@ -40,7 +40,7 @@ def clamp_frames(settings: Settings) -> dict[str, tuple[str, Offset]]:
 def instants(
     transforms: Transforms, frames: dict[str, tuple[str, Offset]], fixed: str, since: int = 0
 ) -> list[int]:
-    """Stamps [ns] at which all clamps' poses are known and one is told anew.
+    """Stamps [ns] at which all clamps' poses are known and one of them is updated.
 
     Empty where nothing moves.
 

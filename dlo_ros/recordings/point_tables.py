@@ -2,7 +2,7 @@
 """Points of another tracker as tables: a line for each point, CSV or Parquet.
 
 Columns are `stamp_ns` or `time_s`, `x`, `y`, `z` [m] in the board's frame and, where the tracker
-tells them, `u` and `std` [m]. Lines of one instant are one list, in any order.
+states them, `u` and `std` [m]. Lines of one instant are one list, in any order.
 """
 
 from __future__ import annotations

@@ -285,7 +285,7 @@ def _observations(bag: Bag, settings: Settings, skipped: list[str]) -> list[Obse
 
 
 def _continuous(observations: list[Observation]) -> list[Observation]:
-    """The same splines with the twist unwrapped in time."""
+    """The splines with the twist unwrapped in time."""
     result: list[Observation] = []
     for observation in observations:
         points = observation.control_points.copy()

@@ -41,7 +41,7 @@ KINDS = topics.TYPES | {
 BY_TYPE = (
     topics.IMAGE, topics.COMPRESSED, topics.CAMERA_INFO, topics.POINTS, topics.COMMAND,
 )  # fmt: skip
-"""Topics that are told by their type where only one topic of the bag has it."""
+"""Topics that are recognised by their type where only one topic of the bag has it."""
 
 
 def chosen(held: Mapping[str, str], named: Mapping[str, str]) -> dict[str, str]:

@@ -122,7 +122,7 @@ def read_csv(
     """Commands and observed splines of CSV files, or of a folder that has them.
 
     Args:
-        inputs: files, told apart by their columns, or folders.
+        inputs: files, distinguished by their columns, or folders.
         settings: settings with the number of control points and the frame of the recording.
 
     Raises:

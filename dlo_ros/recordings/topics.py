@@ -86,7 +86,7 @@ MOVING_TRANSFORMS = "/tf"
 """Transforms that change, of the whole system."""
 
 STATE = ("/clock", "/observer/ready", "/simulator/ready", "/identifier/ready")
-"""Ends of the names of topics that tell what is so now; played again they would be wrong."""
+"""Ends of the names of topics that describe the present state; played again they would be wrong."""
 
 
 def of_camera(name: str, topic: str) -> str:

@@ -45,7 +45,7 @@ def common_instants(stamps: Sequence[Sequence[int]], since: int = 0) -> list[int
 
 @dataclass
 class Transforms:
-    """For each frame its parent, and its pose there over time."""
+    """Parent of each frame, and its pose there over time."""
 
     parents: dict[str, str] = field(default_factory=dict)
     stamps: dict[str, list[int]] = field(default_factory=dict)
@@ -126,7 +126,7 @@ class Transforms:
                 )
 
     def instants(self, frame: str, fixed: str, since: int = 0) -> list[int]:
-        """Stamps [ns] at which a frame's pose in another is told anew, while all of it is known.
+        """Stamps [ns] at which a frame's pose in another is updated, while all of it is known.
 
         Empty where all that joins them holds for good.
 
@@ -143,7 +143,7 @@ class Transforms:
     def lookup(
         self, frame: str, fixed: str, stamps: Sequence[int]
     ) -> tuple[FloatArray, FloatArray]:
-        """Poses of a frame in another at stamps [ns], between two that were told linearly.
+        """Poses of a frame in another at stamps [ns], linear between two received ones.
 
         Returns:
             Rotations, shape (k, 3, 3), and origins [m], shape (k, 3).

@@ -121,7 +121,7 @@ def in_fixed_frame(
 def held_at(
     end: str, stamps: Sequence[int], settings: Settings, commands: Sequence[Command]
 ) -> FloatArray:
-    """Where an end is commanded to be at stamps [ns], shape (k, 3) [m].
+    """Commanded position of an end at stamps [ns], shape (k, 3) [m].
 
     Raises:
         InputError: no command holds it.

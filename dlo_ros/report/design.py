@@ -38,7 +38,7 @@ class DesignedExperiment:
         name: name of the manipulation, for people.
         origin: `given` or `searched`.
         gain: expected information about E and mu [bit].
-        std: relative standard deviations of E, mu and E/mu after it; None where it tells nothing.
+        std: relative standard deviations of E, mu and E/mu after it; None where it is unknown.
         response: mean displacement for 1 % of E/mu [m].
         reason: the reason for its rank.
         panels: instants to show; may be empty.

@@ -99,7 +99,7 @@ class RelatedInput:
         share: fraction of the repeating part of the residual that the input predicts.
         chance: fraction of the surrogates that are explained as well.
         significant: whether the relation is more than chance.
-        alike: inputs that cannot be told from it.
+        alike: inputs that cannot be distinguished from it.
     """
 
     name: str

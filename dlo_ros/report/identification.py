@@ -103,7 +103,7 @@ class IdentificationReport:
         tracks: estimates over time or iterations; may be empty.
         track_label: label of the axis over which the tracks are drawn, with its unit.
         noise_floor: the ERR that a perfect model would have [m]; None where not known.
-        remarks: sentences for the reader, such as what the data cannot tell.
+        remarks: sentences for the reader, such as on what the data do not determine.
         ellipses: pairs of parameters and their common uncertainty; may be empty.
         loads: loads on the DLO in the recordings; may be empty.
         cameras: positions [m] of the cameras that have names, which the view in space shows.

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from dlo_ros.report.elements import UNKNOWN, number, paragraph, table
 
 LONGEST_RADIUS = 1e3
-"""Bend radius [m] beyond which a DLO is told to be straight."""
+"""Bend radius [m] beyond which a DLO is called straight."""
 WORDS = (
     "The largest loads on the DLO and its grips in the model, at the pictures' instants. A grip's "
     "force acts on the DLO. The simulator publishes the same live, with an alarm "

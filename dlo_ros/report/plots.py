@@ -15,7 +15,7 @@ from matplotlib.ticker import LogFormatterSciNotation, MaxNLocator
 from dlo_ros.report.elements import typeset
 from dlo_ros.spline import FloatArray
 
-# Colours of Okabe and Ito, which most colour-blind people tell apart. The page's style defines
+# Colours of Okabe and Ito, which most colour-blind people can distinguish. The page's style defines
 # them again, brighter on a dark ground, so each is replaced by the name of its variable.
 COLOURS = {
     "ink": "#333334",

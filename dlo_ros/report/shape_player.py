@@ -33,7 +33,7 @@ RAY = 0.6
 
 @dataclass(frozen=True)
 class Photograph:
-    """What the camera saw, with the curves in its pixels.
+    """A camera's picture, with the curves in its pixels.
 
     Args:
         jpeg: the file's bytes.

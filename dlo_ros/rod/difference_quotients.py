@@ -58,7 +58,7 @@ class DifferenceQuotients(RodSimulation):
 
     @classmethod
     def of_present(cls, middle: RodSimulation, parameters: Sequence[str]) -> DifferenceQuotients:
-        """Those of a simulation that goes on from its present state."""
+        """Difference quotients of a simulation that goes on from its present state."""
         sides = [middle.fork(s, loads=False) for s in variants(middle.settings, parameters)]
         return cls(middle, parameters, sides)
 
@@ -172,7 +172,7 @@ class DifferenceQuotients(RodSimulation):
         return self._joined(rests[:1], [[rest] for rest in rests[1:]])[0]
 
     def with_sensitivities(self, parameters: Sequence[str], present: Command) -> RodSimulation:
-        """As the simulation is here, with sensitivities to what happens from now on."""
+        """The present simulation, with sensitivities to what happens from now on."""
         return DifferenceQuotients.of_present(self._middle.fork(self.settings), parameters)
 
 

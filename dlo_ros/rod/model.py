@@ -56,7 +56,7 @@ class RodModel:
     section: tuple[float, float, float] = (1.0, 1.0, 1.0)
 
     def with_settings(self, settings: RodSettings) -> RodModel:
-        """The same discretisation with other material, damping, gravity or effects."""
+        """The discretisation with other material, damping, gravity or effects."""
         same = replace(self, settings=settings)
         kept = {k: v for k, v in self.__dict__.items() if k in DISCRETISATION}
         same.__dict__.update(kept)

@@ -231,7 +231,7 @@ def slack(settings: RodSettings, command: Command) -> FloatArray:
         along = chord / apart if apart > SLACK * length else np.array([1.0, 0.0, 0.0])
         side = down - (down @ along) * along
         size = float(np.linalg.norm(side))
-        # Where gravity tells no side: any one within the board.
+        # Where gravity decides for no side: any one within the board.
         side = side / size if size > 1e-6 else np.cross(along, [0.0, 1.0, 0.0])
         half = brentq(lambda x: np.sinc(x / np.pi) - apart / length, 1e-9, 1.01 * np.pi)
         angle, radius = half * (2.0 * u / length - 1.0), 0.5 * length / half

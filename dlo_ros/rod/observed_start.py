@@ -32,7 +32,7 @@ from dlo_ros.spline import FloatArray, SplineBasis
 
 @dataclass(frozen=True)
 class FirstShapes:
-    """What is known of a DLO when its simulation starts.
+    """Knowledge of a DLO when its simulation starts.
 
     Args:
         observations: one observation, or two for simulation.start `moving`, with the instants at

@@ -1,5 +1,6 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""How fine the simulation must be: its own discretisation error, estimated and kept below a bound.
+"""The necessary resolution: the simulation's own discretisation error, estimated and kept below a
+bound.
 
 A spline rod with the message's ten control points is millimetres off (numerics.md), so the
 simulation has a basis of its own, whose knots contain the published ones.
@@ -79,7 +80,7 @@ def choose(
 def choosing(
     settings: RodSettings, command: Command, shape: FloatArray, stamps: Sequence[int]
 ) -> Generator[None, None, Resolution]:
-    """As `choose`, in short pieces: it yields between equilibria."""
+    """The choice as of `choose`, in short pieces: it yields between equilibria."""
     rod = settings.rod
     published = SplineBasis(rod.control_points, rod.length)
     pick = np.unique(np.linspace(0, len(stamps) - 1, PROBES).round().astype(int))

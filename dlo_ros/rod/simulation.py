@@ -93,7 +93,7 @@ class Simulation(RodSimulation):
     def starting(
         self, observations: Sequence[Observation], last_stamp: int | None = None
     ) -> Generator[None, None, None]:
-        """As `start`, in short pieces; stability is not reported."""
+        """The start as by `start`, in short pieces; stability is not reported."""
         if self._spans is None:
             yield from self.judging(observations, last_stamp)
         assert self._spans is not None

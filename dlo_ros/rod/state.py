@@ -116,7 +116,7 @@ def twist_along(model: RodModel, start: float, strain: FloatArray) -> FloatArray
 
 
 def refined(state: State, model: RodModel, finer: RodModel) -> State:
-    """The same state in another basis, exact where its knots contain the old ones.
+    """The state in another basis, exact where its knots contain the old ones.
 
     Sensitivities are not carried over, nor is what bending and friction remember.
 

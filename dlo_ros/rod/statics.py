@@ -59,7 +59,7 @@ class Equilibrium:
 
 
 def hold(model: RodModel, boundary: Boundary, state: State, command: Command, stamp: int) -> Held:
-    """What the command holds at a stamp, for a rod in a given state."""
+    """Degrees of freedom that the command holds at a stamp, for a rod in a given state."""
     true = true_command(model, command)
     return boundary.held(true, stamp, state.q[[0, -1], 3], state.frames, model.body.lengthening)
 

@@ -169,7 +169,7 @@ class DiscreteRod:
         return self.mass[:, None] * self.gravity + self.force
 
     def coarsened(self, keep: NDArray[np.int64]) -> DiscreteRod:
-        """The same rod on some of its nodes, `keep` in growing order with both ends."""
+        """The rod on some of its nodes, `keep` in growing order with both ends."""
         u = self.u
         at, starts = u[keep], keep[:-1]
         spread = np.array([np.interp(u, at, row) for row in np.eye(len(keep))])  # (kept, N + 1)
@@ -267,7 +267,7 @@ class DiscreteRod:
         *,
         law: BendingLaw | None = None,
     ) -> PlanarPotential:
-        """What an equilibrium minimises: no inertia, no friction.
+        """The function that an equilibrium minimises: no inertia, no friction.
 
         Args:
             held: 1 where a node is imposed, 0 where it is free, shape (N + 1,).

@@ -267,7 +267,7 @@ def _without_effects(block: Any) -> Any:
 
 
 def _check_effects(experiment: Experiment, where: str) -> None:
-    """What is wrong with effects only for this rope.
+    """Refuse effects that are wrong for this rope only.
 
     Raises:
         InputError: no length is left, or something lies beyond the rope's end.

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""The imposed motion as a robot tells it: grippers as frames in `/tf` and as poses."""
+"""The imposed motion as a robot publishes it: grippers as frames in `/tf` and as poses."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ PERIOD = NANOSECONDS // 100
 """Time between two poses of a gripper [ns]: robot drivers publish joints at 100 Hz or more."""
 
 MARGIN = NANOSECONDS // 10
-"""Time for which the grippers' poses are told before the first image and after the last [ns]."""
+"""Time for which the grippers' poses are written before the first image and after the last [ns]."""
 
 
 def check_frames(settings: Settings, command: Command, where: str) -> None:
-    """Refuse frames that cannot tell an experiment's motion.
+    """Refuse frames that cannot express an experiment's motion.
 
     Args:
         settings: the true parameters.
@@ -32,7 +32,7 @@ def check_frames(settings: Settings, command: Command, where: str) -> None:
         where: name of the experiment file, for messages.
 
     Raises:
-        InputError: a frame has no grip to tell of, or a grip no frame.
+        InputError: a frame belongs to no grip, or a grip has no frame.
     """
     source = settings.command.source
     if source == "topic":

@@ -172,7 +172,7 @@ def read_effects(
 
 @dataclass(frozen=True)
 class HiddenEffects:
-    """What an experiment hides.
+    """The effects that an experiment hides.
 
     Args:
         effects: hidden effects that the interface names.
@@ -226,7 +226,7 @@ class HiddenEffects:
         return np.asarray(Rotation.from_rotvec(turn).apply(gravity))
 
     def measured(self, points: FloatArray, time: float = 0.0) -> FloatArray:
-        """Where the camera takes points to be.
+        """Positions of points as the camera measures them.
 
         Args:
             points: true ones in the board frame [m], shape (m, 3).

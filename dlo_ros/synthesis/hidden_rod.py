@@ -147,7 +147,7 @@ def build_rod(
 def change(
     settings: Settings, hidden: HiddenEffects, travelled: Callable[[float], float], axes: int = 2
 ) -> Change | None:
-    """What the rod is at a time, where something of it changes by itself.
+    """Properties of the rod at a time, where some of them change by themselves.
 
     Args:
         settings: parameters of the rod.

@@ -113,7 +113,7 @@ def _spring(k: float, half: float, strain: float) -> tuple[float, float, float]:
 
 
 def _slide(law: BendingLaw, i: int, turn: float) -> float:
-    """How far the plastic slider moves when vertex i comes to a turning angle [rad]."""
+    """Displacement of the plastic slider when vertex i comes to a turning angle [rad]."""
     k, half = law.stiffness[i], law.half[i]
     h, before = law.hardening[i], law.plastic[i]
     trial = turn - law.rest[i] - before

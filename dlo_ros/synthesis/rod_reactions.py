@@ -67,13 +67,13 @@ def _in_plane(simulation: DiscreteRodSimulation) -> tuple[FloatArray, Torque]:
 
 
 def _in_space(simulation: SpatialSimulation) -> tuple[FloatArray, Torque]:
-    """The same of a rod in space."""
+    """Forces and torques of a rod in space."""
     shape, spin, potential = simulation.last
     free = potential._replace(free=np.ones_like(potential.free))
     _, gradient, _ = spatial_energy.evaluate(shape, spin, free)
 
     def energy(end: int, turn: FloatArray) -> float:
-        """With a clamp turned about an axis by its length [rad]."""
+        """Energy with a clamp turned about an axis by its length [rad]."""
         held = Rotation.from_rotvec(turn).as_matrix()
         tangent, director = potential.ends.tangent.copy(), potential.ends.director.copy()
         tangent[end], director[end] = held @ tangent[end], held @ director[end]
@@ -177,7 +177,7 @@ def record(
 def _acceleration(
     simulation: DiscreteRodSimulation | SpatialSimulation, node: int, stamps: Sequence[int]
 ) -> FloatArray:
-    """Of an imposed node [m/s^2], shape (T, 3)."""
+    """Acceleration of an imposed node [m/s^2], shape (T, 3)."""
     places = []
     for stamp in stamps:
         time = (stamp - START_STAMP) / NANOSECONDS

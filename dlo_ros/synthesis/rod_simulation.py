@@ -117,7 +117,9 @@ class DiscreteRodSimulation:
 
     @property
     def potential(self) -> PlanarPotential:
-        """What the last step has minimised; at rest, what an equilibrium minimises."""
+        """The function that the last step has minimised; at rest, the one that an equilibrium
+        minimises.
+        """
         if self._potential is not None:
             return self._potential
         boundary, rod = self.boundary(self.time), self.rod_at(self.time)

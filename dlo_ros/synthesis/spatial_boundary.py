@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What the grips impose on a rod in space."""
+"""Values that the grips impose on a rod in space."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from dlo_ros.synthesis.spatial_energy import (
 
 @dataclass(frozen=True)
 class SpatialBoundary:
-    """What is imposed at one instant.
+    """Imposed values at one instant.
 
     Args:
         positions: [m], shape (3,), of imposed nodes by their index.
@@ -31,7 +31,7 @@ class SpatialBoundary:
     turns: tuple[FloatArray | None, FloatArray | None] = (None, None)
 
     def free(self, nodes: int) -> NDArray[np.bool_]:
-        """Which degrees of freedom are, shape (4 (N + 1),)."""
+        """Whether each degree of freedom is free, shape (4 (N + 1),)."""
         result = np.ones((nodes, DOF), dtype=np.bool_)
         result[list(self.positions), :3] = False
         result[-1, 3] = False

@@ -48,7 +48,7 @@ class EndFrames(NamedTuple):
 
     @property
     def held(self) -> NDArray[np.bool_]:
-        """Which ends are clamped, shape (2,)."""
+        """Whether each end is clamped, shape (2,)."""
         return np.isfinite(self.tangent[:, 0])
 
 
@@ -69,7 +69,7 @@ class Drag(NamedTuple):
 
 
 class SpatialPotential(NamedTuple):
-    """What one implicit step, or an equilibrium, minimises.
+    """The function that one implicit step, or an equilibrium, minimises.
 
     Args:
         free: whether a degree of freedom is free, shape (4 (N + 1),).
@@ -236,7 +236,9 @@ def _incidence() -> FloatArray:
 
 @lru_cache(maxsize=8)
 def _places(nodes: int) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Where the lower halves of the vertices' matrices go in the flat band, padded at both ends."""
+    """Places of the lower halves of the vertices' matrices in the flat band, padded at both
+    ends.
+    """
     size = DOF * (nodes + 2)
     row, column = np.tril_indices(BANDS)
     start = DOF * np.arange(nodes)[:, None]
@@ -326,7 +328,7 @@ def _stretch_slopes(
 def _softened(
     strain: FloatArray, stiffness: FloatArray, rest: FloatArray, half: FloatArray
 ) -> tuple[float, FloatArray, FloatArray]:
-    """What softening takes from the linear law: energy, stresses (n, 3), tangents (n, 3, 3)."""
+    """Loss by softening against the linear law: energy, stresses (n, 3), tangents (n, 3, 3)."""
     s = stiffness[:, :2, :2]
     mean = 0.5 * np.trace(s, axis1=1, axis2=2)
     y = (strain - rest)[:, :2]

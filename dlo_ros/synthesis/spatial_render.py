@@ -137,7 +137,7 @@ class SpatialRenderer:
         return np.rint(np.clip(MILLIMETRES * result, 0, 65535)).astype(np.uint16).reshape(shape)
 
     def layers(self, line: FloatArray, u: FloatArray) -> Layers:
-        """What the camera sees of the rope, before the lens's blur; arguments as in `depth`."""
+        """The visible samples of the rope, before the lens's blur; arguments as in `depth`."""
         camera = self.geometry.camera
         pixels = self.geometry.project(line)
         depth = line @ self.geometry.rotation[2] + self.geometry.pose.translation[2]

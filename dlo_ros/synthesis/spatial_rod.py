@@ -68,7 +68,7 @@ class SpatialRod(DiscreteRod):
         return result / self.vertex_lengths[:, None, None]
 
     def coarsened(self, keep: NDArray[np.int64]) -> SpatialRod:
-        """The same rod on some of its nodes, `keep` in growing order with both ends."""
+        """The rod on some of its nodes, `keep` in growing order with both ends."""
         coarse = super().coarsened(keep)
         assert isinstance(coarse, SpatialRod)
         return replace(

@@ -220,7 +220,7 @@ class SpatialSimulation:
         return stored + 0.5 * (moving + float(np.sum(rod.spin_inertia * self._spin**2)))
 
     def _at_rest(self, rod: SpatialRod, boundary: SpatialBoundary) -> SpatialPotential:
-        """What an equilibrium minimises."""
+        """The function that an equilibrium minimises."""
         none = np.zeros(len(rod.lengths))
         return SpatialPotential(
             free=boundary.free(len(rod.mass)), lengths=rod.lengths, ends=self.ends,
@@ -388,7 +388,7 @@ def _bending(rod: SpatialRod, ends: EndFrames) -> dict[str, Any]:
 
 
 def _inertia(rod: SpatialRod) -> FloatArray:
-    """What hinders each degree of freedom on the way to an equilibrium, shape (4 (N + 1),)."""
+    """Pseudo inertia of each degree of freedom on the way to an equilibrium, shape (4 (N + 1),)."""
     result = np.repeat(rod.mass[:, None], DOF, axis=1)
     result[:, 3] *= (GYRATION * rod.u[-1]) ** 2
     return result.ravel()

@@ -114,7 +114,7 @@ def synthesize(
 def measure(
     experiment: Experiment, truth: Truth, frames: Iterable[int], seed: int
 ) -> Iterator[tuple[int, CentrelinePoints, FloatArray]]:
-    """What an observer would publish: points with noise across the rope, and their spline.
+    """Results as of an observer: points with noise across the rope, and their spline.
 
     Yields:
         Index of the frame, the points, and control points x, y, z [m], shape (n, 3); where twist is

@@ -188,7 +188,7 @@ class Grips:
         }
 
     def boundary(self, time: float) -> ImposedNodes:
-        """What is imposed in the plane at a time [s] since the start of the recording."""
+        """Imposed values in the plane at a time [s] since the start of the recording."""
         at, turned = self._imposed(time)
         angles = {
             n: float(np.arctan2(-d[2], d[0])) for n, d in self._directions(at, turned).items()
@@ -197,7 +197,7 @@ class Grips:
         return ImposedNodes(positions, start=angles.get(START), end=angles.get(END))
 
     def spatial_boundary(self, time: float) -> SpatialBoundary:
-        """What is imposed in space at a time [s] since the start of the recording."""
+        """Imposed values in space at a time [s] since the start of the recording."""
         at, turned = self._imposed(time)
         directions = self._directions(at, turned)
         frames = {name: rotation.as_matrix() for name, rotation in turned.items()}

@@ -88,7 +88,9 @@ class Observer:
 
     @property
     def mask(self) -> Image | None:
-        """Where the DLO may be in the next images, not zero there, shape (h, w); None: anywhere."""
+        """Mask of where the DLO may be in the next images, not zero there, shape (h, w); None:
+        anywhere.
+        """
         return self._hints.mask
 
     @mask.setter
@@ -307,7 +309,7 @@ class Observer:
         moved, aside = centred(image, resample(moved, spacing), rough.width)
         if (
             aside or rough.known_width
-        ):  # then what looks like edges is not to be trusted to tell the width
+        ):  # then what looks like edges is no reliable measure of the width
             width = rough.width
         located = locate(
             image,

@@ -45,10 +45,10 @@ from dlo_ros.parameters import Settings
 from dlo_ros.rod.sensitivity_parameters import MATERIAL
 from dlo_ros.spline import FloatArray, SplineBasis
 
-# E/mu is not known when an experiment is planned: what it tells is averaged over these factors.
+# E/mu is not known when an experiment is planned: its information is averaged over these factors.
 HYPOTHESES = (0.5, 1.0, 2.0)
 REFITS = 6  # rounds in which the second model is fitted to the first
-POINTS = 81  # along the DLO, where displacements are told
+POINTS = 81  # along the DLO, at which displacements are given
 
 
 @dataclass(frozen=True)
@@ -238,7 +238,7 @@ def outlook(
     found = replace(found, derivative=derivative)
     covariance = np.linalg.inv(before + expected_data)
     std = {k: math.sqrt(max(float(c @ covariance @ c), 0.0)) for k, c in COMBINATIONS.items()}
-    # Rod theories differ by that much (see `residual_information`), and shapes tell E D^2 / mu.
+    # Rod theories differ by that much (see `residual_information`), and shapes show E D^2 / mu.
     theory = STRETCH_STIFFNESS * strain(settings)
     thickness = 2.0 * (settings.rod.diameter_std / settings.rod.diameter or DIAMETER_STD)
     for name in ("young_modulus", "specific_modulus"):

@@ -348,7 +348,7 @@ def recentred(
         information: information (4, 4) of the data.
     """
     off = np.where(np.isfinite(guess), fit.theta - guess, 0.0)
-    # Where the data alone would go, in the directions that they tell.
+    # Where the data alone would go, in the directions that they determine.
     wanted = np.linalg.pinv(fit.normal, rcond=1e-9, hermitian=True) @ fit.gradient
     step = np.linalg.solve(information + known, information @ wanted - known @ off)
     return np.asarray(fit.theta + step)

@@ -53,7 +53,7 @@ MU = MATERIAL.index("density")
 RATIOS = np.array([[1.0, 1.0, 0, 0], [0, 1.0, 0, 0], [0, 1.0, 1.0, 0], [0, 0, 0, 1.0]])
 """Logarithms of `MATERIAL` from those of E/mu, mu, c/mu and t_r."""
 ROUNDING = 1e-9
-"""Least share of what shapes tell of E/mu that is not the diameter's."""
+"""Least share of the shapes' information on E/mu that is not lost to the diameter."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,7 @@ def information_with_forces(
     pairs = [(r, s) for r, s in zip(train, spans, strict=True) if r.wrenches]
     if not pairs:
         return None
-    # Shapes and forces alike tell E D^4 and mu D^2: what is not known of D is left for the end.
+    # Shapes and forces alike determine E D^4 and mu D^2: the error of D is added at the end.
     diameter = given.rod.diameter_std / given.rod.diameter or (DIAMETER_STD if set_up else 0.0)
     stated, shapes = shapes, _exact_diameter(shapes, diameter)
     known = known_information(given, weighed=True)

@@ -27,7 +27,7 @@ class AccumulatedInformation:
         self._measured: tuple[Run | None, int] = (None, 0)
 
     def measure(self, run: Run, prior: PriorInformation) -> Pieces[None]:
-        """Measure how much a run tells, where that is not known or was measured long ago.
+        """Measure the information of a run, where that is not known or was measured long ago.
 
         Args:
             run: the present one.

@@ -81,7 +81,7 @@ class JudgedResolution:
 
     @classmethod
     def of(cls, settings: Settings, spans: int, error: float) -> JudgedResolution:
-        """That of some settings."""
+        """The resolution that was found for some settings."""
         ratio, tolerance = settings.rod.specific_modulus, settings.simulation.tolerance
         return cls(spans, error, ratio, tolerance)
 
@@ -135,7 +135,7 @@ class PriorInformation:
         return at.scale(step) / self.autocorrelation_time
 
     def fold(self, at: Linearised, theta: FloatArray, share: float) -> None:
-        """Take what a window has told into the summary.
+        """Add the information of a window to the summary.
 
         Args:
             at: the window's problem.
@@ -231,7 +231,7 @@ class Run:
         return float(sum(np.sum(r**2) for s, r in pairs if s <= stamp))
 
     def forecast(self) -> Forecast:
-        """What was predicted, beside what was observed; err is left at zero."""
+        """Predicted beside observed shapes; err is left at zero."""
         return Forecast(
             np.array(self.stamps),
             np.array(self.predicted),

@@ -79,7 +79,7 @@ class ObservedWindow:
         self.observations, self.anchor = [], anchor
 
     def manipulation(self) -> Window | None:
-        """What was imposed and seen since the start; None once its beginning has been let go."""
+        """Commands and observations since the start; None once the beginning has been dropped."""
         if self.anchor is not None:
             return None
         commands, seen = tuple(self.motion.commands), tuple(self.observations)

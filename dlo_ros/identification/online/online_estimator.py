@@ -66,9 +66,7 @@ FEWEST_AT_ONCE, MOST_AT_ONCE = 2, 20
 AT_ONCE = 6  # likewise, with several sets of parameters
 ITERATIONS = 4  # before the work begins that else would wait
 WINDOW = 20.0  # [s] of past that is simulated again; older information is kept as a summary
-RETRY_GROWTH = (
-    1.2  # growth of the past after which a relinearisation is tried again that did not help
-)
+RETRY_GROWTH = 1.2  # growth of the past after which a failed relinearisation is tried again
 TRIALS = (0.3, 0.8, 1.6, 3.2)  # [s] of past after which rivals are tried
 SIGNIFICANT = 0.01  # change of a logarithm that is worth passing on
 UNKNOWN_WEIGHT = 0.1  # of a change that leaves E/mu alone where only E/mu is determined
@@ -382,7 +380,7 @@ class OnlineEstimator:
         self._estimate = estimate
 
     def _fold(self) -> None:
-        """Keep what the window has told as a summary, and start a new one at the present state."""
+        """Keep the window's information as a summary, and start a new window at the present."""
         run = self._run
         elapsed = self._past.elapsed
         # Work that is under way may end first, but not for ever.

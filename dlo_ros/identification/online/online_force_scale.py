@@ -68,7 +68,7 @@ class Forces:
             past: the observations of the window.
             commands: commands that led the grips.
             prior: prior information, to which the result is added.
-            begin: starts a simulation of the window that tells loads, with the run's settings.
+            begin: function that starts a simulation of the window with loads, as the run's.
         """
         ratio = float(run.at.theta[0] - run.at.theta[1])
         same = abs(ratio - self._ratio) < RATIO_CHANGE
@@ -96,7 +96,7 @@ class Forces:
             borne, self._settings, diameter_std=rod.diameter_std / rod.diameter
         )
         if found is None or (not self._weighed and found.information < prior.forces[MU, MU]):
-            return  # an earlier window has told more
+            return  # an earlier window has more information
         self._weighed = True
         prior.forces = np.zeros_like(prior.forces)
         prior.forces[MU, MU] = found.information

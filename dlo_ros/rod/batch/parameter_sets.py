@@ -180,7 +180,7 @@ class ParameterSets:
         return tracks
 
     def _true(self, command: Command) -> Command:
-        """What is truly imposed by the sets' effects, which must agree on it."""
+        """The command with the sets' effects, which must agree on it."""
         true = true_command(self.models[0], command)
         for k, model in enumerate(self.models):
             other = true_command(model, command)

@@ -24,7 +24,9 @@ PAIRS = 10  # of the four basis functions of a span, each with itself and the on
 
 
 class Tables(NamedTuple):
-    """What all sets have in common; here and below, arrays are addresses in compiled code."""
+    """Tables that all sets have in common; here and below, arrays are addresses in compiled
+    code.
+    """
 
     n: int  # control points
     spans: int  # of the knots, with three points each

@@ -75,7 +75,7 @@ def _damped(points, relaxation, now, before, weights, stiffness, rest, out_stiff
 
 @linked()
 def _predict(n, sets, motion, room, h, c_mass, c_drag):
-    """What the step starts from: predictions, matrix and right-hand side."""
+    """Start of the step: predictions, matrix and right-hand side."""
     for i in range(4 * n):
         store(room.matrix, i, c_mass * load(sets.mass, i) + c_drag * load(sets.drag, i))
     for i in range(2 * n):

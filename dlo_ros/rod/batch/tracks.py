@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What comes out of many parameter sets simulated at once."""
+"""Results of many parameter sets simulated at once."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from dlo_ros.spline import FloatArray
 
 @dataclass(frozen=True)
 class EndStates:
-    """Where all sets are at the last stamp, as compiled code left them."""
+    """States of all sets at the last stamp, as compiled code left them."""
 
     models: tuple[RodModel, ...]
     before: tuple[State, ...]

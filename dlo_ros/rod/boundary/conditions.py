@@ -106,7 +106,7 @@ def align(frame, base):
 
 @njit(from_python=False)
 def _find(kinds, kind):
-    """Which of the imposed things is of a kind; -1: none."""
+    """Index of the imposed thing of a kind; -1: none."""
     for k in range(kinds.size):
         if kinds[k] == kind:
             return k

@@ -59,7 +59,7 @@ class Boundary:
 
     @cached_property
     def fixed(self) -> np.ndarray:
-        """Which degrees of freedom are imposed, shape (4 n,)."""
+        """Whether each degree of freedom is imposed, shape (4 n,)."""
         n = self.basis.control_points
         mask = np.zeros((n, DOF), dtype=np.bool_)
         last = self.published.control_points

@@ -40,7 +40,7 @@ def runs_backwards(observation: Observation, motion: Motion) -> bool:
 
 
 def turned_round(observation: Observation, length: float) -> Observation:
-    """The same shape read from its other end.
+    """The shape read from its other end.
 
     Args:
         observation: the shape.

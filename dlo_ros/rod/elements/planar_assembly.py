@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""The same strain energy where everything lies in the plane y = 0: x and z only, no frame.
+"""The strain energy where everything lies in the plane y = 0: x and z only, no frame.
 
 A configuration is q of shape (n, 2). The only bending strain is the curvature about +y,
 (p_z s_x - p_x s_z) / |p|^3, which is kappa_1 of the spatial rod whose first director is y.

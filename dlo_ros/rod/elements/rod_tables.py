@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What compiled code knows of a rod: quadrature, stiffness, reference frame.
+"""Description of a rod for compiled code: quadrature, stiffness, reference frame.
 
 Every knot span has three Gauss points; point k of span e is number 3 e + k.
 """
@@ -48,7 +48,7 @@ class Stiffness(NamedTuple):
 
 
 class ConstitutiveLaw(NamedTuple):
-    """How bending departs from linear elasticity; see `constitutive_law`."""
+    """Deviation of bending from linear elasticity; see `constitutive_law`."""
 
     active: float  # 0: it does not
     half_curvature: float  # [1/m] infinite: linear

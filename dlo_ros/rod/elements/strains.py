@@ -128,7 +128,7 @@ def carried(director, t0, t):
 
 @njit(**INLINE)
 def carried_twist(p, s, r, t0, rate):
-    """What the rotation from t0 to t = p r the short way adds to the frame's twist [rad/m]."""
+    """Twist [rad/m] that the shortest rotation from t0 to t = p r adds to the frame."""
     return dot(p, mix(1.0, cross(t0, rate), -r, cross(s, t0))) * r / (1.0 + r * dot(p, t0))
 
 

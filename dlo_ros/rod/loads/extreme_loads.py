@@ -55,7 +55,7 @@ class Extremes:
         return result
 
     def largest_force(self, end: str) -> float | None:
-        """Of the grip at `start` or `end` [N]; None: that end stays free."""
+        """Largest force of the grip at `start` or `end` [N]; None: that end stays free."""
         k = self.held(end)
         return None if k is None else _size(getattr(self.loadings[k], end))
 

@@ -31,7 +31,7 @@ from dlo_ros.spline import FloatArray
 PLACES = 4
 """Places in a knot span at which the bend is judged."""
 STRAIGHT = 1e6
-"""Radius over length beyond which a DLO counts as straight; so large a radius is told instead."""
+"""Radius over length beyond which a DLO counts as straight; this radius is stated instead."""
 DENSE = 0.021
 """Longest time [s] between instants of which velocities give the accelerations of what is held: a
 motion of 1 Hz is then known to 0.3 %. At 50 Hz, the usual rate, it is 0.02 s."""
@@ -242,7 +242,7 @@ class Balance:
         return self._balances(1.0)
 
     def _balances(self, longer: float) -> tuple[_Held, _Held]:
-        """Of positions and of theta, for a free length over the model's."""
+        """Balances of positions and of theta, for a free length over the model's."""
         matrix = self._external.matrix
         mass = matrix.T @ (self._external.mass(longer)[:, None] * matrix)
         none = np.zeros((0, len(mass)))
@@ -289,7 +289,9 @@ class _Held:
 
     @classmethod
     def of(cls, mass: FloatArray, held: np.ndarray, pins: FloatArray) -> _Held:
-        """For a mass matrix (n, n), the rows that are held (n,) and those of the pins (m, n)."""
+        """Linear functions for a mass matrix (n, n), the rows that are held (n,) and those of the
+        pins (m, n).
+        """
         free, n, m = ~held, len(mass), len(pins)
         one, rows = np.eye(n), int(free.sum())
         matrix = np.zeros((rows + m, rows + m))

@@ -10,7 +10,7 @@ from dlo_ros.rod_settings import LimitParameters
 
 TENSION, BEND_RADIUS = "limits.tension", "limits.bend_radius"
 NEAR = 0.9
-"""Share of a limit from which it is told of beforehand: about what E, density and the simulation's
+"""Share of a limit from which there is a warning: about what E, density and the simulation's
 own tolerance leave open."""
 
 

@@ -41,7 +41,7 @@ def _frames(system, q, old, varying, d_q):
 
 @linked()
 def turned(system, q, old, matter, response, varying, rhs, by_frame):
-    """What the change of the frame before a step does at its end (q is in space).
+    """Add to the residual what a change of the frame before the step causes (q is in space).
 
     Args:
         matter, response: material of the step, and room for stresses.

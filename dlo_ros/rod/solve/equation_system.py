@@ -26,7 +26,7 @@ ITSELF = np.int64(0)  # number of the variant that is the rod itself
 
 
 class Uniform(NamedTuple):
-    """What grows with the free length where the DLO slips through a grip; d is 4 or 2."""
+    """Terms that grow with the free length where the DLO slips through a grip; d is 4 or 2."""
 
     mass: FloatArray  # (V, n, 4) band
     spin: FloatArray  # (V, n, 4) band

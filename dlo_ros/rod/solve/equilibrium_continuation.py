@@ -37,7 +37,7 @@ ESCAPES = 4
 
 @linked()
 def _increments(system, q, target, gap, before, after):
-    """In how many steps the imposed motion is made, so that the branch is not lost."""
+    """Number of steps of the imposed motion with which the branch is not lost."""
     move, turn, dof = np.abs(gap).max() if gap.size else 0.0, 0.0, q.shape[1]
     for i in range(q.size):
         if system.fixed[i]:
@@ -55,7 +55,7 @@ def _increments(system, q, target, gap, before, after):
 
 @njit(from_python=False)
 def _longest(length, around):
-    """How far a control point may move in one iteration [m]: not over a peg."""
+    """Largest distance that a control point may move in one iteration [m]: not over a peg."""
     result = 0.1 * length
     for peg in around.pegs:
         result = min(result, 0.5 * peg[2])

@@ -133,7 +133,7 @@ def equilibrium(q, increment, fixed, pins, gap, rule, matter, ref, load, mass, s
         if neutral > 0 or (small and not first):
             if shift == 0.0:
                 return iteration, negative, ref
-            # Converged; the inertia without shift tells whether the equilibrium is stable.
+            # Converged; the inertia without shift shows whether the equilibrium is stable.
             for least in (0.0, NEUTRAL * rate2):
                 assign(work, band)
                 add_scalar_band(work, mass, spin, least)

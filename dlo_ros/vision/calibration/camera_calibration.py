@@ -41,8 +41,8 @@ ROUNDS = 6
 OUTLIER_RATIO = 3.0  # times the median error: such a view is no worse picture but another thing
 FAR_PX = 0.15  # and at least so much above it
 BLURRED, BLURRED_PX = 2.5, 4.0  # edge width: times the median, and at least [px]
-WEAK = 0.003  # standard deviation of the focal length over itself above which it is told
-POOR = 0.7  # [px] of reprojection error above which it is told
+WEAK = 0.003  # standard deviation of the focal length over itself above which there is a hint
+POOR = 0.7  # [px] of reprojection error above which there is a hint
 UNKNOWN = 0.05  # and above which there is no result
 
 Progress = Callable[[str, float], None]

@@ -43,17 +43,17 @@ class Lens:
 
     @property
     def coefficients(self) -> int:
-        """How many are free."""
+        """Number of free coefficients."""
         return self.radial + 2 * self.tangential + 3 * (self.model == "rational_polynomial")
 
     @property
     def stored(self) -> int:
-        """How many camera_info.yaml lists."""
+        """Number of coefficients that camera_info.yaml lists."""
         return 8 if self.model == "rational_polynomial" else 5
 
     @property
     def flags(self) -> int:
-        """Of OpenCV's calibrateCamera."""
+        """Flags of OpenCV's calibrateCamera."""
         value = sum(_FIX_RADIAL[self.radial :])
         value += 0 if self.tangential else cv2.CALIB_ZERO_TANGENT_DIST
         return value + (cv2.CALIB_RATIONAL_MODEL if self.model == "rational_polynomial" else 0)
@@ -290,7 +290,8 @@ def _standard_deviations(
     poses: Sequence[tuple[FloatArray, FloatArray]],
     lens: Lens,
 ) -> FloatArray:
-    """Of fx, fy, cx, cy [px], all else (distortion, poses) being unknown too, shape (4,).
+    """Standard deviations of fx, fy, cx, cy [px], all else (distortion, poses) being unknown too,
+    shape (4,).
 
     OpenCV's own take a pseudo-inverse, by which what the views leave open looks certain.
     """
@@ -318,7 +319,7 @@ def _standard_deviations(
 
 
 def _free(lens: Lens) -> FloatArray:
-    """Which stored coefficients are free, shape (stored,), in OpenCV's order."""
+    """Whether each stored coefficient is free, shape (stored,), in OpenCV's order."""
     radial = [lens.radial > k for k in range(3)]
     first = [radial[0], radial[1], lens.tangential, lens.tangential, radial[2]]
     return np.array(first + [True] * (lens.stored - 5))

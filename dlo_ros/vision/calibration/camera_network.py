@@ -31,7 +31,7 @@ TURNED = np.radians(45.0)  # cameras are not turned about their axes by more, to
 
 @dataclass(frozen=True, eq=False)
 class CalibratedCameras:
-    """Where the board is, seen from each camera.
+    """Poses of the board, seen from each camera.
 
     Args:
         poses: poses of the board frame in the optical frames, by the cameras' names.

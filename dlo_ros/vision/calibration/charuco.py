@@ -87,7 +87,7 @@ def _fit(board: Charuco, places: FloatArray, numbers: NDArray[np.int64]) -> floa
     """Share of neighbouring markers that lie to each other as the board has them.
 
     Neighbours only, each pair with a homography of its own, since a lens bends a whole board by
-    more than what tells two layouts apart.
+    more than the difference of two layouts.
     """
     inside = numbers < len(board.markers)
     if inside.sum() < LEAST_MARKERS:
@@ -109,7 +109,7 @@ def _fit(board: Charuco, places: FloatArray, numbers: NDArray[np.int64]) -> floa
 
 
 def _mismatch(board: Charuco, places: FloatArray, numbers: NDArray[np.int64]) -> str:
-    """Why the markers do not fit, and the size that would."""
+    """Reason why the markers do not fit, and the size that would."""
     words = f"its markers are not those of a {board.kind}"
     limit = 2 * (max(board.columns, board.rows) + 3)
     best, name = TRUSTED, ""

@@ -56,7 +56,7 @@ def refined(
 def _meeting(
     slopes: NDArray[np.float32], start: FloatArray, axes: FloatArray, lane: float
 ) -> FloatArray | None:
-    """Where edges along the axes (columns, one square long) meet; None where nowhere."""
+    """Intersection of edges along the axes (columns, one square long); None where there is none."""
     lengths = np.linalg.norm(axes, axis=0)
     if abs(np.linalg.det(axes)) < 0.05 * lengths[0] * lengths[1]:
         return None

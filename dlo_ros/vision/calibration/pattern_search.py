@@ -20,7 +20,7 @@ from dlo_ros.vision.segmentation.ridge_map import Image
 SEARCH_SIZES = (1280, 2560)  # [px] larger side of the picture in which it is searched
 ENOUGH_CORNERS = 0.8  # share of the corners with which a search is content
 THOROUGH = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE
-LEAST_CORNERS = 8  # fewer do not tell six numbers of a pose and an error
+LEAST_CORNERS = 8  # fewer do not determine six numbers of a pose and an error
 LEAST_SPACING = 6.0  # [px] between corners
 CONTINUES = 0.7  # share of the places beyond an edge that look like further corners
 

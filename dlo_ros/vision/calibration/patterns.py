@@ -56,12 +56,12 @@ class Pattern:
 
     @property
     def text(self) -> str:
-        """As `parse_pattern` reads it."""
+        """The pattern as `parse_pattern` reads it."""
         return f"chessboard:{self.columns}x{self.rows}:{self.square:g}"
 
     @property
     def kind(self) -> str:
-        """In words."""
+        """The kind of pattern in words."""
         return f"chessboard of {self.columns} x {self.rows} inner corners"
 
 
@@ -83,14 +83,14 @@ class Charuco(Pattern):
 
     @property
     def text(self) -> str:
-        """As `parse_pattern` reads it."""
+        """The pattern as `parse_pattern` reads it."""
         grid = f"{self.columns}x{self.rows}"
         end = ":old" if self.old_layout and self.rows % 2 == 1 else ""  # else they are the same
         return f"charuco:{grid}:{self.square:g}:{self.marker:g}:{self.dictionary}{end}"
 
     @property
     def kind(self) -> str:
-        """In words."""
+        """The kind of pattern in words."""
         return f"ChArUco board of {self.columns} x {self.rows} inner corners ({self.dictionary})"
 
     @cached_property

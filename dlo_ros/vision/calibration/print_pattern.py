@@ -102,7 +102,7 @@ def print_pattern(pattern: Pattern, path: Path) -> str:
 
 
 def dark_rectangles(pattern: Pattern) -> list[tuple[float, float, float, float]]:
-    """What is black: left, top, width and height in the pattern's frame [m]."""
+    """The black rectangles: left, top, width and height in the pattern's frame [m]."""
     width, height = pattern.size
     side = pattern.square
     first = 0

@@ -77,7 +77,7 @@ class ViewCollector:
         return True
 
     def views(self) -> list[PatternView]:
-        """What was collected; where it is very much, those that differ most.
+        """The collected views; where there are very many, those that differ most.
 
         Raises:
             InputError: no picture, or too few, show the pattern.

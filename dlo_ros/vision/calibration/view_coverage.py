@@ -76,7 +76,7 @@ class Coverage:
         return [sentence for _, sentence in self._gaps()]
 
     def missing(self) -> list[str]:
-        """The same in a few words each, number of views aside."""
+        """Missing views in a few words each, number of views aside."""
         return [words for words, _ in self._gaps() if words]
 
     def _gaps(self) -> Iterator[tuple[str, str]]:

@@ -33,7 +33,7 @@ def choose_control_points(points: CentrelinePoints, length: float) -> int:
         length: L [m].
 
     Raises:
-        VisionError: too few points to tell.
+        VisionError: too few points to decide.
     """
     count = len(points.u)
     if count < 4 * FOLDS:
@@ -108,7 +108,7 @@ def enough_control_points(points: CentrelinePoints, length: float) -> int:
         length: L [m].
 
     Raises:
-        VisionError: too few points to tell, or MOST_CONTROL_POINTS would not do.
+        VisionError: too few points to decide, or MOST_CONTROL_POINTS would not do.
     """
     n = ORDER
     while n <= min(MOST_CONTROL_POINTS, len(points.u) // 2):

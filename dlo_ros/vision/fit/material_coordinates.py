@@ -3,7 +3,7 @@
 
 What is known is the clamp (u = 0 or u = L), the length L, and the arc length along the course,
 which differs from u by the errors of scale and L. A free end is an observation like another: where
-the picture shows it clearly, u = L lies there; where it does not, the arc length tells alone.
+the picture shows it clearly, u = L lies there; where it does not, the arc length decides alone.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ TIP_STD = 0.08  # [widths] systematic error of a clearly seen end: it is cut ask
 UNEVEN_STD = 0.002  # of the arc length: errors of scale are not quite the same all along
 GAP_STD = 0.1  # relative error of the length of a bridge
 CONTINUED = ((1.5, 6.0), (0.4, 4.0))
-"""How far in from where an end was found lies the part that tells how the course goes on [widths]:
+"""Distances from a found end between which the part lies that predicts the course there [widths]:
 first where a hole beside the end cannot have moved it, then closer."""
 MOST_BEYOND = 0.15  # of L that a hidden end may lie beyond the course
 

@@ -245,7 +245,7 @@ def _fit_across(
 ) -> FloatArray:
     """Control points (n, 2) of the spline that lies on a curve, or least beside it.
 
-    The image tells where the DLO is across itself to a fraction of a pixel; along itself only its
+    The image shows where the DLO is across itself to a fraction of a pixel; along itself only its
     arc length does. So where n control points cannot follow the curve they rather slide along it.
     """
     b = basis.matrix(u)

@@ -24,12 +24,12 @@ from dlo_ros.vision.space.spatial_clamps import Clamps
 LENGTH_STD = 0.005  # of L: error of the length and of the tracker's scale
 STRETCH_STD = 0.01  # scatter of the stretch from knot span to knot span
 GRIP_STD = 0.005  # [L] of a grip along the DLO, the usual tolerance of clamp_offset
-GRIP_STD_ACROSS = 0.01  # [L] wider across it, where the points tell more than the grip
+GRIP_STD_ACROSS = 0.01  # [L] wider across it, where the points are more accurate than the grip
 DIRECTION_STD = 0.1  # [rad] of a grip, twice the usual tolerance of clamp_angle
 SHARPEST = 40.0  # [1/L] usual curvature of what is bent sharply
-USUAL_CURVATURE = 6.0  # [1/L] of a DLO, by which courses that fit alike are told apart,
+USUAL_CURVATURE = 6.0  # [1/L] of a DLO, by which courses that fit alike are distinguished,
 USUAL_BEND = 0.1  # [L] over so much of it
-ALONG_WEIGHT = 1e-4  # of deviations along the curve, which tell nothing where u is not given
+ALONG_WEIGHT = 1e-4  # of deviations along the curve, which mean nothing where u is not given
 TIP_POINTS = 2.0  # mean distances of neighbours: so far a free end may lie beyond the last point
 GROSS = 3.5  # [std] beyond which a point lies beside the DLO
 LEAST_STD = 1e-5  # [L] standard deviation of points, below which rounding would count as noise

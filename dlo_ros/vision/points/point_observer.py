@@ -83,7 +83,7 @@ class PointObserver:
 
     Args:
         settings: parameter file.
-        motion: the imposed motion, whose grips tell which end is the start; None: nothing is held.
+        motion: the imposed motion, whose grips show which end is the start; None: nothing is held.
     """
 
     def __init__(self, settings: Settings, motion: Motion | None = None) -> None:
@@ -260,7 +260,7 @@ def _likeliest(
 
 
 def _seen_cells(curve: PointCurve, length: float) -> NDArray[np.bool_]:
-    """Which parts of the length hold a point, or lie between such that hold one."""
+    """Parts of the length that hold a point, or lie between such that hold one."""
     cells = int(np.clip(np.count_nonzero(curve.inside) // 2, 4, SEEN_CELLS))
     at = np.minimum((curve.u[curve.inside] / length * cells).astype(int), cells - 1)
     held = np.bincount(at, minlength=cells) > 0

@@ -20,7 +20,7 @@ from dlo_ros.spline import FloatArray
 
 RADII = (0.025, 0.04, 0.065)
 """Neighbourhoods of the contraction [L]: strands must lie further apart, the noise must be less."""
-MOST_ORDERED = 600  # points by which an order is looked for; more tell no more
+MOST_ORDERED = 600  # points by which an order is searched; more do not help
 CONTRACTIONS = 3
 LONELY = 0.3  # of the usual number of neighbours, below which a point counts as an outlier
 NODES_APART = 0.7  # [radii] distance of neighbouring nodes
@@ -161,7 +161,7 @@ def _traced(
 def _ahead(
     points: FloatArray, tree: cKDTree, place: FloatArray, heading: FloatArray, radius: float
 ) -> FloatArray | None:
-    """Where the course goes on; None where nothing lies ahead within the longest gap."""
+    """The next point of a course; None where nothing lies ahead within the longest gap."""
     reach = 1.5 * radius
     while reach <= LONGEST_GAP * radius:
         near = points[tree.query_ball_point(place, reach)] - place

@@ -19,7 +19,7 @@ AMPLITUDE_STD = 0.12  # of the DLO's contrast, as texture and shading change it 
 MISFIT_STD = 0.06  # of the contrast, beyond the template's own misfit
 HALF = 0.65  # of a cross-section: one edge of the DLO and most of its middle
 ONE_SIDED = 1.0  # log odds that it costs to look at one half alone
-FAINTEST = 0.3  # of the contrast: a DLO that must be fainter is not told from none
+FAINTEST = 0.3  # of the contrast: a fainter DLO is not distinguished from none
 SAME_GROUND = 0.12  # of the contrast: grounds that differ by less are one,
 SPREADS = 3.0  # or by less than so many times what the ground beside the DLO varies
 BROAD = 2.0  # range of the amplitudes that something unknown shows
@@ -32,7 +32,7 @@ SLANT = 1.0  # [widths] by which an edge may lie further on one side than in the
 
 
 def offsets_for(width: float) -> FloatArray:
-    """Where a cross-section is sampled, from the middle [px], shape (k,).
+    """Offsets of a cross-section's samples from the middle [px], shape (k,).
 
     Args:
         width: width of the DLO [px].
@@ -142,7 +142,7 @@ class Sections:
         visible = (
             BEST_LOG_ODDS - 0.5 * ((amplitude - expected) / AMPLITUDE_STD) ** 2 - 0.5 * worse**2
         )
-        # Before ground of its own tone the DLO cannot be told.
+        # Before ground of its own tone the DLO cannot be recognised.
         return np.asarray(np.where(expected < FAINTEST, np.minimum(visible, 0.0), visible))
 
 

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""How far the middle of a DLO's usual cross-section is in doubt.
+"""Uncertainty of the middle of a DLO's usual cross-section.
 
 Scatter along the DLO shows nothing of what all cross-sections have in common: a highlight beside
 the middle, or a shadow beside one edge. But such a cross-section is not alike on both sides: the
@@ -42,7 +42,7 @@ def doubt_of_middle(
         spacing: distance between profiles [px].
 
     Returns:
-        [px], shape (m,); 0 where nothing tells.
+        [px], shape (m,); 0 where it is unknown.
     """
     sections, at = _usual(profiles, offsets, middle, seen, width, spacing)
     if len(at) == 0:
@@ -87,7 +87,8 @@ def _usual(
 
 
 def _crossings(sections: FloatArray, offsets: FloatArray, width: float) -> FloatArray:
-    """Where each cross-section's left edge passes the levels of its climb [px], shape (b, levels).
+    """Offsets at which each cross-section's left edge passes the levels of its climb [px], shape
+    (b, levels).
 
     NaN where no edge is seen.
     """

@@ -266,7 +266,7 @@ def _likeness(
     usual: float,
     profiles: float,
 ) -> FloatArray:
-    """How much the middle has the colour that the DLO has nearby, where both edges were seen.
+    """Similarity of the middle's colour to the DLO's nearby, where both edges were seen.
 
     Light changes along a DLO, so the colour is compared in its neighbourhood; where it is hidden,
     and beyond its ends, with the nearest that was seen.
@@ -288,7 +288,7 @@ def _likeness(
 
 
 def _likeness_of_tones(core: Float32, sure: Mask, usual: float) -> FloatArray:
-    """How much the middle has any of the colours of a DLO of several tones."""
+    """Similarity of the middle's colour to any of the colours of a DLO of several tones."""
     if np.count_nonzero(sure) < MOST_TONES:
         return np.zeros(len(core))
     _, _, tones = cv2.kmeans(

@@ -62,7 +62,7 @@ def strip_along(
 
 
 def inside(image: Image, points: FloatArray, margin: float = 0.0) -> Mask:
-    """Which points lie within the picture."""
+    """Whether each point lies within the picture."""
     height, width = image.shape[:2]
     x, y = points[:, 0], points[:, 1]
     return np.asarray(

@@ -53,7 +53,7 @@ def eroded(mask: Mask, size: int) -> Mask:
 
 
 def long_runs(mask: Mask, size: int) -> Mask:
-    """Where a mask is true for longer than a size."""
+    """Mask of runs of true values that are longer than a size."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
     result = np.zeros_like(mask)
     for first, last in edges.reshape(-1, 2):

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Finds pixels that look like the middle of a DLO, without being told its colour.
+"""Finds pixels that look like the middle of a DLO, without knowledge of its colour.
 
 A DLO is locally a bar: over about its own width it looks the same *along* one direction, and
 different from what lies on *both* sides of it. That holds for a dark, light or coloured rope on any
@@ -34,7 +34,7 @@ PADDING = 8  # [px] the border is repeated by at least this, so that no comparis
 
 @dataclass(frozen=True)
 class RidgeMap:
-    """Where an image looks like the middle of a bar of a given width.
+    """Strength with which each pixel of an image looks like the middle of a bar of a given width.
 
     Args:
         strength: contrast to the weaker side less the change along [grey levels], shape (h, w).
@@ -159,7 +159,7 @@ def _searched(
     origin: tuple[int, int],
     full: tuple[int, int],
 ) -> Image:
-    """Which pixels of the map are worth a search, shape (h, w).
+    """Mask of the pixels of the map that are searched, shape (h, w).
 
     No two pixels around another differ by more than the span of their values, so a plain board
     falls out at once.

@@ -20,7 +20,7 @@ ORDER = 4  # coefficients of a cubic
 BEYOND = 3.0  # standard deviations of an edge that is something else's
 LEAST_CERTAIN = 0.05  # [widths] standard deviation of a prediction that confirms nothing
 FOURTH = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
-"""Fourth difference: of a smooth curve it is small, so that it tells the scatter."""
+"""Fourth difference: of a smooth curve it is small, so that it measures the scatter."""
 
 
 def confirm(
@@ -34,7 +34,7 @@ def confirm(
     longest: int,
     edge_std: float,
 ) -> tuple[Mask, FloatArray]:
-    """Which sections are the DLO's, and how well the doubtful ones are known.
+    """Mask of the sections that are the DLO's, and the standard deviation of the doubtful ones.
 
     Args:
         points: middles of the sections [px], shape (m, 2).

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What the user knows of where the DLO is in the picture: a region, its colour, masks, the board.
+"""The user's knowledge of where the DLO is in the picture: a region, its colour, masks, the board.
 
 All of it is optional. It narrows what is searched, and what lies outside of it counts as not seen.
 """
@@ -53,7 +53,8 @@ class Hints:
                 _checked(given, (width, height), name)
 
     def allowed(self, image: Image, width: float) -> Image | None:
-        """Where the DLO may be in an image, not zero there, shape (h, w); None for everywhere.
+        """Mask of where the DLO may be in an image, not zero there, shape (h, w); None for
+        everywhere.
 
         Args:
             image: BGR, shape (h, w, 3).
@@ -129,7 +130,9 @@ def _checked(picture: Image, size: tuple[int, int], name: str) -> Image:
 
 
 def _differing(image: Image, board: Image) -> Image:
-    """Where an image differs from the empty board, light that changed as a whole left aside."""
+    """Mask of where an image differs from the empty board, light that changed as a whole left
+    aside.
+    """
     some = (slice(None, None, SAMPLE), slice(None, None, SAMPLE))
     gain = np.median((image[some] + 1.0) / (board[some] + 1.0), axis=(0, 1))
     expected = np.clip(board * gain, 0, 255).astype(np.uint8)

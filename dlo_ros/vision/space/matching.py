@@ -40,7 +40,7 @@ class Course:
         return np.column_stack([np.interp(at, s, column) for column in self.rays.T])
 
     def backwards(self) -> Course:
-        """The same from its end."""
+        """The centreline from its end."""
         return Course(self.camera, self.rays[::-1])
 
 
@@ -58,7 +58,7 @@ class Match:
 
     @property
     def length(self) -> float:
-        """Of the polyline [m]."""
+        """Length of the polyline [m]."""
         return float(np.sum(np.linalg.norm(np.diff(self.points, axis=0), axis=1)))
 
 

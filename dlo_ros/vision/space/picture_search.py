@@ -73,7 +73,7 @@ class Measured:
         return self._free == (True, True)
 
     def backwards(self) -> Measured:
-        """The same from its end."""
+        """The course from its end."""
         one = self.located
         turned = replace(
             one, curve=one.curve[::-1], normals=-one.normals[::-1], offset=-one.offset[::-1],
@@ -85,7 +85,7 @@ class Measured:
         return Measured(turned, u, self._prolonged, self._free[::-1])
 
     def at(self, u: FloatArray) -> Measured:
-        """The same with material coordinates [m] of the profiles, shape (k,)."""
+        """The course with material coordinates [m] of the profiles, shape (k,)."""
         return Measured(self.located, u, self._prolonged, self._free)
 
     @property

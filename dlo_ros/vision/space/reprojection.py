@@ -5,7 +5,7 @@ A measured point says where the DLO is across its centreline in that view, and n
 pixel of one view is matched with one of another. Each point's material coordinate is that where
 the projected spline passes it, sought anew after each step (Gauss and Newton's, with Student's
 weights).
-Where the DLO runs along the epipolar line, or one view alone sees it, the depth is told by the
+Where the DLO runs along the epipolar line, or one view alone sees it, the depth follows from the
 length, which is known everywhere, and by smoothness: the third derivative is taken as white noise
 of a density that is itself estimated (expectation maximisation), so that the covariance says how
 little is known there.
@@ -257,7 +257,7 @@ def _slide(
     velocity: FloatArray,
     drift: FloatArray,
 ) -> FloatArray:
-    """Where the projected curve passes a view's points: new material coordinates [m]."""
+    """Material coordinates [m] at which the projected curve passes a view's points."""
     length = table.basis.length
     curve = _curve(table.matrix(u), u / length, view, points, velocity, drift)
     seen = _Seen(view, curve, u, length)

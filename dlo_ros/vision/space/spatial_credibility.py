@@ -26,11 +26,13 @@ MOST_BESIDE = 0.08  # which may be so of this share of a view's points
 LONGEST_STRETCH = 0.03  # of L: what is seen may be longer or shorter by as much
 FAR_FROM_CLAMP = 4.0  # [diameters] that an end may lie from its clamp
 JUDGED = 15  # places of which the std is looked at
-LARGEST_STD = 0.02  # of L: where nothing tells the depth better, median over the DLO
+LARGEST_STD = 0.02  # of L: where nothing determines the depth better, median over the DLO
 
 
 def seen_by(views: Sequence[View], fit: SpaceFit, length: float) -> tuple[Mask, Mask]:
-    """Which of `STEPS` equal steps of u are seen at all, and by two views or one with depth."""
+    """Masks of the `STEPS` equal steps of u that are seen at all, and by two views or one with
+    depth.
+    """
     at = np.asarray((np.arange(STEPS) + 0.5) * (length / STEPS), dtype=np.float64)
     count = np.zeros(STEPS, dtype=np.int64)
     for view, u, weight in zip(views, fit.u, fit.weights, strict=True):
@@ -41,7 +43,9 @@ def seen_by(views: Sequence[View], fit: SpaceFit, length: float) -> tuple[Mask, 
 
 
 def near(at: FloatArray, u: FloatArray, length: float) -> Mask:
-    """Which material coordinates lie beside those of measured points [m], shape (len(at),)."""
+    """Mask of material coordinates that lie beside those of measured points [m], shape
+    (len(at),).
+    """
     u = np.sort(u)
     if len(u) < 2:
         return np.zeros(len(at), dtype=np.bool_)

@@ -344,7 +344,7 @@ class SpaceObserver:
         clamps: Clamps,
         tracked: bool,
     ) -> SpaceResult:
-        """What is published, once it is found to be credible."""
+        """The published result, once it is found to be credible."""
         diameter = self.settings.rod.diameter
         check(views, fit, clamps, diameter)
         seen, several = seen_by(views, fit, self._fine.length)

@@ -56,7 +56,7 @@ class View:
         return focal_length(self.camera)
 
     def at(self, u: FloatArray) -> View:
-        """The same points with other material coordinates [m], shape (m,)."""
+        """These points with other material coordinates [m], shape (m,)."""
         return replace(self, u=u)
 
 

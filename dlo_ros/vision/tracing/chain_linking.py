@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What it costs to go on from the end of one chain to the start of another.
+"""The cost of a link from the end of one chain to the start of another.
 
 A DLO bends smoothly, so a strand leaves a crossing as it came in: with the same direction and
 curvature. Costs are without unit, of the order of a negative log likelihood.

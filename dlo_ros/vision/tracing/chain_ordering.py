@@ -3,7 +3,7 @@
 
 Best-first search over sequences of chains. Known clamps fix where a path starts and ends; the known
 length decides between paths that are equally smooth. Which of several that are equally plausible
-is the DLO, `course_choice` tells.
+is the DLO, `course_choice` decides.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ MANY_COURSES = "many courses of the DLO are equally plausible (an ambiguous cros
 
 @dataclass(frozen=True)
 class LengthRule:
-    """What lengths a course may have, as shares of the DLO's.
+    """Lengths that a course may have, as shares of the DLO's.
 
     Args:
         shortest, longest: limits of the length; a course beyond them is dropped.

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Which of several courses is the DLO, where all of them are plausible.
+"""The choice of the DLO among several courses that are all plausible.
 
 Each was measured in the picture before, and those that the picture refutes are left out. Shapes
 that are expected may choose between courses that remain, and do nothing else.
@@ -64,7 +64,7 @@ def choose(
 
 
 def _nearest(apart: Sequence[float], width: float) -> int | None:
-    """Index of the distance that a shape tells; None where it fits none, or several alike."""
+    """Index of the distance that fits a shape; None where none fits, or several alike."""
     first, second = np.argsort(apart)[:2]
     limit = FITS * width
     if apart[second] <= limit:

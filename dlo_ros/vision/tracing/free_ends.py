@@ -42,7 +42,7 @@ def prolong(
 
 
 def free_end(located: Located, prolonged: float, from_start: bool) -> float:
-    """Where the DLO's colour stops near a prolonged end.
+    """Place at which the DLO's colour stops near a prolonged end.
 
     Args:
         located: the DLO along a curve from `prolong`.

@@ -18,8 +18,8 @@ from dlo_ros.vision.segmentation.picture_strip import (
 from dlo_ros.vision.segmentation.ridge_map import Image
 
 STEPS = 5  # cross-sections in a width
-NEARBY = 8.0  # [widths] to both sides of a bridge, where the DLO tells how it looks
-FEWEST_SECTIONS = 10  # of the DLO near a bridge that tell how it looks
+NEARBY = 8.0  # [widths] to both sides of a bridge, where the DLO shows how it looks
+FEWEST_SECTIONS = 10  # of the DLO near a bridge that show how it looks
 LONGEST_BARE = 1.0  # [widths] of bare board under a course that edges and noise may fake
 
 

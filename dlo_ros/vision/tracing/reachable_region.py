@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Where in the picture a DLO of known length can be that is held at known places."""
+"""The part of the picture that a DLO of known length can reach from its grips."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MARGIN = 6.0  # [diameters] besides
 
 
 def reach(camera: Camera, held: list[FloatArray], length: float, diameter: float) -> Image | None:
-    """Which cells of the picture a DLO can come to.
+    """Cells of the picture that a DLO can reach.
 
     The way from one clamp over any of its points to the other is no longer than the DLO.
 

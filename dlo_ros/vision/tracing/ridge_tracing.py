@@ -56,7 +56,7 @@ class Chain:
 
 @dataclass(frozen=True)
 class ChainEnd:
-    """Where a chain ends: position, direction out of the chain and signed curvature going on."""
+    """One end of a chain: position, direction out of the chain and signed curvature going on."""
 
     position: FloatArray
     direction: FloatArray

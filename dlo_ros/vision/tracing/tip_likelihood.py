@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Where a free end lies: the likelihood of each place along the DLO's course.
+"""The position of a free end: the likelihood of each place along the DLO's course.
 
 Beyond the end the picture shows the board. A hole, a shadow or another dark thing there may look
 like the DLO, and something above the DLO may hide its end. So each cross-section is compared with
