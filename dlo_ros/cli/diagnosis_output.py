@@ -221,7 +221,10 @@ def report(found: Diagnosis, settings: Settings, loads: Sequence[LoadRow] = ()) 
         tuple(
             ResidualRelations(
                 model, sentences(r),
-                tuple(RelatedInput(i.name, i.share, i.chance, i.told, i.alike) for i in r.inputs),
+                tuple(
+                    RelatedInput(i.name, i.share, i.chance, i.significant, i.alike)
+                    for i in r.inputs
+                ),
                 r.unjudged,
             )
             for model, r in (

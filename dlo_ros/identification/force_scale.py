@@ -17,7 +17,13 @@ from dlo_ros.effects import quantities
 from dlo_ros.identification.cooperative_tasks import LONG, Pieces, exhausted
 from dlo_ros.identification.estimate import UNBOUNDED
 from dlo_ros.identification.identifiability import rounded
-from dlo_ros.inference.wrench import WrenchField, from_change, from_mean, told, wrench_field
+from dlo_ros.inference.wrench import (
+    WrenchField,
+    from_change,
+    from_mean,
+    wrench_field,
+    wrench_information,
+)
 from dlo_ros.observation import Wrenches
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.loads.grip_reactions import Loading
@@ -142,7 +148,7 @@ def scale_in_pieces(
         information, gradient, variances = 0.0, -float(prior[0, 0]) * log, []
         for one in fields:
             yield LONG
-            found = told(one, np.array([-log]), prior)
+            found = wrench_information(one, np.array([-log]), prior)
             information += float(found.information[0, 0])
             gradient += float(found.gradient[0])
             variances.append(found.variance)

@@ -19,7 +19,7 @@ from dlo_ros.spline import FloatArray, SplineBasis
 MOST_GROSS = 0.2
 """Share of the pictures up to which they may be grossly wrong; more are no exception."""
 FEWEST_FOR_JUMPS = 7
-"""Pictures, from which one that jumps out of its neighbours can be told."""
+"""Pictures, from which one that jumps out of its neighbours can be seen."""
 SAME, SLOPE = np.sqrt(2.0 / 1.5), np.sqrt(6.0 / 1.5)
 """What noise does to the difference from the next picture, and from a slope through the next two,
 over what it does to the difference from the mean of two neighbours."""

@@ -36,7 +36,7 @@ REPEATED_STD = 0.003
 less, and what a model lacks is rather explained than put up with (Simpson et al., Penalising model
 component complexity, 2017)."""
 FEWEST_FRAMES = 4
-"""Frames below which an error that dies out cannot be told from one that stays."""
+"""Frames below which an error that dies out cannot be separated from one that stays."""
 LONGEST_MEMORY = 0.998
 """Largest correlation of neighbouring frames in what the model lacks."""
 NOISE_MEMORY = 0.9
@@ -290,10 +290,10 @@ def _bounds(
     """
     low, high = 2.0 * np.log(LEAST_NOISE * length), 2.0 * np.log(LARGEST * length)
     parts = spectra[0].parts
-    told = max(s.frames for s in spectra) >= FEWEST_FRAMES
-    fading = (low, high) if told else (low - 20.0, low - 20.0)
+    separable = max(s.frames for s in spectra) >= FEWEST_FRAMES
+    fading = (low, high) if separable else (low - 20.0, low - 20.0)
     memory = (np.log1p(-LONGEST_MEMORY), np.log(0.9))
-    noise_memory = (np.log1p(-NOISE_MEMORY) if told else 0.0, 0.0)
+    noise_memory = (np.log1p(-NOISE_MEMORY) if separable else 0.0, 0.0)
     details = [2.0 * np.log(DETAIL) + np.log(max(m, 1e-300)) for m in missed]
     least = [float(np.clip(each, low, high)) for each in details]
     noise = [(each, high) for each in least for _ in range(parts)]

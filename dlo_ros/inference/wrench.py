@@ -66,8 +66,8 @@ class WrenchField:
 
 
 @dataclass(frozen=True)
-class Told:
-    """What the forces at one end tell of P logarithms, nuisances integrated out.
+class WrenchInformation:
+    """Information of the forces at one end on P logarithms, nuisances integrated out.
 
     Args:
         information: shape (P, P).
@@ -199,40 +199,42 @@ def expected(field: WrenchField) -> FloatArray:
     """Information (P, P) of forces with their stated noise alone, before they are measured."""
     transformed = _Transformed.of(field)
     variance = np.broadcast_to(field.white**2, field.residual.shape)
-    return transformed.told(variance, field).information
+    return transformed.information(variance, field).information
 
 
-def told(field: WrenchField, offset: FloatArray, precision: FloatArray) -> Told:
-    """Variances of one end's errors, and what it tells with them.
+def wrench_information(
+    field: WrenchField, offset: FloatArray, precision: FloatArray
+) -> WrenchInformation:
+    """Variances of one end's errors, and the information that its forces hold with them.
 
     Args:
         offset: expected logarithms minus those at which the derivatives are taken, shape (P,).
         precision: precision of that expectation, shape (P, P).
     """
     transformed = _Transformed.of(field)
-    return transformed.told(transformed.fitted(offset, precision), field)
+    return transformed.information(transformed.fitted(offset, precision), field)
 
 
 def from_change(field: WrenchField, variance: FloatArray) -> FloatArray:
     """Information (P, P) of how forces change, offsets being unknown altogether.
 
     Args:
-        variance: see `Told`.
+        variance: see `WrenchInformation`.
     """
     factor = np.where(field.offsets, UNBIASED, 1.0)
     unknown = replace(field, nuisances=field.nuisances * factor)
-    return _Transformed.of(unknown).told(variance, unknown).information
+    return _Transformed.of(unknown).information(variance, unknown).information
 
 
 def from_mean(field: WrenchField, variance: FloatArray) -> FloatArray:
     """Information (P, P) of the mean of forces over time alone.
 
     Args:
-        variance: see `Told`.
+        variance: see `WrenchInformation`.
     """
     changing = np.arange(len(variance))[:, None] > 0
     only = np.where(changing, UNUSED * variance, variance)
-    return _Transformed.of(field).told(only, field).information
+    return _Transformed.of(field).information(only, field).information
 
 
 @dataclass(frozen=True)
@@ -329,8 +331,8 @@ class _Transformed:
         )
         return self.variance(found.x)
 
-    def told(self, v: FloatArray, field: WrenchField) -> Told:
-        """What the field tells with known variances."""
+    def information(self, v: FloatArray, field: WrenchField) -> WrenchInformation:
+        """The information of the field with known variances."""
         p = self.j.shape[2]
         columns = np.concatenate([self.j, self.z], axis=2)
         lhs = np.einsum("fcp,fcq->pq", columns / v[:, :, None], columns, optimize=True)
@@ -341,4 +343,4 @@ class _Transformed:
         gradient = rhs[:p] - lhs[:p, p:] @ back[:, p]
         left = field.residual - field.nuisances @ back[:, p]
         size = np.sqrt(np.mean(left**2, axis=0))
-        return Told(0.5 * (information + information.T), gradient, size, v)
+        return WrenchInformation(0.5 * (information + information.T), gradient, size, v)

@@ -18,7 +18,7 @@ is then followed to 0.1 %."""
 QUADRATIC = 5
 """Messages in a window from which its values follow a parabola; from three on, a line."""
 FEWEST = 8
-"""Messages from which their scatter is told."""
+"""Messages from which their scatter is known."""
 SHAKEN = 6.0
 """Scatter of messages over the usual one, from which a DLO is shaken: where a motion begins or
 ends abruptly it rings along itself, faster than a picture or a sensor follows."""

@@ -77,15 +77,15 @@ def test_a_residual_that_is_made_of_speed_is_told_as_speed(count, space):
     speed = [c[:, 0] for c in columns(recordings, shapes, "the speed of the grip")]
     residuals = noisy(np.random.default_rng(0), recordings, speed, 3.0)
     found = relations(recordings, residuals, shapes, PAPER)
-    assert [r.name for r in found.told] == ["the speed of the grip"]
-    (told,) = found.told
+    assert [r.name for r in found.significant] == ["the speed of the grip"]
+    (told,) = found.significant
     assert told.alike == ()
     assert told.chance <= 0.02
     assert told.share > 0.7
     assert found.constant > 0.5  # speed has a mean
     assert found.pattern is not None and found.pattern.share > 0.8
     position = next(r for r in found.inputs if r.name == "the position of the grip")
-    assert not position.told and position.share < 0.3
+    assert not position.significant and position.share < 0.3
     words = "\n".join(sentences(found))
     assert "depends on the speed of the grip" in words and "position" not in words
 
@@ -96,9 +96,9 @@ def test_position_is_told_from_speed():
     found = relations(
         recordings, noisy(np.random.default_rng(1), recordings, place, 3.0), shapes, PAPER
     )
-    best = found.told[0]
+    best = found.significant[0]
     assert "the position of the grip" in (best.name, *best.alike)
-    assert "the speed of the grip" not in {n for r in found.told for n in (r.name, *r.alike)}
+    assert "the speed of the grip" not in {n for r in found.significant for n in (r.name, *r.alike)}
 
 
 def test_two_inputs_are_told_one_after_the_other():
@@ -110,7 +110,7 @@ def test_two_inputs_are_told_one_after_the_other():
     found = relations(
         recordings, [a + b for a, b in zip(first, second, strict=True)], shapes, PAPER
     )
-    names = [{r.name, *r.alike} for r in found.told]
+    names = [{r.name, *r.alike} for r in found.significant]
     assert any("the speed of the grip" in n for n in names)
     assert any("the position of the grip" in n for n in names)
 
@@ -121,7 +121,7 @@ def test_noise_is_silent():
     for seed in range(100):
         rng = np.random.default_rng([3, seed])
         residuals = [rng.normal(size=(len(r.times), len(r.noise))) for r in recordings]
-        told += bool(relations(recordings, residuals, shapes, PAPER).told)
+        told += bool(relations(recordings, residuals, shapes, PAPER).significant)
     assert told <= 1
 
 
@@ -140,7 +140,7 @@ def test_a_drift_is_not_explained_by_what_varies_slowly(count):
             for _ in range(count)
         ]
         found, _ = relate(fields, [times] * count, [Input("a slow input", tuple(slow))], seed)
-        told += any(r.told for r in found)
+        told += any(r.significant for r in found)
     assert told <= 1
 
 
@@ -154,7 +154,7 @@ def test_what_swings_by_itself_is_no_relation():
         field = 5.0 * np.outer(wave, rng.normal(size=12)) + rng.normal(size=(FRAMES, 12))
         varied = Input("a wave", (np.sin(2.0 * np.pi * 1.1 * times)[:, None],))
         found, _ = relate([field], [times], [varied], seed)
-        told += any(r.told for r in found)
+        told += any(r.significant for r in found)
     assert told <= 4  # a tenth: one recording of one wave says no more than that
 
 
@@ -167,10 +167,10 @@ def test_nothing_moves_in_a_static_recording():
     rng = np.random.default_rng(6)
     residual = 2.0 * smooth(rng, still) + 0.3 * rng.normal(size=(15, len(still.noise)))
     found = relations([still], [residual], [shapes], PAPER)
-    assert found.told == () and found.constant > 0.9
+    assert found.significant == () and found.constant > 0.9
     assert "stays the same" in sentences(found)[0]
     one = relations([still], [residual[:1]], [shapes[:1]], PAPER)
-    assert one.told == () and one.inputs == ()
+    assert one.significant == () and one.inputs == ()
 
 
 def test_residuals_may_begin_a_frame_later():
@@ -179,7 +179,7 @@ def test_residuals_may_begin_a_frame_later():
     speed = [c[1:, 0] for c in columns(recordings, shapes, "the speed of the grip")]
     residuals = noisy(np.random.default_rng(7), recordings, speed, 3.0)
     found = relations(recordings, residuals, [s[1:] for s in shapes], PAPER)
-    assert "the speed of the grip" in found.told[0].name
+    assert "the speed of the grip" in found.significant[0].name
 
 
 def test_recordings_in_the_plane_and_in_space_go_together():
@@ -193,7 +193,7 @@ def test_recordings_in_the_plane_and_in_space_go_together():
     deep_residual = np.pad(deep_residual, [(0, 0), (0, N)])
     deep_residual[:, 2 * N :] += rng.normal(size=(FRAMES, N))
     found = relations(recordings, [flat_residual, deep_residual], shapes, PAPER)
-    assert "the speed of the grip" in found.told[0].name
+    assert "the speed of the grip" in found.significant[0].name
 
 
 def test_a_turning_clamp_has_an_orientation_and_a_speed():

@@ -16,8 +16,8 @@ from dlo_ros.inference.wrench import (
     WrenchField,
     from_change,
     from_mean,
-    told,
     wrench_field,
+    wrench_information,
 )
 from dlo_ros.inference.wrench_messages import near, scatter, shaken
 from dlo_ros.observation import Wrenches
@@ -189,11 +189,11 @@ def test_what_rings_is_left_out_and_what_moves_is_not():
 def test_an_offset_cannot_be_told_from_a_weight_at_rest_but_from_one_that_moves():
     nothing, little = np.zeros(1), 1e-6 * np.eye(1)
     still = artificial(1.0, np.random.default_rng(3), 0.0)
-    found = told(still, nothing, little)
+    found = wrench_information(still, nothing, little)
     assert found.information[0, 0] == pytest.approx(0.05**-2, rel=0.05)
     assert from_change(still, found.variance)[0, 0] < 1e-3
     moving = artificial(1.0, np.random.default_rng(3), 0.5)
-    found = told(moving, nothing, little)
+    found = wrench_information(moving, nothing, little)
     # The wave has 60 instants with a mean square of 1/8, each known to 0.01.
     assert found.information[0, 0] == pytest.approx(60 / 8 / 0.01**2, rel=0.3)
     assert found.gradient[0] / found.information[0, 0] == pytest.approx(0.1, abs=0.015)
@@ -206,7 +206,7 @@ def test_standard_deviations_of_forces_cover_the_truth():
     rng, nothing, little = np.random.default_rng(5), np.zeros(1), 1e-6 * np.eye(1)
     off = []
     for _ in range(60):
-        found = told(artificial(rng.normal(), rng, 0.3), nothing, little)
+        found = wrench_information(artificial(rng.normal(), rng, 0.3), nothing, little)
         step = found.gradient[0] / found.information[0, 0]
         off.append((step - 0.1) * np.sqrt(found.information[0, 0]))
     assert 0.7 < np.std(off) < 1.3

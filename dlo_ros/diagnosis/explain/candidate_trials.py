@@ -97,7 +97,7 @@ def best_trial(
             outcome = "others come nearer" if k >= TRIALS else "makes matters worse"
             trace.append(Step(number, name, predicted.gain, err, outcome))
             continue
-        # From farther off, a fit must come near before errors can be told from the effect.
+        # From farther off, a fit must come near before errors can be separated from the effect.
         found = fitted(predicted.model, recordings, FIRST_ITERATIONS, far=err > at.mean_err)
         if found is None:
             trace.append(Step(number, name, predicted.gain, err, "cannot be simulated"))

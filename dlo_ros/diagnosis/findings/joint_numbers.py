@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""The joint model's numbers as they are told: effects, material, set-up, measurement errors."""
+"""The joint model's numbers as they are reported: effects, material, set-up, measurement errors."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from dlo_ros.rod.sensitivity_parameters import effect_names
 from dlo_ros.spline import FloatArray
 
 UNKNOWN = 1e-12
-"""Share of a guess's information that counts in a standard deviation that is told: none."""
+"""Share of a guess's information that counts in a standard deviation that is reported: none."""
 
 
 def effect_numbers(
@@ -45,8 +45,8 @@ def effect_numbers(
     spread = {name: factors.get(name, 1.0) * std for name, std in pairs}
     name, _ = added_to_damping().get(effect, ("", ""))
     result = {}
-    told = damping_as_effects(at.model.settings, given, (effect,))
-    for key, value in told.effects[effect].items():
+    shown = damping_as_effects(at.model.settings, given, (effect,))
+    for key, value in shown.effects[effect].items():
         names = effect_names(effect, key, value)
         stds = [spread.get(n, spread.get(name)) for n in names]
         known = tuple(s for s in stds if s is not None)
@@ -63,7 +63,7 @@ def damping_as_effects(settings: Settings, given: Settings, names: Iterable[str]
     Args:
         settings: settings with the fitted damping.
         given: the parameter file.
-        names: effects as which dampings are told; others, and effects that the settings contain
+        names: effects as which dampings are reported; others, and effects that the settings contain
             already, are left as they are.
     """
     effects_ = {k: dict(v) for k, v in settings.effects.items()}
@@ -122,7 +122,7 @@ def fitted_material(
 
 
 def plain_material(plain: Candidate, err_train: float | None, err_holdout: float | None) -> Fitted:
-    """The plain model; of how well its numbers are known nothing is told where it is wrong."""
+    """The plain model, without standard deviations, which mean nothing where it is wrong."""
     rod = plain.at.model.settings.rod
     return Fitted(
         plain.at.model.settings, (rod.young_modulus, None), (rod.density, None),

@@ -90,9 +90,9 @@ def _scaled(model: Fitted, scale: Scale) -> Fitted:
     """A model with another scale of its forces, as well known as that."""
     factor, std = math.exp(scale.log), scale.std[0]
     ratio, ratio_std = model.specific_modulus
-    told = None if ratio_std is None else math.hypot(std, ratio_std / ratio)
+    modulus_std = None if ratio_std is None else math.hypot(std, ratio_std / ratio)
     result = []
-    for (value, _), spread in ((model.young_modulus, told), (model.density, std)):
+    for (value, _), spread in ((model.young_modulus, modulus_std), (model.density, std)):
         known = spread is not None and spread < UNBOUNDED
         result.append((factor * value, factor * value * spread if spread and known else None))
     return replace(

@@ -10,7 +10,7 @@ from dlo_ros.diagnosis.residuals import residual_autocovariance
 from dlo_ros.diagnosis.selection.effect_search import Candidate
 from dlo_ros.diagnosis.selection.verdict import Decision
 
-TOLD = 5
+SHOWN_SUSPECTS = 5
 """Suspects that a remark tells."""
 
 
@@ -34,8 +34,8 @@ def remarks(
         border = best.at.model.at_border()
         if border:
             said.append(f"At the border of the range that is searched: {', '.join(border)}.")
-        told = {*decision.chosen.effects, *plain.at.model.effects}
-        beside = [n.replace("_", " ") for n in best.at.model.effects if n not in told]
+        known = {*decision.chosen.effects, *plain.at.model.effects}
+        beside = [n.replace("_", " ") for n in best.at.model.effects if n not in known]
         if beside:
             said.append(
                 f"The extended model also contains {' and '.join(beside)}: it predicts best with "
@@ -60,19 +60,19 @@ def left_out(beginning: Beginning) -> tuple[str, ...]:
 
 def _nearest(plain: Candidate, suspects: Sequence[Candidate]) -> str:
     """The effects that come nearest to data which no effect explains."""
-    told = [
+    lines = [
         f"{' and '.join(c.at.model.effects)}, which leaves "
         f"{c.root_autocovariance:.2g} times the noise"
-        for c in suspects[:TOLD]
+        for c in suspects[:SHOWN_SUSPECTS]
     ]
     text = "No effect in the library brings the residual down to the noise."
-    if not told:
+    if not lines:
         return text
     share = max(0.0, 1.0 - (suspects[0].root_autocovariance / plain.root_autocovariance) ** 2)
     text += (
-        f" The nearest one is {told[0]} and removes {100.0 * share:.0f} % of the residual's "
+        f" The nearest one is {lines[0]} and removes {100.0 * share:.0f} % of the residual's "
         "variance; it is a suspect, no finding."
     )
-    if told[1:]:
-        text += f" Not excluded beside it: {'; '.join(told[1:])}."
+    if lines[1:]:
+        text += f" Not excluded beside it: {'; '.join(lines[1:])}."
     return text

@@ -59,8 +59,8 @@ AT_ONCE = 3
 """Pictures in a piece of work."""
 AT_MOST = 4
 """Beginnings of an effect without a useful derivative where it does nothing."""
-TOLD = 3
-"""Suspects that are told of."""
+SHOWN = 3
+"""Suspects that are reported."""
 WEIGHED = 12
 """Models that are weighed by their evidence, those that leave least."""
 CLEARER = 0.9
@@ -163,7 +163,7 @@ def suspects(past: Manipulation, settings: Settings, spans: int, noise: float) -
             if other.err < CLEARER * joint.err and other.evidence(settings) > known + NAMED:
                 share = 1.0 - other.err / plain.err
                 shares[other.effect] = max(shares.get(other.effect, 0.0), share)
-    ranked = sorted(shares.items(), key=lambda item: -item[1])[:TOLD]
+    ranked = sorted(shares.items(), key=lambda item: -item[1])[:SHOWN]
     return Suspects(plain.err, joint.err, material_err(noise, settings), tuple(ranked))
 
 

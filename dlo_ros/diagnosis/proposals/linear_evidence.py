@@ -84,7 +84,7 @@ def freed(model: ParametricModel) -> list[Proposal]:
             key = p.key.partition("[")[0]
             several = p.effect.startswith("clamp")  # each clamp by itself
             groups.setdefault((p.effect, key if several else ""), []).append(p)
-        elif p.guessed and (effect := told_as(p)):
+        elif p.guessed and (effect := reported_effect(p)):
             groups[effect, ""] = [p]
     return [
         Proposal(effect, form, None, tuple(p.freed(SLAB) for p in ps), tuple(p.name for p in ps))
@@ -92,7 +92,7 @@ def freed(model: ParametricModel) -> list[Proposal]:
     ]
 
 
-def told_as(p: Parameter) -> str:
+def reported_effect(p: Parameter) -> str:
     """Name of the effect that reports give to a parameter that is off; empty for E and mu."""
     return p.effect or damping_effect(p.name)
 

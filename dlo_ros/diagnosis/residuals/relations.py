@@ -31,16 +31,16 @@ SLOW = 2
 PATTERNS = 6
 """Shapes along the DLO that are looked at."""
 LARGEST_CHANCE = 0.01
-"""Chance among Gaussian surrogates at which a relation is told."""
+"""Chance among Gaussian surrogates at which a relation is significant."""
 SHIFTED = 0.02
-"""Chance among shifted residuals at which a relation is told: a single recording has no more shifts
-than frames."""
+"""Chance among shifted residuals at which a relation is significant: a single recording has no more
+shifts than frames."""
 LEAST_SHARE = 0.05
-"""Least share of the repeating, not drifting residual, for which a relation is told."""
+"""Least share of the repeating, not drifting residual, for which a relation is significant."""
 ALIKE = 0.8
-"""Share over the best input's, from which another input cannot be told from it."""
+"""Share over the best input's, from which another input cannot be separated from it."""
 MOST_INPUTS = 3
-"""Inputs that are told one after the other."""
+"""Inputs that are reported one after the other."""
 LEFT = 0.03
 """Least share of an input's variation that is no drift, to judge the input."""
 SPANS = 4
@@ -71,14 +71,14 @@ class Relation:
         share: fraction of the repeating part without drift, predicted from the other recordings or
             spans of time.
         chance: fraction of the surrogates that are explained as well.
-        told: whether the relation is more than chance, and not only by way of another input.
+        significant: whether the relation is more than chance, and not only by way of another input.
         alike: inputs that explain it about as well, so that the data cannot separate them.
     """
 
     name: str
     share: float
     chance: float
-    told: bool = False
+    significant: bool = False
     alike: tuple[str, ...] = ()
 
 
@@ -105,9 +105,9 @@ class Relations:
     unjudged: tuple[str, ...]
 
     @property
-    def told(self) -> tuple[Relation, ...]:
+    def significant(self) -> tuple[Relation, ...]:
         """The relations that are more than chance."""
-        return tuple(r for r in self.inputs if r.told)
+        return tuple(r for r in self.inputs if r.significant)
 
 
 def relations(
@@ -167,7 +167,7 @@ def relate(
         times: times of each recording [s], shape (F,).
 
     Returns:
-        Relations to all inputs, those that are told first; inputs that cannot be judged.
+        Relations to all inputs, the significant ones first; inputs that cannot be judged.
     """
     total = sum(_lag_one_sum(f) for f in _moving(fields, times))
     judged = {i.name: b for i in varied if (b := _basis(i, times)) is not None}
@@ -176,10 +176,10 @@ def relate(
         return (), unjudged
     amplitudes, slow = _amplitudes(fields, times), [_slow(t, SLOW) for t in times]
     rng = np.random.default_rng(seed)
-    told: list[Relation] = []
+    significant: list[Relation] = []
     first: dict[str, Relation] = {}
     left = dict(judged)
-    while left and len(told) < MOST_INPUTS:
+    while left and len(significant) < MOST_INPUTS:
         by_chance = chances(amplitudes, slow, left, rng)
         field = np.concatenate(_moving(amplitudes, times))
         gains = {n: _predicted_share(field, b, times) for n, b in left.items()}
@@ -200,7 +200,7 @@ def relate(
             r.name for r in sorted(sure, key=lambda r: -r.share)
             if r is not best and r.share > ALIKE * best.share
         )  # fmt: skip
-        told.append(replace(best, told=True, alike=alike))
+        significant.append(replace(best, significant=True, alike=alike))
         taken = judged[best.name]
         explained = np.split(taken @ (taken.T @ field), _ends(times))
         amplitudes = [a - e for a, e in zip(amplitudes, explained, strict=True)]
@@ -208,9 +208,9 @@ def relate(
             n: b - taken @ (taken.T @ b) for n, b in left.items() if n not in (best.name, *alike)
         }
         left = {n: o for n, b in rest.items() if (o := _orthonormal(b, 0.1)) is not None}
-    names = {r.name for r in told}
+    names = {r.name for r in significant}
     others = sorted((r for n, r in first.items() if n not in names), key=lambda r: -r.share)
-    return (*told, *others), unjudged
+    return (*significant, *others), unjudged
 
 
 def sentences(found: Relations) -> tuple[str, ...]:
@@ -233,8 +233,8 @@ def sentences(found: Relations) -> tuple[str, ...]:
         f"One shape along the DLO makes up {_percent(pattern.share)}: largest at "
         f"{1e3 * pattern.place:.0f} mm from the start, {turns} of sign."
     ]
-    lines += [_told(r) for r in found.told]
-    if not found.told:
+    lines += [_sentence(r) for r in found.significant]
+    if not found.significant:
         names = [r.name for r in found.inputs]
         lines.append(
             f"It depends on none of these beyond chance: {', '.join(names)}."
@@ -244,7 +244,7 @@ def sentences(found: Relations) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def _told(relation: Relation) -> str:
+def _sentence(relation: Relation) -> str:
     often = f"by chance in {100.0 * relation.chance:.1g} % of cases"
     text = (
         f"The residual depends on {relation.name}, which predicts {_percent(relation.share)} of "

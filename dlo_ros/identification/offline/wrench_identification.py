@@ -27,7 +27,13 @@ from dlo_ros.inference.forecast import Forecast, Manipulation, forecast
 from dlo_ros.inference.parallel import Pool, Threads
 from dlo_ros.inference.parameter import value_of, with_value
 from dlo_ros.inference.priors import DIAMETER_STD
-from dlo_ros.inference.wrench import WrenchField, from_change, from_mean, told, wrench_field
+from dlo_ros.inference.wrench import (
+    WrenchField,
+    from_change,
+    from_mean,
+    wrench_field,
+    wrench_information,
+)
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.sensitivity_parameters import MATERIAL
 from dlo_ros.spline import FloatArray
@@ -129,7 +135,7 @@ def information_with_forces(
             LOG.warning("no measured force lies near an observed shape at a grip; none is used")
             return None
         offset = np.asarray(np.linalg.solve(expected, pull) - now, dtype=np.float64)
-        found = [told(f, offset, expected) for f in fields]
+        found = [wrench_information(f, offset, expected) for f in fields]
         information, gradient = _of_scale(
             np.sum([t.information for t in found], axis=0),
             np.sum([t.gradient for t in found], axis=0),
