@@ -37,7 +37,10 @@ def beyond(at: Evaluation) -> list[Proposal]:
 
 
 def _beyond_for_certain(at: Evaluation, group: Proposal) -> bool:
-    """Whether a size lies more than one tolerance off, and its uncertainty farther than that."""
+    """Whether a size lies more than one tolerance off, and its uncertainty farther than that.
+
+    A damping that is only guessed has no tolerance.
+    """
     if not group.from_nothing:
         return False
     std = dict(zip(at.model.names, np.sqrt(np.diag(at.posterior.covariance)), strict=True))
@@ -45,7 +48,7 @@ def _beyond_for_certain(at: Evaluation, group: Proposal) -> bool:
         tolerances_off(at, replace(group, parameters=(p,)))
         > 1.0 + CERTAIN * SLAB * std[p.name] / p.std
         for p in group.parameters
-        if p.name in std
+        if p.effect and p.name in std
     )
 
 
