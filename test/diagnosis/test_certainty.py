@@ -1,0 +1,63 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Numbers of the set-up that may be causes: far beyond their tolerance, or for certain."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from experiment_recordings import moving
+
+from dlo_ros.diagnosis.explain.certainty import BEYOND, beyond, tolerances_off
+from dlo_ros.diagnosis.findings.joint_outcome import training_set
+from dlo_ros.diagnosis.fitting.initial_fit import begin
+from dlo_ros.diagnosis.proposals.linear_evidence import freed
+
+TOLERANCE = np.radians(3.0)  # of a clamp's direction
+
+
+def fitted(angle, seed):
+    """The set-up fitted to a recording with a clamp turned by an angle [rad]."""
+    recording, given = moving("simple", {"clamp_angle": {"start": angle}}, seed)
+    begun = begin([recording], given)
+    return training_set(begun, 1, begun.at.model.settings, given).prepared.setup
+
+
+@pytest.fixture(scope="module")
+def turned():
+    return fitted(1.5 * TOLERANCE, 21)
+
+
+def named(at):
+    return {g.effect for g in beyond(at)}
+
+
+def off(at, effect):
+    (group,) = (g for g in freed(at.model) if g.effect == effect)
+    return tolerances_off(at, group)
+
+
+def test_what_is_known_well_may_be_a_cause_less_than_twice_its_tolerance_off(turned):
+    assert 1.3 < off(turned, "clamp_angle") < BEYOND
+    assert "clamp_angle" in named(turned)
+
+
+def test_within_its_tolerance_it_is_none():
+    at = fitted(0.7 * TOLERANCE, 22)
+    assert 0.5 < off(at, "clamp_angle") < 1.0
+    assert "clamp_angle" not in named(at)
+
+
+def test_what_is_known_badly_may_be_none_of_less_than_twice(turned):
+    wide = replace(turned.posterior, covariance=1e6 * turned.posterior.covariance)
+    assert "clamp_angle" not in named(replace(turned, posterior=wide))
+
+
+def test_a_guessed_damping_has_no_tolerance_to_be_beyond_of(turned):
+    """Its guess may well be wrong by a factor of three."""
+    off_guess = tuple(
+        replace(p, centre=p.centre + 1.5 * p.std) if p.guessed and not p.effect else p
+        for p in turned.model.parameters
+    )
+    shifted = replace(turned, model=turned.model.with_prior(off_guess))
+    assert max(off(shifted, e) for e in ("air_drag", "internal_damping")) > 1.2
+    assert not {"air_drag", "internal_damping"} & named(shifted)
