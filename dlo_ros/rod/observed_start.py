@@ -8,7 +8,7 @@ differences of two such states.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,7 +18,6 @@ from dlo_ros.errors import InputError
 from dlo_ros.observation import Observation
 from dlo_ros.rod.boundary.imposed_motion import Boundary
 from dlo_ros.rod.dynamics import with_consistent_acceleration
-from dlo_ros.rod.elements.rod_tables import InternalVariables, Reference
 from dlo_ros.rod.measured_shapes import MeasurementMap
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.packing import nothing_varies
@@ -135,19 +134,19 @@ def _set_difference(
 ) -> None:
     """Write the derivatives by parameter k, from the states above and below its value."""
 
-    def difference(part: Callable[[State], FloatArray]) -> FloatArray:
-        return np.asarray((part(above) - part(below)) / (2.0 * step))
+    def difference(high: FloatArray, low: FloatArray) -> FloatArray:
+        return np.asarray((high - low) / (2.0 * step))
 
-    varying.q[k] = difference(lambda s: s.q)
-    varying.velocity[k] = difference(lambda s: s.velocity)
-    varying.acceleration[k] = difference(lambda s: s.acceleration)
-    varying.auxiliary[k] = difference(lambda s: s.auxiliary)
-    varying.stretch[k] = difference(lambda s: s.strains.stretch)
+    for name in ("q", "velocity", "acceleration", "auxiliary"):
+        getattr(varying, name)[k] = difference(getattr(above, name), getattr(below, name))
+    varying.stretch[k] = difference(above.strains.stretch, below.strains.stretch)
     varying.stretch_before[k] = varying.stretch[k]
-    varying.other[k] = difference(lambda s: s.strains.other)
+    varying.other[k] = difference(above.strains.other, below.strains.other)
     varying.other_before[k] = varying.other[k]
-    for name in Reference._fields:
-        getattr(varying.reference, name)[k] = difference(lambda s: getattr(s.reference, name))  # noqa: B023
-    for name in InternalVariables._fields:
-        getattr(varying.internal, name)[k] = difference(lambda s: getattr(s.internal, name))  # noqa: B023
+    rows = zip(varying.reference, above.reference, below.reference, strict=True)
+    for change, high, low in (
+        *rows,
+        *zip(varying.internal, above.internal, below.internal, strict=True),
+    ):
+        change[k] = difference(high, low)
     varying.frames[k] = above.frames, below.frames

@@ -75,11 +75,11 @@ class Relaxation:
         """The nearest shape (n, 4), where that of a little different problem is known.
 
         Raises:
-            SimulationError: the two differ too much.
+            SimulationError: see `solution`.
         """
         found = self._relaxed(shape, pull, 1.0)
         if found is None:
-            raise SimulationError("a little different first shape cannot be held as commanded")
+            return self.solution()[0]
         return before_walls(self._model, self._boundary, found)
 
     def _relaxed(self, q: FloatArray, weak: float, share: float) -> FloatArray | None:
