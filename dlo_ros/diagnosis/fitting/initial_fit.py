@@ -291,7 +291,8 @@ def drafts(recordings: Sequence[Recording], at: CandidateEvaluation) -> tuple[Re
         coarse = DRAFT_SPANS * (recording.observed.shape[1] - DEGREE)
         most = max(DRAFT_ERROR, DRAFT_SHARE * float(np.sqrt(np.mean(r**2))))
         for spans in (coarse, recording.spans):
-            draft = replace(recording, spans=spans, tolerance=DRAFT_TOLERANCE)
+            tolerance = max(DRAFT_TOLERANCE, recording.tolerance or 0.0)
+            draft = replace(recording, spans=spans, tolerance=tolerance)
             try:
                 draft_at = evaluate(at.model, [draft], at.model.settings, derivatives=False)
             except SimulationError:
