@@ -7,24 +7,32 @@ import numpy as np
 import pytest
 from experiment_recordings import moving
 
+from dlo_ros.diagnosis.explain.candidate_trials import fitted as fitted_model
 from dlo_ros.diagnosis.explain.certainty import BEYOND, beyond, tolerances_off
+from dlo_ros.diagnosis.explain.joint_explanation import Cause, Explanation, still_certain
 from dlo_ros.diagnosis.findings.joint_outcome import training_set
 from dlo_ros.diagnosis.fitting.initial_fit import begin
-from dlo_ros.diagnosis.proposals.linear_evidence import freed
+from dlo_ros.diagnosis.proposals.candidate_effects import starts
+from dlo_ros.diagnosis.proposals.linear_evidence import freed, proposal_of, with_proposals
 
 TOLERANCE = np.radians(3.0)  # of a clamp's direction
 
 
 def fitted(angle, seed):
-    """The set-up fitted to a recording with a clamp turned by an angle [rad]."""
+    """The set-up prepared and fitted, of a recording with a clamp turned by an angle [rad]."""
     recording, given = moving("simple", {"clamp_angle": {"start": angle}}, seed)
     begun = begin([recording], given)
-    return training_set(begun, 1, begun.at.model.settings, given).prepared.setup
+    return training_set(begun, 1, begun.at.model.settings, given).prepared
 
 
 @pytest.fixture(scope="module")
-def turned():
+def prepared():
     return fitted(1.5 * TOLERANCE, 21)
+
+
+@pytest.fixture(scope="module")
+def turned(prepared):
+    return prepared.setup
 
 
 def named(at):
@@ -42,7 +50,7 @@ def test_what_is_known_well_may_be_a_cause_less_than_twice_its_tolerance_off(tur
 
 
 def test_within_its_tolerance_it_is_none():
-    at = fitted(0.7 * TOLERANCE, 22)
+    at = fitted(0.7 * TOLERANCE, 22).setup
     assert 0.5 < off(at, "clamp_angle") < 1.0
     assert "clamp_angle" not in named(at)
 
@@ -61,3 +69,21 @@ def test_a_guessed_damping_has_no_tolerance_to_be_beyond_of(turned):
     shifted = replace(turned, model=turned.model.with_prior(off_guess))
     assert max(off(shifted, e) for e in ("air_drag", "internal_damping")) > 1.2
     assert not {"air_drag", "internal_damping"} & named(shifted)
+
+
+def test_an_added_cause_that_the_final_fit_denies_is_none(prepared):
+    start = next(s for s in starts(prepared.scene) if s.effect == "quadratic_drag")
+    proposal = proposal_of(prepared.setup.model.settings, start)
+    model, _ = with_proposals(prepared.setup.model, [proposal])
+    final = fitted_model(model, prepared.recordings)
+    names = tuple(p.name for p in proposal.parameters)
+    causes = (
+        Cause("quadratic_drag", names, (), 20.0, 2e-3),
+        Cause("clamp_angle", (), (), 9.0, 0.1),
+    )
+    found = Explanation(prepared.setup, final, causes, 1e-4, 1e-3, 1e-4, (proposal,), ())
+    assert [c.effect for c in still_certain(found, final).causes] == ["clamp_angle"]
+    theta = final.model.theta()
+    k = final.model.index(names[0])
+    theta[k] += 5.0 * np.sqrt(final.posterior.covariance[k, k])
+    assert still_certain(found, replace(final, model=final.model.at(theta))) == found

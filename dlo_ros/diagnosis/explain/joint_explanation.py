@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -152,6 +152,20 @@ def explain(
     least = max(missed, MENDS * (prepared.plain_err - own))
     causes = _named(found, recordings, begun, matters, least)
     return Explanation(setup, found.at, causes, own, matters, least, found.causes, found.trace)
+
+
+def still_certain(found: Explanation, final: Evaluation) -> Explanation:
+    """The explanation with those added causes alone that a fit to more data shows for certain, too.
+
+    What only compensated for another law in the recordings learned from, others may deny.
+
+    Args:
+        final: the model with all causes, fitted to all recordings.
+    """
+    added = [p for p in found.proposals if p.start is not None]
+    sure = {p.effect for p in added if certain(final, p, SCALES)}
+    denied = {p.effect for p in added} - sure
+    return replace(found, causes=tuple(c for c in found.causes if c.effect not in denied))
 
 
 def _beginning(

@@ -15,6 +15,7 @@ from dlo_ros.diagnosis.explain.joint_explanation import (
     Prepared,
     explain,
     prepare,
+    still_certain,
 )
 from dlo_ros.diagnosis.explain.measurement_error import OWN, material_err, own_err
 from dlo_ros.diagnosis.findings import holdout
@@ -206,6 +207,7 @@ def joint_outcome(
     first = recordings[: len(plain.at.residuals)]
     known = [k for k in range(len(first)) if not learned.masks[k].all()]
     final = _completed(found.at, first, known)
+    found = still_certain(found, final)
     own = own_err(final, first) if len(final.err) == len(first) else found.own_err
     matters = material_err(own, given)
     bare = final if found.setup is found.at else found.setup
