@@ -24,6 +24,7 @@ from dlo_ros.diagnosis import Diagnosis, NamedEffect, RecordingView, SetupNumber
 from dlo_ros.effects import quantities
 from dlo_ros.identification.identifiability import enumerated
 from dlo_ros.inference.parameter import split_name
+from dlo_ros.inference.weighted_quantiles import weighted_quantiles
 from dlo_ros.report.diagnosis_content import Question, SetupRow
 from dlo_ros.report.elements import measured, number
 from dlo_ros.spline import FloatArray, SplineBasis
@@ -147,13 +148,9 @@ def _spread(found: Diagnosis) -> str:
     """Range of the error in most pictures, all recordings counting the same, as in the mean."""
     if not found.views:
         return ""
-    errors = np.concatenate([v.err_before for v in found.views])
-    weights = np.concatenate(
-        [np.full(len(v.err_before), 1.0 / len(v.err_before)) for v in found.views]
-    )
-    order = np.argsort(errors)
-    share = (np.cumsum(weights[order]) - 0.5 * weights[order]) / len(found.views)
-    low, high = np.interp([0.05, 0.95], share, errors[order])
+    errors = [v.err_before for v in found.views]
+    weights = np.concatenate([np.full(len(e), 1.0 / (len(e) * len(errors))) for e in errors])
+    low, high = weighted_quantiles(np.concatenate(errors), weights, (0.05, 0.95))
     if high < UNEVEN_ERROR * low:
         return ""
     return f", and between {mm(float(low))} and {mm(float(high))} in nine of ten pictures"

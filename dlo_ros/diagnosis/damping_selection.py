@@ -199,7 +199,7 @@ def decided(
 ) -> verdicts.Decision:
     """One of two decisions, with the other as its rival where both name a cause."""
     known = chosen.at.model.effects
-    # Beside an unexplained residual a difference is less certain than the noise alone makes it.
+    # The noise alone understates the uncertainty of a difference beside an unexplained residual.
     unsure = before.verdict == "unexplained"
 
     def near(c: Candidate, other: Candidate, ratio: float) -> bool:

@@ -83,6 +83,10 @@ class ParametricModel:
         """Their values as inference sees them, shape (P,)."""
         return np.array([p.inner(value_of(self.settings, p.name)) for p in self.parameters])
 
+    def axis(self, name: str) -> FloatArray:
+        """Unit vector of one parameter, shape (P,)."""
+        return np.asarray(np.eye(len(self.parameters))[self.index(name)])
+
     def at(self, theta: FloatArray) -> ParametricModel:
         """The model with other values; what leaves its range stays at the border."""
         settings = self.settings

@@ -14,14 +14,11 @@ from collections.abc import Callable, Sequence
 from rclpy.node import Node
 from std_msgs.msg import Bool
 
-from dlo_ros.compilation import BackgroundCompilation
+from dlo_ros.compilation import REPORT_INTERVAL, BackgroundCompilation
 from dlo_ros.nodes.qos import LATCHED
 
 LOADING = "waiting for its compiled kernels"
 """State of a node whose kernels are compiled and are being loaded; takes a second or two."""
-
-REPORT_INTERVAL = 10.0
-"""Seconds between two log lines on the progress of a compilation."""
 
 
 class Preparation:

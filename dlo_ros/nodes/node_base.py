@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import os
 import traceback
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from copy import copy
@@ -34,7 +35,7 @@ JUMP_BACK = 0.5
 """Seconds that time must go back to count as a restart; less is messages out of order."""
 
 
-class DloNode(Node):
+class DloNode(Node, ABC):
     """Base of the nodes.
 
     Args:
@@ -102,9 +103,9 @@ class DloNode(Node):
 
         timer = self.every(PROGRESS, proceed)
 
+    @abstractmethod
     def begin(self) -> None:
         """Start the work; the kernels are loaded."""
-        raise NotImplementedError
 
     def destroy_node(self) -> None:
         """Leave the graph."""
@@ -112,17 +113,17 @@ class DloNode(Node):
             self._preparation.stop()
         super().destroy_node()
 
+    @abstractmethod
     def reset(self) -> None:
         """Forget what was received and start afresh."""
-        raise NotImplementedError
 
+    @abstractmethod
     def restart(self, now: int) -> None:
         """Time went back to `now` [ns]: forget everything later."""
-        raise NotImplementedError
 
+    @abstractmethod
     def apply(self, settings: Settings) -> None:
         """Take changed parameters over."""
-        raise NotImplementedError
 
     def check_settings(self, settings: Settings) -> None:
         """Refuse changed parameters that cannot be used, beyond what their ranges say.

@@ -27,7 +27,7 @@ after a step between the two, of nanoseconds, the error control would have to be
 
 
 @njit(from_python=False)
-def _next_stop(times, now, stop):
+def next_stop(times, now, stop):
     """The next corner of the imposed motion, or the stop itself."""
     after = np.searchsorted(times, now + SAME_TIME, side="right")
     if after < times.size and times[after] < stop - SAME_TIME:
@@ -60,7 +60,7 @@ def march(system, imposed, state, stops, tolerance, newton, varying, shapes, spe
     clock, times = state.clock, imposed.times[0]
     for k in range(stops.size):
         while clock[TIME] < stops[k] - 1e-12:
-            limit = _next_stop(times, clock[TIME], stops[k])
+            limit = next_stop(times, clock[TIME], stops[k])
             remaining = limit - clock[TIME]
             proposal = clock[NEXT] if clock[NEXT] > 0.0 else FIRST_STEP
             pieces = max(1.0, np.ceil(remaining / proposal * 0.999))

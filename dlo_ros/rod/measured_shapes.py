@@ -26,9 +26,9 @@ class MeasurementMap:
         self._effects = build(settings.effects)
         self._map, _ = _affine(self._effects)
         count = len(parameters)
-        # What each parameter changes of the map and of the delay.
+        # Derivatives of the map and of the delay [s] by each parameter.
         self._map_rate, self._shift_rate = np.zeros((count, 3, 3)), np.zeros((count, 3))
-        self._later_rate = np.zeros(count)
+        self.later_rate = np.zeros(count)
         for p, name in enumerate(parameters):
             if not name.startswith(EFFECTS_PREFIX):
                 continue
@@ -39,12 +39,7 @@ class MeasurementMap:
             self._map_rate[p] = (high - low) / (2.0 * STEP)
             self._shift_rate[p] = (far - near) / (2.0 * STEP)
             late = sum(e.later() for e in above) - sum(e.later() for e in below)
-            self._later_rate[p] = late / (2.0 * STEP)
-
-    @property
-    def later_rate(self) -> FloatArray:
-        """Derivative of the delay by the parameters, shape (P,) [s over their unit]."""
-        return self._later_rate
+            self.later_rate[p] = late / (2.0 * STEP)
 
     @property
     def later(self) -> int:
@@ -79,7 +74,7 @@ class MeasurementMap:
         if not self._effects:
             return change
         # What is seen later has gone less far.
-        moved = change - self._later_rate[:, None, None] * velocity
+        moved = change - self.later_rate[:, None, None] * velocity
         seen = shape[:, :3] @ self._map_rate.transpose(0, 2, 1) + self._shift_rate[:, None]
         return np.asarray(moved @ self._map.T + seen)
 

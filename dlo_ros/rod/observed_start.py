@@ -84,7 +84,7 @@ def observed_start(
                 moved = relaxation.solution_near(shape, pull)
             pair.append(there.state(moved, asked))
         _set_difference(varying, k, pair[0], pair[1], chosen.step)
-    # What is seen later was so before; at one instant the DLO has moved on meanwhile.
+    # A longer delay sets the first shapes earlier; at a given instant the DLO has moved on since.
     later = measurement.later_rate[:, None, None]
     varying.q[:] += later * state.velocity
     varying.velocity[:] += later * state.acceleration

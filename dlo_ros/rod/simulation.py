@@ -241,13 +241,12 @@ class Simulation(RodSimulation):
                     continue
                 borne = loadings_along(model, boundary, before, leg, track) if self._loads else []
                 down = self.published.projection(model.basis)
-                shapes = track.shapes
-                if not flat:
-                    for shape, strain in zip(shapes, track.twists, strict=True):
-                        shape[:, 3] = twist_along(model, float(shape[0, 3]), strain)
                 for k, stop in enumerate(leg):
                     if stop in wanted:
-                        seen = down @ shapes[k], down, track.speeds[k], track.derivatives[k]
+                        shape = track.shapes[k]
+                        if not flat:
+                            shape[:, 3] = twist_along(model, float(shape[0, 3]), track.twists[k])
+                        seen = down @ shape, down, track.speeds[k], track.derivatives[k]
                         predictions.append(self._seen(stop, *seen, borne[k] if borne else None))
             borne = loadings(model, boundary, made, command) if self._loads and made else []
             for one in made:

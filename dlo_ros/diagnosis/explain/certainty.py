@@ -41,15 +41,8 @@ def _beyond_for_certain(at: Evaluation, group: Proposal) -> bool:
 
     A damping that is only guessed has no tolerance.
     """
-    if not group.from_nothing:
-        return False
-    std = dict(zip(at.model.names, np.sqrt(np.diag(at.posterior.covariance)), strict=True))
-    return any(
-        tolerances_off(at, replace(group, parameters=(p,)))
-        > 1.0 + CERTAIN * SLAB * std[p.name] / p.std
-        for p in group.parameters
-        if p.effect and p.name in std
-    )
+    tolerated = group.from_nothing and all(p.effect for p in group.parameters)
+    return tolerated and any(off > 1.0 + CERTAIN * std for off, std in _sizes(at, group))
 
 
 def is_beyond(at: Evaluation, group: Proposal, tolerances: float = BEYOND) -> bool:
@@ -61,11 +54,17 @@ def tolerances_off(at: Evaluation, group: Proposal) -> float:
     """Distance from neutral of the size of a group that is farthest off, in tolerances.
 
     Args:
-        group: group of numbers, with the priors of a cause.
+        group: group with the priors of a cause.
     """
-    off = dict(zip(at.model.names, at.model.offset(), strict=True))
+    return max((off for off, _ in _sizes(at, group)), default=0.0)
+
+
+def _sizes(at: Evaluation, group: Proposal) -> list[tuple[float, float]]:
+    """Distance from neutral and standard deviation of each size of a group, in tolerances."""
+    off = dict(zip(at.model.names, np.abs(at.model.offset()), strict=True))
+    std = dict(zip(at.model.names, np.sqrt(np.diag(at.posterior.covariance)), strict=True))
     sizes = [p for p in group.parameters if p.name in off and not _geometric(p)]
-    return max((SLAB * abs(off[p.name]) / p.std for p in sizes), default=0.0)
+    return [(SLAB * off[p.name] / p.std, SLAB * std[p.name] / p.std) for p in sizes]
 
 
 def _geometric(p: Parameter) -> bool:

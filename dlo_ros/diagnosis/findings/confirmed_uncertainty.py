@@ -19,13 +19,11 @@ from dlo_ros.inference.joint import Evaluation, borrowed, misfit
 from dlo_ros.inference.measured import Recording
 from dlo_ros.spline import FloatArray
 
-AT_ONE_STD = 0.5
-"""Loss of log posterior at one std."""
-CONFIRMED = 0.125
-"""Loss of log posterior from which a distance is taken as one that the data refute: a std that is
-too small by less than two may be an accident of the simulation's steps."""
-FARTHER, LONGEST = 4.0, 256.0
-"""Factor between the distances that are tried, and the largest, in std."""
+UNCONFIRMED = 2.0
+"""Factor by which a std must be too small before it grows: less may be an accident of the
+simulation's steps. The distances that are tried grow by its square."""
+LONGEST = 256.0
+"""Largest distance that is tried, in std."""
 
 
 @dataclass(frozen=True)
@@ -50,9 +48,10 @@ def confirmed(at: Evaluation, recordings: Sequence[Recording], names: Iterable[s
     """
     if len(at.err) != len(recordings):
         return Widening()
-    ratio = _unit(at, "young_modulus") - _unit(at, "density")
+    ratio = at.model.axis("young_modulus") - at.model.axis("density")
+    known = [n for n in names if n in at.model.names]
     return Widening(
-        {n: factor_along(at, recordings, _unit(at, n)) for n in names if n in at.model.names},
+        {n: factor_along(at, recordings, at.model.axis(n)) for n in known},
         factor_along(at, recordings, ratio),
     )
 
@@ -70,10 +69,11 @@ def factor_along(at: Evaluation, recordings: Sequence[Recording], weights: Float
         loss = _loss(at, recordings, distance * step)
         if loss is None:
             break
-        if loss >= CONFIRMED:
-            return max(1.0, distance * float(np.sqrt(AT_ONE_STD / loss)))
-        distance *= FARTHER
-    return max(1.0, distance / FARTHER)
+        shorter = np.sqrt(2.0 * max(loss, 0.0))  # the distance that loses as much, in std
+        if shorter >= 1.0 / UNCONFIRMED:
+            return max(1.0, distance / float(shorter))
+        distance *= UNCONFIRMED**2
+    return max(1.0, distance / UNCONFIRMED**2)
 
 
 def _loss(at: Evaluation, recordings: Sequence[Recording], step: FloatArray) -> float | None:
@@ -88,7 +88,3 @@ def _loss(at: Evaluation, recordings: Sequence[Recording], step: FloatArray) -> 
         except SimulationError:
             return None
     return float(np.mean(losses)) if losses else None
-
-
-def _unit(at: Evaluation, name: str) -> FloatArray:
-    return np.array([float(n == name) for n in at.model.names])

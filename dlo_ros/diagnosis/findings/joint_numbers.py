@@ -105,10 +105,7 @@ def fitted_material(
     """
     spread, rod = widening**2 * _covariance(at), at.model.settings.rod
     section = 2.0 * (rod.diameter_std / rod.diameter or DIAMETER_STD)
-    unit = {
-        name: np.array([float(n == name) for n in at.model.names])
-        for name in ("young_modulus", "density")
-    }
+    unit = {name: at.model.axis(name) for name in ("young_modulus", "density")}
     result: list[tuple[float, float | None]] = []
     for value, c in (
         (rod.young_modulus, unit["young_modulus"]),

@@ -290,8 +290,8 @@ def drafts(recordings: Sequence[Recording], at: CandidateEvaluation) -> tuple[Re
     for recording, r, fine in zip(recordings, at.residuals, at.predicted, strict=True):
         coarse = DRAFT_SPANS * (recording.observed.shape[1] - DEGREE)
         most = max(DRAFT_ERROR, DRAFT_SHARE * float(np.sqrt(np.mean(r**2))))
+        tolerance = max(DRAFT_TOLERANCE, recording.tolerance or 0.0)
         for spans in (coarse, recording.spans):
-            tolerance = max(DRAFT_TOLERANCE, recording.tolerance or 0.0)
             draft = replace(recording, spans=spans, tolerance=tolerance)
             try:
                 draft_at = evaluate(at.model, [draft], at.model.settings, derivatives=False)

@@ -20,6 +20,7 @@ from dlo_ros.identification.offline.gauss_newton import Simulations, descend
 from dlo_ros.identification.offline.recording_identification import FittedMaterial
 from dlo_ros.inference.forecast import Manipulation
 from dlo_ros.inference.parallel import Pool, Threads
+from dlo_ros.inference.weighted_quantiles import weighted_quantiles
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 
@@ -48,9 +49,7 @@ class Sample:
     def quantiles(self, name: str) -> tuple[float, float, float]:
         """2.5 %, 50 % and 97.5 % of young_modulus, density or specific_modulus."""
         values = self.theta @ COMBINATIONS[name]
-        order = np.argsort(values)
-        below = np.cumsum(self.weight[order]) - 0.5 * self.weight[order]
-        low, middle, high = np.exp(np.interp(LEVELS, below, values[order]))
+        low, middle, high = np.exp(weighted_quantiles(values, self.weight, LEVELS))
         return float(low), float(middle), float(high)
 
 

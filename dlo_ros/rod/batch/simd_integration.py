@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from dlo_ros.kernel_linking import linked
-from dlo_ros.rod.adaptive_integration import FIRST_STEP, SAME_TIME
+from dlo_ros.rod.adaptive_integration import FIRST_STEP, next_stop
 from dlo_ros.rod.batch.simd_kernels import BatchLaw, Scratch, Tables, tensions
 from dlo_ros.rod.batch.simd_step import BatchState, Room, Sets, accept, rate_weights, try_step
 from dlo_ros.rod.boundary.conditions import Imposed, impose
@@ -78,10 +78,7 @@ def _march_group(sets, tables, imposed, frames, motion, room, target, clock, rea
     at_rest = False  # whether the target is one that no longer changes
     for k in range(stops.size):
         while clock[0] < stops[k] - 1e-12:
-            end = stops[k]
-            after = np.searchsorted(imposed.times, clock[0] + SAME_TIME, side="right")
-            if after < imposed.times.size and imposed.times[after] < end - SAME_TIME:
-                end = imposed.times[after]
+            end = next_stop(imposed.times, clock[0], stops[k])
             remaining = end - clock[0]
             proposal = clock[2] if clock[2] > 0.0 else FIRST_STEP
             h = remaining / max(1.0, np.ceil(remaining / proposal * 0.999))
