@@ -49,7 +49,7 @@ XX, YX, YY, ZX, ZY, ZZ, TX, TY, TZ, TT = range(0, 160, 16)
 
 
 @njit(**INLINE)
-def _stress(response, rule, e):
+def stress_at(response, rule, e):
     """Stress at the points of a span, times their weight."""
     wt, bend, tangent = three(rule.weight, e), response.bend, response.bend_tangent
     return Stress(
@@ -86,7 +86,7 @@ def _turn(block, pair, p, s, products):
 
 
 @njit(**INLINE)
-def _derive(out, at, p, s, theta, rate, rule, e):
+def derive_all(out, at, p, s, theta, rate, rule, e):
     """Write derivatives by the span's 16 numbers, given those by p, s, theta and theta'."""
     derive(out, at, p[0], rule.b1, s[0], rule.b2, e)
     derive(out, at + 4, p[1], rule.b1, s[1], rule.b2, e)
@@ -105,14 +105,14 @@ def _derive_stretch(out, at, p, rule, e):
 def _derive_twist(out, at, weights, x, rule, e):
     """Write derivatives of a weighted sum of the twist at the points of a span."""
     zero = quad(0.0, 0.0, 0.0)
-    _derive(out, at, times(weights, x.twist_p), times(weights, x.a), zero, weights, rule, e)
+    derive_all(out, at, times(weights, x.twist_p), times(weights, x.a), zero, weights, rule, e)
 
 
 @njit(**INLINE)
 def _resist(out, f, x, kappa1, kappa2, rule, e):
     """Write the forces of the stresses at the points of a span."""
     bent = mix3(f.bend1, x.kappa1_p, f.bend2, x.kappa2_p, f.torque, x.twist_p)
-    _derive(
+    derive_all(
         out, 0,
         mix(1.0, bent, f.tension, x.t),
         mix3(f.bend1, x.kappa1_s, f.bend2, x.kappa2_s, f.torque, x.a),
@@ -143,7 +143,7 @@ def assemble(q, rule, ref, other, response, gradient, band, grad_stretch, grad_o
     for k in range(rule.weight.size // 3):
         e, stretch_line, twist_line = 3 * k, rule.stretch_linear[k], rule.twist_linear[k]
         kappa1, kappa2 = column(other, e, 0), column(other, e, 1)
-        f = _stress(response, rule, e)
+        f = stress_at(response, rule, e)
         x = first(q, rule, ref, e, kappa1, kappa2)
         slope_products(rule, e, products)
         turn_products(rule, e, products)
@@ -160,18 +160,6 @@ def assemble(q, rule, ref, other, response, gradient, band, grad_stretch, grad_o
         add_squares(block, 3, length * response.stretch_tangent[e], pull, stretch_line)
         add_squares(block, 4, length * response.twist_tangent[e], turn, twist_line)
         add_block(block, DOF, rule.span[e], band)
-        add_forces(forces, DOF, rule.span[e], gradient)
-
-
-@linked(**FLAGS)
-def force(q, rule, ref, other, response, gradient):
-    """Add the gradient of the strain energy to `gradient`; see `assemble`."""
-    forces = np.empty(FIRST)
-    for k in range(rule.weight.size // 3):
-        e = 3 * k
-        kappa1, kappa2 = column(other, e, 0), column(other, e, 1)
-        f, x = _stress(response, rule, e), first(q, rule, ref, e, kappa1, kappa2)
-        _resist(forces, f, x, kappa1, kappa2, rule, e)
         add_forces(forces, DOF, rule.span[e], gradient)
 
 
@@ -200,12 +188,14 @@ def _entry(grad, e, a, j):
 
 
 @njit(**INLINE)
-def _by_p(grad, e, a):
+def by_p(grad, e, a):
+    """Derivatives of strain a by p at the points of a span."""
     return _entry(grad, e, a, 0), _entry(grad, e, a, 1), _entry(grad, e, a, 2)
 
 
 @njit(**INLINE)
-def _by_s(grad, e, a):
+def by_s(grad, e, a):
+    """Derivatives of strain a by s at the points of a span."""
     return _entry(grad, e, a, 3), _entry(grad, e, a, 4), _entry(grad, e, a, 5)
 
 
@@ -221,11 +211,11 @@ def scatter_stress(rule, grad_stretch, grad_other, stress_s, stress_o, out):
         wt = three(rule.weight, e)
         f1, f2, f3 = times(wt, vectors(stress_o, e))
         tension = wt * three(stress_s, e) * tension_share(rule.stretch_linear[k])
-        bent = mix3(f1, _by_p(g, e, 0), f2, _by_p(g, e, 1), f3, _by_p(g, e, 2))
-        _derive(
+        bent = mix3(f1, by_p(g, e, 0), f2, by_p(g, e, 1), f3, by_p(g, e, 2))
+        derive_all(
             forces, 0,
             mix(1.0, bent, tension, vectors(grad_stretch, e)),
-            mix3(f1, _by_s(g, e, 0), f2, _by_s(g, e, 1), f3, _by_s(g, e, 2)),
+            mix3(f1, by_s(g, e, 0), f2, by_s(g, e, 1), f3, by_s(g, e, 2)),
             f1 * _entry(g, e, 0, 6) + f2 * _entry(g, e, 1, 6),
             f3, rule, e,
         )  # fmt: skip
@@ -241,9 +231,9 @@ def strain_increments(rule, grad_stretch, grad_other, dq, stretch, other):
         p, s = slopes(dq, rule, e)
         theta, rate = angle(dq, rule, rule.b, e), angle(dq, rule, rule.b1, e)
         pulled = dot(vectors(grad_stretch, e), p)
-        bent1 = dot(_by_p(g, e, 0), p) + dot(_by_s(g, e, 0), s) + _entry(g, e, 0, 6) * theta
-        bent2 = dot(_by_p(g, e, 1), p) + dot(_by_s(g, e, 1), s) + _entry(g, e, 1, 6) * theta
-        turned = dot(_by_p(g, e, 2), p) + dot(_by_s(g, e, 2), s) + rate
+        bent1 = dot(by_p(g, e, 0), p) + dot(by_s(g, e, 0), s) + _entry(g, e, 0, 6) * theta
+        bent2 = dot(by_p(g, e, 1), p) + dot(by_s(g, e, 1), s) + _entry(g, e, 1, 6) * theta
+        turned = dot(by_p(g, e, 2), p) + dot(by_s(g, e, 2), s) + rate
         for k in range(3):
             stretch[e + k], other[e + k, 2] = lane(pulled, k), lane(turned, k)
             other[e + k, 0], other[e + k, 1] = lane(bent1, k), lane(bent2, k)

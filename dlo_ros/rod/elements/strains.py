@@ -133,7 +133,7 @@ def carried_twist(p, s, r, t0, rate):
 
 
 @njit(**INLINE)
-def _put(array, e, a):
+def put(array, e, a):
     """Write vectors at points e, e + 1, e + 2 to an array (nb, 3)."""
     for point in range(3):
         for c, x in enumerate(a):
@@ -160,7 +160,7 @@ def strains(q, rule, ref):
         kappa1, kappa2 = dot(cross(t, s), d1) * (r * r), dot(s, d1) * (r * r)
         twist = angle(q, rule, rule.b1, e) + three(ref.twist, e)
         twist += carried_twist(p, s, r, t0, vectors(ref.rate, e))
-        _put(other, e, (kappa1, kappa2, twist))
+        put(other, e, (kappa1, kappa2, twist))
         for point in range(3):
             stretch[e + point] = lane(n, point) - 1.0
     for k in range(nb // 3):
@@ -182,9 +182,9 @@ def transport(q, rule, ref):
         added = carried_twist(p, s, r, t0, vectors(ref.rate, e))
         for point in range(3):
             twist[e + point] = ref.twist[e + point] + lane(added, point)
-        _put(tangent, e, t)
-        _put(rate, e, mix(r, s, -r * dot(t, s), t))
-        _put(director, e, _clean(carried(vectors(ref.director, e), t0, t), t))
+        put(tangent, e, t)
+        put(rate, e, mix(r, s, -r * dot(t, s), t))
+        put(director, e, _clean(carried(vectors(ref.director, e), t0, t), t))
     return Reference(tangent, rate, director, twist)
 
 

@@ -17,9 +17,10 @@ from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.boundary.conditions import align
 from dlo_ros.rod.elements import constitutive_law, contact_and_friction, rod_forces
 from dlo_ros.rod.elements.contact_and_friction import rest_anchor
+from dlo_ros.rod.elements.frame_derivatives import vary_frame
 from dlo_ros.rod.elements.planar_assembly import PLANAR
 from dlo_ros.rod.sensitivity.sensitivity_state import add, central_difference, shift, shift_state
-from dlo_ros.rod.sensitivity.strain_sensitivity import follow, turned
+from dlo_ros.rod.sensitivity.strain_sensitivity import follow
 from dlo_ros.rod.solve import banded_factorisation, newton_iteration
 from dlo_ros.rod.solve.constraints import back_substitute, eliminate
 from dlo_ros.rod.solve.equation_system import (
@@ -59,21 +60,6 @@ def _held_forces(q, stretch, other, rule, matter, grad_s, grad_o, response, spar
             q, rule, matter.around, matter.internal.anchor, result, spare
         )
     return result
-
-
-@linked()
-def _forces(q, stretch, other, rule, ref, matter, grad_s, grad_o, response, gradient, band):
-    """Elastic force at q with another material and reference frame, (n d,).
-
-    In the plane the strains do not depend on the frame, and their derivatives are known.
-    """
-    if q.shape[1] == PLANAR:
-        return _held_forces(q, stretch, other, rule, matter, grad_s, grad_o, response, band)
-    rod_forces.assemble(
-        q, rule, ref, matter, response, np.empty(0), gradient, band, np.empty(grad_s.shape),
-        np.zeros(grad_o.shape),
-    )  # fmt: skip
-    return gradient.copy()
 
 
 @linked()
@@ -167,7 +153,7 @@ def _special(system, imposed, old, new, varying, grad_s, grad_o, rhs, increments
     """The same for any rod, from the residual of both variants of each parameter."""
     h, time, q, rule = new.clock[LAST], new.clock[TIME], new.q, system.rule
     before, response = another(old), constitutive_law.room(rule.weight.size)
-    gradient, spare = np.empty(q.size), np.empty((q.size, 4 * q.shape[1]))
+    spare = np.empty((q.size, 4 * q.shape[1]))
     for a in range(varying.step.size):
         for side in range(2):
             k, d = 1 + 2 * a + side, varying.step[a] if side == 0 else -varying.step[a]
@@ -179,10 +165,9 @@ def _special(system, imposed, old, new, varying, grad_s, grad_o, rhs, increments
             )
             velocity, acceleration, _ = reached(q, q_star, v_star, lag, h)
             pull = residual(system, k, growth(imposed, k, time), velocity, acceleration).ravel()
-            elastic = _forces(
-                q, new.stretch, new.other, rule, before.reference, matter, grad_s, grad_o,
-                response, gradient, spare,
-            )  # fmt: skip
+            elastic = _held_forces(
+                q, new.stretch, new.other, rule, matter, grad_s, grad_o, response, spare
+            )
             for i in range(q.size):
                 rhs[a, i] -= share * (pull[i] + elastic[i])
             if varying.moves[a] != 0.0:
@@ -211,18 +196,21 @@ def propagate_step(system, imposed, old, new, varying):
     )
     count, m = varying.step.size, system.pins.shape[0]
     rhs, increments = np.zeros((count, q.size)), np.zeros((count, q.size))
-    gaps, by_frame = np.zeros((count, m)), np.zeros((count, rule.weight.size, 3))
-    special = varying.special != 0.0
-    if special:
+    gaps = np.zeros((count, m))
+    turn, twist = np.zeros((count, rule.weight.size)), np.zeros((count, rule.weight.size))
+    if varying.special != 0.0:
         _special(system, imposed, old, new, varying, grad_s, grad_o, rhs, increments, gaps)
     else:
         _linear(system, imposed, old, new, varying, grad_s, grad_o, rhs, increments, gaps)
     if q.shape[1] != PLANAR:
-        forced = np.zeros((0, q.size)) if special else rhs
-        turned(system, q, old, matter, response, varying, forced, by_frame)
+        forces = np.zeros((count, q.size))
+        vary_frame(
+            q, rule, old.reference, varying.reference, new.other, response, turn, twist, forces
+        )
+        rhs -= forces
     _solve(system, band, rhs, increments, gaps)
     d_q = rhs.reshape((count, q.shape[0], q.shape[1]))
-    follow(system, q, new.other, old, h, False, varying, d_q, grad_s, grad_o, by_frame)
+    follow(system, new, old, h, False, varying, d_q, grad_s, grad_o, turn, twist)
     q_star, v_star, lag = extrapolated(
         varying.q, varying.velocity, varying.acceleration, varying.auxiliary, h
     )
@@ -283,8 +271,8 @@ def propagate_equilibrium(system, imposed, before, rest, internal, fresh, varyin
         rest.clock, rest.q, rest.velocity, rest.acceleration, rest.auxiliary, rest.reference,
         rest.frames, rest.stretch, rest.stretch_before, rest.other, rest.other_before, internal,
     )  # fmt: skip
-    unturned = np.zeros((count, rule.weight.size, 3))
-    follow(system, q, rest.other, start, 0.0, fresh, varying, d_q, grad_s, grad_o, unturned)
+    unturned = np.zeros((count, rule.weight.size))
+    follow(system, rest, start, 0.0, fresh, varying, d_q, grad_s, grad_o, unturned, unturned)
     if fresh and internal.anchor.shape[0] > 0:
         shifted = np.empty(q.shape)
         for a in range(count):

@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
-from dlo_ros.rod.elements.planar_assembly import PLANAR
 from dlo_ros.rod.elements.rod_tables import InternalVariables, Reference, Stiffness
 from dlo_ros.spline import FloatArray
 
@@ -61,7 +60,10 @@ def shift(target, source, d, change):
 
 @linked()
 def shift_state(target, state, v, a, d):
-    """Write the state with d times the derivatives by parameter a added to target."""
+    """Write the state with d times the derivatives by parameter a added to target.
+
+    The reference frame is left alone: see `frame_derivatives`.
+    """
     shift(target.q, state.q, d, v.q[a])
     shift(target.velocity, state.velocity, d, v.velocity[a])
     shift(target.acceleration, state.acceleration, d, v.acceleration[a])
@@ -73,17 +75,6 @@ def shift_state(target, state, v, a, d):
     shift(target.internal.plastic, state.internal.plastic, d, v.internal.plastic[a])
     shift(target.internal.anchor, state.internal.anchor, d, v.internal.anchor[a])
     shift(target.internal.inner, state.internal.inner, d, v.internal.inner[a])
-    if state.q.shape[1] != PLANAR:
-        shift_frame(target.reference, state.reference, v.reference, a, d)
-
-
-@linked()
-def shift_frame(target, ref, change, a, d):
-    """Write a frame with d times its derivatives by parameter a added to target."""
-    shift(target.tangent, ref.tangent, d, change.tangent[a])
-    shift(target.rate, ref.rate, d, change.rate[a])
-    shift(target.director, ref.director, d, change.director[a])
-    shift(target.twist, ref.twist, d, change.twist[a])
 
 
 @njit(from_python=False)

@@ -6,64 +6,15 @@ from __future__ import annotations
 import numpy as np
 
 from dlo_ros.kernel_linking import linked
-from dlo_ros.rod.elements import constitutive_law, rod_forces, spatial_assembly
+from dlo_ros.rod.elements import rod_forces
+from dlo_ros.rod.elements.frame_derivatives import vary_carried_frame
 from dlo_ros.rod.elements.planar_assembly import PLANAR
 from dlo_ros.rod.elements.rod_tables import InternalVariables
-from dlo_ros.rod.sensitivity.sensitivity_state import add, central_difference, shift, shift_frame
+from dlo_ros.rod.elements.strains import span_twist
+from dlo_ros.rod.sensitivity.sensitivity_state import central_difference, shift
 from dlo_ros.rod.solve.equation_system import frictionless, material_at_rest, relaxed_material
-from dlo_ros.rod.solve.generalised_alpha import frame_at, update_internal_variables
-from dlo_ros.rod.solve.integrator_state import another, another_frame, assign
-
-
-@linked()
-def _frames(system, q, old, varying, d_q):
-    """Let the transported frame vary along; (q is in space).
-
-    Args:
-        d_q: derivatives of the shape, shape (P, n, 4).
-    """
-    rule, shifted = system.rule, np.empty(q.shape)
-    up, down = another_frame(old.reference), another_frame(old.reference)
-    change = varying.reference
-    for a in range(varying.step.size):
-        d = varying.step[a]
-        shift_frame(up, old.reference, change, a, d)
-        shift_frame(down, old.reference, change, a, -d)
-        shift(shifted, q, d, d_q[a])
-        frame_at(shifted, rule, up, up)
-        shift(shifted, q, -d, d_q[a])
-        frame_at(shifted, rule, down, down)
-        central_difference(up.tangent, down.tangent, d, change.tangent[a])
-        central_difference(up.rate, down.rate, d, change.rate[a])
-        central_difference(up.director, down.director, d, change.director[a])
-        central_difference(up.twist, down.twist, d, change.twist[a])
-
-
-@linked()
-def turned(system, q, old, matter, response, varying, rhs, by_frame):
-    """Add to the residual what a change of the frame before the step causes (q is in space).
-
-    Args:
-        matter, response: material of the step, and room for stresses.
-        rhs: right-hand sides (P, 4 n), to which the forces are added (against their sign); none
-            where they are there already.
-        by_frame: output, derivatives of bending and twist, shape (P, nb, 3).
-    """
-    rule, ref = system.rule, another_frame(old.reference)
-    pull = np.zeros((2, q.size))
-    for a in range(varying.step.size):
-        for side in range(2):
-            d = varying.step[a] if side == 0 else -varying.step[a]
-            shift_frame(ref, old.reference, varying.reference, a, d)
-            stretch, other = rod_forces.strains(q, rule, ref)
-            add(by_frame[a].ravel(), 0.5 / d, other.ravel())
-            if rhs.shape[0] > 0:
-                constitutive_law.respond(stretch, other, rule.weight, matter, response)
-                pull[side] = 0.0
-                spatial_assembly.force(q, rule, ref, other, response, pull[side])
-        if rhs.shape[0] > 0:
-            for i in range(q.size):
-                rhs[a, i] -= (pull[0, i] - pull[1, i]) / (2.0 * varying.step[a])
+from dlo_ros.rod.solve.generalised_alpha import update_internal_variables
+from dlo_ros.rod.solve.integrator_state import another, assign
 
 
 @linked()
@@ -105,24 +56,39 @@ def _remember(system, q, other, old, h, fresh, varying, d_q, d_other):
 
 
 @linked()
-def follow(system, q, other, old, h, fresh, varying, d_q, grad_s, grad_o, by_frame):
+def _turned_strains(rule, other, turn, twist, d_other):
+    """Add the strains that a change of the frame before the step causes; see `follow`."""
+    line = np.empty(3)
+    for a in range(turn.shape[0]):
+        for e in range(0, rule.weight.size - 2, 3):
+            for k in range(3):
+                d_other[a, e + k, 0] += other[e + k, 1] * turn[a, e + k]
+                d_other[a, e + k, 1] -= other[e + k, 0] * turn[a, e + k]
+                line[k] = twist[a, e + k]
+            span_twist(line, rule.twist_linear[e // 3])
+            for k in range(3):
+                d_other[a, e + k, 2] += line[k]
+
+
+@linked()
+def follow(system, after, old, h, fresh, varying, d_q, grad_s, grad_o, turn, twist):
     """Let what follows the shape vary along: strains, transported frame, internal variables.
 
     Args:
-        q, other: shape and strains after the step.
-        old: the state before it.
+        after, old: state after the step, and before it.
         h: length of the step [s], 0 to an equilibrium.
         fresh: whether the DLO starts there, see `equilibrium_continuation.settle`.
         varying: derivatives; those of frame, strains and internal variables are changed.
         d_q: derivatives of the shape, shape (P, n, d).
         grad_s, grad_o: derivatives of the strains, see `spatial_assembly.assemble`.
-        by_frame: see `_turned`.
+        turn, twist: see `frame_derivatives.vary_frame`.
     """
-    d_stretch, d_other = rod_forces.strain_sensitivities(system.rule, grad_s, grad_o, d_q)
+    q, rule = after.q, system.rule
+    d_stretch, d_other = rod_forces.strain_sensitivities(rule, grad_s, grad_o, d_q)
     if q.shape[1] != PLANAR:
-        add(d_other.ravel(), 1.0, by_frame.ravel())
-        _frames(system, q, old, varying, d_q)
-    _remember(system, q, other, old, h, fresh, varying, d_q, d_other)
+        _turned_strains(rule, after.other, turn, twist, d_other)
+        vary_carried_frame(q, rule, after.reference, d_q, grad_o, turn, twist, varying.reference)
+    _remember(system, q, after.other, old, h, fresh, varying, d_q, d_other)
     assign(varying.stretch_before, varying.stretch)
     assign(varying.other_before, varying.other)
     assign(varying.stretch, d_stretch)

@@ -63,17 +63,14 @@ def commit(new, state):
 
 
 @linked()
-def another_frame(ref):
-    """A copy of a reference frame."""
-    return Reference(ref.tangent.copy(), ref.rate.copy(), ref.director.copy(), ref.twist.copy())
-
-
-@linked()
 def another(state):
     """A copy of a state."""
+    ref = state.reference
     return IntegratorState(
         state.clock.copy(), state.q.copy(), state.velocity.copy(), state.acceleration.copy(),
-        state.auxiliary.copy(), another_frame(state.reference), state.frames.copy(),
+        state.auxiliary.copy(),
+        Reference(ref.tangent.copy(), ref.rate.copy(), ref.director.copy(), ref.twist.copy()),
+        state.frames.copy(),
         state.stretch.copy(), state.stretch_before.copy(), state.other.copy(),
         state.other_before.copy(),
         InternalVariables(
