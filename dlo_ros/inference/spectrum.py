@@ -130,24 +130,24 @@ def spectrum(residual: FloatArray, jacobian: FloatArray, control_points: int) ->
     nodal = nodal_shares(n)
     r = dct(residual, axis=0, norm="ortho").reshape(frames, -1, n) @ vectors  # (F, parts, n)
     j = dct(jacobian, axis=0, norm="ortho").reshape(frames, jacobian.shape[1], -1, n) @ vectors
-    groups = [*(g for g in MODE_GROUPS if g < n), n]
+    groups = list(pairwise([*(g for g in MODE_GROUPS if g < n), n]))
+    smooth, own = ([float(x[a:b].mean()) for a, b in groups] for x in (shares, nodal))
     rows: list[tuple[float, float, FloatArray, FloatArray, int, float, float, float]] = []
     for low, high in bands(frames):
-        frequency = np.pi * float(np.mean(np.arange(low, high))) / frames
+        frequency = np.pi * 0.5 * (low + high - 1) / frames
         for part in range(width // n):
-            for first, last in pairwise(groups):
+            for (first, last), share, alone in zip(groups, smooth, own, strict=True):
                 x = r[low:high, part, first:last].ravel()
                 y = j[low:high, :, part, first:last].transpose(0, 2, 1).reshape(len(x), -1)
-                smooth, own = float(np.mean(shares[first:last])), float(np.mean(nodal[first:last]))
                 rows.append(
-                    (float(len(x)), float(x @ x), y.T @ x, y.T @ y, part, smooth, own, frequency)
+                    (float(len(x)), float(x @ x), x @ y, y.T @ y, part, share, alone, frequency)
                 )
-    count, sum_of_squares, gradient, hessian, parts, share, owns, frequencies = zip(
+    count, sum_of_squares, gradient, hessian, parts, share_of, owns, frequencies = zip(
         *rows, strict=True
     )
     frequency = np.array(frequencies)
     return Spectrum(
         frames, np.array(count), np.array(sum_of_squares), np.array(gradient), np.array(hessian),
-        np.array(parts), np.array(share), np.full(len(rows), 1.0 / n), np.array(owns), frequency,
+        np.array(parts), np.array(share_of), np.full(len(rows), 1.0 / n), np.array(owns), frequency,
         np.where(frequency == 0.0, float(frames), 0.0),
     )  # fmt: skip
