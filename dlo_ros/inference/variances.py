@@ -59,7 +59,8 @@ class Variances:
         lasting: the same in all frames, smooth along the DLO, shape (D,).
         rough: the same in all frames, white along the DLO, shape (D,).
         memory: correlation of neighbouring frames of the fading error.
-        noise_memory: the same of both kinds of noise.
+        noise_memory: the same of both kinds of noise, shape (D,): along the DLO what a detector
+            reads off lasts longer than across it.
     """
 
     white: FloatArray
@@ -68,7 +69,7 @@ class Variances:
     lasting: FloatArray
     rough: FloatArray
     memory: float
-    noise_memory: float
+    noise_memory: FloatArray
 
     def of(self, spectrum: Spectrum) -> FloatArray:
         """Variance of a number in each bin [m^2], shape (B,)."""
@@ -77,10 +78,10 @@ class Variances:
         return np.asarray(np.sum(sizes[:, spectrum.part] * rows, axis=0))
 
 
-def _components(bins: Spectrum, memory: float, noise_memory: float) -> FloatArray:
+def _components(bins: Spectrum, memory: float, noise_memory: FloatArray) -> FloatArray:
     """Variance in each bin of each component with a variance of one, shape (5, B)."""
     noise, fading = (
-        ar1_spectral_density(noise_memory, bins.frequency),
+        ar1_spectral_density(noise_memory[bins.part], bins.frequency),
         ar1_spectral_density(memory, bins.frequency),
     )
     return np.array(
@@ -232,18 +233,20 @@ def guess(spectrum: Spectrum, length: float) -> Variances:
         each = float(np.sum(spectrum.sum_of_squares[pick]) / np.sum(spectrum.count[pick]))
         staying.append(max(each / float(spectrum.white[0]) / spectrum.frames, least))
     noise, smooth = np.array(white), np.array(fading)
-    return Variances(noise, noise, smooth, 0.1 * smooth, np.array(staying), 0.9, 0.0)
+    return Variances(
+        noise, noise, smooth, 0.1 * smooth, np.array(staying), 0.9, np.zeros(spectrum.parts)
+    )  # fmt: skip
 
 
 def _packed(found: Sequence[Variances]) -> FloatArray:
-    """Logarithms: each recording's white noise, what is common to all, and the two memories."""
+    """Logarithms: each recording's white noise, what is common to all, and the memories."""
     nodal = np.mean([v.nodal for v in found], axis=0)
     fading = np.mean([v.fading for v in found], axis=0)
     lasting = np.mean([v.lasting for v in found], axis=0)
     rough = np.mean([v.rough for v in found], axis=0)
     own = [np.log(v.white) for v in found]
     common = [np.log(nodal), np.log(fading), np.log(lasting), np.log(rough)]
-    memories = [np.log1p(-found[0].memory), np.log1p(-found[0].noise_memory)]
+    memories = np.log1p(-np.array([found[0].memory, *found[0].noise_memory]))
     return np.concatenate([*own, *common, memories])
 
 
@@ -257,13 +260,19 @@ def _rows(spectra: Sequence[Spectrum]) -> np.ndarray:
 
 def _unpacked(x: FloatArray, spectra: Sequence[Spectrum]) -> tuple[Variances, ...]:
     parts = spectra[0].parts
-    rows = np.exp(x[:-2]).reshape(-1, parts)
-    memory, noise_memory = (float(m) for m in -np.expm1(x[-2:]))
+    sizes, memory, noise_memory = _parted(x, parts)
+    rows = sizes.reshape(-1, parts)
     nodal, fading, lasting, rough = rows[len(spectra) :]
     return tuple(
         Variances(rows[k], nodal, fading, lasting, rough, memory, noise_memory)
         for k in range(len(spectra))
     )
+
+
+def _parted(x: FloatArray, parts: int) -> tuple[FloatArray, float, FloatArray]:
+    """Variances, memory of the fading error and memories of the noise, of packed numbers."""
+    memories = -np.expm1(x[-1 - parts :])
+    return np.exp(x[: -1 - parts]), float(memories[0]), memories[1:]
 
 
 def _missed(spectra: Sequence[Spectrum], offset: FloatArray, precision: FloatArray) -> list[float]:
@@ -299,7 +308,7 @@ def _bounds(
     noise = [(each, high) for each in least for _ in range(parts)]
     noise += [(low - 5.0, high)] * parts
     staying = [(low - 5.0, high)] * (2 * parts)
-    return [*noise, *[fading] * parts, *staying, memory, noise_memory]
+    return [*noise, *[fading] * parts, *staying, memory, *[noise_memory] * parts]
 
 
 def _cost(
@@ -310,19 +319,17 @@ def _cost(
     Args:
         rows: see `_rows`.
     """
-    memory, noise_memory = (float(m) for m in -np.expm1(x[-2:]))
-    parts = np.exp(x)[rows] * _components(bins, memory, noise_memory)
+    sizes, memory, noise_memory = _parted(x, bins.parts)
+    parts = sizes[rows] * _components(bins, memory, noise_memory)
     value, _, _, slope = _marginal_likelihood(bins, parts.sum(axis=0), offset, precision)
-    sizes = np.bincount(rows.ravel(), (slope * parts).ravel())
+    by_size = np.bincount(rows.ravel(), (slope * parts).ravel())
     noise, fading = slope * (parts[0] + parts[1]), slope * parts[2]
-    memories = [
-        -float(fading @ _rate(memory, bins.frequency)),
-        -float(noise @ _rate(noise_memory, bins.frequency)),
-    ]
-    return value, np.concatenate([sizes, memories])
+    faster = noise * _rate(noise_memory[bins.part], bins.frequency)
+    memories = [-float(fading @ _rate(memory, bins.frequency)), *-np.bincount(bins.part, faster)]
+    return value, np.concatenate([by_size, memories])
 
 
-def _rate(memory: float, frequency: FloatArray) -> FloatArray:
+def _rate(memory: float | FloatArray, frequency: FloatArray) -> FloatArray:
     """Derivative of the log of `density` by minus the logarithm of one minus the memory."""
     cosine = np.cos(frequency)
     below = 1.0 - 2.0 * memory * cosine + memory**2
@@ -336,11 +343,11 @@ def _unlikely(x: FloatArray, rows: np.ndarray, length: float) -> FloatArray:
 
     It is its own derivative.
     """
-    repeated = np.arange(len(x)) >= rows[2].min()
-    repeated[-2:] = False
+    place = np.arange(len(x))
+    repeated = (place >= rows[2].min()) & (place <= rows.max())
     return np.where(repeated, 0.5 * np.exp(x) / (REPEATED_STD * length) ** 2, 0.0)
 
 
-def ar1_spectral_density(memory: float, frequency: FloatArray) -> FloatArray:
+def ar1_spectral_density(memory: float | FloatArray, frequency: FloatArray) -> FloatArray:
     """Spectral density of an AR(1) process of unit variance."""
     return np.asarray((1.0 - memory**2) / (1.0 - 2.0 * memory * np.cos(frequency) + memory**2))

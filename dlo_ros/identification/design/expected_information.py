@@ -161,7 +161,7 @@ def _variances(settings: Settings, noise: Noise, parts: int) -> Variances:
     common = np.full(parts, noise.common**2)
     sliding, none = np.zeros(parts), np.zeros(parts)
     sliding[1] = (ALONG_STD * rod.length) ** 2
-    return Variances(white, none, sliding, common, none, 0.0, 0.0)
+    return Variances(white, none, sliding, common, none, 0.0, none)
 
 
 def _material(model: ParametricModel) -> list[int]:
