@@ -24,7 +24,7 @@ class MeasurementMap:
 
     def __init__(self, settings: RodSettings, parameters: Sequence[str] = ()) -> None:
         self._effects = build(settings.effects)
-        self._map, _ = _affine(self._effects)
+        self._map, self._shift = _affine(self._effects)
         count = len(parameters)
         # Derivatives of the map and of the delay [s] by each parameter.
         self._map_rate, self._shift_rate = np.zeros((count, 3, 3)), np.zeros((count, 3))
@@ -50,7 +50,7 @@ class MeasurementMap:
         """Control points as measured, of true ones; shape (n, 4), theta as it is."""
         if not self._effects:
             return shape
-        return np.column_stack([_measured(self._effects, shape[:, :3]), shape[:, 3]])
+        return np.column_stack([shape[:, :3] @ self._map.T + self._shift, shape[:, 3]])
 
     def true(self, shape: FloatArray) -> FloatArray:
         """The inverse of `measured`."""

@@ -242,9 +242,13 @@ def _differ(a: Any, b: Any) -> bool:
 def both_sides(
     model: RodModel, command: Command, chosen: ParameterVariation
 ) -> list[tuple[RodModel, Command]]:
-    """Rod and command with a parameter above and below its value."""
-    result = []
-    for side in (1.0, -1.0):
-        settings, asked = chosen.vary(model.settings, command, side * chosen.step)
-        result.append((model.with_settings(settings), asked))
-    return result
+    """Rod and command with a parameter above and below its value, kept with the model."""
+    cache: dict[str, tuple[Command, list[tuple[RodModel, Command]]]]
+    cache = model.__dict__.setdefault("_sides", {})
+    if chosen.name not in cache or cache[chosen.name][0] is not command:
+        result = []
+        for side in (1.0, -1.0):
+            settings, asked = chosen.vary(model.settings, command, side * chosen.step)
+            result.append((model.with_settings(settings), asked))
+        cache[chosen.name] = command, result
+    return cache[chosen.name][1]

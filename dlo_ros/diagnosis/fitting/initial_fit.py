@@ -17,6 +17,7 @@ from dlo_ros.errors import SimulationError
 from dlo_ros.identification.estimate import FINEST
 from dlo_ros.inference.forecast import Manipulation, as_started, forecast
 from dlo_ros.inference.measured import Recording, measured, without_gross
+from dlo_ros.inference.time_steps import longest_time_steps
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import DEGREE, FloatArray
 
@@ -40,12 +41,6 @@ ROUNDS = 2
 SPACE_ROUNDS = 5
 WORTH = 0.7
 """Error over that with fewer knot spans, below which more of them are worth their time."""
-COARSEST = 1e-2
-"""Tolerance of a simulation at which the search for steps that are fine enough begins: one step may
-then add 0.3 mm per metre of DLO."""
-TIME_ROUNDS = 4
-TIME_GAIN = 9.0
-"""Factor by which the error falls with a tenth of the tolerance."""
 DRAFT_SPANS = 2
 """Knot spans of a draft's simulation over those of the observed spline."""
 DRAFT_TOLERANCE = 1e-3
@@ -263,21 +258,16 @@ def _in_time(recording: Recording, model: Model, fineness: float) -> tuple[Recor
     """The recording with time steps that are fine enough, and the error that is left [m]."""
     n = recording.observed.shape[1]
     noise = float(np.sqrt(np.sum(recording.noise[:n] ** 2)))
-    tolerance = COARSEST
-    here = replace(recording, tolerance=tolerance)
-    before = evaluate(model, [here], model.settings, derivatives=False).predicted[0]
-    error = np.inf
-    for _ in range(TIME_ROUNDS):
-        tolerance /= 10.0
-        finer = replace(here, tolerance=tolerance)
-        after = evaluate(model, [finer], model.settings, derivatives=False).predicted[0]
-        error = float(np.sqrt(np.mean(recording.white(after[..., :3] - before[..., :3]) ** 2)))
-        if error < fineness:
-            break
-        here, before, error = finer, after, error / TIME_GAIN
-        if error < fineness:
-            break
-    return here, error * noise
+
+    def predicted(tolerance: float) -> FloatArray:
+        here = replace(recording, tolerance=tolerance)
+        return evaluate(model, [here], model.settings, derivatives=False).predicted[0][..., :3]
+
+    def apart(a: FloatArray, b: FloatArray) -> float:
+        return float(np.sqrt(np.mean(recording.white(a - b) ** 2)))
+
+    tolerance, error = longest_time_steps(predicted, apart, fineness)
+    return replace(recording, tolerance=tolerance), error * noise
 
 
 def drafts(recordings: Sequence[Recording], at: CandidateEvaluation) -> tuple[Recording, ...]:

@@ -10,21 +10,20 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dlo_ros.command import NANOSECONDS
 from dlo_ros.errors import SimulationError
-from dlo_ros.identification.batched_forecast import forecast_each, forecast_varied
+from dlo_ros.identification.batched_forecast import forecast_each
 from dlo_ros.identification.estimate import search_information, with_logarithms
+from dlo_ros.identification.offline.recording_simulations import Simulations, stepping
 from dlo_ros.identification.residual_information import NOISE_LIMIT
 from dlo_ros.identification.residual_noise import correlation_length
 from dlo_ros.inference.forecast import Forecast, Manipulation
 from dlo_ros.inference.measured import MOST_GROSS, outliers
-from dlo_ros.inference.parallel import Pool, Threads
 from dlo_ros.parameters import Settings
-from dlo_ros.rod.resolution import RECHECK_RATIO
 from dlo_ros.spline import DEGREE, FloatArray
 
 LOG = logging.getLogger(__name__)
@@ -36,6 +35,7 @@ CONVERGED = 1e-4  # change of a logarithm
 LEAST_GAIN = 5e-3  # gain of the log likelihood, repeated residuals counted once
 LONGEST_STEP = 1.5  # change of a logarithm in one iteration
 STEP_COARSER = 2.0  # of the time steps, to see what they do
+SCAN_TOLERANCE = 1e-3  # of the simulations by which starts are compared
 
 Progress = Callable[[str, float], None]
 
@@ -61,51 +61,6 @@ class MaterialFit:
     gradient: FloatArray
     sum_of_squares: float
     count: int
-
-
-@dataclass
-class Simulations:
-    """Pool and resolutions with which recordings are simulated.
-
-    Args:
-        pool: pool in which simulations run.
-        spans: knot spans of each recording, with E/mu and tolerance for which they were judged.
-    """
-
-    pool: Pool = field(default_factory=Threads)
-    spans: dict[int, tuple[float, float, Forecast]] = field(default_factory=dict)
-
-    def known(self, index: int, settings: Settings) -> Forecast | None:
-        """A forecast whose resolution is fine enough for these settings, too."""
-        if index not in self.spans:
-            return None
-        ratio, tolerance, found = self.spans[index]
-        apart = settings.rod.specific_modulus / ratio
-        same = tolerance == settings.simulation.tolerance
-        return found if same and 1 / RECHECK_RATIO < apart < RECHECK_RATIO else None
-
-    def vary(self, train: Sequence[Manipulation], settings: Settings) -> list[Forecast]:
-        """Forecasts of all recordings with derivatives.
-
-        Raises:
-            SimulationError: a recording cannot be simulated.
-        """
-        known = [self.known(k, settings) for k in range(len(train))]
-        spans = [None if f is None else f.spans for f in known]
-        tasks = [(r, settings, s) for r, s in zip(train, spans, strict=True)]
-        found = self.pool.map(_varied, tasks)
-        for k, (before, now) in enumerate(zip(known, found, strict=True)):
-            if before is None:
-                ratio, tolerance = settings.rod.specific_modulus, settings.simulation.tolerance
-                self.spans[k] = (ratio, tolerance, now)
-            else:
-                found[k] = replace(now, resolution_error=before.resolution_error)
-        return found
-
-
-def _varied(task: tuple[Manipulation, Settings, int | None]) -> Forecast:
-    recording, settings, spans = task
-    return forecast_varied(recording, settings, spans=spans)
 
 
 def _scanned(task: tuple[Manipulation, list[Settings], int]) -> list[float]:
@@ -149,6 +104,8 @@ def best_start(
         SimulationError: no start can be simulated.
     """
     spans = 2 * (settings.rod.control_points - 3)
+    tolerance = max(settings.simulation.tolerance, SCAN_TOLERANCE)
+    settings = stepping(settings, tolerance)
     starts = []
     for factor in START_FACTORS:
         theta = guess.copy()
@@ -310,9 +267,8 @@ def numerical_shifts(
     They follow from coarser simulations: the error of the time steps falls with their square, that
     of cubic splines at least with the third power.
     """
-    current = with_logarithms(settings, fit.theta)
-    tolerance = STEP_COARSER**3 * current.simulation.tolerance
-    steps = replace(current, simulation=replace(current.simulation, tolerance=tolerance))
+    current = simulations.stepped(with_logarithms(settings, fit.theta))
+    steps = stepping(current, STEP_COARSER**3 * current.simulation.tolerance)
 
     published = settings.rod.control_points - DEGREE
     tasks = [

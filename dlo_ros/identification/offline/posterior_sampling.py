@@ -16,8 +16,9 @@ from dlo_ros.identification.estimate import (
     search_information,
     with_logarithms,
 )
-from dlo_ros.identification.offline.gauss_newton import Simulations, descend
+from dlo_ros.identification.offline.gauss_newton import descend
 from dlo_ros.identification.offline.recording_identification import FittedMaterial
+from dlo_ros.identification.offline.recording_simulations import Simulations
 from dlo_ros.inference.forecast import Manipulation
 from dlo_ros.inference.parallel import Pool, Threads
 from dlo_ros.inference.weighted_quantiles import weighted_quantiles

@@ -23,7 +23,6 @@ from dlo_ros.identification.offline.gauss_newton import (
     CONVERGED,
     MaterialFit,
     Progress,
-    Simulations,
     best_start,
     descend,
     evaluate,
@@ -32,6 +31,7 @@ from dlo_ros.identification.offline.gauss_newton import (
     recentred,
     without,
 )
+from dlo_ros.identification.offline.recording_simulations import Simulations, typical_residual
 from dlo_ros.identification.offline.set_up_estimate import weighed
 from dlo_ros.identification.offline.wrench_identification import (
     ForceInformation,
@@ -178,6 +178,8 @@ class FittedMaterial:
         information: information of the data on them (4, 4).
         ignored: outlier pictures of each recording, shape (F,) each.
         settings: settings with the tolerance that was needed.
+        long_steps: tolerance of time steps that a search may take, see `Simulations`; None: that of
+            the settings.
         shifts: shifts by which the simulation's own error may have moved theta, each (4,).
         forces: information of measured forces, which theta and the information contain; None: there
             are no forces.
@@ -188,6 +190,7 @@ class FittedMaterial:
     information: FloatArray
     ignored: list[np.ndarray]
     settings: Settings
+    long_steps: float | None
     iterations: int
     converged: bool
     shifts: Sequence[FloatArray] = ()
@@ -211,6 +214,8 @@ def fitted(
     guess, simulations = logarithms(settings), Simulations(pool or Threads())
     theta = best_start(train, settings, guess, progress, simulations)
     LOG.info("best start: %s", _words(theta))
+    begun = evaluate(train, settings, guess, theta, simulations).forecasts
+    simulations.lengthen_steps(train, with_logarithms(settings, theta), begun)
     fit, iterations, converged = descend(
         train, settings, guess, theta, progress, simulations, converged=COARSE_CONVERGED
     )
@@ -222,18 +227,13 @@ def fitted(
     if any(mask.any() for mask in ignored):
         # They have bent the search so far.
         fit, more, _ = descend(
-            train,
-            settings,
-            guess,
-            fit.theta,
-            progress,
-            simulations,
-            ignored,
+            train, settings, guess, fit.theta, progress, simulations, ignored,
             converged=COARSE_CONVERGED,
-        )
+        )  # fmt: skip
         iterations += more
-    typical = [float(np.median(np.sum(f.residual**2, axis=(1, 2)))) for f in fit.forecasts]
-    fine = within_noise(settings, float(np.sqrt(min(typical))))
+    simulations.lengthen_steps(train, with_logarithms(settings, fit.theta), fit.forecasts)
+    long_steps, simulations.step_tolerance = simulations.step_tolerance, None
+    fine = within_noise(settings, typical_residual(fit.forecasts))
     ignored = outlier_pictures(fit.forecasts)
     try:
         fit, more, converged = descend(
@@ -260,7 +260,10 @@ def fitted(
         except SimulationError as err:
             LOG.warning("the estimate stays where the search ended: %s", err)
             theta = fit.theta
-    return FittedMaterial(fit, theta, information, ignored, fine, iterations, converged, shifts)
+    return FittedMaterial(
+        fit, theta, information, ignored, fine, long_steps, iterations, converged,
+        shifts,
+    )  # fmt: skip
 
 
 def _with_set_up(
@@ -269,15 +272,9 @@ def _with_set_up(
     """The fit with the set-up open within its tolerances, and the set-up's numbers."""
     spans = [f.spans for f in found.fit.forecasts]
     more = weighed(
-        train,
-        found.settings,
-        found.theta,
-        found.information,
-        found.ignored,
-        spans,
-        given,
-        found.shifts,
-    )
+        train, found.settings, found.theta, found.information, found.ignored, spans, given,
+        found.shifts, found.long_steps,
+    )  # fmt: skip
     for name, (value, std) in more.values.items():
         LOG.info("set-up: %s = %.4g +- %.2g", name, value, std)
     if not more.values:

@@ -19,12 +19,24 @@ from scipy.special import expit
 
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.estimate import logarithms, with_logarithms
+from dlo_ros.identification.offline.recording_simulations import STEP_SHARE
 from dlo_ros.identification.residual_information import determined_directions, model_shifts
 from dlo_ros.inference.forecast import Manipulation
-from dlo_ros.inference.joint import Evaluation, evaluate, fit, misfit, restricted, settled
+from dlo_ros.inference.joint import (
+    ITERATIONS,
+    Evaluation,
+    borrowed,
+    evaluate,
+    fit,
+    misfit,
+    restricted,
+    settled,
+    simulate,
+)
 from dlo_ros.inference.measured import Recording, measured
 from dlo_ros.inference.priors import DIAMETER_STD, joint_model
 from dlo_ros.inference.scene import imposed_names, scene
+from dlo_ros.inference.time_steps import longest_time_steps
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.sensitivity_parameters import MATERIAL
 from dlo_ros.spline import FloatArray
@@ -71,6 +83,7 @@ def weighed(
     spans: Sequence[int],
     given: Settings,
     shifts: Sequence[FloatArray] = (),
+    long_steps: float | None = None,
 ) -> SetUp:
     """Weigh the set-up as stated against one that is open within its tolerances.
 
@@ -83,10 +96,13 @@ def weighed(
         spans: knot spans of each recording's simulation.
         given: the parameter file, whose values the priors lie around.
         shifts: shifts by which the simulation's own error may have moved theta, each (4,).
+        long_steps: tolerance of the time steps with which a search may begin; None: that of the
+            settings.
     """
     exact = SetUp(theta, information, 0.0, settings, {})
+    shortest = settings.simulation.tolerance
     recordings = [
-        replace(_seen(r, mask, settings), spans=s, tolerance=settings.simulation.tolerance)
+        replace(_seen(r, mask, settings), spans=s, tolerance=long_steps or shortest)
         for r, mask, s in zip(train, ignored, spans, strict=True)
     ]
     names = imposed_names(train)
@@ -101,6 +117,8 @@ def weighed(
         if start.posterior.evidence < stated - WORSE_EVIDENCE:
             return exact
         at = _best_valley(settled(start, recordings), start, recordings)
+        if long_steps:
+            at = _in_short_steps(at, recordings, long_steps, shortest)
     except SimulationError as err:
         LOG.warning("the set-up is taken as exact: with it open the simulation fails (%s)", err)
         return exact
@@ -137,6 +155,31 @@ def _best_valley(at: Evaluation, start: Evaluation, recordings: Sequence[Recordi
         if misfit(found, best, white=True) < BETTER * misfit(best, best, white=True):
             best = settled(found, recordings)
     return best
+
+
+def _in_short_steps(
+    at: Evaluation, recordings: Sequence[Recording], longest: float, shortest: float
+) -> Evaluation:
+    """The fit with time steps that are short enough for what an open set-up leaves.
+
+    Args:
+        longest: tolerance of the time steps with which it was found.
+        shortest: tolerance of the time steps below which none are needed.
+    """
+
+    def residuals(tolerance: float) -> FloatArray:
+        steps = [replace(r, tolerance=tolerance) for r in recordings]
+        return np.concatenate([r.ravel() for r, _ in simulate(at.model, steps, ()).fields])
+
+    def distance(a: FloatArray, b: FloatArray) -> float:
+        return float(np.linalg.norm(a - b) / np.sqrt(sum(len(r) for r, _ in at.fields)))
+
+    left = min(float(np.median(np.sum(r**2, axis=1))) for r, _ in at.fields)
+    found, _ = longest_time_steps(residuals, distance, STEP_SHARE * np.sqrt(left))
+    if max(found, shortest) >= longest:
+        return at
+    shorter = [replace(r, tolerance=max(found, shortest)) for r in recordings]
+    return fit(borrowed(at, at.model, shorter), shorter, ITERATIONS, fresh=False)
 
 
 def _averaged(

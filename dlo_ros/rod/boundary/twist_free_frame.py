@@ -3,7 +3,10 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
+from numpy.typing import NDArray
 
 from dlo_ros.errors import InputError
 from dlo_ros.kernel_cache import njit
@@ -33,12 +36,8 @@ def twist_free(
     Raises:
         InputError: control points coincide, so that the shape has no direction.
     """
-    between = np.linspace(0.0, basis.length, 16 * basis.spans + 1)
-    u = np.unique(np.concatenate([between, points]))
-    # Two that differ by rounding would be one point with a chord of any direction.
-    u = u[np.insert(np.diff(u) > SAME * basis.length, 0, True)]
-    p = basis.evaluate(q[:, :3], u, 1)
-    s = basis.evaluate(q[:, :3], u, 2)
+    u, at, matrices = _stations(basis, points.tobytes())
+    r, p, s = (m @ q[:, :3] for m in matrices)
     speed = np.linalg.norm(p, axis=1, keepdims=True)
     if not speed.min() > LEAST_SPEED:
         raise InputError(
@@ -47,7 +46,6 @@ def twist_free(
         )
     tangent = p / speed
     rate = (s - tangent * np.sum(tangent * s, axis=1, keepdims=True)) / speed
-    r = basis.evaluate(q[:, :3], u)
     start = director
     if start is None:
         start = np.eye(3)[1] if abs(tangent[0, 1]) < 0.9 else np.eye(3)[2]
@@ -55,7 +53,6 @@ def twist_free(
     frame = np.empty_like(tangent)
     frame[0] = start / np.linalg.norm(start)
     _carry_along(r, tangent, frame)
-    at = np.searchsorted(u, points - SAME * basis.length)
     reference = Reference(
         np.ascontiguousarray(tangent[at]),
         np.ascontiguousarray(rate[at]),
@@ -66,6 +63,28 @@ def twist_free(
     for end, k in enumerate((0, -1)):
         ends[end, TANGENT:DIRECTOR], ends[end, DIRECTOR:BODY] = tangent[k], frame[k]
     return reference, ends
+
+
+@lru_cache(maxsize=64)
+def _stations(
+    basis: SplineBasis, points: bytes
+) -> tuple[FloatArray, NDArray[np.intp], tuple[FloatArray, FloatArray, FloatArray]]:
+    """Material coordinates through which a frame is carried.
+
+    Args:
+        points: wanted coordinates [m], float64.
+
+    Returns:
+        The coordinates, shape (m,); indices of the wanted ones; matrices (m, n) of the basis
+        functions and of their first and second derivatives there.
+    """
+    wanted = np.frombuffer(points)
+    between = np.linspace(0.0, basis.length, 16 * basis.spans + 1)
+    u = np.unique(np.concatenate([between, wanted]))
+    # Two that differ by rounding would be one point with a chord of any direction.
+    u = u[np.insert(np.diff(u) > SAME * basis.length, 0, True)]
+    at = np.searchsorted(u, wanted - SAME * basis.length)
+    return u, at, (basis.matrix(u), basis.matrix(u, 1), basis.matrix(u, 2))
 
 
 @njit()
