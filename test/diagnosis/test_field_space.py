@@ -1,43 +1,50 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The field's cases in space; `make field SPACE=1` draws as many as wanted."""
 
-import json
-
 import numpy as np
 import pytest
+from challenge import manipulations
+from challenge.draws import Scene
+from challenge.residual import changed
 from field import spatial
-from field.evaluate import judge, solve
+from field.evaluate import solve
+from field.generate import Case
 from field.nuisances import Errors
 
 from dlo_ros.cli.loading import load_manipulation
 from dlo_ros.parameters import Settings
 
-
-@pytest.fixture(scope="module")
-def case():
-    return spatial.draw(7300, 1, ("point_mass",))
+SCENE = Scene(0.4, 0.3, 12.0, 0.03, 0.01, 0.012, True, True, ())
 
 
-def test_a_case_leaves_the_plane_in_everything(case, tmp_path):
-    assert spatial.draw(7300, 1, ("point_mass",)) == case
-    assert 4.0 <= case.ratio["point_mass"] <= 20.0
-    assert all(len(v) == 3 for v in case.set_up["clamp_offset"].values())
-    assert all(len(v) == 3 for v in case.set_up["clamp_angle"].values())
-    assert len(case.set_up["camera_rotation"]["angle"]) == 3
-    assert {"across", "angle"} == set(case.set_up["gravity_tilt"])
-    bags, own = case.write(tmp_path)
-    guess, length = (
-        Settings.load(tmp_path / "params.yaml"),
-        case.trees[0]["parameters"]["rod"]["length"],
-    )
-    assert not guess.effects and guess.damping != Settings().damping
-    assert 2 <= len(bags) <= 3 and 0.0 < own < 0.02 * length
-    for bag in bags:
-        shapes = np.array([o.control_points for o in load_manipulation(bag, guess).observations])
-        assert len(shapes) > 60
-        assert np.ptp(shapes[:, :, 1]) > 0.05 * length
-    told = json.loads((tmp_path / "case.json").read_text())
-    assert list(told["causes"]) == ["point_mass"]
+def test_a_case_leaves_the_plane(tmp_path):
+    rng = np.random.default_rng(3)
+    trees = spatial.recordings(rng, [manipulations.u_shape(rng)])
+    length = trees[0]["parameters"]["rod"]["length"]
+    set_up = spatial.set_up_in_space(rng, length, ("start", "end"))
+    tree = changed(trees[0], set_up, {}) | {"duration": 0.4}
+    case = Case(3, {"clamp_slip": {}}, set_up, {}, ("u_shape",), (tree,))
+    (bag,), own = case.write(tmp_path)
+    guess = Settings.load(tmp_path / "params.yaml")
+    assert not guess.effects and 0.0 < own < 0.02 * length
+    seen = load_manipulation(bag, guess).observations
+    shapes = np.array([o.control_points for o in seen])
+    assert 8 <= len(shapes) <= 11 and np.ptp(shapes[:, :, 1]) > 0.05 * length
+
+
+def test_causes_act_in_any_direction():
+    rng = np.random.default_rng(4)
+    for name, blocks in (
+        ("clamp_angle", 3), ("camera_rotation", 3), ("gravity_tilt", 2), ("constant_force", 3)
+    ):  # fmt: skip
+        drawn = [spatial.CAUSES[name](rng, SCENE) for _ in range(20)]
+        flat = [np.concatenate([np.ravel(v) for v in d.values(d.upper).values()]) for d in drawn]
+        assert all(len(row) == blocks for row in flat)
+        assert np.linalg.norm(flat, axis=1) == pytest.approx(np.linalg.norm(flat[0]), rel=1e-9)
+        assert (np.std(flat, axis=0) > 0.3 * np.std(flat)).all()
+    values = [spatial.CAUSES["intrinsic_curvature"](rng, SCENE).values(1.0) for _ in range(20)]
+    assert any("across" in v for v in values) and any("kink" in v for v in values)
+    assert not {"plasticity", "obstacle"} & set(spatial.CAUSES)
 
 
 def test_each_coordinate_is_measured_wrongly_by_itself():
@@ -67,9 +74,10 @@ def test_a_set_up_has_errors_in_all_directions():
 
 
 @pytest.mark.slow
-def test_a_cause_in_space_is_found(case, tmp_path):
+def test_a_cause_in_space_is_found(tmp_path):
+    case = spatial.draw(7300, 1, ("point_mass",))
+    assert spatial.draw(7300, 1, ("point_mass",)) == case
+    assert 4.0 <= case.ratio["point_mass"] <= 20.0
     result = solve(case, tmp_path)
     assert result.main in ("named", "rival") and not result.wrong
     assert result.share is None or result.share > 0.8
-    report = json.loads((tmp_path / "diagnosis" / "report.json").read_text())
-    assert judge(case, report) == (result.main, result.wrong)

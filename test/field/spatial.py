@@ -89,12 +89,22 @@ def anisotropy(rng: np.random.Generator, scene: Scene) -> Drawn:
     return Drawn(lambda s: {"ratio": float(np.exp(s)), "angle": angle}, 0.03, 2.0)
 
 
-CAUSES: dict[str, Draw] = {k: v for k, v in NAMED.items() if k not in PLANE_ONLY} | {
+CAUSES: dict[str, Draw] = {
+    k: v for k, v in NAMED.items() if k not in (*PLANE_ONLY, "obstacle")
+} | {
     f.__name__: f
     for f in (
         intrinsic_curvature, clamp_angle, gravity_tilt, camera_rotation, constant_force, anisotropy,
     )
 }  # fmt: skip
+
+
+def recordings(rng: np.random.Generator, chosen: list[manipulations.Manipulation]) -> list[dict]:
+    """Experiment files of the same rope, without effects."""
+    trees = _recordings(rng, chosen, 2e-4)
+    length = trees[0]["parameters"]["rod"]["length"]
+    own = {"camera": {"rate": RATE}}
+    return [t | _recording(rng, m, length) | own for t, m in zip(trees, chosen, strict=True)]
 
 
 def _recording(rng: np.random.Generator, chosen: manipulations.Manipulation, length: float) -> dict:
@@ -196,10 +206,8 @@ def draw(seed: int, count: int = 1, names: tuple[str, ...] = ()) -> Case:
 
 def _try(rng: np.random.Generator, seed: int, names: tuple[str, ...]) -> Case | None:
     chosen = manipulations.choose(rng, int(rng.integers(2, 4)))
-    trees = _recordings(rng, chosen, 2e-4)
+    trees = recordings(rng, chosen)
     length = trees[0]["parameters"]["rod"]["length"]
-    own = {"camera": {"rate": RATE}}
-    trees = [t | _recording(rng, m, length) | own for t, m in zip(trees, chosen, strict=True)]
     loosened(rng, trees)
     ends = clamped(chosen)
     errors = set_up_in_space(rng, length, ends)
