@@ -218,7 +218,9 @@ def _try(rng: np.random.Generator, seed: int, names: tuple[str, ...]) -> Case | 
     refit = Refit(trees, OWN * length, 0.015 if weighed else 0.5, errors)
     scene = _scene(parameters, chosen, refit)
     bare = Case(seed, {}, errors, {}, tuple(m.name for m in chosen), tuple(trees))
-    return with_causes(rng, bare, names, lambda name: NAMED[name](rng, scene), refit)
+    return with_causes(
+        bare, names, lambda name: _visible(rng, refit, name, NAMED[name](rng, scene))
+    )
 
 
 def clamped(chosen: list[manipulations.Manipulation]) -> tuple[str, ...]:
@@ -227,25 +229,19 @@ def clamped(chosen: list[manipulations.Manipulation]) -> tuple[str, ...]:
 
 
 def with_causes(
-    rng: np.random.Generator,
-    bare: Case,
-    names: tuple[str, ...],
-    drawn: Callable[[str], Drawn | None],
-    refit: Refit,
+    bare: Case, names: tuple[str, ...], drawn: Callable[[str], tuple[dict | None, float]]
 ) -> Case | None:
     """A case with causes that show; None where one does not.
 
     Args:
         bare: the case without them.
-        drawn: function that returns what is drawn of a cause, given its name.
-        refit: what the causes leave in the residual.
+        names: names of the causes.
+        drawn: function that returns the values of a cause, given its name, None where it does not
+            show, and the residual that it leaves over the measurement's own errors.
     """
     causes, ratios = {}, {}
     for name in names:
-        strengths = drawn(name)
-        if strengths is None:
-            return None
-        block, ratio = _visible(rng, refit, name, strengths)
+        block, ratio = drawn(name)
         if block is None:
             return None
         causes[name], ratios[name] = block, round(ratio, 1)
@@ -257,8 +253,12 @@ def with_causes(
     )  # fmt: skip
 
 
-def _visible(rng, refit: Refit, name: str, strengths: Drawn) -> tuple[dict | None, float]:
+def _visible(
+    rng: np.random.Generator, refit: Refit, name: str, strengths: Drawn | None
+) -> tuple[dict | None, float]:
     """Values of a cause that shows, at a strength drawn at random; None where there are none."""
+    if strengths is None:
+        return None, 0.0
     low, high = np.log([strengths.lower, strengths.upper])
     for _ in range(6):
         block = strengths.values(float(np.exp(rng.uniform(0.3 * low + 0.7 * high, high))))

@@ -10,14 +10,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from challenge import manipulations
 from challenge.draws import NAMED, Draw, Drawn, Scene
-from challenge.generate import _recordings
+from challenge.generate import _recordings, _strength
 from challenge.residual import beside, changed
 
 from dlo_ros.errors import SimulationError
 from dlo_ros.synthesis.experiment import read_experiment
 from dlo_ros.synthesis.hidden_rod import PLANE_ONLY
 from dlo_ros.synthesis.true_motion import build_simulation, simulate
-from field.generate import OWN, TRIES, Case, clamped, loosened, with_causes
+from field.generate import OWN, TRIES, VISIBLE, Case, clamped, loosened, with_causes
 from field.nuisances import DEGREE, SAMPLES, set_up, smooth
 
 RATE = 25.0  # [Hz] of the pictures
@@ -33,13 +33,13 @@ def set_up_in_space(rng: np.random.Generator, length: float, ends: tuple[str, ..
     n = rng.normal
     effects = set_up(rng, length, ends)
     effects["gravity_tilt"]["across"] = DEGREE * n()
-    effects["camera_rotation"]["angle"] = list(0.5 * DEGREE * n(size=3))
+    effects["camera_rotation"]["angle"] = (0.5 * DEGREE * n(size=3)).tolist()
     effects["camera_shift"]["y"] = 5e-3 * length * n()
     across = 0.5 / length * smooth(rng, np.linspace(0.0, 1.0, SAMPLES), 0.4)
     effects["intrinsic_curvature"]["across"] = across.tolist()
     if ends:
-        effects["clamp_angle"] = {e: list(3.0 * DEGREE * n(size=3)) for e in ends}
-        effects["clamp_offset"] = {e: list(5e-3 * length * n(size=3)) for e in ends}
+        effects["clamp_angle"] = {e: (3.0 * DEGREE * n(size=3)).tolist() for e in ends}
+        effects["clamp_offset"] = {e: (5e-3 * length * n(size=3)).tolist() for e in ends}
     return effects
 
 
@@ -65,7 +65,7 @@ def intrinsic_curvature(rng: np.random.Generator, scene: Scene) -> Drawn:
 def clamp_angle(rng: np.random.Generator, scene: Scene) -> Drawn | None:
     drawn, way = NAMED["clamp_angle"](rng, scene), _direction(rng)
     return drawn and replace(
-        drawn, values=lambda s: {k: list(v * way) for k, v in drawn.values(s).items()}
+        drawn, values=lambda s: {k: (v * way).tolist() for k, v in drawn.values(s).items()}
     )
 
 
@@ -76,7 +76,7 @@ def gravity_tilt(rng: np.random.Generator, scene: Scene) -> Drawn:
 
 def camera_rotation(rng: np.random.Generator, scene: Scene) -> Drawn:
     way = _direction(rng)
-    return Drawn(lambda s: {"angle": list(s * way)}, 1e-3, 0.2)
+    return Drawn(lambda s: {"angle": (s * way).tolist()}, 1e-3, 0.2)
 
 
 def constant_force(rng: np.random.Generator, scene: Scene) -> Drawn:
@@ -179,8 +179,8 @@ class LinearRefit:
         ]
         self._basis = np.linalg.qr(np.column_stack(columns))[0]
 
-    def ratio(self, effects: dict, _: dict) -> tuple[float, None]:
-        """Residual over the measurement's own errors; as of `challenge.residual.Refit`."""
+    def ratio(self, effects: dict) -> tuple[float, None]:
+        """Residual over the measurement's own errors; None stands for the change of E and mu."""
         miss = self.plain.across(seen(self.trees, beside(self.known, effects)))
         left = miss - self._basis @ (self._basis.T @ miss)
         return float(np.sqrt(3.0 * np.mean(left**2)) / self.size), None
@@ -214,7 +214,19 @@ def _try(rng: np.random.Generator, seed: int, names: tuple[str, ...]) -> Case | 
     refit = LinearRefit(trees, OWN * length, errors)
     scene = _scene(trees[0]["parameters"], ends, refit.plain)
     bare = Case(seed, {}, errors, {}, tuple(m.name for m in chosen), tuple(trees))
-    return with_causes(rng, bare, names, lambda name: CAUSES[name](rng, scene), refit)
+    return with_causes(bare, names, lambda name: _shown(rng, refit, name, scene))
+
+
+def _shown(
+    rng: np.random.Generator, refit: LinearRefit, name: str, scene: Scene
+) -> tuple[dict | None, float]:
+    """Values of a cause, of a residual drawn at random; None where no strength leaves one."""
+    drawn, (low, high) = CAUSES[name](rng, scene), VISIBLE
+    target = float(np.exp(rng.uniform(np.log(1.1 * low), np.log(0.9 * high))))
+    if drawn is None:
+        return None, 0.0
+    strength, ratio, _ = _strength(lambda s: refit.ratio({name: drawn.values(s)}), drawn, target)
+    return (drawn.values(strength) if low <= ratio <= high else None), ratio
 
 
 def _scene(parameters: dict, ends: tuple[str, ...], plain: Seen) -> Scene:
