@@ -160,6 +160,8 @@ def main() -> None:
     parser.add_argument("--pictures", action="store_true", help="render a camera's pictures")
     parser.add_argument("--keep", type=Path, help="folder in which the cases are kept")
     arguments = parser.parse_args()
+    if arguments.space and arguments.pictures:
+        parser.error("pictures are rendered of cases in the plane alone; leave --space out")
     results: list[Result] = []
     for seed in range(arguments.first, arguments.first + arguments.count):
         for count in arguments.causes or range(4):
