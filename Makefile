@@ -95,10 +95,10 @@ challenge: $(COMPILED)
 		--first $(or $(FIRST),1000) --count $(or $(COUNT),20)
 
 # The same with all that a real set-up has at once, COUNT cases of 0 to 3 causes each from seed FIRST.
-# PICTURES=1 renders them.
+# PICTURES=1 renders them; SPACE=1 moves in space.
 field: $(COMPILED)
 	cd test && PYTHONPATH=. ../$(BIN)/python -m field.evaluate \
-		--first $(or $(FIRST),1000) --count $(or $(COUNT),20) $(if $(PICTURES),--pictures)
+		--first $(or $(FIRST),1000) --count $(or $(COUNT),20) $(if $(PICTURES),--pictures) $(if $(SPACE),--space)
 
 # What the observer finds in rendered pictures, COUNT of each set from seed FIRST.
 observer: $(COMPILED)

@@ -12,6 +12,7 @@ import numpy as np
 from challenge.evaluate import compare
 
 from dlo_ros.cli.main import main as dlo_ros
+from field import spatial
 from field.generate import Case, draw
 
 ALIKE = (
@@ -155,13 +156,16 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=1000, help="seed of the first")
     parser.add_argument("--count", type=int, default=20, help="of cases of each number of causes")
     parser.add_argument("--causes", type=int, action="append", choices=range(4), default=[])
+    parser.add_argument("--space", action="store_true", help="motion and errors leave the plane")
     parser.add_argument("--pictures", action="store_true", help="render a camera's pictures")
     parser.add_argument("--keep", type=Path, help="folder in which the cases are kept")
     arguments = parser.parse_args()
+    if arguments.space and arguments.pictures:
+        parser.error("pictures are rendered of cases in the plane alone; leave --space out")
     results: list[Result] = []
     for seed in range(arguments.first, arguments.first + arguments.count):
         for count in arguments.causes or range(4):
-            case = draw(seed, count)
+            case = (spatial.draw if arguments.space else draw)(seed, count)
             with tempfile.TemporaryDirectory() as folder:
                 kept = arguments.keep and arguments.keep / f"{seed}_{count}"
                 r = solve(case, kept or Path(folder), pictures=arguments.pictures)

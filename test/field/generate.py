@@ -24,15 +24,24 @@ from dlo_ros.recordings.write import BagWriter
 from dlo_ros.spline import SplineBasis
 from dlo_ros.synthesis.discrete_rod import DiscreteRod
 from dlo_ros.synthesis.experiment import Experiment, read_experiment
-from dlo_ros.synthesis.hidden_rod import build_rod, change, stretched, true_length
+from dlo_ros.synthesis.hidden_rod import (
+    build_rod,
+    build_spatial_rod,
+    change,
+    stretched,
+    true_length,
+)
 from dlo_ros.synthesis.picture_bag import record_board_pictures
 from dlo_ros.synthesis.rod_simulation import DiscreteRodSimulation
+from dlo_ros.synthesis.spatial_simulation import SpatialSimulation
 from dlo_ros.synthesis.synthesize import LEAD, measure, parameter_text, truth_text
 from dlo_ros.synthesis.true_motion import Grips, Truth, lay_along, simulate
 from field.nuisances import Errors, set_up
 from field.pictures import Cluttered, drawn
 
 EDGES, STEP = 120, 1e-3
+COARSE = 80, 2e-3
+"""Edges and time step in space."""
 VISIBLE = (4.0, 20.0)
 """Range of the residual that a cause leaves after E and mu were fitted again, over the size of the
 measurement's own errors, which is OWN of L."""
@@ -78,7 +87,9 @@ class Case:
         rod = self.trees[0]["parameters"]["rod"]
         basis = SplineBasis(rod["control_points"], rod["length"])
         u = basis.greville / rod["length"]
-        errors = Errors.drawn(rng, u, rod["length"])
+        spatial = read_experiment(self.trees[0], "case", "case").spatial
+        axes = (0, 1, 2) if spatial else (0, 2)
+        errors = Errors.drawn(rng, u, rod["length"], axes)
         seen = drawn(rng) if pictures else {}
         bags, own = [], []
         for k, (name, tree) in enumerate(zip(self.manipulations, self.trees, strict=True)):
@@ -130,12 +141,15 @@ def simulated(made: Experiment, rng: np.random.Generator, slips: bool) -> Truth:
     settings, hidden = made.truth, made.hidden
     plain = {k: v for k, v in hidden.effects.items() if k not in LAWS}
     length = settings.rod.length
-    rod = build_rod(settings, replace(hidden, effects=plain), edges=EDGES, pins=grips.nodes_at)
+    space = made.spatial
+    build, edges, step = (build_spatial_rod, *COARSE) if space else (build_rod, EDGES, STEP)
+    rod = build(settings, replace(hidden, effects=plain), edges=edges, pins=grips.nodes_at)
     for name, law in LAWS.items():
         if name in hidden.effects:
             rod = law(rod, length, hidden.effects[name])
     grips.attach(rod)
-    changes = change(settings, replace(hidden, effects=plain), grips.travelled)
+    axes = 3 if space else 2
+    changes = change(settings, replace(hidden, effects=plain), grips.travelled, axes)
     if slips:
         slip = hidden.number("clamp_slip", "length") / true_length(settings, hidden)
         at, took = rng.uniform(0.25, 0.6) * manipulations.DURATION, rng.uniform(0.05, 1.0)
@@ -144,9 +158,13 @@ def simulated(made: Experiment, rng: np.random.Generator, slips: bool) -> Truth:
             share = 0.5 * (1.0 + np.tanh((time - at) / took))
             return stretched(rod, 1.0 + slip * float(share), np.zeros(len(rod.u)))
 
-    simulation = DiscreteRodSimulation(
-        rod, grips.boundary, lay_along(made.initial_shape, rod), step=STEP, change=changes
+    motion, held = (
+        (SpatialSimulation, grips.spatial_boundary)
+        if space
+        else (DiscreteRodSimulation, grips.boundary)
     )
+    laid = lay_along(made.initial_shape, rod)
+    simulation = motion(rod, held, laid, step=step, change=changes)
     simulation.settle()
     return simulate(simulation, made.stamps, length)
 
@@ -194,36 +212,53 @@ def _try(rng: np.random.Generator, seed: int, names: tuple[str, ...]) -> Case | 
     trees = _recordings(rng, chosen, 2e-4)
     parameters = trees[0]["parameters"]
     length = parameters["rod"]["length"]
-    weighed = rng.random() < 0.5
-    factor = float(np.exp(0.5 * rng.normal()))
-    guess = trees[0]["guess"]  # which all trees share
-    _guessed(guess, weighed, factor)
-    guess["rod"]["diameter"] = parameters["rod"]["diameter"] * (1.0 + 0.02 * rng.normal())
-    scale = OWN * length
-    ends = tuple(e for e in ("start", "end") if any(getattr(m, f"clamps_{e}") for m in chosen))
-    errors = set_up(rng, length, ends)
+    weighed = loosened(rng, trees)
+    errors = set_up(rng, length, clamped(chosen))
     # A wall that only a rope of another rest shape would have met is no cause.
-    refit = Refit(trees, scale, 0.015 if weighed else 0.5, errors)
+    refit = Refit(trees, OWN * length, 0.015 if weighed else 0.5, errors)
     scene = _scene(parameters, chosen, refit)
+    bare = Case(seed, {}, errors, {}, tuple(m.name for m in chosen), tuple(trees))
+    return with_causes(
+        bare, names, lambda name: _visible(rng, refit, name, NAMED[name](rng, scene))
+    )
+
+
+def clamped(chosen: list[manipulations.Manipulation]) -> tuple[str, ...]:
+    """Ends that are clamped in any recording."""
+    return tuple(e for e in ("start", "end") if any(getattr(m, f"clamps_{e}") for m in chosen))
+
+
+def with_causes(
+    bare: Case, names: tuple[str, ...], drawn: Callable[[str], tuple[dict | None, float]]
+) -> Case | None:
+    """A case with causes that show; None where one does not.
+
+    Args:
+        bare: the case without them.
+        names: names of the causes.
+        drawn: function that returns the values of a cause, given its name, None where it does not
+            show, and the residual that it leaves over the measurement's own errors.
+    """
     causes, ratios = {}, {}
     for name in names:
-        strengths = NAMED[name](rng, scene)
-        if strengths is None:
-            return None
-        block, ratio = _visible(rng, refit, name, strengths)
+        block, ratio = drawn(name)
         if block is None:
             return None
         causes[name], ratios[name] = block, round(ratio, 1)
-    effects = beside(errors, causes)
-    return Case(
-        seed, dict(sorted(causes.items(), key=lambda c: -ratios[c[0]])),
-        {k: v for k, v in errors.items() if k not in causes}, ratios,
-        tuple(m.name for m in chosen), tuple(changed(tree, effects, {}) for tree in trees),
+    effects = beside(bare.set_up, causes)
+    return replace(
+        bare, causes=dict(sorted(causes.items(), key=lambda c: -ratios[c[0]])), ratio=ratios,
+        set_up={k: v for k, v in bare.set_up.items() if k not in causes},
+        trees=tuple(changed(tree, effects, {}) for tree in bare.trees),
     )  # fmt: skip
 
 
-def _visible(rng, refit: Refit, name: str, strengths: Drawn) -> tuple[dict | None, float]:
+def _visible(
+    rng: np.random.Generator, refit: Refit, name: str, strengths: Drawn | None
+) -> tuple[dict | None, float]:
     """Values of a cause that shows, at a strength drawn at random; None where there are none."""
+    if strengths is None:
+        return None, 0.0
     low, high = np.log([strengths.lower, strengths.upper])
     for _ in range(6):
         block = strengths.values(float(np.exp(rng.uniform(0.3 * low + 0.7 * high, high))))
@@ -231,6 +266,16 @@ def _visible(rng, refit: Refit, name: str, strengths: Drawn) -> tuple[dict | Non
         if VISIBLE[0] <= ratio <= VISIBLE[1]:
             return block, ratio
     return None, 0.0
+
+
+def loosened(rng: np.random.Generator, trees: list[dict]) -> bool:
+    """Take out of the guess what nobody measures; returns whether the rope was weighed."""
+    weighed = bool(rng.random() < 0.5)
+    guess = trees[0]["guess"]  # which all trees share
+    _guessed(guess, weighed, float(np.exp(0.5 * rng.normal())))
+    diameter = trees[0]["parameters"]["rod"]["diameter"]
+    guess["rod"]["diameter"] = diameter * (1.0 + 0.02 * rng.normal())
+    return weighed
 
 
 def _guessed(guess: dict, weighed: bool, factor: float) -> None:

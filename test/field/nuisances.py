@@ -46,12 +46,13 @@ class Errors:
     """How shapes are measured wrongly.
 
     Args:
-        fixed: error of each control point's x, z that is the same in every picture [m], shape (n,
-            2).
+        fixed: error of each control point along `axes` that is the same in every picture [m], shape
+            (n, axes).
         fading: standard deviation of what is new, slowly, in each picture [m].
         memory: correlation of neighbouring pictures.
         stretch: relative error of u where the end is free.
         gross, missing: shares of the pictures.
+        axes: coordinates that are measured.
     """
 
     fixed: np.ndarray
@@ -60,16 +61,22 @@ class Errors:
     stretch: float
     gross: float = 0.02
     missing: float = 0.05
+    axes: tuple[int, ...] = (0, 2)
 
     @classmethod
-    def drawn(cls, rng: np.random.Generator, u: np.ndarray, length: float) -> "Errors":
+    def drawn(
+        cls, rng: np.random.Generator, u: np.ndarray, length: float, axes: tuple[int, ...] = (0, 2)
+    ) -> "Errors":
         """Errors of a camera that was set up with care.
 
         Args:
             u: material coordinates of the control points over L, shape (n,).
+            length: L [m].
+            axes: coordinates that are measured.
         """
-        fixed = 1e-3 * length * np.column_stack([smooth(rng, u), smooth(rng, u)])
-        return cls(fixed, 3e-4, float(rng.uniform(0.2, 0.6)), 5e-3 * rng.normal())
+        fixed = 1e-3 * length * np.column_stack([smooth(rng, u) for _ in axes])
+        memory, stretch = float(rng.uniform(0.2, 0.6)), 5e-3 * rng.normal()
+        return cls(fixed, 3e-4, memory, stretch, axes=axes)
 
     def of(
         self, rng: np.random.Generator, shapes: np.ndarray, u: np.ndarray, free: bool
@@ -85,7 +92,8 @@ class Errors:
             Control points, and which pictures there are, shape (F,).
         """
         seen = shapes.copy()
-        fading = np.zeros((len(u), 2))
+        axes = list(self.axes)
+        fading = np.zeros((len(u), len(axes)))
         kept = rng.random(len(shapes)) >= self.missing
         kept[0] = True
         for picture in seen:
@@ -93,8 +101,9 @@ class Errors:
             fading = self.memory * fading + np.sqrt(1.0 - self.memory**2) * new
             if free:
                 picture += (self.stretch * u)[:, None] * np.gradient(picture, u, axis=0)
-            picture[:, [0, 2]] += fading + self.fixed
+            picture[:, axes] += fading + self.fixed
             if rng.random() < self.gross:
                 size = np.ptp(shapes[0], axis=0).max()
-                picture[:, [0, 2]] += 0.1 * size * np.column_stack([smooth(rng, u), smooth(rng, u)])
+                wrong = np.column_stack([smooth(rng, u) for _ in axes])
+                picture[:, axes] += 0.1 * size * wrong
         return seen, kept
