@@ -165,9 +165,10 @@ def test_the_error_of_u_belongs_to_what_err_may_be():
         (biased,) = with_bias([recording], [recording.observed], settings)
         assert np.all(biased.bias > 0.0)
         repeated.append(noise_floor(biased, biased.observed, settings))
-    tip = TIP * rod.diameter * (TIP * rod.diameter > 0.5 * STD)
-    for floor, along in zip(repeated, (tip, 5e-4), strict=True):
-        drawn = np.random.default_rng(1).normal(size=(9999, 2)) * [STD, np.hypot(STD, along)]
+    for floor, along in zip(repeated, (TIP * rod.diameter, 5e-4), strict=True):
+        # Across, along and out of the plane.
+        sizes = [STD, np.hypot(STD, along), STD]
+        drawn = np.random.default_rng(1).normal(size=(9999, 3)) * sizes
         assert floor == pytest.approx(np.mean(np.linalg.norm(drawn, axis=1)), rel=0.05)
     assert floors[0] < 1e-5 and floors[1] == pytest.approx(5e-4 * np.sqrt(2.0 / np.pi), rel=0.05)
     bare = tuple(replace(o, points=None) for o in again)
