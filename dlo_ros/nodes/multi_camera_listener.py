@@ -6,6 +6,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any
 
@@ -91,6 +92,8 @@ class MultiCameraListener:
         self._last_depth = -DEPTH_FRESH
         self._transports: dict[str, tuple[str, Any]] = {}
         self._overlays: dict[str, Any] = {}
+        # Compressed images are decoded side by side: one takes a fifth of the time of a pair.
+        self._decoders = ThreadPoolExecutor(max(1, len(self.cameras)), thread_name_prefix="decoder")
         for name in self.cameras:
             topic = topics.of_camera(name, topics.CAMERA_INFO)
             node.subscribe(topic, partial(self._on_info, name), qos.SENSOR)
@@ -220,10 +223,11 @@ class MultiCameraListener:
         if observer is None:
             return
         depth = read_depth(images[DEPTH][1]) if DEPTH in images else None
+        views = {name: image for name, image in images.items() if name != DEPTH}
+        decoded = self._decoders.map(read_image, [message for _, message in views.values()])
         frames = {
-            name: Frame(stamp, read_image(message), depth)
-            for name, (stamp, message) in images.items()
-            if name != DEPTH
+            name: Frame(stamp, image, depth)
+            for (name, (stamp, _)), image in zip(views.items(), decoded, strict=True)
         }
         stamps = [stamp for stamp, _ in images.values()]
         node.health.values["stamps apart [ms]"] = 1e3 * (max(stamps) - min(stamps)) / NANOSECONDS

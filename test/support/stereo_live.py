@@ -4,7 +4,7 @@
 A recording of two cameras (default: the bundled `twisted`, 1280 x 720 at 30 Hz, compressed) is
 played to the observer, or with --all to all three nodes, at the recording's own speed. Told are
 shapes that came of the pairs that were played, latency from the stamp to the shape, and processor
-time of each process for each pair. The machine's load counts: it is told, too.
+time of each process for each shape. The machine's load counts: it is told, too.
 """
 
 from __future__ import annotations
@@ -71,8 +71,8 @@ def measure(bag: Path, folder: Path, nodes: list[str], rate: float) -> None:
     print(
         f"{count} shapes of {pairs} pairs at {30.0 * rate:g} Hz; latency median "
         f"{1e3 * np.median(latency):.0f} ms, 95 % {1e3 * np.quantile(latency, 0.95):.0f} ms; "
-        f"processor time a pair: "
-        + ", ".join(f"{n} {1e3 * s / pairs:.0f} ms" for n, s in spent.items())
+        f"processor time a shape: "
+        + ", ".join(f"{n} {1e3 * s / max(count, 1):.0f} ms" for n, s in spent.items())
         + f"; dropped {own.get('dropped images')}; load {os.getloadavg()[0]:.1f} on "
         f"{os.cpu_count()} cores"
     )
