@@ -29,11 +29,11 @@ export OPENBLAS_NUM_THREADS ?= 1
 # Without kept bytecode each of hundreds of processes compiles all libraries that it imports: 3 s each.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: setup doctor docs reference audit demo demo-space real picture examples paper bench challenge field observer fuzz faults soak coverage test test-quick test-slow test-report test-export lint clean lock help
+.PHONY: setup doctor docs reference audit demo demo-space real picture examples paper bench challenge field stereo observer fuzz faults soak coverage test test-quick test-slow test-report test-export lint clean lock help
 
 help:
 	@sed -n 's/^# //p' Makefile | head -4
-	@echo "also: setup, demo-space, docs, reference, real, examples, paper, bench, challenge, field, observer, fuzz, faults, soak, coverage, test-quick, test-slow, test-report, test-export, lint, picture, lock, clean"
+	@echo "also: setup, demo-space, docs, reference, real, examples, paper, bench, challenge, field, stereo, observer, fuzz, faults, soak, coverage, test-quick, test-slow, test-report, test-export, lint, picture, lock, clean"
 
 setup: $(COMPILED)
 
@@ -99,6 +99,12 @@ challenge: $(COMPILED)
 field: $(COMPILED)
 	cd test && PYTHONPATH=. ../$(BIN)/python -m field.evaluate \
 		--first $(or $(FIRST),1000) --count $(or $(COUNT),20) $(if $(PICTURES),--pictures) $(if $(SPACE),--space)
+
+# From two rendered cameras' pictures of a rope in space to E/mu and to a hidden cause, COUNT cases of
+# each kind from seed FIRST; one to three minutes of processor time each.
+stereo: $(COMPILED)
+	cd test && PYTHONPATH=. ../$(BIN)/python -m field.stereo \
+		--first $(or $(FIRST),1000) --count $(or $(COUNT),6)
 
 # What the observer finds in rendered pictures, COUNT of each set from seed FIRST.
 observer: $(COMPILED)

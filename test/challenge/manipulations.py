@@ -4,7 +4,7 @@
 Lengths are in units of the rope's; angles are those of growing u, positive from x towards -z.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -49,15 +49,19 @@ class Manipulation:
         motion = {}
         for name, way in self.ways.items():
             rows = []
-            for t, x, z, a in _smooth(way):
+            for t, x, z, a in smooth_rows(way):
                 row = {"time": t, "position": [x * length, 0.0, z * length]}
                 rows.append(row | {"angle": a} if name in ("start", "end") else row)
             motion[name] = rows
         return {"initial_shape": (length * self.initial_shape).tolist(), "motion": motion}
 
 
-def _smooth(way: Way) -> list[tuple[float, float, float, float]]:
-    """Points of a motion that starts and stops gently at every waypoint (minimum jerk)."""
+def smooth_rows(way: Sequence[tuple[float, ...]]) -> list[tuple[float, ...]]:
+    """Points of a motion that starts and stops gently at every waypoint (minimum jerk).
+
+    Args:
+        way: waypoints: time [s] and any further numbers.
+    """
     rows = np.array(way, dtype=float)
     result = [rows[0]]
     for a, b in pairwise(rows):

@@ -12,6 +12,7 @@ from rods import PAPER
 from dlo_ros.diagnosis.contact.peg_places import resized
 from dlo_ros.diagnosis.findings import holdout
 from dlo_ros.diagnosis.findings.fitted_numbers import covariance, own_error
+from dlo_ros.diagnosis.findings.fitted_numbers import fitted as fitted_numbers
 from dlo_ros.diagnosis.fitting import evaluation, levenberg_marquardt
 from dlo_ros.diagnosis.fitting.evaluation import differenced, earlier, evaluate
 from dlo_ros.diagnosis.fitting.initial_fit import begin, drafts, finer
@@ -85,6 +86,18 @@ def test_a_standard_deviation_knows_the_simulations_own_error(beginning):
     assert widened == pytest.approx(np.hypot(without, own))
     small = own_error(beginning.at, beginning.recordings, KNOWN)
     assert np.abs(small).max() < 0.1 * np.abs(own).max()
+
+
+def test_the_std_of_the_ratio_knows_the_rod_theory_s_and_the_diameter_s_error(beginning):
+    at, rod = beginning.at, beginning.at.model.settings.rod
+    ratio = np.array([(n == "young_modulus") - float(n == "density") for n in at.model.free])
+    bare = float(np.sqrt(ratio @ covariance(at, KNOWN) @ ratio))
+    # Curvature per stretched or unstretched length: 1.3 of the strain under the own weight.
+    theory = 1.3 * 9.81 * rod.length * rod.density / rod.young_modulus
+    thickness = 2.0 * rod.diameter_std / rod.diameter
+    value, std = fitted_numbers(at, KNOWN, None, None).specific_modulus
+    assert std / value == pytest.approx(np.sqrt(bare**2 + theory**2 + thickness**2), rel=0.01)
+    assert std / value > 1.001 * bare
 
 
 def test_what_starts_in_motion_is_refined_without_equilibria(monkeypatch):

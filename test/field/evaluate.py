@@ -96,9 +96,9 @@ def solve(case: Case, folder: Path, *, pictures: bool = False) -> Result:
     bags, floor = case.write(folder, pictures=pictures)
     output = folder / "diagnosis"
     words = ["diagnose", "--params", folder / "params.yaml", "--output", output, *bags]
-    began = _used()
+    began = processor_time()
     status = dlo_ros([str(w) for w in words])
-    seconds = _used() - began
+    seconds = processor_time() - began
     if status:
         raise SystemExit(f"case {case.seed}: status {status}")
     report = json.loads((output / "report.json").read_text())
@@ -115,7 +115,7 @@ def solve(case: Case, folder: Path, *, pictures: bool = False) -> Result:
     )  # fmt: skip
 
 
-def _used() -> float:
+def processor_time() -> float:
     """Processor time of this process and those that it has waited for [s]."""
     kinds = resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN
     return sum(u.ru_utime + u.ru_stime for u in map(resource.getrusage, kinds))

@@ -182,3 +182,18 @@ def test_images_wait_for_the_frames_of_their_instant_but_not_for_a_silent_robot(
     assert len(views._observer.seen) == 3  # the robot is silent
     show(120 * MS)
     assert len(views._observer.seen) == 4  # and keeps no more images waiting
+
+
+def test_sets_that_were_lost_are_counted(listener):
+    node, views = listener(**{"vision.cameras": ["left", "right"]}, **BOTH)
+    views.poll()
+    lost = {20, 21, 30}
+    for k in sorted(set(range(40)) - lost):
+        for name in ("left", "right"):
+            node.topics[f"{name}/image_raw"](image((1000 + 33 * k) * MS))
+    assert node.health.values["dropped images"] == len(lost)
+    assert node.health.values["camera [Hz]"] == pytest.approx(1000.0 / 33.0)
+    views.reset()
+    for name in ("left", "right"):  # time went back: nothing was lost
+        node.topics[f"{name}/image_raw"](image(1000 * MS))
+    assert node.health.values["dropped images"] == len(lost)

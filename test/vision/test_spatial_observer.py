@@ -130,6 +130,27 @@ def test_std_grows_along_the_epipolar_line_and_where_one_view_is_alone():
     assert np.mean(distance < 2.448 * std) > 0.9
 
 
+def test_u_is_counted_from_the_clamp_where_a_rope_bends_most():
+    # A curve that bends at its clamp and is straight elsewhere, as a rope that hangs down.
+    turn = 1.4 * np.exp(-np.linspace(0.0, LENGTH, 2001) / 0.03)
+    step = np.column_stack([np.sin(turn), 0.2 * np.cos(turn), -np.cos(turn)])
+    step /= np.linalg.norm(step, axis=1, keepdims=True)
+    course = np.cumsum(step, axis=0) * LENGTH / 2000 + [0.1, 0.0, 0.15]
+    points = FINE.fit(np.linspace(0.0, LENGTH, 2001), course)
+    start, end = [], []
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        views = [view(c, points, rng) for c in (LEFT, RIGHT)]
+        tips = [(None, v.camera.project(points[-1:])[0]) for v in views]
+        views = [replace(v, tips=t) for v, t in zip(views, tips, strict=True)]
+        fit = fit_views(views, FINE, points + 0.002, Prior(DIAMETER, (clamps(points)[0], None)))
+        for found, k, at in ((start, 0, 0.0), (end, -1, LENGTH)):
+            found.append((fit.points[k] - points[k]) @ fit.tangents(np.array([at]))[0])
+    assert np.abs(start).max() < 0.05 * DIAMETER
+    # The rough part neither pulls the curve along itself nor makes it shorter.
+    assert abs(np.mean(end)) < 0.15 * DIAMETER
+
+
 def test_wrong_points_in_one_view_do_not_move_the_curve():
     rng = np.random.default_rng(2)
     points = rope((1.0, 0.0, 0.6))

@@ -15,6 +15,7 @@ from dlo_ros.diagnosis.fitting.levenberg_marquardt import known, solve, total
 from dlo_ros.effects import quantities
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.estimate import UNBOUNDED
+from dlo_ros.identification.residual_information import model_shifts
 from dlo_ros.identification.residual_noise import correlation_length
 from dlo_ros.inference.measured import Recording
 from dlo_ros.parameters import Settings
@@ -81,13 +82,17 @@ def fitted(
     free = at.model.free
     modulus = np.array([name == "young_modulus" for name in free], dtype=np.float64)
     density = np.array([name == "density" for name in free], dtype=np.float64)
+    # Errors of ln E that no residual shows: of the rod theory, and of the stated diameter.
+    of_stiffness = float(np.linalg.norm(model_shifts(at.model.settings, 1)))
     result: list[tuple[float, float | None]] = []
     for value, c in (
         (rod.young_modulus, modulus),
         (rod.density, density),
         (rod.specific_modulus, modulus - density),
     ):
-        std = float(np.sqrt(max(float(c @ spread @ c), 0.0)))
+        std = float(
+            np.hypot(np.sqrt(max(float(c @ spread @ c), 0.0)), of_stiffness * (c @ modulus))
+        )
         result.append((value, value * std if std < UNBOUNDED else None))
     settings = at.model.settings
     return Fitted(settings, result[0], result[1], result[2], err_train, err_holdout)

@@ -20,6 +20,7 @@ from dlo_ros.diagnosis.findings.diagnosis_outcome import (
 from dlo_ros.diagnosis.selection.effect_search import Candidate
 from dlo_ros.effects import added_to_damping, quantities
 from dlo_ros.identification.estimate import UNBOUNDED
+from dlo_ros.identification.residual_information import STRETCH_STIFFNESS, strain
 from dlo_ros.inference.joint import Evaluation
 from dlo_ros.inference.parameter import Parameter
 from dlo_ros.inference.priors import DIAMETER_STD
@@ -104,7 +105,10 @@ def fitted_material(
         widening: factor of the std, see `confirmed_uncertainty`.
     """
     spread, rod = widening**2 * _covariance(at), at.model.settings.rod
-    section = 2.0 * (rod.diameter_std / rod.diameter or DIAMETER_STD)
+    stiffness_error = 2.0 * (rod.diameter_std / rod.diameter or DIAMETER_STD)
+    stiffness_error = float(
+        np.hypot(stiffness_error, STRETCH_STIFFNESS * strain(at.model.settings))
+    )
     unit = {name: at.model.axis(name) for name in ("young_modulus", "density")}
     result: list[tuple[float, float | None]] = []
     for value, c in (
@@ -112,7 +116,7 @@ def fitted_material(
         (rod.density, unit["density"]),
         (rod.specific_modulus, unit["young_modulus"] - unit["density"]),
     ):
-        of_stiffness = section * c[at.model.index("young_modulus")]
+        of_stiffness = stiffness_error * c[at.model.index("young_modulus")]
         std = float(np.hypot(np.sqrt(max(float(c @ spread @ c), 0.0)), of_stiffness))
         result.append((value, value * std if std < UNBOUNDED else None))
     return Fitted(at.model.settings, result[0], result[1], result[2], err_train, err_holdout)

@@ -154,8 +154,14 @@ def noise_floor(recording: Recording, predicted: FloatArray, settings: Settings)
     """
     n = settings.rod.control_points
     field = recording.residual(predicted) * recording.noise
-    each = np.maximum(scatter(field, recording, settings), recording.bias)
-    sizes = np.sqrt(np.sum(each.reshape(-1, n) ** 2, axis=1))  # across, along, out of the plane
-    sizes[1] = np.hypot(sizes[1], recording.along_std)
+    each = scatter(field, recording, settings)
+    bias = np.broadcast_to(recording.bias, each.shape).reshape(-1, n)
+    # Across, along and out of the plane; coefficients' squares sum to the mean square along u.
+    sizes = np.sqrt(np.sum(each.reshape(-1, n) ** 2, axis=1))
+    # A bias is so large that n coefficients together count as the few numbers that its errors are:
+    # of a point across the DLO `ALIKE_PARTS`, along it a single one.
+    sizes = np.maximum(sizes, np.sqrt(ALIKE_PARTS) * bias[0, 0])
+    place = float(bias[1, 0]) if bias[1, 0] > bias[0, 0] else 0.0
+    sizes[1] = np.hypot(sizes[1], max(recording.along_std, place))
     drawn = np.random.default_rng(0).normal(size=(DRAWS, len(sizes)))
     return float(np.mean(np.linalg.norm(drawn * sizes, axis=1)))

@@ -46,20 +46,33 @@ class SplineNormalEquations:
         self.matrix[own, own] += std**-2
         self.right[own] -= values * std**-2
 
-    def add_roughness(self, derivative: FloatArray, points: FloatArray, weight: float) -> None:
-        """Add that a derivative vanishes in all three coordinates.
+    def add_roughness(
+        self, derivative: FloatArray, points: FloatArray, weight: float, stretch: int
+    ) -> None:
+        """Add that a derivative vanishes in all three coordinates, per stretched length.
+
+        Without the latter a rough curve would be held for shorter than it is: all its derivatives
+        shrink with it.
 
         Args:
             derivative: matrix that gives the spline's derivative from its control points, shape (m,
                 k).
             points: control points [m], shape (k, 3).
             weight: weight of each row, one over the variance.
+            stretch: index of the unknown stretch.
         """
         square = weight * (derivative.T @ derivative)
+        rough = derivative @ points
         for axis in range(3):
             own = slice(axis, 3 * len(points), 3)
+            pull = square @ points[:, axis]
+            size = weight * float(rough[:, axis] @ rough[:, axis])
             self.matrix[own, own] += square
-            self.right[own] -= square @ points[:, axis]
+            self.matrix[own, stretch] -= pull
+            self.matrix[stretch, own] -= pull
+            self.matrix[stretch, stretch] += size
+            self.right[own] -= pull
+            self.right[stretch] += size
 
 
 def rows_of(b: FloatArray, direction: FloatArray) -> FloatArray:

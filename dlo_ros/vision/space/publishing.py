@@ -13,7 +13,7 @@ from dlo_ros.spline import FloatArray, SplineBasis
 from dlo_ros.vision.fit.material_coordinates import std_along
 from dlo_ros.vision.fit.spline_fit import FEWEST_POINTS, UNSEEN_WEIGHT
 from dlo_ros.vision.segmentation.picture_strip import Mask
-from dlo_ros.vision.space.reprojection import CLAMP_STD, SHARED_STD, TIP_STD
+from dlo_ros.vision.space.reprojection import CLAMP_ALONG_STD, SHARED_STD, TIP_STD
 from dlo_ros.vision.space.spatial_clamps import Clamps
 from dlo_ros.vision.space.spatial_result import SpaceFit
 from dlo_ros.vision.space.view import View
@@ -73,7 +73,7 @@ def end_stds(views: Sequence[View], clamps: Clamps, diameter: float) -> tuple[fl
     for k, clamp in enumerate(clamps):
         shown = sum(view.tips[k] is not None for view in views)
         weight = shown / (TIP_STD * diameter) ** 2
-        weight += 0.0 if clamp is None else 1.0 / (CLAMP_STD * diameter) ** 2
+        weight += 0.0 if clamp is None else 1.0 / (CLAMP_ALONG_STD * diameter) ** 2
         result.append(1.0 / np.sqrt(weight) if weight > 0.0 else np.inf)
     return float(result[0]), float(result[1])
 

@@ -34,7 +34,8 @@ POINT_STD_FLOOR = 0.04  # [px] of a block of profiles: systematic errors that sc
 DEPTH_STD_FLOOR = 2e-4  # [m] the same of depth
 SHARED_STD = 0.01  # relative error of the whole length by cameras, poses and L
 STRAIN_STD = 0.003  # relative error of the length of half a knot span
-CLAMP_STD = 0.25  # [diameters] how well a clamp's position is trusted against the pictures
+CLAMP_STD = 0.25  # [diameters] how well a clamp's position across the DLO is trusted
+CLAMP_ALONG_STD = 0.01  # [diameters] the same along it: u is counted from the clamp
 CLAMP_DIRECTION_STD = 0.05  # [rad]
 TIP_STD = 0.5  # [widths] of a free end in one view
 ROUGHNESS = 400.0
@@ -170,7 +171,7 @@ def fit_views(
         equations.add_prior(3 * k, np.array([stretch]), SHARED_STD)
         if moving:
             equations.add_prior(3 * k + 1, drift.ravel(), prior.speed_std)
-        equations.add_roughness(table.third, points, basis.span_length / roughness)
+        equations.add_roughness(table.third, points, basis.span_length / roughness, 3 * k)
         _add_clamps(equations, table, points, prior)
         try:
             factor = cho_factor(equations.matrix, check_finite=False)
@@ -314,14 +315,23 @@ def _add_length(
 def _add_clamps(
     equations: SplineNormalEquations, table: BasisTable, points: FloatArray, prior: Prior
 ) -> None:
-    """Clamps as weak observations: where the DLO is seen the pictures prevail."""
+    """Clamps: across the DLO weak observations, since where it is seen the pictures prevail.
+
+    Along it no picture shows where u begins: that is where the clamp is, by definition. Were it
+    open, the spline would slide along itself to where it bends least, away from the clamp at which
+    a DLO bends most.
+    """
     value, slope = table.ends, table.end_slopes
     for k, clamp in enumerate(prior.clamps):
         if clamp is None:
             continue
-        weight = np.full(3, (CLAMP_STD * prior.diameter) ** -2)
-        rows = rows_of(np.repeat(value[k : k + 1], 3, axis=0), np.eye(3))
-        equations.add(rows, value[k] @ points - clamp.position, weight)
+        tangent = slope[k] @ points
+        tangent = tangent / max(float(np.linalg.norm(tangent)), 1e-9)
+        # Unit vectors: along the DLO first, then two across it.
+        axes = np.linalg.qr(np.column_stack([tangent, np.eye(3)]))[0].T
+        std = prior.diameter * np.array([CLAMP_ALONG_STD, CLAMP_STD, CLAMP_STD])
+        rows = rows_of(np.repeat(value[k : k + 1], 3, axis=0), axes)
+        equations.add(rows, axes @ (value[k] @ points - clamp.position), std**-2)
         if clamp.direction is None:
             continue
         across = np.eye(3) - np.outer(clamp.direction, clamp.direction)
