@@ -224,14 +224,26 @@ def _why(found: Diagnosis) -> tuple[str, ...]:
                 else "The data show no cause for certain."
             )
     elif found.verdict == "unexplained":
-        left = found.extended.err_holdout if extends(found) else _error(found)
         beside = "The remaining error" if sentences else "Nothing is certain. The error"
         if not sentences and extends(found):
             beside = (
                 "No cause is certain; the set-up within its tolerances explains a part. The rest"
             )
-        sentences.append(f"{beside} ({mm(left)}) is explained by no cause that is known here.")
+        sentences.append(f"{beside} ({_left(found)}) is explained by no cause that is known here.")
     return tuple(sentences)
+
+
+def _left(found: Diagnosis) -> str:
+    """The error that is left: on held-out data, or where it matters."""
+    if not extends(found):
+        return mm(_error(found))
+    held, learned, enough = (
+        np.nan if x is None else x
+        for x in (found.extended.err_holdout, found.extended.err_train, found.material_err)
+    )
+    if held < enough < learned:
+        return f"{mm(learned)} on the recordings learned from"
+    return mm(found.extended.err_holdout)
 
 
 def _cause(effect: NamedEffect) -> str:
