@@ -15,7 +15,7 @@ from dlo_ros.errors import InputError
 from dlo_ros.observation import Observation
 from dlo_ros.rod.prediction import Prediction
 from dlo_ros.rod.protocol import RodSimulation, RodSimulationClass
-from dlo_ros.rod.sensitivity_parameters import POSES, changed, variation_of
+from dlo_ros.rod.sensitivity_parameters import POSES, STEP, changed, variation_of
 from dlo_ros.rod_settings import RodSettings
 from dlo_ros.spline import FloatArray, SplineBasis
 
@@ -188,7 +188,7 @@ def _step_sizes(settings: RodSettings, parameters: Sequence[str]) -> list[float]
                 f"no sensitivity to '{name}': this rod model has none of its own, and difference "
                 "quotients vary material, damping, gravity, length and effects only"
             )
-    return [WIDENING * variation_of(settings, name).step for name in parameters]
+    return [WIDENING * STEP * variation_of(settings, name).natural for name in parameters]
 
 
 def variants(settings: RodSettings, parameters: Sequence[str]) -> list[RodSettings]:

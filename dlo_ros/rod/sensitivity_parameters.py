@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from dlo_ros.command import Command
-from dlo_ros.effects import quantities
+from dlo_ros.effects import effects, quantities
 from dlo_ros.effects.measurement.length_error import LengthError
 from dlo_ros.effects.physics.clamp_angle import ClampAngle
 from dlo_ros.effects.physics.clamp_offset import ClampOffset
@@ -24,7 +24,7 @@ from dlo_ros.errors import InputError
 from dlo_ros.rod.boundary import conditions
 from dlo_ros.rod.boundary.imposed_motion import Boundary
 from dlo_ros.rod.elements.rod_tables import Stiffness
-from dlo_ros.rod.model import RodModel
+from dlo_ros.rod.model import CONTACT_PENETRATION, RodModel
 from dlo_ros.rod.packing import imposed_of, parts_of, stacked, stacked_imposed, true_command
 from dlo_ros.rod.parameter_names import parsed
 from dlo_ros.rod.sensitivity.sensitivity_state import Rates, SensitivityState
@@ -38,6 +38,9 @@ LOGARITHMIC = (*MATERIAL, "gravity", "length")
 POSES = tuple(f"{end}.{what}" for end in ("start", "end") for what in ("x", "z", "angle"))
 KEPT = 8  # compiled rods of one model
 STEP = 1e-5  # in the logarithm, or of a parameter's natural size
+CONTACT_STEP = 1e-3 * CONTACT_PENETRATION
+"""The same for a body's place, over L: a wider step would leave a contact, or enter it from afar,
+with a force that the sensitivities of the shape do not feel."""
 
 
 @dataclass(frozen=True)
@@ -48,11 +51,13 @@ class ParameterVariation:
         name: see above.
         step: half the distance of its two variants, in its own unit (or of the logarithm).
         vary: settings and command with the parameter changed by an amount in that unit.
+        natural: natural size of the parameter, in that unit.
     """
 
     name: str
     step: float
     vary: Callable[[RodSettings, Command, float], tuple[RodSettings, Command]]
+    natural: float = 1.0
 
 
 def known(settings: RodSettings) -> tuple[str, ...]:
@@ -86,7 +91,7 @@ def variation_of(settings: RodSettings, name: str) -> ParameterVariation:
         end, what = name.split(".")
         size = 1.0 if what == "angle" else settings.rod.length
         return ParameterVariation(
-            name, STEP * size, lambda s, c, d: (s, _displaced(c, end, what, d))
+            name, STEP * size, lambda s, c, d: (s, _displaced(c, end, what, d)), size
         )
     return _effect_variation(settings, name)
 
@@ -98,11 +103,11 @@ def _scaled(settings: RodSettings, name: str, factor: float) -> RodSettings:
         return replace(settings, gravity=(factor * x, factor * y, factor * z))
     if name == "length":
         # The material coordinate stays: control points keep their meaning.
-        effects = {k: dict(v) for k, v in settings.effects.items()}
-        error = effects.setdefault(LengthError.name, {})
+        given = {k: dict(v) for k, v in settings.effects.items()}
+        error = given.setdefault(LengthError.name, {})
         before = settings.rod.length + float(np.sum(error.get("difference", 0.0)))
         error["difference"] = before * factor - settings.rod.length
-        return settings.with_effects(effects)
+        return settings.with_effects(given)
     if name in ("young_modulus", "density"):
         value = factor * getattr(settings.rod, name)
         return replace(settings, rod=replace(settings.rod, **{name: value}))
@@ -130,13 +135,13 @@ def changed(settings: RodSettings, name: str, amount: float) -> RodSettings:
 def varied(settings: RodSettings, name: str, amount: float) -> RodSettings:
     """The settings with one number of an effect, `effects.NAME.KEY[i]`, changed by an amount."""
     effect, key, index = parsed(name)
-    effects = {k: dict(v) for k, v in settings.effects.items()}
-    old: Any = effects[effect][key]  # a number, or as many as there are indices
+    given = {k: dict(v) for k, v in settings.effects.items()}
+    old: Any = given[effect][key]  # a number, or as many as there are indices
     if index is None:
-        effects[effect][key] = old + amount
+        given[effect][key] = old + amount
     else:
-        effects[effect][key] = (*old[:index], old[index] + amount, *old[index + 1 :])
-    return settings.with_effects(effects)
+        given[effect][key] = (*old[:index], old[index] + amount, *old[index + 1 :])
+    return settings.with_effects(given)
 
 
 def _effect_variation(settings: RodSettings, name: str) -> ParameterVariation:
@@ -145,8 +150,9 @@ def _effect_variation(settings: RodSettings, name: str) -> ParameterVariation:
     size = abs(value if index is None else value[index])
     quantity = quantities(effect)[key]
     natural = settings.scale.unit(quantity.unit) if quantity.unit in ("m", "1/m") else 1.0
-    step = STEP * (size if size > 0.0 else natural)
-    return ParameterVariation(name, step, lambda s, c, d: (varied(s, name, d), c))
+    size = size if size > 0.0 else natural
+    step = STEP * size if effects()[effect].differentiable else CONTACT_STEP * natural
+    return ParameterVariation(name, step, lambda s, c, d: (varied(s, name, d), c), size)
 
 
 @dataclass(frozen=True)
