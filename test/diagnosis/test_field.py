@@ -61,11 +61,14 @@ def test_a_set_up_within_its_tolerances_is_adequate_and_told(no_cause):
     assert report["baseline"]["err_train"] > 3.0 * own
     assert report["extended"]["err_train"] < min(1.5 * own, report["material_err"])
     assert report["material_err"] >= 1.3 * report["noise_floor"] > 0.0
-    told = report["setup"]
+    # What lies beyond its tolerance for certain stands among the causes, the rest in the table.
+    told = dict(report["setup"])
+    for effect in report["effects"]:
+        told |= {f"{effect['name']}.{key}": n for key, n in effect["parameters"].items()}
     assert {"gravity_tilt.angle", "camera_scale.ratio", "command_delay.delay"} <= set(told)
     delay = told["command_delay.delay"]
     truth = case.set_up["command_delay"]["delay"]
-    assert abs(delay["value"] - truth) < 4.0 * delay["std"] < 0.2 * delay["tolerance"]
+    assert abs(delay["value"] - truth) < 4.0 * delay["std"] < 4e-3
     assert {"white_error_across", "lasting_error_along"} <= set(report["systematic"])
     # What was fitted predicts better at once, whatever is named.
     assert set(extended.effects) >= {"clamp_angle", "gravity_tilt", "intrinsic_curvature"}
