@@ -117,7 +117,7 @@ def _recording(rng: np.random.Generator, chosen: manipulations.Manipulation, len
         motion[name] = [
             {"time": t, "position": [x * length, y * length, z * length]}
             | ({"angle": a, "swing": s, "turn": turn} if name in ("start", "end") else {})
-            for t, x, z, a, y, s, turn in manipulations._smooth(rows)
+            for t, x, z, a, y, s, turn in manipulations.smooth_rows(rows)
         ]
     shape = chosen.initial_shape
     y = np.linspace(ends[0], ends[-1], len(shape))
