@@ -197,14 +197,24 @@ def draw(seed: int, count: int = 1, names: tuple[str, ...] = ()) -> Case:
     """
     rng = np.random.default_rng([seed, count])
     names = names or tuple(str(n) for n in rng.choice(list(NAMED), count, replace=False))
+    words = f"case with {', '.join(names)} for seed {seed}"
+    return first_of(lambda: _try(rng, seed, names), words)
+
+
+def first_of(attempt: Callable[[], Case | None], words: str) -> Case:
+    """The first case that an attempt gives.
+
+    Raises:
+        RuntimeError: none of so many attempts gives one.
+    """
     for _ in range(TRIES):
         try:
-            found = _try(rng, seed, names)
+            found = attempt()
         except SimulationError:
             continue
         if found is not None:
             return found
-    raise RuntimeError(f"no case with {', '.join(names)} for seed {seed}")
+    raise RuntimeError(f"no {words}")
 
 
 def _try(rng: np.random.Generator, seed: int, names: tuple[str, ...]) -> Case | None:

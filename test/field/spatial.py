@@ -13,11 +13,10 @@ from challenge.draws import NAMED, Draw, Drawn, Scene
 from challenge.generate import _recordings, _strength
 from challenge.residual import beside, changed
 
-from dlo_ros.errors import SimulationError
 from dlo_ros.synthesis.experiment import read_experiment
 from dlo_ros.synthesis.hidden_rod import PLANE_ONLY
 from dlo_ros.synthesis.true_motion import build_simulation, simulate
-from field.generate import OWN, TRIES, VISIBLE, Case, clamped, loosened, with_causes
+from field.generate import OWN, VISIBLE, Case, clamped, first_of, loosened, with_causes
 from field.nuisances import DEGREE, SAMPLES, set_up, smooth
 
 RATE = 25.0  # [Hz] of the pictures
@@ -194,14 +193,8 @@ def draw(seed: int, count: int = 1, names: tuple[str, ...] = ()) -> Case:
     """
     rng = np.random.default_rng([seed, count, 3])
     names = names or tuple(str(n) for n in rng.choice(list(CAUSES), count, replace=False))
-    for _ in range(TRIES):
-        try:
-            found = _try(rng, seed, names)
-        except SimulationError:
-            continue
-        if found is not None:
-            return found
-    raise RuntimeError(f"no case in space with {', '.join(names)} for seed {seed}")
+    words = f"case in space with {', '.join(names)} for seed {seed}"
+    return first_of(lambda: _try(rng, seed, names), words)
 
 
 def _try(rng: np.random.Generator, seed: int, names: tuple[str, ...]) -> Case | None:
