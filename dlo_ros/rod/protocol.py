@@ -178,7 +178,7 @@ class RodSimulation(Protocol):
             parameters: names of those by which derivatives are wanted.
             present: the command that holds now.
         """
-        raise NotImplementedError(f"{type(self).__name__} says that it is not differentiable")
+        raise TypeError(f"{type(self).__name__} says that it is not differentiable")
 
     def batching(
         self, sets: Sequence[RodSettings], last_stamp: int

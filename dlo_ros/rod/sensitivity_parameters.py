@@ -39,8 +39,8 @@ POSES = tuple(f"{end}.{what}" for end in ("start", "end") for what in ("x", "z",
 KEPT = 8  # compiled rods of one model
 STEP = 1e-5  # in the logarithm, or of a parameter's natural size
 CONTACT_STEP = 1e-3 * CONTACT_PENETRATION
-"""The same for a body's place, over L: a wider step would leave a contact, or enter it from afar,
-with a force that the sensitivities of the shape do not feel."""
+"""Step of the place of a body that the DLO may touch, over L. A wider step would leave a contact,
+or enter it from afar, with a force that the sensitivities of the shape do not feel."""
 
 
 @dataclass(frozen=True)

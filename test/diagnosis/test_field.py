@@ -61,7 +61,7 @@ def test_a_set_up_within_its_tolerances_is_adequate_and_told(no_cause):
     assert report["baseline"]["err_train"] > 3.0 * own
     assert report["extended"]["err_train"] < min(1.5 * own, report["material_err"])
     assert report["material_err"] >= 1.3 * report["noise_floor"] > 0.0
-    # What lies beyond its tolerance for certain stands among the causes, the rest in the table.
+    # Numbers beyond their tolerance for certain stand among the causes, the others in the table.
     told = dict(report["setup"])
     for effect in report["effects"]:
         told |= {f"{effect['name']}.{key}": n for key, n in effect["parameters"].items()}

@@ -161,7 +161,7 @@ def seen(trees: list[dict], effects: dict, material: tuple[float, float] = (0.0,
 
 
 class LinearRefit:
-    """What a cause leaves after E and mu have been fitted again, to first order.
+    """Residual of a cause after E and mu have been fitted again, to first order.
 
     Args:
         trees: recordings without effects.

@@ -43,7 +43,7 @@ CALLIPER = 1e-3
 
 @dataclass(frozen=True)
 class Result:
-    """What came of a case.
+    """The outcome of a case.
 
     Args:
         seen: share of the pairs of pictures in which the observer found the rope.
@@ -177,7 +177,7 @@ def draw(seed: int, kind: str) -> Case:
     motions = {"grippers": motion_of_grippers, "free": motion_of_one}
     chosen = tuple(motions) if kind == "cause" else (kind,)
     trees = []
-    # The same cameras see all recordings of a case.
+    # All recordings of a case share their cameras.
     middle = length * np.array([0.3, 0.0, -0.2 if kind == "grippers" else -0.42])
     views = cameras(rng, middle, length)
     for which in chosen:
@@ -214,7 +214,7 @@ def record(case: Case, folder: Path) -> list[Path]:
 
 
 def tool(*words: object) -> str:
-    """What a tool prints.
+    """Printed output of a tool.
 
     Raises:
         SystemExit: it fails.

@@ -20,7 +20,7 @@ from dlo_ros.diagnosis.findings.diagnosis_outcome import (
 from dlo_ros.diagnosis.selection.effect_search import Candidate
 from dlo_ros.effects import added_to_damping, quantities
 from dlo_ros.identification.estimate import UNBOUNDED
-from dlo_ros.identification.residual_information import STRETCH_STIFFNESS, strain
+from dlo_ros.identification.residual_information import model_shifts
 from dlo_ros.inference.joint import Evaluation
 from dlo_ros.inference.parameter import Parameter
 from dlo_ros.inference.priors import DIAMETER_STD
@@ -105,10 +105,9 @@ def fitted_material(
         widening: factor of the std, see `confirmed_uncertainty`.
     """
     spread, rod = widening**2 * _covariance(at), at.model.settings.rod
-    stiffness_error = 2.0 * (rod.diameter_std / rod.diameter or DIAMETER_STD)
-    stiffness_error = float(
-        np.hypot(stiffness_error, STRETCH_STIFFNESS * strain(at.model.settings))
-    )
+    rough = 0.0 if rod.diameter_std else 2.0 * DIAMETER_STD
+    shifts = np.concatenate([*model_shifts(at.model.settings, 1), [rough]])
+    stiffness_error = float(np.linalg.norm(shifts))
     unit = {name: at.model.axis(name) for name in ("young_modulus", "density")}
     result: list[tuple[float, float | None]] = []
     for value, c in (

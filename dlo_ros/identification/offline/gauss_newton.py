@@ -104,8 +104,7 @@ def best_start(
         SimulationError: no start can be simulated.
     """
     spans = 2 * (settings.rod.control_points - 3)
-    tolerance = max(settings.simulation.tolerance, SCAN_TOLERANCE)
-    settings = stepping(settings, tolerance)
+    settings = stepping(settings, max(settings.simulation.tolerance, SCAN_TOLERANCE))
     starts = []
     for factor in START_FACTORS:
         theta = guess.copy()
@@ -195,17 +194,19 @@ def descend(
     ignored: Sequence[np.ndarray] | None = None,
     *,
     converged: float = CONVERGED,
+    begun: MaterialFit | None = None,
 ) -> tuple[MaterialFit, int, bool]:
     """Levenberg-Marquardt; see `evaluate`.
 
     Args:
         converged: change of a logarithm at which it stops.
+        begun: evaluation at theta, where it is known.
 
     Returns:
         The best point, the iterations, and whether it has converged.
     """
     prior = search_information(settings)
-    fit = evaluate(train, settings, guess, theta, simulations, ignored)
+    fit = begun or evaluate(train, settings, guess, theta, simulations, ignored)
     damping = 1e-3
     for iteration in range(1, MAX_ITERATIONS + 1):
         progress("fitting", iteration / MAX_ITERATIONS)
@@ -267,7 +268,7 @@ def numerical_shifts(
     They follow from coarser simulations: the error of the time steps falls with their square, that
     of cubic splines at least with the third power.
     """
-    current = simulations.stepped(with_logarithms(settings, fit.theta))
+    current = with_logarithms(settings, fit.theta)
     steps = stepping(current, STEP_COARSER**3 * current.simulation.tolerance)
 
     published = settings.rod.control_points - DEGREE

@@ -31,7 +31,7 @@ from dlo_ros.identification.offline.gauss_newton import (
     recentred,
     without,
 )
-from dlo_ros.identification.offline.recording_simulations import Simulations, typical_residual
+from dlo_ros.identification.offline.recording_simulations import Simulations
 from dlo_ros.identification.offline.set_up_estimate import weighed
 from dlo_ros.identification.offline.wrench_identification import (
     ForceInformation,
@@ -41,6 +41,7 @@ from dlo_ros.identification.residual_information import data_information
 from dlo_ros.identification.residual_noise import noise_floor
 from dlo_ros.inference.forecast import Forecast, Manipulation, forecast
 from dlo_ros.inference.parallel import Pool, Threads
+from dlo_ros.inference.time_steps import typical_distance
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray, SplineBasis
 
@@ -214,11 +215,13 @@ def fitted(
     guess, simulations = logarithms(settings), Simulations(pool or Threads())
     theta = best_start(train, settings, guess, progress, simulations)
     LOG.info("best start: %s", _words(theta))
-    begun = evaluate(train, settings, guess, theta, simulations).forecasts
-    simulations.lengthen_steps(train, with_logarithms(settings, theta), begun)
+    begun = evaluate(train, settings, guess, theta, simulations)
+    here = with_logarithms(settings, theta)
+    simulations.step_tolerance = simulations.long_steps(train, here, begun.forecasts)
     fit, iterations, converged = descend(
-        train, settings, guess, theta, progress, simulations, converged=COARSE_CONVERGED
-    )
+        train, settings, guess, theta, progress, simulations, converged=COARSE_CONVERGED,
+        begun=None if simulations.step_tolerance else begun,
+    )  # fmt: skip
     ignored = outlier_pictures(fit.forecasts)
     LOG.info(
         "coarse fit after %d iterations: %s; %d pictures left out",
@@ -231,9 +234,10 @@ def fitted(
             converged=COARSE_CONVERGED,
         )  # fmt: skip
         iterations += more
-    simulations.lengthen_steps(train, with_logarithms(settings, fit.theta), fit.forecasts)
-    long_steps, simulations.step_tolerance = simulations.step_tolerance, None
-    fine = within_noise(settings, typical_residual(fit.forecasts))
+    here = with_logarithms(settings, fit.theta)
+    long_steps = simulations.long_steps(train, here, fit.forecasts)
+    simulations.step_tolerance = None
+    fine = within_noise(settings, typical_distance([f.residual for f in fit.forecasts]))
     ignored = outlier_pictures(fit.forecasts)
     try:
         fit, more, converged = descend(

@@ -7,21 +7,16 @@ import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.batched_forecast import forecast_varied
 from dlo_ros.inference.forecast import Forecast, Manipulation, forecast
 from dlo_ros.inference.parallel import Pool, Threads
-from dlo_ros.inference.time_steps import longest_time_steps
+from dlo_ros.inference.time_steps import sufficient_time_steps
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.resolution import RECHECK_RATIO
 from dlo_ros.spline import FloatArray
 
 LOG = logging.getLogger(__name__)
-
-STEP_SHARE = 0.01
-"""Share of the residual that the error of the time steps may be."""
 
 
 @dataclass
@@ -73,13 +68,10 @@ class Simulations:
                 found[k] = replace(now, resolution_error=before.resolution_error)
         return found
 
-    def lengthen_steps(
+    def long_steps(
         self, train: Sequence[Manipulation], settings: Settings, forecasts: Sequence[Forecast]
-    ) -> None:
-        """Take time steps as long as the residuals allow, see `STEP_SHARE`.
-
-        A model that misses the shapes by millimetres need not be integrated to micrometres. Steps
-        are never shorter than the settings ask for.
+    ) -> float | None:
+        """Tolerance of time steps as long as the residuals allow; None: as the settings ask for.
 
         Args:
             train: recordings.
@@ -87,36 +79,25 @@ class Simulations:
             forecasts: a forecast of each recording, with the knot spans that it needs.
         """
 
-        def residuals(tolerance: float) -> FloatArray:
+        def residuals(tolerance: float) -> Sequence[FloatArray]:
             steps = stepping(settings, tolerance)
             tasks = [(r, steps, f.spans) for r, f in zip(train, forecasts, strict=True)]
-            return np.concatenate([x.ravel() for x in self.pool.map(_residual, tasks)])
-
-        def distance(a: FloatArray, b: FloatArray) -> float:
-            return float(np.linalg.norm(a - b) / np.sqrt(sum(len(f.residual) for f in forecasts)))
+            return self.pool.map(_residual, tasks)
 
         try:
-            found, _ = longest_time_steps(
-                residuals, distance, STEP_SHARE * typical_residual(forecasts)
-            )
+            found = sufficient_time_steps(residuals, [f.residual for f in forecasts])
         except SimulationError as err:
             LOG.info("time steps stay as they are: %s", err)
-            found = 0.0
-        longer = found > settings.simulation.tolerance
-        self.step_tolerance = found if longer else None
-        if longer:
-            LOG.info("time steps of tolerance %.1g", found)
+            return None
+        if found <= settings.simulation.tolerance:
+            return None
+        LOG.info("time steps of tolerance %.1g", found)
+        return found
 
 
 def stepping(settings: Settings, tolerance: float) -> Settings:
     """The settings with another tolerance."""
     return replace(settings, simulation=replace(settings.simulation, tolerance=tolerance))
-
-
-def typical_residual(forecasts: Sequence[Forecast]) -> float:
-    """Median distance of the shapes [m], of the recording in which it is least."""
-    squares = [float(np.median(np.sum(f.residual**2, axis=(1, 2)))) for f in forecasts]
-    return float(np.sqrt(min(squares)))
 
 
 def _varied(task: tuple[Manipulation, Settings, int | None]) -> Forecast:

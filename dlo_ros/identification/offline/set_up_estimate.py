@@ -19,7 +19,6 @@ from scipy.special import expit
 
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.estimate import logarithms, with_logarithms
-from dlo_ros.identification.offline.recording_simulations import STEP_SHARE
 from dlo_ros.identification.residual_information import determined_directions, model_shifts
 from dlo_ros.inference.forecast import Manipulation
 from dlo_ros.inference.joint import (
@@ -36,7 +35,7 @@ from dlo_ros.inference.joint import (
 from dlo_ros.inference.measured import Recording, measured
 from dlo_ros.inference.priors import DIAMETER_STD, joint_model
 from dlo_ros.inference.scene import imposed_names, scene
-from dlo_ros.inference.time_steps import longest_time_steps
+from dlo_ros.inference.time_steps import sufficient_time_steps
 from dlo_ros.parameters import Settings
 from dlo_ros.rod.sensitivity_parameters import MATERIAL
 from dlo_ros.spline import FloatArray
@@ -167,18 +166,14 @@ def _in_short_steps(
         shortest: tolerance of the time steps below which none are needed.
     """
 
-    def residuals(tolerance: float) -> FloatArray:
+    def residuals(tolerance: float) -> Sequence[FloatArray]:
         steps = [replace(r, tolerance=tolerance) for r in recordings]
-        return np.concatenate([r.ravel() for r, _ in simulate(at.model, steps, ()).fields])
+        return [r for r, _ in simulate(at.model, steps, ()).fields]
 
-    def distance(a: FloatArray, b: FloatArray) -> float:
-        return float(np.linalg.norm(a - b) / np.sqrt(sum(len(r) for r, _ in at.fields)))
-
-    left = min(float(np.median(np.sum(r**2, axis=1))) for r, _ in at.fields)
-    found, _ = longest_time_steps(residuals, distance, STEP_SHARE * np.sqrt(left))
-    if max(found, shortest) >= longest:
+    found = max(sufficient_time_steps(residuals, [r for r, _ in at.fields]), shortest)
+    if found >= longest:
         return at
-    shorter = [replace(r, tolerance=max(found, shortest)) for r in recordings]
+    shorter = [replace(r, tolerance=found) for r in recordings]
     return fit(borrowed(at, at.model, shorter), shorter, ITERATIONS, fresh=False)
 
 
