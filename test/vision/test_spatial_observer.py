@@ -194,16 +194,21 @@ def test_stamps_apart_are_allowed_for():
 
 
 def test_depth_in_the_same_fit():
-    rng = np.random.default_rng(6)
-    points = rope((1.0, 0.0, 0.6))
-    one = view(LEFT, points, rng, depth=1.5e-3)
-    one.depth[20:24] = np.nan
-    one.depth[50:53] += 0.1  # mixed pixels: the board behind it
-    fit = fitted([one], points, rng)
-    check([one], fit, clamps(points), DIAMETER)
-    distance, std = away(fit, points)
-    assert np.sqrt(np.mean(distance**2)) < 1e-3
-    assert np.mean(distance < 2.448 * std) > 0.9
+    inside, missed = [], []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        points = rope((1.0, 0.0, 0.6))
+        one = view(LEFT, points, rng, depth=1.5e-3)
+        one.depth[20:24] = np.nan
+        one.depth[50:53] += 0.1  # mixed pixels: the board behind it
+        fit = fitted([one], points, rng)
+        check([one], fit, clamps(points), DIAMETER)
+        distance, std = away(fit, points)
+        inside.append(np.mean(distance < 2.448 * std))
+        missed.append(distance)
+    assert np.sqrt(np.mean(np.square(missed))) < 1e-3
+    # Neighbouring points err alike, so that the share of a single picture says little.
+    assert 0.88 <= np.mean(inside) <= 0.98
 
 
 def test_courses_match_without_clamps():

@@ -47,6 +47,10 @@ SPEEDS = SplineBasis(4, 1.0)
 FURTHEST_SLIDE = 0.02  # of L that a point's material coordinate moves in a step
 BEYOND = 2.0  # [px] past the DLO's end a point is none of it
 NEAREST = 0.05  # [m] before a camera, where no DLO is
+LEAST_FREEDOM = 0.3  # share of the scatter at the least that no curve follows
+
+Weighted = tuple[FloatArray, FloatArray]
+"""Rows of the equations and the weights of their residuals, shapes (m, 3 k) and (m,)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +144,7 @@ def fit_views(
     k, length = basis.control_points, basis.length
     usual = ROUGHNESS / length**3
     roughness = usual if prior.roughness is None else prior.roughness
-    freedom = max(0.3, 1.0 - 2.0 * k / count)
+    freedom = depth_freedom = max(LEAST_FREEDOM, 1.0 - 2.0 * k / count)
     points, stretch = start.copy(), 0.0
     velocity = np.zeros_like(points) if prior.velocity is None else prior.velocity
     # What is not known of the velocity is an error that a whole view has in common.
@@ -151,6 +155,8 @@ def fit_views(
     for step in range(STEPS):
         equations = SplineNormalEquations(k, 1 + drift.size)
         residuals, stds, weights = [], [], []
+        pictures: list[Weighted] = []
+        depths: list[Weighted] = []
         for view, u in zip(views, coordinates, strict=True):
             b = table.matrix(u)
             seen = _Seen(view, _curve(b, u / length, view, points, velocity, drift), u, length)
@@ -161,11 +167,12 @@ def fit_views(
                 by_drift = view.dt * rows_of(SPEEDS.matrix(u / length), seen.across_rows)
                 rows = np.hstack([rows, np.zeros((len(u), 1)), by_drift])
             equations.add(rows, seen.across, weight / std**2)
+            pictures.append((rows[:, : 3 * k], weight / std**2))
             residuals.append(seen.across)
             stds.append(std)
             weights.append(weight)
             if view.depth is not None:
-                _add_depth(equations, view, b, seen, freedom)
+                depths.extend(_add_depth(equations, view, b, seen, depth_freedom))
             _add_tips(equations, view, table, points + view.dt * velocity)
         _add_length(equations, table.halves, points, stretch)
         equations.add_prior(3 * k, np.array([stretch]), SHARED_STD)
@@ -186,8 +193,9 @@ def fit_views(
             for view, u in zip(views, coordinates, strict=True)
         ]
         if step == 0:
-            inverse = _inverse(factor, 3 * k).reshape(k, 3, k, 3)
-            spread = np.einsum("iaja->ij", inverse)
+            inverse = _inverse(factor, 3 * k)
+            freedom, depth_freedom = _freedom(pictures, inverse), _freedom(depths, inverse)
+            spread = np.einsum("iaja->ij", inverse.reshape(k, 3, k, 3))
             third = table.third
             square = np.sum((third @ points) ** 2, axis=1) + np.sum(
                 (third @ spread) * third, axis=1
@@ -202,6 +210,21 @@ def fit_views(
         basis, points, covariance, stretch, tuple(residuals), tuple(coordinates), tuple(stds),
         tuple(weights), roughness,
     )  # fmt: skip
+
+
+def _freedom(data: Sequence[Weighted], covariance: FloatArray) -> float:
+    """Share of the scatter of some data that the curve does not follow.
+
+    It is one minus the mean leverage: smoothness and length leave the curve far fewer degrees of
+    freedom than it has control points.
+
+    Args:
+        data: rows of the equations and their weights.
+        covariance: covariance of the control points, shape (3 k, 3 k) [m^2].
+    """
+    count = sum(len(weight) for _, weight in data)
+    followed = sum(float(weight @ np.sum((rows @ covariance) * rows, 1)) for rows, weight in data)
+    return max(LEAST_FREEDOM, 1.0 - followed / max(count, 1))
 
 
 def _inverse(factor: tuple[FloatArray, bool], size: int) -> FloatArray:
@@ -272,16 +295,22 @@ def _slide(
 
 def _add_depth(
     equations: SplineNormalEquations, view: View, b: FloatArray, seen: _Seen, freedom: float
-) -> None:
-    """Depths along the centreline, robust: holes are left out, mixed pixels count little."""
+) -> list[Weighted]:
+    """Depths along the centreline, robust: holes are left out, mixed pixels count little.
+
+    Returns:
+        What was added.
+    """
     assert view.depth is not None
     known = np.isfinite(view.depth) & seen.on
     if np.count_nonzero(known) < WINDOW:
-        return
+        return []
     residual = seen.depth[known] - view.depth[known]
     std = _scatter(residual, freedom, DEPTH_STD_FLOOR, np.inf)
     rows = rows_of(b[known], np.tile(view.camera.rotation[2], (len(residual), 1)))
-    equations.add(rows, residual, _student(residual / std) / std**2)
+    weight = _student(residual / std) / std**2
+    equations.add(rows, residual, weight)
+    return [(rows, weight)]
 
 
 def _add_tips(
