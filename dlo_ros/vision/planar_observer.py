@@ -265,10 +265,7 @@ class Observer:
         tones: bool,
     ) -> VisionResult:
         """Measure the DLO along a course, and refuse one that the picture does not bear out."""
-        if ends.start is None and ends.end is None:
-            outer = self.camera.to_board(points[[0, -1]])[:, [0, 2]]
-            if traced_backwards(outer, before, self.settings.rod.diameter):
-                points = points[::-1]
+        points = self._from_start(points, ends, before)
         rough = RoughDetection(path.colour, path.contrast, width, tones, tones)
         held = ends.start is not None and ends.end is not None
         result = self._measure(stamp, image, ends, points, width, rough, final=held)
@@ -276,18 +273,28 @@ class Observer:
             return result
         # A free end is looked for beyond the last chain; from a fitted curve that is surer.
         for _ in range(MOST_PROLONGED):
-            first, before_ends = self._last, result.pixels[[0, -1]]
+            first = self._last
             assert first is not None
             rough = RoughDetection(first.colour, first.contrast, width, first.known_width, tones)
-            known, wide = result.pixels, result.width
-            result = self._measure(stamp, image, ends, known, wide, rough, final=False)
-            moved = np.hypot(*(result.pixels[[0, -1]] - before_ends).T)
+            known = self._from_start(result.pixels, ends, before)
+            result = self._measure(stamp, image, ends, known, result.width, rough, final=False)
+            moved = np.hypot(*(result.pixels[[0, -1]] - known[[0, -1]]).T)
             if np.max(moved) < 0.5 * result.width:
                 break
         assert self._found is not None
         check(*self._found, ends, self.camera, self.basis.length, self.settings.rod.diameter)
         check_bridges(image, result.pixels, result.pixels_seen, result.width)
         return result
+
+    def _from_start(
+        self, course: FloatArray, ends: EndPoses, before: LastShape | None
+    ) -> FloatArray:
+        """A course [px], turned round where both ends are free and its first point is the end."""
+        if ends.start is not None or ends.end is not None:
+            return course
+        outer = self.camera.to_board(course[[0, -1]])[:, [0, 2]]
+        backwards = traced_backwards(outer, before, self.settings.rod.diameter)
+        return course[::-1] if backwards else course
 
     def _measure(
         self,

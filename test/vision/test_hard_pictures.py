@@ -105,3 +105,8 @@ def test_sharpest_turn_is_that_of_a_circle_and_of_a_corner():
     side = np.linspace(0.0, 0.1, 2000)[:, None]
     corner = np.vstack([side * [1.0, 0.0], [0.1, 0.0] + side[1:] * [0.0, 1.0]])
     assert sharpest_turn(corner, 0.004) == pytest.approx(np.pi / 2, rel=0.01)
+
+
+def test_the_measured_ends_name_the_start():
+    # One end lies further left by 1.4 diameters, which the chains of the first search do not show.
+    assert judge(310205, "issue", "none").found == "right"
