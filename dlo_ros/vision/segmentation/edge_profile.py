@@ -291,13 +291,16 @@ def _likeness_of_tones(core: Float32, sure: Mask, usual: float) -> FloatArray:
     """Similarity of the middle's colour to any of the colours of a DLO of several tones."""
     if np.count_nonzero(sure) < MOST_TONES:
         return np.zeros(len(core))
+    own = core[sure]
+    # Begun with quantiles of the brightness: a random start would give other results each time.
+    rank = np.argsort(np.argsort(own.sum(axis=1), kind="stable"), kind="stable")
     _, _, tones = cv2.kmeans(
-        core[sure],
+        own,
         MOST_TONES,
-        np.zeros((0, 0), dtype=np.int32),
+        (rank * MOST_TONES // len(own)).astype(np.int32)[:, None],
         (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 20, 1.0),
         1,
-        cv2.KMEANS_PP_CENTERS,
+        cv2.KMEANS_USE_INITIAL_LABELS,
     )
     unlike = np.linalg.norm(core[:, None] - tones[None], axis=2).min(axis=1) / usual
     return np.asarray(np.clip(1.0 - unlike, 0.0, 1.0), dtype=np.float64)
