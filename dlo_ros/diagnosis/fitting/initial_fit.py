@@ -6,6 +6,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from dlo_ros.errors import SimulationError
 from dlo_ros.identification.estimate import FINEST
 from dlo_ros.inference.forecast import Manipulation, as_started, forecast
 from dlo_ros.inference.measured import Recording, measured, without_gross
-from dlo_ros.inference.time_steps import longest_time_steps
+from dlo_ros.inference.time_steps import COARSEST, longest_time_steps
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import DEGREE, FloatArray
 
@@ -43,7 +44,8 @@ WORTH = 0.7
 """Error over that with fewer knot spans, below which more of them are worth their time."""
 DRAFT_SPANS = 2
 """Knot spans of a draft's simulation over those of the observed spline."""
-DRAFT_TOLERANCE = 1e-3
+DRAFT_TOLERANCES = (COARSEST, 1e-3)
+"""Tolerances of the time steps of a draft, the first with which it is reliable."""
 DRAFT_ERROR = 0.5
 """Largest error of a draft against the fine simulation, in units of the noise."""
 DRAFT_FRAMES = 800
@@ -280,8 +282,8 @@ def drafts(recordings: Sequence[Recording], at: CandidateEvaluation) -> tuple[Re
     for recording, r, fine in zip(recordings, at.residuals, at.predicted, strict=True):
         coarse = DRAFT_SPANS * (recording.observed.shape[1] - DEGREE)
         most = max(DRAFT_ERROR, DRAFT_SHARE * float(np.sqrt(np.mean(r**2))))
-        tolerance = max(DRAFT_TOLERANCE, recording.tolerance or 0.0)
-        for spans in (coarse, recording.spans):
+        tolerances = [max(tolerance, recording.tolerance or 0.0) for tolerance in DRAFT_TOLERANCES]
+        for spans, tolerance in product((coarse, recording.spans), dict.fromkeys(tolerances)):
             draft = replace(recording, spans=spans, tolerance=tolerance)
             try:
                 draft_at = evaluate(at.model, [draft], at.model.settings, derivatives=False)
