@@ -12,7 +12,8 @@ from dlo_ros.diagnosis.explain.joint_explanation import prepare
 from dlo_ros.diagnosis.fitting.initial_fit import begin
 from dlo_ros.diagnosis.proposals.candidate_effects import starts
 from dlo_ros.identification.estimate import searchable
-from dlo_ros.inference.joint import fit, misfit
+from dlo_ros.inference.joint import misfit
+from dlo_ros.inference.joint_fit import fit
 from dlo_ros.parameters import Settings
 from dlo_ros.synthesis.experiment import read_experiment
 from dlo_ros.synthesis.synthesize import synthesize

@@ -90,7 +90,9 @@ def test_points_and_poses_live(tmp_path):
         u = np.linspace(0.0, LENGTH, 100)
         gap = SplineBasis(N, LENGTH).evaluate(shape, u) - curve.at(u)
         assert np.sqrt(np.mean(np.sum(gap**2, axis=1))) < 0.005
-        assert stamp_of(last) in {stamp_of(m) for m in clouds}
+        client.until(
+            lambda: stamp_of(last) in {stamp_of(m) for m in clouds}, what="the points of the spline"
+        )
 
         def named():
             send("nowhere")

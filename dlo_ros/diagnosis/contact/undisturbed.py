@@ -18,7 +18,7 @@ from dlo_ros.diagnosis.fitting.evaluation import CandidateEvaluation, evaluate
 from dlo_ros.diagnosis.fitting.worker_processes import Workers
 from dlo_ros.effects import Scene
 from dlo_ros.errors import SimulationError
-from dlo_ros.inference import joint
+from dlo_ros.inference import joint, joint_fit
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.priors import joint_model
@@ -96,7 +96,7 @@ def _fitted(
     if not parts:
         return None
     try:
-        model = joint.settled(joint.evaluate(model, parts), parts).model
+        model = joint_fit.settled(joint.evaluate(model, parts), parts).model
         plain = replace(at.model, settings=model.settings)
         right = evaluate(plain, parts, given, derivatives=False)
         consensus = evaluate(plain, drafts, given, derivatives=False)

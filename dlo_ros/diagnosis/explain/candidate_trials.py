@@ -13,7 +13,15 @@ from scipy.optimize import minimize_scalar
 from dlo_ros.diagnosis.proposals.linear_evidence import PredictedGain, Proposal
 from dlo_ros.effects import quantities
 from dlo_ros.errors import SimulationError
-from dlo_ros.inference.joint import Evaluation, evaluate, fit, simulate
+from dlo_ros.inference.joint import (
+    Evaluation,
+    Simulated,
+    borrowed,
+    evaluate,
+    judged,
+    simulate,
+)
+from dlo_ros.inference.joint_fit import approached, fit
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import Parameter, ParametricModel
 from dlo_ros.spline import FloatArray
@@ -32,12 +40,17 @@ the largest: the prediction is linear, and no better than that."""
 WORSE = 2.0
 """ERR over that without a proposal, from which no fit begins at the predicted values."""
 SHARES = (1.0, 0.5)
-"""Shares of the way to the predicted model that are simulated."""
+"""Shares of the way to the predicted model that are simulated, of an effect that begins at a finite
+size."""
 SIZES, SIZE_TRIALS = 2.2, 6
 """Factor up to which the size of an effect that begins at a finite one may be larger or smaller
 where its fit begins, and number of sizes that are simulated: no derivative tells of it."""
+STEPS = 4
+"""Steps by which each proposal comes nearer to the shapes before the best of them are fitted."""
 TRIALS = 3
-"""Proposals that are fitted, those that come nearest in a simulation."""
+"""Proposals that are fitted, those that come nearest."""
+LOWERS = 0.1
+"""Share of ERR that a cause must take away to be named."""
 FIRST_ITERATIONS, FIT_ITERATIONS = 4, 12
 """Iterations of each proposal, and of the best of them."""
 
@@ -84,11 +97,11 @@ def best_trial(
         if k >= CHECKED or predicted.gain < max(WORTH, NEAR * predictions[0].gain):
             trace.append(Step(number, name, predicted.gain, None, "predicted to gain less"))
             continue
-        there = _checked(predicted, recordings)
-        if there is None:
+        try:
+            checked.append(_checked(at, predicted, recordings))
+        except SimulationError as reason:
+            LOG.info("%s: %s", name, reason)
             trace.append(Step(number, name, predicted.gain, None, "cannot be simulated"))
-        else:
-            checked.append(there)
     checked.sort(key=lambda row: row[0])
     begun: list[Trial] = []
     for k, (err, predicted) in enumerate(checked):
@@ -97,8 +110,9 @@ def best_trial(
             outcome = "others come nearer" if k >= TRIALS else "makes matters worse"
             trace.append(Step(number, name, predicted.gain, err, outcome))
             continue
-        # From farther off, a fit must come near before errors can be separated from the effect.
-        found = fitted(predicted.model, recordings, FIRST_ITERATIONS, far=err > at.mean_err)
+        # From no nearer, a fit must come near before errors can be separated from the effect.
+        far = err > (1.0 - LOWERS) * at.mean_err
+        found = fitted(predicted.model, recordings, FIRST_ITERATIONS, far=far)
         if found is None:
             trace.append(Step(number, name, predicted.gain, err, "cannot be simulated"))
         else:
@@ -124,11 +138,51 @@ def best_trial(
 
 
 def _checked(
-    predicted: PredictedGain, recordings: Sequence[Recording]
-) -> tuple[float, PredictedGain] | None:
-    """ERR [m] of a proposal where its fit begins, and that beginning; None: nowhere."""
+    at: Evaluation, predicted: PredictedGain, recordings: Sequence[Recording]
+) -> tuple[float, PredictedGain]:
+    """ERR [m] of a proposal where its fit begins, and that beginning.
+
+    Gains are predicted linearly, for correlated errors: the step to the predicted model is often
+    too long, and what it gains may be but the rapid part of the residuals. A few steps with the
+    same derivatives tell how near to the shapes the proposal leads.
+
+    Args:
+        at: the model without the proposal.
+
+    Raises:
+        SimulationError: it cannot be simulated there.
+    """
+    begin = _with_columns(at, predicted)
+    if not predicted.proposal.from_nothing:
+        begin = borrowed(begin, _nearest_size(predicted, recordings), recordings)
+    found = approached(begin, recordings, STEPS)
+    return found.mean_err, replace(predicted, model=found.model)
+
+
+def _with_columns(at: Evaluation, predicted: PredictedGain) -> Evaluation:
+    """The model with a proposal at its first values, and the derivatives that are known there."""
+    model, proposal = predicted.begin, predicted.proposal
+    own = proposal.columns if proposal.from_nothing else ()
+    fields = []
+    for k, (residual, before) in enumerate(at.fields):
+        jacobian = np.zeros((len(residual), len(model.names), residual.shape[1]))
+        for column, name in enumerate(model.names):
+            if name in at.model.names:
+                jacobian[:, column] = before[:, at.model.index(name)]
+            elif name in own:
+                jacobian[:, column] = predicted.columns[k][:, own.index(name)]
+        fields.append((residual, jacobian))
+    return judged(model, Simulated(tuple(fields), at.err, at.predicted), at.variances)
+
+
+def _nearest_size(predicted: PredictedGain, recordings: Sequence[Recording]) -> ParametricModel:
+    """The model on the way to the predicted one, of the size that comes nearest to the shapes.
+
+    Raises:
+        SimulationError: none can be simulated.
+    """
     begin, end = predicted.begin.theta(), predicted.model.theta()
-    found: list[tuple[float, PredictedGain]] = []
+    found: list[tuple[float, ParametricModel]] = []
 
     def tried(theta: FloatArray) -> float:
         model = predicted.begin.at(theta)
@@ -137,14 +191,14 @@ def _checked(
         except SimulationError as reason:
             LOG.info("%s: %s", predicted.proposal.label, reason)
             return float(np.finfo(float).max)
-        found.append((err, replace(predicted, model=model)))
+        found.append((err, model))
         return err
 
     for share in SHARES:
         tried(begin + share * (end - begin))
     size = _size(predicted.proposal)
     if size is not None and found:
-        here = min(found, key=lambda row: row[0])[1].model
+        here = min(found, key=lambda row: row[0])[1]
         k, theta, most = here.index(size.name), here.theta(), float(np.log(SIZES))
         value = size.outer(theta[k])
 
@@ -155,7 +209,9 @@ def _checked(
         minimize_scalar(
             resized, bounds=(-most, most), method="bounded", options={"maxiter": SIZE_TRIALS}
         )
-    return min(found, key=lambda row: row[0], default=None)
+    if not found:
+        raise SimulationError("no beginning can be simulated")
+    return min(found, key=lambda row: row[0])[1]
 
 
 def _size(proposal: Proposal) -> Parameter | None:
@@ -188,7 +244,7 @@ def fitted(
     """The model fitted; None where it cannot be simulated.
 
     Args:
-        far: whether all that is left counts as white noise at first, see `joint.fit`.
+        far: whether all that is left counts as white noise at first, see `joint_fit.fit`.
     """
     try:
         begin = evaluate(model, recordings)

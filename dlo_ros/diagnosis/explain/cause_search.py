@@ -12,9 +12,13 @@ import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from dlo_ros.diagnosis.contact.contact_search import PegBesideSetUp
 from dlo_ros.diagnosis.explain.candidate_trials import (
     FIT_ITERATIONS,
+    LOWERS,
+    STEPS,
     WORTH,
     Step,
     Trial,
@@ -40,7 +44,8 @@ from dlo_ros.diagnosis.proposals.linear_evidence import (
 )
 from dlo_ros.effects import Start
 from dlo_ros.errors import SimulationError
-from dlo_ros.inference.joint import Evaluation, borrowed, evaluate, fit, misfit, simulate
+from dlo_ros.inference.joint import Evaluation, borrowed, evaluate, misfit, simulate
+from dlo_ros.inference.joint_fit import approached, fit
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import Parameter, ParametricModel
 from dlo_ros.inference.priors import SLAB
@@ -48,8 +53,6 @@ from dlo_ros.inference.variances import posterior
 
 LOG = logging.getLogger(__name__)
 
-LOWERS = 0.1
-"""Share of ERR that a cause must take away to be named."""
 MOST_CAUSES = 6
 INDISPENSABLE = 10.0 * WORTH
 """Loss of log evidence without a cause by the linearised posterior, from which no fit without it
@@ -144,18 +147,19 @@ def search(
         found, steps = best_trial(number, at, candidates, recordings)
         trace += steps
         _tell(steps)
-        if _takes_little(found, at) and _matters(found[0] if found else at, recordings, enough):
+        little = _takes_little(found, at, recordings)
+        if little and _matters(found[0] if found else at, recordings, enough):
             for group in _strained(at, causes, exchanged)[: EXCHANGES - len(exchanged)]:
                 exchanged.append(group.label)
                 other, steps = _exchange(number, at, group, recordings, begun, known)
                 trace += steps
                 _tell(steps)
-                if other is not None and not _takes_little(other, at):
+                if other is not None and not _takes_little(other, at, recordings):
                     found, causes = other, [c for c in causes if c.label != group.label]
+                    little = False
                     break
         if found is None:
             break
-        little = _takes_little(found, at)
         at, causes, offer = found[0], [*causes, found[1]], None
         for cause in reversed(causes):
             if linear_loss(at, cause) > INDISPENSABLE:
@@ -178,9 +182,17 @@ def _matters(at: Evaluation, recordings: Sequence[Recording], enough: float) -> 
     return at.mean_err > max(OWN * own_err(at, recordings), enough)
 
 
-def _takes_little(found: Trial | None, at: Evaluation) -> bool:
-    """Whether a trial takes too little of a model's ERR away to be named."""
-    return found is None or found[0].mean_err > (1.0 - LOWERS) * at.mean_err
+def _takes_little(found: Trial | None, at: Evaluation, recordings: Sequence[Recording]) -> bool:
+    """Whether a trial comes too little nearer to the shapes than a model to be named.
+
+    While causes are missing, fits hold slow errors for correlated noise and may lie far from the
+    shapes, with the right cause, too: what counts is how near each model can come.
+    """
+    if found is None:
+        return True
+    here, there = (approached(e, recordings, STEPS).mean_err for e in (at, found[0]))
+    LOG.info("%s: %.3f mm, %.3f mm without", found[1].label, 1e3 * there, 1e3 * here)
+    return there > (1.0 - LOWERS) * here
 
 
 def _strained(
@@ -330,4 +342,5 @@ def ranked_proposals(at: Evaluation, offer: Offer, *, smooth: bool = False) -> l
         p for p in (*freed(at.model), *offer.proposals)
         if not smooth or p.from_nothing
     ]  # fmt: skip
-    return sorted(predicted_gains(at, proposals, offer.extra), key=lambda p: -p.gain)
+    known = [p for p in predicted_gains(at, proposals, offer.extra) if np.isfinite(p.gain)]
+    return sorted(known, key=lambda p: -p.gain)

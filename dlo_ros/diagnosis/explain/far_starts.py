@@ -16,7 +16,8 @@ from dlo_ros.diagnosis.explain.candidate_trials import WORSE, Trial, best_gain
 from dlo_ros.diagnosis.proposals.linear_evidence import Proposal, proposal_of, with_proposals
 from dlo_ros.effects import Start
 from dlo_ros.errors import SimulationError
-from dlo_ros.inference.joint import Evaluation, evaluate, settled, simulate
+from dlo_ros.inference.joint import Evaluation, evaluate, simulate
+from dlo_ros.inference.joint_fit import settled
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
 

@@ -9,9 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dlo_ros.diagnosis.contact.contact_search import PegBesideSetUp
-from dlo_ros.diagnosis.explain.candidate_trials import Step, Trial, fitted, gains
+from dlo_ros.diagnosis.explain.candidate_trials import LOWERS, Step, Trial, fitted, gains
 from dlo_ros.diagnosis.explain.cause_search import (
-    LOWERS,
     Offer,
     Search,
     best_peg,
@@ -27,7 +26,8 @@ from dlo_ros.diagnosis.explain.measurement_error import material_err, own_err
 from dlo_ros.diagnosis.proposals.candidate_effects import starts
 from dlo_ros.diagnosis.proposals.linear_evidence import Proposal
 from dlo_ros.effects import Scene, Start
-from dlo_ros.inference.joint import Evaluation, evaluate, settled, simulate
+from dlo_ros.inference.joint import Evaluation, evaluate, simulate
+from dlo_ros.inference.joint_fit import settled
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.priors import joint_model

@@ -44,7 +44,8 @@ from dlo_ros.diagnosis.selection.effect_search import Candidate
 from dlo_ros.diagnosis.selection.verdict import Verdict
 from dlo_ros.effects import effects
 from dlo_ros.errors import SimulationError
-from dlo_ros.inference.joint import Evaluation, borrowed, evaluate, fit, simulate
+from dlo_ros.inference.joint import Evaluation, borrowed, evaluate, simulate
+from dlo_ros.inference.joint_fit import fit
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.parameters import Settings

@@ -64,13 +64,15 @@ class PredictedGain:
     Args:
         gain: predicted increase of the log evidence.
         begin: the model with the proposal at its first values.
-        model: the model at the linearised optimum, from which the fit starts.
+        model: the model at the linearised optimum.
+        columns: derivatives of the shapes by what the proposal adds, see `columns`.
     """
 
     proposal: Proposal
     gain: float
     begin: ParametricModel
     model: ParametricModel
+    columns: tuple[FloatArray, ...] = ()
 
 
 def freed(model: ParametricModel) -> list[Proposal]:
@@ -222,7 +224,8 @@ def predicted_gains(
             continue
         last = first + extra[id(p)][0].shape[1]
         pick = [*range(own), *range(first, last)]
-        result.append(_added(at, p, tuple(s.chosen(pick) for s in spectra)))
+        found = _added(at, p, tuple(s.chosen(pick) for s in spectra))
+        result.append(replace(found, columns=extra[id(p)]))
         first = last
     return result
 

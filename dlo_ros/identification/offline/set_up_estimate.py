@@ -22,16 +22,14 @@ from dlo_ros.identification.estimate import logarithms, with_logarithms
 from dlo_ros.identification.residual_information import determined_directions, model_shifts
 from dlo_ros.inference.forecast import Manipulation
 from dlo_ros.inference.joint import (
-    ITERATIONS,
     Evaluation,
     borrowed,
     evaluate,
-    fit,
     misfit,
     restricted,
-    settled,
     simulate,
 )
+from dlo_ros.inference.joint_fit import ITERATIONS, fit, settled
 from dlo_ros.inference.measured import Recording, measured
 from dlo_ros.inference.priors import DIAMETER_STD, joint_model
 from dlo_ros.inference.scene import imposed_names, scene

@@ -1,0 +1,203 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Fits of a model to recordings whose errors are correlated (Levenberg-Marquardt)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dlo_ros.errors import SimulationError
+from dlo_ros.inference.joint import (
+    Evaluation,
+    Simulated,
+    borrowed,
+    evaluate,
+    judged,
+    misfit,
+    weights,
+)
+from dlo_ros.inference.measured import Recording
+from dlo_ros.inference.parameter import ParametricModel
+from dlo_ros.spline import FloatArray
+
+LONGEST_STEP, LONGER = 1.5, 2.0
+"""Change of a parameter in the first iteration, in prior standard deviations or logarithms, and by
+what it may grow where the gain was predicted."""
+TRIES = 6
+MARQUARDT_DAMPING, HARDER, EASIER = 1e-4, 30.0, 0.1
+"""Marquardt's damping at first, and what a failed and a good step make of it."""
+GOOD, POOR = 0.75, 0.25
+"""Gain over the expected one, above and below which the damping is eased and made harder."""
+CONVERGED = 0.5
+"""Gain of the log posterior at which a fit ends."""
+WHITE_CONVERGED = 0.05
+"""Gain over the whole misfit, at which a fit ends that takes all that is left for white noise."""
+WHITE_ITERATIONS, ITERATIONS = 20, 12
+"""Iterations with all that is left as white noise, and with correlated errors after that."""
+FARTHER = 1.1
+"""ERR over that at the beginning of a fit and what does not matter, above which a step is no better
+whatever its likelihood: an error that dies out holds whole swings for little, and the fit would
+follow their rapid part alone into a wrong minimum."""
+SECANTS = 3
+"""Steps in a row that may correct the derivatives instead of differentiating the simulation."""
+
+
+def fit(
+    start: Evaluation, recordings: Sequence[Recording], iterations: int, *, white: bool = False,
+    fresh: bool = True,
+) -> Evaluation:  # fmt: skip
+    """Levenberg-Marquardt with variances that are fitted anew in each iteration.
+
+    Derivatives cost several simulations: they are kept as long as they predict what a step gains,
+    and corrected by what a step did where they nearly do.
+
+    Args:
+        white: whether all that is left counts as white noise: far from the optimum a fit must not
+            take for an error of the model what its parameters can explain.
+        fresh: whether the derivatives are those of the start, not borrowed.
+    """
+    at, way, secants = start, _Way(MARQUARDT_DAMPING, LONGEST_STEP), 0
+    settings = start.model.settings
+    immaterial = settings.diagnosis.material_err * settings.rod.length
+    most = np.inf if white else FARTHER * (start.mean_err + immaterial)
+    for _ in range(iterations):
+        found = _improved(at, recordings, way, white, TRIES if fresh else 1, most)
+        way, sure = found.way, fresh or found.gain_predicted
+        if found.at is None and fresh:
+            break
+        before = at
+        if found.at is not None:
+            gain = _gain(at, found.at, white)
+            least = WHITE_CONVERGED * misfit(at, at, white=white) if white else CONVERGED
+            at, fresh = found.at, False
+            if gain < least and sure:
+                break
+        if found.gain_predicted:
+            continue
+        if found.at is not None and secants < SECANTS:
+            at, secants = _corrected(before, at), secants + 1
+        else:
+            at, fresh, secants = _differentiated(at, recordings), True, 0
+    return at if fresh else _differentiated(at, recordings)
+
+
+def approached(start: Evaluation, recordings: Sequence[Recording], steps: int) -> Evaluation:
+    """Nearer to the shapes by steps whose derivatives are only corrected, never computed anew.
+
+    All that is left counts as white noise. A step costs one simulation without derivatives.
+
+    Args:
+        start: the model with approximate derivatives.
+    """
+    at, way = start, _Way(MARQUARDT_DAMPING, LONGEST_STEP)
+    for _ in range(steps):
+        found = _improved(at, recordings, way, True, TRIES, np.inf)
+        if found.at is None:
+            break
+        at, way = _corrected(at, found.at), found.way
+    return at
+
+
+def _differentiated(at: Evaluation, recordings: Sequence[Recording]) -> Evaluation:
+    """The same with derivatives where it is; where there are none, with those from before."""
+    try:
+        return evaluate(at.model, recordings, at.variances)
+    except SimulationError:
+        return at
+
+
+def _corrected(before: Evaluation, at: Evaluation) -> Evaluation:
+    """The derivatives corrected by what the last step did (Broyden, 1965, the good method).
+
+    They stay as they were where that makes them too large for a likelihood.
+    """
+    step = at.model.theta() - before.model.theta()
+    if not step.any():
+        return at
+    along = step / _unit(at.model) ** 2
+    along /= along @ step
+    fields = []
+    for (r0, j), (r1, _) in zip(before.fields, at.fields, strict=True):
+        missed = r0 - r1 - np.einsum("fpk,p->fk", j, step)
+        fields.append((r1, j + along[:, None] * missed[:, None, :]))
+    try:
+        return judged(at.model, Simulated(tuple(fields), at.err, at.predicted), at.variances)
+    except SimulationError:
+        return at
+
+
+def _unit(model: ParametricModel) -> FloatArray:
+    """Prior standard deviations; at least one of a logarithm."""
+    return np.array([max(p.std, 1.0) if p.logarithmic else p.std for p in model.parameters])
+
+
+def settled(start: Evaluation, recordings: Sequence[Recording]) -> Evaluation:
+    """The fit of a model from far away: as if errors were white, then with correlated ones."""
+    return fit(fit(start, recordings, WHITE_ITERATIONS, white=True), recordings, ITERATIONS)
+
+
+def _gain(before: Evaluation, after: Evaluation, white: bool) -> float:
+    """Gain of the log posterior with the variances from before."""
+    return misfit(before, before, white=white) - misfit(after, before, white=white)
+
+
+@dataclass(frozen=True)
+class _Way:
+    """How far a step may go: Marquardt's damping, and the longest step; see `LONGEST_STEP`."""
+
+    damping: float
+    longest: float
+
+
+@dataclass(frozen=True)
+class _Improvement:
+    """One iteration of a fit.
+
+    Args:
+        at: better evaluation, with the derivatives from before; None where none was found.
+        way: state of the search for the next iteration.
+        gain_predicted: whether the derivatives predicted the gain.
+    """
+
+    at: Evaluation | None
+    way: _Way
+    gain_predicted: bool
+
+
+def _improved(
+    at: Evaluation, recordings: Sequence[Recording], way: _Way, white: bool, tries: int,
+    most: float,
+) -> _Improvement:  # fmt: skip
+    model, precision = at.model, at.model.precision()
+    lhs, rhs = np.diag(precision), precision * model.offset()
+    for s, w in zip(at.spectra, weights(at, white), strict=True):
+        lhs, rhs = lhs + np.einsum("b,bpq->pq", w, s.hessian), rhs + w @ s.gradient
+    theta, damping = model.theta(), way.damping
+    unit = _unit(model)
+    for _ in range(tries):
+        step = np.asarray(np.linalg.solve(lhs + damping * np.diag(np.diag(lhs)), rhs))
+        if _expected(step, lhs, rhs) < CONVERGED:
+            break
+        step *= min(1.0, way.longest / float(np.max(np.abs(step) / unit)))
+        try:
+            trial = borrowed(at, model.at(theta + step), recordings)
+        except SimulationError:
+            damping *= HARDER
+            continue
+        ratio = _gain(at, trial, white) / _expected(step, lhs, rhs)
+        if trial.mean_err > most:
+            ratio = 0.0
+        if ratio > GOOD:
+            return _Improvement(trial, _Way(EASIER * damping, LONGER * way.longest), True)
+        if ratio > 0.0:
+            damping = damping if ratio > POOR else damping / EASIER
+            return _Improvement(trial, _Way(damping, LONGEST_STEP), False)
+        damping = max(HARDER * damping, 1e-3)
+    return _Improvement(None, _Way(damping, LONGEST_STEP), False)
+
+
+def _expected(step: FloatArray, lhs: FloatArray, rhs: FloatArray) -> float:
+    """Gain of the log posterior by a step, as far as the linearised model tells."""
+    return float(step @ rhs) - 0.5 * float(step @ lhs @ step)
