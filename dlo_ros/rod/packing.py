@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from dlo_ros.command import NANOSECONDS, Command
+from dlo_ros.effects import Effect
 from dlo_ros.rod.boundary import conditions
 from dlo_ros.rod.boundary.imposed_motion import Boundary
 from dlo_ros.rod.elements.rod_tables import (
@@ -25,6 +26,9 @@ from dlo_ros.rod.solve.equation_system import System, Uniform
 from dlo_ros.rod.solve.integrator_state import LAST, NEXT, IntegratorState
 from dlo_ros.rod.state import State, Strains
 from dlo_ros.spline import FloatArray
+
+IMPOSED_KEPT = 64
+"""True commands of one discretisation that are kept: one for each variant that changes them."""
 
 
 def parts_of(model: RodModel, boundary: Boundary, *, flat: bool) -> System:
@@ -77,16 +81,19 @@ def _stack(items: Any) -> Any:
 
 def true_command(model: RodModel, command: Command) -> Command:
     """The command that is truly imposed where `command` was commanded, by the model's effects."""
-    if not model.effects:
+    imposing = tuple(e for e in model.effects if type(e).impose is not Effect.impose)
+    if not imposing:
         return command
-    cache: dict[int, tuple[Command, Command]] = model.__dict__.setdefault("_commands", {})
-    if id(command) not in cache:
-        cache.clear()  # one at a time is needed
+    key = id(command), imposing
+    found = model.imposed.get(key)
+    if found is None:
+        if len(model.imposed) >= IMPOSED_KEPT:
+            model.imposed.clear()
         true = command
-        for effect in model.effects:
+        for effect in imposing:
             true = effect.impose(true)
-        cache[id(command)] = command, true
-    return cache[id(command)][1]
+        found = model.imposed[key] = command, true
+    return found[1]
 
 
 def imposed_of(model: RodModel, boundary: Boundary, command: Command) -> conditions.Imposed:
