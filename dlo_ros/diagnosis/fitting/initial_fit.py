@@ -44,8 +44,7 @@ WORTH = 0.7
 """Error over that with fewer knot spans, below which more of them are worth their time."""
 DRAFT_SPANS = 2
 """Knot spans of a draft's simulation over those of the observed spline."""
-DRAFT_TOLERANCES = (COARSEST, 1e-3)
-"""Tolerances of the time steps of a draft, the first with which it is reliable."""
+DRAFT_TOLERANCE = 1e-3
 DRAFT_ERROR = 0.5
 """Largest error of a draft against the fine simulation, in units of the noise."""
 DRAFT_FRAMES = 800
@@ -55,6 +54,9 @@ SHOWN = 0.25
 """Share of the squared residuals that a draft must go through."""
 DRAFT_SHARE = 0.05
 """Error of a draft over the plain model's residual, up to which it does not matter."""
+LONG_SHARE = 0.1 * DRAFT_SHARE
+"""The same with the longest time steps: good models leave a tenth of what the plain one does, and
+a rod that moves otherwise is simulated with another error."""
 
 
 @dataclass(frozen=True)
@@ -281,9 +283,13 @@ def drafts(recordings: Sequence[Recording], at: CandidateEvaluation) -> tuple[Re
     result = []
     for recording, r, fine in zip(recordings, at.residuals, at.predicted, strict=True):
         coarse = DRAFT_SPANS * (recording.observed.shape[1] - DEGREE)
-        most = max(DRAFT_ERROR, DRAFT_SHARE * float(np.sqrt(np.mean(r**2))))
-        tolerances = [max(tolerance, recording.tolerance or 0.0) for tolerance in DRAFT_TOLERANCES]
-        for spans, tolerance in product((coarse, recording.spans), dict.fromkeys(tolerances)):
+        left = float(np.sqrt(np.mean(r**2)))
+        usual = (
+            max(DRAFT_TOLERANCE, recording.tolerance or 0.0),
+            max(DRAFT_ERROR, DRAFT_SHARE * left),
+        )
+        longest = COARSEST, max(FINENESS, LONG_SHARE * left)
+        for spans, (tolerance, most) in product((coarse, recording.spans), (longest, usual)):
             draft = replace(recording, spans=spans, tolerance=tolerance)
             try:
                 draft_at = evaluate(at.model, [draft], at.model.settings, derivatives=False)
