@@ -1,0 +1,58 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Fits of the joint model: steps with derivatives from elsewhere, and their limits."""
+
+import numpy as np
+import pytest
+from experiment_recordings import moving
+
+from dlo_ros.diagnosis.findings.joint_outcome import training_set
+from dlo_ros.diagnosis.fitting.initial_fit import begin
+from dlo_ros.errors import SimulationError
+from dlo_ros.inference import joint_fit
+from dlo_ros.inference.joint import Simulated, borrowed, judged
+
+ANGLE = "effects.clamp_angle.start"
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    recording, given = moving("simple", {"clamp_angle": {"start": 0.02}}, 12)
+    begun = begin([recording], given)
+    prepared = training_set(begun, 1, begun.at.model.settings, given).prepared
+    return prepared.setup, prepared.recordings
+
+
+def moved_by(at, name, change):
+    theta = at.model.theta()
+    theta[at.model.index(name)] += change
+    return at.model.at(theta)
+
+
+def test_steps_with_borrowed_derivatives_come_near(fitted, monkeypatch):
+    at, recordings = fitted
+    far = borrowed(at, moved_by(at, ANGLE, 0.1), recordings)
+    far = borrowed(far, moved_by(far, "young_modulus", 0.7), recordings)
+
+    def fails(*_):
+        raise AssertionError("derivatives were computed")
+
+    monkeypatch.setattr(joint_fit, "evaluate", fails)
+    nearer = [joint_fit.approached(far, recordings, steps).mean_err for steps in (0, 1, 4)]
+    assert nearer[0] == far.mean_err
+    assert nearer[2] < nearer[1] < 0.5 * nearer[0]
+    assert nearer[2] < at.mean_err + 0.1 * far.mean_err
+
+
+def test_a_step_that_leads_nowhere_corrects_no_derivative(fitted):
+    at, _ = fitted
+    assert joint_fit._corrected(at, at) is at
+
+
+def test_derivatives_beyond_all_bounds_are_a_failed_simulation(fitted):
+    at, _ = fitted
+    steep = tuple((r, np.where(j == 0.0, j, 1e200)) for r, j in at.fields)
+    with (
+        np.errstate(over="ignore", invalid="ignore"),
+        pytest.raises(SimulationError, match="derivatives of the simulation grow"),
+    ):
+        judged(at.model, Simulated(steep, at.err, at.predicted))
