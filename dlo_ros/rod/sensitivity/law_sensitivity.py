@@ -32,29 +32,28 @@ def _relaxation(law, rates, h, a):
 
 
 @linked()
-def add_law_stresses(system, law, old, new, varying, derivatives, h, stress_o):
+def add_law_stresses(base, more, law, rates, inner, past, other, derivatives, h, stress_o):
     """Add the derivatives of inelastic moments, the strains held.
 
     Args:
-        law: the law of the rod itself.
-        old, new: sensitivity states before and after the step.
-        varying: the derivatives before.
+        base, more: `Stiffness` in all variants, and its derivatives.
+        law, rates: the law of the rod itself, and its derivatives.
+        inner, past: internal variables before the step, see `InternalVariables`, and the
+            derivatives of all of them.
+        other: strains after the step, shape (nb, 3).
         derivatives: see `moment_derivatives`.
         h: length of the step [s].
         stress_o: derivatives (P, nb, 3) to which they are added.
     """
-    base, more, rates, past = (
-        system.stiffness, varying.rates.stiffness, varying.rates.law, varying.internal
-    )  # fmt: skip
-    inner, moment, slide = old.internal.inner, derivatives.moment, derivatives.slide
+    moment, slide = derivatives.moment, derivatives.slide
     left, d_left = np.empty(2), np.empty(2)
     for a in range(stress_o.shape[0]):
         keep, gain, d_keep, d_gain = _relaxation(law, rates, h, a)
         out = stress_o[a]
         for e in range(inner.shape[0]):
             for c in range(2):
-                x = new.other[e, c] - base.bend_rest[0, e, c]
-                step = new.other[e, c] - inner[e, 4 + c]
+                x = other[e, c] - base.bend_rest[0, e, c]
+                step = other[e, c] - inner[e, 4 + c]
                 left[c] = gain * step + keep * inner[e, c] - law.relaxing * x
                 d_left[c] = (
                     d_gain * step - gain * past.inner[a, e, 4 + c] + d_keep * inner[e, c]
@@ -78,7 +77,7 @@ def add_law_stresses(system, law, old, new, varying, derivatives, h, stress_o):
                 more.bend_rest[a, e, 1],
             )  # fmt: skip
             for c in range(2):
-                linear = more.bend[a, e, c] * (new.other[e, c] - base.bend_rest[0, e, c])
+                linear = more.bend[a, e, c] * (other[e, c] - base.bend_rest[0, e, c])
                 linear -= base.bend[0, e, c] * more.bend_rest[a, e, c]
                 out[e, c] += (
                     m[c, 0] * s1 + m[c, 1] * s2 - m[c, 2] * r1 - m[c, 3] * r2
@@ -88,24 +87,24 @@ def add_law_stresses(system, law, old, new, varying, derivatives, h, stress_o):
 
 
 @linked()
-def propagate_internal_bending(law, old, new, varying, derivatives, h, d_other):
+def propagate_internal_bending(d_rest, law, rates, inner, change, other, derivatives, h, d_other):
     """Let the internal variables of bending vary along.
 
     Args:
-        law, old, new, derivatives: see `add_law_stresses`.
-        varying: the derivatives; those of internal variables of bending are changed.
+        d_rest: derivatives of the rest curvature, shape (P, nb, 2).
+        law, rates, inner, other, derivatives: see `add_law_stresses`.
+        change: derivatives of the internal variables, of which those of bending are changed.
         h: length of the step [s], 0 to an equilibrium.
         d_other: derivatives of the strains after the step, shape (P, nb, 3).
     """
-    more, rates, change = varying.rates.stiffness, varying.rates.law, varying.internal
-    inner, yields, slide = old.internal.inner, derivatives.plastic, derivatives.slide
+    yields, slide = derivatives.plastic, derivatives.slide
     for a in range(d_other.shape[0]):
         keep, gain, d_keep, d_gain = _relaxation(law, rates, h, a)
         for e in range(yields.shape[0]):
             p, before = yields[e], change.plastic[a, e]
             p1, p2 = before[0], before[1]
-            x1 = d_other[a, e, 0] - more.bend_rest[a, e, 0]
-            x2 = d_other[a, e, 1] - more.bend_rest[a, e, 1]
+            x1 = d_other[a, e, 0] - d_rest[a, e, 0]
+            x2 = d_other[a, e, 1] - d_rest[a, e, 1]
             for c in range(2):
                 before[c] = (
                     p[c, 0] * x1 + p[c, 1] * x2 + p[c, 2] * p1 + p[c, 3] * p2
@@ -122,7 +121,7 @@ def propagate_internal_bending(law, old, new, varying, derivatives, h, d_other):
                         + z[c, 4] * rates.turn[a]
                     )  # fmt: skip
             for c in range(2):
-                step = new.other[e, c] - inner[e, 4 + c]
+                step = other[e, c] - inner[e, 4 + c]
                 before[c] = (
                     d_keep * inner[e, c] + keep * before[c] + d_gain * step
                     + gain * (x1 if c == 0 else x2)

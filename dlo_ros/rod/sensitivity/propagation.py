@@ -129,7 +129,10 @@ def _written_out(
     for a in range(count):
         _stresses(system, old, new, varying, h, a, stress_s[a], stress_o[a])
     if varying.kind != LINEAR:
-        add_law_stresses(system, law, old, new, varying, derivatives, h, stress_o)
+        add_law_stresses(
+            system.stiffness, varying.rates.stiffness, law, varying.rates.law, old.internal.inner,
+            varying.internal, new.other, derivatives, h, stress_o,
+        )  # fmt: skip
         add_surroundings_forces(system, old, new, h, varying, rhs)
     pull = rod_forces.stress_forces(rule, grad_s, grad_o, stress_s, stress_o)
     q_star, v_star, lag = extrapolated(

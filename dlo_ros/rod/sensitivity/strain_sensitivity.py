@@ -50,7 +50,10 @@ def follow(system, after, old, h, matter, derivatives, varying, d_q, grad_s, gra
         _turned_strains(rule, after.other, turn, twist, d_other)
         vary_carried_frame(q, rule, after.reference, d_q, grad_o, turn, twist, varying.reference)
     if old.internal.plastic.shape[0] + old.internal.inner.shape[0] > 0:
-        propagate_internal_bending(matter.law, old, after, varying, derivatives, h, d_other)
+        propagate_internal_bending(
+            varying.rates.stiffness.bend_rest, matter.law, varying.rates.law, old.internal.inner,
+            varying.internal, after.other, derivatives, h, d_other,
+        )  # fmt: skip
     if old.internal.anchor.shape[0] > 0:
         propagate_anchors(
             rule, matter.around.creep, old.internal.anchor, q, d_q, varying.internal.anchor

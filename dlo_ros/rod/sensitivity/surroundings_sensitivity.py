@@ -31,25 +31,32 @@ def add_surroundings_forces(system, old, new, h, varying, rhs):
         h: length of the step [s].
         varying: the derivatives before.
     """
-    around, rates = system.around, varying.rates
-    if old.internal.anchor.shape[0] > 0:
-        _add_friction(system, old.internal.anchor, new.q, varying, rhs)
-    if around.brake[0] != 0.0 or np.any(rates.brake != 0.0):
-        _add_quadratic_drag(system, old, new.q, h, varying, rhs)
+    around, rates, q, rule = system.around, varying.rates, new.q, system.rule
+    anchor, brake = old.internal.anchor, around.brake[0]
+    if anchor.shape[0] > 0:
+        _add_friction(
+            rule, around.friction[0], around.creep[0], anchor, q, rates.friction,
+            varying.internal.anchor, rhs,
+        )  # fmt: skip
+    if brake != 0.0 or np.any(rates.brake != 0.0):
+        prediction = drag_prediction(old.q, old.velocity, old.acceleration, old.auxiliary, h)
+        changes = drag_prediction(
+            varying.q, varying.velocity, varying.acceleration, varying.auxiliary, h
+        )
+        _add_quadratic_drag(rule, brake, prediction, q, h, rates.brake, changes, rhs)
     if np.any(rates.bodies != 0.0):
-        _add_contact(system, new.q, varying, rhs)
+        _add_contact(rule, around, q, varying.step, rates.bodies, rhs)
 
 
 @linked()
-def _add_friction(system, anchor, q, varying, rhs):
-    rule, limit, creep = system.rule, system.around.friction[0], system.around.creep[0]
+def _add_friction(rule, limit, creep, anchor, q, d_limit, d_anchor, rhs):
     place, dof = rest_anchor(q, rule), q.shape[1]
     for e in range(rule.weight.size):
         f0, f1, t00, t01, t11, _ = friction(
             place[e, 0], place[e, 1], anchor[e, 0], anchor[e, 1], 1.0, creep
         )
         for a in range(rhs.shape[0]):
-            more, moved = varying.rates.friction[a], varying.internal.anchor[a, e]
+            more, moved = d_limit[a], d_anchor[a, e]
             pull0 = more * f0 - limit * (t00 * moved[0] + t01 * moved[1])
             pull1 = more * f1 - limit * (t01 * moved[0] + t11 * moved[1])
             for i in range(4):
@@ -59,12 +66,12 @@ def _add_friction(system, anchor, q, varying, rhs):
 
 
 @linked()
-def _add_contact(system, q, varying, rhs):
+def _add_contact(rule, s, q, step, touched, rhs):
     """Pegs and walls, from the forces of both variants of a parameter."""
-    s, none = system.around, np.zeros((0, 3))
+    none = np.zeros((0, 3))
     spare, anchor = np.empty((q.size, 4 * q.shape[1])), np.empty((0, 2))
     for a in range(rhs.shape[0]):
-        if varying.rates.bodies[a] == 0.0:
+        if touched[a] == 0.0:
             continue
         for side in range(2):
             k = 1 + 2 * a + side
@@ -73,8 +80,8 @@ def _add_contact(system, q, varying, rhs):
                 none,
             )  # fmt: skip
             force = np.zeros(q.size)
-            add_contact_and_friction(q, system.rule, around, anchor, force, spare)
-            share = (0.5 if side == 0 else -0.5) / varying.step[a]
+            add_contact_and_friction(q, rule, around, anchor, force, spare)
+            share = (0.5 if side == 0 else -0.5) / step[a]
             for i in range(q.size):
                 rhs[a, i] -= share * force[i]
 
@@ -98,13 +105,9 @@ def _at(table, span, values, out):
 
 
 @linked()
-def _add_quadratic_drag(system, old, q, h, varying, rhs):
-    rule, brake, dof = system.rule, system.around.brake[0], q.shape[1]
-    (_, rate), m = weights(h), min(dof, 3)
-    there, speed, still = drag_prediction(old.q, old.velocity, old.acceleration, old.auxiliary, h)
-    d_there, d_speed, d_still = drag_prediction(
-        varying.q, varying.velocity, varying.acceleration, varying.auxiliary, h
-    )
+def _add_quadratic_drag(rule, brake, prediction, q, h, d_brake, changes, rhs):
+    (_, rate), dof = weights(h), q.shape[1]
+    m, (there, speed, still), (d_there, d_speed, d_still) = min(dof, 3), prediction, changes
     t, s, y, away = np.empty(m), np.empty(m), np.empty(m), np.empty(m)
     dt, ds, dy = np.empty(m), np.empty(m), np.empty(m)
     for e in range(rule.weight.size):
@@ -131,7 +134,7 @@ def _add_quadratic_drag(system, old, q, h, varying, rhs):
             for c in range(m):
                 dt[c] = (dt[c] - longer * t[c]) / size
             faster = brake * (_inner(s, ds) - along * _inner(s, dt))
-            faster += varying.rates.brake[a] * fast
+            faster += d_brake[a] * fast
             turned = _inner(dt, away)
             for c in range(m):
                 pull = faster * (away[c] - ahead * t[c]) + brake * fast * (
