@@ -37,6 +37,7 @@ class Evaluation:
         posterior: linearised at the model's values.
         err: eq. (10) per recording and frame [m].
         predicted: control points per recording [m], shape (F, n, 4).
+        derived: whether the derivatives are those at the model's values, not at others nearby.
     """
 
     model: ParametricModel
@@ -46,6 +47,7 @@ class Evaluation:
     posterior: Posterior
     err: tuple[FloatArray, ...]
     predicted: tuple[FloatArray, ...]
+    derived: bool = True
 
     @property
     def mean_err(self) -> float:
@@ -231,7 +233,7 @@ def borrowed(at: Evaluation, model: ParametricModel, recordings: Sequence[Record
     fields = tuple(
         (r, j[: len(r), pick]) for (r, _), (_, j) in zip(found.fields, at.fields, strict=True)
     )
-    return judged(model, replace(found, fields=fields), at.variances)
+    return replace(judged(model, replace(found, fields=fields), at.variances), derived=False)
 
 
 def linearly_fitted(at: Evaluation) -> Evaluation:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -46,7 +46,7 @@ SECANTS = 3
 
 def fit(
     start: Evaluation, recordings: Sequence[Recording], iterations: int, *, white: bool = False,
-    fresh: bool = True,
+    draft: bool = False,
 ) -> Evaluation:  # fmt: skip
     """Levenberg-Marquardt with variances that are fitted anew in each iteration.
 
@@ -56,22 +56,24 @@ def fit(
     Args:
         white: whether all that is left counts as white noise: far from the optimum a fit must not
             take for an error of the model what its parameters can explain.
-        fresh: whether the derivatives are those of the start, not borrowed.
+        draft: whether derivatives that predicted the last steps will do for the result, which is
+            then fitted further, or compared with others that are far off.
     """
     at, way, secants = start, _Way(MARQUARDT_DAMPING, LONGEST_STEP), 0
     settings = start.model.settings
     immaterial = settings.diagnosis.material_err * settings.rod.length
     most = np.inf if white else FARTHER * (start.mean_err + immaterial)
     for _ in range(iterations):
-        found = _improved(at, recordings, way, white, TRIES if fresh else 1, most)
-        way, sure = found.way, fresh or found.gain_predicted
-        if found.at is None and fresh:
+        derived = at.derived
+        found = _improved(at, recordings, way, white, TRIES if derived else 1, most)
+        way, sure = found.way, derived or found.gain_predicted
+        if found.at is None and derived:
             break
         before = at
         if found.at is not None:
             gain = _gain(at, found.at, white)
             least = WHITE_CONVERGED * misfit(at, at, white=white) if white else CONVERGED
-            at, fresh = found.at, False
+            at = found.at
             if gain < least and sure:
                 break
         if found.gain_predicted:
@@ -79,8 +81,8 @@ def fit(
         if found.at is not None and secants < SECANTS:
             at, secants = _corrected(before, at), secants + 1
         else:
-            at, fresh, secants = _differentiated(at, recordings), True, 0
-    return at if fresh else _differentiated(at, recordings)
+            at, secants = _differentiated(at, recordings), 0
+    return at if draft or at.derived else _differentiated(at, recordings)
 
 
 def approached(start: Evaluation, recordings: Sequence[Recording], steps: int) -> Evaluation:
@@ -105,7 +107,7 @@ def _differentiated(at: Evaluation, recordings: Sequence[Recording]) -> Evaluati
     try:
         return evaluate(at.model, recordings, at.variances)
     except SimulationError:
-        return at
+        return replace(at, derived=True)
 
 
 def _corrected(before: Evaluation, at: Evaluation) -> Evaluation:
@@ -123,9 +125,10 @@ def _corrected(before: Evaluation, at: Evaluation) -> Evaluation:
         missed = r0 - r1 - np.einsum("fpk,p->fk", j, step)
         fields.append((r1, j + along[:, None] * missed[:, None, :]))
     try:
-        return judged(at.model, Simulated(tuple(fields), at.err, at.predicted), at.variances)
+        found = judged(at.model, Simulated(tuple(fields), at.err, at.predicted), at.variances)
     except SimulationError:
         return at
+    return replace(found, derived=False)
 
 
 def _unit(model: ParametricModel) -> FloatArray:
@@ -135,7 +138,8 @@ def _unit(model: ParametricModel) -> FloatArray:
 
 def settled(start: Evaluation, recordings: Sequence[Recording]) -> Evaluation:
     """The fit of a model from far away: as if errors were white, then with correlated ones."""
-    return fit(fit(start, recordings, WHITE_ITERATIONS, white=True), recordings, ITERATIONS)
+    near = fit(start, recordings, WHITE_ITERATIONS, white=True, draft=True)
+    return fit(near, recordings, ITERATIONS)
 
 
 def _gain(before: Evaluation, after: Evaluation, white: bool) -> float:

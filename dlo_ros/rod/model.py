@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dlo_ros.command import Command
 from dlo_ros.effects import Body, Effect, build
 from dlo_ros.rod.elements.rod_tables import (
     DOF,
@@ -27,8 +28,10 @@ CONTACTS = 8  # points of a knot span at which contact is looked for
 CONTACT_PENETRATION = 2e-6  # of L: how deep a contact gives way under all of the DLO's weight
 PRESLIDING_DISPLACEMENT = 3e-5  # of L: displacement at which friction acts fully
 INACTIVE = 9e5  # [1/m] curvatures that no DLO reaches
-# What depends on basis and ends alone.
-DISCRETISATION = ("rule", "points", "gram", "basis_slope", "basis_curvature", "twist_fit")
+# What depends on basis and ends alone, and the commands that were imposed on such a rod.
+DISCRETISATION = (
+    "rule", "points", "gram", "basis_slope", "basis_curvature", "twist_fit", "imposed",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -125,6 +128,14 @@ class RodModel:
     def effects(self) -> tuple[Effect, ...]:
         """The effects that the parameter file adds."""
         return build(self.settings.effects)
+
+    @cached_property
+    def imposed(self) -> dict[tuple[int, tuple[Effect, ...]], tuple[Command, Command]]:
+        """Commands as given and as truly imposed, by the given one's identity and the effects.
+
+        Variants of a rod share them: few parameters change what is imposed.
+        """
+        return {}
 
     @cached_property
     def body(self) -> Body:

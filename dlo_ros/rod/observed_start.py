@@ -64,7 +64,7 @@ def observed_start(
         InputError: the first two observed shapes have the same stamp.
         SimulationError: imposed ends out of reach.
     """
-    begun = _Begun(model, boundary, first, measurement)
+    begun = _Begun(model, boundary, first, measurement, None)
     reachable(model, begun.held, boundary)
     shape, pull = Relaxation(model, boundary, begun.held, begun.seen[-1]).solution()
     state = begun.state(shape, first.command)
@@ -75,9 +75,8 @@ def observed_start(
         chosen = variation_of(model.settings, name)
         pair = []
         for varied, asked in both_sides(model, first.command, chosen):
-            there = _Begun(
-                varied, boundary, replace(first, command=asked), MeasurementMap(varied.settings)
-            )
+            asking, mapping = replace(first, command=asked), MeasurementMap(varied.settings)
+            there = _Begun(varied, boundary, asking, mapping, begun)
             moved = shape
             if not there.begins_as(begun):
                 relaxation = Relaxation(varied, boundary, there.held, there.seen[-1])
@@ -95,14 +94,23 @@ class _Begun:
     """A rod with its true first shapes and what holds it then."""
 
     def __init__(
-        self, model: RodModel, boundary: Boundary, first: FirstShapes, measurement: MeasurementMap
-    ) -> None:
+        self, model: RodModel, boundary: Boundary, first: FirstShapes, measurement: MeasurementMap,
+        near: _Begun | None,
+    ) -> None:  # fmt: skip
         self.model, self.boundary, self._first = model, boundary, first
         rod = model.settings.rod
         lift = model.basis.projection(SplineBasis(rod.control_points, rod.length))
         self.seen = [lift @ measurement.true(o.control_points) for o in first.observations]
-        at_rest = rest_state(first.stamp, self.seen[-1], model)
+        self._resting: dict[bytes, State] = {} if near is None else near._resting
+        at_rest = self._at_rest(self.seen[-1])
         self.held = hold(model, boundary, at_rest, first.command, first.stamp)
+
+    def _at_rest(self, shape: FloatArray) -> State:
+        """The rod at rest in a shape (n, 4), which many variants of it share."""
+        key = shape.tobytes()
+        if key not in self._resting:
+            self._resting[key] = rest_state(self._first.stamp, shape, self.model)
+        return self._resting[key]
 
     def begins_as(self, other: _Begun) -> bool:
         """Whether the first shapes, and all that decides how they are held, are the same."""
@@ -118,7 +126,7 @@ class _Begun:
     def state(self, shape: FloatArray, command: Command) -> State:
         """The state in a shape (n, 4), with the velocity that was observed."""
         model, observations = self.model, self._first.observations
-        state = rest_state(self._first.stamp, shape, model)
+        state = self._at_rest(shape)
         if model.settings.simulation.start == "moving":
             elapsed = (observations[-1].stamp - observations[0].stamp) / NANOSECONDS
             if elapsed <= 0.0:

@@ -10,16 +10,25 @@ from typing import Any
 import numpy as np
 
 from dlo_ros.command import NANOSECONDS, Command
+from dlo_ros.effects import Effect
 from dlo_ros.rod.boundary import conditions
 from dlo_ros.rod.boundary.imposed_motion import Boundary
-from dlo_ros.rod.elements.rod_tables import InternalVariables, Reference, Stiffness
+from dlo_ros.rod.elements.rod_tables import (
+    ConstitutiveLaw,
+    InternalVariables,
+    Reference,
+    Stiffness,
+)
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.planar_model import IN_PLANE, expand, flat_reference, reduce
-from dlo_ros.rod.sensitivity.sensitivity_state import Rates, SensitivityState
+from dlo_ros.rod.sensitivity.sensitivity_state import LINEAR, Rates, SensitivityState
 from dlo_ros.rod.solve.equation_system import System, Uniform
 from dlo_ros.rod.solve.integrator_state import LAST, NEXT, IntegratorState
 from dlo_ros.rod.state import State, Strains
 from dlo_ros.spline import FloatArray
+
+IMPOSED_KEPT = 64
+"""True commands of one discretisation that are kept: one for each variant that changes them."""
 
 
 def parts_of(model: RodModel, boundary: Boundary, *, flat: bool) -> System:
@@ -72,16 +81,19 @@ def _stack(items: Any) -> Any:
 
 def true_command(model: RodModel, command: Command) -> Command:
     """The command that is truly imposed where `command` was commanded, by the model's effects."""
-    if not model.effects:
+    imposing = tuple(e for e in model.effects if type(e).impose is not Effect.impose)
+    if not imposing:
         return command
-    cache: dict[int, tuple[Command, Command]] = model.__dict__.setdefault("_commands", {})
-    if id(command) not in cache:
-        cache.clear()  # one at a time is needed
+    key = id(command), imposing
+    found = model.imposed.get(key)
+    if found is None:
+        if len(model.imposed) >= IMPOSED_KEPT:
+            model.imposed.clear()
         true = command
-        for effect in model.effects:
+        for effect in imposing:
             true = effect.impose(true)
-        cache[id(command)] = command, true
-    return cache[id(command)][1]
+        found = model.imposed[key] = command, true
+    return found[1]
 
 
 def imposed_of(model: RodModel, boundary: Boundary, command: Command) -> conditions.Imposed:
@@ -116,7 +128,7 @@ def varying_of(state: State, wanted: SensitivityState, *, flat: bool) -> Sensiti
     v = state.sensitivity
     assert v is not None
     return SensitivityState(
-        wanted.step, wanted.moves, wanted.rates, wanted.special, reduce(v.q, flat),
+        wanted.step, wanted.moves, wanted.rates, wanted.kind, reduce(v.q, flat),
         reduce(v.velocity, flat), reduce(v.acceleration, flat), reduce(v.auxiliary, flat),
         Reference(*(x.copy() for x in v.reference)), v.frames.copy(), v.stretch.copy(),
         v.stretch_before.copy(), v.other.copy(), v.other_before.copy(),
@@ -133,9 +145,13 @@ def nothing_varies(state: State, count: int, *, flat: bool = False) -> Sensitivi
 
     d = 2 if flat else 4
     stiffness = Stiffness(zeros(nb), zeros(nb), zeros(nb, 3), zeros(nb, 2), zeros(nb), zeros(nb))
-    rates = Rates(stiffness, zeros(n, 4), zeros(n, 4), zeros(n, 4), zeros(n, d), zeros())
+    law = ConstitutiveLaw._make(zeros() for _ in ConstitutiveLaw._fields)
+    rates = Rates(
+        stiffness, zeros(n, 4), zeros(n, 4), zeros(n, 4), zeros(n, d), zeros(), law, zeros(),
+        zeros(), zeros(),
+    )  # fmt: skip
     return SensitivityState(
-        zeros(), zeros(), rates, 0.0, zeros(n, d), zeros(n, d), zeros(n, d), zeros(n, d),
+        zeros(), zeros(), rates, LINEAR, zeros(n, d), zeros(n, d), zeros(n, d), zeros(n, d),
         Reference(zeros(nb, 3), zeros(nb, 3), zeros(nb, 3), zeros(nb)),
         np.tile(state.frames, (count, 2, 1, 1)), zeros(nb), zeros(nb), zeros(nb, 3),
         zeros(nb, 3), InternalVariables(*(zeros(*x.shape) for x in state.internal)),

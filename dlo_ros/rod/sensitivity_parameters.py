@@ -23,11 +23,17 @@ from dlo_ros.effects.physics.clamp_offset import ClampOffset
 from dlo_ros.errors import InputError
 from dlo_ros.rod.boundary import conditions
 from dlo_ros.rod.boundary.imposed_motion import Boundary
-from dlo_ros.rod.elements.rod_tables import Stiffness
+from dlo_ros.rod.elements.rod_tables import ConstitutiveLaw, Stiffness, Surroundings
 from dlo_ros.rod.model import CONTACT_PENETRATION, RodModel
 from dlo_ros.rod.packing import imposed_of, parts_of, stacked, stacked_imposed, true_command
 from dlo_ros.rod.parameter_names import parsed
-from dlo_ros.rod.sensitivity.sensitivity_state import Rates, SensitivityState
+from dlo_ros.rod.sensitivity.sensitivity_state import (
+    INELASTIC,
+    LINEAR,
+    SLIPPING,
+    Rates,
+    SensitivityState,
+)
 from dlo_ros.rod.solve.equation_system import System
 from dlo_ros.rod_settings import EFFECTS_PREFIX, RodSettings
 from dlo_ros.spline import FloatArray
@@ -161,7 +167,7 @@ class Compiled:
 
     Args:
         system, imposed: see there.
-        step, moves, rates, special: fields of the parameters, see `SensitivityState`.
+        step, moves, rates, kind: fields of the parameters, see `SensitivityState`.
     """
 
     system: System
@@ -169,13 +175,11 @@ class Compiled:
     step: FloatArray
     moves: FloatArray
     rates: Rates
-    special: float
+    kind: float
 
     def mark(self, varying: SensitivityState) -> SensitivityState:
         """Sensitivities that contain the names of their parameters."""
-        return varying._replace(
-            step=self.step, moves=self.moves, rates=self.rates, special=self.special
-        )
+        return varying._replace(step=self.step, moves=self.moves, rates=self.rates, kind=self.kind)
 
 
 def compiled(
@@ -217,28 +221,48 @@ def _compiled(
             pair.append(any(map(_differ, commands[-1], commands[0])))
         moves.append(any(pair) or systems[-1].reach != systems[-2].reach)
         steps.append(chosen.step)
-    # A slip or a drag of zero may be a parameter, too.
-    body = model.body
-    own = (body.slip, body.quadratic_drag, body.relaxing, body.inner_friction)
-    special = not model.plain or any(x is not None for x in own)
     system, step = stacked(systems), np.array(steps, dtype=np.float64)
     return Compiled(
         system, stacked_imposed(commands), step, np.array(moves, dtype=np.float64),
-        _rates(system, step), float(special),
+        _rates(system, step), _kind(model),
     )  # fmt: skip
+
+
+def _kind(model: RodModel) -> float:
+    """Kind of a rod, see `sensitivity_state.LINEAR`."""
+    body = model.body  # a slip or a drag of zero may be a parameter, too
+    if body.slip is not None:
+        return SLIPPING
+    own = (body.quadratic_drag, body.relaxing, body.inner_friction)
+    return LINEAR if model.plain and all(x is None for x in own) else INELASTIC
 
 
 def _rates(system: System, step: FloatArray) -> Rates:
     """Derivatives of the rod's numbers, from the variants above and below."""
 
-    def rate(x: FloatArray) -> FloatArray:
+    def rate(numbers: FloatArray | float) -> FloatArray:
+        x = np.asarray(numbers)
         width = 2.0 * step.reshape(-1, *([1] * (x.ndim - 1)))
-        return np.ascontiguousarray((x[1::2] - x[2::2]) / width)
+        change = np.zeros_like(x[1::2])  # also of what is infinite in both
+        np.subtract(x[1::2], x[2::2], out=change, where=x[1::2] != x[2::2])
+        return np.ascontiguousarray(change / width)
 
+    around = system.around
     return Rates(
         Stiffness(*(rate(x) for x in system.stiffness)), rate(system.mass), rate(system.spin),
         rate(system.drag), rate(system.load), rate(system.relaxation_time),
+        ConstitutiveLaw._make(map(rate, system.law)), rate(around.friction), rate(around.brake),
+        _body_changes(around, len(step)),
     )  # fmt: skip
+
+
+def _body_changes(around: Surroundings, count: int) -> FloatArray:
+    """1 for each of the parameters that changes what pegs or walls do to the rod, else 0."""
+    if around.pegs.shape[1] + around.walls.shape[1] == 0:
+        return np.zeros(count)
+    tables = (around.pegs, around.walls, np.asarray(around.contact))
+    flat = np.concatenate([x.reshape(len(x), -1) for x in tables], axis=1)
+    return np.array(np.any(flat[1::2] != flat[2::2], axis=1), dtype=np.float64)
 
 
 def _differ(a: Any, b: Any) -> bool:

@@ -56,3 +56,20 @@ def test_derivatives_beyond_all_bounds_are_a_failed_simulation(fitted):
         pytest.raises(SimulationError, match="derivatives of the simulation grow"),
     ):
         judged(at.model, Simulated(steep, at.err, at.predicted))
+
+
+def test_a_draft_needs_no_derivatives_at_its_end(fitted, monkeypatch):
+    at, recordings = fitted
+    near = borrowed(at, moved_by(at, ANGLE, 0.01), recordings)
+    assert at.derived and not near.derived
+    final = joint_fit.fit(near, recordings, 1)
+    assert final.derived
+
+    def fails(*_):
+        raise AssertionError("derivatives were computed")
+
+    monkeypatch.setattr(joint_fit, "evaluate", fails)
+    draft = joint_fit.fit(near, recordings, 1, draft=True)
+    assert not draft.derived
+    assert draft.mean_err == pytest.approx(final.mean_err)
+    assert draft.mean_err < near.mean_err

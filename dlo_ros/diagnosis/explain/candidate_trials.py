@@ -112,7 +112,7 @@ def best_trial(
             continue
         # From no nearer, a fit must come near before errors can be separated from the effect.
         far = err > (1.0 - LOWERS) * at.mean_err
-        found = fitted(predicted.model, recordings, FIRST_ITERATIONS, far=far)
+        found = fitted(predicted.model, recordings, FIRST_ITERATIONS, far=far, draft=True)
         if found is None:
             trace.append(Step(number, name, predicted.gain, err, "cannot be simulated"))
         else:
@@ -126,7 +126,8 @@ def best_trial(
         if k == 0:
             longer = fit(found, recordings, FIT_ITERATIONS)
             # Where the shapes are left by what goes on, the shorter fit is the better explanation.
-            found = found if longer.mean_err > at.mean_err >= found.mean_err else longer
+            shorter = longer.mean_err > at.mean_err >= found.mean_err
+            found = fit(found, recordings, 0) if shorter else longer
             outcome = "gains too little"
         gain = found.posterior.evidence - at.posterior.evidence
         if found.mean_err > at.mean_err:
@@ -239,18 +240,19 @@ def best_gain(trials: Sequence[Trial], at: Evaluation) -> Trial | None:
 
 def fitted(
     model: ParametricModel, recordings: Sequence[Recording], iterations: int = FIT_ITERATIONS, *,
-    far: bool = False,
+    far: bool = False, draft: bool = False,
 ) -> Evaluation | None:  # fmt: skip
     """The model fitted; None where it cannot be simulated.
 
     Args:
         far: whether all that is left counts as white noise at first, see `joint_fit.fit`.
+        draft: see `joint_fit.fit`.
     """
     try:
         begin = evaluate(model, recordings)
         if far:
-            begin = fit(begin, recordings, iterations, white=True)
-        return fit(begin, recordings, iterations)
+            begin = fit(begin, recordings, iterations, white=True, draft=True)
+        return fit(begin, recordings, iterations, draft=draft)
     except SimulationError as err:
         LOG.info("not fitted: %s", err)
         return None

@@ -294,7 +294,7 @@ def _refitted(at: Evaluation, recordings: Sequence[Recording]) -> Evaluation:
             len(r.times) <= f for r, f in zip(recordings, frames, strict=True)
         ):
             begun = borrowed(at, at.model, recordings)
-            return fit(begun, recordings, FINAL_ITERATIONS, fresh=False)
+            return fit(begun, recordings, FINAL_ITERATIONS)
         return fit(evaluate(at.model, recordings), recordings, FINAL_ITERATIONS)
     except SimulationError:
         return at

@@ -6,6 +6,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from dlo_ros.errors import SimulationError
 from dlo_ros.identification.estimate import FINEST
 from dlo_ros.inference.forecast import Manipulation, as_started, forecast
 from dlo_ros.inference.measured import Recording, measured, without_gross
-from dlo_ros.inference.time_steps import longest_time_steps
+from dlo_ros.inference.time_steps import COARSEST, longest_time_steps
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import DEGREE, FloatArray
 
@@ -53,6 +54,9 @@ SHOWN = 0.25
 """Share of the squared residuals that a draft must go through."""
 DRAFT_SHARE = 0.05
 """Error of a draft over the plain model's residual, up to which it does not matter."""
+LONG_SHARE = 0.1 * DRAFT_SHARE
+"""The same with the longest time steps: good models leave a tenth of what the plain one does, and
+a rod that moves otherwise is simulated with another error."""
 
 
 @dataclass(frozen=True)
@@ -279,9 +283,13 @@ def drafts(recordings: Sequence[Recording], at: CandidateEvaluation) -> tuple[Re
     result = []
     for recording, r, fine in zip(recordings, at.residuals, at.predicted, strict=True):
         coarse = DRAFT_SPANS * (recording.observed.shape[1] - DEGREE)
-        most = max(DRAFT_ERROR, DRAFT_SHARE * float(np.sqrt(np.mean(r**2))))
-        tolerance = max(DRAFT_TOLERANCE, recording.tolerance or 0.0)
-        for spans in (coarse, recording.spans):
+        left = float(np.sqrt(np.mean(r**2)))
+        usual = (
+            max(DRAFT_TOLERANCE, recording.tolerance or 0.0),
+            max(DRAFT_ERROR, DRAFT_SHARE * left),
+        )
+        longest = COARSEST, max(FINENESS, LONG_SHARE * left)
+        for spans, (tolerance, most) in product((coarse, recording.spans), (longest, usual)):
             draft = replace(recording, spans=spans, tolerance=tolerance)
             try:
                 draft_at = evaluate(at.model, [draft], at.model.settings, derivatives=False)

@@ -172,7 +172,7 @@ def _in_short_steps(
     if found >= longest:
         return at
     shorter = [replace(r, tolerance=found) for r in recordings]
-    return fit(borrowed(at, at.model, shorter), shorter, ITERATIONS, fresh=False)
+    return fit(borrowed(at, at.model, shorter), shorter, ITERATIONS)
 
 
 def _averaged(

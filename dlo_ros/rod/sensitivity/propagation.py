@@ -2,11 +2,12 @@
 """Compiled sensitivities of steps and of equilibria, by the factorisation of the tangent matrix.
 
 Every parameter is given by two variants of the rod and of its command, a little above and a little
-below its value. What follows linearly from their numbers is differentiated as it stands. Where the
-rod yields, softens, rubs, touches or slips, the residual of the equations is evaluated with both
-variants, with the shape of the solution held; because the shape is the same, nothing large cancels.
-Either way one back-substitution gives the derivative of the shape. Strains, internal variables and
-the transported frame vary along, and whatever an effect does to the rod is covered.
+below its value. What follows from their numbers, linearly or by the laws of bending and friction,
+is differentiated as it stands. Where the rod slips, and at rest, the residual of the equations is
+evaluated with both variants, with the shape of the solution held; because the shape is the same,
+nothing large cancels. Either way one back-substitution gives the derivative of the shape. Strains,
+internal variables and the transported frame vary along, and whatever an effect does to the rod is
+covered.
 """
 
 from __future__ import annotations
@@ -18,9 +19,19 @@ from dlo_ros.rod.boundary.conditions import align
 from dlo_ros.rod.elements import constitutive_law, contact_and_friction, rod_forces
 from dlo_ros.rod.elements.contact_and_friction import rest_anchor
 from dlo_ros.rod.elements.frame_derivatives import vary_frame
+from dlo_ros.rod.elements.moment_derivatives import moment_derivatives
 from dlo_ros.rod.elements.planar_assembly import PLANAR
-from dlo_ros.rod.sensitivity.sensitivity_state import add, central_difference, shift, shift_state
+from dlo_ros.rod.sensitivity.law_sensitivity import add_law_stresses
+from dlo_ros.rod.sensitivity.sensitivity_state import (
+    LINEAR,
+    SLIPPING,
+    add,
+    central_difference,
+    shift,
+    shift_state,
+)
 from dlo_ros.rod.sensitivity.strain_sensitivity import follow
+from dlo_ros.rod.sensitivity.surroundings_sensitivity import add_surroundings_forces
 from dlo_ros.rod.solve import banded_factorisation, newton_iteration
 from dlo_ros.rod.solve.constraints import back_substitute, eliminate
 from dlo_ros.rod.solve.equation_system import (
@@ -107,14 +118,22 @@ def _stresses(system, old, new, varying, h, a, stress_s, stress_o):
 
 
 @linked()
-def _linear(system, imposed, old, new, varying, grad_s, grad_o, rhs, increments, gaps):
-    """Right-hand sides of the derivatives of a step of a rod that its numbers describe."""
+def _written_out(
+    system, imposed, old, new, law, derivatives, varying, grad_s, grad_o, rhs, increments, gaps
+):
+    """Right-hand sides of the derivatives of a step, from those of the rod's numbers."""
     h, time, rule = new.clock[LAST], new.clock[TIME], system.rule
     c_mass, c_drag = weights(h)
     count, nb, n = varying.step.size, rule.weight.size, new.q.shape[0]
     stress_s, stress_o = np.empty((count, nb)), np.empty((count, nb, 3))
     for a in range(count):
         _stresses(system, old, new, varying, h, a, stress_s[a], stress_o[a])
+    if varying.kind != LINEAR:
+        add_law_stresses(
+            system.stiffness, varying.rates.stiffness, law, varying.rates.law, old.internal.inner,
+            varying.internal, new.other, derivatives, h, stress_o,
+        )  # fmt: skip
+        add_surroundings_forces(system, old, new, h, varying, rhs)
     pull = rod_forces.stress_forces(rule, grad_s, grad_o, stress_s, stress_o)
     q_star, v_star, lag = extrapolated(
         varying.q, varying.velocity, varying.acceleration, varying.auxiliary, h
@@ -149,7 +168,7 @@ def _linear(system, imposed, old, new, varying, grad_s, grad_o, rhs, increments,
 
 
 @linked()
-def _special(system, imposed, old, new, varying, grad_s, grad_o, rhs, increments, gaps):
+def _of_both_variants(system, imposed, old, new, varying, grad_s, grad_o, rhs, increments, gaps):
     """The same for any rod, from the residual of both variants of each parameter."""
     h, time, q, rule = new.clock[LAST], new.clock[TIME], new.q, system.rule
     before, response = another(old), constitutive_law.room(rule.weight.size)
@@ -198,10 +217,16 @@ def propagate_step(system, imposed, old, new, varying):
     rhs, increments = np.zeros((count, q.size)), np.zeros((count, q.size))
     gaps = np.zeros((count, m))
     turn, twist = np.zeros((count, rule.weight.size)), np.zeros((count, rule.weight.size))
-    if varying.special != 0.0:
-        _special(system, imposed, old, new, varying, grad_s, grad_o, rhs, increments, gaps)
+    derivatives = moment_derivatives(
+        new.other, system.stiffness.bend[0], matter.bend_rest, old.internal, matter.law
+    )
+    if varying.kind == SLIPPING:
+        _of_both_variants(system, imposed, old, new, varying, grad_s, grad_o, rhs, increments, gaps)
     else:
-        _linear(system, imposed, old, new, varying, grad_s, grad_o, rhs, increments, gaps)
+        _written_out(
+            system, imposed, old, new, matter.law, derivatives, varying, grad_s, grad_o, rhs,
+            increments, gaps,
+        )  # fmt: skip
     if q.shape[1] != PLANAR:
         forces = np.zeros((count, q.size))
         vary_frame(
@@ -210,7 +235,7 @@ def propagate_step(system, imposed, old, new, varying):
         rhs -= forces
     _solve(system, band, rhs, increments, gaps)
     d_q = rhs.reshape((count, q.shape[0], q.shape[1]))
-    follow(system, new, old, h, False, varying, d_q, grad_s, grad_o, turn, twist)
+    follow(system, new, old, h, matter, derivatives, varying, d_q, grad_s, grad_o, turn, twist)
     q_star, v_star, lag = extrapolated(
         varying.q, varying.velocity, varying.acceleration, varying.auxiliary, h
     )
@@ -249,11 +274,11 @@ def propagate_equilibrium(system, imposed, before, rest, internal, fresh, varyin
             k = 1 + 2 * a + side
             share = 0.5 / (varying.step[a] if side == 0 else -varying.step[a])
             factor = growth(imposed, k, time)
-            matter = material_at_rest(system, k, factor, internal)
+            other = material_at_rest(system, k, factor, internal)
             if fresh:
-                matter = frictionless(matter)
+                other = frictionless(other)
             elastic = _held_forces(
-                q, rest.stretch, rest.other, rule, matter, grad_s, grad_o, response, spare
+                q, rest.stretch, rest.other, rule, other, grad_s, grad_o, response, spare
             )
             pull = residual(system, k, factor, still, still).ravel()
             for i in range(q.size):
@@ -272,7 +297,13 @@ def propagate_equilibrium(system, imposed, before, rest, internal, fresh, varyin
         rest.frames, rest.stretch, rest.stretch_before, rest.other, rest.other_before, internal,
     )  # fmt: skip
     unturned = np.zeros((count, rule.weight.size))
-    follow(system, rest, start, 0.0, fresh, varying, d_q, grad_s, grad_o, unturned, unturned)
+    derivatives = moment_derivatives(
+        rest.other, system.stiffness.bend[0], matter.bend_rest, internal, matter.law
+    )
+    follow(
+        system, rest, start, 0.0, matter, derivatives, varying, d_q, grad_s, grad_o, unturned,
+        unturned,
+    )  # fmt: skip
     if fresh and internal.anchor.shape[0] > 0:
         shifted = np.empty(q.shape)
         for a in range(count):

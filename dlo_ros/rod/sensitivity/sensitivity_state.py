@@ -7,8 +7,17 @@ from typing import NamedTuple
 
 from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
-from dlo_ros.rod.elements.rod_tables import InternalVariables, Reference, Stiffness
+from dlo_ros.rod.elements.rod_tables import (
+    ConstitutiveLaw,
+    InternalVariables,
+    Reference,
+    Stiffness,
+)
 from dlo_ros.spline import FloatArray
+
+LINEAR, INELASTIC, SLIPPING = 0.0, 1.0, 2.0
+"""Rods that their linear numbers describe; of an inelastic material, or among other bodies, or with
+a drag that grows with the square of speed; whose free length changes."""
 
 
 class Rates(NamedTuple):
@@ -20,6 +29,10 @@ class Rates(NamedTuple):
     drag: FloatArray
     load: FloatArray  # (P, n, d)
     relaxation_time: FloatArray  # (P,)
+    law: ConstitutiveLaw  # (P,) each
+    friction: FloatArray  # (P,)
+    brake: FloatArray  # (P,)
+    bodies: FloatArray  # (P,) not 0 where the parameter changes what pegs or walls do
 
 
 class SensitivityState(NamedTuple):
@@ -28,7 +41,7 @@ class SensitivityState(NamedTuple):
     step: FloatArray  # (P,) half the distance of a parameter's two variants
     moves: FloatArray  # (P,) not 0 where the parameter changes what is imposed
     rates: Rates
-    special: float  # not 0 where the rod does more than its linear numbers say
+    kind: float  # see `LINEAR`
     q: FloatArray  # (P, n, d)
     velocity: FloatArray
     acceleration: FloatArray

@@ -9,50 +9,10 @@ from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.elements import rod_forces
 from dlo_ros.rod.elements.frame_derivatives import vary_carried_frame
 from dlo_ros.rod.elements.planar_assembly import PLANAR
-from dlo_ros.rod.elements.rod_tables import InternalVariables
 from dlo_ros.rod.elements.strains import span_twist
-from dlo_ros.rod.sensitivity.sensitivity_state import central_difference, shift
-from dlo_ros.rod.solve.equation_system import frictionless, material_at_rest, relaxed_material
-from dlo_ros.rod.solve.generalised_alpha import update_internal_variables
-from dlo_ros.rod.solve.integrator_state import another, assign
-
-
-@linked()
-def _remember(system, q, other, old, h, fresh, varying, d_q, d_other):
-    """Let the internal variables vary along.
-
-    Args:
-        q, other: shape and strains after the step.
-        old: the state before it.
-        h, fresh: see `follow`.
-        d_q, d_other: derivatives of the shape, shape (P, n, d), and of the other strains, shape (P,
-            nb, 3).
-    """
-    past = old.internal
-    if past.plastic.shape[0] + past.anchor.shape[0] + past.inner.shape[0] == 0:
-        return
-    above, below, before = another(old).internal, another(old).internal, varying.internal
-    shifted, strained = np.empty(q.shape), np.empty(other.shape)
-    for a in range(varying.step.size):
-        for side in range(2):
-            d = varying.step[a] if side == 0 else -varying.step[a]
-            plastic, anchor, inner = past.plastic.copy(), past.anchor.copy(), past.inner.copy()
-            shift(plastic, past.plastic, d, before.plastic[a])
-            shift(anchor, past.anchor, d, before.anchor[a])
-            shift(inner, past.inner, d, before.inner[a])
-            matter = material_at_rest(
-                system, 1 + 2 * a + side, 1.0, InternalVariables(plastic, anchor, inner)
-            )
-            matter = frictionless(matter) if fresh else relaxed_material(matter, h)
-            shift(shifted, q, d, d_q[a])
-            shift(strained, other, d, d_other[a])
-            update_internal_variables(
-                shifted, strained, system.rule, matter, above if side == 0 else below
-            )
-        d = varying.step[a]
-        central_difference(above.plastic, below.plastic, d, before.plastic[a])
-        central_difference(above.anchor, below.anchor, d, before.anchor[a])
-        central_difference(above.inner, below.inner, d, before.inner[a])
+from dlo_ros.rod.sensitivity.law_sensitivity import propagate_internal_bending
+from dlo_ros.rod.sensitivity.surroundings_sensitivity import propagate_anchors
+from dlo_ros.rod.solve.integrator_state import assign
 
 
 @linked()
@@ -71,13 +31,14 @@ def _turned_strains(rule, other, turn, twist, d_other):
 
 
 @linked()
-def follow(system, after, old, h, fresh, varying, d_q, grad_s, grad_o, turn, twist):
+def follow(system, after, old, h, matter, derivatives, varying, d_q, grad_s, grad_o, turn, twist):
     """Let what follows the shape vary along: strains, transported frame, internal variables.
 
     Args:
         after, old: state after the step, and before it.
         h: length of the step [s], 0 to an equilibrium.
-        fresh: whether the DLO starts there, see `equilibrium_continuation.settle`.
+        matter: the material of the motion there.
+        derivatives: see `moment_derivatives`.
         varying: derivatives; those of frame, strains and internal variables are changed.
         d_q: derivatives of the shape, shape (P, n, d).
         grad_s, grad_o: derivatives of the strains, see `spatial_assembly.assemble`.
@@ -88,7 +49,15 @@ def follow(system, after, old, h, fresh, varying, d_q, grad_s, grad_o, turn, twi
     if q.shape[1] != PLANAR:
         _turned_strains(rule, after.other, turn, twist, d_other)
         vary_carried_frame(q, rule, after.reference, d_q, grad_o, turn, twist, varying.reference)
-    _remember(system, q, after.other, old, h, fresh, varying, d_q, d_other)
+    if old.internal.plastic.shape[0] + old.internal.inner.shape[0] > 0:
+        propagate_internal_bending(
+            varying.rates.stiffness.bend_rest, matter.law, varying.rates.law, old.internal.inner,
+            varying.internal, after.other, derivatives, h, d_other,
+        )  # fmt: skip
+    if old.internal.anchor.shape[0] > 0:
+        propagate_anchors(
+            rule, matter.around.creep, old.internal.anchor, q, d_q, varying.internal.anchor
+        )
     assign(varying.stretch_before, varying.stretch)
     assign(varying.other_before, varying.other)
     assign(varying.stretch, d_stretch)

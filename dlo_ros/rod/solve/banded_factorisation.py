@@ -16,6 +16,7 @@ from dlo_ros.rod.simd.row_operations import add_rows, set_rows
 from dlo_ros.rod.simd.vector_algebra import FLAGS, INLINE
 
 SPACE, PLANE = 16, 8  # widths of the band, w + 1, of a rod
+SEVERAL = 8  # right-hand sides that are solved for side by side
 
 
 @njit(**INLINE)
@@ -94,6 +95,31 @@ def solve(band, diagonal, x):
         _solve(band, diagonal, x, SPACE)
     else:
         _solve(band, diagonal, x, PLANE)
+
+
+@linked(**FLAGS)
+def solve_several(band, diagonal, x):
+    """Solve L^T D L x = b in place for right-hand sides x of shape (P, N), `SEVERAL` at a time.
+
+    They stand side by side, so that each number of L multiplies a row of numbers.
+    """
+    size, last = band.shape[0], band.shape[1] - 1
+    rows = np.empty((size, SEVERAL))
+    for first in range(0, x.shape[0], SEVERAL):
+        count = min(SEVERAL, x.shape[0] - first)
+        for i in range(size):
+            for a in range(SEVERAL):
+                rows[i, a] = x[first + a, i] if a < count else 0.0
+        for i in range(size - 1, -1, -1):
+            for j in range(max(0, i - last), i):
+                add_rows(rows, SEVERAL * j, (-band[i, last - i + j],), rows, SEVERAL * i, SEVERAL)
+        for i in range(size):
+            set_rows(rows, SEVERAL * i, (1.0 / diagonal[i],), rows, SEVERAL * i, SEVERAL)
+            for j in range(max(0, i - last), i):
+                add_rows(rows, SEVERAL * i, (-band[i, last - i + j],), rows, SEVERAL * j, SEVERAL)
+        for a in range(count):
+            for i in range(size):
+                x[first + a, i] = rows[i, a]
 
 
 @njit(**FLAGS)

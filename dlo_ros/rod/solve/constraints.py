@@ -168,6 +168,6 @@ def back_substitute(band, diagonal, pins, gaps, rhs):
         pins, gaps: rows (m, N) and what pins @ x must be, shape (P, m).
     """
     y, schur = compliance(band, diagonal, pins)
+    banded_factorisation.solve_several(band, diagonal, rhs)
     for a in range(rhs.shape[0]):
-        banded_factorisation.solve(band, diagonal, rhs[a])
         constrain(pins, y, schur, gaps[a], rhs[a])

@@ -85,15 +85,27 @@ def damped(system, k, imposed, state, h):
 @linked()
 def _quadratic_drag(rule, coefficient, state, h):
     """Quadratic drag of a step of length h; see `contact_and_friction.drag_springs`."""
-    still, v_star, _ = extrapolated(state.q, state.velocity, state.acceleration, state.auxiliary, h)
+    there, speed, still = drag_prediction(
+        state.q, state.velocity, state.acceleration, state.auxiliary, h
+    )
+    return drag_springs(rule, coefficient, there, speed, still, weights(h)[1])
+
+
+@linked()
+def drag_prediction(q, velocity, acceleration, auxiliary, h):
+    """Place and velocity by which quadratic drag is judged, and the place at which there is none.
+
+    All arrays have one shape; the results have it, too.
+    """
+    still, v_star, _ = extrapolated(q, velocity, acceleration, auxiliary, h)
     there, speed, (_, rate) = np.empty(still.shape), np.empty(still.shape), weights(h)
-    x, v, a = state.q.ravel(), state.velocity.ravel(), state.auxiliary.ravel()
+    x, v, a = q.ravel(), velocity.ravel(), auxiliary.ravel()
     past, predicted, fast, passing = still.ravel(), there.ravel(), speed.ravel(), v_star.ravel()
     for i in range(x.size):
         predicted[i] = x[i] + h * v[i] + 0.5 * h * h * a[i]
         fast[i] = v[i] + h * a[i]
         past[i] -= passing[i] / rate
-    return drag_springs(rule, coefficient, there, speed, still, rate)
+    return there, speed, still
 
 
 @linked()

@@ -1,0 +1,140 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Compiled derivatives of inelastic moments and of their internal variables by all they depend on.
+
+With the names of `constitutive_law`, where a curvature x yields, d = x - H kappa_p exceeds the
+yield curvature Y along n = d / |d|, with H = 1 + h, and the plastic curvature after it,
+kappa = kappa_p + f d with f = (1 - Y / |d|) / H, has the derivatives
+
+    by x     A = f I + (Y / (|d| H)) n n'
+    by the plastic curvature before   I - H A
+    by Y     -n / H
+    by h     -A kappa_p - f d / H
+
+The softening moment m_i = B_i c x_i of the elastic curvature x has the secant c(r), with
+dc = (tangent - secant) (dr / r - dhalf / half) and r^2 = (B_1 x_1^2 + B_2 x_2^2) / mean B. Internal
+friction z becomes k z + (1 - k) n with k = exp(-|dx| / w).
+
+They are computed once for a step; a parameter costs products of small matrices then.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from dlo_ros.kernel_cache import njit
+from dlo_ros.kernel_linking import linked
+from dlo_ros.rod.elements.constitutive_law import plastic_curvature
+from dlo_ros.spline import FloatArray
+
+
+class MomentDerivatives(NamedTuple):
+    """Derivatives at the quadrature points; no points where the law is linear."""
+
+    plastic: FloatArray  # (nb, 2, 6) plastic curvature by curvature, that before, Y and h
+    moment: FloatArray  # (nb, 2, 9) moment by bending stiffness 11 and 22, then as `plastic`, half
+    slide: FloatArray  # (nb, 2, 6) z by change of curvature, z before, w; and z itself
+
+
+@njit(inline="always")
+def _plastic(x1, x2, p1, p2, law, out):
+    """Write the derivatives of the plastic curvature, (2, 6); see above."""
+    h = 1.0 + law.hardening
+    d1, d2 = x1 - h * p1, x2 - h * p2
+    size = np.sqrt(d1 * d1 + d2 * d2)
+    out[:, :] = 0.0
+    if size <= law.yield_curvature:
+        out[0, 2], out[1, 3] = 1.0, 1.0
+        return
+    n1, n2, rest = d1 / size, d2 / size, law.yield_curvature / (size * h)
+    flow = 1.0 / h - rest
+    a11, a12, a22 = flow + rest * n1 * n1, rest * n1 * n2, flow + rest * n2 * n2
+    out[0, 0], out[0, 1], out[1, 0], out[1, 1] = a11, a12, a12, a22
+    out[0, 2], out[0, 3], out[1, 2], out[1, 3] = 1.0 - h * a11, -h * a12, -h * a12, 1.0 - h * a22
+    out[0, 4], out[1, 4] = -n1 / h, -n2 / h
+    out[0, 5] = -a11 * p1 - a12 * p2 - flow * d1 / h
+    out[1, 5] = -a12 * p1 - a22 * p2 - flow * d2 / h
+
+
+@njit(inline="always")
+def _moment(stiff1, stiff2, x1, x2, p1, p2, law, plastic, out):
+    """Write the derivatives of `constitutive_law.bending_moment`, (2, 9)."""
+    q1, q2 = plastic_curvature(x1, x2, p1, p2, law)
+    e1, e2 = x1 - q1, x2 - q2
+    mean = 0.5 * (stiff1 + stiff2)
+    f1, f2 = stiff1 * e1, stiff2 * e2  # linear moments
+    r2 = (f1 * e1 + f2 * e2) / mean
+    r = np.sqrt(r2)
+    secant, less, along = 1.0, 0.0, 0.0
+    if r > 1e-9 * law.half_curvature:
+        s = r / law.half_curvature
+        secant = np.arctan(s) / s
+        less = 1.0 / (1.0 + s * s) - secant
+        along = less / (mean * r2)
+    t11, t12, t22 = secant * stiff1 + along * f1 * f1, along * f1 * f2, (
+        secant * stiff2 + along * f2 * f2
+    )  # fmt: skip
+    # By the stiffnesses the elastic curvature held.
+    by1, by2 = 0.5 * (along * e1 * e1 - 0.5 * less / mean), 0.5 * (
+        along * e2 * e2 - 0.5 * less / mean
+    )  # fmt: skip
+    out[0, 0], out[0, 1] = secant * e1 + f1 * by1, f1 * by2
+    out[1, 0], out[1, 1] = f2 * by1, secant * e2 + f2 * by2
+    for c in range(6):
+        out[0, 2 + c] = -t11 * plastic[0, c] - t12 * plastic[1, c]
+        out[1, 2 + c] = -t12 * plastic[0, c] - t22 * plastic[1, c]
+    out[0, 2] += t11
+    out[0, 3] += t12
+    out[1, 2] += t12
+    out[1, 3] += t22
+    out[0, 8], out[1, 8] = -f1 * less / law.half_curvature, -f2 * less / law.half_curvature
+
+
+@njit(inline="always")
+def _slide(d1, d2, z1, z2, turn, out):
+    """Write the derivatives of internal friction and itself, (2, 6); see `hysteresis_moment`."""
+    size = np.sqrt(d1 * d1 + d2 * d2)
+    out[:, :] = 0.0
+    if size < 1e-12 * turn:
+        out[0, 0], out[1, 1] = 1.0 / turn, 1.0 / turn
+        out[0, 2], out[1, 3], out[0, 5], out[1, 5] = 1.0, 1.0, z1, z2
+        return
+    keep, gone = np.exp(-size / turn), -np.expm1(-size / turn)
+    n1, n2, across = d1 / size, d2 / size, gone / size
+    g1, g2 = (n1 - z1) * keep / turn, (n2 - z2) * keep / turn
+    out[0, 0], out[0, 1] = g1 * n1 + across * n2 * n2, g1 * n2 - across * n1 * n2
+    out[1, 0], out[1, 1] = g2 * n1 - across * n1 * n2, g2 * n2 + across * n1 * n1
+    out[0, 2], out[1, 3] = keep, keep
+    out[0, 4], out[1, 4] = -g1 * size / turn, -g2 * size / turn
+    out[0, 5], out[1, 5] = keep * z1 + gone * n1, keep * z2 + gone * n2
+
+
+@linked()
+def moment_derivatives(other, bend, bend_rest, internal, law):
+    """Derivatives of inelastic moments after a motion to strains `other`.
+
+    Args:
+        other: strains (nb, 3), see `strains.strains`.
+        bend, bend_rest: bending stiffness [N m^2] and rest curvature [1/m] without damping, shapes
+            (nb, 3) and (nb, 2).
+        internal: internal variables before.
+        law: see `ConstitutiveLaw`.
+    """
+    plastic, inner, points = internal.plastic, internal.inner, other.shape[0]
+    yields = points if law.active != 0.0 else 0
+    slides = inner.shape[0] if law.turn < np.inf else 0
+    out = MomentDerivatives(
+        np.empty((yields, 2, 6)), np.empty((yields, 2, 9)), np.empty((slides, 2, 6))
+    )
+    for e in range(yields):
+        x1, x2 = other[e, 0] - bend_rest[e, 0], other[e, 1] - bend_rest[e, 1]
+        p1, p2 = plastic[e, 0], plastic[e, 1]
+        _plastic(x1, x2, p1, p2, law, out.plastic[e])
+        _moment(bend[e, 0], bend[e, 1], x1, x2, p1, p2, law, out.plastic[e], out.moment[e])
+    for e in range(slides):
+        _slide(
+            other[e, 0] - inner[e, 4], other[e, 1] - inner[e, 5], inner[e, 2], inner[e, 3],
+            law.turn, out.slide[e],
+        )  # fmt: skip
+    return out
