@@ -194,6 +194,25 @@ def test_only_the_ratio_of_stiffness_and_density_shapes_a_settled_rod():
     np.testing.assert_allclose(derivative[0], -derivative[1], atol=1e-9)
 
 
+@pytest.mark.parametrize(
+    "law",
+    [
+        {"nonlinear_stiffness": {"half_curvature": 4.0}},
+        {"plasticity": {"yield_curvature": 4.0, "hardening": 0.2}},
+    ],
+    ids=["softening", "yield"],
+)
+def test_at_rest_a_rod_that_creeps_is_a_softer_one(law):
+    """Moments are proportional to the stiffness that has not relaxed, whatever their law."""
+    share = 0.7
+    weaker = replace(PAPER.rod, young_modulus=(1.0 - share) * PAPER.rod.young_modulus)
+    creeps = {"viscoelasticity": {"share": share, "time": 0.1}}
+    _, _, softer = settled(replace(PAPER.with_effects(law), rod=weaker), held_start(), 14)
+    _, _, found = settled(PAPER.with_effects({**law, **creeps}), held_start(), 14)
+    # The stretch of the weaker rod is larger: 2.5e-4 of the length, without any law as well.
+    assert np.abs(found.state.q[:, :3] - softer.state.q[:, :3]).max() < 3e-4 * PAPER.rod.length
+
+
 def test_held_points_are_held_exactly():
     imposed = command(
         ["start", "control_point_6", "control_point_10"],

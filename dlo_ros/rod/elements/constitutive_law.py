@@ -17,7 +17,7 @@ Internal friction adds a moment M z, where z follows the curvature towards its d
 
 (Dahl, A solid friction model, 1968), which is integrated exactly along the straight way from one
 step's curvature to the next. What relaxes is in the stiffness already, see
-`generalised_alpha.damped`.
+`generalised_alpha.damped`; it is linear, and softening and yield are those of the rest.
 """
 
 from __future__ import annotations
@@ -186,7 +186,7 @@ def _add_hysteresis(other, weight, material, out):
 @linked()
 def _add_nonlinear_bending(other, weight, material, out):
     """Replace the linear elastic part of the moments by what the law makes of it."""
-    plastic, energy = material.internal.plastic, 0.0
+    plastic, energy, held = material.internal.plastic, 0.0, 1.0 - material.law.relaxing
     for e in range(weight.size):
         b1 = material.stiffness.bend[e, 0] / material.damping
         b2 = material.stiffness.bend[e, 1] / material.damping
@@ -195,12 +195,12 @@ def _add_nonlinear_bending(other, weight, material, out):
         m1, m2, t11, t12, t22, w = bending_moment(
             b1, b2, x1, x2, plastic[e, 0], plastic[e, 1], material.law
         )
-        out.bend[e, 0] += m1 - b1 * x1
-        out.bend[e, 1] += m2 - b2 * x2
-        out.bend_tangent[e, 0] += t11 - b1
-        out.bend_tangent[e, 1] += t12
-        out.bend_tangent[e, 2] += t22 - b2
-        energy += weight[e] * (w - 0.5 * (b1 * x1 * x1 + b2 * x2 * x2))
+        out.bend[e, 0] += held * (m1 - b1 * x1)
+        out.bend[e, 1] += held * (m2 - b2 * x2)
+        out.bend_tangent[e, 0] += held * (t11 - b1)
+        out.bend_tangent[e, 1] += held * t12
+        out.bend_tangent[e, 2] += held * (t22 - b2)
+        energy += held * weight[e] * (w - 0.5 * (b1 * x1 * x1 + b2 * x2 * x2))
     return energy
 
 

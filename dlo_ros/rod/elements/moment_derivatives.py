@@ -33,7 +33,7 @@ class MomentDerivatives(NamedTuple):
     """Derivatives at the quadrature points; no points where the law is linear."""
 
     plastic: FloatArray  # (nb, 2, 6) plastic curvature by curvature, that before, Y and h
-    moment: FloatArray  # (nb, 2, 9) moment by bending stiffness 11 and 22, then as `plastic`, half
+    moment: FloatArray  # (nb, 2, 10) by bending stiffness 11 and 22, as `plastic`, half; itself
     slide: FloatArray  # (nb, 2, 6) z by change of curvature, z before, w; and z itself
 
 
@@ -59,7 +59,7 @@ def _plastic(x1, x2, p1, p2, law, out):
 
 @njit(inline="always")
 def _moment(stiff1, stiff2, x1, x2, p1, p2, law, plastic, out):
-    """Write the derivatives of `constitutive_law.bending_moment`, (2, 9)."""
+    """Write the derivatives of `constitutive_law.bending_moment` and itself, (2, 10)."""
     q1, q2 = plastic_curvature(x1, x2, p1, p2, law)
     e1, e2 = x1 - q1, x2 - q2
     mean = 0.5 * (stiff1 + stiff2)
@@ -89,6 +89,7 @@ def _moment(stiff1, stiff2, x1, x2, p1, p2, law, plastic, out):
     out[1, 2] += t12
     out[1, 3] += t22
     out[0, 8], out[1, 8] = -f1 * less / law.half_curvature, -f2 * less / law.half_curvature
+    out[0, 9], out[1, 9] = secant * f1, secant * f2
 
 
 @njit(inline="always")
@@ -125,7 +126,7 @@ def moment_derivatives(other, bend, bend_rest, internal, law):
     yields = points if law.active != 0.0 else 0
     slides = inner.shape[0] if law.turn < np.inf else 0
     out = MomentDerivatives(
-        np.empty((yields, 2, 6)), np.empty((yields, 2, 9)), np.empty((slides, 2, 6))
+        np.empty((yields, 2, 6)), np.empty((yields, 2, 10)), np.empty((slides, 2, 6))
     )
     for e in range(yields):
         x1, x2 = other[e, 0] - bend_rest[e, 0], other[e, 1] - bend_rest[e, 1]

@@ -146,7 +146,8 @@ class Stresses:
             mean = stiff.mean(axis=-1, keepdims=True)
             size = np.sqrt(np.sum(stiff * elastic**2, axis=-1, keepdims=True) / mean)
             ratio = np.maximum(size / law.half_curvature, 1e-9)
-            result += stiff * (np.arctan(ratio) / ratio * elastic - x)
+            softer = np.arctan(ratio) / ratio * elastic - x
+            result += (1.0 - law.relaxing) * stiff * softer
         return result
 
 

@@ -47,6 +47,7 @@ def add_law_stresses(base, more, law, rates, inner, past, other, derivatives, h,
     """
     moment, slide = derivatives.moment, derivatives.slide
     left, d_left = np.empty(2), np.empty(2)
+    held = 1.0 - law.relaxing
     for a in range(stress_o.shape[0]):
         keep, gain, d_keep, d_gain = _relaxation(law, rates, h, a)
         out = stress_o[a]
@@ -77,9 +78,10 @@ def add_law_stresses(base, more, law, rates, inner, past, other, derivatives, h,
                 more.bend_rest[a, e, 1],
             )  # fmt: skip
             for c in range(2):
-                linear = more.bend[a, e, c] * (other[e, c] - base.bend_rest[0, e, c])
-                linear -= base.bend[0, e, c] * more.bend_rest[a, e, c]
-                out[e, c] += (
+                x = other[e, c] - base.bend_rest[0, e, c]
+                linear = more.bend[a, e, c] * x - base.bend[0, e, c] * more.bend_rest[a, e, c]
+                out[e, c] -= rates.relaxing[a] * (m[c, 9] - base.bend[0, e, c] * x)
+                out[e, c] += held * (
                     m[c, 0] * s1 + m[c, 1] * s2 - m[c, 2] * r1 - m[c, 3] * r2
                     + m[c, 4] * before[0] + m[c, 5] * before[1] + m[c, 6] * rates.yield_curvature[a]
                     + m[c, 7] * rates.hardening[a] + m[c, 8] * rates.half_curvature[a] - linear
