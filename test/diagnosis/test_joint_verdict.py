@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from experiment_recordings import moving
 from rods import PAPER
 
 from dlo_ros.diagnosis import joint_diagnosis
@@ -13,15 +14,17 @@ from dlo_ros.diagnosis.explain import measurement_error
 from dlo_ros.diagnosis.explain.joint_explanation import Cause, Explanation
 from dlo_ros.diagnosis.explain.measurement_error import _along, _staying
 from dlo_ros.diagnosis.findings import joint_outcome
+from dlo_ros.diagnosis.findings.holdout import held_out_recording
 from dlo_ros.diagnosis.findings.joint_outcome import (
     Learned,
     _completed,
-    _held_out,
     _verdict,
     nearer,
     surprising,
 )
 from dlo_ros.diagnosis.findings.summary import Findings
+from dlo_ros.diagnosis.fitting.initial_fit import begin
+from dlo_ros.errors import SimulationError
 from dlo_ros.inference.spectrum import modes, spectrum
 from dlo_ros.inference.variances import fit_variances
 from dlo_ros.spline import SplineBasis
@@ -118,7 +121,7 @@ def recording(speed, grip="start"):
     ],
 )
 def test_held_out_is_a_recording_that_others_can_foretell(recordings, number):
-    assert _held_out(recordings) == number
+    assert held_out_recording(recordings) == number
 
 
 @pytest.mark.parametrize(("noise", "own"), [(1e-3, 1e-3), (0.1, 0.01)])
@@ -173,3 +176,32 @@ def test_all_recordings_teach_where_they_come_nearer_so(held, closer):
     again = SimpleNamespace(explanation=SimpleNamespace(at=fitted_to(2e-3, 2e-3)))
     before = SimpleNamespace(held=told, seen=[np.full(4, 1e-3)])
     assert nearer(again, before) == closer
+
+
+def test_a_model_that_a_recording_refuses_is_dropped_and_its_set_up_kept(monkeypatch, caplog):
+    recording, given = moving("simple", {"clamp_angle": {"start": 0.02}}, 12)
+    begun = begin([recording], given)
+    setup = joint_outcome.training_set(begun, 1, begun.at.model.settings, given).prepared.setup
+    theta = setup.model.theta()
+    theta[setup.model.index("young_modulus")] += 0.1
+    broken = replace(setup, model=setup.model.at(theta))
+    cause = Cause("clamp_angle", ("effects.clamp_angle.start",), (), 9.0, 1e-2)
+    found = Explanation(setup, broken, (cause,), 1e-4, 2e-4, 1e-5, (), ())
+    learned = Learned(found, (np.zeros(len(setup.err[0]), dtype=bool),), None, None)
+    plain = joint_outcome.Candidate("", "", begun.at, 0.0, 1.0)
+    real = joint_outcome.held_against
+
+    def refused(model, *args, **kwargs):
+        if model.settings == broken.model.settings:
+            raise SimulationError("simple: no static equilibrium")
+        return real(model, *args, **kwargs)
+
+    monkeypatch.setattr(joint_outcome, "held_against", refused)
+    monkeypatch.setattr(joint_outcome, "_refitted", lambda at, _: at)
+    told = joint_outcome.joint_outcome(begun, plain, learned, given)
+    assert told.effects == () and told.setup
+    assert "no static equilibrium" in caplog.text
+    # Where the set-up alone is refused, too, nothing is left to fall back on.
+    alone = replace(found, setup=broken, causes=())
+    with pytest.raises(SimulationError, match="no static equilibrium"):
+        joint_outcome.joint_outcome(begun, plain, replace(learned, explanation=alone), given)

@@ -1,8 +1,8 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The held-out recordings: errors of models on frames that did not take part in their fit.
 
-Single effects are judged by these recordings; the one that the joint model does not learn from is
-chosen by `dlo_ros.diagnosis.findings.joint_outcome.training_set`.
+Single effects are judged by these recordings; of the joint model, which learns from several, one of
+them is held out.
 """
 
 from __future__ import annotations
@@ -32,6 +32,10 @@ STEPS = 3
 ASTRAY = 1.5
 """ERR on held-out data over that of the fit to all data, from which a linearised step is not
 believed."""
+SPARE = 3
+"""Recordings, from which the joint model holds one of them out whole."""
+FASTER = 3.0
+"""Speed of that recording over that of the fastest other at most."""
 
 
 @dataclass(frozen=True)
@@ -203,3 +207,27 @@ class HoldoutErrors:
 
     def _err(self, model: Model) -> float | None:
         return mean(errors(model, self.recordings, self.parted.holdout, self.given))
+
+
+def held_out_recording(recordings: Sequence[Recording]) -> int | None:
+    """The recording to be held out: the last that is gripped as another is and moves no faster.
+
+    An error that shows only where the DLO is gripped otherwise, or moves, could not be predicted.
+    """
+    if len(recordings) < SPARE:
+        return None
+    grips = [{n for c in r.manipulation.commands for n in c.names} for r in recordings]
+    speeds = [_speed(r) for r in recordings]
+    for k in reversed(range(len(recordings))):
+        others = [speeds[i] for i, g in enumerate(grips) if i != k and g == grips[k]]
+        if others and speeds[k] <= FASTER * max(others):
+            return k
+    return None
+
+
+def _speed(recording: Recording) -> float:
+    """Root mean square speed of the DLO between frames [m/s]."""
+    if len(recording.times) < 2:
+        return 0.0
+    moved = np.linalg.norm(np.diff(recording.observed, axis=0), axis=2)
+    return float(np.sqrt(np.mean((moved / np.diff(recording.times)[:, None]) ** 2)))

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -51,15 +52,13 @@ from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 
+LOG = logging.getLogger(__name__)
+
 Errors = list[FloatArray] | None
 
-SPARE = 3
-"""Recordings, from which one of them is held out whole."""
 FEWEST = 10
 """Frames, from which the end of a recording can be predicted from its beginning."""
 FINAL_ITERATIONS = 8
-FASTER = 3.0
-"""Speed of the recording that is held out over that of the fastest other at most."""
 SURPRISING = 3.0
 """ERR on the recording that is held out over that on the others, from which it shows what they do
 not."""
@@ -114,7 +113,8 @@ def training_set(
         all_of_them: whether none of those is held out.
     """
     recordings = beginning.recordings
-    held_out = _held_out(recordings) if len(recordings) == count and not all_of_them else None
+    spare = len(recordings) == count and not all_of_them
+    held_out = holdout.held_out_recording(recordings) if spare else None
     chosen = [k for k in range(count) if k != held_out]
     learned = [recordings[k] for k in chosen]
     residuals, predicted = (
@@ -176,39 +176,27 @@ def nearer(learned: Learned, other: Learned) -> bool:
     return other.held is None or err is None or learned.explanation.at.mean_err < err
 
 
-def _held_out(recordings: Sequence[Recording]) -> int | None:
-    """The recording to be held out: the last that is gripped as another is and moves no faster.
-
-    An error that shows only where the DLO is gripped otherwise, or moves, could not be predicted.
-    """
-    if len(recordings) < SPARE:
-        return None
-    grips = [{n for c in r.manipulation.commands for n in c.names} for r in recordings]
-    speeds = [_speed(r) for r in recordings]
-    for k in reversed(range(len(recordings))):
-        others = [speeds[i] for i, g in enumerate(grips) if i != k and g == grips[k]]
-        if others and speeds[k] <= FASTER * max(others):
-            return k
-    return None
-
-
-def _speed(recording: Recording) -> float:
-    """Root mean square speed of the DLO between frames [m/s]."""
-    if len(recording.times) < 2:
-        return 0.0
-    moved = np.linalg.norm(np.diff(recording.observed, axis=0), axis=2)
-    return float(np.sqrt(np.mean((moved / np.diff(recording.times)[:, None]) ** 2)))
-
-
 def joint_outcome(
     beginning: Beginning, plain: Candidate, learned: Learned, given: Settings
 ) -> Diagnosis:
-    """Measure ERR on held-out data, fit the model to all recordings, and put all together."""
+    """Measure ERR on held-out data, fit the model to all recordings, and put all together.
+
+    Raises:
+        SimulationError: a recording cannot be simulated, with the set-up alone either.
+    """
     found, recordings = learned.explanation, beginning.recordings
     first = recordings[: len(plain.at.residuals)]
     known = [k for k in range(len(first)) if not learned.masks[k].all()]
     final = _completed(found.at, first, known)
     found = still_certain(found, final)
+    try:
+        ours = held_against(Model(final.model.settings, ()), first, given, derivatives=False)
+    except SimulationError as err:
+        if found.at is found.setup:
+            raise
+        LOG.warning("the model with its causes is dropped, since it does not hold: %s", err)
+        alone = replace(found, at=found.setup, causes=(), proposals=())
+        return joint_outcome(beginning, plain, Learned(alone, learned.masks, None, None), given)
     own = own_err(final, first) if len(final.err) == len(first) else found.own_err
     matters = material_err(own, given)
     bare = final if found.setup is found.at else found.setup
@@ -229,7 +217,6 @@ def joint_outcome(
     missed = (holdout.mean(seen_before) or 0.0) - own
     wider = confirmed(final, first, [name for c in found.causes for name in c.names])
     base = held_against(plain.at.model, first, given, derivatives=False)
-    ours = held_against(Model(final.model.settings, ()), first, given, derivatives=False)
     related_before = related_after = None
     if verdict == "unexplained":
         related_before, related_after = (
