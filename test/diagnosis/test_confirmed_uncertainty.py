@@ -2,12 +2,10 @@
 """Standard deviations grow where simulations do not bear the derivatives out."""
 
 import pytest
-from experiment_recordings import moving
+from experiment_recordings import fitted_set_up
 
 from dlo_ros.diagnosis.findings.confirmed_uncertainty import confirmed
 from dlo_ros.diagnosis.findings.joint_numbers import fitted_material, outer_stds
-from dlo_ros.diagnosis.findings.joint_outcome import training_set
-from dlo_ros.diagnosis.fitting.initial_fit import begin
 from dlo_ros.errors import SimulationError
 from dlo_ros.inference.joint import Simulated, judged
 
@@ -17,10 +15,7 @@ TOO_STEEP = 50.0
 
 @pytest.fixture(scope="module")
 def fitted():
-    recording, given = moving("simple", {"clamp_angle": {"start": 0.02}}, 12)
-    begun = begin([recording], given)
-    prepared = training_set(begun, 1, begun.at.model.settings, given).prepared
-    return prepared.setup, prepared.recordings
+    return fitted_set_up()
 
 
 def with_steep(at, name):

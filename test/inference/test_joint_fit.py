@@ -3,10 +3,8 @@
 
 import numpy as np
 import pytest
-from experiment_recordings import moving
+from experiment_recordings import fitted_set_up
 
-from dlo_ros.diagnosis.findings.joint_outcome import training_set
-from dlo_ros.diagnosis.fitting.initial_fit import begin
 from dlo_ros.errors import SimulationError
 from dlo_ros.inference import joint_fit
 from dlo_ros.inference.joint import Simulated, borrowed, judged
@@ -16,10 +14,7 @@ ANGLE = "effects.clamp_angle.start"
 
 @pytest.fixture(scope="module")
 def fitted():
-    recording, given = moving("simple", {"clamp_angle": {"start": 0.02}}, 12)
-    begun = begin([recording], given)
-    prepared = training_set(begun, 1, begun.at.model.settings, given).prepared
-    return prepared.setup, prepared.recordings
+    return fitted_set_up()
 
 
 def moved_by(at, name, change):

@@ -4,6 +4,8 @@
 import numpy as np
 import yaml
 
+from dlo_ros.diagnosis.findings.joint_outcome import training_set
+from dlo_ros.diagnosis.fitting.initial_fit import begin
 from dlo_ros.identification import Manipulation
 from dlo_ros.observation import Observation
 from dlo_ros.synthesis.experiment import find_experiment, read_experiment
@@ -31,3 +33,11 @@ def moving(name, effects, seed):
     recording, guess, truth = recorded(tree, seed, step=1e-3)
     guess = guess.with_effects({})
     return recording, guess.with_material(0.5 * truth.rod.young_modulus, guess.rod.density)
+
+
+def fitted_set_up():
+    """A set-up fitted to a recording whose clamp is turned, and that recording."""
+    recording, given = moving("simple", {"clamp_angle": {"start": 0.02}}, 12)
+    begun = begin([recording], given)
+    training = training_set(begun, 1, begun.at.model.settings, given)
+    return training.prepared.setup, training.prepared.recordings
