@@ -84,7 +84,7 @@ class LinkedKernel:
             self.signature(types)
             result = self._dispatcher.overloads[types]
             symbol = self._symbol(types)
-            address = result.library.get_pointer_to_function(result.fndesc.mangled_name)
+            address = result.library.get_pointer_to_function(result.fndesc.llvm_func_name)
             binding.add_symbol(symbol, address)
             self._symbols[types] = symbol
         return self._symbols[types]

@@ -103,7 +103,7 @@ def approached(start: Evaluation, recordings: Sequence[Recording], steps: int) -
 
 
 def _differentiated(at: Evaluation, recordings: Sequence[Recording]) -> Evaluation:
-    """The same with derivatives where it is; where there are none, with those from before."""
+    """The evaluation with derivatives at its own values, or with its old ones where none exist."""
     try:
         return evaluate(at.model, recordings, at.variances)
     except SimulationError:

@@ -77,7 +77,7 @@ def longest_time_steps(
         error = distance(after, before)
         if error < allowed:
             break
-        # Of the finer one, if the error is proportional to the tolerance.
+        # The error of the finer steps, if errors are proportional to the tolerance.
         tolerance, before, error = tolerance / FACTOR, after, error / (FACTOR - 1.0)
         if error < allowed:
             break

@@ -28,7 +28,7 @@ CONTACTS = 8  # points of a knot span at which contact is looked for
 CONTACT_PENETRATION = 2e-6  # of L: how deep a contact gives way under all of the DLO's weight
 PRESLIDING_DISPLACEMENT = 3e-5  # of L: displacement at which friction acts fully
 INACTIVE = 9e5  # [1/m] curvatures that no DLO reaches
-# What depends on basis and ends alone, and the commands that were imposed on such a rod.
+# Properties that depend on basis and ends alone, and the commands that were imposed on such a rod.
 DISCRETISATION = (
     "rule", "points", "gram", "basis_slope", "basis_curvature", "twist_fit", "imposed",
 )  # fmt: skip

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from dlo_ros.diagnosis.proposals.linear_evidence import PredictedGain, Proposal
+from dlo_ros.diagnosis.proposals.linear_evidence import PredictedGain, Proposal, joined
 from dlo_ros.effects import quantities
 from dlo_ros.errors import SimulationError
 from dlo_ros.inference.joint import (
@@ -162,18 +162,13 @@ def _checked(
 
 def _with_columns(at: Evaluation, predicted: PredictedGain) -> Evaluation:
     """The model with a proposal at its first values, and the derivatives that are known there."""
-    model, proposal = predicted.begin, predicted.proposal
-    own = proposal.columns if proposal.from_nothing else ()
-    fields = []
-    for k, (residual, before) in enumerate(at.fields):
-        jacobian = np.zeros((len(residual), len(model.names), residual.shape[1]))
-        for column, name in enumerate(model.names):
-            if name in at.model.names:
-                jacobian[:, column] = before[:, at.model.index(name)]
-            elif name in own:
-                jacobian[:, column] = predicted.columns[k][:, own.index(name)]
-        fields.append((residual, jacobian))
-    return judged(model, Simulated(tuple(fields), at.err, at.predicted), at.variances)
+    names, fields, model = at.model.names, at.fields, predicted.begin
+    if predicted.columns and predicted.proposal.from_nothing:
+        names, fields = (*names, *predicted.proposal.columns), joined(fields, predicted.columns)
+    # Of other parameters no derivative is known yet: a column of zeros stands behind the others.
+    place = [names.index(n) if n in names else len(names) for n in model.names]
+    known = tuple((r, np.pad(j, ((0, 0), (0, 1), (0, 0)))[:, place]) for r, j in fields)
+    return judged(model, Simulated(known, at.err, at.predicted), at.variances)
 
 
 def _nearest_size(predicted: PredictedGain, recordings: Sequence[Recording]) -> ParametricModel:

@@ -55,7 +55,7 @@ SHOWN = 0.25
 DRAFT_SHARE = 0.05
 """Error of a draft over the plain model's residual, up to which it does not matter."""
 LONG_SHARE = 0.1 * DRAFT_SHARE
-"""The same with the longest time steps: good models leave a tenth of what the plain one does, and
+"""That share with the longest time steps: good models leave a tenth of what the plain one does, and
 a rod that moves otherwise is simulated with another error."""
 
 

@@ -299,7 +299,7 @@ def _add_depth(
     """Depths along the centreline, robust: holes are left out, mixed pixels count little.
 
     Returns:
-        What was added.
+        The rows and weights that were added; empty without a depth.
     """
     assert view.depth is not None
     known = np.isfinite(view.depth) & seen.on
