@@ -7,10 +7,12 @@ Two of three shapes are learned from; the third one is only predicted.
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import sys
 import webbrowser
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -65,14 +67,14 @@ def draw(output: Path) -> None:
     """The held-out shape, as measured and as predicted without and with the causes."""
     u, points = read_points(WIRE / f"{KEPT}.csv")
     models = (
-        ("plain model", output / "identify" / "estimate.yaml", "predicted", "--"),
-        ("extended model", output / "diagnose" / "extended.yaml", "true", "-"),
+        ("plain model", _plain(output), "predicted", "--"),
+        ("extended model", Settings.load(output / "diagnose" / "extended.yaml"), "true", "-"),
     )
     with rc_context(STYLE):
         figure = Figure(figsize=(9.0, 4.6), layout="constrained", dpi=110)
         left, right = figure.subplots(1, 2, width_ratios=(0.6, 1.0))
-        for label, file, colour, style in models:
-            shape, distance = _predicted(output, file, u, points)
+        for label, settings, colour, style in models:
+            shape, distance = _predicted(output, settings, u, points)
             words = f"{label}: {1e3 * distance.mean():.1f} mm off"
             left.plot(1e3 * shape[:, 0], 1e3 * shape[:, 2], style, color=COLOURS[colour])
             right.plot(1e3 * u, 1e3 * distance, style, color=COLOURS[colour], label=words)
@@ -90,11 +92,18 @@ def draw(output: Path) -> None:
         figure.savefig(output / "real_wire.png")
 
 
+def _plain(output: Path) -> Settings:
+    """The set-up as stated, with the material that fits best without any cause."""
+    report = json.loads((output / "diagnose" / "report.json").read_text())
+    given = Settings.load(WIRE / "params.yaml")
+    fitted = {k: report["baseline"][k]["value"] for k in ("young_modulus", "density")}
+    return replace(given, rod=replace(given.rod, **fitted))
+
+
 def _predicted(
-    output: Path, file: Path, u: FloatArray, points: FloatArray
+    output: Path, settings: Settings, u: FloatArray, points: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Predicted points [m], shape (m, 3), and their distance from the measured ones [m]."""
-    settings = Settings.load(file)
     found = forecast(load_manipulation(output / "recordings" / KEPT, settings), settings)
     basis = SplineBasis(found.predicted.shape[1], settings.rod.length)
     shape = basis.evaluate(found.predicted[0, :, :3], u)
