@@ -7,10 +7,13 @@ import numpy as np
 import pytest
 from elastica import Cantilever, hinged
 from rods import PAPER, SECOND, command, dense_stiffness, held_start, settled, straight
+from scipy.integrate import solve_bvp
 from scipy.linalg import eigh
 
 from dlo_ros.rod.resolution import build as build_rod
+from dlo_ros.rod.state import rest_state
 from dlo_ros.rod.statics import settle
+from dlo_ros.spline import SplineBasis
 
 WEIGHTLESS = replace(PAPER, gravity=(0.0, 0.0, 0.0))
 ROD = PAPER.rod
@@ -142,6 +145,57 @@ def test_a_plug_is_a_weight_on_a_rigid_lever():
     plug = shape(np.array([begin + 0.02, begin + 0.05, ROD.length]))
     directions = np.diff(plug, axis=0)
     assert np.ptp(np.arctan2(directions[:, 1], directions[:, 0])) < 2e-3  # it is straight
+
+
+def hung_by_both_ends(apart, mass, extent):
+    """A rod with a plug, its ends on hinges at one height, as a boundary value problem."""
+    begin, edge = ROD.length - extent, 3e-4
+
+    def rate(s, y, held):
+        a, moment = y[0], y[1]
+        rigid = 0.5 * (1.0 + np.tanh((s - begin) / edge))
+        weight = 9.81 * (LINE * (ROD.length - s) + mass * np.clip((ROD.length - s) / extent, 0, 1))
+        nx, nz = np.full_like(s, held[0]), held[1] - weight
+        grown = 1.0 + (nx * np.cos(a) - nz * np.sin(a)) / STRETCH
+        return np.vstack(
+            [moment / (B * 1e3**rigid),
+             grown * (nx * np.sin(a) + nz * np.cos(a)),
+             grown * np.cos(a), -grown * np.sin(a)]
+        )  # fmt: skip
+
+    def ends(p, q, _):
+        return np.array([p[1], p[2], p[3], q[1], q[2] - apart, q[3]])
+
+    s = np.unique(np.r_[np.linspace(0.0, ROD.length, 201), begin + edge * np.linspace(-4, 4, 81)])
+    angle = np.interp(s, [0.0, ROD.length], [0.8, -0.8])
+    x = np.interp(s, [0.0, ROD.length], [0.0, apart])
+    z = -0.1 * np.sin(np.pi * s / ROD.length)
+    weight = 9.81 * (LINE * ROD.length + mass)
+    guess = np.vstack([angle, 0.0 * s, x, z])
+    found = solve_bvp(rate, ends, s, guess, p=[0.2 * weight, 0.5 * weight], tol=1e-5)
+    assert found.success
+    return lambda u: found.sol(u)[[2, 3]].T
+
+
+@pytest.mark.parametrize("spans", [14, 20, 28, 56, 112])
+def test_a_plug_between_two_hinges_lies_straight_whatever_bend_was_seen_in_it(spans):
+    """A start that bends the plug must not end with the plug folded up between two knots."""
+    mass, extent, apart_now = 0.01, 0.06, 0.32
+    settings = PAPER.with_effects({"connector": {"mass": mass, "extent": extent}})
+    ends = command(
+        ["control_point_1", "control_point_10"], [0.0], [[0.0, 0.0, 0.0], [apart_now, 0.0, 0.0]]
+    )
+    model, boundary = build_rod(settings, ends, spans)
+    truth = hung_by_both_ends(apart_now, mass, extent)
+    published = SplineBasis(10, ROD.length)
+    seen = np.zeros((10, 4))
+    seen[:, [0, 2]] = truth(published.greville) + np.array([0.001, 0.002])
+    seen[-2, [0, 2]] += [0.004, -0.004]
+    start = rest_state(0, model.basis.projection(published) @ seen, model)
+    found = settle(model, boundary, start, ends, 0, fresh=True)
+    assert found.stable
+    shape = model.basis.evaluate(found.state.q, U)[:, [0, 2]]
+    assert np.abs(shape - truth(U)).max() < 2e-3 * ROD.length
 
 
 def test_a_plug_swings_as_a_rigid_body_on_a_light_beam():

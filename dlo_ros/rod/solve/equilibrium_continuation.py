@@ -11,6 +11,7 @@ from dlo_ros.rod.boundary.conditions import DIRECTOR, TANGENT
 from dlo_ros.rod.elements import rod_forces
 from dlo_ros.rod.elements.constitutive_law import room
 from dlo_ros.rod.elements.contact_and_friction import rest_anchor
+from dlo_ros.rod.elements.rod_tables import Material, Stiffness
 from dlo_ros.rod.solve import newton_iteration
 from dlo_ros.rod.solve.equation_system import (
     ITSELF,
@@ -31,6 +32,7 @@ from dlo_ros.rod.solve.integrator_state import TIME, assign
 
 MOVE_LIMIT = 0.05  # imposed motion per increment, of L
 TURN_LIMIT = 0.15  # imposed rotation per increment [rad]
+CONTRAST = 10.0  # of bending stiffnesses within a DLO, to which its start is led at once
 PUSH = 2e-3  # of L: how far an unstable equilibrium is left at once
 ESCAPES = 4
 
@@ -60,6 +62,35 @@ def _longest(length, around):
     for peg in around.pegs:
         result = min(result, 0.5 * peg[2])
     return result
+
+
+@linked()
+def _levelled(m, contrast):
+    """The material without bending stiffness above `contrast` times the least.
+
+    A shape from which a search begins may bend a rigid part, with a moment that throws the first
+    steps far away, where such a part can fold between two knots.
+    """
+    s = m.stiffness
+    bend, least = s.bend.copy(), np.inf
+    for e in range(bend.shape[0]):
+        least = min(least, max(bend[e, 0], bend[e, 1]))
+    for e in range(bend.shape[0]):
+        bend[e] /= max(max(bend[e, 0], bend[e, 1]) / (contrast * least), 1.0)
+    levelled = Stiffness(s.stretch, s.stretch_rest, bend, s.bend_rest, s.twist, s.twist_rest)
+    return Material(
+        levelled, m.damping, m.bend_rest, m.law, m.around, m.internal, m.keep, m.gain
+    )  # fmt: skip
+
+
+@linked()
+def _raises(bend):
+    """How many times `CONTRAST` is raised until the largest bending stiffness is reached."""
+    least, most = np.inf, 0.0
+    for e in range(bend.shape[0]):
+        here = max(bend[e, 0], bend[e, 1])
+        least, most = min(least, here), max(most, here)
+    return max(int(np.ceil(np.log(most / least) / np.log(CONTRAST) - 1e-9)) - 1, 0)
 
 
 @linked(from_python=True)
@@ -94,14 +125,20 @@ def settle(system, imposed, state, time, rate2, tolerance, fresh, rest):
         matter = frictionless(matter)
     longest = _longest(system.length, matter.around)
     flat, change = q.ravel(), np.zeros(q.size)
-    for k in range(1, count + 1):
+    raises = _raises(matter.stiffness.bend) if fresh else 0
+    for k in range(1, count + raises + 1):
+        share = min(k / count, 1.0)
         for i in range(q.size):
             if system.fixed[i]:
                 start = state.q.ravel()[i]
-                change[i] = start + k / count * (target.ravel()[i] - start) - flat[i]
+                change[i] = start + share * (target.ravel()[i] - start) - flat[i]
+        now = matter
+        if k < count + raises and raises > 0:
+            now = _levelled(matter, CONTRAST ** (1 + max(k - count, 0)))
+        lack = gap / count if k <= count else np.zeros(gap.size)
         iterations, negative, ref = newton_iteration.equilibrium(
-            q, change, system.fixed, system.pins, gap / count, rule, matter, ref, load, mass,
-            spin, rate2, system.length, longest, tolerance,
+            q, change, system.fixed, system.pins, lack, rule, now, ref, load, mass, spin, rate2,
+            system.length, longest, tolerance,
         )  # fmt: skip
         total += abs(iterations)
         if iterations < 0 or not np.all(np.isfinite(q)):
@@ -111,7 +148,7 @@ def settle(system, imposed, state, time, rate2, tolerance, fresh, rest):
                 break
             buckled = True
             iterations, negative, ref = _escape(
-                q, system, matter, ref, load, mass, spin, rate2, longest, tolerance
+                q, system, now, ref, load, mass, spin, rate2, longest, tolerance
             )
             total += abs(iterations)
         if not fresh:
