@@ -238,7 +238,7 @@ def test_a_search_begins_with_what_lies_far_off_where_it_is_needed(
     monkeypatch.setattr(joint_explanation, "best_peg", lambda *_: None)
     monkeypatch.setattr(joint_explanation, "best_far_start", lambda *_: trial)
     monkeypatch.setattr(joint_explanation, "without", lambda *_: found)
-    prepared = SimpleNamespace(setup=setup, recordings=(), meant=None)
+    prepared = SimpleNamespace(setup=setup, recordings=(), meant=None, plain_err=1.0)
     there, first = joint_explanation._beginning(prepared, (), (), 1e-3)
     assert (there, first and first[1]) == (
         {"set-up": setup, "other minimum": minimum}[expected[0]], expected[1]

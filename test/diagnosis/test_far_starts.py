@@ -30,7 +30,7 @@ CABLE = {
 WEIGHT = 1.5 * CABLE["rod"]["density"] * np.pi / 4 * CABLE["rod"]["diameter"] ** 2 * LENGTH
 
 
-def turned(sign):
+def turned(sign, **effects):
     """The cable hangs from a flange, which turns it through some poses."""
     points = [{"time": 0.0, "position": [0.0, 0.0, 0.0], "angle": -np.pi / 2}]
     for k, angle in enumerate(ANGLES):
@@ -38,20 +38,19 @@ def turned(sign):
             points.append(
                 {"time": time, "position": [0.0, 0.0, 0.0], "angle": sign * angle - np.pi / 2}
             )
+    effects = {"point_mass": {"mass": WEIGHT, "position": LENGTH}} | effects
     return {
-        "parameters": CABLE | {"effects": {"point_mass": {"mass": WEIGHT, "position": LENGTH}}},
+        "parameters": CABLE | {"effects": effects},
         "duration": 1.5 * len(ANGLES), "camera": {"rate": 10.0}, "motion": {"start": points},
         "initial_shape": [[0.0, 0.0], [0.0, -0.4]], "measurement": {"std": 3e-4},
     }  # fmt: skip
 
 
-@pytest.fixture(scope="module")
-def turning(tmp_path_factory):
+def prepared(folder, **effects):
     """The set-up's fit to recordings of a weight that the parameter file does not name."""
-    folder = tmp_path_factory.mktemp("turning")
     bags = []
     for name, sign in (("left", 1.0), ("right", -1.0)):
-        made = read_experiment(turned(sign), name, "turned.yaml")
+        made = read_experiment(turned(sign, **effects), name, "turned.yaml")
         synthesize(made, folder / name, images=False, edges=80, step=2e-3)
         bags.append(folder / name)
     tree = copy.deepcopy(CABLE)
@@ -62,14 +61,30 @@ def turning(tmp_path_factory):
     return prepare(found.recordings, found.at.model.settings, given)
 
 
-def test_a_heavy_weight_is_found_with_the_stiffness_that_goes_with_it(turning):
+@pytest.fixture(scope="module")
+def turning(tmp_path_factory):
+    """A straight cable."""
+    return prepared(tmp_path_factory.mktemp("turning"))
+
+
+@pytest.fixture(scope="module")
+def crooked(tmp_path_factory):
+    """A cable in a crooked grip, so that everything begins far from the shapes."""
+    return prepared(tmp_path_factory.mktemp("crooked"), clamp_angle={"start": 0.06})
+
+
+@pytest.mark.parametrize("cable", ["turning", "crooked"])
+def test_a_heavy_weight_is_found_with_the_stiffness_that_goes_with_it(cable, request):
+    turning = request.getfixturevalue(cable)
     alone = turning.setup
     assert alone.mean_err > 2e-3
-    found = best_far_start(alone, turning.meant, turning.recordings, starts(turning.scene))
+    found = best_far_start(
+        alone, turning.meant, turning.recordings, starts(turning.scene), turning.plain_err
+    )
     assert found is not None
     at, proposal = found
     assert proposal.effect in ("point_mass", "connector")
-    assert at.mean_err < 0.2 * alone.mean_err
+    assert at.mean_err < 0.3 * alone.mean_err
     mass = at.model.settings.effects[proposal.effect]["mass"]
     assert 0.5 * WEIGHT < mass < 2.0 * WEIGHT  # the stiffness and the mass nearly trade
     assert 1.5e7 < at.model.settings.rod.young_modulus < 6e7

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dlo_ros.diagnosis.explain.candidate_trials import WORSE, Trial, best_gain
+from dlo_ros.diagnosis.explain.candidate_trials import Trial, best_gain
 from dlo_ros.diagnosis.proposals.linear_evidence import Proposal, proposal_of, with_proposals
 from dlo_ros.effects import Start
 from dlo_ros.errors import SimulationError
@@ -30,14 +30,17 @@ FITTED = 2
 
 
 def best_far_start(
-    at: Evaluation, meant: ParametricModel, recordings: Sequence[Recording], begun: Sequence[Start]
-) -> Trial | None:
+    at: Evaluation, meant: ParametricModel, recordings: Sequence[Recording],
+    begun: Sequence[Start], plain_err: float,
+) -> Trial | None:  # fmt: skip
     """The best fit from far away, if it is worth it.
 
     Args:
         at: the set-up within its tolerances, fitted, over which it must gain.
         meant: the same with the set-up at neutral, and the plain model's material.
         begun: effects that might be added; those that begin far away are tried.
+        plain_err: ERR of the plain model [m], beside the same neutral set-up: what is no nearer
+            with the effect is not fitted.
     """
     there: list[tuple[float, ParametricModel, Proposal]] = []
     for start in (s for s in begun if s.afar):
@@ -52,7 +55,7 @@ def best_far_start(
             except SimulationError as reason:
                 LOG.info("%s: %s", proposal.label, reason)
                 continue
-            if err <= WORSE * at.mean_err:
+            if err < plain_err:
                 there.append((err, begins, proposal))
     there.sort(key=lambda row: row[0])
     found: list[Trial] = []
