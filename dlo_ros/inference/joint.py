@@ -179,11 +179,15 @@ def judged(
     """
     n = model.settings.rod.control_points
     spectra = tuple(spectrum(r, j, n) for r, j in found.fields)
-    variances, posterior = fit_variances(
-        spectra, model.offset(), model.precision(), model.settings.rod.length, start
-    )
+    boundless = "derivatives of the simulation grow beyond all bounds"
+    try:
+        variances, posterior = fit_variances(
+            spectra, model.offset(), model.precision(), model.settings.rod.length, start
+        )
+    except np.linalg.LinAlgError as err:  # priors vanish beside them
+        raise SimulationError(boundless) from err
     if not np.isfinite(posterior.evidence):
-        raise SimulationError("derivatives of the simulation grow beyond all bounds")
+        raise SimulationError(boundless)
     return Evaluation(
         model, found.fields, spectra, variances, posterior, found.err, found.predicted
     )

@@ -6,12 +6,18 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from experiment_recordings import fitted_set_up
 from rods import PAPER
 
 from dlo_ros.diagnosis.contact.contact_search import PegBesideSetUp
 from dlo_ros.diagnosis.explain import candidate_trials, cause_search, joint_explanation
 from dlo_ros.diagnosis.explain.certainty import SCALES, certain
-from dlo_ros.diagnosis.proposals.linear_evidence import PredictedGain, proposal_of, with_proposals
+from dlo_ros.diagnosis.proposals.linear_evidence import (
+    PredictedGain,
+    predicted_gains,
+    proposal_of,
+    with_proposals,
+)
 from dlo_ros.effects import Start
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.priors import material_priors
@@ -32,7 +38,8 @@ def best_of(monkeypatch, fits):
         candidate_trials, "fitted", lambda model, *_, **__: evaluation(*fits[model])
     )
     monkeypatch.setattr(candidate_trials, "fit", lambda found, *_: found)
-    best, trace = candidate_trials.best_trial(1, evaluation(0.0, 2e-3), promises, ())
+    at = evaluation(0.0, 2e-3)
+    best, trace = candidate_trials.best_trial(1, at, [(at, promises)], ())
     return best and best[1].label, {step.name: step.outcome for step in trace}
 
 
@@ -62,6 +69,8 @@ def without_simulations(monkeypatch, own_err):
     monkeypatch.setattr(cause_search, "linear_loss", lambda *_: 1e3)
     monkeypatch.setattr(cause_search, "own_err", lambda *_: own_err)
     monkeypatch.setattr(cause_search, "approached", lambda at, *_: at)
+    monkeypatch.setattr(cause_search, "_strained", lambda *_: [])
+    monkeypatch.setattr(cause_search, "_offers_beside", lambda *_: [])
 
 
 def test_the_search_ends_with_a_cause_that_takes_too_little_away_to_be_named(monkeypatch):
@@ -73,7 +82,7 @@ def test_the_search_ends_with_a_cause_that_takes_too_little_away_to_be_named(mon
         cause_search, "best_trial",
         lambda number, *_: ((evaluation(40.0 * number, left[number - 1]), offers[number - 1]), []),
     )  # fmt: skip
-    found = cause_search.search(evaluation(0.0, 2e-3), (), starts, 0.1e-3)
+    found = cause_search.search(evaluation(0.0, 2e-3), None, (), starts, 0.1e-3)
     assert [c.label for c in found.causes] == ["effect 0", "effect 1", "effect 2"]
     assert found.at.mean_err == left[2]
 
@@ -113,7 +122,7 @@ def test_a_strained_set_up_makes_way_for_the_effect_whose_work_it_does(
         cause_search, "best_trial", lambda *_: ((evaluation(50.0, next(errs)), next(added)), [])
     )
     at = evaluation(0.0, 8e-3)
-    found = cause_search.search(at, (), (), 0.55e-3)
+    found = cause_search.search(at, None, (), (), 0.55e-3)
     assert [c.label for c in found.causes] == causes
     assert found.at.mean_err == left
 
@@ -244,3 +253,17 @@ def test_a_search_begins_with_what_lies_far_off_where_it_is_needed(
         {"set-up": setup, "other minimum": minimum}[expected[0]], expected[1]
     )  # fmt: skip
     assert joint_explanation._beginning(prepared, (), (), 1e-2) == (setup, None)
+
+
+def test_a_proposal_with_boundless_derivatives_is_left_out():
+    at, _ = fitted_set_up()
+    both = Start("constant_force", {"x": 0.0, "z": 0.0}, ("x", "z"), ("x", "z"))
+    one = Start("point_mass", {"mass": 0.0, "position": 0.2}, ("mass",), ("mass",))
+    force, mass = (proposal_of(at.model.settings, start) for start in (both, one))
+    frames = [len(r) for r, _ in at.fields]
+    numbers = at.fields[0][0].shape[1]
+    extra = {
+        id(force): tuple(np.full((count, 2, numbers), 1e30) for count in frames),
+        id(mass): tuple(np.ones((count, 1, numbers)) for count in frames),
+    }
+    assert [p.proposal for p in predicted_gains(at, [force, mass], extra)] == [mass]

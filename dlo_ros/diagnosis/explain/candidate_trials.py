@@ -75,33 +75,32 @@ class Step:
 
 
 def best_trial(
-    number: int,
-    at: Evaluation,
-    predictions: Sequence[PredictedGain],
+    number: int, at: Evaluation, offers: Sequence[tuple[Evaluation, Sequence[PredictedGain]]],
     recordings: Sequence[Recording],
-) -> tuple[Trial | None, list[Step]]:
+) -> tuple[Trial | None, list[Step]]:  # fmt: skip
     """Fit the proposals of the largest predicted gains; return the best, if it is worth adding.
 
     Args:
         number: number of the step, for the trace.
         at: the joint model over which a proposal must gain.
-        predictions: best first.
+        offers: models from which fits may begin, each with its predictions, best first.
 
     Returns:
         The best trial, None where none is worth it, and what became of each proposal.
     """
     trace: list[Step] = []
     checked: list[tuple[float, PredictedGain]] = []
-    for k, predicted in enumerate(predictions):
-        name = predicted.proposal.label
-        if k >= CHECKED or predicted.gain < max(WORTH, NEAR * predictions[0].gain):
-            trace.append(Step(number, name, predicted.gain, None, "predicted to gain less"))
-            continue
-        try:
-            checked.append(_checked(at, predicted, recordings))
-        except SimulationError as reason:
-            LOG.info("%s: %s", name, reason)
-            trace.append(Step(number, name, predicted.gain, None, "cannot be simulated"))
+    for origin, predictions in offers:
+        for k, predicted in enumerate(predictions):
+            name = predicted.proposal.label
+            if k >= CHECKED or predicted.gain < max(WORTH, NEAR * predictions[0].gain):
+                trace.append(Step(number, name, predicted.gain, None, "predicted to gain less"))
+                continue
+            try:
+                checked.append(_checked(origin, predicted, recordings))
+            except SimulationError as reason:
+                LOG.info("%s: %s", name, reason)
+                trace.append(Step(number, name, predicted.gain, None, "cannot be simulated"))
     checked.sort(key=lambda row: row[0])
     begun: list[Trial] = []
     for k, (err, predicted) in enumerate(checked):

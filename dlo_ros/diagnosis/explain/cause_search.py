@@ -112,8 +112,8 @@ def best_peg(
 
 
 def search(
-    at: Evaluation, recordings: Sequence[Recording], begun: Sequence[Start], enough: float,
-    first: Trial | None = None,
+    at: Evaluation, neutral: ParametricModel, recordings: Sequence[Recording],
+    begun: Sequence[Start], enough: float, first: Trial | None = None,
 ) -> Search:  # fmt: skip
     """Add causes one by one, the one that raises the log evidence most first.
 
@@ -123,6 +123,8 @@ def search(
 
     Args:
         at: the joint model with its set-up within tolerance, fitted.
+        neutral: the same with the set-up at neutral, from where causes are looked for as well where
+            the fitted set-up is strained: it may do most of a cause's work.
         begun: effects that might be added, at their starting values.
         enough: ERR [m] below which no cause is looked for.
         first: the fit with a cause that derivatives do not tell of, and the cause; see `best_peg`
@@ -143,8 +145,10 @@ def search(
         known |= dropped
         number = len(causes) + 1
         offer = offered(at, recordings, begun)
-        candidates = _new(ranked_proposals(at, offer), known)
-        found, steps = best_trial(number, at, candidates, recordings)
+        offers = [(at, _new(ranked_proposals(at, offer), known))]
+        if not causes and _strained(at, (), ()) and _matters(at, recordings, enough):
+            offers += _offers_beside(neutral, recordings, begun)
+        found, steps = best_trial(number, at, offers, recordings)
         trace += steps
         _tell(steps)
         little = _takes_little(found, at, recordings)
@@ -223,14 +227,22 @@ def _exchange(
         known: names of effects that are not tried.
     """
     within = at.model.with_prior([_tolerated(p) for p in group.parameters])
+    bare = _with_neutral(at, within, group)
+    offers = [(e, _new(p, known)) for e, p in _offers_beside(bare, recordings, begun)]
+    return best_trial(number, at, offers, recordings)
+
+
+def _offers_beside(
+    model: ParametricModel, recordings: Sequence[Recording], begun: Sequence[Start]
+) -> list[tuple[Evaluation, list[PredictedGain]]]:
+    """A model and the predictions of the effects that might be added; none where it fails."""
     try:
-        bare = evaluate(_with_neutral(at, within, group), recordings)
+        at = evaluate(model, recordings)
     except SimulationError as err:
-        LOG.info("without %s: %s", group.label, err)
-        return None, []
-    predictions = _new(ranked_proposals(bare, offered(bare, recordings, begun)), known)
-    effects = [p for p in predictions if p.proposal.start is not None]
-    return best_trial(number, at, effects, recordings)
+        LOG.info("with the set-up at neutral: %s", err)
+        return []
+    ranked = ranked_proposals(at, offered(at, recordings, begun))
+    return [(at, [p for p in ranked if p.proposal.start is not None])]
 
 
 def _new(predictions: Sequence[PredictedGain], known: set[str]) -> list[PredictedGain]:

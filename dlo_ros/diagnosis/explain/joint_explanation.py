@@ -144,7 +144,7 @@ def explain(
     begun = starts(prepared.scene)
     enough = material_err(0.0, given)
     setup, first = _beginning(prepared, begun, pegs, enough)
-    found = search(setup, recordings, begun, enough, first)
+    found = search(setup, prepared.meant, recordings, begun, enough, first)
     # Judged in the end: what a cause does to a DLO looks like an error of the camera before.
     own = own_err(found.at, recordings)
     matters = material_err(own, given)

@@ -204,6 +204,8 @@ def predicted_gains(
 ) -> list[PredictedGain]:
     """The gain in log evidence that the linearised posterior predicts for each proposal.
 
+    A proposal whose derivatives are too steep for a likelihood has none.
+
     Args:
         extra: derivatives of all proposals but those that free a number of the set-up.
     """
@@ -224,9 +226,12 @@ def predicted_gains(
             continue
         last = first + extra[id(p)][0].shape[1]
         pick = [*range(own), *range(first, last)]
-        found = _added(at, p, tuple(s.chosen(pick) for s in spectra))
-        result.append(replace(found, columns=extra[id(p)]))
         first = last
+        try:
+            found = _added(at, p, tuple(s.chosen(pick) for s in spectra))
+        except np.linalg.LinAlgError:  # derivatives so steep that priors vanish beside them
+            continue
+        result.append(replace(found, columns=extra[id(p)]))
     return result
 
 
