@@ -11,7 +11,7 @@ from rods import PAPER
 
 from dlo_ros.diagnosis.contact.contact_search import PegBesideSetUp
 from dlo_ros.diagnosis.explain import candidate_trials, cause_search, joint_explanation
-from dlo_ros.diagnosis.explain.certainty import SCALES, certain
+from dlo_ros.diagnosis.explain.certainty import SCALES, certain, strains
 from dlo_ros.diagnosis.proposals.linear_evidence import (
     PredictedGain,
     predicted_gains,
@@ -19,6 +19,7 @@ from dlo_ros.diagnosis.proposals.linear_evidence import (
     with_proposals,
 )
 from dlo_ros.effects import Start
+from dlo_ros.inference.joint import borrowed
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.priors import material_priors
 
@@ -202,22 +203,25 @@ def test_what_is_not_known_of_the_weight_makes_no_force_doubtful():
 
 
 @pytest.mark.parametrize(
-    ("linear", "loss", "without", "named"),
+    ("linear", "loss", "without", "strained", "named"),
     [
-        (40.0, 40.0, 2.0e-3, True),
-        (4.0, 40.0, 2.0e-3, False),  # not worth a fit without it
-        (40.0, 6.0, 2.0e-3, False),  # one of many that were tried
-        (40.0, 40.0, 1.05e-3, False),  # immaterial
-        (40.0, 40.0, 1.3e-3, False),  # no more than another's law asks for
+        (40.0, 40.0, 2.0e-3, False, True),
+        (4.0, 40.0, 2.0e-3, False, False),  # not worth a fit without it
+        (40.0, 6.0, 2.0e-3, False, False),  # one of many that were tried
+        (40.0, 40.0, 1.05e-3, False, False),  # immaterial
+        (40.0, 40.0, 1.3e-3, False, False),  # no more than another's law asks for
+        (40.0, 40.0, 1.3e-3, True, True),  # the set-up does its work beyond its tolerance
+        (40.0, 40.0, 1.05e-3, True, False),
     ],
 )
-def test_a_cause_matters_or_is_not_named(monkeypatch, linear, loss, without, named):
+def test_a_cause_matters_or_is_not_named(monkeypatch, linear, loss, without, strained, named):
     start = Start("point_mass", {"mass": 0.0}, ("mass",), ("mass",))
     others = [replace(start, effect=f"effect {k}") for k in range(15)]
     monkeypatch.setattr(joint_explanation, "certain", lambda *_: True)
     monkeypatch.setattr(joint_explanation, "beyond", lambda _: [])
     monkeypatch.setattr(joint_explanation, "linear_loss", lambda *_, wholly: linear)
     monkeypatch.setattr(joint_explanation, "_rivals", lambda *_: ())
+    monkeypatch.setattr(joint_explanation, "strains", lambda *_: strained)
     bare = evaluation(-loss, without)
     monkeypatch.setattr(joint_explanation, "without", lambda *_, wholly: bare)
     found = SimpleNamespace(
@@ -253,6 +257,39 @@ def test_a_search_begins_with_what_lies_far_off_where_it_is_needed(
         {"set-up": setup, "other minimum": minimum}[expected[0]], expected[1]
     )  # fmt: skip
     assert joint_explanation._beginning(prepared, (), (), 1e-2) == (setup, None)
+
+
+def test_a_set_up_is_strained_where_it_leaves_its_tolerance_without_a_cause():
+    at, recordings = fitted_set_up()
+    tilt = at.model.index("effects.gravity_tilt.angle")
+
+    def tilted(tolerances):
+        theta = at.model.theta()
+        theta[tilt] = tolerances * at.model.parameters[tilt].std
+        return borrowed(at, at.model.at(theta), recordings)
+
+    assert strains(tilted(4.0), tilted(0.5))
+    assert not strains(tilted(1.5), tilted(0.0))  # within tolerance
+    assert not strains(tilted(4.0), tilted(3.0))  # so it is with the cause
+
+
+def test_where_the_set_up_is_strained_causes_are_looked_for_beside_a_neutral_one(monkeypatch):
+    offers = []
+
+    def best_trial(number, at, given, recordings):
+        offers.append([e for e, _ in given])
+        return None, []
+
+    without_simulations(monkeypatch, 1e-3)
+    monkeypatch.setattr(cause_search, "best_trial", best_trial)
+    monkeypatch.setattr(cause_search, "_offers_beside", lambda neutral, *_: [(neutral, [])])
+    at = evaluation(0.0, 2e-3)
+    cause_search.search(at, "neutral", (), (), 0.1e-3)
+    monkeypatch.setattr(cause_search, "_strained", lambda _, __, known: [] if known else ["tilt"])
+    monkeypatch.setattr(cause_search, "EXCHANGES", 0)
+    cause_search.search(at, "neutral", (), (), 0.1e-3)
+    cause_search.search(evaluation(0.0, 1e-3), "neutral", (), (), 0.1e-3)  # it does not matter
+    assert offers == [[at], [at, "neutral"], [offers[2][0]]]
 
 
 def test_a_proposal_with_boundless_derivatives_is_left_out():

@@ -50,6 +50,19 @@ def is_beyond(at: Evaluation, group: Proposal, tolerances: float = BEYOND) -> bo
     return group.from_nothing and tolerances_off(at, group) > tolerances
 
 
+def strains(bare: Evaluation, at: Evaluation) -> bool:
+    """Whether the set-up lies beyond its tolerance without a cause, and not with it.
+
+    Args:
+        bare: the fit without the cause.
+        at: the fit with it.
+    """
+    return any(
+        is_beyond(bare, g) and tolerances_off(bare, g) > tolerances_off(at, g) + BEYOND
+        for g in freed(bare.model)
+    )
+
+
 def tolerances_off(at: Evaluation, group: Proposal) -> float:
     """Distance from neutral of the size of a group that is farthest off, in tolerances.
 

@@ -20,7 +20,7 @@ from dlo_ros.diagnosis.explain.cause_search import (
     search,
     without,
 )
-from dlo_ros.diagnosis.explain.certainty import SCALES, beyond, certain, is_beyond
+from dlo_ros.diagnosis.explain.certainty import SCALES, beyond, certain, is_beyond, strains
 from dlo_ros.diagnosis.explain.far_starts import best_far_start
 from dlo_ros.diagnosis.explain.measurement_error import material_err, own_err
 from dlo_ros.diagnosis.proposals.candidate_effects import starts
@@ -193,7 +193,8 @@ def _named(
 
     What lies within its tolerance, or is no part of every set-up, is none where all that it
     explains is immaterial, or takes away less than `least` [m] of ERR: beside a cause whose true
-    law is another than the model's, a further effect mends that law a little.
+    law is another than the model's, a further effect mends that law a little. Where the set-up must
+    leave its tolerance to do a cause's work, ERR does not tell how much that is.
     """
     at, offer = found.at, found.offer
     result = []
@@ -210,7 +211,7 @@ def _named(
         if loss < NAMED + np.log(tried) or at.mean_err > (1.0 - LOWERS) * bare.mean_err:
             continue
         if group.start is not None or not is_beyond(at, group):
-            little = bare.mean_err - at.mean_err < least
+            little = bare.mean_err - at.mean_err < least and not strains(bare, at)
             if bare.mean_err < material or (little and group.from_nothing):
                 continue
         offer = offer or offered(at, recordings, begun)
