@@ -21,6 +21,9 @@ from dlo_ros.spline import FloatArray
 LEAST_ITERATIONS = 3
 """Iterations of the noise in a linear fit."""
 
+DIFFERENCE = 0.05
+"""Step of a difference, in tolerances: large enough to be seen where impacts multiply it."""
+
 Field = tuple[FloatArray, FloatArray]
 
 
@@ -97,10 +100,46 @@ def simulate(
 
     for recording, found in zip(recordings, Threads().map(forecast_of, recordings), strict=True):
         scale = np.array([chain[name] for name in wanted])
-        fields.append(field(recording, found.predicted, found.sensitivity, scale))
+        here = field(recording, found.predicted, found.sensitivity, scale)
+        if _boundless(here[1], model, wanted):
+            here = here[0], _differences(model, recording, wanted, here[0])
+        fields.append(here)
         errs.append(found.err)
         predictions.append(found.predicted)
     return Simulated(tuple(fields), tuple(errs), tuple(predictions))
+
+
+def _boundless(jacobian: FloatArray, model: ParametricModel, names: Sequence[str]) -> bool:
+    """Whether a step of one tolerance would move the DLO by more than its length.
+
+    Through impacts, the derivatives of a motion grow beyond what any step could do.
+    """
+    steps = np.array([model.parameters[model.index(name)].step for name in names])
+    moves = np.linalg.norm(jacobian, axis=2) * steps
+    return bool(moves.size) and float(moves.max()) > model.settings.rod.length
+
+
+def _differences(
+    model: ParametricModel, recording: Recording, names: Sequence[str], residual: FloatArray
+) -> FloatArray:
+    """Derivatives as differences over steps that can be seen, shape (F, P, K).
+
+    They are zero by a parameter with which nothing can be simulated on either side.
+    """
+
+    def column(name: str) -> FloatArray:
+        k, theta = model.index(name), model.theta()
+        for step in (DIFFERENCE, -DIFFERENCE):
+            moved = theta.copy()
+            moved[k] += step * model.parameters[k].step
+            try:
+                beside = simulate(model.at(moved), [recording], ()).fields[0][0]
+            except SimulationError:
+                continue
+            return np.asarray((residual - beside) / (moved[k] - theta[k]))
+        return np.zeros_like(residual)
+
+    return np.stack(Threads().map(column, names), axis=1)
 
 
 def field(

@@ -62,6 +62,11 @@ class Parameter:
         """Standard deviation of the value, from that which inference has."""
         return std * self.outer(inner) if self.logarithmic else std
 
+    @property
+    def step(self) -> float:
+        """A step that matters: the tolerance of a set-up, a tenth of a wider prior's std."""
+        return self.std if self.tolerated else 0.1 * self.std
+
     def freed(self, factor: float) -> Parameter:
         """The parameter freed from its tolerance: a cause."""
         return replace(self, std=factor * self.std, tolerated=False)

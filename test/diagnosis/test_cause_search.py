@@ -172,6 +172,26 @@ def test_the_size_of_what_begins_at_a_finite_one_is_looked_for(monkeypatch):
     assert found["hardening"] == 0.35
 
 
+def test_the_place_of_what_the_dlo_hits_is_looked_for(monkeypatch):
+    """A table that leans, 2 cm above where it is looked for."""
+    keys = ("offset", "angle")
+    start = Start("wall", {keys[0]: -0.20, keys[1]: 0.0}, keys, keys, neutral=False, form="table")
+    begin, _ = with_proposals(
+        ParametricModel(PAPER, material_priors(PAPER)), [proposal := proposal_of(PAPER, start)]
+    )
+
+    def simulate(model, *_):
+        wall = model.settings.effects["wall"]
+        off = (wall["offset"] + 0.18) / 0.05, (wall["angle"] - 0.04) / 0.1
+        return SimpleNamespace(mean_err=1e-3 * (1.0 + np.hypot(*off)))
+
+    monkeypatch.setattr(candidate_trials, "simulate", simulate)
+    found = candidate_trials._nearest_size(PredictedGain(proposal, 10.0, begin, begin), ())
+    wall = found.settings.effects["wall"]
+    assert wall["offset"] == pytest.approx(-0.18, abs=5e-3)
+    assert wall["angle"] == pytest.approx(0.04, abs=0.01)
+
+
 def test_what_has_no_size_is_simulated_where_it_is_promised():
     peg = {"x": 0.1, "z": -0.1, "radius": 0.01}
     for start in (
@@ -206,7 +226,7 @@ def test_what_is_not_known_of_the_weight_makes_no_force_doubtful():
     ("linear", "loss", "without", "strained", "named"),
     [
         (40.0, 40.0, 2.0e-3, False, True),
-        (4.0, 40.0, 2.0e-3, False, False),  # not worth a fit without it
+        (4.0, 40.0, 2.0e-3, False, True),  # linearly it is not needed, but a fit needs it
         (40.0, 6.0, 2.0e-3, False, False),  # one of many that were tried
         (40.0, 40.0, 1.05e-3, False, False),  # immaterial
         (40.0, 40.0, 1.3e-3, False, False),  # no more than another's law asks for

@@ -6,8 +6,8 @@ import pytest
 from experiment_recordings import fitted_set_up
 
 from dlo_ros.errors import SimulationError
-from dlo_ros.inference import joint_fit
-from dlo_ros.inference.joint import Simulated, borrowed, judged
+from dlo_ros.inference import joint, joint_fit
+from dlo_ros.inference.joint import Simulated, borrowed, judged, simulate
 
 ANGLE = "effects.clamp_angle.start"
 
@@ -52,6 +52,28 @@ def test_derivatives_beyond_all_bounds_are_a_failed_simulation(fitted, size):
         pytest.raises(SimulationError, match="derivatives of the simulation grow"),
     ):
         judged(at.model, Simulated(steep, at.err, at.predicted))
+
+
+def test_where_derivatives_grow_beyond_what_a_step_could_do_there_are_differences(
+    fitted, monkeypatch
+):
+    at, recordings = fitted
+    exact = simulate(at.model, recordings)
+    length = at.model.settings.rod.length
+    steep = np.zeros_like(exact.fields[0][1])
+    assert not joint._boundless(exact.fields[0][1], at.model, at.model.names)
+    assert not joint._boundless(steep[:, :0], at.model, ())
+    steep[-1, 0, 0] = 1.1 * length / at.model.parameters[0].step
+    assert joint._boundless(steep, at.model, at.model.names)
+
+    monkeypatch.setattr(joint, "_boundless", lambda jacobian, *_: jacobian.shape[1] > 0)
+    for (r, j), (there, differences) in zip(
+        exact.fields, simulate(at.model, recordings).fields, strict=True
+    ):
+        np.testing.assert_array_equal(there, r)
+        for k, name in enumerate(at.model.names):
+            off, size = np.linalg.norm(differences[:, k] - j[:, k]), np.linalg.norm(j[:, k])
+            assert off < 0.25 * size + 1e-6, name
 
 
 def test_a_draft_needs_no_derivatives_at_its_end(fitted, monkeypatch):

@@ -8,10 +8,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import minimize_scalar
+from scipy.optimize import minimize, minimize_scalar
 
 from dlo_ros.diagnosis.proposals.linear_evidence import PredictedGain, Proposal, joined
-from dlo_ros.effects import quantities
+from dlo_ros.effects import effects, quantities
 from dlo_ros.errors import SimulationError
 from dlo_ros.inference.joint import (
     Evaluation,
@@ -45,6 +45,8 @@ size."""
 SIZES, SIZE_TRIALS = 2.2, 6
 """Factor up to which the size of an effect that begins at a finite one may be larger or smaller
 where its fit begins, and number of sizes that are simulated: no derivative tells of it."""
+PLACE_TRIALS = 25
+"""Places that are simulated of something that the DLO hits: no derivative leads to them."""
 STEPS = 4
 """Steps by which each proposal comes nearer to the shapes before the best of them are fitted."""
 TRIALS = 3
@@ -173,6 +175,8 @@ def _with_columns(at: Evaluation, predicted: PredictedGain) -> Evaluation:
 def _nearest_size(predicted: PredictedGain, recordings: Sequence[Recording]) -> ParametricModel:
     """The model on the way to the predicted one, of the size that comes nearest to the shapes.
 
+    What the DLO hits has a place instead, to which no derivative leads.
+
     Raises:
         SimulationError: none can be simulated.
     """
@@ -191,21 +195,36 @@ def _nearest_size(predicted: PredictedGain, recordings: Sequence[Recording]) -> 
 
     for share in SHARES:
         tried(begin + share * (end - begin))
+    if not found:
+        raise SimulationError("no beginning can be simulated")
+    here = min(found, key=lambda row: row[0])[1]
     size = _size(predicted.proposal)
-    if size is not None and found:
-        here = min(found, key=lambda row: row[0])[1]
-        k, theta, most = here.index(size.name), here.theta(), float(np.log(SIZES))
-        value = size.outer(theta[k])
+    if size is not None:
+        k, most = here.index(size.name), float(np.log(SIZES))
+        value = size.outer(here.theta()[k])
 
         def resized(factor: float) -> float:
+            theta = here.theta()
             theta[k] = size.inner(value * float(np.exp(factor)))
             return tried(theta)
 
         minimize_scalar(
             resized, bounds=(-most, most), method="bounded", options={"maxiter": SIZE_TRIALS}
         )
-    if not found:
-        raise SimulationError("no beginning can be simulated")
+    elif not effects()[predicted.proposal.effect].differentiable:
+        parameters = predicted.proposal.parameters
+        places = [here.index(p.name) for p in parameters]
+        corners = np.vstack([np.zeros(len(places)), np.diag([p.step for p in parameters])])
+
+        def placed(moves: FloatArray) -> float:
+            theta = here.theta()
+            theta[places] += moves
+            return tried(theta)
+
+        minimize(
+            placed, corners[0], method="Nelder-Mead",
+            options={"maxfev": PLACE_TRIALS, "initial_simplex": corners},
+        )  # fmt: skip
     return min(found, key=lambda row: row[0])[1]
 
 

@@ -201,7 +201,8 @@ def _named(
     for group in (*found.causes, *beyond(at)):
         if not certain(at, group, SCALES):
             continue
-        if group.from_nothing and linear_loss(at, group, wholly=True) < NAMED:
+        # Linearly, the rest may do the work of what was added by moves that no set-up makes.
+        if group.start is None and linear_loss(at, group, wholly=True) < NAMED:
             continue
         bare = without(at, group, recordings, wholly=True)
         if bare is None:
