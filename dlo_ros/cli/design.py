@@ -1,5 +1,8 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""`design --params FILE --output DIR [EXPERIMENT.yaml ...]`: the next manipulation to record."""
+"""`design --params FILE --output DIR [EXPERIMENT.yaml ...]`: the next manipulation to record.
+
+It is the one that determines E and mu best, or that separates rival causes.
+"""
 
 from __future__ import annotations
 
@@ -204,6 +207,8 @@ def _check(arguments: argparse.Namespace) -> None:
             raise InputError(f"--{name} is {getattr(arguments, name)}; it must be above 0")
     if arguments.seed < 0:
         raise InputError(f"--seed is {arguments.seed}; it must not be negative")
+    if arguments.estimate is not None and (arguments.apart or arguments.report is not None):
+        raise InputError("--estimate counts for E and mu only; leave it out to separate causes")
 
 
 def _workspace(arguments: argparse.Namespace, settings: Settings) -> Workspace:

@@ -60,6 +60,7 @@ def test_the_report_says_what_is_to_be_separated_and_how_large_it_is(tmp_path):
     [
         (["--apart", "clamp_angle", "moonlight"], "there is no effect 'moonlight'; known are"),
         (["--apart", "clamp_angle", "clamp_angle"], "--apart: clamp_angle is named twice"),
+        (["--report", "alone.json", "--estimate", "estimate.json"], "--estimate counts for E and"),
         (["--report", "nowhere.json"], "nowhere.json: cannot be read"),
         (["--report", "params.yaml"], "params.yaml: is no report.json of diagnose"),
         (["--report", "alone.json"], "alone.json: names no rivals; name the effects: --apart"),

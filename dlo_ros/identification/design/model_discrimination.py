@@ -93,14 +93,14 @@ def plausible_explanation(
     if block:
         return Explanation(effect, block)
 
-    def neutral(values: Block, keys: Iterable[str]) -> Block:
-        return {k: _sized(known[k], v, settings, effect) if k in keys else v
-                for k, v in values.items()}  # fmt: skip
+    def enlarged(neutral: Block, keys: Iterable[str]) -> Block:
+        sizes = {k: _sized(known[k], neutral[k], settings, effect) for k in keys}
+        return {**neutral, **sizes}
 
     kind = effects()[effect]
     setup = kind.setup(seen)
     if setup:
-        return Explanation(effect, neutral(setup, setup))
+        return Explanation(effect, enlarged(setup, setup))
     starts = kind.starts(seen)
     if not starts:
         raise InputError(
@@ -110,7 +110,7 @@ def plausible_explanation(
     most = max(len(s.fitted) for s in starts)
     widest = [s for s in starts if len(s.fitted) == most]
     start = widest[len(widest) // 2]
-    return Explanation(effect, neutral(start.block, start.screened if start.neutral else ()))
+    return Explanation(effect, enlarged(start.block, start.screened if start.neutral else ()))
 
 
 def _sized(q: Quantity, value: Value, settings: Settings, effect: str) -> Value:
