@@ -36,6 +36,8 @@ from dlo_ros.report.loads import LoadRow
 
 EXTENDED = "extended.yaml"
 REPORT = "report.json"
+DESIGN = "design"
+"""Folder that `design` is proposed to write."""
 WIDTH = 98
 """Columns of the terminal that are used."""
 
@@ -150,13 +152,20 @@ def summary(found: Diagnosis, length: float, output: Path) -> list[str]:
         lines += [f"  {row}" for row in _setup_table(text.setup)]
     lines += ["", "What to record next", *_wrapped(text.advice, "  ")]
     if any(e.rivals for e in found.effects):
-        lines += ["  " + separating(str(output / EXTENDED), str(output / REPORT))]
+        command, rest = separating(output, output.with_name(DESIGN))
+        lines += [f"  {command} \\", f"      {rest}"]
     return lines
 
 
-def separating(extended: str, report: str) -> str:
-    """The command that looks for the manipulation that separates a cause from its rivals."""
-    return f"dlo_ros design --params {extended} --report {report} --output DIR"
+def separating(results: Path, output: Path) -> tuple[str, str]:
+    """The command that looks for the manipulation that separates a cause from its rivals, in two.
+
+    Args:
+        results: folder of the results of this diagnosis.
+        output: folder for its own results.
+    """
+    files = f"--params {results / EXTENDED} --report {results / REPORT}"
+    return f"dlo_ros design {files}", f"--output {output}"
 
 
 def _wrapped(text: str, indent: str) -> list[str]:
@@ -203,7 +212,7 @@ def report(found: Diagnosis, settings: Settings, loads: Sequence[LoadRow] = ()) 
         remarks.append(f"The simulation's own error is {mm(found.simulation_error)} at most.")
     advice = found.advice
     if any(e.rivals for e in found.effects):
-        advice += f" Beside this page: {separating(EXTENDED, REPORT)}"
+        advice += f" Beside this page: {' '.join(separating(Path(), Path(DESIGN)))}"
     return DiagnosisReport(
         text.headline,
         text.answers,

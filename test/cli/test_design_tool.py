@@ -2,12 +2,17 @@
 """The tool that looks for the manipulation that separates two causes, from the command line."""
 
 import json
+from dataclasses import replace
+from pathlib import Path
 
 import pytest
+from diagnoses import KNOWN, found
 from rods import PAPER
 
 from dlo_ros.cli.design_separation import named_rivals
+from dlo_ros.cli.diagnosis_output import REPORT, summary, write_results
 from dlo_ros.cli.main import main
+from dlo_ros.parameters import Settings
 from dlo_ros.synthesis.experiment import load_experiment
 
 GIVES = {"start": 2.0}
@@ -55,6 +60,28 @@ def test_the_report_says_what_is_to_be_separated_and_how_large_it_is(tmp_path):
     assert rivals == {"point_mass": fitted["point_mass"], "gravity_tilt": None}
 
 
+def test_what_diagnose_writes_names_the_rivals_and_the_command(tmp_path):
+    made = found()
+    (cause,) = made.effects
+    made = replace(made, effects=(replace(cause, rival_values={"clamp_angle": {"end": 0.1}}),))
+    output = tmp_path / "diagnosis"
+    write_results(output, KNOWN, made)
+    fitted, rivals = named_rivals(Settings.load(output / "extended.yaml"), (), output / REPORT)
+    assert rivals == {
+        "intrinsic_curvature": {"curvature": (0.5, 1.0), "position": 0.1},
+        "clamp_angle": {"end": 0.1},
+    }
+    assert fitted.effects == made.extended.settings.effects
+    assert summary(made, 0.4, Path("out"))[-2:] == [
+        "  dlo_ros design --params out/extended.yaml --report out/report.json \\",
+        "      --output design",
+    ]
+    page = (output / "report.html").read_text()
+    assert "dlo_ros design --params extended.yaml --report report.json --output design" in page
+    alone = replace(made, effects=(replace(cause, rivals=()),))
+    assert "dlo_ros design" not in "\n".join(summary(alone, 0.4, Path("out")))
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
@@ -86,11 +113,11 @@ def test_the_tool_ranks_by_what_separates_two_causes(tmp_path, capsys):
     path = report(tmp_path / "report.json")
     assert run(tmp_path, "--report", path, "c_shape", "approach_two") == 0
     tree = json.loads((tmp_path / "out" / "design.json").read_text())
-    found = {e["name"]: e for e in tree["experiments"]}
-    assert set(found) == {"c_shape", "approach_two", "searched"}
+    shown = {e["name"]: e for e in tree["experiments"]}
+    assert set(shown) == {"c_shape", "approach_two", "searched"}
     # Its ends are led by their positions alone: no clamp has a direction there.
-    assert found["approach_two"]["log_evidence"] < 0.5
-    assert found["c_shape"]["log_evidence"] > 5.0
+    assert shown["approach_two"]["log_evidence"] < 0.5
+    assert shown["c_shape"]["log_evidence"] > 5.0
     assert tree["apart"][0] == {"name": "clamp_compliance", "parameters": GIVES}
     load_experiment(tmp_path / "out" / "EXPERIMENT.yaml")
     page = (tmp_path / "out" / "report.html").read_text()

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import permutations
 
 import numpy as np
 
@@ -35,14 +36,14 @@ from dlo_ros.inference.parameter import ParametricModel, split_name
 from dlo_ros.inference.priors import cause_priors, joint_model
 from dlo_ros.inference.scene import imposed_names, scene
 from dlo_ros.inference.spectrum import Spectrum, spectrum
-from dlo_ros.inference.variances import Variances, fit_variances
+from dlo_ros.inference.variances import Variances, fit_variances, posterior
 from dlo_ros.parameters import Settings, tolerance
 from dlo_ros.spline import FloatArray
 
 TOLERANCES = 3.0
 """Size of an effect that is a small error of every set-up, in tolerances; from two on it is named
 as a cause."""
-REFITS, SEARCH_REFITS = 10, 3
+REFITS, SEARCH_REFITS = 10, 1
 """Simulations by which a rival is fitted at most, and while a manipulation is searched."""
 CONVERGED = 0.5
 """Expected gain of the log posterior at which a rival's fit ends."""
@@ -135,8 +136,8 @@ class Discrimination:
             that of the column, fitted instead; shape (K, K), 0 on the diagonal.
         forecast: shapes with the true explanation of the pair that is hardest to separate.
         imitation: control points of its rival, fitted to them [m], shape (F, n, 4).
-        reliable: whether no explanation brings the DLO near a snap-through, or folds it so sharply
-            that the simulation's own error is beyond the observer's.
+        reliable: whether no explanation brings the DLO near a snap-through, or folds it more
+            sharply than the simulation follows within its tolerance.
     """
 
     plan: Plan
@@ -200,23 +201,24 @@ def discriminate(
 
     models = [_model(e, explanations, plain, view) for e in explanations]
     found = Threads().map(lambda m: _forecast(recording, m, spans), models)
+    seen = [_recorded(recording, f, settings) for f in found]
+    pairs = list(permutations(range(len(models)), 2))
+    fits = Threads().map(
+        lambda pair: _fitted(seen[pair[0]], models[pair[1]], found[pair[1]], noise, spans, refits),
+        pairs,
+    )
     evidence = np.zeros((len(models), len(models)))
-    imitations = {}
-    for i, shapes_ in enumerate(found):
-        seen = _recorded(recording, shapes_, settings)
-        for j, (model, begin) in enumerate(zip(models, found, strict=True)):
-            if i != j:
-                fitted = _fitted(seen, model, begin, noise, spans, refits)
-                evidence[i, j], imitations[i, j] = fitted.loss(), fitted.predicted
+    for pair, fit in zip(pairs, fits, strict=True):
+        evidence[pair] = fit.loss()
     pair = hardest(evidence)
     reliable = all(
         is_reliable(f, mean_response(f, settings))
-        and not f.resolution_error * settings.rod.length > noise.std  # NaN: not judged
+        and not f.resolution_error > settings.simulation.tolerance  # NaN: not judged
         for f in found
     )
     return Discrimination(
-        plan, tuple(e.effect for e in explanations), evidence, found[pair[0]], imitations[pair],
-        reliable,
+        plan, tuple(e.effect for e in explanations), evidence, found[pair[0]],
+        fits[pairs.index(pair)].predicted, reliable,
     )  # fmt: skip
 
 
@@ -284,19 +286,21 @@ class _Fit:
         """Log evidence that the model loses since it cannot imitate the shapes.
 
         It is that over a model of the same freedom that is right from the beginning. The noise adds
-        its expected squares; its variances are fitted, as those of a recording are.
+        its expected squares. Variances are fitted, as those of a recording are, or the observer's
+        where these are likelier: fits keep away from noise far below the largest error.
         """
-        model, noise = self.model, self.bins.count / self.weight
+        model, precision = self.model, self.model.precision()
+        noise = self.bins.count / self.weight
 
         def evidence(bins: Spectrum, offset: FloatArray) -> float:
-            seen = replace(bins, sum_of_squares=bins.sum_of_squares + noise)
-            length = model.settings.rod.length
-            _, found = fit_variances((seen,), offset, model.precision(), length, (self.variances,))
-            return found.evidence
+            seen, known = (bins,), (self.variances,)
+            _, fitted = fit_variances(seen, offset, precision, model.settings.rod.length, known)
+            return max(fitted.evidence, posterior(seen, known, offset, precision).evidence)
 
-        right = replace(self.bins, sum_of_squares=0.0 * noise, gradient=0.0 * self.bins.gradient)
+        right = replace(self.bins, sum_of_squares=noise, gradient=0.0 * self.bins.gradient)
+        wrong = replace(self.bins, sum_of_squares=self.bins.sum_of_squares + noise)
         offset = model.offset()
-        return evidence(right, 0.0 * offset) - evidence(self.bins, offset)
+        return evidence(right, 0.0 * offset) - evidence(wrong, offset)
 
 
 def _fitted(
