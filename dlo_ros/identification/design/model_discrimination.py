@@ -196,8 +196,9 @@ def discriminate(
     names = {e.effect for e in explanations}
     plain = settings.with_effects({k: v for k, v in settings.effects.items() if k not in names})
     recording = plan.manipulation()
-    shapes = forecast(recording, plain, spans=spans).predicted
-    view = scene(plain, imposed_names([recording]), [shapes[:, :, :3]])
+    bare = forecast(recording, plain, spans=spans)
+    spans = bare.spans  # of all explanations, so that errors of the discretisation cancel
+    view = scene(plain, imposed_names([recording]), [bare.predicted[:, :, :3]])
 
     models = [_model(e, explanations, plain, view) for e in explanations]
     found = Threads().map(lambda m: _forecast(recording, m, spans), models)
@@ -211,11 +212,8 @@ def discriminate(
     for pair, fit in zip(pairs, fits, strict=True):
         evidence[pair] = fit.loss()
     pair = hardest(evidence)
-    reliable = all(
-        is_reliable(f, mean_response(f, settings))
-        and not f.resolution_error > settings.simulation.tolerance  # NaN: not judged
-        for f in found
-    )
+    resolved = not bare.resolution_error > settings.simulation.tolerance  # NaN: not judged
+    reliable = resolved and all(is_reliable(f, mean_response(f, settings)) for f in found)
     return Discrimination(
         plan, tuple(e.effect for e in explanations), evidence, found[pair[0]],
         fits[pairs.index(pair)].predicted, reliable,
