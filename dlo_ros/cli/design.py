@@ -1,34 +1,33 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""`design --params FILE --output DIR [EXPERIMENT.yaml ...]`: the next manipulation to record."""
+"""`design --params FILE --output DIR [EXPERIMENT.yaml ...]`: the next manipulation to record.
+
+It is the one that determines E and mu best, or that separates rival causes.
+"""
 
 from __future__ import annotations
 
 import argparse
 import json
-import math
-from dataclasses import replace
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import yaml
 
+from dlo_ros.cli.design_information import Information
+from dlo_ros.cli.design_purpose import Purpose
+from dlo_ros.cli.design_separation import Separation, named_rivals, sized
 from dlo_ros.cli.loading import load_information, prepare
 from dlo_ros.cli.progress import progress_bar
 from dlo_ros.cli.results import add_results_folder, check_results_folder
 from dlo_ros.command import CONTROL_POINT, END, START, Command
+from dlo_ros.diagnosis.findings.standard_manipulations import standard
 from dlo_ros.errors import CommandError, InputError, SimulationError
 from dlo_ros.files import write_text
-from dlo_ros.identification.batched_forecast import forecast_each
-from dlo_ros.identification.design.design_reason import length_over_scale, reason
-from dlo_ros.identification.design.expected_information import (
-    Noise,
-    Outlook,
-    Plan,
-    at_equilibrium,
-    outlook,
-)
+from dlo_ros.identification.design.expected_information import Noise, Plan, at_equilibrium
 from dlo_ros.identification.design.manipulation_search import (
+    Judged,
     ManipulationCandidate,
     Workspace,
     imposed,
@@ -37,23 +36,15 @@ from dlo_ros.identification.design.manipulation_search import (
     search,
 )
 from dlo_ros.identification.estimate import search_information
-from dlo_ros.identification.identifiability import rounded
 from dlo_ros.parameters import Settings
-from dlo_ros.report.design import (
-    DesignedExperiment,
-    DesignReport,
-    Panel,
-    write_design_report,
-)
+from dlo_ros.report.design import DesignedExperiment, DesignReport, write_design_report
 from dlo_ros.spline import FloatArray, SplineBasis
 from dlo_ros.synthesis.experiment import Experiment, find_experiment, load_experiment
 
 BUNDLED = ("simple", "different", "c_shape", "approach_two", "approach_four")
 NEW = "EXPERIMENT.yaml"
-PANELS = 4  # instants that the report shows
-FACTORS = (0.5, 1.0, 2.0)  # of E/mu in its pictures
-QUANTITIES = ("young_modulus", "density", "specific_modulus")
-KNOWN_STD = 0.5  # relative standard deviation above which a number is no knowledge
+
+Result = TypeVar("Result", bound=Judged)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -73,6 +64,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         metavar="FILE",
         help="estimate.json of earlier recordings, whose information counts as known",
+    )
+    parser.add_argument(
+        "--apart",
+        nargs=2,
+        default=(),
+        metavar=("EFFECT", "RIVAL"),
+        help="two effects of which only one is the cause: rank manipulations by how well they "
+        "separate these",
+    )
+    parser.add_argument(
+        "--report",
+        type=Path,
+        metavar="FILE",
+        help="report.json of diagnose, which says how large effects are; without --apart its "
+        "cause and all rivals of that are separated",
     )
     parser.add_argument(
         "--bounds",
@@ -104,47 +110,93 @@ def run(arguments: argparse.Namespace) -> int:
         DloError: an input or the output is unusable.
     """
     settings = at_equilibrium(Settings.load(arguments.params))
-    output: Path = arguments.output
-    check_results_folder(output)
+    check_results_folder(arguments.output)
     _check(arguments)
     workspace = _workspace(arguments, settings)
     noise = Noise(std=arguments.noise)
+    if arguments.apart or arguments.report is not None:
+        settings, rivals = named_rivals(settings, arguments.apart, arguments.report)
+        plans = _plans(arguments, settings) or [
+            *_plans(arguments, settings, BUNDLED),
+            *(Plan(m.words, m.command, m.shape, m.duration) for m in standard(settings, ())),
+        ]
+        prepare()
+        explanations = sized(rivals, settings, plans)
+        return _designed(
+            Separation(settings, noise, explanations), plans, workspace, settings, arguments
+        )
     known = None
     if arguments.estimate is not None:
         known = search_information(settings) + load_information(arguments.estimate)
-    names = arguments.experiments or BUNDLED
-    plans = [experiment_plan(load_experiment(find_experiment(n)), settings) for n in names]
+    plans = _plans(arguments, settings) or _plans(arguments, settings, BUNDLED)
     prepare()
+    return _designed(Information(settings, noise, known), plans, workspace, settings, arguments)
+
+
+def _plans(
+    arguments: argparse.Namespace, settings: Settings, names: Sequence[str] = ()
+) -> list[Plan]:
+    """The manipulations with these names, or those of the command line."""
+    chosen = names or arguments.experiments
+    return [experiment_plan(load_experiment(find_experiment(n)), settings) for n in chosen]
+
+
+def _designed(
+    purpose: Purpose[Result], plans: Sequence[Plan], workspace: Workspace, settings: Settings,
+    arguments: argparse.Namespace,
+) -> int:  # fmt: skip
+    """Rank and search, write and print the results; returns the exit status."""
     remarks, found = [], []
     with progress_bar() as bar:
         task = bar.add_task("Ranking", total=len(plans) + arguments.tries)
         for plan in plans:
             try:
-                found.append(outlook(plan, settings, noise, known=known))
+                found.append(purpose.judge(plan, None))
             except SimulationError as err:
                 remarks.append(f"'{plan.name}' is left out: {err}")
             bar.advance(task)
         bar.update(task, description="Searching")
         best = search(
-            settings, workspace, noise, known=known, budget=arguments.tries, seed=arguments.seed,
+            settings, workspace, purpose.judge, budget=arguments.tries, seed=arguments.seed,
+            finalists=purpose.finalists,
             progress=lambda share: bar.update(task, completed=len(plans) + share * arguments.tries),
         )  # fmt: skip
     ranking = sorted([*found, best.outlook], key=lambda o: -o.gain)
+    output: Path = arguments.output
     output.mkdir(parents=True, exist_ok=True)
-    new = output / NEW
-    write_text(new, experiment_text(best.candidate, workspace, settings, noise))
-    weakest = min(ranking, key=lambda o: o.gain)
-    tree = _tree(ranking, best.outlook, weakest, settings, workspace, noise)
+    text = experiment_text(
+        best.candidate, workspace, settings, Noise(std=arguments.noise), purpose.what
+    )
+    write_text(output / NEW, text)
+    shown = purpose.presented(ranking)
+    origins = ["searched" if o is best.outlook else "given" for o in ranking]
+    tree = {
+        "experiments": [
+            {"name": e.name, "origin": origin, **e.numbers, "reason": e.reason}
+            for e, origin in zip(shown.experiments, origins, strict=True)
+        ],
+        "best": shown.experiments[0].name,
+        "new": {"name": best.outlook.plan.name, "file": NEW},
+        **shown.numbers,
+        "workspace": {
+            "x": list(workspace.x), "z": list(workspace.z), "speed": workspace.speed,
+            "turn": workspace.turn, "duration": workspace.duration,
+        },
+        "noise": {"std": arguments.noise, "spacing": Noise.spacing, "common": Noise.common},
+    }  # fmt: skip
     write_text(output / "design.json", json.dumps(tree, indent=2, allow_nan=False) + "\n")
-    report = _report(ranking, best.outlook, weakest, settings, remarks)
+    report = DesignReport(
+        shown.title, shown.headline, shown.headers,
+        tuple(
+            DesignedExperiment(e.name, origin, e.cells, e.reason, e.panels)
+            for e, origin in zip(shown.experiments, origins, strict=True)
+        ),
+        shown.caption, (*shown.remarks, *remarks),
+    )  # fmt: skip
     write_design_report(output / "report.html", report)
-    print("Expected information of each experiment, the largest first:")
-    width = max(len(entry["name"]) for entry in tree["experiments"])
-    for entry in tree["experiments"]:
-        std = entry["std"]["specific_modulus"]
-        words = "nothing of E/mu" if std is None else f"E/mu to {rounded(100 * std)} %"
-        print(f"  {entry['name']:<{width}}  {words} (information {entry['information']:.1f} bit)")
-    print(report.headline)
+    for line in shown.lines:
+        print(line)
+    print(shown.headline)
     print(f"written to {output}: design.json, report.html, {NEW}")
     return 0
 
@@ -155,6 +207,8 @@ def _check(arguments: argparse.Namespace) -> None:
             raise InputError(f"--{name} is {getattr(arguments, name)}; it must be above 0")
     if arguments.seed < 0:
         raise InputError(f"--seed is {arguments.seed}; it must not be negative")
+    if arguments.estimate is not None and (arguments.apart or arguments.report is not None):
+        raise InputError("--estimate counts for E and mu only; leave it out to separate causes")
 
 
 def _workspace(arguments: argparse.Namespace, settings: Settings) -> Workspace:
@@ -203,9 +257,18 @@ def _renamed(experiment: Experiment, settings: Settings) -> tuple[str, ...]:
 
 
 def experiment_text(
-    candidate: ManipulationCandidate, workspace: Workspace, settings: Settings, noise: Noise
-) -> str:
-    """A found manipulation as an experiment file, whose truth is what is assumed of the DLO."""
+    candidate: ManipulationCandidate, workspace: Workspace, settings: Settings, noise: Noise,
+    what: str,
+) -> str:  # fmt: skip
+    """A found manipulation as an experiment file, whose truth is what is assumed of the DLO.
+
+    Args:
+        candidate: the manipulation.
+        workspace: its limits.
+        settings: settings of the rod.
+        noise: measurement noise of the observer.
+        what: what the manipulation is best for, in words.
+    """
     parameters: dict[str, Any] = {}
     for name, value in settings.flat().items():
         group, _, key = name.partition(".")
@@ -230,7 +293,7 @@ def experiment_text(
         "motion": motion,
         "measurement": {"std": noise.std, "spacing": noise.spacing},
     }
-    head = "# Found by dlo_ros design: the most informative manipulation for E and mu.\n"
+    head = f"# Found by dlo_ros design: {what}.\n"
     text: str = yaml.safe_dump(tree, sort_keys=False, default_flow_style=None, width=100)
     return head + text
 
@@ -239,90 +302,3 @@ def _point(row: FloatArray, clamp: bool) -> dict[str, Any]:
     t, x, z, angle = (round(float(v), 6) for v in row)
     point: dict[str, Any] = {"time": t, "position": [x, 0.0, z]}
     return point | {"angle": angle} if clamp else point
-
-
-def _tree(
-    ranking: list[Outlook], new: Outlook, weakest: Outlook, settings: Settings,
-    workspace: Workspace, noise: Noise,
-) -> dict[str, Any]:  # fmt: skip
-    return {
-        "experiments": [
-            {
-                "name": o.plan.name,
-                "origin": "searched" if o is new else "given",
-                "information": o.gain,
-                "std": dict(zip(QUANTITIES, _determined(o), strict=True)),
-                "response": o.response,
-                "reason": reason(o, weakest, settings),
-            }
-            for o in ranking
-        ],
-        "best": ranking[0].plan.name,
-        "new": {"name": new.plan.name, "file": NEW},
-        "length_over_scale": length_over_scale(settings),
-        "workspace": {
-            "x": list(workspace.x), "z": list(workspace.z), "speed": workspace.speed,
-            "turn": workspace.turn, "duration": workspace.duration,
-        },
-        "noise": {"std": noise.std, "spacing": noise.spacing, "common": noise.common},
-    }  # fmt: skip
-
-
-def _report(
-    ranking: list[Outlook], new: Outlook, weakest: Outlook, settings: Settings,
-    remarks: list[str],
-) -> DesignReport:  # fmt: skip
-    best = ranking[0]
-    headline = f"{best.plan.name}: {reason(best, weakest, settings)}"
-    shown = tuple(
-        DesignedExperiment(
-            o.plan.name,
-            "searched" if o is new else "given",
-            o.gain,
-            _determined(o),
-            0.01 * o.response * settings.rod.length,
-            reason(o, weakest, settings),
-            panels(o, settings),
-        )
-        for o in ranking
-    )
-    general = (
-        f"The DLO is {rounded(length_over_scale(settings))} times as long as l = (B/w)^(1/3), over "
-        "which its weight bends it. Standard deviations hold for E as given; information is "
-        "averaged over half, the given and twice the given E/mu, without changes of shape that a "
-        "slightly tilted board or a slight bend at rest would cause as well."
-    )
-    return DesignReport(headline, shown, (general, *remarks))
-
-
-def _determined(o: Outlook) -> tuple[float | None, float | None, float | None]:
-    # E and mu that only a guess fixes are not determined by the manipulation.
-    # By eigenvalues: what is known very well and not at all stands side by side in it.
-    known, modes = np.linalg.eigh(0.5 * (o.information + o.information.T))
-    free = (modes**2 / (np.maximum(known, 0.0) + 1e-6)).sum(axis=1)
-    alone = (math.sqrt(free[0]), math.sqrt(free[1]), 0.0)
-    values = (o.std[name] for name in QUANTITIES)
-    young, density, ratio = (
-        v if v < KNOWN_STD and a < 10.0 else None for v, a in zip(values, alone, strict=True)
-    )
-    return young, density, ratio
-
-
-def panels(o: Outlook, settings: Settings) -> tuple[Panel, ...]:
-    """Instants of a manipulation with a softer, the given and a stiffer DLO."""
-    sets = [
-        settings.with_material(f * settings.rod.young_modulus, settings.rod.density)
-        for f in FACTORS
-    ]
-    slow = replace(o.plan, rate=max((PANELS - 1) / max(o.plan.duration, 1e-3), 0.1))
-    found = forecast_each(slow.manipulation(), sets)
-    if any(f is None for f in found):
-        return ()
-    shapes = [f.predicted for f in found if f is not None]
-    basis = SplineBasis(settings.rod.control_points, settings.rod.length)
-    matrix = basis.matrix(np.linspace(0.0, basis.length, 60))
-    result = []
-    for k in range(min(len(s) for s in shapes)):
-        soft, given, stiff = (matrix @ s[k][:, [0, 2]] for s in shapes)
-        result.append(Panel(k / slow.rate, (soft, given, stiff)))
-    return tuple(result)

@@ -35,6 +35,9 @@ from dlo_ros.report.diagnosis_content import (
 from dlo_ros.report.loads import LoadRow
 
 EXTENDED = "extended.yaml"
+REPORT = "report.json"
+DESIGN = "design"
+"""Folder that `design` is proposed to write."""
 WIDTH = 98
 """Columns of the terminal that are used."""
 
@@ -51,7 +54,7 @@ def write_results(
         loads: loads on the DLO in the recordings.
     """
     output.mkdir(parents=True, exist_ok=True)
-    write_text(output / "report.json", json.dumps(tree(found), indent=2, allow_nan=False) + "\n")
+    write_text(output / REPORT, json.dumps(tree(found), indent=2, allow_nan=False) + "\n")
     comment = "Extended by dlo_ros diagnose; nodes and tools load this file as it is."
     write_text(output / EXTENDED, found.extended.settings.text(comment))
     write_diagnosis_report(output / "report.html", report(found, settings, loads))
@@ -70,6 +73,10 @@ def tree(found: Diagnosis) -> dict[str, Any]:
                     for key, n in e.parameters.items()
                 },
                 "rivals": list(e.rivals),
+                "rival_values": {
+                    name: {key: _plain(value) for key, value in block.items()}
+                    for name, block in e.rival_values.items()
+                },
                 "share": _number(e.share),
             }
             for e in found.effects
@@ -144,7 +151,21 @@ def summary(found: Diagnosis, length: float, output: Path) -> list[str]:
         lines += ["", "Your set-up, as far as the data determine it"]
         lines += [f"  {row}" for row in _setup_table(text.setup)]
     lines += ["", "What to record next", *_wrapped(text.advice, "  ")]
+    if any(e.rivals for e in found.effects):
+        command, rest = separating(output, output.with_name(DESIGN))
+        lines += [f"  {command} \\", f"      {rest}"]
     return lines
+
+
+def separating(results: Path, output: Path) -> tuple[str, str]:
+    """The command that looks for the manipulation that separates a cause from its rivals, in two.
+
+    Args:
+        results: folder of the results of this diagnosis.
+        output: folder for its own results.
+    """
+    files = f"--params {results / EXTENDED} --report {results / REPORT}"
+    return f"dlo_ros design {files}", f"--output {output}"
 
 
 def _wrapped(text: str, indent: str) -> list[str]:
@@ -189,6 +210,9 @@ def report(found: Diagnosis, settings: Settings, loads: Sequence[LoadRow] = ()) 
     remarks = list(found.remarks)
     if found.simulation_error is not None:
         remarks.append(f"The simulation's own error is {mm(found.simulation_error)} at most.")
+    advice = found.advice
+    if any(e.rivals for e in found.effects):
+        advice += f" Beside this page: {' '.join(separating(Path(), Path(DESIGN)))}"
     return DiagnosisReport(
         text.headline,
         text.answers,
@@ -216,7 +240,7 @@ def report(found: Diagnosis, settings: Settings, loads: Sequence[LoadRow] = ()) 
             for v in found.views
         ),
         found.noise_floor,
-        found.advice,
+        advice,
         tuple(remarks),
         tuple(
             ResidualRelations(

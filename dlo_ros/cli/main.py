@@ -99,7 +99,8 @@ EXECUTABLES: tuple[Executable, ...] = (
     ),
     Executable(
         "design",
-        "ranks manipulations by their expected information about Young's modulus E and density mu",
+        "ranks manipulations by their expected information about Young's modulus E and density mu, "
+        "or by how well they separate two causes",
         "--params params.yaml --output build/design",
     ),
     Executable(

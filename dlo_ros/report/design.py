@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""The report of a design: the manipulations by their expected information, with reasons."""
+"""The report of a design: the manipulations by what they are worth, with reasons."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from dlo_ros.report.elements import figure, markup, number, paragraph, table
+from dlo_ros.report.elements import figure, markup, paragraph, table
 from dlo_ros.report.page import Section, page, write_page
 from dlo_ros.spline import FloatArray
 
-CLASSES = ("observed", "predicted", "initial")  # curves of a softer, the given and a stiffer DLO
+CLASSES = ("observed", "predicted", "initial")  # curves of a panel: solid, dashed, dotted
 PANEL = 260.0  # px of a panel's larger side
 
 
@@ -23,11 +23,11 @@ class Panel:
 
     Args:
         time: [s].
-        curves: x, z [m] of a softer, the given and a stiffer DLO, shape (m, 2) each.
+        curves: x, z [m] of up to three shapes of the DLO, shape (m, 2) each.
     """
 
     time: float
-    curves: tuple[FloatArray, FloatArray, FloatArray]
+    curves: tuple[FloatArray, ...]
 
 
 @dataclass(frozen=True)
@@ -37,28 +37,36 @@ class DesignedExperiment:
     Args:
         name: name of the manipulation, for people.
         origin: `given` or `searched`.
-        gain: expected information about E and mu [bit].
-        std: relative standard deviations of E, mu and E/mu after it; None where it is unknown.
-        response: mean displacement for 1 % of E/mu [m].
+        cells: numbers of the ranking, one for each header of the report.
         reason: the reason for its rank.
         panels: instants to show; may be empty.
     """
 
     name: str
     origin: str
-    gain: float
-    std: tuple[float | None, float | None, float | None]
-    response: float
+    cells: tuple[str, ...]
     reason: str
     panels: tuple[Panel, ...] = ()
 
 
 @dataclass(frozen=True)
 class DesignReport:
-    """The contents of the report; experiments with the best first."""
+    """The contents of the report.
 
+    Args:
+        title: title of the page.
+        headline: the result in a sentence.
+        headers: headers of the ranking, after those of name and origin.
+        experiments: manipulations, the best first.
+        caption: caption of the panels.
+        remarks: sentences for the reader.
+    """
+
+    title: str
     headline: str
+    headers: tuple[str, ...]
     experiments: tuple[DesignedExperiment, ...]
+    caption: str
     remarks: tuple[str, ...] = ()
 
 
@@ -74,30 +82,16 @@ def write_design_report(path: Path | str, report: DesignReport) -> None:
 def design_page(report: DesignReport) -> str:
     """The report as an HTML document."""
     summary = f'<p class="headline">{markup(report.headline)}</p>'
-    rows = [
-        [e.name, e.origin, f"{e.gain:.1f}", f"{1e3 * e.response:.3f} mm", *map(_percent, e.std)]
-        for e in report.experiments
-    ]
-    headers = [
-        "manipulation", "origin", "information [bit]", "moves for 1 % of E/mu", "std of E",
-        "std of mu", "std of E/mu",
-    ]  # fmt: skip
+    rows = [[e.name, e.origin, *e.cells] for e in report.experiments]
     text = "".join(paragraph(r) for r in report.remarks)
+    headers = ["manipulation", "origin", *report.headers]
     sections = [Section("Ranking", table(headers, rows) + text)]
     for e in report.experiments:
         body = paragraph(e.reason)
         if e.panels:
-            caption = (
-                "Solid: half of E/mu; dashed: as given; dotted: twice of it. Curves that lie far "
-                "apart determine E/mu."
-            )
-            body += figure(shapes_picture(e.panels), caption)
+            body += figure(shapes_picture(e.panels), report.caption)
         sections.append(Section(e.name, body))
-    return page("The most informative manipulation", summary, sections)
-
-
-def _percent(std: float | None) -> str:
-    return "not determined" if std is None else number(100.0 * std, "%", 2)
+    return page(report.title, summary, sections)
 
 
 def shapes_picture(panels: Sequence[Panel]) -> str:
@@ -114,7 +108,7 @@ def shapes_picture(panels: Sequence[Panel]) -> str:
             f'<text class="tick" x="{left + 4:.0f}" y="16" font-size="14">'
             f"t = {panel.time:.2f} s</text>"
         )
-        for name, curve in zip(CLASSES, panel.curves, strict=True):
+        for name, curve in zip(CLASSES, panel.curves, strict=False):
             x = left + 0.5 * PANEL + scale * (curve[:, 0] - centre[0])
             y = 24.0 + 0.5 * (height - 24.0) - scale * (curve[:, 1] - centre[1])
             points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=True))
@@ -122,5 +116,5 @@ def shapes_picture(panels: Sequence[Panel]) -> str:
     width = len(panels) * (PANEL + 10.0)
     return (
         f'<svg viewBox="0 0 {width:.0f} {height:.0f}" role="img" '
-        f'aria-label="shapes of a softer, the given and a stiffer DLO">{"".join(parts)}</svg>'
+        f'aria-label="shapes of the DLO">{"".join(parts)}</svg>'
     )

@@ -240,7 +240,7 @@ def test_a_cause_matters_or_is_not_named(monkeypatch, linear, loss, without, str
     monkeypatch.setattr(joint_explanation, "certain", lambda *_: True)
     monkeypatch.setattr(joint_explanation, "beyond", lambda _: [])
     monkeypatch.setattr(joint_explanation, "linear_loss", lambda *_, wholly: linear)
-    monkeypatch.setattr(joint_explanation, "_rivals", lambda *_: ())
+    monkeypatch.setattr(joint_explanation, "_rivals", lambda *_: {})
     monkeypatch.setattr(joint_explanation, "strains", lambda *_: strained)
     bare = evaluation(-loss, without)
     monkeypatch.setattr(joint_explanation, "without", lambda *_, wholly: bare)

@@ -78,8 +78,8 @@ def test_an_added_cause_that_the_final_fit_denies_is_none(prepared):
     final = fitted_model(model, prepared.recordings)
     names = tuple(p.name for p in proposal.parameters)
     causes = (
-        Cause("quadratic_drag", names, (), 20.0, 2e-3),
-        Cause("clamp_angle", (), (), 9.0, 0.1),
+        Cause("quadratic_drag", names, {}, 20.0, 2e-3),
+        Cause("clamp_angle", (), {}, 9.0, 0.1),
     )
     found = Explanation(prepared.setup, final, causes, 1e-4, 1e-3, 1e-4, (proposal,), ())
     assert [c.effect for c in still_certain(found, final).causes] == ["clamp_angle"]

@@ -47,7 +47,7 @@ NAMEABLE = 0.5e-3
     ],
 )
 def test_the_verdict_says_whether_what_matters_is_explained(setup, after, without, verdict):
-    causes = [Cause("camera_scale", (), (), 20.0, err) for err in without]
+    causes = [Cause("camera_scale", (), {}, 20.0, err) for err in without]
     assert _verdict(setup, after, MATTERS, NAMEABLE, causes) == verdict
 
 
@@ -142,7 +142,7 @@ def test_no_noise_beyond_a_hundredth_of_the_length_is_the_measurements_own(monke
 def test_the_joint_model_names_causes_of_more_than_a_few_shapes(monkeypatch, frames, left, named):
     """And none where half of ERR is left, for which a camera that creeps may be the reason."""
     monkeypatch.setattr(joint_diagnosis, "takes_over", lambda *_: False)
-    cause = Cause("point_mass", (), (), 90.0, 6e-3)
+    cause = Cause("point_mass", (), {}, 90.0, 6e-3)
     explanation = Explanation(
         None, SimpleNamespace(mean_err=left), (cause,), 1e-3, 1.3e-3, 0.5e-3, (), ()
     )
@@ -185,7 +185,7 @@ def test_a_model_that_a_recording_refuses_is_dropped_and_its_set_up_kept(monkeyp
     theta = setup.model.theta()
     theta[setup.model.index("young_modulus")] += 0.1
     broken = replace(setup, model=setup.model.at(theta))
-    cause = Cause("clamp_angle", ("effects.clamp_angle.start",), (), 9.0, 1e-2)
+    cause = Cause("clamp_angle", ("effects.clamp_angle.start",), {}, 9.0, 1e-2)
     found = Explanation(setup, broken, (cause,), 1e-4, 2e-4, 1e-5, (), ())
     learned = Learned(found, (np.zeros(len(setup.err[0]), dtype=bool),), None, None)
     plain = joint_outcome.Candidate("", "", begun.at, 0.0, 1.0)

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,10 +26,11 @@ from dlo_ros.diagnosis.explain.measurement_error import material_err, own_err
 from dlo_ros.diagnosis.proposals.candidate_effects import starts
 from dlo_ros.diagnosis.proposals.linear_evidence import Proposal
 from dlo_ros.effects import Scene, Start
+from dlo_ros.effects.start import Block
 from dlo_ros.inference.joint import Evaluation, evaluate, simulate
 from dlo_ros.inference.joint_fit import settled
 from dlo_ros.inference.measured import Recording
-from dlo_ros.inference.parameter import ParametricModel
+from dlo_ros.inference.parameter import ParametricModel, split_name
 from dlo_ros.inference.priors import joint_model
 from dlo_ros.inference.scene import imposed_names, scene
 from dlo_ros.parameters import Settings
@@ -53,14 +54,14 @@ class Cause:
     Args:
         effect: name of the effect.
         names: names of the effect's parameters.
-        rivals: effects that explain the data as well in its place.
+        rivals: effects that explain the data as well in its place, with the values of their keys.
         evidence: log evidence that is lost without it.
         err: ERR without it [m].
     """
 
     effect: str
     names: tuple[str, ...]
-    rivals: tuple[str, ...]
+    rivals: Mapping[str, Block]
     evidence: float
     err: float
 
@@ -230,7 +231,7 @@ def _merged(causes: Sequence[Cause]) -> tuple[Cause, ...]:
     return tuple(
         Cause(
             effect, tuple(n for c in same for n in c.names),
-            tuple(r for r in same[0].rivals if all(r in c.rivals for c in same)),
+            {r: v for r, v in same[0].rivals.items() if all(r in c.rivals for c in same)},
             same[0].evidence, max(c.err for c in same),
         )
         for effect, same in by_effect.items()
@@ -240,10 +241,10 @@ def _merged(causes: Sequence[Cause]) -> tuple[Cause, ...]:
 def _rivals(
     at: Evaluation, bare: Evaluation, group: Proposal, recordings: Sequence[Recording],
     offer: Offer,
-) -> tuple[str, ...]:  # fmt: skip
-    """Effects that explain the data as well where a group is at neutral."""
+) -> dict[str, Block]:  # fmt: skip
+    """Effects that explain the data as well where a group is at neutral, with their values."""
     missing = at.posterior.evidence - bare.posterior.evidence - RIVAL
-    result: list[str] = []
+    result: dict[str, Block] = {}
     fits = 0
     for predicted in ranked_proposals(bare, offer, smooth=True):
         effect = predicted.proposal.effect
@@ -254,5 +255,7 @@ def _rivals(
         fits += 1
         there = fitted(predicted.model, recordings)
         if there and there.posterior.evidence - bare.posterior.evidence >= missing:
-            result.append(effect)
-    return tuple(result)
+            values = there.model.settings.effects.get(effect, {})
+            fitted_ = {split_name(p.name)[1] for p in predicted.proposal.parameters if p.effect}
+            result[effect] = {key: v for key, v in values.items() if key in fitted_}
+    return result

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from dlo_ros.diagnosis.explain.candidate_trials import Step
 from dlo_ros.diagnosis.residuals.relations import Relations
 from dlo_ros.diagnosis.selection.verdict import Verdict
+from dlo_ros.effects.start import Block
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 
@@ -29,12 +30,14 @@ class NamedEffect:
     Args:
         share: fraction of the ERR beyond the measurement's own that the effect removes, 0 to 1;
             None: unknown.
+        rival_values: values of the rivals' keys in their own fits, by name; of a damping none.
     """
 
     name: str
     parameters: dict[str, Number]
     rivals: tuple[str, ...]
     share: float | None = None
+    rival_values: Mapping[str, Block] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -346,7 +346,8 @@ def _effect(
     share = (cause.err - err) / missed if missed > 0.0 else None
     return NamedEffect(
         cause.effect, effect_numbers(cause.effect, final, given, wider.parameters),
-        cause.rivals, None if share is None else float(np.clip(share, 0.0, 1.0)),
+        tuple(cause.rivals), None if share is None else float(np.clip(share, 0.0, 1.0)),
+        cause.rivals,
     )  # fmt: skip
 
 
@@ -367,7 +368,7 @@ def _advice(verdict: Verdict, found: Explanation) -> str:
         names = " and ".join(known[n].called() for n in (open_.effect, *open_.rivals))
         return (
             f"These data do not separate {names}: record another manipulation, one that turns "
-            "the clamp or moves a free end; dlo_ros design proposes one."
+            "the clamp or moves a free end; dlo_ros design --report proposes one."
         )
     if verdict == "adequate":
         return "No error is left to explain: the set-up is within its tolerances."

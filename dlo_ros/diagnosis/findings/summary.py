@@ -24,6 +24,7 @@ from dlo_ros.diagnosis.residuals import residual_autocovariance
 from dlo_ros.diagnosis.residuals.relations import Relations, relations, sentences
 from dlo_ros.diagnosis.selection import verdict
 from dlo_ros.diagnosis.selection.effect_search import Candidate, candidate
+from dlo_ros.effects.start import Block
 from dlo_ros.inference.measured import Recording
 from dlo_ros.parameters import Settings
 
@@ -79,7 +80,12 @@ def outcome(beginning: Beginning, plain: Candidate, found: Findings, given: Sett
             for c in others
         ]
         effects = tuple(
-            NamedEffect(name, numbers(best.at, name, given, alike, own), rivals)
+            NamedEffect(
+                name,
+                numbers(best.at, name, given, alike, own),
+                rivals,
+                rival_values=_values(name, rivals, [*found.singles, *found.pairs]),
+            )
             for name, rivals in zip(decision.chosen.effects, decision.rivals, strict=True)
             if name in best.at.model.effects and name not in plain.at.model.effects
         )
@@ -113,6 +119,18 @@ def outcome(beginning: Beginning, plain: Candidate, found: Findings, given: Sett
         after if shown is not plain else None,
         material_err(float(np.mean(floors)), given),
     )
+
+
+def _values(
+    effect: str, rivals: Sequence[str], candidates: Sequence[Candidate]
+) -> dict[str, Block]:
+    """Values of the rivals of an effect in the best fits that are without it."""
+    found: dict[str, Block] = {}
+    for c in sorted(candidates, key=lambda c: c.score):
+        block = c.at.model.settings.effects
+        if effect not in block:
+            found = {n: block[n] for n in rivals if n in block} | found
+    return found
 
 
 def _immaterial(

@@ -6,8 +6,7 @@ observer they give the Fisher information on ln (E, mu, c, t_r) and on all numbe
 The latter have their tolerances as priors and are integrated out, as in `identify`: where a rope
 stands near a snap, small errors of the set-up decide which way it goes, and its shape says nothing
 about E. A plan's gain is the reduction of the volume of the posterior of (E, mu), damping being a
-nuisance (D-optimality in what is still unknown). Two models are separated by the difference of
-their shapes that no choice of (E, mu, c, t_r) can remove.
+nuisance (D-optimality in what is still unknown).
 """
 
 from __future__ import annotations
@@ -20,7 +19,6 @@ import numpy as np
 
 from dlo_ros.command import END, NANOSECONDS, START, Command
 from dlo_ros.errors import SimulationError
-from dlo_ros.identification.batched_forecast import forecast_varied
 from dlo_ros.identification.estimate import (
     COMBINATIONS,
     logarithms,
@@ -47,8 +45,9 @@ from dlo_ros.spline import FloatArray, SplineBasis
 
 # E/mu is not known when an experiment is planned: its information is averaged over these factors.
 HYPOTHESES = (0.5, 1.0, 2.0)
-REFITS = 6  # rounds in which the second model is fitted to the first
+NOTHING = 1e-30  # [m^2] of a variance: fits see its logarithm
 POINTS = 81  # along the DLO, at which displacements are given
+STEEPEST = 0.5  # response beyond which a manipulation is at a snap and cannot be relied on
 
 
 @dataclass(frozen=True)
@@ -60,11 +59,13 @@ class Noise:
         spacing: distance between measured points along the DLO [m].
         common: error that is the same in all pictures of a recording, such as that of the
             calibration; root mean square along the DLO [m].
+        along: error of u that is the same all along the DLO in each picture, over L.
     """
 
     std: float = 3e-4
     spacing: float = 4e-3
     common: float = 1e-4
+    along: float = ALONG_STD
 
 
 @dataclass(frozen=True)
@@ -115,6 +116,11 @@ class Outlook:
     information: FloatArray
     forecast: Forecast
 
+    @property
+    def reliable(self) -> bool:
+        """See `is_reliable`."""
+        return is_reliable(self.forecast, self.response)
+
 
 def information(
     recording: Manipulation, model: ParametricModel, found: Forecast, noise: Noise
@@ -138,7 +144,7 @@ def information(
     shapes = measured(replace(recording, observations=tuple(seen)), settings)
     residual, jacobian = field(shapes, found.predicted, found.sensitivity, model.chain())
     bins = spectrum(residual, jacobian, settings.rod.control_points)
-    weight = 1.0 / _variances(settings, noise, bins.parts).of(bins)
+    weight = 1.0 / observer_variances(settings, noise, bins.parts).of(bins)
     hessian = np.einsum("b,bpq->pq", weight, bins.hessian)
     own = np.array([not p.effect for p in model.parameters])
     others = hessian[~own][:, ~own] + np.diag(model.precision()[~own])
@@ -150,7 +156,7 @@ def information(
     return result
 
 
-def _variances(settings: Settings, noise: Noise, parts: int) -> Variances:
+def observer_variances(settings: Settings, noise: Noise, parts: int) -> Variances:
     """Variances of an observer's errors across the DLO, along it and, in space, out of the plane.
 
     Along the DLO each picture has a smooth error of u, as in `identify`.
@@ -158,32 +164,16 @@ def _variances(settings: Settings, noise: Noise, parts: int) -> Variances:
     rod = settings.rod
     points = max(rod.length / noise.spacing, 1.0) + 1.0
     white = np.full(parts, noise.std**2 * rod.control_points / points)
-    common = np.full(parts, noise.common**2)
-    sliding, none = np.zeros(parts), np.zeros(parts)
-    sliding[1] = (ALONG_STD * rod.length) ** 2
+    none = np.full(parts, NOTHING)
+    common = np.full(parts, noise.common**2 + NOTHING)
+    sliding = none.copy()
+    sliding[1] += (noise.along * rod.length) ** 2
     return Variances(white, none, sliding, common, none, 0.0, none)
 
 
 def _material(model: ParametricModel) -> list[int]:
     """Places in `MATERIAL` of a model's parameters that are no effect's."""
     return [MATERIAL.index(p.name) for p in model.parameters if not p.effect]
-
-
-def _columns(derivative: FloatArray) -> FloatArray:
-    """Derivatives as columns for each picture, shape (F, 3n, P)."""
-    frames, parameters = derivative.shape[:2]
-    return derivative.reshape(frames, parameters, -1).transpose(0, 2, 1)
-
-
-def _weighted(a: FloatArray, b: FloatArray, settings: Settings, noise: Noise) -> FloatArray:
-    """A^T Sigma^-1 B for the noise's covariance Sigma; a, b of shape (F, 3n, P or Q)."""
-    points = max(settings.rod.length / noise.spacing, 1.0) + 1.0
-    white = noise.std**2 / points
-    common = noise.common**2 / settings.rod.control_points
-    # All pictures share one error: it is eliminated (Woodbury).
-    shared = 1.0 / (len(a) / white + 1.0 / common) if common > 0.0 else 0.0
-    single = np.einsum("fip,fiq->pq", a, b) / white
-    return np.asarray(single - shared / white**2 * (a.sum(axis=0).T @ b.sum(axis=0)))
 
 
 def outlook(
@@ -243,8 +233,7 @@ def outlook(
     thickness = 2.0 * (settings.rod.diameter_std / settings.rod.diameter or DIAMETER_STD)
     for name in ("young_modulus", "specific_modulus"):
         std[name] = math.hypot(std[name], theory, thickness)
-    shift = displacement(found, settings)
-    response = float(shift.mean()) / settings.rod.length
+    response = mean_response(found, settings)
     return Outlook(plan, float(np.mean(gains)), std, response, expected_data, found)
 
 
@@ -290,6 +279,21 @@ def displacement(found: Forecast, settings: Settings) -> FloatArray:
     return np.asarray(np.linalg.norm(curve, axis=2))
 
 
+def mean_response(found: Forecast, settings: Settings) -> float:
+    """Mean displacement for a unit change of ln(E/mu), over L."""
+    return float(displacement(found, settings).mean()) / settings.rod.length
+
+
+def is_reliable(found: Forecast, response: float) -> bool:
+    """Whether a manipulation stays away from a snap-through.
+
+    Args:
+        found: forecast of the manipulation.
+        response: see `mean_response`.
+    """
+    return found.stable and response < STEEPEST
+
+
 def _gain(before: FloatArray, gained: FloatArray) -> float:
     """Expected information about (E, mu) in bits, the other parameters being unknown."""
     first, then = (np.linalg.inv(m)[:2, :2] for m in (before, before + gained))
@@ -310,82 +314,6 @@ def rank(
     """
     found = [outlook(plan, settings, noise, known=known) for plan in plans]
     return sorted(found, key=lambda o: -o.gain)
-
-
-@dataclass(frozen=True)
-class ModelSeparation:
-    """The separation of two models by a plan.
-
-    Args:
-        plan: the plan.
-        sigmas: distance between the shapes that they predict, in standard deviations, after the
-            second has been fitted to the first as well as (E, mu, c, t_r) allow.
-        distance: mean distance of the shapes before that [m].
-    """
-
-    plan: Plan
-    sigmas: float
-    distance: float
-
-
-def separation(
-    plan: Plan,
-    first: Settings,
-    second: Settings,
-    noise: Noise = Noise(),
-) -> ModelSeparation:
-    """The separation of two models by a plan, such as two with different effects.
-
-    Raises:
-        SimulationError: one of them cannot be simulated.
-    """
-    recording = plan.manipulation()
-    a = forecast(recording, first)
-    guess = logarithms(second)
-    theta, best, distance = guess.copy(), np.inf, 0.0
-    prior = search_information(second)
-    for iteration in range(REFITS):
-        b = forecast_varied(recording, with_logarithms(second, theta))
-        assert b.derivative is not None
-        j, gap = _columns(b.derivative), _whitened_gap(a, b)
-        if iteration == 0:
-            distance = float(np.sqrt((gap**2).sum(axis=1)).mean())
-        across = gap[:, :, None]
-        off = np.where(np.isfinite(guess), theta - guess, 0.0)
-        total = float(_weighted(across, across, second, noise)[0, 0] + off @ prior @ off)
-        best = min(best, total)
-        pull = _weighted(j, across, second, noise)[:, 0] - prior @ off
-        step = np.linalg.solve(_weighted(j, j, second, noise) + prior, pull)
-        if float(pull @ step) < 0.1 * best or iteration == REFITS - 1:
-            best = min(best, total - float(pull @ step)) if iteration else best
-            break
-        theta = theta + np.clip(step, -1.0, 1.0)
-    return ModelSeparation(plan, math.sqrt(max(best, 0.0)), distance)
-
-
-def _whitened_gap(a: Forecast, b: Forecast) -> FloatArray:
-    # The residuals have the same (made up) shapes in common.
-    frames = min(len(a.residual), len(b.residual))
-    return np.asarray((b.residual[:frames] - a.residual[:frames]).reshape(frames, -1))
-
-
-def rank_separation(
-    plans: Sequence[Plan],
-    first: Settings,
-    second: Settings,
-    noise: Noise = Noise(),
-) -> list[ModelSeparation]:
-    """Plans by their separation of two models, the best first; see `separation`.
-
-    Plans that one of the models cannot follow are left out.
-    """
-    found = []
-    for plan in plans:
-        try:
-            found.append(separation(plan, first, second, noise))
-        except SimulationError:
-            continue
-    return sorted(found, key=lambda s: -s.sigmas)
 
 
 def at_equilibrium(settings: Settings) -> Settings:

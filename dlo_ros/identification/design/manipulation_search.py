@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Search for the manipulation with the largest expected information, within a workspace.
+"""Search for the manipulation with the largest expected gain, within a workspace.
 
 A candidate is a list of poses of the held ends at a few moments: they move smoothly (minimum jerk)
 from one pose to the next and rest there. Candidates are drawn at random, and the best are varied.
@@ -10,12 +10,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
 from dlo_ros.command import CONTROL_POINT, END, START, Command
 from dlo_ros.errors import InputError, SimulationError
-from dlo_ros.identification.design.expected_information import Noise, Outlook, Plan, outlook
+from dlo_ros.identification.design.expected_information import Plan
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray, SplineBasis
 
@@ -28,7 +29,6 @@ SPACING = 0.04  # [s] of a command's points
 TAUT = 0.97  # of L: ends are held no further apart
 CLOSEST = 0.12  # of L: nor closer
 SEARCH_RATE = 10.0  # Hz of the camera while searching
-STEEPEST = 0.5  # response beyond which a manipulation is at a snap and cannot be relied on
 FIRST_SPREAD, LAST_SPREAD = 0.3, 0.04  # of the ranges, by which good candidates are varied
 ELITE = 4
 TURN = np.pi  # range of a clamp's direction to either side
@@ -236,8 +236,27 @@ def plan_of(
     return Plan(name, command, shape, workspace.duration)
 
 
+class Judged(Protocol):
+    """The expected result of a plan."""
+
+    @property
+    def plan(self) -> Plan:
+        """The plan."""
+
+    @property
+    def gain(self) -> float:
+        """What the plan is worth; the larger, the better."""
+
+    @property
+    def reliable(self) -> bool:
+        """Whether the manipulation stays away from a snap-through."""
+
+
+Result = TypeVar("Result", bound=Judged)
+
+
 @dataclass(frozen=True)
-class Found:
+class Found(Generic[Result]):
     """The best manipulation of a search.
 
     Args:
@@ -247,29 +266,30 @@ class Found:
     """
 
     candidate: ManipulationCandidate
-    outlook: Outlook
+    outlook: Result
     tried: int
 
 
 def search(
     settings: Settings,
     workspace: Workspace,
-    noise: Noise = Noise(),  # noqa: B008 - frozen
+    judge: Callable[[Plan, int | None], Result],
     *,
-    known: FloatArray | None = None,
     budget: int = 120,
     seed: int = 0,
+    finalists: int = 1,
     progress: Callable[[float], None] = lambda share: None,
-) -> Found:
-    """The manipulation with the largest expected information about (E, mu); see `outlook`.
+) -> Found[Result]:
+    """The manipulation with the largest gain.
 
     Args:
-        settings: settings of the rod with the first guess of its parameters.
+        settings: settings of the rod.
         workspace: limits of the manipulation.
-        noise: measurement noise of the observer.
-        known: see `outlook`.
+        judge: function that gives the expected result of a plan, with the knot spans of its
+            simulation, None in the end: as simulation.tolerance asks.
         budget: candidates that are simulated.
         seed: seed of the random numbers; the same seed gives the same manipulation.
+        finalists: number of the best candidates that are simulated finely, to take the best of.
         progress: function that is called with the fraction of the budget that is used.
 
     Raises:
@@ -281,35 +301,38 @@ def search(
     found: list[tuple[float, ManipulationCandidate]] = []
     tried = 0
 
-    def judge(candidate: ManipulationCandidate) -> None:
+    def attempt(candidate: ManipulationCandidate) -> None:
         nonlocal tried
         tried += 1
         progress(tried / budget)
         plan = replace(plan_of(candidate, "search", workspace, settings), rate=SEARCH_RATE)
         try:
-            seen = outlook(plan, settings, noise, known=known, spans=spans)
+            seen = judge(plan, spans)
         except (SimulationError, InputError):
             return
-        if seen.forecast.stable and seen.response < STEEPEST:
+        if seen.reliable:
             found.append((seen.gain, candidate))
 
     for k in range(budget // 3):
-        judge(draw(KINDS[k % len(KINDS)], workspace, length, rng))
+        attempt(draw(KINDS[k % len(KINDS)], workspace, length, rng))
     while tried < budget:
         if not found:
-            judge(draw(KINDS[tried % len(KINDS)], workspace, length, rng))
+            attempt(draw(KINDS[tried % len(KINDS)], workspace, length, rng))
             continue
         found.sort(key=lambda pair: -pair[0])
         parent = found[int(rng.integers(min(ELITE, len(found))))][1]
         used = (tried - budget // 3) / max(budget - budget // 3, 1)
         spread = FIRST_SPREAD * (LAST_SPREAD / FIRST_SPREAD) ** used
-        judge(varied(parent, spread, workspace, length, rng))
+        attempt(varied(parent, spread, workspace, length, rng))
+    final: list[Found[Result]] = []
     for _, candidate in sorted(found, key=lambda pair: -pair[0]):
+        if sum(f.outlook.reliable for f in final) == finalists:
+            break
         try:
-            best = outlook(
-                plan_of(candidate, "searched", workspace, settings), settings, noise, known=known
-            )
+            seen = judge(plan_of(candidate, "searched", workspace, settings), None)
         except (SimulationError, InputError):
             continue
-        return Found(candidate, best, tried)
-    raise SimulationError("no manipulation within the workspace can be simulated")
+        final.append(Found(candidate, seen, tried))
+    if not final:
+        raise SimulationError("no manipulation within the workspace can be simulated")
+    return max(final, key=lambda f: (f.outlook.reliable, f.outlook.gain))

@@ -1,0 +1,347 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Expected log evidence by which a planned manipulation separates rival explanations.
+
+Each explanation is the plain model with one effect of a given size. The plan is simulated with each
+of them; then every other one is fitted to these shapes, with E, mu, damping, the numbers of its
+effect and those of the set-up open under the priors of `diagnose`. What it cannot imitate counts
+against the observer's errors, whose variances are as unknown as in a real recording. The score of a
+plan is the least log evidence for the true explanation over a fitted one, over all pairs and both
+directions (Atkinson and Fedorov, The design of experiments for discriminating between two rival
+models, 1975; Box and Hill, Discrimination among mechanistic models, 1967).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from itertools import permutations
+
+import numpy as np
+
+from dlo_ros.effects import Quantity, Scene, Start, effects, quantities
+from dlo_ros.effects.start import Block, Value
+from dlo_ros.errors import InputError, SimulationError
+from dlo_ros.identification.design.expected_information import (
+    Noise,
+    Plan,
+    is_reliable,
+    mean_response,
+    observer_variances,
+)
+from dlo_ros.inference.forecast import Forecast, Manipulation, forecast
+from dlo_ros.inference.joint import field
+from dlo_ros.inference.measured import Recording, measured
+from dlo_ros.inference.parallel import Threads
+from dlo_ros.inference.parameter import ParametricModel, split_name
+from dlo_ros.inference.priors import cause_priors, joint_model
+from dlo_ros.inference.scene import imposed_names, scene
+from dlo_ros.inference.spectrum import Spectrum, spectrum
+from dlo_ros.inference.variances import Variances, fit_variances, posterior
+from dlo_ros.parameters import Settings, tolerance
+from dlo_ros.spline import FloatArray
+
+TOLERANCES = 3.0
+"""Size of an effect that is a small error of every set-up, in tolerances; from two on it is named
+as a cause."""
+REFITS, SEARCH_REFITS = 10, 1
+"""Simulations by which a rival is fitted at most, and while a manipulation is searched."""
+CONVERGED = 0.5
+"""Expected gain of the log posterior at which a rival's fit ends."""
+POOR = 0.5
+"""Gain over the expected one, below which derivatives are renewed."""
+MARQUARDT_DAMPING, HARDER = 1e-3, 10.0
+"""Marquardt's damping after a step that failed, and its growth with each further one."""
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """An effect of a given size, as one explanation of what the plain model misses.
+
+    Args:
+        effect: name of the effect.
+        block: values of its keys; all of them are fitted where it is the rival of another one.
+    """
+
+    effect: str
+    block: Block
+
+
+def plausible_explanation(
+    effect: str, settings: Settings, seen: Scene, block: Block | None = None
+) -> Explanation:
+    """An effect of a size that a cause may have.
+
+    The size is that of the middle one of the starts from which `diagnose` looks for it, or some
+    tolerances where it is a small error of every set-up.
+
+    Args:
+        effect: name of the effect.
+        settings: settings of the plain model.
+        seen: scene of the manipulations.
+        block: values of its keys; None: nothing says how large it is.
+
+    Raises:
+        ParameterError: there is no such effect.
+        InputError: nothing says how large it may be, or it adds to a damping that is only guessed.
+    """
+    known = quantities(effect)
+    for q in known.values():
+        if q.adds_to and q.adds_to not in seen.known:
+            raise InputError(
+                f"effects.{effect}: damping.{q.adds_to} is only a guess, which every explanation "
+                f"fits anyway; state damping.{q.adds_to}_std to compare it with other effects"
+            )
+    if block:
+        return Explanation(effect, block)
+
+    def enlarged(neutral: Block, keys: Iterable[str]) -> Block:
+        sizes = {k: _sized(known[k], neutral[k], settings, effect) for k in keys}
+        return {**neutral, **sizes}
+
+    kind = effects()[effect]
+    setup = kind.setup(seen)
+    if setup:
+        return Explanation(effect, enlarged(setup, setup))
+    starts = kind.starts(seen)
+    if not starts:
+        raise InputError(
+            f"effects.{effect}: nothing says how large it may be; state its values in the "
+            "parameter file"
+        )
+    most = max(len(s.fitted) for s in starts)
+    widest = [s for s in starts if len(s.fitted) == most]
+    start = widest[len(widest) // 2]
+    return Explanation(effect, enlarged(start.block, start.screened if start.neutral else ()))
+
+
+def _sized(q: Quantity, value: Value, settings: Settings, effect: str) -> Value:
+    """A neutral value, replaced by one that a cause may have."""
+    known = tolerance(settings, f"{effect}.{q.name}")
+    size = (
+        q.restored(q.transformed(q.neutral) + TOLERANCES * known)
+        if known
+        else q.plausible_for(settings.scale, 1.0)
+    )
+    return (size,) * len(value) if isinstance(value, tuple) else size
+
+
+@dataclass(frozen=True)
+class Discrimination:
+    """The separation of rival explanations that a plan promises.
+
+    Args:
+        plan: the plan.
+        effects: names of the effects, K of them.
+        evidence: expected log evidence for the explanation of the row, if it is the true one, over
+            that of the column, fitted instead; shape (K, K), 0 on the diagonal.
+        forecast: shapes with the true explanation of the pair that is hardest to separate.
+        imitation: control points of its rival, fitted to them [m], shape (F, n, 4).
+        reliable: whether no explanation brings the DLO near a snap-through, or folds it more
+            sharply than the simulation follows within its tolerance.
+    """
+
+    plan: Plan
+    effects: tuple[str, ...]
+    evidence: FloatArray
+    forecast: Forecast
+    imitation: FloatArray
+    reliable: bool
+
+    @property
+    def gain(self) -> float:
+        """Log evidence for the true explanation over any other; 0 of what cannot be relied on."""
+        return max(float(self.evidence[self._hardest]), 0.0) if self.reliable else 0.0
+
+    @property
+    def pair(self) -> tuple[str, str]:
+        """The true effect and its rival that are hardest to separate."""
+        true, rival = self._hardest
+        return self.effects[true], self.effects[rival]
+
+    @property
+    def _hardest(self) -> tuple[int, int]:
+        return hardest(self.evidence)
+
+
+def hardest(evidence: FloatArray) -> tuple[int, int]:
+    """Row and column of the least log evidence off the diagonal."""
+    apart = evidence + np.diag(np.full(len(evidence), np.inf))
+    true, rival = np.unravel_index(int(np.argmin(apart)), apart.shape)
+    return int(true), int(rival)
+
+
+def discriminate(
+    plan: Plan,
+    settings: Settings,
+    explanations: Sequence[Explanation],
+    noise: Noise = Noise(),  # noqa: B008 - frozen
+    *,
+    spans: int | None = None,
+    refits: int = REFITS,
+) -> Discrimination:
+    """The separation of rival explanations that a plan promises.
+
+    Args:
+        plan: the plan.
+        settings: settings of the plain model with what else is known; effects of the explanations
+            in it are left out.
+        explanations: rival explanations, two or more.
+        noise: measurement noise of the observer.
+        spans: knot spans of the simulation; default: as simulation.tolerance asks.
+        refits: simulations by which each rival is fitted at most.
+
+    Raises:
+        SimulationError: one of the explanations cannot be simulated.
+    """
+    names = {e.effect for e in explanations}
+    plain = settings.with_effects({k: v for k, v in settings.effects.items() if k not in names})
+    recording = plan.manipulation()
+    bare = forecast(recording, plain, spans=spans)
+    spans = bare.spans  # of all explanations, so that errors of the discretisation cancel
+    view = scene(plain, imposed_names([recording]), [bare.predicted[:, :, :3]])
+
+    models = [_model(e, explanations, plain, view) for e in explanations]
+    found = Threads().map(lambda m: _forecast(recording, m, spans), models)
+    seen = [_recorded(recording, f, settings) for f in found]
+    pairs = list(permutations(range(len(models)), 2))
+    fits = Threads().map(
+        lambda pair: _fitted(seen[pair[0]], models[pair[1]], found[pair[1]], noise, spans, refits),
+        pairs,
+    )
+    evidence = np.zeros((len(models), len(models)))
+    for pair, fit in zip(pairs, fits, strict=True):
+        evidence[pair] = fit.loss()
+    pair = hardest(evidence)
+    resolved = not bare.resolution_error > settings.simulation.tolerance  # NaN: not judged
+    reliable = resolved and all(is_reliable(f, mean_response(f, settings)) for f in found)
+    return Discrimination(
+        plan, tuple(e.effect for e in explanations), evidence, found[pair[0]],
+        fits[pairs.index(pair)].predicted, reliable,
+    )  # fmt: skip
+
+
+def _forecast(recording: Manipulation, model: ParametricModel, spans: int | None) -> Forecast:
+    """Forecast with derivatives by all parameters of a model."""
+    return forecast(recording, model.settings, parameters=model.names, spans=spans)
+
+
+def _model(
+    explanation: Explanation, rivals: Sequence[Explanation], plain: Settings, view: Scene
+) -> ParametricModel:
+    """The set-up within its tolerances with an explanation, without what its rivals change."""
+    compared = {(e.effect, key) for e in rivals for key in e.block}
+    model = joint_model(plain, plain, view)
+    tolerated = [p.name for p in model.parameters if p.effect]
+    model = model.without([n for n in tolerated if split_name(n)[:2] in compared])
+    start = Start(explanation.effect, explanation.block, (), tuple(explanation.block))
+    causes, _ = cause_priors(plain, start)
+    return model.extended(explanation.effect, dict(explanation.block), causes)
+
+
+def _recorded(recording: Manipulation, found: Forecast, settings: Settings) -> Recording:
+    """A forecast as if it had been observed, without noise."""
+    seen = tuple(
+        replace(o, control_points=q)
+        for o, q in zip(recording.observations, found.predicted, strict=True)
+    )
+    return measured(replace(recording, observations=seen), settings)
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """A model held against noiseless shapes.
+
+    Args:
+        model: the model with its values.
+        predicted: control points [m], shape (F, n, 4).
+        bins: normal equations.
+        variances: variances of the observer's errors.
+    """
+
+    model: ParametricModel
+    predicted: FloatArray
+    bins: Spectrum
+    variances: Variances
+
+    @property
+    def weight(self) -> FloatArray:
+        """Inverse variance of each bin."""
+        return 1.0 / self.variances.of(self.bins)
+
+    @property
+    def cost(self) -> float:
+        """Minus the log posterior of the model's values."""
+        off = self.model.precision() @ self.model.offset() ** 2
+        return 0.5 * float(self.bins.sum_of_squares @ self.weight + off)
+
+    def equations(self) -> tuple[FloatArray, FloatArray]:
+        """Matrix and right-hand side of the normal equations, prior included."""
+        precision = self.model.precision()
+        lhs = np.einsum("b,bpq->pq", self.weight, self.bins.hessian) + np.diag(precision)
+        return lhs, self.weight @ self.bins.gradient + precision * self.model.offset()
+
+    def loss(self) -> float:
+        """Log evidence that the model loses since it cannot imitate the shapes.
+
+        It is that over a model of the same freedom that is right from the beginning. The noise adds
+        its expected squares. Variances are fitted, as those of a recording are, or the observer's
+        where these are likelier: fits keep away from noise far below the largest error.
+        """
+        model, precision = self.model, self.model.precision()
+        noise = self.bins.count / self.weight
+
+        def evidence(bins: Spectrum, offset: FloatArray) -> float:
+            seen, known = (bins,), (self.variances,)
+            _, fitted = fit_variances(seen, offset, precision, model.settings.rod.length, known)
+            return max(fitted.evidence, posterior(seen, known, offset, precision).evidence)
+
+        right = replace(self.bins, sum_of_squares=noise, gradient=0.0 * self.bins.gradient)
+        wrong = replace(self.bins, sum_of_squares=self.bins.sum_of_squares + noise)
+        offset = model.offset()
+        return evidence(right, 0.0 * offset) - evidence(wrong, offset)
+
+
+def _fitted(
+    seen: Recording, model: ParametricModel, begin: Forecast, noise: Noise, spans: int | None,
+    refits: int,
+) -> _Fit:  # fmt: skip
+    """The fit of a model to noiseless shapes (Levenberg-Marquardt).
+
+    Args:
+        seen: the shapes.
+        model: the model where the fit begins.
+        begin: its forecast there, with derivatives.
+        noise: measurement noise of the observer.
+        spans, refits: see `discriminate`.
+    """
+    n, derived, damping = model.settings.rod.control_points, begin, 0.0
+
+    def held(there: ParametricModel, predicted: FloatArray) -> _Fit:
+        residual, jacobian = field(seen, predicted, derived.sensitivity, there.chain())
+        bins = spectrum(residual, jacobian, n)
+        variances = observer_variances(there.settings, noise, bins.parts)
+        return _Fit(there, predicted, bins, variances)
+
+    best, fresh = held(model, begin.predicted), True
+    for _ in range(refits):
+        lhs, rhs = best.equations()
+        step = np.linalg.solve(lhs + damping * np.diag(np.diag(lhs)), rhs)
+        expected = float(step @ rhs) - 0.5 * float(step @ lhs @ step)
+        if expected < CONVERGED:
+            break
+        there = best.model.at(best.model.theta() + step)
+        try:
+            shapes = forecast(seen.manipulation, there.settings, spans=spans).predicted
+            tried = held(there, shapes)
+            gain = best.cost - tried.cost
+        except SimulationError:
+            gain = -np.inf
+        if gain > 0.0:
+            best, damping = tried, damping / HARDER
+        elif fresh:
+            damping = max(HARDER * damping, MARQUARDT_DAMPING)
+        fresh = fresh and gain <= 0.0
+        if gain < POOR * expected and not fresh:
+            derived, fresh = _forecast(seen.manipulation, best.model, spans), True
+            best = held(best.model, best.predicted)
+    return best
