@@ -171,6 +171,8 @@ def terminal_logging(choice: LogChoice) -> Iterator[None]:
         InputError: see `package_logging`.
     """
     logging.basicConfig(level=logging.WARNING)
+    # A font that is missing is replaced; a user need not do anything about it.
+    logging.getLogger("matplotlib.font_manager").setLevel(logging.ERROR)
     root, terminal = logging.getLogger(), Terminal(choice.shown)
     for handler in root.handlers:
         if type(handler) is logging.StreamHandler:

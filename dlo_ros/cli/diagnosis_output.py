@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from dlo_ros.cli.diagnosis_story import extends, story
-from dlo_ros.cli.diagnosis_words import mm, title
+from dlo_ros.cli.diagnosis_words import mm, rows, title
 from dlo_ros.cli.results import QUANTITIES
-from dlo_ros.diagnosis import Diagnosis, Fitted, NamedEffect
+from dlo_ros.diagnosis import Diagnosis, Fitted
 from dlo_ros.diagnosis.residuals.relations import sentences
 from dlo_ros.effects import effects
 from dlo_ros.files import write_text
@@ -179,28 +179,14 @@ def _setup_table(lines: Sequence[SetupRow]) -> list[str]:
     """A line for each number that is notably off, and the count of the others."""
     notable = [line for line in lines if line.notable]
     rest = len(lines) - len(notable)
-    rows = [("what", "off by", "tolerance")] if notable else []
-    rows += [(line.name, line.off, line.tolerance) for line in notable]
-    widths = [max(len(row[k]) for row in rows) for k in range(2)] if rows else []
-    table = [f"{a:<{widths[0]}}  {b:<{widths[1]}}  {c}" for a, b, c in rows]
+    cells = [("what", "off by", "tolerance")] if notable else []
+    cells += [(line.name, line.off, line.tolerance) for line in notable]
+    widths = [max(len(row[k]) for row in cells) for k in range(2)] if cells else []
+    table = [f"{a:<{widths[0]}}  {b:<{widths[1]}}  {c}" for a, b, c in cells]
     if rest:
         more = f"{rest} other numbers are" if notable else f"All {rest} numbers are"
         table.append(f"{more} as they should be, as far as these data determine.")
     return table
-
-
-def _parameters(effect: NamedEffect) -> list[FoundParameter]:
-    """One row for each number; several values along u are counted from its start."""
-    rows = []
-    for key, n in effect.parameters.items():
-        if not isinstance(n.value, tuple):
-            assert n.std is None or isinstance(n.std, float)
-            rows.append(FoundParameter(key, n.value, n.std, n.unit))
-            continue
-        stds = n.std if isinstance(n.std, tuple) else (None,) * len(n.value)
-        for k, (value, std) in enumerate(zip(n.value, stds, strict=True)):
-            rows.append(FoundParameter(f"{key} {k + 1} of {len(n.value)}", value, std, n.unit))
-    return rows
 
 
 def report(found: Diagnosis, settings: Settings, loads: Sequence[LoadRow] = ()) -> DiagnosisReport:
@@ -210,9 +196,8 @@ def report(found: Diagnosis, settings: Settings, loads: Sequence[LoadRow] = ()) 
     remarks = list(found.remarks)
     if found.simulation_error is not None:
         remarks.append(f"The simulation's own error is {mm(found.simulation_error)} at most.")
-    advice = found.advice
-    if any(e.rivals for e in found.effects):
-        advice += f" Beside this page: {' '.join(separating(Path(), Path(DESIGN)))}"
+    rivals = any(e.rivals for e in found.effects)
+    command = " ".join(separating(Path(), Path(DESIGN))) if rivals else ""
     return DiagnosisReport(
         text.headline,
         text.answers,
@@ -220,7 +205,8 @@ def report(found: Diagnosis, settings: Settings, loads: Sequence[LoadRow] = ()) 
         extends(found),
         tuple(
             FoundEffect(
-                f"{title(e.name)} ({e.name})", _meaning(e.name), tuple(_parameters(e)),
+                f"{title(e.name)} ({e.name})", _meaning(e.name),
+                tuple(FoundParameter(*row) for row in rows(e, length)),
                 tuple(map(title, e.rivals)),
             )
             for e in found.effects
@@ -240,7 +226,7 @@ def report(found: Diagnosis, settings: Settings, loads: Sequence[LoadRow] = ()) 
             for v in found.views
         ),
         found.noise_floor,
-        advice,
+        found.advice,
         tuple(remarks),
         tuple(
             ResidualRelations(
@@ -261,10 +247,12 @@ def report(found: Diagnosis, settings: Settings, loads: Sequence[LoadRow] = ()) 
         tuple(SearchStep(t.step, t.name, t.gain, t.err, t.outcome) for t in found.trace),
         tuple(loads),
         settings.camera_positions,
+        command,
     )  # fmt: skip
 
 
 def _meaning(name: str) -> str:
-    """The effect's own description."""
+    """The first two paragraphs of the effect's own description; what follows is for programmers."""
     known = effects().get(name)
-    return " ".join((inspect.getdoc(known) or "").replace("`", "").split()) if known else ""
+    paragraphs = (inspect.getdoc(known) or "").split("\n\n") if known else []
+    return " ".join(" ".join(paragraphs[:2]).replace("`", "").split())

@@ -39,10 +39,18 @@ RIVALS_NAMED = 2
 COUNTS = {2: "two", 3: "three", 4: "four", 5: "five", 6: "six"}
 UNEVEN_ERROR = 1.3
 """Error at the worst over its mean, from which the place and the time are stated."""
+LEAST_PICTURES = 20
+"""Pictures of which nine of ten are a statement: fewer have no 5 % that lie outside."""
 STATIONS = 41
 """Places along the DLO at which the error is looked at."""
 NEAR_END, NEAR_MIDDLE = 0.15, 0.1
 """Shares of the length within which a place is near an end, or near the middle."""
+
+
+OVERLAP = (
+    "Each share is what comes back where that cause alone is left out; causes overlap, so the "
+    "shares need not add up to 100 %."
+)
 
 
 @dataclass(frozen=True)
@@ -89,7 +97,8 @@ def extends(found: Diagnosis) -> bool:
 def headline(found: Diagnosis) -> str:
     """The result in a sentence."""
     err = _error(found)
-    causes = enumerated([_short(e) for e in found.effects])
+    order = sorted(found.effects, key=lambda e: -(e.share or 0.0))
+    causes = enumerated([_short(e) for e in order])
     off = "The simulation is off" if err is None else f"The simulation is {mm(err)} off"
     if found.verdict == "adequate":
         if _immaterial(found):
@@ -133,9 +142,10 @@ def _how_wrong(found: Diagnosis, length: float) -> tuple[str, ...]:
         where = "the data that it was fitted to"
     sentences = [
         f"With the best Young's modulus and density it is {mm(err)} off on average "
-        f"({number(100.0 * err / length, digits=2)} % of the length), on {where}{_spread(found)}."
+        f"({number(100.0 * err / length, digits=2)} % of the length), on {where}."
     ]
-    sentences += _places(found.views, length)
+    if not _immaterial(found):  # where an error is that does not matter does not matter either
+        sentences += [*_spread(found), *_places(found.views, length)]
     if found.noise_floor is not None:
         words = f"The measurement itself is about {mm(found.noise_floor)} off"
         if found.material_err is not None:
@@ -144,16 +154,20 @@ def _how_wrong(found: Diagnosis, length: float) -> tuple[str, ...]:
     return tuple(sentences)
 
 
-def _spread(found: Diagnosis) -> str:
-    """Range of the error in most pictures, all recordings counting the same, as in the mean."""
-    if not found.views:
-        return ""
+def _spread(found: Diagnosis) -> list[str]:
+    """Sentence on the error in most pictures, all recordings counting the same, as in the mean."""
     errors = [v.err_before for v in found.views]
+    if sum(map(len, errors)) < LEAST_PICTURES:
+        return []
     weights = np.concatenate([np.full(len(e), 1.0 / (len(e) * len(errors))) for e in errors])
     low, high = weighted_quantiles(np.concatenate(errors), weights, (0.05, 0.95))
     if high < UNEVEN_ERROR * low:
-        return ""
-    return f", and between {mm(float(low))} and {mm(float(high))} in nine of ten pictures"
+        return []
+    where = "all recordings" if len(errors) > 1 else "the whole recording"
+    return [
+        f"In nine of ten pictures of {where} it is between {mm(float(low))} and {mm(float(high))} "
+        "off."
+    ]
 
 
 def _places(views: Sequence[RecordingView], length: float) -> list[str]:
@@ -166,7 +180,7 @@ def _places(views: Sequence[RecordingView], length: float) -> list[str]:
     sentences = []
     if along[k] > UNEVEN_ERROR * along.mean():
         sentences.append(
-            f"It is most wrong {_place(u[k] / length)} (at {1e3 * u[k]:.0f} of "
+            f"Along the DLO it is most wrong {_place(u[k] / length)} (at {1e3 * u[k]:.0f} of "
             f"{1e3 * length:.0f} mm from the start), by {mm(float(along[k]))}."
         )
     else:
@@ -178,7 +192,10 @@ def _places(views: Sequence[RecordingView], length: float) -> list[str]:
         at = [f"in {worst.name}"] if len(views) > 1 else []
         if worst.err_before[frame] > UNEVEN_ERROR * worst.err_before.mean():
             at.append(f"{worst.times[frame]:.1f} s after the beginning")
-        sentences.append(f"It is worst {', '.join(at)}: {mm(float(worst.err_before[frame]))}.")
+        sentences.append(
+            f"It is worst {', '.join(at)}: by {mm(float(worst.err_before[frame]))} on average "
+            "along the DLO."
+        )
     return sentences
 
 
@@ -202,7 +219,11 @@ def _place(share: float) -> str:
 
 
 def _why(found: Diagnosis) -> tuple[str, ...]:
-    sentences = [_cause(e) for e in found.effects]
+    length = found.extended.settings.rod.length
+    order = sorted(found.effects, key=lambda e: -(e.share or 0.0))
+    sentences = [_cause(e, length) for e in order]
+    if sum(e.share is not None for e in order) > 1:
+        sentences.append(OVERLAP)
     if found.verdict == "adequate":
         if found.setup and extends(found):
             labels = _labels(found)
@@ -246,9 +267,9 @@ def _left(found: Diagnosis) -> str:
     return mm(found.extended.err_holdout)
 
 
-def _cause(effect: NamedEffect) -> str:
+def _cause(effect: NamedEffect, length: float) -> str:
     own = clause(effect.name)
-    numbers = f" ({values(effect)})" if effect.parameters else ""
+    numbers = f" ({values(effect, length)})" if effect.parameters else ""
     if effect.rivals:
         things = 1 + len(effect.rivals)
         count = COUNTS.get(things, str(things))
@@ -291,10 +312,12 @@ def _gain(found: Diagnosis, file: str) -> tuple[str, ...]:
         sentences.append(f"On data that were not used: {change}.")
         if found.material_err is not None and after > found.material_err:
             matters = f"the {mm(found.material_err)} that do not matter"
-            if found.verdict == "unexplained":
-                sentences.append(f"That is still more than {matters}.")
-            else:
-                sentences.append(f"Fitted to these data too, the model comes within {matters}.")
+            fits = (
+                ""
+                if found.verdict == "unexplained"
+                else ", but once it is fitted to these data too the model comes within them"
+            )
+            sentences.append(f"That is still more than {matters}{fits}.")
     what = "all of that" if found.effects else "the set-up as fitted"
     sentences.append(f"{load}: it holds {what}, and E/mu = {known}.")
     return tuple(sentences)

@@ -97,12 +97,62 @@ def _quantity(effect: str, key: str) -> Quantity | None:
         return None
 
 
-def values(effect: NamedEffect) -> str:
-    """All numbers of an effect in one phrase."""
-    return ", ".join(_value(effect.name, key, n) for key, n in effect.parameters.items())
+def values(effect: NamedEffect, length: float) -> str:
+    """All numbers of an effect in one phrase.
+
+    Args:
+        length: length of the DLO [m].
+    """
+    return ", ".join(_value(effect.name, key, n, length) for key, n in effect.parameters.items())
 
 
-def _value(effect: str, key: str, n: Number) -> str:
+def rows(effect: NamedEffect, length: float) -> list[tuple[str, str, str]]:
+    """Name, value and meaning of each number of an effect; a vector has one for each component.
+
+    Args:
+        length: length of the DLO [m].
+    """
+    table = []
+    for key, n in effect.parameters.items():
+        q = _quantity(effect.name, key)
+        meaning = q.description if q else ""
+        several = isinstance(n.value, tuple)
+        found = n.value if isinstance(n.value, tuple) else (n.value,)
+        stds = n.std if isinstance(n.std, tuple) else (n.std,) * len(found)
+        for k, (value, std) in enumerate(zip(found, stds, strict=True)):
+            name = f"{key}, {_component(q, k, len(found))}" if several else key
+            table.append((name, _known(value, std, n.unit, q, length), meaning))
+    return table
+
+
+def is_determined(value: float, std: float | None, q: Quantity | None, length: float) -> bool:
+    """Whether the data determine a number at all.
+
+    A place is not determined where it is spread as far as anywhere along the DLO. A number that
+    means nothing by being zero, such as a radius or a ratio, is not where it is as uncertain as it
+    is large.
+
+    Args:
+        length: length of the DLO [m].
+    """
+    if q is None or std is None or not math.isfinite(std):
+        return True
+    if q.role in ("place", "point"):
+        return q.unit != "m" or std < length / math.sqrt(12.0)  # of what lies anywhere on it
+    return (q.neutral == 0.0 and q.role != "extent") or std < abs(value)
+
+
+def _known(value: float, std: float | None, unit: str, q: Quantity | None, length: float) -> str:
+    """A number with its standard deviation, or the statement that the data do not determine it."""
+    percentage = q is not None and q.role == "size" and not unit
+    factor, shown = (100.0, "%") if percentage else (1.0, unit)
+    if not is_determined(value, std, q, length):
+        scale, readable = _units(value, shown)
+        return f"not determined ({number(scale * factor * value, readable, 2)} in the file)"
+    return amount(factor * value, None if std is None else factor * std, shown)
+
+
+def _value(effect: str, key: str, n: Number, length: float) -> str:
     words = key.replace("_", " ")
     q = _quantity(effect, key)
     if q is not None and q.role == "place":
@@ -111,10 +161,7 @@ def _value(effect: str, key: str, n: Number) -> str:
         words = f"at the {key}"
     if not isinstance(n.value, tuple):
         assert n.std is None or isinstance(n.std, float)
-        if q is not None and q.role == "size" and not n.unit:
-            std = None if n.std is None else 100.0 * n.std
-            return f"{words} {amount(100.0 * n.value, std, '%')}"
-        return f"{words} {amount(n.value, n.std, n.unit)}"
+        return f"{words} {_known(n.value, n.std, n.unit, q, length)}"
     stds = n.std if isinstance(n.std, tuple) else (None,) * len(n.value)
     if q is not None and q.counts:
         parts = [

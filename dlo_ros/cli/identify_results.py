@@ -26,7 +26,7 @@ from dlo_ros.report import (
     RecordingRow,
     ShapeFrame,
 )
-from dlo_ros.report.elements import measured, number
+from dlo_ros.report.elements import measured, millimetres, number
 from dlo_ros.report.shape_player import MOST_FRAMES
 from dlo_ros.report.uncertainty import Ellipse, ResidualMap
 from dlo_ros.rod.sensitivity_parameters import MATERIAL
@@ -139,6 +139,17 @@ def summary(found: Identification) -> list[str]:
     return lines + force_sentences(found)
 
 
+def _headline(found: Identification) -> str:
+    """The result in a line: E/mu, and how far off the simulation is with it."""
+    line = summary(found)[len(QUANTITIES) - 1] + "."
+    unused = [r for r in found.recordings if r.role == "validate"]
+    errors = [r.err for r in unused or found.recordings if r.err is not None]
+    if not errors:
+        return line
+    where = "recordings that were not used" if unused else "the recordings that it was fitted to"
+    return f"{line} The simulation is {millimetres(sum(errors) / len(errors), 2)} off on {where}."
+
+
 def _unit(name: str) -> str:
     """Unit of a number of the set-up."""
     effect, key, _ = split_name(name)
@@ -226,7 +237,7 @@ def report(
     initial = before or [None] * len(recordings)
     return IdentificationReport(
         title="Identification from recordings",
-        headline=summary(found)[2],
+        headline=_headline(found),
         estimates=tuple(
             ReportedEstimate(
                 words,
@@ -249,6 +260,7 @@ def report(
         ellipses=tuple(_ellipses(found)),
         loads=borne(recordings, estimate.settings),
         cameras=settings.camera_positions,
+        explained=True,
     )  # fmt: skip
 
 

@@ -100,6 +100,10 @@ class OutputMonitor(Node):
 
     def _spline(self, topic: str, message: Any) -> None:
         kept = self.received.observed if topic == topics.OBSERVED else self.received.predicted
+        if topic == topics.PREDICTED and not kept:
+            # What was amiss while nothing had been played yet is over, or is reported again.
+            self.received.warnings.clear()
+            self._kinds.clear()
         try:
             kept[stamp_of(message)] = read_spline(message, self._settings, topic)
         except InputError as err:

@@ -5,6 +5,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from dlo_ros.report.diagnosis_content import (
     ROLES,
     DiagnosedRecording,
@@ -14,6 +16,7 @@ from dlo_ros.report.diagnosis_content import (
     ResidualRelations,
 )
 from dlo_ros.report.elements import (
+    command,
     figure,
     markup,
     measured,
@@ -21,12 +24,13 @@ from dlo_ros.report.elements import (
     paragraph,
     table,
 )  # fmt: skip
-from dlo_ros.report.force import FORCE_CAPTION, force_arrows, force_maps
+from dlo_ros.report.force import FORCE_CAPTION, across, force_arrows, force_maps
 from dlo_ros.report.loads import loads_table
 from dlo_ros.report.maps import field_maps
 from dlo_ros.report.page import Section, page, write_page
 from dlo_ros.report.plots import LinePlot, ReferenceLine, Series, line_plot
 from dlo_ros.report.shape_player import ShapeFrame, player
+from dlo_ros.spline import FloatArray
 
 PREDICTS = (
     "Predicts: share of the residual, without noise and slow drifts, that a function of the input "
@@ -35,7 +39,9 @@ PREDICTS = (
     "a recording is left out, since all slow drifts are correlated."
 )
 
-
+MODELS = {"observed": "observed", "predicted": "extended model", "initial": "plain model"}
+"""Names of the curves; one that is not extended is the plain model itself."""
+PLAIN_ONLY = {**MODELS, "predicted": "plain model"}
 CERTAIN = (
     "A cause is certain where every model without it explains the data far worse, and where its "
     "size is many standard deviations from zero. Of causes that explain the data equally well, one "
@@ -62,7 +68,10 @@ def diagnosis_page(report: DiagnosisReport) -> str:
     if report.setup:
         sections.append(Section("Your set-up, as far as the data determine it", _setup(report)))
     sections.append(Section("Material", _material(report)))
-    sections.append(Section("What to record next", paragraph(report.advice)))
+    advice = paragraph(report.advice)
+    if report.command:
+        advice += paragraph("In the folder of this page:") + command(report.command)
+    sections.append(Section("What to record next", advice))
     if report.remarks:
         sections.append(Section("Remarks", "".join(map(paragraph, report.remarks))))
     if report.loads:
@@ -104,46 +113,54 @@ def _picture(k: int, r: DiagnosedRecording, report: DiagnosisReport) -> str:
     """Shapes, error over time, and maps of one recording."""
     parts = [f"<h3>{markup(f'{r.name} ({ROLES.get(r.role, r.role)})')}</h3>"]
     drawn, legend = None, ""
-    if report.verdict != "adequate":
-        drawn, legend = force_arrows(r.observed, r.length, r.u, r.force, r.force_std)
+    force = std = None
+    if report.verdict != "adequate" and r.force is not None and r.force_std is not None:
+        force, std = across(r.observed, r.length, r.u, r.force, r.force_std)
+        drawn, legend = force_arrows(r.observed, r.length, r.u, force, std)
     frames = [
         ShapeFrame(
             float(r.times[f]), r.observed[f], r.after[f],
             r.before[f] if report.extends else None, float(r.err_after[f]),
             arrows=drawn.sure[f] if drawn else None, faint=drawn.faint[f] if drawn else None,
+            err_initial=float(r.err_before[f]) if report.extends else None,
         )
         for f in range(len(r.times))
     ]  # fmt: skip
-    caption = "Move the slider: the observed DLO, and the one predicted"
-    caption += (
-        " with the extended model, and (dotted) with the plain one." if report.extends else "."
-    )
+    names = MODELS if report.extends else PLAIN_ONLY
+    worst = float(r.times[int(np.argmax(r.err_before))])
+    caption = "The DLO as observed and as simulated."
+    if len(r.times) > 1:
+        caption += (
+            " At first the instant is shown at which the plain model is most wrong; move the "
+            "slider to see the others."
+        )
+    caption += " ERR is the mean distance from the observed shape."
     if any(f.arrows is not None for f in frames):
         caption += FORCE_CAPTION
-    parts.append(figure(player(frames, r.length, legend, report.cameras), caption))
+    shown = player(frames, r.length, legend, report.cameras, names, worst)
+    parts.append(figure(shown, caption))
     parts += _at_rest(k, r, report) if len(r.times) < 2 else _over_time(k, r, report)
-    if report.verdict != "adequate":
-        parts.append(force_maps(r.times, r.u, r.force, r.force_std))
+    parts.append(force_maps(r.times, r.u, force, std))
     return "".join(parts)
 
 
 def _over_time(k: int, r: DiagnosedRecording, report: DiagnosisReport) -> list[str]:
     """ERR over time, and where along the DLO it comes from."""
-    series = [Series("plain model", "predicted", r.times, 1e3 * r.err_before, dashed=True)]
-    if report.extends:
-        series.append(Series("extended model", "observed", r.times, 1e3 * r.err_after))
+    series = _series(r.times, 1e3 * r.err_before, 1e3 * r.err_after, report)
     levels: tuple[ReferenceLine, ...] = ()
     if report.noise_floor is not None:
         levels = (ReferenceLine("the measurement itself", "true", 1e3 * report.noise_floor),)
-    plot = LinePlot(f"err{k}", "time [s]", "ERR [mm]", tuple(series), levels)
+    plot = LinePlot(f"err{k}", "time [s]", "ERR [mm]", series, levels)
     titles = ["plain model", "extended model"][: 2 if report.extends else 1]
     fields = [1e3 * f for f in (r.field_before, r.field_after)][: len(titles)]
     return [
         figure(line_plot(plot), "ERR: mean distance between the two shapes over time."),
         figure(
             field_maps(titles, r.times, r.u, fields, "distance [mm]"),
-            "Observed minus predicted shape across the DLO, along it (u counts from the start) and "
-            "over time. Noise looks grainy; an area of one colour is an error of the model.",
+            "Distance of the observed shape from the predicted one across the DLO, along it (u "
+            "counts from the start) and over time; red where it lies to the left of growing u, "
+            "blue to the right. Noise looks grainy; an area of one colour is an error of the "
+            "model.",
         ),
     ]
 
@@ -151,16 +168,25 @@ def _over_time(k: int, r: DiagnosedRecording, report: DiagnosisReport) -> list[s
 def _at_rest(k: int, r: DiagnosedRecording, report: DiagnosisReport) -> list[str]:
     """Distance of a single shape along the DLO."""
     u = 1e3 * r.u
-    series = [Series("plain model", "predicted", u, 1e3 * r.field_before[0], dashed=True)]
-    if report.extends:
-        series.append(Series("extended model", "observed", u, 1e3 * r.field_after[0]))
-    plot = LinePlot(f"err{k}", "u along the DLO [mm]", "distance [mm]", tuple(series))
+    series = _series(u, 1e3 * r.field_before[0], 1e3 * r.field_after[0], report)
+    plot = LinePlot(f"err{k}", "u along the DLO [mm]", "distance [mm]", series)
     return [
         figure(
             line_plot(plot),
-            "Observed minus predicted shape across the DLO; u counts from the start.",
+            "Distance of the observed shape from the predicted one across the DLO, positive to the "
+            "left of growing u; u counts from the start.",
         )
     ]
+
+
+def _series(
+    x: FloatArray, before: FloatArray, after: FloatArray, report: DiagnosisReport
+) -> tuple[Series, ...]:
+    """Curves of both models in the colours of their shapes."""
+    if not report.extends:
+        return (Series("plain model", "predicted", x, before),)
+    plain = Series("plain model", "other", x, before, dashed=True)
+    return plain, Series("extended model", "predicted", x, after)
 
 
 def _relations(related: ResidualRelations) -> str:
@@ -188,7 +214,7 @@ def _verdict(related: RelatedInput) -> str:
 
 
 def _cause(effect: FoundEffect) -> str:
-    rows = [[p.name, measured(p.value, p.std, p.unit)] for p in effect.parameters]
+    rows = [[p.name, p.shown, p.meaning] for p in effect.parameters]
     text = paragraph(effect.meaning) if effect.meaning else ""
     rivals = (
         paragraph(
@@ -198,7 +224,7 @@ def _cause(effect: FoundEffect) -> str:
         else ""
     )
     heading = f"<h3>{markup(effect.name)}</h3>"
-    return heading + text + table(["parameter", "value +- std"], rows) + rivals
+    return heading + text + table(["parameter", "value +- std", "meaning"], rows, 2) + rivals
 
 
 def _ranking(report: DiagnosisReport) -> str:

@@ -14,12 +14,17 @@ ROLES = {"train": "used for the fit", "holdout": "not used for the fit, all or p
 
 @dataclass(frozen=True)
 class FoundParameter:
-    """A number of an effect; std None where unknown."""
+    """A number of an effect.
+
+    Args:
+        name: name of the number.
+        shown: value with its standard deviation, in words.
+        meaning: meaning of the number, in a few words.
+    """
 
     name: str
-    value: float
-    std: float | None
-    unit: str
+    shown: str
+    meaning: str
 
 
 @dataclass(frozen=True)
@@ -164,6 +169,7 @@ class DiagnosisReport:
         questions: questions that a person asks first, with their answers.
         extends: whether the extended model is another than the plain one.
         loads: loads on the DLO in the recordings, by the extended model.
+        command: command that looks for the recording that is advised; empty: there is none.
         cameras: positions [m] of the cameras that have names, which the view in space shows.
     """
 
@@ -183,3 +189,4 @@ class DiagnosisReport:
     trace: tuple[SearchStep, ...] = ()
     loads: tuple[LoadRow, ...] = ()
     cameras: Mapping[str, FloatArray] = field(default_factory=dict)
+    command: str = ""

@@ -4,19 +4,28 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from html import escape
 
 UNKNOWN = "\N{EM DASH}"
+WRAPPED = ' class="text"'
 
 SIGNS = {"+-": "\N{PLUS-MINUS SIGN}", "^2": "\N{SUPERSCRIPT TWO}", "^3": "\N{SUPERSCRIPT THREE}"}
 
 
+POWER = re.compile(r"(?<=[\d)])e([+-]\d{2,3})(?!\w)")
+RAISED = str.maketrans(
+    "-0123456789",
+    "\N{SUPERSCRIPT MINUS}\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079",
+)
+
+
 def typeset(text: str) -> str:
-    """Text as terminals show it (+-, m^2) with the signs of print."""
+    """Text as terminals show it (+-, m^2, 2.1e+07) with the signs of print."""
     for plain, sign in SIGNS.items():
         text = text.replace(plain, sign)
-    return text
+    return POWER.sub(lambda m: f"\N{MULTIPLICATION SIGN}10{str(int(m[1])).translate(RAISED)}", text)
 
 
 def markup(text: str) -> str:
@@ -29,17 +38,31 @@ def paragraph(text: str) -> str:
     return f"<p>{markup(text)}</p>"
 
 
+def command(text: str) -> str:
+    """A command for the terminal, as it has to be typed."""
+    return f"<pre><code>{escape(text)}</code></pre>"
+
+
 def figure(content: str, caption: str) -> str:
     """A picture (HTML or SVG) with its caption (plain text)."""
     return f"<figure>{content}<figcaption>{markup(caption)}</figcaption></figure>"
 
 
-def table(headers: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table of plain text; the first column names the row."""
+def table(headers: Sequence[str], rows: Sequence[Sequence[str]], wrapped: int = 0) -> str:
+    """A table of plain text; the first column names the row.
+
+    Args:
+        headers: heads of the columns.
+        rows: cells of each row.
+        wrapped: column of sentences, which may take several lines; 0: there is none.
+    """
     head = "".join(f'<th scope="col">{markup(h)}</th>' for h in headers)
     body = []
     for first, *others in rows:
-        cells = "".join(f"<td>{markup(cell)}</td>" for cell in others)
+        cells = "".join(
+            f"<td{WRAPPED if k == wrapped else ''}>{markup(cell)}</td>"
+            for k, cell in enumerate(others, 1)
+        )
         body.append(f'<tr><th scope="row">{markup(first)}</th>{cells}</tr>')
     return (
         f'<div class="scroll"><table><thead><tr>{head}</tr></thead>'
@@ -68,15 +91,15 @@ def measured(
     if value is None or not math.isfinite(value):
         return UNKNOWN
     if std is None or not math.isfinite(std) or std <= 0.0:
-        return f"{number(value)} +- {UNKNOWN} {unit}".rstrip()
+        return f"{number(value, unit)} (std unknown)"
     place = math.floor(math.log10(std)) - 1
     if sparing and std >= 1.95 * 10.0 ** (place + 1):
         place += 1
     exponent = math.floor(math.log10(abs(value))) if value else 0
     if -3 <= exponent < 5 and place <= 0:
-        return f"{value:.{-place}f} +- {std:.{-place}f} {unit}".rstrip()
+        return f"{_fixed(value, -place)} +- {std:.{-place}f} {unit}".rstrip()
     if -3 <= exponent < 5 and std < 1e5:
-        return f"{round(value, -place):.0f} +- {round(std, -place):.0f} {unit}".rstrip()
+        return f"{_fixed(round(value, -place), 0)} +- {round(std, -place):.0f} {unit}".rstrip()
     # One power of ten for both, so that the eye can compare them.
     shown = min(max(exponent - place, 0), 6)
     scale = 10.0**exponent
@@ -86,6 +109,11 @@ def measured(
 def millimetres(metres: float | None, digits: int = 3) -> str:
     """A length given in metres, shown in millimetres."""
     return number(None if metres is None else metres * 1e3, "mm", digits)
+
+
+def _fixed(value: float, places: int) -> str:
+    """A number with a fixed count of decimals, never minus zero."""
+    return f"{round(value, places) + 0.0:.{places}f}"
 
 
 def _plain(value: float, digits: int) -> str:

@@ -18,8 +18,8 @@ STATIONS = 16
 LONGEST = 0.2
 """Length of the longest arrow, of the DLO's."""
 FORCE_CAPTION = (
-    " Arrows: the missing force, the load per length that would bring the plain model onto the "
-    "measurement; faint where it is less than two standard deviations."
+    " Arrows: the missing force, the load per length across the DLO that would bring the plain "
+    "model onto the measurement; faint where it is less than two standard deviations."
 )
 
 
@@ -29,6 +29,28 @@ class Arrows:
 
     sure: tuple[FloatArray, ...]
     faint: tuple[FloatArray, ...]
+
+
+def across(
+    observed: FloatArray, length: float, u: FloatArray, force: FloatArray, std: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """The part of a force that stands across the DLO, with its standard deviation.
+
+    A DLO hardly stretches, so that its shape says next to nothing of a force along it: what was
+    computed there is as large as the stretching stiffness that was assumed.
+
+    Args:
+        observed: control points [m], shape (F, n, 3 or 4).
+        length: L [m].
+        u: [m], shape (U,).
+        force, std: x, y, z [N/m], shape (F, U, 3).
+    """
+    basis = SplineBasis(observed.shape[1], length)
+    tangents = basis.matrix(u, 1) @ observed[:, :, :3]
+    tangents /= np.maximum(np.linalg.norm(tangents, axis=2, keepdims=True), 1e-300)
+    parts = np.eye(3) - tangents[..., :, None] * tangents[..., None, :]  # (F, U, 3, 3)
+    left = np.einsum("fuij,fuj->fui", parts, force)
+    return left, np.sqrt(np.einsum("fuij,fuj->fui", parts**2, std**2))
 
 
 def force_maps(
@@ -54,9 +76,9 @@ def force_maps(
             [titles[k] for k in axes], times, u, [shown[..., k] for k in axes],
             "missing force [N/m]",
         ),
-        "The load per length that would bring the plain model onto the measurement (a linear beam "
-        "about the predicted shape). White where it is less than two standard deviations; these "
-        f"are {number(float(np.median(inner)), digits=2)} N/m in the middle.",
+        "The load per length across the DLO that would bring the plain model onto the measurement "
+        "(a linear beam about the predicted shape). White where it is less than two standard "
+        f"deviations; these are {number(float(np.median(inner)), digits=2)} N/m in the middle.",
     )  # fmt: skip
 
 

@@ -27,6 +27,9 @@ from dlo_ros.report.shape_player import ShapeFrame, player
 from dlo_ros.report.uncertainty import Ellipse, ResidualMap, ellipse_picture, residual_picture
 from dlo_ros.spline import FloatArray
 
+ROLES = {"train": "used for the fit", "validate": "not used for the fit"}
+"""Roles of a recording in words."""
+
 
 @dataclass(frozen=True)
 class EstimateRow:
@@ -106,6 +109,7 @@ class IdentificationReport:
         remarks: sentences for the reader, such as on what the data do not determine.
         ellipses: pairs of parameters and their common uncertainty; may be empty.
         loads: loads on the DLO in the recordings; may be empty.
+        explained: whether the remarks already say what the data do not determine.
         cameras: positions [m] of the cameras that have names, which the view in space shows.
     """
 
@@ -120,6 +124,7 @@ class IdentificationReport:
     ellipses: tuple[Ellipse, ...] = ()
     loads: tuple[LoadRow, ...] = ()
     cameras: Mapping[str, FloatArray] = field(default_factory=dict)
+    explained: bool = False
 
 
 def write_identification_report(path: Path | str, report: IdentificationReport) -> None:
@@ -174,7 +179,7 @@ def _estimates(report: IdentificationReport) -> str:
 def _plain_words(report: IdentificationReport) -> list[str]:
     """Meaning of the flags, in a sentence."""
     weak = [e.name for e in report.estimates if e.identifiable is False]
-    if not weak:
+    if not weak or report.explained:
         return []
     verb = "is" if len(weak) == 1 else "are"
     return [
@@ -197,12 +202,22 @@ def _error(estimate: EstimateRow) -> str:
 def _shapes(recording: RecordingRow, several: bool, cameras: Mapping[str, FloatArray]) -> str:
     if not any(f.observed is not None or f.predicted is not None for f in recording.frames):
         return ""
-    heading = f"<h3>{markup(f'{recording.name} ({recording.role})')}</h3>" if several else ""
-    caption = (
-        "Move the slider through the recording. Observed: the spline that was fitted to the "
-        "camera's image; predicted: the simulated one at the same instant."
-    )
+    heading = _heading(recording) if several else ""
+    caption = "Observed: the measured spline; predicted: the simulated one at the same instant"
+    if any(f.initial is not None for f in recording.frames):
+        caption += "; predicted at first: with the initial guess"
+    caption += "."
+    if len(recording.frames) > 1:
+        caption += " Move the slider through the recording."
     return heading + figure(player(recording.frames, recording.length, cameras=cameras), caption)
+
+
+def _heading(recording: RecordingRow) -> str:
+    return f"<h3>{markup(f'{recording.name} ({_role(recording)})')}</h3>"
+
+
+def _role(recording: RecordingRow) -> str:
+    return ROLES.get(recording.role, recording.role)
 
 
 def _residuals(recording: RecordingRow) -> str:
@@ -211,8 +226,7 @@ def _residuals(recording: RecordingRow) -> str:
         "Observed beside predicted, across the DLO: to the left of growing u in one colour, to the "
         "right in the other. Noise is a fine grain; stripes and patches are what the model misses."
     )
-    heading = f"<h3>{markup(f'{recording.name} ({recording.role})')}</h3>"
-    return heading + figure(residual_picture(recording.residuals), caption)
+    return _heading(recording) + figure(residual_picture(recording.residuals), caption)
 
 
 def _ellipses(report: IdentificationReport) -> str:
@@ -260,6 +274,8 @@ def _track(k: int, track: ParameterTrack, x_label: str) -> str:
     lower = track.values * np.exp(-relative) if positive else track.values - relative
     upper = track.values * np.exp(relative) if positive else track.values + relative
     series = Series("estimate, band: 1 std", "observed", track.times, track.values, lower, upper)
+    if not np.isfinite(track.std).any():
+        series = Series("estimate, std unknown", "observed", track.times, track.values)
     levels = () if track.true is None else (ReferenceLine("true value", "true", track.true),)
     label = f"{track.name} [{track.unit}]"
     plot = LinePlot(f"track{k}", x_label, label, (series,), levels, logarithmic=positive)
@@ -269,7 +285,7 @@ def _track(k: int, track: ParameterTrack, x_label: str) -> str:
 
 def _recordings(report: IdentificationReport) -> str:
     rows = [
-        [r.name, r.role, millimetres(r.err_initial), millimetres(r.err), _share(r)]
+        [r.name, _role(r), millimetres(r.err_initial), millimetres(r.err), _share(r)]
         for r in report.recordings
     ]
     headers = ["recording", "role", "ERR at first", "ERR at the end", "of the length"]

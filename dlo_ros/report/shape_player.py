@@ -26,6 +26,9 @@ INTERVAL = 120  # ms between frames while playing
 CELLS = 6.0  # of the grid along its longer side, at most
 
 CURVES = {"observed": "observed", "predicted": "predicted", "initial": "predicted at first"}
+"""Names of the curves in the legend, where the caller gives no others."""
+NARROWEST, WIDEST = 4.0 / 3.0, 3.0
+"""Width over height of a view in the plane: labels stand beside a slender shape, not on it."""
 ARROWS = ("faint", "arrows")
 RAY = 0.6
 """Length of a camera's line of sight in the view that turns, as a share of the view's radius."""
@@ -58,8 +61,9 @@ class ShapeFrame:
         time: time from the recording's start [s].
         observed, predicted: control points of the published basis [m], shape (n, 3) or (n, 4);
             None where there is none.
-        initial: shape predicted with the initial guess, likewise.
+        initial: shape predicted with the initial guess, or with the plain model, likewise.
         err: eq. (10) of the paper [m]; None where it is not known.
+        err_initial: the same of `initial`.
         photograph: the picture behind; None shows the grid alone.
         arrows: begin and end of each arrow [m], shape (m, 2, 3), drawn on the grid.
         faint: uncertain arrows in the same form.
@@ -73,6 +77,7 @@ class ShapeFrame:
     photograph: Photograph | None = None
     arrows: FloatArray | None = None
     faint: FloatArray | None = None
+    err_initial: float | None = None
 
 
 def player(
@@ -80,6 +85,8 @@ def player(
     length: float,
     arrows: str = "arrows",
     cameras: Mapping[str, FloatArray] | None = None,
+    names: Mapping[str, str] = CURVES,
+    first: float | None = None,
 ) -> str:
     """An HTML element that shows the frames, thinned out to what a reader can look at.
 
@@ -89,6 +96,8 @@ def player(
         arrows: meaning of the arrows, for the legend.
         cameras: the cameras' positions [m], shape (3,), by name, whose lines of sight the view that
             turns shows.
+        names: names of the curves in the legend.
+        first: time [s] of the frame that is shown before the slider is moved; None: the last.
 
     Raises:
         InputError: there is no frame, or a spline is not finite.
@@ -106,18 +115,21 @@ def player(
     if pictured:
         size = max(p.width for p in pictured), max(p.height for p in pictured)
         views.append({"photograph": True, "box": [0, 0, *size]})
-    views += [_grid(everything, axes) for axes in planes]
+    views += [_grid(everything, axes, spatial) for axes in planes]
     if spatial:
         views.append(_turning(everything, cameras or {}))
     data = {
         "interval": INTERVAL,
         "views": views,
         "frames": [
-            _frame(frame, c, planes, bool(pictured)) for frame, c in zip(shown, curves, strict=True)
+            _frame(frame, c, planes, bool(pictured), names)
+            for frame, c in zip(shown, curves, strict=True)
         ],
     }
-    present = [name for name in CURVES if any(name in c for c in curves)]
-    return _element(data, len(views), len(shown), present, arrows if tips else "")
+    legend = {name: names[name] for name in CURVES if any(name in c for c in curves)}
+    times = np.array([frame.time for frame in shown])
+    at = len(shown) - 1 if first is None else int(np.argmin(np.abs(times - first)))
+    return _element(data, (len(shown), at), legend, arrows if tips else "")
 
 
 def _thinned(frames: Sequence[ShapeFrame]) -> list[ShapeFrame]:
@@ -153,11 +165,16 @@ def _planes(curves: Sequence[dict[str, FloatArray]]) -> list[tuple[int, int]]:
     return [(0, 2), (0, 1)] if extent[1] > 0.05 * float(extent.max()) else [(0, 2)]
 
 
-def _grid(points: FloatArray, axes: tuple[int, int]) -> dict[str, Any]:
+def _grid(points: FloatArray, axes: tuple[int, int], spatial: bool) -> dict[str, Any]:
+    """A view onto a plane; views beside one another, of shapes in space, have one format."""
     points = points[:, list(axes)]
     low, high = points.min(axis=0), points.max(axis=0)
     margin = 0.08 * float((high - low).max())
     low, high = low - margin, high + margin
+    width, height = (float(v) for v in high - low)
+    widest = NARROWEST if spatial else WIDEST
+    more = np.array([max(NARROWEST * height - width, 0.0), max(width / widest - height, 0.0)])
+    low, high = low - 0.5 * more, high + 0.5 * more
     step = _step(high - low)
     names = "xyz"
     return {
@@ -182,11 +199,11 @@ def _turning(points: FloatArray, cameras: Mapping[str, FloatArray]) -> dict[str,
     step = _step(high - low)
     return {
         "turning": True,
-        "box": [_short(v) for v in (-radius, -radius, 2.0 * radius, 2.0 * radius)],
+        "box": [_short(v * radius) for v in (-NARROWEST, -1.0, 2.0 * NARROWEST, 2.0)],
         "centre": [_short(v) for v in centre],
         "floor": {
-            "x": _ticks(low[0], high[0], step),
-            "y": _ticks(low[1], high[1], step),
+            "x": _ticks(step * math.floor(low[0] / step), high[0] + step, step),
+            "y": _ticks(step * math.floor(low[1] / step), high[1] + step, step),
             "z": _short(low[2]),
         },
         "rays": rays,
@@ -215,6 +232,7 @@ def _frame(
     curves: dict[str, FloatArray],
     planes: Sequence[tuple[int, int]],
     pictured: bool,
+    names: Mapping[str, str],
 ) -> dict[str, Any]:
     drawn = []
     photograph = frame.photograph
@@ -226,8 +244,11 @@ def _frame(
     drawn += [{k: _flat(p[:, list(axes)] * flip) for k, p in solid.items()} for axes in planes]
     if len(planes) > 1:
         drawn.append({k: _flat(p) for k, p in solid.items()})
+    before = ""
+    if frame.err_initial is not None:
+        before = f" ({names['initial']}: {millimetres(frame.err_initial)})"
     result: dict[str, Any] = {
-        "text": f"{frame.time:.2f} s, ERR {millimetres(frame.err)}",
+        "text": f"{frame.time:.2f} s, ERR {millimetres(frame.err)}{before}",
         "curves": drawn,
     }
     if photograph is not None:
@@ -254,27 +275,31 @@ def _short(value: float) -> float:
 
 
 def _element(
-    data: dict[str, Any], views: int, frames: int, present: Sequence[str], arrows: str
+    data: dict[str, Any], frames: tuple[int, int], names: Mapping[str, str], arrows: str
 ) -> str:
+    count, at = frames
     # "</" inside the data must not end the script element.
     text = json.dumps(data, separators=(",", ":")).replace("</", "<\\/")
-    pictures = '<svg role="img" aria-label="observed and predicted shape"></svg>' * views
+    pictures = '<svg role="img" aria-label="observed and predicted shape"></svg>' * len(
+        data["views"]
+    )
     legend = "".join(
         f'<span><svg viewBox="0 0 40 10"><path class="curve {name}" d="M2 5L38 5"/></svg>'
-        f"{escape(CURVES[name])}</span>"
-        for name in present
+        f"{escape(shown)}</span>"
+        for name, shown in names.items()
     )
     if arrows:
         legend += (
             '<span><svg viewBox="0 0 40 10"><path class="arrow arrows" d="M4 5H34M28 1L34 5L28 9"/>'
             f"</svg>{escape(typeset(arrows))}</span>"
         )
+    moved = "" if count > 1 else " hidden"  # a single shape has no time to move through
     return (
         f'<div class="player"><script type="application/json">{text}</script>'
         f'<div class="views">{pictures}</div>'
         f'<div class="legend">{legend}</div>'
-        f'<div class="controls"><button type="button">Play</button>'
-        f'<input type="range" min="0" max="{frames - 1}" value="{frames - 1}" step="1" '
-        f'aria-label="time"><output></output></div>'
+        f'<div class="controls"><button type="button"{moved}>Play</button>'
+        f'<input type="range" min="0" max="{count - 1}" value="{at}" step="1" '
+        f'aria-label="time"{moved}><output></output></div>'
         "<noscript><p>The time slider needs JavaScript; the figures do not.</p></noscript></div>"
     )

@@ -22,7 +22,8 @@ from dlo_ros.report import (
     ShapeFrame,
     write_identification_report,
 )
-from dlo_ros.report.elements import measured, millimetres, number, table
+from dlo_ros.report.elements import measured, millimetres, number, table, typeset
+from dlo_ros.report.force import across
 from dlo_ros.report.identification import identification_page
 from dlo_ros.report.page import write_page
 from dlo_ros.report.plots import LinePlot, ReferenceLine, Series, line_plot
@@ -114,7 +115,7 @@ def test_every_reference_has_its_target(html):
 
 def test_the_numbers_stand_in_it_with_units(html):
     assert "19880 \N{PLUS-MINUS SIGN} 320 m\N{SUPERSCRIPT TWO}/s\N{SUPERSCRIPT TWO}" in html
-    assert "5.10e+07 \N{PLUS-MINUS SIGN} \N{EM DASH} Pa" in html
+    assert "5.10\N{MULTIPLICATION SIGN}10\u2077 Pa (std unknown)" in html
     assert "-0.62 %" in html  # 19876 against 2e4
     assert "31.2 mm" in html and "1.42 mm" in html and "0.36 %" in html
     assert "Noise floor: 1.10 mm" in html
@@ -177,7 +178,7 @@ def test_player_has_a_view_in_space_that_turns():
     # Every point of every frame is within the box, however it is turned.
     points = [np.reshape(c, (-1, 3)) for f in data["frames"] for c in f["curves"][-1].values()]
     far = np.linalg.norm(np.concatenate(points) - view["centre"], axis=1).max()
-    radius = view["box"][2] / 2
+    radius = view["box"][3] / 2
     assert radius / 1.2 < far < radius
     # A line of sight points at its camera, and ends there or short of the border.
     left, near = view["rays"]
@@ -232,8 +233,10 @@ def test_plot_limits_ignore_a_band_without_bounds():
         (1.98e7, 3.1e5, "(1.980 +- 0.031)e+07 m"),
         (0.0123, 0.0004, "0.01230 +- 0.00040 m"),
         (12.5, 250.0, "10 +- 250 m"),
-        (1e6, math.inf, "1.00e+06 +- \N{EM DASH} m"),
-        (1e6, None, "1.00e+06 +- \N{EM DASH} m"),
+        (-0.2, 31.0, "0 +- 31 m"),
+        (-0.02, 0.31, "-0.02 +- 0.31 m"),
+        (1e6, math.inf, "1.00e+06 m (std unknown)"),
+        (1e6, None, "1.00e+06 m (std unknown)"),
         (None, 1.0, "\N{EM DASH}"),
         (math.nan, 1.0, "\N{EM DASH}"),
     ],
@@ -249,6 +252,46 @@ def test_measured(value, std, text):
 def test_millimetres(value, text):
     assert millimetres(value) == text
     assert number(math.inf, "mm") == "\N{EM DASH}"
+
+
+@pytest.mark.parametrize(
+    ("text", "typeset_text"),
+    [
+        (
+            "(1.980 +- 0.031)e+07 m^2",
+            "(1.980 \N{PLUS-MINUS SIGN} 0.031)\N{MULTIPLICATION SIGN}10\u2077 m\u00b2",
+        ),
+        ("3.0e-06", "3.0\N{MULTIPLICATION SIGN}10\u207b\u2076"),
+        ("cable1e-05x", "cable1e-05x"),
+    ],
+)
+def test_powers_are_typeset(text, typeset_text):
+    assert typeset(text) == typeset_text
+
+
+def test_a_single_shape_has_no_slider():
+    one, several = player(frames(1), LENGTH), player(frames(3), LENGTH, first=0.0)
+    assert '<button type="button" hidden>' in one and 'aria-label="time" hidden' in one
+    assert '<button type="button">' in several and 'max="2" value="0"' in several
+
+
+def test_a_slender_shape_leaves_room_for_the_labels():
+    tall = np.array([[0.0, 0.0, -z] for z in np.linspace(0.0, LENGTH, 8)])
+    (view,) = json.loads(checked(player([ShapeFrame(0.0, observed=tall)], LENGTH)).scripts[0][1])[
+        "views"
+    ]
+    _, _, width, height = view["box"]
+    assert width == pytest.approx(4.0 / 3.0 * height, rel=1e-2)
+
+
+def test_the_force_across_leaves_out_what_is_along():
+    u = np.linspace(0.0, LENGTH, 5)
+    straight = np.zeros((2, 8, 3))
+    straight[:, :, 0] = np.linspace(0.0, LENGTH, 8)
+    force = np.broadcast_to([7.0, 0.0, -2.0], (2, 5, 3))
+    left, std = across(straight, LENGTH, u, force, np.full((2, 5, 3), 0.5))
+    np.testing.assert_allclose(left, np.broadcast_to([0.0, 0.0, -2.0], (2, 5, 3)), atol=1e-12)
+    np.testing.assert_allclose(std, np.broadcast_to([0.0, 0.5, 0.5], (2, 5, 3)), atol=1e-12)
 
 
 def test_table_marks_its_heads():

@@ -22,9 +22,10 @@ class IntrinsicCurvature(Effect):
 
     Positive where the tangent turns from x towards -z with growing u. One number is constant along
     the DLO, several are equally spaced along u with straight lines between. A kink turns the
-    tangent by its angle, spread over the knot spans beside its position. `curvature` is about the
-    first material director, which is +y where the DLO begins in the plane, `across` about the
-    second, tangent x first; both turn with the DLO where it is twisted.
+    tangent by its angle, spread over the knot spans beside its position.
+
+    `curvature` is about the first material director, which is +y where the DLO begins in the plane,
+    `across` about the second, tangent x first; both turn with the DLO where it is twisted.
     """
 
     name: ClassVar[str] = "intrinsic_curvature"

@@ -1,7 +1,7 @@
 /* Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0 */
 "use strict";
 // Draws the shapes of each .player and moves them with its slider. The data stand in the page as
-// JSON; dlo_ros/report/player.py writes them and says what they mean.
+// JSON; dlo_ros/report/shape_player.py writes them and says what they mean.
 (function () {
   const NAMES = ["initial", "observed", "predicted"];
   const ARROWS = ["faint", "arrows"];
@@ -45,8 +45,9 @@
     }
     for (const at of view.y_ticks) {
       element(svg, "line", {class: "gridline", x1: x, x2: x + width, y1: -at, y2: -at});
-      element(svg, "text", {class: "tick", x: x + size / 4, y: -at - size / 4,
-        "font-size": size}).textContent = at;
+      const above = -at - size / 4;  // below the line where it would stick out of the view
+      element(svg, "text", {class: "tick", x: x + size / 4,
+        y: above - size < y ? -at + size : above, "font-size": size}).textContent = at;
     }
     element(svg, "text", {class: "tick", x: x + width - size / 2, y: y + 1.4 * size,
       "text-anchor": "end", "font-size": size}).textContent = view.label;
@@ -74,12 +75,16 @@
     ];
     parts.floor.setAttribute("d", lines.map(l => path(seen(l, view))).join(""));
     const [cx, cy, cz] = view.centre;
+    const tips = view.rays.map(({to: [X, Y, Z]}) => seen(
+      [cx, cy, cz, cx + X, cy + Y, cz + Z], view));
+    const middle = tips.reduce((sum, tip) => sum + tip[2], 0) / tips.length;
     parts.rays.forEach(function (ray, k) {
-      const [X, Y, Z] = view.rays[k].to;
-      const [a, b, A, B] = seen([cx, cy, cz, cx + X, cy + Y, cz + Z], view);
+      const [a, b, A, B] = tips[k];
       ray.line.setAttribute("d", path([a, b, A, B]));
       ray.text.setAttribute("x", A);
       ray.text.setAttribute("y", B);
+      // Names of cameras that stand close to each other point away from each other.
+      ray.text.setAttribute("text-anchor", A < middle ? "end" : "start");
     });
     const [left, top, width, height] = view.box, arm = width / 14;
     const corner = [left + 1.6 * arm, top + height - 1.6 * arm];
@@ -94,7 +99,7 @@
   }
 
   function stage(svg, view) {
-    const size = view.box[2] / 34, named = function (line, name) {
+    const size = Math.max(view.box[2], view.box[3]) / 34, named = function (line, name) {
       return {
         line: element(svg, "path", {class: line}),
         text: Object.assign(element(svg, "text", {class: "tick", "font-size": size,
