@@ -31,12 +31,12 @@ def clause(effect: str) -> str:
     return known.report_phrase() if known else f"there is an effect of {effect.replace('_', ' ')}"
 
 
-def amount(value: float, std: float | None, unit: str) -> str:
-    """A number with its standard deviation in readable units, to as many digits."""
+def amount(value: float, std: float | None, unit: str, *, sparing: bool = True) -> str:
+    """A number with its standard deviation in readable units, to as many digits; see `measured`."""
     factor, shown = _units(value, unit)
     if std is None or not math.isfinite(std) or std <= 0.0:
         return f"{number(factor * value)} +- unknown {shown}".rstrip()
-    return measured(factor * value, factor * std, shown, sparing=True)
+    return measured(factor * value, factor * std, shown, sparing=sparing)
 
 
 def bare(value: float, unit: str) -> str:
@@ -121,7 +121,8 @@ def rows(effect: NamedEffect, length: float) -> list[tuple[str, str, str]]:
         stds = n.std if isinstance(n.std, tuple) else (n.std,) * len(found)
         for k, (value, std) in enumerate(zip(found, stds, strict=True)):
             name = f"{key}, {_component(q, k, len(found))}" if several else key
-            table.append((name, _known(value, std, n.unit, q, length), meaning))
+            shown = _known(value, std, n.unit, q, length, sparing=False)
+            table.append((name, shown, "" if k else meaning))
     return table
 
 
@@ -142,14 +143,18 @@ def is_determined(value: float, std: float | None, q: Quantity | None, length: f
     return (q.neutral == 0.0 and q.role != "extent") or std < abs(value)
 
 
-def _known(value: float, std: float | None, unit: str, q: Quantity | None, length: float) -> str:
+def _known(
+    value: float, std: float | None, unit: str, q: Quantity | None, length: float, *,
+    sparing: bool = True,
+) -> str:  # fmt: skip
     """A number with its standard deviation, or the statement that the data do not determine it."""
     percentage = q is not None and q.role == "size" and not unit
     factor, shown = (100.0, "%") if percentage else (1.0, unit)
     if not is_determined(value, std, q, length):
         scale, readable = _units(value, shown)
         return f"not determined ({number(scale * factor * value, readable, 2)} in the file)"
-    return amount(factor * value, None if std is None else factor * std, shown)
+    std = None if std is None else factor * std
+    return amount(factor * value, std, shown, sparing=sparing)
 
 
 def _value(effect: str, key: str, n: Number, length: float) -> str:

@@ -78,7 +78,9 @@ def diagnosis_page(report: DiagnosisReport) -> str:
         body = loads_table(report.loads)
         sections.append(Section("What the DLO and its grips bore", body))
     if report.residual_relations:
-        body = "".join(_relations(s) for s in report.residual_relations) + paragraph(PREDICTS)
+        body = "".join(_relations(s) for s in report.residual_relations)
+        if any(s.inputs for s in report.residual_relations):
+            body += paragraph(PREDICTS)
         sections.append(Section("Inputs that the residual depends on", body))
     if len(report.ranking) > 1:
         sections.append(Section("All that was tried", _ranking(report)))

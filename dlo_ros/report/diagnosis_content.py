@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from dlo_ros.report.loads import LoadRow
 from dlo_ros.spline import FloatArray
 
-ROLES = {"train": "used for the fit", "holdout": "not used for the fit, all or part of it"}
+ROLES = {"train": "used for the fit", "holdout": "not used for the fit, at least in part"}
 
 
 @dataclass(frozen=True)

@@ -34,8 +34,8 @@ def markup(text: str) -> str:
 
 
 def paragraph(text: str) -> str:
-    """Plain text as a paragraph."""
-    return f"<p>{markup(text)}</p>"
+    """Plain text as a paragraph; no line ends between a number and its per cent sign."""
+    return f"<p>{markup(text).replace(' %', '&nbsp;%')}</p>"
 
 
 def command(text: str) -> str:

@@ -202,8 +202,8 @@ def _turning(points: FloatArray, cameras: Mapping[str, FloatArray]) -> dict[str,
         "box": [_short(v * radius) for v in (-NARROWEST, -1.0, 2.0 * NARROWEST, 2.0)],
         "centre": [_short(v) for v in centre],
         "floor": {
-            "x": _ticks(step * math.floor(low[0] / step), high[0] + step, step),
-            "y": _ticks(step * math.floor(low[1] / step), high[1] + step, step),
+            "x": _around(low[0], high[0], step),
+            "y": _around(low[1], high[1], step),
             "z": _short(low[2]),
         },
         "rays": rays,
@@ -224,6 +224,12 @@ def _step(extent: FloatArray) -> float:
 
 def _ticks(low: float, high: float, step: float) -> list[float]:
     first, last = math.ceil(low / step), math.floor(high / step)
+    return [_short(k * step) for k in range(first, last + 1)]
+
+
+def _around(low: float, high: float, step: float) -> list[float]:
+    """Grid lines from the last one below the drawing to the first one above it."""
+    first, last = math.floor(low / step), max(math.ceil(high / step), math.floor(low / step) + 1)
     return [_short(k * step) for k in range(first, last + 1)]
 
 

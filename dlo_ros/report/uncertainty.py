@@ -76,7 +76,7 @@ def ellipse_picture(ellipse: Ellipse) -> str:
         f'transform="translate(14 {top + 0.5 * SIDE}) rotate(-90)">'
         f"{markup(ellipse.names[1])}</text>"
         f'<text class="tick" x="{left + 6}" y="{top + 16}" font-size="12">correlation '
-        f"{correlation:+.2f}</text>"
+        f"{round(correlation, 2) + 0.0:+.2f}</text>"
     )
     return (
         f'<svg viewBox="0 0 {left + SIDE + 10:.0f} {below + 8:.0f}" role="img" '
@@ -88,7 +88,7 @@ def ellipse_picture(ellipse: Ellipse) -> str:
 def _tick(x: float, y: float, anchor: str, percent: float) -> str:
     return (
         f'<text class="tick" x="{x:.0f}" y="{y:.0f}" text-anchor="{anchor}" font-size="11">'
-        f"{percent:+.2g} %</text>"
+        f"{f'{percent:+.2g}' if percent else '0'} %</text>"
     )
 
 

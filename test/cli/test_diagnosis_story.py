@@ -250,9 +250,9 @@ def test_several_values_are_told_in_one_phrase():
     graded = NamedEffect("stiffness_gradient", {"change": Number(0.866, 0.006, "")}, ())
     assert values(graded, LENGTH) == "change 86.6 +- 0.6 %"
     numbers = {"hardening": Number(0.23, 0.01, "")}
-    assert values(NamedEffect("plasticity", numbers, ())) == "hardening 23.0 +- 1.0 %"
+    assert values(NamedEffect("plasticity", numbers, ()), LENGTH) == "hardening 23.0 +- 1.0 %"
     moved = NamedEffect("clamp_offset", {"end": Number((0.002, -0.001), (0.0004, 0.0003), "m")}, ())
-    assert values(moved) == "at the end x 2.0 +- 0.4 mm, z -1.0 +- 0.3 mm"
+    assert values(moved, LENGTH) == "at the end x 2.0 +- 0.4 mm, z -1.0 +- 0.3 mm"
 
 
 def test_what_the_data_do_not_determine_is_no_number():

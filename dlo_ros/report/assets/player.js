@@ -35,9 +35,14 @@
     return text;
   }
 
+  // Size of letters in a view's own unit; on a telephone they take a larger part of it.
+  function letter([, , width, height]) {
+    return Math.max(width / 48, height / 36) * (window.innerWidth < 600 ? 1.6 : 1);
+  }
+
   function grid(svg, view) {
     const [x, y, width, height] = view.box;
-    const size = Math.max(width, height) / 34;
+    const size = letter(view.box);
     for (const at of view.x_ticks) {
       element(svg, "line", {class: "gridline", x1: at, x2: at, y1: y, y2: y + height});
       element(svg, "text", {class: "tick", x: at + size / 4, y: y + height - size / 3,
@@ -99,7 +104,7 @@
   }
 
   function stage(svg, view) {
-    const size = Math.max(view.box[2], view.box[3]) / 34, named = function (line, name) {
+    const size = letter(view.box), named = function (line, name) {
       return {
         line: element(svg, "path", {class: line}),
         text: Object.assign(element(svg, "text", {class: "tick", "font-size": size,
