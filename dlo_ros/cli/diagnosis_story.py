@@ -13,6 +13,7 @@ from dlo_ros.cli.diagnosis_words import (
     bare,
     clause,
     either,
+    is_sized,
     label,
     mm,
     off_by,
@@ -48,8 +49,8 @@ NEAR_END, NEAR_MIDDLE = 0.15, 0.1
 
 
 OVERLAP = (
-    "Each share is what comes back where that cause alone is left out; causes overlap, so the "
-    "shares need not add up to 100 %."
+    "Each share is the error that comes back where that cause alone is left out; causes overlap, "
+    "so they need not add up to 100 %."
 )
 
 
@@ -270,22 +271,21 @@ def _left(found: Diagnosis) -> str:
 def _cause(effect: NamedEffect, length: float) -> str:
     own = clause(effect.name)
     numbers = f" ({values(effect, length)})" if effect.parameters else ""
+    share = f" ({percent(effect.share)} of the error)" if effect.share else ""
     if effect.rivals:
         things = 1 + len(effect.rivals)
         count = COUNTS.get(things, str(things))
         rest = either([clause(r) for r in effect.rivals])
         text = (
-            f"One of these {count} is certain, but the data do not determine which: "
+            f"One of these {count} is certain{share}, but the data do not determine which: "
             f"{own}{numbers}; or {rest}."
         )
     else:
-        text = f"Certain: {own}{numbers}."
-    if effect.share is not None:
-        text += (
-            f" It accounts for {percent(effect.share)} of the simulation's error."
-            if effect.share > 0.0
-            else " On data that were not used the simulation is as near without it."
-        )
+        text = f"Certain{share}: {own}{numbers}."
+    if not is_sized(effect, length):
+        text += " That it acts is certain; how strongly, these data do not determine."
+    if effect.share == 0.0:
+        text += " The simulation comes as near without it."
     return text
 
 

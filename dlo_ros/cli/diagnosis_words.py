@@ -15,6 +15,10 @@ from dlo_ros.report.elements import measured, millimetres, number
 
 AXES = {2: "xz", 3: "xyz"}
 """Names of the components of a vector, by their number."""
+SIZES = ("size", "angle", "ratio")
+"""Roles of the numbers that say how much there is of an effect."""
+CLEAR_STDS = 2.0
+"""Standard deviations from neutral, below which a size may as well be none."""
 SMALL = 1.0
 """Mass [kg] or time [s] below which it is printed in thousandths."""
 
@@ -143,16 +147,44 @@ def is_determined(value: float, std: float | None, q: Quantity | None, length: f
     return (q.neutral == 0.0 and q.role != "extent") or std < abs(value)
 
 
+def is_sized(effect: NamedEffect, length: float) -> bool:
+    """Whether the data determine how strong an effect is, and not only that it acts.
+
+    Args:
+        length: length of the DLO [m].
+    """
+    sizes = []
+    for key, n in effect.parameters.items():
+        q = _quantity(effect.name, key)
+        if q is None or q.role not in SIZES:
+            continue
+        found = n.value if isinstance(n.value, tuple) else (n.value,)
+        stds = n.std if isinstance(n.std, tuple) else (n.std,) * len(found)
+        sizes += [
+            std is None or not math.isfinite(std) or (
+                is_determined(value, std, q, length)
+                and abs(value - q.neutral) > CLEAR_STDS * std
+            )
+            for value, std in zip(found, stds, strict=True)
+        ]  # fmt: skip
+    return any(sizes) or not sizes
+
+
 def _known(
     value: float, std: float | None, unit: str, q: Quantity | None, length: float, *,
     sparing: bool = True,
 ) -> str:  # fmt: skip
-    """A number with its standard deviation, or the statement that the data do not determine it."""
+    """A number with its standard deviation, or the statement that the data do not determine it.
+
+    Args:
+        sparing: whether it stands in a sentence, where fewer digits are enough.
+    """
     percentage = q is not None and q.role == "size" and not unit
     factor, shown = (100.0, "%") if percentage else (1.0, unit)
     if not is_determined(value, std, q, length):
         scale, readable = _units(value, shown)
-        return f"not determined ({number(scale * factor * value, readable, 2)} in the file)"
+        fitted = f" ({number(scale * factor * value, readable, 2)} in the file)"
+        return f"not determined{'' if sparing else fitted}"
     std = None if std is None else factor * std
     return amount(factor * value, std, shown, sparing=sparing)
 

@@ -11,7 +11,17 @@ from html_check import checked
 
 from dlo_ros.cli.diagnosis_output import WIDTH, report, summary
 from dlo_ros.cli.diagnosis_story import headline, setup_lines, story
-from dlo_ros.cli.diagnosis_words import amount, clause, label, off_by, percent, title, values
+from dlo_ros.cli.diagnosis_words import (
+    amount,
+    clause,
+    is_sized,
+    label,
+    off_by,
+    percent,
+    rows,
+    title,
+    values,
+)
 from dlo_ros.diagnosis import Fitted, Gain, NamedEffect, Number, SetupNumber
 from dlo_ros.effects import effects
 from dlo_ros.identification.identifiability import enumerated
@@ -55,8 +65,8 @@ def test_how_wrong_why_and_what_is_gained():
     assert "2.4 mm off on average (0.60 % of the length), on data that were not used" in wrong
     assert "0.10 mm off; less than 0.20 mm does not matter" in wrong
     assert why == (
-        "Certain: a mass is fixed to the DLO (mass 31 +- 2 g, at u = 250 +- 4 mm). "
-        "It accounts for 71 % of the simulation's error."
+        "Certain (71 % of the error): a mass is fixed to the DLO (mass 31 +- 2 g, at u = "
+        "250 +- 4 mm)."
     )
     assert "2.4 mm before, 0.63 mm after, 74 % less (95 % interval 60 to 81 %)" in gain
     assert "still more than the 0.20 mm that do not matter, but once it is fitted" in gain
@@ -69,13 +79,14 @@ def test_how_wrong_why_and_what_is_gained():
 
 def test_a_cause_that_changes_nothing_on_other_data_is_told_as_that():
     (_, why, _) = answers(case(causes=[replace(MASS, share=0.0)]))
-    assert why.endswith("On data that were not used the simulation is as near without it.")
+    assert why.endswith("The simulation comes as near without it.")
 
 
 def test_rivals_are_told_as_one_of_them():
     (_, why, _) = answers(case(causes=[replace(MASS, rivals=("constant_force", "clamp_angle"))]))
     assert why.startswith(
-        "One of these three is certain, but the data do not determine which: a mass"
+        "One of these three is certain (71 % of the error), but the data do not determine which: "
+        "a mass"
     )
     assert "or an even force, such as a draught" in why
     assert "Certain:" not in why
@@ -258,15 +269,31 @@ def test_several_values_are_told_in_one_phrase():
 def test_what_the_data_do_not_determine_is_no_number():
     """A cause may be certain where one of its numbers is not known at all."""
     soft = NamedEffect("nonlinear_stiffness", {"half_curvature": Number(100.0, 400.0, "1/m")}, ())
-    assert values(soft, LENGTH) == "half curvature not determined (100 1/m in the file)"
+    assert values(soft, LENGTH) == "half curvature not determined"
     known = NamedEffect("nonlinear_stiffness", {"half_curvature": Number(100.0, 40.0, "1/m")}, ())
     assert values(known, LENGTH) == "half curvature 100 +- 40 1/m"
     peg = {"x": Number(0.26, 41.0, "m"), "radius": Number(0.024, 0.003, "m")}
     said = values(NamedEffect("obstacle", peg, ()), LENGTH)
-    assert said == "x not determined (260 mm in the file), radius 24 +- 3 mm"
+    assert said == "x not determined, radius 24 +- 3 mm"
+    (x, radius) = rows(NamedEffect("obstacle", peg, ()), LENGTH)
+    assert x[:2] == ("x", "not determined (260 mm in the file)")
+    assert radius[:2] == ("radius", "24.0 +- 3.0 mm")
     # Zero is a value like any other where nothing is wrong at zero.
     shift = NamedEffect("camera_shift", {"x": Number(-2e-6, 4e-4, "m")}, ())
     assert values(shift, LENGTH) == "x 0.0 +- 0.4 mm"
+
+
+def test_a_cause_may_be_certain_and_its_strength_unknown():
+    """The mass of a plug, say, where nothing tells the weight of the DLO itself."""
+    numbers = {"mass": Number(0.03, 0.04, "kg"), "extent": Number(0.07, 0.0004, "m")}
+    plug = NamedEffect("connector", numbers, (), 0.5)
+    assert not is_sized(plug, LENGTH) and is_sized(MASS, LENGTH)
+    assert answers(case(causes=[plug]))[1].endswith("how strongly, these data do not determine.")
+    assert "how strongly" not in answers(case())[1]
+    # Of a vector one component is enough, and what has no std says nothing against it.
+    moved = NamedEffect("clamp_offset", {"end": Number((0.002, 1e-5), (4e-4, 3e-4), "m")}, ())
+    assert is_sized(moved, LENGTH)
+    assert is_sized(NamedEffect("point_mass", {"mass": Number(0.03, None, "kg")}, ()), LENGTH)
 
 
 def test_causes_stand_by_their_share():
