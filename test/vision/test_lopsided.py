@@ -9,7 +9,7 @@ from vision_stress import judge
 from dlo_ros.errors import VisionError
 from dlo_ros.spline import SplineBasis
 from dlo_ros.vision import Observer
-from dlo_ros.vision.segmentation.edge_levels import LEVELS, doubt_of_middle
+from dlo_ros.vision.segmentation.edge_levels import LEVELS, LIKELY, doubt_of_middle
 
 WIDTH = 12.0
 OFFSETS = np.arange(-14.0, 14.5)
@@ -40,7 +40,7 @@ def test_the_doubt_of_a_soft_edge_follows_from_its_length(middle, inverted):
     section = 250.0 - section if inverted else section
     # At a share of the climb the edges lie that share of their lengths inwards.
     between = np.array([0.5 * level * (left - right) for level in LEVELS])
-    expected = np.sqrt(np.mean((between - middle) ** 2))
+    expected = np.sqrt((between - middle) ** 2 @ LIKELY)
     assert doubt(section, middle) == pytest.approx(expected, abs=0.04)
 
 
