@@ -96,7 +96,8 @@ def _crossings(sections: FloatArray, offsets: FloatArray, width: float) -> Float
     """Offsets at which each cross-section's left edge passes the levels of its climb [px], shape
     (b, levels).
 
-    NaN where no edge is seen.
+    A level that the edge has passed already where the board should be lies there or further out;
+    it counts as there. NaN where no edge is seen.
     """
     outside = (offsets <= -BOARD * width) & (offsets >= -1.05 * width)
     climb = np.flatnonzero((offsets > -BOARD * width) & (offsets <= 0.0))
@@ -119,5 +120,6 @@ def _crossings(sections: FloatArray, offsets: FloatArray, width: float) -> Float
         low, high = away[rows, before], away[rows, at]
         good = (high > low) & (height > 0.0)
         share = np.where(good, (wanted - low) / np.where(good, high - low, 1.0), np.nan)
+        share = np.where((at == 0) & (height > 0.0), 0.0, share)
         result[:, k] = offsets[climb[before]] + step * np.clip(share, 0.0, 1.0)
     return result
