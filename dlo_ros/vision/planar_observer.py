@@ -42,6 +42,7 @@ from dlo_ros.vision.segmentation.edge_profile import Located, locate
 from dlo_ros.vision.segmentation.picture_strip import inside, resample, smooth_curve, spacing_for
 from dlo_ros.vision.segmentation.ridge_map import Image, map_ridges
 from dlo_ros.vision.segmentation.user_hints import Hints, limited
+from dlo_ros.vision.tracing.abandoned_strand import abandons_strand
 from dlo_ros.vision.tracing.centring import centred
 from dlo_ros.vision.tracing.chain_ordering import Path, PathSearch
 from dlo_ros.vision.tracing.course_choice import AmbiguousError, choose, on_two_strands
@@ -231,6 +232,7 @@ class Observer:
         plane = PlaneGrid.of_board(self.camera, bars)
         search = PathSearch(chains, bars, self.basis.length, plane, start, end)
         measured, refused = [], None
+        strands = [bars.to_image(chain.points) for chain in chains]
         paths = search.candidates(MOST_COURSES)
         for path in paths:
             self._lose()
@@ -240,6 +242,8 @@ class Observer:
                 seen = result.pixels_seen
                 if on_two_strands(points, path.seen, result.pixels, seen, result.width):
                     raise VisionError("the edges beside the course of the DLO are another's")
+                if abandons_strand(result.pixels, seen, strands, result.width):
+                    raise VisionError("what looks like the DLO turns off a strand that goes on")
             except (VisionError, np.linalg.LinAlgError) as err:
                 refused = refused or err
                 continue
