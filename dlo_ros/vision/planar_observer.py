@@ -44,7 +44,7 @@ from dlo_ros.vision.segmentation.ridge_map import Image, map_ridges
 from dlo_ros.vision.segmentation.user_hints import Hints, limited
 from dlo_ros.vision.tracing.abandoned_strand import abandons_strand
 from dlo_ros.vision.tracing.centring import centred
-from dlo_ros.vision.tracing.chain_ordering import Path, PathSearch
+from dlo_ros.vision.tracing.chain_ordering import Path, PathSearch, alike
 from dlo_ros.vision.tracing.course_choice import AmbiguousError, choose, on_two_strands
 from dlo_ros.vision.tracing.free_ends import prolong
 from dlo_ros.vision.tracing.metric_lengths import PlaneGrid
@@ -232,7 +232,6 @@ class Observer:
         plane = PlaneGrid.of_board(self.camera, bars)
         search = PathSearch(chains, bars, self.basis.length, plane, start, end)
         measured, refused = [], None
-        strands = [bars.to_image(chain.points) for chain in chains]
         paths = search.candidates(MOST_COURSES)
         for path in paths:
             self._lose()
@@ -242,6 +241,7 @@ class Observer:
                 seen = result.pixels_seen
                 if on_two_strands(points, path.seen, result.pixels, seen, result.width):
                     raise VisionError("the edges beside the course of the DLO are another's")
+                strands = [bars.to_image(c.points) for c in chains if alike(c, path)]
                 if abandons_strand(result.pixels, seen, strands, result.width):
                     raise VisionError("what looks like the DLO turns off a strand that goes on")
             except (VisionError, np.linalg.LinAlgError) as err:

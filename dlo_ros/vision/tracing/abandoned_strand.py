@@ -22,7 +22,7 @@ BEFORE = 6  # [widths] of the course that are carried on, as a curve of constant
 AHEAD = (3, 5)  # [widths] where the strand that carries it on is looked for
 MOSTLY = 0.8  # share of the part before that must have been seen
 ON = 0.5  # [widths] from the course carried on to the strand
-APART = 1.0  # [widths] of the strand from the course: nearer ridges are the DLO's own
+APART = 1.0  # [widths] of the strand from the course: nearer ridges may be the DLO's own
 ALONG = 0.94  # cosine of the angle between the strand and the course carried on: 20 degrees
 
 
@@ -34,12 +34,14 @@ def abandons_strand(
     Args:
         course: the measured course from start to end, shape (m, 2).
         seen: whether the DLO was seen there, shape (m,).
-        strands: ridges of the picture, each of shape (k, 2), k at least 2.
+        strands: ridges of the picture that look like the DLO, each of shape (k, 2), k at least 2.
         width: width of the DLO, in the unit of the points.
     """
     line = resample(course, width / STEPS)
     visible = np.interp(_shares(line), _shares(course), seen) > 0.5
     line, visible = _prolonged(line), np.pad(visible, AHEAD[1] * STEPS)
+    if not strands:
+        return False
     points = np.vstack(strands)
     apart = cKDTree(line).query(points)[0] > APART * width
     if not np.any(apart):
