@@ -231,6 +231,7 @@ class Observer:
         start, end = clamps_in(bars, ends, self.camera, self.settings.rod.diameter)
         plane = PlaneGrid.of_board(self.camera, bars)
         search = PathSearch(chains, bars, self.basis.length, plane, start, end)
+        free = (ends.start is None, ends.end is None)
         measured, refused = [], None
         paths = search.candidates(MOST_COURSES)
         for path in paths:
@@ -242,7 +243,7 @@ class Observer:
                 if on_two_strands(points, path.seen, result.pixels, seen, result.width):
                     raise VisionError("the edges beside the course of the DLO are another's")
                 strands = [bars.to_image(c.points) for c in chains if alike(c, path)]
-                if abandons_strand(result.pixels, seen, strands, result.width):
+                if abandons_strand(result.pixels, seen, strands, result.width, free):
                     raise VisionError("what looks like the DLO turns off a strand that goes on")
             except (VisionError, np.linalg.LinAlgError) as err:
                 refused = refused or err
@@ -253,8 +254,7 @@ class Observer:
                 raise AmbiguousError(str(refused)) from refused
             raise refused
         courses = [result.pixels for result, _ in measured]
-        free = ends.start is None and ends.end is None
-        result, self._last = measured[choose(courses, expected, width, either_way=free)]
+        result, self._last = measured[choose(courses, expected, width, either_way=all(free))]
         return result
 
     def _follow(

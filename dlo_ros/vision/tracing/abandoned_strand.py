@@ -27,23 +27,27 @@ ALONG = 0.94  # cosine of the angle between the strand and the course carried on
 
 
 def abandons_strand(
-    course: FloatArray, seen: Mask, strands: Sequence[FloatArray], width: float
+    course: FloatArray,
+    seen: Mask,
+    strands: Sequence[FloatArray],
+    width: float,
+    free: tuple[bool, bool],
 ) -> bool:
-    """Whether a course turns off a strand that goes straight on.
+    """Whether a course turns off a strand that goes straight on, or ends on one.
 
     Args:
         course: the measured course from start to end, shape (m, 2).
         seen: whether the DLO was seen there, shape (m,).
         strands: ridges of the picture that look like the DLO, each of shape (k, 2), k at least 2.
         width: width of the DLO, in the unit of the points.
+        free: whether start and end are free; at a clamp a DLO ends whatever lies beyond.
     """
     line = resample(course, width / STEPS)
     visible = np.interp(_shares(line), _shares(course), seen) > 0.5
-    line, visible = _prolonged(line), np.pad(visible, AHEAD[1] * STEPS)
     if not strands:
         return False
     points = np.vstack(strands)
-    apart = cKDTree(line).query(points)[0] > APART * width
+    apart = cKDTree(_prolonged(line, free)).query(points)[0] > APART * width
     if not np.any(apart):
         return False
     directions = np.vstack([_directions(strand) for strand in strands])[apart]
@@ -59,13 +63,12 @@ def _leaves(
 ) -> bool:
     """The same for one direction along the course, given by points at equal distances."""
     size, low, high = BEFORE * STEPS + 1, AHEAD[0] * STEPS, AHEAD[1] * STEPS
-    count = len(line) - size - high + 1
-    if count < 1:
+    if len(line) < size:
         return False
-    before: FloatArray = np.arange(size) - (size - 1.0)
+    before: FloatArray = np.arange(1.0 - size, 1.0)
     ahead: FloatArray = np.arange(low, high + 1.0)
-    to_curve = np.linalg.pinv(np.vander(before, 3))
-    windows = np.lib.stride_tricks.sliding_window_view(line, size, axis=0)[:count]  # (c, 2, size)
+    to_curve = np.asarray(np.linalg.pinv(np.vander(before, 3)), np.float64)
+    windows = np.lib.stride_tricks.sliding_window_view(line, size, axis=0)  # (c, 2, size)
     curves = windows @ to_curve.T  # (c, 2, 3)
     carried = curves @ np.vander(ahead, 3).T  # (c, 2, a)
     way = curves[:, :, :2] @ np.vstack([2.0 * ahead, np.ones(len(ahead))])
@@ -73,16 +76,17 @@ def _leaves(
     distance, nearest = tree.query(carried.transpose(0, 2, 1), distance_upper_bound=ON * width)
     found = np.isfinite(distance)
     along = np.abs(np.sum(directions[np.where(found, nearest, 0)] * way.transpose(0, 2, 1), axis=2))
-    shown = np.lib.stride_tricks.sliding_window_view(visible, size)[:count].mean(axis=1)
+    shown = np.lib.stride_tricks.sliding_window_view(visible, size).mean(axis=1)
     carries_on = (found & (along > ALONG)).all(axis=1)
     return bool(np.any(carries_on & (shown >= MOSTLY)))
 
 
-def _prolonged(line: FloatArray) -> FloatArray:
-    """A course with straight pieces at its ends: what lies ahead of an end may touch it."""
+def _prolonged(line: FloatArray, free: tuple[bool, bool]) -> FloatArray:
+    """A course with straight pieces at the ends that are held."""
     steps: FloatArray = np.arange(1.0, AHEAD[1] * STEPS + 1.0)[:, None] / STEPS
-    head, tail = line[0] - line[STEPS], line[-1] - line[-1 - STEPS]
-    return np.vstack([line[0] + steps[::-1] * head, line, line[-1] + steps * tail])
+    before = line[0] + steps[::-1] * (line[0] - line[STEPS])
+    behind = line[-1] + steps * (line[-1] - line[-1 - STEPS])
+    return np.vstack([before[: 0 if free[0] else None], line, behind[: 0 if free[1] else None]])
 
 
 def _directions(strand: FloatArray) -> FloatArray:
