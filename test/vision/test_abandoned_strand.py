@@ -75,6 +75,6 @@ def test_clutter_that_a_course_turned_into_leaves_the_picture_silent(ends, seed)
     assert judge(seed, "issue", ends).found == "silent"  # wrong without the check
 
 
-@pytest.mark.parametrize(("ends", "seed"), [("start", 240013), ("none", 241301), ("both", 242421)])
+@pytest.mark.parametrize(("ends", "seed"), [("start", 240013), ("none", 241301), ("both", 242581)])
 def test_a_course_that_turns_off_leaves_the_other_one_alone(ends, seed):
     assert judge(seed, "issue", ends).found == "right"  # two courses without the check

@@ -22,6 +22,7 @@ BEFORE = 6  # [widths] of the course that are carried on, as a curve of constant
 AHEAD = (3, 5)  # [widths] where the strand that carries it on is looked for
 MOSTLY = 0.8  # share of the part before that must have been seen
 ON = 0.5  # [widths] from the course carried on to the strand
+FORKED = 4  # [widths] from there on the strand is apart from the course
 APART = 1.0  # [widths] of the strand from the course: nearer ridges may be the DLO's own
 ALONG = 0.94  # cosine of the angle between the strand and the course carried on: 20 degrees
 
@@ -50,18 +51,32 @@ def abandons_strand(
     apart = cKDTree(_prolonged(line, free)).query(points)[0] > APART * width
     if not np.any(apart):
         return False
-    directions = np.vstack([_directions(strand) for strand in strands])[apart]
-    tree = cKDTree(points[apart])
+    directions = np.vstack([_directions(strand) for strand in strands])
+    tree = cKDTree(points)
     return any(
-        _leaves(way, shown, tree, directions, width)
+        _leaves(way, shown, tree, directions, apart, width)
         for way, shown in ((line, visible), (line[::-1], visible[::-1]))
     )
 
 
 def _leaves(
-    line: FloatArray, visible: Mask, tree: cKDTree, directions: FloatArray, width: float
+    line: FloatArray,
+    visible: Mask,
+    tree: cKDTree,
+    directions: FloatArray,
+    apart: Mask,
+    width: float,
 ) -> bool:
-    """The same for one direction along the course, given by points at equal distances."""
+    """The same for one direction along the course, given by points at equal distances.
+
+    Args:
+        line: the course, shape (m, 2).
+        visible: whether the DLO was seen there, shape (m,).
+        tree: points of all strands.
+        directions: unit vectors along the strands at these, shape (k, 2).
+        apart: whether these lie beside the course, shape (k,).
+        width: width of the DLO, in the unit of the points.
+    """
     size, low, high = BEFORE * STEPS + 1, AHEAD[0] * STEPS, AHEAD[1] * STEPS
     if len(line) < size:
         return False
@@ -75,9 +90,11 @@ def _leaves(
     way /= np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-9)
     distance, nearest = tree.query(carried.transpose(0, 2, 1), distance_upper_bound=ON * width)
     found = np.isfinite(distance)
-    along = np.abs(np.sum(directions[np.where(found, nearest, 0)] * way.transpose(0, 2, 1), axis=2))
+    nearest = np.where(found, nearest, 0)
+    along = np.abs(np.sum(directions[nearest] * way.transpose(0, 2, 1), axis=2))
     shown = np.lib.stride_tricks.sliding_window_view(visible, size).mean(axis=1)
-    carries_on = (found & (along > ALONG)).all(axis=1)
+    forked = apart[nearest][:, ahead >= FORKED * STEPS].all(axis=1)
+    carries_on = (found & (along > ALONG)).all(axis=1) & forked
     return bool(np.any(carries_on & (shown >= MOSTLY)))
 
 
