@@ -42,8 +42,9 @@ from dlo_ros.vision.segmentation.edge_profile import Located, locate
 from dlo_ros.vision.segmentation.picture_strip import inside, resample, smooth_curve, spacing_for
 from dlo_ros.vision.segmentation.ridge_map import Image, map_ridges
 from dlo_ros.vision.segmentation.user_hints import Hints, limited
+from dlo_ros.vision.tracing.abandoned_strand import abandons_strand
 from dlo_ros.vision.tracing.centring import centred
-from dlo_ros.vision.tracing.chain_ordering import Path, PathSearch
+from dlo_ros.vision.tracing.chain_ordering import Path, PathSearch, alike
 from dlo_ros.vision.tracing.course_choice import AmbiguousError, choose, on_two_strands
 from dlo_ros.vision.tracing.free_ends import prolong
 from dlo_ros.vision.tracing.metric_lengths import PlaneGrid
@@ -230,6 +231,7 @@ class Observer:
         start, end = clamps_in(bars, ends, self.camera, self.settings.rod.diameter)
         plane = PlaneGrid.of_board(self.camera, bars)
         search = PathSearch(chains, bars, self.basis.length, plane, start, end)
+        free = (ends.start is None, ends.end is None)
         measured, refused = [], None
         paths = search.candidates(MOST_COURSES)
         for path in paths:
@@ -240,6 +242,9 @@ class Observer:
                 seen = result.pixels_seen
                 if on_two_strands(points, path.seen, result.pixels, seen, result.width):
                     raise VisionError("the edges beside the course of the DLO are another's")
+                strands = [bars.to_image(c.points) for c in chains if alike(c, path)]
+                if abandons_strand(result.pixels, seen, strands, result.width, free):
+                    raise VisionError("what looks like the DLO turns off a strand that goes on")
             except (VisionError, np.linalg.LinAlgError) as err:
                 refused = refused or err
                 continue
@@ -249,8 +254,7 @@ class Observer:
                 raise AmbiguousError(str(refused)) from refused
             raise refused
         courses = [result.pixels for result, _ in measured]
-        free = ends.start is None and ends.end is None
-        result, self._last = measured[choose(courses, expected, width, either_way=free)]
+        result, self._last = measured[choose(courses, expected, width, either_way=all(free))]
         return result
 
     def _follow(

@@ -8,7 +8,7 @@ import pytest
 from experiment_recordings import moving
 
 from dlo_ros.diagnosis.explain.candidate_trials import fitted as fitted_model
-from dlo_ros.diagnosis.explain.certainty import BEYOND, beyond, tolerances_off
+from dlo_ros.diagnosis.explain.certainty import BEYOND, beyond, certain, tolerances_off
 from dlo_ros.diagnosis.explain.joint_explanation import Cause, Explanation, still_certain
 from dlo_ros.diagnosis.findings.joint_outcome import training_set
 from dlo_ros.diagnosis.fitting.initial_fit import begin
@@ -79,11 +79,34 @@ def test_an_added_cause_that_the_final_fit_denies_is_none(prepared):
     names = tuple(p.name for p in proposal.parameters)
     causes = (
         Cause("quadratic_drag", names, {}, 20.0, 2e-3),
-        Cause("clamp_angle", (), {}, 9.0, 0.1),
+        Cause("clamp_angle", ("effects.clamp_angle.start",), {}, 9.0, 0.1),
     )
     found = Explanation(prepared.setup, final, causes, 1e-4, 1e-3, 1e-4, (proposal,), ())
-    assert [c.effect for c in still_certain(found, final).causes] == ["clamp_angle"]
+    spread = final.posterior.covariance
+    assert [c.effect for c in still_certain(found, final, spread).causes] == ["clamp_angle"]
     theta = final.model.theta()
     k = final.model.index(names[0])
     theta[k] += 5.0 * np.sqrt(final.posterior.covariance[k, k])
-    assert still_certain(found, replace(final, model=final.model.at(theta))) == found
+    assert still_certain(found, replace(final, model=final.model.at(theta)), spread) == found
+
+
+def test_a_set_up_is_no_cause_whose_reported_uncertainty_leaves_it_within_its_tolerance(turned):
+    cause = Cause("clamp_angle", ("effects.clamp_angle.start",), {}, 9.0, 0.1)
+    found = Explanation(turned, turned, (cause,), 1e-4, 1e-3, 1e-4, (), ())
+    spread = turned.posterior.covariance
+    assert still_certain(found, turned, spread) == found
+    k = turned.model.index("effects.clamp_angle.start")
+    wide = spread * (0.5 * TOLERANCE) ** 2 / spread[k, k]
+    assert still_certain(found, turned, wide).causes == ()
+
+
+def test_a_size_without_a_neutral_value_must_be_known_to_a_factor(prepared):
+    first = next(s for s in starts(prepared.scene) if s.effect == "nonlinear_stiffness")
+    model, _ = with_proposals(
+        prepared.setup.model, [proposal := proposal_of(prepared.setup.model.settings, first)]
+    )
+    at = fitted_model(model, prepared.recordings)
+    k = at.model.index("effects.nonlinear_stiffness.half_curvature")
+    spread = at.posterior.covariance
+    for std, shown in ((0.1, True), (0.5, False)):
+        assert certain(at, proposal, (), spread * std**2 / spread[k, k]) == shown

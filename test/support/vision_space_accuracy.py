@@ -2,11 +2,14 @@
 """How well the observer in space does on rendered pictures of a rope that moves in space.
 
     python test/support/vision_space_accuracy.py [MOTIONS] [FIRST] [--depth] [--late MS]
+                                                 [--blur PX] [--exposure MS] [--faint LEVELS]
 
 Each motion is the experiment `twisted` with another seed: other ways of the end, other colours. Two
 cameras of 1280 x 720 px see the rope 5 px wide from 1.2 m, 0.3 m apart; with --depth the left one
 alone with a depth sensor of 2 mm noise, holes and mixed pixels. --late shifts the right camera's
-pictures: they show the rope by so much later, and say so.
+pictures: they show the rope by so much later, and say so. --blur is the standard deviation of the
+lens's point spread, --exposure the time over which a picture is gathered, --faint the grey levels
+by which the rope is darker than the board.
 """
 
 from __future__ import annotations
@@ -14,6 +17,7 @@ from __future__ import annotations
 import argparse
 import tempfile
 import time
+from collections.abc import Mapping
 from pathlib import Path
 
 import dlo_ros  # isort: skip (sets the number of threads before numpy counts them)
@@ -30,6 +34,7 @@ from dlo_ros.recordings.read import read_recording
 from dlo_ros.synthesis.camera_geometry import Geometry
 from dlo_ros.synthesis.experiment import find_experiment, read_experiment
 from dlo_ros.synthesis.picture_bag import SAMPLES
+from dlo_ros.synthesis.picture_settings import Look
 from dlo_ros.synthesis.spatial_render import SpatialRenderer
 from dlo_ros.synthesis.synthesize import synthesize
 from dlo_ros.vision.space import SpaceObserver
@@ -42,8 +47,10 @@ WRONG = 5e-3  # [m] that a point may lie beside the rope
 INSIDE = 2.448  # stds across within which 95 % of the points lie, two directions
 
 
-def experiment(seed: int, depth: bool):
-    """The experiment of a seed."""
+def experiment(
+    seed: int, depth: bool, camera: Mapping[str, float] = {}, faint: float | None = None
+):
+    """The experiment of a seed, with further entries of its cameras and the rope's contrast."""
     rng = np.random.default_rng(seed)
     tree = yaml.safe_load(find_experiment("twisted").read_text())
     tree["duration"] = DURATION
@@ -54,6 +61,10 @@ def experiment(seed: int, depth: bool):
         for key in ("angle", "swing", "turn"):
             point[key] = float(point.get(key, 0.0) + rng.normal(0, 0.2))
     tree["look"] = {"rope_colour": [float(v) for v in rng.uniform(10, 90, 3)]}
+    if faint is not None:
+        tree["look"]["rope_colour"] = [v - faint for v in Look.board_colour]
+    for one in tree["cameras"].values():
+        one.update(camera)
     if depth:
         left = tree.pop("cameras")["left"]
         tree["parameters"]["camera"] = {k: left.pop(k) for k in ("translation", "rotation")}
@@ -86,9 +97,17 @@ def shown_later(made, truth, name: str, late: float, seed: int):
         yield decode(renderer.encode(renderer.frame([line], u)))
 
 
-def evaluate(seed: int, folder: Path, *, depth: bool, late: float) -> dict[str, list]:
+def evaluate(
+    seed: int,
+    folder: Path,
+    *,
+    depth: bool,
+    late: float,
+    camera: Mapping[str, float],
+    faint: float | None,
+) -> dict[str, list]:
     """Errors of every picture of one motion."""
-    made = experiment(seed, depth)
+    made = experiment(seed, depth, camera, faint)
     truth = synthesize(made, folder, seed=seed)
     settings = Settings.load(folder / "params.yaml")
     motion = Motion()
@@ -138,13 +157,20 @@ def main() -> None:
     parser.add_argument("first", nargs="?", type=int, default=0)
     parser.add_argument("--depth", action="store_true")
     parser.add_argument("--late", type=float, default=0.0, metavar="MS")
+    parser.add_argument("--blur", type=float, default=None, metavar="PX")
+    parser.add_argument("--exposure", type=float, default=None, metavar="MS")
+    parser.add_argument("--faint", type=float, default=None, metavar="LEVELS")
     arguments = parser.parse_args()
+    camera = {} if arguments.blur is None else {"blur": arguments.blur}
+    if arguments.exposure is not None:
+        camera["exposure"] = 1e-3 * arguments.exposure
     total: dict[str, list] = {}
     for seed in range(arguments.first, arguments.first + arguments.motions):
         with tempfile.TemporaryDirectory() as folder:
             found = evaluate(
-                seed, Path(folder) / "bag", depth=arguments.depth, late=1e-3 * arguments.late
-            )
+                seed, Path(folder) / "bag", depth=arguments.depth, late=1e-3 * arguments.late,
+                camera=camera, faint=arguments.faint,
+            )  # fmt: skip
         for key, values in found.items():
             total.setdefault(key, []).extend(values)
     count = len(total["wrong"]) + len(total["silent"])

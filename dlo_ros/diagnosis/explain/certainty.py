@@ -13,6 +13,7 @@ from dlo_ros.effects import quantities
 from dlo_ros.inference.joint import Evaluation
 from dlo_ros.inference.parameter import Parameter, split_name
 from dlo_ros.inference.priors import SLAB
+from dlo_ros.spline import FloatArray
 
 CERTAIN = 3.0
 """Standard deviations from neutral, from which a cause is named."""
@@ -32,17 +33,22 @@ def beyond(at: Evaluation) -> list[Proposal]:
     return [
         replace(g, parameters=tuple(p for p in at.model.parameters if p.name in g.columns))
         for g in freed(at.model)
-        if is_beyond(at, g) or _beyond_for_certain(at, g)
+        if is_beyond(at, g) or beyond_for_certain(at, g, at.posterior.covariance)
     ]
 
 
-def _beyond_for_certain(at: Evaluation, group: Proposal) -> bool:
+def beyond_for_certain(at: Evaluation, group: Proposal, covariance: FloatArray) -> bool:
     """Whether a size lies more than one tolerance off, and its uncertainty farther than that.
 
     A damping that is only guessed has no tolerance.
+
+    Args:
+        group: group with the priors of a cause.
+        covariance: of all parameters, shape (P, P).
     """
     tolerated = group.from_nothing and all(p.effect for p in group.parameters)
-    return tolerated and any(off > 1.0 + CERTAIN * std for off, std in _sizes(at, group))
+    sizes = _sizes(at, group, covariance)
+    return tolerated and any(off > 1.0 + CERTAIN * std for off, std in sizes)
 
 
 def is_beyond(at: Evaluation, group: Proposal, tolerances: float = BEYOND) -> bool:
@@ -69,13 +75,15 @@ def tolerances_off(at: Evaluation, group: Proposal) -> float:
     Args:
         group: group with the priors of a cause.
     """
-    return max((off for off, _ in _sizes(at, group)), default=0.0)
+    return max((off for off, _ in _sizes(at, group, at.posterior.covariance)), default=0.0)
 
 
-def _sizes(at: Evaluation, group: Proposal) -> list[tuple[float, float]]:
+def _sizes(
+    at: Evaluation, group: Proposal, covariance: FloatArray
+) -> list[tuple[float, float]]:  # fmt: skip
     """Distance from neutral and standard deviation of each size of a group, in tolerances."""
     off = dict(zip(at.model.names, np.abs(at.model.offset()), strict=True))
-    std = dict(zip(at.model.names, np.sqrt(np.diag(at.posterior.covariance)), strict=True))
+    std = dict(zip(at.model.names, np.sqrt(np.diag(covariance)), strict=True))
     sizes = [p for p in group.parameters if p.name in off and not _geometric(p)]
     return [(SLAB * off[p.name] / p.std, SLAB * std[p.name] / p.std) for p in sizes]
 
@@ -85,22 +93,45 @@ def _geometric(p: Parameter) -> bool:
     return bool(p.effect) and quantities(p.effect)[split_name(p.name)[1]].geometric
 
 
-def certain(at: Evaluation, group: Proposal, held: Sequence[str] = ()) -> bool:
+def certain(
+    at: Evaluation, group: Proposal, held: Sequence[str] = (), covariance: FloatArray | None = None
+) -> bool:
     """Whether a group is away from neutral by more than its uncertainty (Wald).
+
+    Where neutral is a limit of the range, and so infinitely far for a logarithm, a size must be
+    known to a factor.
 
     Args:
         held: parameters of which what is not known does not count.
+        covariance: of all parameters, shape (P, P); None: that of the fit.
     """
-    linear = [n for n in group.columns if n in at.model.names]
-    if not linear or not group.from_nothing:
-        return group.start is not None
-    k = [at.model.index(n) for n in linear]
-    off = at.model.offset()[k]
+    spread = at.posterior.covariance if covariance is None else covariance
     h = [at.model.index(n) for n in held if n in at.model.names]
-    # With some parameters held, the rest of the inverse covariance stays as it is.
-    covariance = at.posterior.covariance[np.ix_([*k, *h], [*k, *h])]
-    information = np.linalg.inv(covariance)[: len(k), : len(k)]
-    return float(off @ information @ off) > CERTAIN**2 * len(k)
+
+    def information(k: list[int]) -> FloatArray:
+        # With some parameters held, the rest of the inverse covariance stays as it is.
+        return np.asarray(np.linalg.inv(spread[np.ix_([*k, *h], [*k, *h])])[: len(k), : len(k)])
+
+    k = [at.model.index(n) for n in group.columns if n in at.model.names]
+    if not k:
+        return group.start is not None
+    if group.from_nothing:
+        off = at.model.offset()[k]
+        return float(off @ information(k) @ off) > CERTAIN**2 * len(k)
+    # Several such sizes, a strength and a curvature, do nothing where one is neutral.
+    known = [_from_neutral(at, j) ** 2 * float(information([j])[0, 0]) for j in k]
+    return group.start is not None and max(known) > CERTAIN**2
+
+
+def _from_neutral(at: Evaluation, index: int) -> float:
+    """Distance of an effect's size from neutral, as the fit sees it; 1 where neutral is a limit
+    that the logarithm does not reach.
+    """
+    p = at.model.parameters[index]
+    q = quantities(p.effect)[split_name(p.name)[1]]
+    if p.logarithmic and not q.lower < q.neutral < q.upper:
+        return 1.0
+    return float(at.model.theta()[index]) - p.inner(q.neutral)
 
 
 def departures(at: Evaluation, causes: Sequence[Proposal] = ()) -> int:

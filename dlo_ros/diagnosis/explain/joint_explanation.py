@@ -20,11 +20,18 @@ from dlo_ros.diagnosis.explain.cause_search import (
     search,
     without,
 )
-from dlo_ros.diagnosis.explain.certainty import SCALES, beyond, certain, is_beyond, strains
+from dlo_ros.diagnosis.explain.certainty import (
+    SCALES,
+    beyond,
+    beyond_for_certain,
+    certain,
+    is_beyond,
+    strains,
+)
 from dlo_ros.diagnosis.explain.far_starts import best_far_start
 from dlo_ros.diagnosis.explain.measurement_error import material_err, own_err
 from dlo_ros.diagnosis.proposals.candidate_effects import starts
-from dlo_ros.diagnosis.proposals.linear_evidence import Proposal
+from dlo_ros.diagnosis.proposals.linear_evidence import Proposal, freed
 from dlo_ros.effects import Scene, Start
 from dlo_ros.effects.start import Block
 from dlo_ros.inference.joint import Evaluation, evaluate, simulate
@@ -34,6 +41,7 @@ from dlo_ros.inference.parameter import ParametricModel, split_name
 from dlo_ros.inference.priors import joint_model
 from dlo_ros.inference.scene import imposed_names, scene
 from dlo_ros.parameters import Settings
+from dlo_ros.spline import FloatArray
 
 NAMED = 5.0
 """Loss of log evidence without a cause, from which it is named: 150 to one. Of one that is no part
@@ -155,18 +163,30 @@ def explain(
     return Explanation(setup, found.at, causes, own, matters, least, found.causes, found.trace)
 
 
-def still_certain(found: Explanation, final: Evaluation) -> Explanation:
-    """The explanation with those added causes alone that a fit to more data shows for certain, too.
+def still_certain(
+    found: Explanation, final: Evaluation, covariance: FloatArray
+) -> Explanation:  # fmt: skip
+    """The explanation with those causes alone that a fit to more data shows for certain, too.
 
     What only compensated for another law in the recordings learned from, others may deny.
 
     Args:
         final: the model with all causes, fitted to all recordings.
+        covariance: that is reported of its parameters, shape (P, P).
     """
-    added = [p for p in found.proposals if p.start is not None]
-    sure = {p.effect for p in added if certain(final, p, SCALES)}
-    denied = {p.effect for p in added} - sure
-    return replace(found, causes=tuple(c for c in found.causes if c.effect not in denied))
+    groups = [*found.proposals, *freed(final.model)]
+    sure = {p.name for g in groups if _still(final, g, covariance) for p in g.parameters}
+    return replace(found, causes=tuple(c for c in found.causes if sure & set(c.names)))
+
+
+def _still(final: Evaluation, group: Proposal, covariance: FloatArray) -> bool:
+    """Whether a group is a cause with the values of a fit to more data, and their uncertainty."""
+    if group.start is None and beyond_for_certain(final, group, covariance):
+        return True
+    tolerated = group.start is None and all(p.effect for p in group.parameters)
+    if tolerated and not is_beyond(final, group):
+        return False
+    return certain(final, group, SCALES, covariance)
 
 
 def _beginning(

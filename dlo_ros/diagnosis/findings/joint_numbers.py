@@ -41,9 +41,7 @@ def effect_numbers(
     Args:
         widening: factors of the std of parameters, see `confirmed_uncertainty`.
     """
-    factors = widening or {}
-    pairs = zip(at.model.names, outer_stds(at), strict=True)
-    spread = {name: factors.get(name, 1.0) * std for name, std in pairs}
+    spread = dict(zip(at.model.names, outer_stds(at, widening), strict=True))
     name, _ = added_to_damping().get(effect, ("", ""))
     result = {}
     shown = damping_as_effects(at.model.settings, given, (effect,))
@@ -78,9 +76,9 @@ def damping_as_effects(settings: Settings, given: Settings, names: Iterable[str]
     return replace(settings, damping=damping).with_effects(effects_)
 
 
-def outer_stds(at: Evaluation) -> FloatArray:
-    """Standard deviations of the values of all parameters, shape (P,); no guess enters them."""
-    spread = np.sqrt(np.diag(_covariance(at)))
+def outer_stds(at: Evaluation, widening: Mapping[str, float] | None = None) -> FloatArray:
+    """Standard deviations of the values of all parameters, shape (P,): `reported_covariance`."""
+    spread = np.sqrt(np.diag(reported_covariance(at, widening)))
     return np.array(
         [
             p.outer_std(x, s)
@@ -89,11 +87,20 @@ def outer_stds(at: Evaluation) -> FloatArray:
     )
 
 
-def _covariance(at: Evaluation) -> FloatArray:
-    """Covariance in which guesses count for nothing, and the recordings' disagreement does."""
+def reported_covariance(
+    at: Evaluation, widening: Mapping[str, float] | None = None
+) -> FloatArray:  # fmt: skip
+    """Covariance in which guesses count for nothing, and the recordings' disagreement does, shape
+    (P, P).
+
+    Args:
+        widening: factors of the std of parameters, see `confirmed_uncertainty`.
+    """
     guessed = np.array([p.guessed for p in at.model.parameters])
     precision = at.model.precision() * np.where(guessed, UNKNOWN, 1.0)
-    return widened_covariance(at.spectra, at.variances, at.model.offset(), precision)
+    factors = np.array([(widening or {}).get(n, 1.0) for n in at.model.names])
+    spread = widened_covariance(at.spectra, at.variances, at.model.offset(), precision)
+    return np.asarray(spread * np.outer(factors, factors))
 
 
 def fitted_material(
@@ -104,7 +111,7 @@ def fitted_material(
     Args:
         widening: factor of the std, see `confirmed_uncertainty`.
     """
-    spread, rod = widening**2 * _covariance(at), at.model.settings.rod
+    spread, rod = widening**2 * reported_covariance(at), at.model.settings.rod
     rough = 0.0 if rod.diameter_std else 2.0 * DIAMETER_STD
     shifts = np.concatenate([*model_shifts(at.model.settings, 1), [rough]])
     stiffness_error = float(np.linalg.norm(shifts))

@@ -32,6 +32,7 @@ from dlo_ros.diagnosis.findings.joint_numbers import (
     effect_numbers,
     fitted_material,
     plain_material,
+    reported_covariance,
     set_up_numbers,
     systematic_errors,
 )
@@ -188,7 +189,8 @@ def joint_outcome(
     first = recordings[: len(plain.at.residuals)]
     known = [k for k in range(len(first)) if not learned.masks[k].all()]
     final = _completed(found.at, first, known)
-    found = still_certain(found, final)
+    wider = confirmed(final, first, [name for c in found.causes for name in c.names])
+    found = still_certain(found, final, reported_covariance(final, wider.parameters))
     try:
         ours = held_against(Model(final.model.settings, ()), first, given, derivatives=False)
     except SimulationError as err:
@@ -215,7 +217,6 @@ def joint_outcome(
         bare.mean_err, max(final.mean_err, least), matters, found.nameable_err, found.causes
     )
     missed = (holdout.mean(seen_before) or 0.0) - own
-    wider = confirmed(final, first, [name for c in found.causes for name in c.names])
     base = held_against(plain.at.model, first, given, derivatives=False)
     related_before = related_after = None
     if verdict == "unexplained":

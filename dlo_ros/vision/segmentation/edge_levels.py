@@ -19,6 +19,12 @@ LENGTH = 4.0  # [widths] of the DLO that one cross-section is the median of
 FEWEST = 8  # profiles of it
 BOARD = 0.75  # [widths] from the middle, beyond which the board is
 LEVELS = (0.2, 0.5, 0.8)  # of an edge's climb
+LIKELY: FloatArray = (1.0 - np.array(LEVELS)) / np.sum(1.0 - np.array(LEVELS))
+"""Probability that each is the level at which the DLO's surface begins.
+
+The climb begins with the surface; how it ends depends on how the round surface is lit. So the
+density of the level falls to zero at the end of the climb, linearly.
+"""
 CLEAR = 0.1  # of the largest difference from the board: an edge is more
 FALL = 0.1  # of the same, by which what climbs no longer has fallen
 
@@ -50,7 +56,7 @@ def doubt_of_middle(
     left = _crossings(sections, offsets, width)
     right = _crossings(sections[:, ::-1], offsets, width)
     between = 0.5 * (left - right)  # both are counted from the outside
-    found = np.sqrt(np.mean(between**2, axis=1))
+    found = np.sqrt(between**2 @ LIKELY)
     known = np.isfinite(found)
     if not np.any(known):
         return np.zeros(len(profiles))
@@ -90,7 +96,8 @@ def _crossings(sections: FloatArray, offsets: FloatArray, width: float) -> Float
     """Offsets at which each cross-section's left edge passes the levels of its climb [px], shape
     (b, levels).
 
-    NaN where no edge is seen.
+    A level that the edge has passed already where the board should be lies there or further out;
+    it counts as there. NaN where no edge is seen.
     """
     outside = (offsets <= -BOARD * width) & (offsets >= -1.05 * width)
     climb = np.flatnonzero((offsets > -BOARD * width) & (offsets <= 0.0))
@@ -113,5 +120,6 @@ def _crossings(sections: FloatArray, offsets: FloatArray, width: float) -> Float
         low, high = away[rows, before], away[rows, at]
         good = (high > low) & (height > 0.0)
         share = np.where(good, (wanted - low) / np.where(good, high - low, 1.0), np.nan)
+        share = np.where((at == 0) & (height > 0.0), 0.0, share)
         result[:, k] = offsets[climb[before]] + step * np.clip(share, 0.0, 1.0)
     return result

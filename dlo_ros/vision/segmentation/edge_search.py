@@ -12,6 +12,7 @@ from dlo_ros.spline import FloatArray
 from dlo_ros.vision.segmentation.picture_strip import Float32, Mask
 
 FADE = 0.3  # share of the window of an edge over which it fades out
+LENS_STD = 0.5  # [px] of a lens's point spread: hardly any camera's picture is sharper
 
 
 def slope_towards(
@@ -121,7 +122,8 @@ def blur_length(ramp: FloatArray, step: float) -> FloatArray:
 
     A Gaussian edge of standard deviation sigma has its contrast over its slope equal to
     sigma sqrt(2 pi). Pixels, their interpolation and the difference of samples that lie a step
-    apart on either side have variances of 1/12, 1/6 and step^2 / 3, which are no blur.
+    apart on either side have variances of 1/12, 1/6 and step^2 / 3, which are no blur, and a lens
+    in focus has `LENS_STD`.
     """
-    sharp = 2.0 * np.pi * (1.0 / 12.0 + 1.0 / 6.0 + step**2 / 3.0)
+    sharp = 2.0 * np.pi * (1.0 / 12.0 + 1.0 / 6.0 + step**2 / 3.0 + LENS_STD**2)
     return np.asarray(np.sqrt(np.maximum(ramp**2 - sharp, 0.0)))

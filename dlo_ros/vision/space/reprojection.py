@@ -22,6 +22,7 @@ from scipy.linalg import cho_factor, cho_solve
 from dlo_ros.errors import VisionError
 from dlo_ros.spline import FloatArray, SplineBasis
 from dlo_ros.spline_table import BasisTable
+from dlo_ros.vision.segmentation.edge_profile import SAMPLING_STD
 from dlo_ros.vision.segmentation.picture_strip import Mask
 from dlo_ros.vision.space.normal_equations import SplineNormalEquations, rows_of
 from dlo_ros.vision.space.spatial_result import SpaceFit
@@ -30,7 +31,6 @@ from dlo_ros.vision.space.view import View
 FREEDOM = 4.0  # degrees of freedom of Student's distribution
 STEPS = 5  # of Gauss and Newton at most
 SETTLED = 0.1  # [px] the last step moved the curve by less
-POINT_STD_FLOOR = 0.04  # [px] of a block of profiles: systematic errors that scatter does not show
 DEPTH_STD_FLOOR = 2e-4  # [m] the same of depth
 SHARED_STD = 0.01  # relative error of the whole length by cameras, poses and L
 STRAIN_STD = 0.003  # relative error of the length of half a knot span
@@ -160,7 +160,7 @@ def fit_views(
         for view, u in zip(views, coordinates, strict=True):
             b = table.matrix(u)
             seen = _Seen(view, _curve(b, u / length, view, points, velocity, drift), u, length)
-            std = np.hypot(_scatter(seen.across, freedom, POINT_STD_FLOOR, view.width), view.shared)
+            std = np.hypot(_scatter(seen.across, freedom, SAMPLING_STD, view.width), view.shared)
             weight = np.where(seen.on, _student(seen.across / std), 0.0)
             rows = rows_of(b, seen.across_rows)
             if moving:

@@ -16,7 +16,13 @@ import numpy as np
 from dlo_ros.errors import VisionError
 from dlo_ros.spline import FloatArray
 from dlo_ros.vision.segmentation.ridge_map import RidgeMap
-from dlo_ros.vision.tracing.chain_linking import Continuation, Linker, bridge, split_at
+from dlo_ros.vision.tracing.chain_linking import (
+    COLOUR,
+    Continuation,
+    Linker,
+    bridge,
+    split_at,
+)
 from dlo_ros.vision.tracing.course_choice import distance, on_two_strands
 from dlo_ros.vision.tracing.metric_lengths import PlaneGrid
 from dlo_ros.vision.tracing.ridge_tracing import Chain
@@ -89,6 +95,16 @@ class _Partial:
     unseen: float  # share of the cost
     length: float
     chains: tuple[int, ...]  # chain * 2 + (1 where it is run through backwards)
+
+
+def alike(chain: Chain, path: Path) -> bool:
+    """Whether a chain's colour is so near to a path's that it may be another part of the DLO.
+
+    A link between them would cost less for its colour than plausible courses may differ.
+    """
+    scale = 0.5 * max(path.contrast, chain.strength)
+    change = float(np.sum((chain.colour - path.colour) ** 2)) / scale**2
+    return COLOUR * change < AMBIGUITY
 
 
 class PathSearch:
