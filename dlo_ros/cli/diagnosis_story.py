@@ -48,10 +48,7 @@ NEAR_END, NEAR_MIDDLE = 0.15, 0.1
 """Shares of the length within which a place is near an end, or near the middle."""
 
 
-OVERLAP = (
-    "Each share is the error that comes back where that cause alone is left out; causes overlap, "
-    "so they need not add up to 100 %."
-)
+OVERLAP = "Shares overlap: each is the error that comes back where that cause alone is left out."
 
 
 @dataclass(frozen=True)

@@ -252,6 +252,8 @@ def _material(report: DiagnosisReport) -> str:
     rows = [
         [m.name, measured(*m.before, m.unit), measured(*m.after, m.unit)] for m in report.material
     ]
+    if not report.extends:  # both are the same
+        return table(["parameter", "value +- std"], [row[:2] for row in rows])
     return table(["parameter", "plain model", "extended model"], rows)
 
 

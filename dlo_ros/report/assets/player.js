@@ -50,6 +50,7 @@
     }
     for (const at of view.y_ticks) {
       element(svg, "line", {class: "gridline", x1: x, x2: x + width, y1: -at, y2: -at});
+      if (-at > y + height - 2 * size) continue;  // there stand the numbers of the other axis
       const above = -at - size / 4;  // below the line where it would stick out of the view
       element(svg, "text", {class: "tick", x: x + size / 4,
         y: above - size < y ? -at + size : above, "font-size": size}).textContent = at;
