@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from dlo_ros.cli.diagnosis_story import extends, story
+from dlo_ros.cli.diagnosis_story import by_share, extends, story
 from dlo_ros.cli.diagnosis_words import mm, rows, title
 from dlo_ros.cli.results import QUANTITIES
 from dlo_ros.diagnosis import Diagnosis, Fitted
@@ -209,7 +209,7 @@ def report(found: Diagnosis, settings: Settings, loads: Sequence[LoadRow] = ()) 
                 tuple(FoundParameter(*row) for row in rows(e, length)),
                 tuple(map(title, e.rivals)),
             )
-            for e in found.effects
+            for e in by_share(found)
         ),
         tuple(
             Ranked(c.name, c.err_holdout, c.score, c.root_autocovariance) for c in found.candidates

@@ -87,6 +87,11 @@ def story(found: Diagnosis, length: float, file: str) -> Story:
     )
 
 
+def by_share(found: Diagnosis) -> list[NamedEffect]:
+    """The named causes, the one with the largest share of the error first."""
+    return sorted(found.effects, key=lambda e: -(e.share or 0.0))
+
+
 def extends(found: Diagnosis) -> bool:
     """Whether the extended model has effects that the plain one has not."""
     return found.extended.settings.effects != found.baseline.settings.effects
@@ -95,8 +100,7 @@ def extends(found: Diagnosis) -> bool:
 def headline(found: Diagnosis) -> str:
     """The result in a sentence."""
     err = _error(found)
-    order = sorted(found.effects, key=lambda e: -(e.share or 0.0))
-    causes = enumerated([_short(e) for e in order])
+    causes = enumerated([_short(e) for e in by_share(found)])
     off = "The simulation is off" if err is None else f"The simulation is {mm(err)} off"
     if found.verdict == "adequate":
         if _immaterial(found):
@@ -218,7 +222,7 @@ def _place(share: float) -> str:
 
 def _why(found: Diagnosis) -> tuple[str, ...]:
     length = found.extended.settings.rod.length
-    order = sorted(found.effects, key=lambda e: -(e.share or 0.0))
+    order = by_share(found)
     sentences = [_cause(e, length) for e in order]
     if sum(e.share is not None for e in order) > 1:
         sentences.append(OVERLAP)
