@@ -140,14 +140,23 @@ def test_the_listener_keeps_what_is_well_formed_and_each_warning_once(monkeypatc
 
     with monitoring(settings) as monitor:
         assert monitor.missing() == ["observer", "simulator", "identifier"]
+        # Before the first prediction nobody has played anything: what is amiss then may pass.
+        say(
+            monitor,
+            ("simulator", WARN, "nobody publishes a pose"),
+            ("observer", WARN, "it is dark"),
+        )
+        assert len(monitor.received.warnings) == 2
         for topic in (topics.OBSERVED, topics.PREDICTED):
             monitor._spline(topic, good)
             monitor._spline(topic, short)
         assert list(monitor.received.observed) == list(monitor.received.predicted) == [10**9]
-        assert monitor.state("observer") == "it has no status yet"
+        assert monitor.state("identifier") == "it has no status yet"
         say(monitor, ("observer", WARN, "waiting for camera_info"), ("other", WARN, "is hot"))
         say(monitor, ("/left/observer", WARN, "3 px too thin"), ("identifier", OK, "estimating"))
         say(monitor, ("observer", WARN, "4 px too thin"), ("simulator", WARN, "4 px too thin"))
         assert monitor.state("observer") == "4 px too thin"
         assert monitor.received.warnings == ["observer: 3 px too thin", "simulator: 4 px too thin"]
+        say(monitor, ("observer", WARN, "it is dark"))  # what lasts is told again
+        assert monitor.received.warnings[2:] == ["observer: it is dark"]
         assert monitor.received.facts["specific_modulus std [m^2/s^2]"] == "12"
