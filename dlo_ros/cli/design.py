@@ -43,6 +43,8 @@ from dlo_ros.synthesis.experiment import Experiment, find_experiment, load_exper
 
 BUNDLED = ("simple", "different", "c_shape", "approach_two", "approach_four")
 NEW = "EXPERIMENT.yaml"
+TRIES, FEWEST_TRIES = 90, 12
+"""Manipulations that a search tries; with several rivals as many for all pairs together."""
 
 Result = TypeVar("Result", bound=Judged)
 
@@ -98,8 +100,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="standard deviation of the observer's points [m]",
     )  # fmt: skip
     parser.add_argument(
-        "--tries", type=int, default=90, metavar="N", help="manipulations that the search tries"
-    )
+        "--tries", type=int, metavar="N",
+        help=f"manipulations that the search tries; default: {TRIES}, of several rivals fewer, "
+        "since each of them is fitted to each other one",
+    )  # fmt: skip
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the search")
 
 
@@ -122,15 +126,20 @@ def run(arguments: argparse.Namespace) -> int:
         ]
         prepare()
         explanations = sized(rivals, settings, plans)
+        pairs = len(explanations) * (len(explanations) - 1) // 2
+        tries = arguments.tries or max(TRIES // pairs, FEWEST_TRIES)
         return _designed(
-            Separation(settings, noise, explanations), plans, workspace, settings, arguments
+            Separation(settings, noise, explanations), plans, workspace, settings, arguments, tries
         )
     known = None
     if arguments.estimate is not None:
         known = search_information(settings) + load_information(arguments.estimate)
     plans = _plans(arguments, settings) or _plans(arguments, settings, BUNDLED)
     prepare()
-    return _designed(Information(settings, noise, known), plans, workspace, settings, arguments)
+    tries = arguments.tries or TRIES
+    return _designed(
+        Information(settings, noise, known), plans, workspace, settings, arguments, tries
+    )
 
 
 def _plans(
@@ -143,12 +152,12 @@ def _plans(
 
 def _designed(
     purpose: Purpose[Result], plans: Sequence[Plan], workspace: Workspace, settings: Settings,
-    arguments: argparse.Namespace,
+    arguments: argparse.Namespace, tries: int,
 ) -> int:  # fmt: skip
     """Rank and search, write and print the results; returns the exit status."""
     remarks, found = [], []
     with progress_bar() as bar:
-        task = bar.add_task("Ranking", total=len(plans) + arguments.tries)
+        task = bar.add_task("Ranking", total=len(plans) + tries)
         for plan in plans:
             try:
                 found.append(purpose.judge(plan, None))
@@ -157,9 +166,9 @@ def _designed(
             bar.advance(task)
         bar.update(task, description="Searching")
         best = search(
-            settings, workspace, purpose.judge, budget=arguments.tries, seed=arguments.seed,
+            settings, workspace, purpose.judge, budget=tries, seed=arguments.seed,
             finalists=purpose.finalists,
-            progress=lambda share: bar.update(task, completed=len(plans) + share * arguments.tries),
+            progress=lambda share: bar.update(task, completed=len(plans) + share * tries),
         )  # fmt: skip
     ranking = sorted([*found, best.outlook], key=lambda o: -o.gain)
     output: Path = arguments.output
@@ -203,7 +212,8 @@ def _designed(
 
 def _check(arguments: argparse.Namespace) -> None:
     for name in ("speed", "duration", "noise", "tries"):
-        if not getattr(arguments, name) > 0:
+        value = getattr(arguments, name)
+        if value is not None and not value > 0:
             raise InputError(f"--{name} is {getattr(arguments, name)}; it must be above 0")
     if arguments.seed < 0:
         raise InputError(f"--seed is {arguments.seed}; it must not be negative")

@@ -27,6 +27,7 @@ class Parameter:
         centre, std: prior mean and standard deviation, of the logarithm where it is logarithmic.
         guessed: whether the prior only keeps the search in bounds and is no knowledge.
         tolerated: whether the prior is the tolerance of a set-up.
+        matters: change that matters; None: told by the prior, see `step`.
     """
 
     name: str
@@ -38,6 +39,7 @@ class Parameter:
     std: float
     guessed: bool = False
     tolerated: bool = False
+    matters: float | None = None
 
     @property
     def effect(self) -> str:
@@ -65,6 +67,8 @@ class Parameter:
     @property
     def step(self) -> float:
         """A step that matters: the tolerance of a set-up, a tenth of a wider prior's std."""
+        if self.matters is not None:
+            return self.matters
         return self.std if self.tolerated else 0.1 * self.std
 
     def freed(self, factor: float) -> Parameter:

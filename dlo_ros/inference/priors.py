@@ -7,6 +7,7 @@ A fit of the material alone begins further away: `dlo_ros.identification.estimat
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 from dlo_ros.effects import Quantity, Scene, Start, effects, quantities
@@ -116,7 +117,11 @@ def _of_cause(name: str, q: Quantity, value: float, start: Start, given: Setting
     """A number of an added effect: places anywhere, sizes as large as causes may be."""
     low, high = q.search_for(given.scale)
     if q.geometric:
-        return _parameter(name, q, 0.5 * (low + high), UNIFORM * (high - low), given)
+        result = _parameter(name, q, 0.5 * (low + high), UNIFORM * (high - low), given)
+        if q.role != "point":
+            return result
+        # It may lie anywhere in a room, and yet it is the DLO's size by which its moves count.
+        return replace(result, matters=0.1 * UNIFORM * given.rod.length)
     known = tolerance(given, f"{start.effect}.{q.name}")
     if known:
         return _parameter(name, q, q.neutral, SLAB * known, given)

@@ -5,9 +5,11 @@ import numpy as np
 import pytest
 from experiment_recordings import fitted_set_up
 
+from dlo_ros.effects import Start
 from dlo_ros.errors import SimulationError
 from dlo_ros.inference import joint, joint_fit
 from dlo_ros.inference.joint import Simulated, borrowed, judged, simulate
+from dlo_ros.inference.priors import cause_priors
 
 ANGLE = "effects.clamp_angle.start"
 
@@ -74,6 +76,22 @@ def test_where_derivatives_grow_beyond_what_a_step_could_do_there_are_difference
         for k, name in enumerate(at.model.names):
             off, size = np.linalg.norm(differences[:, k] - j[:, k]), np.linalg.norm(j[:, k])
             assert off < 0.25 * size + 1e-6, name
+
+
+@pytest.mark.parametrize(
+    "effect, block, points",
+    [
+        ("obstacle", {"x": 0.3, "z": -0.2, "radius": 0.01}, ("x", "z")),
+        ("wall", {"offset": -0.3, "angle": 0.0}, ("offset",)),
+    ],
+)
+def test_a_point_of_the_board_moves_by_steps_of_the_dlos_size(fitted, effect, block, points):
+    """It may stand anywhere in a room: a tenth of that is no step through which it touches."""
+    given = fitted[0].model.settings
+    start = Start(effect, block, (), tuple(block), neutral=False)
+    steps = {p.key: p.step for p in cause_priors(given, start)[0]}
+    for key in points:
+        assert 0.01 * given.rod.length < steps[key] < 0.05 * given.rod.length
 
 
 def test_a_draft_needs_no_derivatives_at_its_end(fitted, monkeypatch):
