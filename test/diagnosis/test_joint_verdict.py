@@ -124,18 +124,34 @@ def test_held_out_is_a_recording_that_others_can_foretell(recordings, number):
     assert held_out_recording(recordings) == number
 
 
-@pytest.mark.parametrize(("noise", "own"), [(1e-3, 1e-3), (0.1, 0.01)])
-def test_no_noise_beyond_a_hundredth_of_the_length_is_the_measurements_own(monkeypatch, noise, own):
-    monkeypatch.setattr(measurement_error, "_staying", lambda *_: np.zeros(1))
-    monkeypatch.setattr(measurement_error, "_noise", lambda *_: np.array([noise**2]))
+def own_err(monkeypatch, noises, still=()):
+    """The measurement's own ERR in recordings with these stds of the noise [m], L = 1 m."""
+    monkeypatch.setattr(measurement_error, "_staying", lambda *_: np.full(1, 1e-8))
+    monkeypatch.setattr(measurement_error, "_noise", lambda std, *_: np.array([std**2]))
     settings = SimpleNamespace(rod=SimpleNamespace(length=1.0))
     at = SimpleNamespace(
-        model=SimpleNamespace(settings=settings), variances=(None,), spectra=(None,),
-        predicted=(None,),
+        model=SimpleNamespace(settings=settings), variances=noises, spectra=[None] * len(noises),
+        predicted=[None] * len(noises),
     )  # fmt: skip
-    seen = SimpleNamespace(observed=np.random.default_rng(0).normal(size=(9, 4, 3)), beyond=None)
+    shapes = np.random.default_rng(0).normal(size=(9, 4, 3))
+    seen = [
+        SimpleNamespace(observed=shapes * (k not in still), times=np.arange(9.0), beyond=None)
+        for k in range(len(noises))
+    ]
     one_direction = np.sqrt(2.0 / np.pi)  # mean of the absolute value
-    assert measurement_error.own_err(at, [seen]) == pytest.approx(one_direction * own, rel=0.02)
+    return measurement_error.own_err(at, seen) / one_direction
+
+
+@pytest.mark.parametrize(("noise", "own"), [(1e-3, 1e-3), (0.1, 0.01)])
+def test_no_noise_beyond_a_hundredth_of_the_length_is_the_measurements_own(monkeypatch, noise, own):
+    assert own_err(monkeypatch, (noise,)) == pytest.approx(own, rel=0.02)
+
+
+def test_what_one_recording_alone_shows_is_not_the_measurements_own(monkeypatch):
+    """An impact in one of three; twice the error is no reason, nor is a DLO at rest a measure."""
+    assert own_err(monkeypatch, (5e-3, 4e-4, 4e-4)) == pytest.approx(2e-3 / 3.0, rel=0.05)
+    assert own_err(monkeypatch, (8e-4, 4e-4, 4e-4)) == pytest.approx(1.6e-3 / 3.0, rel=0.05)
+    assert own_err(monkeypatch, (5e-3, 1e-4), still=(1,)) == pytest.approx(2.55e-3, rel=0.05)
 
 
 @pytest.mark.parametrize(("frames", "left", "named"), [(3, 2e-3, 0), (12, 2e-3, 1), (12, 3e-3, 0)])

@@ -24,6 +24,10 @@ STILL = 0.1
 """Share of the error that stays which counts as the measurement's where the DLO does not move:
 there nothing tells it from an error of the model."""
 
+ALIKE = 3.0
+"""The measurement's own error in a recording over the median of the others', at most: one tracker
+errs alike in all, and what one recording alone shows beyond that is the DLO's, as an impact is."""
+
 
 def material_err(own: float, given: Settings) -> float:
     """ERR [m] from which it matters, where the measurement itself has `own` [m]."""
@@ -35,9 +39,10 @@ def own_err(at: Evaluation, recordings: Sequence[Recording]) -> float:
 
     The latter are taken as each recording shows them, since few numbers cause them: their
     variance is that of all recordings together. The error of u that measured points leave open
-    counts as each recording shows it, too.
+    counts as each recording shows it, too. None counts for more than `ALIKE` of the others in
+    which the DLO moves.
     """
-    found = []
+    found, telling = [], []
     most = (LARGEST * at.model.settings.rod.length) ** 2
     for variances, s, recording, predicted in zip(
         at.variances, at.spectra, recordings, at.predicted, strict=True
@@ -50,7 +55,13 @@ def own_err(at: Evaluation, recordings: Sequence[Recording]) -> float:
         if recording.beyond is not None:
             variance[1] += min(_along(recording, predicted, at.model.settings), most)
         found.append(mean_length(np.sqrt(variance)))
-    return float(np.mean(found))
+        telling.append(not still and len(recording.times) >= FEWEST_FRAMES)
+    owns, tells = np.array(found), np.array(telling)
+    for k in range(len(owns)):
+        others = np.delete(found, k)[np.delete(tells, k)]
+        if len(others):
+            owns[k] = min(owns[k], ALIKE * float(np.median(others)))
+    return float(np.mean(owns))
 
 
 def _staying(variances: Variances, s: Spectrum) -> FloatArray:
