@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import median_filter
 
 from dlo_ros.cli.diagnosis_words import (
     bare,
@@ -187,18 +188,25 @@ def _places(views: Sequence[RecordingView], length: float) -> list[str]:
         )
     else:
         sentences.append("It is about as wrong all along the DLO.")
-    worst = max(views, key=lambda v: float(v.err_before.max()))
-    frame = int(np.argmax(worst.err_before))
+    worst = max(views, key=lambda v: float(_lasting(v.err_before).max()))
+    errors = _lasting(worst.err_before)
+    frame = int(np.argmax(errors))
     means = [float(v.err_before.mean()) for v in views]
-    if worst.err_before[frame] > UNEVEN_ERROR * np.mean(means):
+    if errors[frame] > UNEVEN_ERROR * np.mean(means):
         at = [f"in {worst.name}"] if len(views) > 1 else []
-        if worst.err_before[frame] > UNEVEN_ERROR * worst.err_before.mean():
+        if errors[frame] > UNEVEN_ERROR * worst.err_before.mean():
             at.append(f"{worst.times[frame]:.1f} s after the beginning")
         sentences.append(
-            f"It is worst {', '.join(at)}: by {mm(float(worst.err_before[frame]))} on average "
-            "along the DLO."
+            f"It is worst {', '.join(at)}: by {mm(float(errors[frame]))} on average along the DLO."
         )
     return sentences
+
+
+def _lasting(err: FloatArray) -> FloatArray:
+    """ERR without that of single pictures, of which a grossly wrong one is no simulation's."""
+    if len(err) < 3:
+        return err
+    return np.asarray(median_filter(err, 3, mode="mirror"))
 
 
 def distances(view: RecordingView, length: float) -> FloatArray:
