@@ -12,6 +12,7 @@ from rods import PAPER
 from dlo_ros.diagnosis.contact.contact_search import PegBesideSetUp
 from dlo_ros.diagnosis.explain import candidate_trials, cause_search, joint_explanation
 from dlo_ros.diagnosis.explain.certainty import SCALES, certain, strains
+from dlo_ros.diagnosis.explain.joint_explanation import Explanation
 from dlo_ros.diagnosis.proposals.linear_evidence import (
     PredictedGain,
     predicted_gains,
@@ -242,13 +243,18 @@ def test_a_cause_matters_or_is_not_named(monkeypatch, linear, loss, without, str
     monkeypatch.setattr(joint_explanation, "linear_loss", lambda *_, wholly: linear)
     monkeypatch.setattr(joint_explanation, "_rivals", lambda *_: {})
     monkeypatch.setattr(joint_explanation, "strains", lambda *_: strained)
+    softer = replace(PAPER.rod, young_modulus=0.5 * PAPER.rod.young_modulus)
     bare = evaluation(-loss, without)
+    bare.model = SimpleNamespace(settings=replace(PAPER, rod=softer))
     monkeypatch.setattr(joint_explanation, "without", lambda *_, wholly: bare)
-    found = SimpleNamespace(
-        at=evaluation(0.0, 0.9e-3), causes=(proposal_of(PAPER, start),), offer=object()
-    )
-    causes = joint_explanation._named(found, (), [start, *others], 1.1e-3, 0.5e-3)
+    at = evaluation(0.0, 0.9e-3)
+    at.model = SimpleNamespace(settings=PAPER)
+    found = SimpleNamespace(at=at, causes=(proposal_of(PAPER, start),), offer=object())
+    causes, shifts = joint_explanation._named(found, (), [start, *others], 1.1e-3, 0.5e-3)
     assert [c.effect for c in causes] == (["point_mass"] if named else [])
+    told = Explanation(at, at, causes, 0.0, 0.0, 0.0, (), (), shifts)
+    # Of what is not named nobody knows whether it acts: E / mu may be that with it or without.
+    assert told.stiffness_doubt == pytest.approx(0.0 if named else np.log(2.0))
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Standard deviations grow where simulations do not bear the derivatives out."""
 
+import numpy as np
 import pytest
 from experiment_recordings import fitted_set_up
 
@@ -56,6 +57,9 @@ def test_the_material_takes_its_factor(fitted):
     narrow, wide = (fitted_material(at, None, None, factor) for factor in (1.0, 30.0))
     assert wide.specific_modulus[1] > 2.0 * narrow.specific_modulus[1]
     assert wide.specific_modulus[0] == narrow.specific_modulus[0]
+    doubtful = fitted_material(at, None, None, doubt=0.5)
+    value, std = doubtful.specific_modulus
+    assert std == pytest.approx(value * np.hypot(0.5, narrow.specific_modulus[1] / value))
 
 
 def test_what_cannot_be_simulated_confirms_nothing(fitted, monkeypatch):

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -87,6 +87,7 @@ class Explanation:
         nameable_err: ERR [m] that an effect which has been added must take away to be named.
         proposals: all that the search has added or freed, certain or not.
         trace: every candidate of every step.
+        stiffness_shifts: change of ln(E / mu) where an added effect is left out, by its name.
     """
 
     setup: Evaluation
@@ -97,6 +98,16 @@ class Explanation:
     nameable_err: float
     proposals: tuple[Proposal, ...]
     trace: tuple[Step, ...]
+    stiffness_shifts: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def stiffness_doubt(self) -> float:
+        """Largest change of ln(E / mu) by what the model contains although it is no certain
+        cause.
+        """
+        named = {c.effect for c in self.causes}
+        shifts = self.stiffness_shifts.items()
+        return max((abs(shift) for effect, shift in shifts if effect not in named), default=0.0)
 
 
 @dataclass(frozen=True)
@@ -159,8 +170,10 @@ def explain(
     matters = material_err(own, given)
     missed = LOWERS * (setup.mean_err - own)
     least = max(missed, MENDS * (prepared.plain_err - own))
-    causes = _named(found, recordings, begun, matters, least)
-    return Explanation(setup, found.at, causes, own, matters, least, found.causes, found.trace)
+    causes, shifts = _named(found, recordings, begun, matters, least)
+    return Explanation(
+        setup, found.at, causes, own, matters, least, found.causes, found.trace, shifts
+    )
 
 
 def still_certain(
@@ -209,8 +222,9 @@ def _beginning(
 def _named(
     found: Search, recordings: Sequence[Recording], begun: Sequence[Start], material: float,
     least: float,
-) -> tuple[Cause, ...]:  # fmt: skip
-    """The causes without which the best model is clearly worse, numbers of the set-up among them.
+) -> tuple[tuple[Cause, ...], dict[str, float]]:  # fmt: skip
+    """The causes without which the best model is clearly worse, numbers of the set-up among them,
+    and the change of ln(E / mu) without each effect that was added.
 
     What lies within its tolerance, or is no part of every set-up, is none where all that it
     explains is immaterial, or takes away less than `least` [m] of ERR: beside a cause whose true
@@ -218,7 +232,7 @@ def _named(
     leave its tolerance to do a cause's work, ERR does not tell how much that is.
     """
     at, offer = found.at, found.offer
-    result = []
+    result, shifts = [], {}
     for group in (*found.causes, *beyond(at)):
         if not certain(at, group, SCALES):
             continue
@@ -228,6 +242,8 @@ def _named(
         bare = without(at, group, recordings, wholly=True)
         if bare is None:
             continue
+        if group.start is not None:
+            shifts[group.effect] = _log_ratio(bare) - _log_ratio(at)
         loss = at.posterior.evidence - bare.posterior.evidence
         tried = len({s.effect for s in begun}) if group.start is not None else 1
         if loss < NAMED + np.log(tried) or at.mean_err > (1.0 - LOWERS) * bare.mean_err:
@@ -240,7 +256,13 @@ def _named(
         rivals = _rivals(at, bare, group, recordings, offer)
         names_ = tuple(p.name for p in group.parameters)
         result.append(Cause(group.effect, names_, rivals, loss, bare.mean_err))
-    return _merged(result)
+    return _merged(result), shifts
+
+
+def _log_ratio(at: Evaluation) -> float:
+    """ln(E / mu) of a model."""
+    rod = at.model.settings.rod
+    return float(np.log(rod.young_modulus / rod.density))
 
 
 def _merged(causes: Sequence[Cause]) -> tuple[Cause, ...]:

@@ -104,16 +104,18 @@ def reported_covariance(
 
 
 def fitted_material(
-    at: Evaluation, err_train: float | None, err_holdout: float | None, widening: float = 1.0
-) -> Fitted:
+    at: Evaluation, err_train: float | None, err_holdout: float | None, widening: float = 1.0,
+    doubt: float = 0.0,
+) -> Fitted:  # fmt: skip
     """The material with standard deviations, and errors [m].
 
     Args:
         widening: factor of the std, see `confirmed_uncertainty`.
+        doubt: std of ln E by what may or may not act, see `Explanation.stiffness_doubt`.
     """
     spread, rod = widening**2 * reported_covariance(at), at.model.settings.rod
     rough = 0.0 if rod.diameter_std else 2.0 * DIAMETER_STD
-    shifts = np.concatenate([*model_shifts(at.model.settings, 1), [rough]])
+    shifts = np.concatenate([*model_shifts(at.model.settings, 1), [rough, doubt]])
     stiffness_error = float(np.linalg.norm(shifts))
     unit = {name: at.model.axis(name) for name in ("young_modulus", "density")}
     result: list[tuple[float, float | None]] = []

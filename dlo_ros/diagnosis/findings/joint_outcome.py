@@ -234,7 +234,13 @@ def joint_outcome(
         own,
         plain_material(plain, holdout.mean(seen_before), holdout.mean(before)),
         replace(
-            fitted_material(final, holdout.mean(seen_after), holdout.mean(after), wider.material),
+            fitted_material(
+                final,
+                holdout.mean(seen_after),
+                holdout.mean(after),
+                wider.material,
+                found.stiffness_doubt,
+            ),
             settings=damping_as_effects(
                 final.model.settings, given, [c.effect for c in found.causes]
             ),
