@@ -124,9 +124,6 @@ class Diagnosis:
     Args:
         verdict, effects, noise_floor, gain, candidates, advice: see interface.md.
         baseline, extended: the plain and the extended model.
-        root_autocovariance_before, root_autocovariance_after: root autocovariance of the residuals
-            of both models, from frame to frame, in units of the noise.
-        chance: the root autocovariance that noise alone exceeds in 1 of 100 cases.
         simulation_error: mean distance that the discretisation causes [m]; None where unknown.
         remarks: sentences for the reader.
         views: recordings with their shapes, for the report.
@@ -148,9 +145,6 @@ class Diagnosis:
     gain: Gain | None
     candidates: tuple[Trial, ...]
     advice: str
-    root_autocovariance_before: float
-    root_autocovariance_after: float
-    chance: float
     simulation_error: float | None
     remarks: tuple[str, ...]
     views: tuple[RecordingView, ...]

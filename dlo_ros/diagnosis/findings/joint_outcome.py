@@ -40,7 +40,6 @@ from dlo_ros.diagnosis.findings.shape_views import views
 from dlo_ros.diagnosis.fitting.candidate_model import Model
 from dlo_ros.diagnosis.fitting.evaluation import evaluate as held_against
 from dlo_ros.diagnosis.fitting.initial_fit import Beginning, drafts
-from dlo_ros.diagnosis.residuals import residual_autocovariance
 from dlo_ros.diagnosis.residuals.relations import relations, sentences
 from dlo_ros.diagnosis.selection.effect_search import Candidate
 from dlo_ros.diagnosis.selection.verdict import Verdict
@@ -248,9 +247,6 @@ def joint_outcome(
         holdout.gain(before, after),
         _tried(found),
         _advice(verdict, found),
-        plain.root_autocovariance,
-        residual_autocovariance.root_autocovariance(ours.residuals),
-        residual_autocovariance.chance(base.residuals),
         None if np.isnan(beginning.error) else beginning.error,
         (*remarks, *(sentences(related_after) if related_after is not None else ())),
         views(recordings, base, ours, learned.masks, given),

@@ -20,7 +20,6 @@ from dlo_ros.diagnosis.fitting.evaluation import is_differentiable
 from dlo_ros.diagnosis.fitting.initial_fit import Beginning
 from dlo_ros.diagnosis.fitting.levenberg_marquardt import polished
 from dlo_ros.diagnosis.fitting.recording_noise import noise_floor
-from dlo_ros.diagnosis.residuals import residual_autocovariance
 from dlo_ros.diagnosis.residuals.relations import Relations, relations, sentences
 from dlo_ros.diagnosis.selection import verdict
 from dlo_ros.diagnosis.selection.effect_search import Candidate, candidate
@@ -109,9 +108,6 @@ def outcome(beginning: Beginning, plain: Candidate, found: Findings, given: Sett
         holdout.gain(kept[0], kept[1]),
         tuple(tried),
         advise(decision, [*found.singles, *found.pairs], learned, given),
-        plain.root_autocovariance,
-        best.root_autocovariance,
-        residual_autocovariance.chance(plain.at.residuals),
         None if np.isnan(beginning.error) else beginning.error,
         (*remarks(plain, best, suspects, decision), *_left(after, decision)),
         views(recordings, plain.at, best.at, parted.holdout, given),
