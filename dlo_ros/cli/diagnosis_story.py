@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import median_filter
 
 from dlo_ros.cli.diagnosis_words import (
     bare,
@@ -29,6 +28,7 @@ from dlo_ros.inference.parameter import split_name
 from dlo_ros.inference.weighted_quantiles import weighted_quantiles
 from dlo_ros.report.diagnosis_content import Question, SetupRow
 from dlo_ros.report.elements import measured, number
+from dlo_ros.report.worst_frame import is_lasting, lasting_err, worst_frame
 from dlo_ros.spline import FloatArray, SplineBasis
 
 QUESTION_ERROR = "How wrong is my simulation?"
@@ -177,7 +177,8 @@ def _places(views: Sequence[RecordingView], length: float) -> list[str]:
     """Sentence on the places and times of the plain model's error."""
     if not views:
         return []
-    along = np.sqrt(np.mean([np.mean(distances(v, length) ** 2, axis=0) for v in views], axis=0))
+    squares = [distances(v, length)[is_lasting(v.err_before)] ** 2 for v in views]
+    along = np.sqrt(np.mean([np.mean(s, axis=0) for s in squares], axis=0))
     u = np.linspace(0.0, length, STATIONS)
     k = int(np.argmax(along))
     sentences = []
@@ -188,25 +189,16 @@ def _places(views: Sequence[RecordingView], length: float) -> list[str]:
         )
     else:
         sentences.append("It is about as wrong all along the DLO.")
-    worst = max(views, key=lambda v: float(_lasting(v.err_before).max()))
-    errors = _lasting(worst.err_before)
-    frame = int(np.argmax(errors))
+    worst = max(views, key=lambda v: float(lasting_err(v.err_before).max()))
+    frame = worst_frame(worst.err_before)
+    error = float(worst.err_before[frame])
     means = [float(v.err_before.mean()) for v in views]
-    if errors[frame] > UNEVEN_ERROR * np.mean(means):
+    if error > UNEVEN_ERROR * np.mean(means):
         at = [f"in {worst.name}"] if len(views) > 1 else []
-        if errors[frame] > UNEVEN_ERROR * worst.err_before.mean():
+        if error > UNEVEN_ERROR * worst.err_before.mean():
             at.append(f"{worst.times[frame]:.1f} s after the beginning")
-        sentences.append(
-            f"It is worst {', '.join(at)}: by {mm(float(errors[frame]))} on average along the DLO."
-        )
+        sentences.append(f"It is worst {', '.join(at)}: by {mm(error)} on average along the DLO.")
     return sentences
-
-
-def _lasting(err: FloatArray) -> FloatArray:
-    """ERR without that of single pictures, of which a grossly wrong one is no simulation's."""
-    if len(err) < 3:
-        return err
-    return np.asarray(median_filter(err, 3, mode="mirror"))
 
 
 def distances(view: RecordingView, length: float) -> FloatArray:

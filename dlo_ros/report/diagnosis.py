@@ -5,8 +5,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
 from dlo_ros.report.diagnosis_content import (
     ROLES,
     DiagnosedRecording,
@@ -30,6 +28,7 @@ from dlo_ros.report.maps import field_maps
 from dlo_ros.report.page import Section, page, write_page
 from dlo_ros.report.plots import LinePlot, ReferenceLine, Series, line_plot
 from dlo_ros.report.shape_player import ShapeFrame, player
+from dlo_ros.report.worst_frame import worst_frame
 from dlo_ros.spline import FloatArray
 
 PREDICTS = (
@@ -129,12 +128,12 @@ def _picture(k: int, r: DiagnosedRecording, report: DiagnosisReport) -> str:
         for f in range(len(r.times))
     ]  # fmt: skip
     names = MODELS if report.extends else PLAIN_ONLY
-    worst = float(r.times[int(np.argmax(r.err_before))])
+    worst = float(r.times[worst_frame(r.err_before)])
     caption = "The DLO as observed and as simulated."
     if len(r.times) > 1:
         caption += (
-            " At first the instant is shown at which the plain model is most wrong; move the "
-            "slider to see the others."
+            " At first the instant is shown at which the plain model is most wrong for longer than "
+            "a single picture; move the slider to see the others."
         )
     caption += " ERR is the mean distance from the observed shape."
     if any(f.arrows is not None for f in frames):

@@ -161,8 +161,10 @@ def test_where_and_when():
     before[:, -2:, 2] += 0.01  # at the free end
     err = np.full(len(view.times), 1e-3)
     err[6:9] = 9e-3
-    err[-1] = 0.04  # a grossly wrong picture
-    first = replace(view, name="swing", before=before, err_before=err)
+    err[-1] = 0.04  # a grossly wrong picture, near the start
+    observed = view.observed.copy()
+    observed[-1, :2, 2] += 0.4
+    first = replace(view, name="swing", observed=observed, before=before, err_before=err)
     second = replace(view, name="rest", err_before=np.full(len(err), 1e-3))
     wrong = answers(replace(made, views=(second, first)))[0]
     assert "most wrong near the end (at 400 of 400 mm from the start)" in wrong
