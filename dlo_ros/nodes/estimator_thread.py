@@ -150,9 +150,9 @@ class EstimatorThread:
                     self._changed.wait()
                 if self._stopping:
                     return
-                # Between splines there is work to go on with that they have left over. Where there is
-                # no time between them it has as much time as they have: an estimate that is never
-                # relinearised never becomes right, however many splines it has seen.
+                # Between splines there is work to go on with that they have left over. Where there
+                # is no time between them it has as much time as they have: an estimate that is
+                # never relinearised never becomes right, however many splines it has seen.
                 owed = ahead > 0.0 and estimator is not None and estimator.busy and self._backlog()
                 task = self._tasks.popleft() if self._tasks and not owed else None
                 if not self._tasks:
