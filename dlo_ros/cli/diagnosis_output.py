@@ -98,7 +98,10 @@ def tree(found: Diagnosis) -> dict[str, Any]:
         "remaining_err": _number(found.extended.err_holdout),
         "share": _number(found.share),
         "setup": {
-            name: {"value": n.value, "std": n.std, "tolerance": n.tolerance, "unit": n.unit}
+            name: {
+                "value": n.value, "std": _number(n.std), "tolerance": _number(n.tolerance),
+                "unit": n.unit,
+            }
             for name, n in found.setup.items()
         },
         "systematic": {

@@ -10,8 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from dlo_ros.cli.diagnosis_words import (
+    amount,
     bare,
     clause,
+    clear_side,
     either,
     is_sized,
     label,
@@ -45,6 +47,9 @@ LEAST_PICTURES = 20
 """Pictures of which nine of ten are a statement: fewer have no 5 % that lie outside."""
 STATIONS = 41
 """Places along the DLO at which the error is looked at."""
+NOT_DETERMINED = "not determined"
+GUESSED = "none"
+"""Tolerance of what nobody states beforehand, such as a damping that is only guessed."""
 NEAR_END, NEAR_MIDDLE = 0.15, 0.1
 """Shares of the length within which a place is near an end, or near the middle."""
 
@@ -230,8 +235,9 @@ def _why(found: Diagnosis) -> tuple[str, ...]:
         if found.setup and extends(found):
             labels = _labels(found)
             far = [
-                labels[name] for name, n in found.setup.items() if _off(name, n) > 2.0 * n.tolerance
-            ]
+                labels[name] for name, n in found.setup.items()
+                if n.tolerance is not None and _off(name, n) > 2.0 * n.tolerance
+            ]  # fmt: skip
             where = (
                 f"{enumerated(far)} by more than twice the tolerance"
                 if far
@@ -270,7 +276,7 @@ def _left(found: Diagnosis) -> str:
 
 
 def _cause(effect: NamedEffect, length: float) -> str:
-    own = clause(effect.name)
+    own = clause(effect.name, clear_side(effect))
     numbers = f" ({values(effect, length)})" if effect.parameters else ""
     share = f" ({percent(effect.share)} of the error)" if effect.share else ""
     if effect.rivals:
@@ -327,23 +333,35 @@ def _gain(found: Diagnosis, file: str) -> tuple[str, ...]:
 def setup_lines(found: Diagnosis) -> tuple[SetupRow, ...]:
     """Lines on the numbers of the set-up, the most clearly wrong first."""
     labels = _labels(found)
+    counts = _counts(found)
     off = {name: _deviations(name, n) for name, n in found.setup.items()}
     return tuple(
-        _row(name, labels[name], found.setup[name], notable=off[name] > NOTABLE)
+        _row(name, labels[name], found.setup[name], counts[name], notable=off[name] > NOTABLE)
         for name in sorted(off, key=lambda name: -off[name])
     )
 
 
-def _labels(found: Diagnosis) -> dict[str, str]:
-    """Label of each number of the set-up, by its name; keys with several values are numbered."""
+def _counts(found: Diagnosis) -> dict[str, int]:
+    """Number of values that the key of each number of the set-up has, by its name."""
     keys = {name: name.partition("[")[0] for name in found.setup}
     counts = Counter(keys.values())
-    return {name: label(name, counts[key]) for name, key in keys.items()}
+    return {name: counts[key] for name, key in keys.items()}
+
+
+def _labels(found: Diagnosis) -> dict[str, str]:
+    """Label of each number of the set-up, by its name; keys with several values are numbered."""
+    return {name: label(name, count) for name, count in _counts(found).items()}
 
 
 def _deviations(name: str, n: SetupNumber) -> float:
-    """Difference of a number from its expected value, in standard deviations."""
-    return _off(name, n) / n.std if n.std > 0.0 else 0.0
+    """Difference of a number from its expected value, in standard deviations.
+
+    A place has no expected value, and what the data do not determine is not off.
+    """
+    effect, key, _ = split_name(name)
+    if not n.std or quantities(effect)[key].geometric:
+        return 0.0
+    return _off(name, n) / n.std
 
 
 def _off(name: str, n: SetupNumber) -> float:
@@ -352,7 +370,20 @@ def _off(name: str, n: SetupNumber) -> float:
     return abs(n.value - quantities(effect)[key].neutral)
 
 
-def _row(name: str, text: str, n: SetupNumber, *, notable: bool) -> SetupRow:
-    effect, key, _ = split_name(name)
-    off = off_by(n.value, n.std, effect, key)
-    return SetupRow(text, off, bare(n.tolerance, n.unit), notable)
+def _row(name: str, text: str, n: SetupNumber, count: int, *, notable: bool) -> SetupRow:
+    """A number of the set-up in words.
+
+    Args:
+        text: its label.
+        count: how many numbers its parameter has.
+    """
+    effect, key, index = split_name(name)
+    if n.std is None:
+        off = NOT_DETERMINED
+    elif quantities(effect)[key].geometric:
+        off = amount(n.value, n.std, n.unit)
+    else:
+        off = off_by(n.value, n.std, effect, key, index, count)
+    return SetupRow(
+        text, off, GUESSED if n.tolerance is None else bare(n.tolerance, n.unit), notable
+    )

@@ -3,11 +3,13 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from dlo_ros.cli.diagnosis_words import label, off_by
 from dlo_ros.cli.loads import borne
 from dlo_ros.cli.results import QUANTITIES
 from dlo_ros.effects import quantities
@@ -173,15 +175,17 @@ def _set_up(found: Identification) -> list[str]:
     """Sentences on the numbers of the set-up that are off."""
     if not found.set_up:
         return []
-    off = [
-        f"{name.removeprefix(EFFECTS_PREFIX)} {measured(value, std, _unit(name))}"
-        for name, (value, std) in found.set_up.items()
-        if abs(value - quantities(split_name(name)[0])[split_name(name)[1]].neutral)
-        > NOTABLE_STDS * std
-    ]
-    words = f": {', '.join(off)}" if off else ", though no single number is off for certain"
+    counts = Counter(split_name(name)[:2] for name in found.set_up)
+    off = []
+    for name, (value, std) in found.set_up.items():
+        effect, key, index = split_name(name)
+        if abs(value - quantities(effect)[key].neutral) > NOTABLE_STDS * std:
+            count = counts[effect, key]
+            words = label(name.removeprefix(EFFECTS_PREFIX), count)
+            off.append(f"{words} {off_by(value, std, effect, key, index, count)}")
+    said = f": {'; '.join(off)}" if off else ", though no single number is off for certain"
     return [
-        f"The set-up is not exactly what the parameter file says{words}. Its numbers, each as far "
+        f"The set-up is not exactly what the parameter file says{said}. Its numbers, each as far "
         "from neutral as its tolerance allows, stand in estimate.yaml as effects."
     ]
 

@@ -263,7 +263,8 @@ def _setup(report: DiagnosisReport) -> str:
     parts = [
         paragraph(
             "Every set-up is a little off. These numbers were fitted along with the material, each "
-            "with the tolerance of a careful person; none of them counts as a cause."
+            "with the tolerance of a careful person; none of them counts as a cause. What has no "
+            "tolerance is only guessed, or need not act at all."
         )
     ]
     if notable:

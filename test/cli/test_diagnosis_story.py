@@ -9,7 +9,7 @@ import pytest
 from diagnoses import KNOWN, found
 from html_check import checked
 
-from dlo_ros.cli.diagnosis_output import WIDTH, report, summary
+from dlo_ros.cli.diagnosis_output import WIDTH, report, summary, tree
 from dlo_ros.cli.diagnosis_story import headline, setup_lines, story
 from dlo_ros.cli.diagnosis_words import (
     amount,
@@ -181,13 +181,16 @@ def test_the_set_up_is_a_table_with_what_is_off_first():
         "direction of a clamp, at the start",
         "camera scale",
     ]
-    assert [line.off for line in lines[:2]] == ["2.1 +- 0.4 degrees", "0.40 +- 0.10 %"]
+    assert [line.off for line in lines[:2]] == [
+        "2.1 +- 0.4 degrees clockwise",
+        "0.40 +- 0.10 % too small",
+    ]
     assert lines[0].tolerance == "3.0 degrees" and lines[1].tolerance == "0.50 %"
     assert [line.notable for line in lines] == [True, True, False, False, False]
     text = summary(made, LENGTH, Path("build/diagnosis"))
     rows = text[text.index("Your set-up, as far as the data determine it") :]
     assert rows[1].split() == ["what", "off", "by", "tolerance"]
-    assert rows[2].startswith("  direction of a clamp, at the start  2.1 +- 0.4 degrees")
+    assert rows[2].startswith("  direction of a clamp, at the start  2.1 +- 0.4 degrees clockwise")
     assert rows[4] == "  3 other numbers are as they should be, as far as these data determine."
 
 
@@ -242,7 +245,15 @@ def test_every_effect_says_what_it_is():
         (amount(1.5, 0.2, "kg"), "1.5 +- 0.2 kg"),
         (amount(0.0312, None, "m"), "31.2 +- unknown mm"),
         (amount(0.02, 0.0013, "s"), "20.0 +- 1.3 ms"),
-        (off_by(0.5, 0.04, "stiff_segment", "ratio"), "-50 +- 4 %"),
+        (off_by(0.5, 0.04, "stiff_segment", "ratio"), "50 +- 4 % softer"),
+        (off_by(-0.0021, 0.0003, "length_error", "difference"), "2.1 +- 0.3 mm shorter"),
+        (off_by(0.0021, 0.0003, "length_error", "difference"), "2.1 +- 0.3 mm longer"),
+        (off_by(-0.012, 0.003, "command_delay", "delay"), "12 +- 3 ms earlier"),
+        (off_by(0.002, 0.001, "clamp_offset", "end", 1, 2), "2.0 +- 1.0 mm up"),
+        (off_by(0.002, 0.001, "clamp_offset", "end", 1, 3), "2.0 +- 1.0 mm away from the camera"),
+        (off_by(-1 * DEGREE, DEGREE, "clamp_angle", "end"), "1.0 +- 1.0 degrees counterclockwise"),
+        (off_by(-1 * DEGREE, DEGREE, "clamp_angle", "end", 2, 3), "-1.0 +- 1.0 degrees"),
+        (off_by(0.0, 0.001, "length_error", "difference"), "0.0 +- 1.0 mm"),
         (label("intrinsic_curvature.curvature[1]", 5), "curvature at rest, 2 of 5 along u"),
         (label("clamp_offset.end[1]", 2), "place of a clamp, at the end, z"),
         (label("gravity_tilt.angle"), "tilt of the board"),
@@ -262,11 +273,11 @@ def test_several_values_are_told_in_one_phrase():
     )
     assert values(curved, LENGTH) == "curvature from -0.50 to 2.1 1/m, each +- 0.2"
     graded = NamedEffect("stiffness_gradient", {"change": Number(0.866, 0.006, "")}, ())
-    assert values(graded, LENGTH) == "change 86.6 +- 0.6 %"
+    assert values(graded, LENGTH) == "by 86.6 +- 0.6 %"
     numbers = {"hardening": Number(0.23, 0.01, "")}
     assert values(NamedEffect("plasticity", numbers, ()), LENGTH) == "hardening 23.0 +- 1.0 %"
     moved = NamedEffect("clamp_offset", {"end": Number((0.002, -0.001), (0.0004, 0.0003), "m")}, ())
-    assert values(moved, LENGTH) == "at the end x 2.0 +- 0.4 mm, z -1.0 +- 0.3 mm"
+    assert values(moved, LENGTH) == "at the end 2.0 +- 0.4 mm to the right, 1.0 +- 0.3 mm down"
 
 
 def test_what_the_data_do_not_determine_is_no_number():
@@ -283,7 +294,82 @@ def test_what_the_data_do_not_determine_is_no_number():
     assert radius[:2] == ("radius", "24.0 +- 3.0 mm")
     # Zero is a value like any other where nothing is wrong at zero.
     shift = NamedEffect("camera_shift", {"x": Number(-2e-6, 4e-4, "m")}, ())
-    assert values(shift, LENGTH) == "x 0.0 +- 0.4 mm"
+    assert values(shift, LENGTH) == "0.0 +- 0.4 mm to the left"
+
+
+@pytest.mark.parametrize(
+    ("effect", "key", "value", "std", "unit", "sentence"),
+    [
+        ("length_error", "difference", -0.0021, 0.0003, "m",
+         "the DLO is shorter than the parameter file says (by 2.1 +- 0.3 mm)"),
+        ("length_error", "difference", 0.0021, 0.0003, "m",
+         "the DLO is longer than the parameter file says (by 2.1 +- 0.3 mm)"),
+        ("length_error", "difference", 0.0002, 0.0003, "m",
+         "the DLO is longer or shorter than the parameter file says (0.2 +- 0.3 mm longer)"),
+        ("command_delay", "delay", -0.02, 0.003, "s",
+         "the DLO does not move when the command says, but earlier (by 20 +- 3 ms)"),
+        ("air_drag", "coefficient", 0.03, 0.002, "N s/m^2",
+         "the air slows the DLO more than the parameter file says (by 0.030 +- 0.002 N s/m^2)"),
+        ("camera_scale", "ratio", 1.02, 0.002, "",
+         "the camera shows everything too small (ratio 1.020 +- 0.002)"),
+        ("stiff_segment", "ratio", 0.5, 0.1, "",
+         "one part of the DLO is softer than the rest (ratio 0.50 +- 0.10)"),
+        ("stiffness_gradient", "change", -0.3, 0.05, "",
+         "the DLO is stiffer towards the start (by 30 +- 5 %)"),
+        ("clamp_angle", "end", -0.1, 0.01, "rad",
+         "direction than the command says (at the end 5.7 +- 0.6 degrees counterclockwise)"),
+        ("gravity_tilt", "angle", 0.1, 0.01, "rad",
+         "does not point straight down the board (5.7 +- 0.6 degrees clockwise)"),
+        ("constant_force", "x", -0.1, 0.01, "N/m", "(0.100 +- 0.010 N/m to the left)"),
+    ],
+)  # fmt: skip
+def test_a_cause_says_its_side_in_words(effect, key, value, std, unit, sentence):
+    cause = NamedEffect(effect, {key: Number(value, std, unit)}, ())
+    assert sentence in answers(case(causes=[cause]))[1]
+    ((_, shown, _),) = rows(cause, LENGTH)
+    side = next(q for q in effects()[effect].quantities() if q.name == key).side(value)
+    assert side and shown.endswith(f" ({side})")
+
+
+def test_every_number_with_two_sides_has_two_words():
+    """What may lie on either side of nothing says on which, unless it is an angle in space."""
+    for effect in effects().values():
+        for q in effect.quantities():
+            if q.geometric or not effect.__module__.startswith("dlo_ros"):
+                continue
+            two_sided = q.lower < q.neutral < q.upper and q.tolerance is not None
+            free = not (q.spatial and q.unit == "1/m")
+            assert bool(q.sides) >= (two_sided and free and q.lower < 0.0), (effect.name, q.name)
+            assert all(len(set(pair)) == 2 or pair == ("", "") for pair in q.sides)
+
+
+def test_what_was_fitted_beside_the_set_up_is_told_with_it():
+    """A damping that the file guesses has no tolerance; where it is not determined that is said."""
+    fitted = SETUP | {
+        "air_drag.coefficient": SetupNumber(0.03, 0.004, None, "N s/m^2"),
+        "internal_damping.relaxation_time": SetupNumber(0.01, None, None, "s"),
+        "stiff_segment.centre": SetupNumber(0.12, 0.004, None, "m"),
+    }
+    made = case(setup=fitted)
+    lines = {line.name: line for line in setup_lines(made)}
+    drag = lines["air drag"]
+    assert (drag.off, drag.tolerance, drag.notable) == ("0.030 +- 0.004 N s/m^2 more", "none", True)
+    unknown = lines["internal damping"]
+    assert (unknown.off, unknown.tolerance, unknown.notable) == ("not determined", "none", False)
+    place = lines["stiffer or softer segment, its middle"]
+    assert (place.off, place.notable) == ("120 +- 4 mm", False)
+    told = tree(made)["setup"]
+    assert told["air_drag.coefficient"] == {
+        "value": 0.03, "std": 0.004, "tolerance": None, "unit": "N s/m^2"
+    }  # fmt: skip
+    assert told["internal_damping.relaxation_time"]["std"] is None
+    text = "\n".join(summary(made, LENGTH, Path("build/diagnosis")))
+    assert "air drag" in text and "0.030 +- 0.004 N s/m^2 more" in text
+    page = diagnosis_page(report(made, KNOWN))
+    checked(page)
+    assert "more</td><td>none" in page and "not determined</td><td>none" in page
+    adequate = case("adequate", (), 4e-3, setup=fitted)
+    assert "within twice its tolerance" in answers(adequate)[1]
 
 
 def test_a_cause_may_be_certain_and_its_strength_unknown():
