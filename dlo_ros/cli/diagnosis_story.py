@@ -48,6 +48,8 @@ LEAST_PICTURES = 20
 STATIONS = 41
 """Places along the DLO at which the error is looked at."""
 NOT_DETERMINED = "not determined"
+IF_DENSITY = ", if the density is right"
+"""Condition under which a number is known of which the data determine the ratio to the density."""
 GUESSED = "none"
 """Tolerance of what nobody states beforehand, such as a damping that is only guessed."""
 NEAR_END, NEAR_MIDDLE = 0.15, 0.1
@@ -359,9 +361,10 @@ def _deviations(name: str, n: SetupNumber) -> float:
     A place has no expected value, and what the data do not determine is not off.
     """
     effect, key, _ = split_name(name)
-    if not n.std or quantities(effect)[key].geometric:
+    std = n.std or n.held_std
+    if not std or quantities(effect)[key].geometric:
         return 0.0
-    return _off(name, n) / n.std
+    return _off(name, n) / std
 
 
 def _off(name: str, n: SetupNumber) -> float:
@@ -378,12 +381,14 @@ def _row(name: str, text: str, n: SetupNumber, count: int, *, notable: bool) -> 
         count: how many numbers its parameter has.
     """
     effect, key, index = split_name(name)
-    if n.std is None:
+    if n.std is None and n.held_std is None:
         off = NOT_DETERMINED
     elif quantities(effect)[key].geometric:
         off = amount(n.value, n.std, n.unit)
     else:
-        off = off_by(n.value, n.std, effect, key, index, count)
+        off = off_by(n.value, n.std or n.held_std, effect, key, index, count)
+        if n.std is None:
+            off += IF_DENSITY
     return SetupRow(
         text, off, GUESSED if n.tolerance is None else bare(n.tolerance, n.unit), notable
     )

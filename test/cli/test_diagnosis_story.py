@@ -348,6 +348,7 @@ def test_what_was_fitted_beside_the_set_up_is_told_with_it():
     fitted = SETUP | {
         "air_drag.coefficient": SetupNumber(0.03, 0.004, None, "N s/m^2"),
         "internal_damping.relaxation_time": SetupNumber(0.01, None, None, "s"),
+        "surface_friction.force": SetupNumber(0.2, None, None, "N/m", 0.02),
         "stiff_segment.centre": SetupNumber(0.12, 0.004, None, "m"),
     }
     made = case(setup=fitted)
@@ -356,6 +357,8 @@ def test_what_was_fitted_beside_the_set_up_is_told_with_it():
     assert (drag.off, drag.tolerance, drag.notable) == ("0.030 +- 0.004 N s/m^2 more", "none", True)
     unknown = lines["internal damping"]
     assert (unknown.off, unknown.tolerance, unknown.notable) == ("not determined", "none", False)
+    light = lines["friction with the board"]
+    assert light.off == "0.20 +- 0.02 N/m, if the density is right" and light.notable
     place = lines["stiffer or softer segment, its middle"]
     assert (place.off, place.notable) == ("120 +- 4 mm", False)
     told = tree(made)["setup"]

@@ -48,12 +48,15 @@ class SetupNumber:
         value: the number; of a damping the difference from the parameter file's.
         std: its standard deviation; None: the data do not determine it.
         tolerance: tolerance within which it is known beforehand; None: it is only guessed.
+        held_std: standard deviation where the density is as it stands, of which shapes tell no more
+            than ratios to it; None: not determined then either, or `std` is known.
     """
 
     value: float
     std: float | None
     tolerance: float | None
     unit: str
+    held_std: float | None = None
 
 
 @dataclass(frozen=True)

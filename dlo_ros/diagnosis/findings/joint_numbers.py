@@ -148,8 +148,13 @@ def set_up_numbers(
     parameter file; and those of effects which the model contains without their being certain.
     """
     named = {name for c in causes for name in c.names}
+    covariance = reported_covariance(at)
+    spread = np.sqrt(np.diag(covariance))
+    density = at.model.index("density")
+    held = covariance[:, density] / spread[density]
+    held = np.sqrt(np.maximum(spread**2 - held**2, 0.0))
     result = {}
-    for p, x, s in zip(at.model.parameters, at.model.theta(), outer_stds(at), strict=True):
+    for p, x, s, h in zip(at.model.parameters, at.model.theta(), spread, held, strict=True):
         if p.name in named or p.name in ("young_modulus", "density"):
             continue
         name, value = f"{p.effect}.{p.key}", p.outer(x)
@@ -159,9 +164,12 @@ def set_up_numbers(
             if effect in at.model.settings.effects:
                 continue  # what is added stands there
             value -= getattr(given.damping, p.name)
-        unbounded = p.logarithmic and s >= UNBOUNDED * p.outer(x)
-        std = None if unbounded else float(s)
-        result[name] = SetupNumber(value, std, _tolerance(p, given), p.unit)
+        std, held_std = (
+            None if p.logarithmic and v >= UNBOUNDED else p.outer_std(x, float(v)) for v in (s, h)
+        )
+        result[name] = SetupNumber(
+            value, std, _tolerance(p, given), p.unit, held_std if std is None else None
+        )
     return result
 
 
