@@ -166,7 +166,7 @@ def _how_wrong(found: Diagnosis, length: float) -> tuple[str, ...]:
 
 def _spread(found: Diagnosis) -> list[str]:
     """Sentence on the error in most pictures, all recordings counting the same, as in the mean."""
-    errors = [v.err_before for v in found.views]
+    errors = [v.err_before[is_lasting(v.err_before)] for v in found.views]
     if sum(map(len, errors)) < LEAST_PICTURES:
         return []
     weights = np.concatenate([np.full(len(e), 1.0 / (len(e) * len(errors))) for e in errors])

@@ -155,7 +155,11 @@ def _over_time(k: int, r: DiagnosedRecording, report: DiagnosisReport) -> list[s
     titles = ["plain model", "extended model"][: 2 if report.extends else 1]
     fields = [1e3 * f for f in (r.field_before, r.field_after)][: len(titles)]
     return [
-        figure(line_plot(plot), "ERR: mean distance between the two shapes over time."),
+        figure(
+            line_plot(plot),
+            "ERR: mean distance between the two shapes over time. A single picture far above its "
+            "neighbours was measured wrongly.",
+        ),
         figure(
             field_maps(titles, r.times, r.u, fields, "distance [mm]"),
             "Distance of the observed shape from the predicted one across the DLO, along it (u "
