@@ -129,7 +129,8 @@ def test_the_whole(example, tmp_path, capsys):
     for key, model in (("baseline", real._plain(report)), ("extended", extended)):
         shape = load_manipulation(tmp_path / "recordings" / real.KEPT, model)
         (drawn,) = forecast(shape, model).err
-        assert drawn == pytest.approx(report[key]["err_holdout"], rel=0.02)
+        allowed = model.simulation.tolerance * model.rod.length
+        assert drawn == pytest.approx(report[key]["err_holdout"], abs=allowed)
     picture = cv2.imread(str(tmp_path / "real_wire.png"))
     assert picture is not None and picture.shape[1] > 600
     assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 50
