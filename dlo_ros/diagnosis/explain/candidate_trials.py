@@ -17,8 +17,8 @@ from dlo_ros.inference.joint import (
     Evaluation,
     Simulated,
     borrowed,
+    compared,
     evaluate,
-    judged,
     simulate,
 )
 from dlo_ros.inference.joint_fit import approached, fit
@@ -169,7 +169,7 @@ def _with_columns(at: Evaluation, predicted: PredictedGain) -> Evaluation:
     # Of other parameters no derivative is known yet: a column of zeros stands behind the others.
     place = [names.index(n) if n in names else len(names) for n in model.names]
     known = tuple((r, np.pad(j, ((0, 0), (0, 1), (0, 0)))[:, place]) for r, j in fields)
-    return judged(model, Simulated(known, at.err, at.predicted), at.variances)
+    return compared(model, Simulated(known, at.err, at.predicted), at.variances)
 
 
 def _nearest_size(predicted: PredictedGain, recordings: Sequence[Recording]) -> ParametricModel:

@@ -46,7 +46,7 @@ from dlo_ros.diagnosis.selection.effect_search import Candidate
 from dlo_ros.diagnosis.selection.verdict import Verdict
 from dlo_ros.effects import effects
 from dlo_ros.errors import SimulationError
-from dlo_ros.inference.joint import Evaluation, borrowed, evaluate, simulate
+from dlo_ros.inference.joint import Evaluation, borrowed, evaluate, rejudged, simulate
 from dlo_ros.inference.joint_fit import fit
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
@@ -287,7 +287,7 @@ def _refitted(at: Evaluation, recordings: Sequence[Recording]) -> Evaluation:
         if len(recordings) == len(frames) and all(
             len(r.times) <= f for r, f in zip(recordings, frames, strict=True)
         ):
-            begun = borrowed(at, at.model, recordings)
+            begun = rejudged(borrowed(at, at.model, recordings))
             return fit(begun, recordings, FINAL_ITERATIONS)
         return fit(evaluate(at.model, recordings), recordings, FINAL_ITERATIONS)
     except SimulationError:
