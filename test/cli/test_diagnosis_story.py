@@ -187,6 +187,15 @@ def test_the_set_up_is_a_table_with_what_is_off_first():
     assert rows[4] == "  3 other numbers are as they should be, as far as these data determine."
 
 
+@pytest.mark.parametrize(
+    ("count", "words"),
+    [(1, "The number is as it should be"), (2, "Both numbers are as"), (3, "All 3 numbers are as")],
+)
+def test_numbers_that_are_not_off_are_counted(count, words):
+    quiet = dict(list(SETUP.items())[2 : 2 + count])
+    assert words in "\n".join(summary(case(setup=quiet), LENGTH, Path("build/diagnosis")))
+
+
 @pytest.mark.parametrize("made", [case(), case(setup=SETUP), case("unexplained", ()), found()])
 def test_no_line_of_the_terminal_is_wider_than_a_screen(made):
     lines = summary(made, LENGTH, Path("build/diagnosis"))
