@@ -254,7 +254,7 @@ def joint_outcome(
         related_after,
         matters,
         share,
-        set_up_numbers(final, found.causes),
+        set_up_numbers(final, found.causes, given),
         systematic_errors(final),
         found.trace,
     )

@@ -12,7 +12,12 @@ from dlo_ros.diagnosis.explain.measurement_error import material_err, mean_lengt
 from dlo_ros.diagnosis.findings import holdout
 from dlo_ros.diagnosis.findings.diagnosis_outcome import Diagnosis, NamedEffect, Trial
 from dlo_ros.diagnosis.findings.experiment_advice import advise
-from dlo_ros.diagnosis.findings.fitted_numbers import fitted, numbers, own_error
+from dlo_ros.diagnosis.findings.fitted_numbers import (
+    damping_numbers,
+    fitted,
+    numbers,
+    own_error,
+)
 from dlo_ros.diagnosis.findings.joint_outcome import Learned, joint_outcome
 from dlo_ros.diagnosis.findings.remarks import remarks
 from dlo_ros.diagnosis.findings.shape_views import views
@@ -114,6 +119,7 @@ def outcome(beginning: Beginning, plain: Candidate, found: Findings, given: Sett
         before,
         after if shown is not plain else None,
         material_err(float(np.mean(floors)), given),
+        setup=damping_numbers(best.at, given, own),
     )
 
 
