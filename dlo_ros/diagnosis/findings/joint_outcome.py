@@ -203,7 +203,7 @@ def joint_outcome(
     bare = final if found.setup is found.at else found.setup
     if bare.mean_err < matters:  # of what was learned from: is it so of all?
         bare = _completed(bare, first, known)
-    bare_model = ParametricModel(plain.at.model.settings, ())
+    bare_model = _unseeing(plain, first, learned.masks[: len(first)], given)
     before, seen_before = _errors(bare_model, recordings, learned.masks)
     after, seen_after = learned.held, learned.seen
     missing, left = holdout.mean(before), holdout.mean(after)
@@ -258,6 +258,16 @@ def joint_outcome(
         systematic_errors(final),
         found.trace,
     )
+
+
+def _unseeing(
+    plain: Candidate, recordings: Sequence[Recording], masks: Sequence[np.ndarray], given: Settings
+) -> ParametricModel:
+    """The plain model fitted to the frames that are not held out."""
+    model = plain.at.model
+    if any(m.any() for m in masks):
+        model = holdout.refitted(plain.at, recordings, [~m for m in masks], given)
+    return ParametricModel(model.settings, ())
 
 
 def _completed(at: Evaluation, recordings: Sequence[Recording], known: Sequence[int]) -> Evaluation:
