@@ -139,7 +139,8 @@ class Quantity:
         axis = 0
         if len(self.sides) == VECTOR:
             axis = NORMAL if index is None else (IN_PLANE[index] if count < VECTOR else index)
-        return self.sides[axis][value < self.neutral]
+        above, below = self.sides[axis]
+        return below if value < self.neutral else above
 
     @property
     def geometric(self) -> bool:

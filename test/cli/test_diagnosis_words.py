@@ -40,7 +40,7 @@ def test_every_effect_says_what_it_is():
         (amount(0.0312, None, "m"), "31.2 +- unknown mm"),
         (amount(0.02, 0.0013, "s"), "20.0 +- 1.3 ms"),
         (off_by(0.5, 0.04, "stiff_segment", "ratio"), "50 +- 4 % softer"),
-        (off_by(-0.0021, 0.0003, "length_error", "difference"), "2.1 +- 0.3 mm shorter"),
+        (off_by(np.float64(-0.0021), 3e-4, "length_error", "difference"), "2.1 +- 0.3 mm shorter"),
         (off_by(0.0021, 0.0003, "length_error", "difference"), "2.1 +- 0.3 mm longer"),
         (off_by(-0.012, 0.003, "command_delay", "delay"), "12 +- 3 ms earlier"),
         (off_by(0.002, 0.001, "clamp_offset", "end", 1, 2), "2.0 +- 1.0 mm up"),

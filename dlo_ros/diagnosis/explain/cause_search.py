@@ -117,9 +117,9 @@ def search(
 ) -> Search:  # fmt: skip
     """Add causes one by one, the one that raises the log evidence most first.
 
-    The search ends with a cause that takes too little of ERR away to be named. The laws of the
-    causes before it differ from the true ones; many effects can compensate for a little of that
-    difference, and none of them is its reason.
+    The search ends with a cause, not the first one, that takes too little of ERR away to be named.
+    The laws of the causes before it differ from the true ones; many effects can compensate for a
+    little of that difference, and none of them is its reason.
 
     Args:
         at: the joint model with its set-up within tolerance, fitted.
@@ -176,7 +176,7 @@ def search(
             _tell(trace[-1:])
             at, causes = bare, [c for c in causes if c is not cause]
             dropped.add(cause.label)
-        if little:
+        if little and number > 1:
             break
     return Search(at, tuple(causes), tuple(trace), offer)
 

@@ -10,16 +10,17 @@ import numpy as np
 from dlo_ros.inference.joint import Evaluation
 from dlo_ros.inference.measured import Recording, spline_space
 from dlo_ros.inference.spectrum import Spectrum
-from dlo_ros.inference.variances import FEWEST_FRAMES, Variances
+from dlo_ros.inference.variances import FEWEST_FRAMES, REPEATED_STD, Variances
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 
 OWN = 1.3
 """ERR over that of the measurement itself, up to which nothing is left to explain."""
 LARGEST = 0.01
-"""Largest error over the length that counts as the measurement's own, of those that stay and of
-those that are new in every picture: no calibration and no tracker that deserves the name errs more,
-and where the DLO moves far between two pictures what a model lacks is new in each as well."""
+"""Largest error over the length that counts as the measurement's own, of those that are new in
+every picture: no tracker that deserves the name errs more, and where the DLO moves far between two
+pictures what a model lacks is new in each as well. Of errors that stay, no more counts than careful
+calibrations err: `REPEATED_STD`."""
 STILL = 0.1
 """Share of the error that stays which counts as the measurement's where the DLO does not move:
 there nothing tells it from an error of the model."""
@@ -43,11 +44,12 @@ def own_err(at: Evaluation, recordings: Sequence[Recording]) -> float:
     which the DLO moves.
     """
     found, telling = [], []
-    most = (LARGEST * at.model.settings.rod.length) ** 2
+    length = at.model.settings.rod.length
+    most = (LARGEST * length) ** 2
     for variances, s, recording, predicted in zip(
         at.variances, at.spectra, recordings, at.predicted, strict=True
     ):
-        staying = np.minimum(_staying(variances, s), most)
+        staying = np.minimum(_staying(variances, s), (REPEATED_STD * length) ** 2)
         moved = recording.observed - recording.observed.mean(axis=0)
         still = np.mean(np.sum(moved**2, axis=2)) < np.sum(staying)
         own = (STILL if still else 1.0) ** 2 * staying
