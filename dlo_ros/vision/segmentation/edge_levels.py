@@ -79,7 +79,8 @@ def _usual(
     parts = -(-count // size)
     number = np.bincount(np.flatnonzero(seen) // size, minlength=parts)
     enough = np.flatnonzero(number >= FEWEST)
-    return _medians(profiles, offsets, middle, seen, enough, size), (enough + 0.5) * size
+    medians = _medians(profiles, offsets, middle, seen, enough, size)
+    return np.asarray(medians), np.asarray((enough + 0.5) * size)
 
 
 @njit()

@@ -17,9 +17,7 @@ LENS_STD = 0.5  # [px] of a lens's point spread: hardly any camera's picture is 
 
 
 @njit()
-def slope_towards(
-    strip: Float32, offsets: FloatArray, change: Float32
-) -> tuple[FloatArray, FloatArray]:
+def slope_towards(strip: Float32, offsets: FloatArray, change: Float32) -> tuple[Float32, Float32]:
     """Slope of the picture across the DLO towards a colour.
 
     Args:
@@ -51,7 +49,7 @@ def slope_towards(
 
 @njit()
 def climbing_length(
-    slope: FloatArray, offsets: FloatArray, climb: FloatArray, expected: FloatArray, window: float
+    slope: Float32, offsets: FloatArray, climb: Float32, expected: FloatArray, window: float
 ) -> FloatArray:
     """Length over which an edge near an expected offset climbs by the whole change [px].
 
@@ -75,9 +73,9 @@ def climbing_length(
 
 @njit()
 def steepest_change(
-    slope: FloatArray,
+    slope: Float32,
     offsets: FloatArray,
-    climb: FloatArray,
+    climb: Float32,
     expected: FloatArray,
     window: FloatArray,
     width: float,

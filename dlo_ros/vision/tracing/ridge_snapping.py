@@ -55,20 +55,16 @@ def follow(
     core, score = contrasts(strip, np.array(ranges), 2 * reach + 1)
     scale = contrast if contrast else float(np.percentile(score.max(axis=1), 60))
     scale = max(scale, 1.0)
-    score = np.minimum(score / scale, 1.0)
-    if colour is not None:
-        unlike = np.linalg.norm(core - colour.astype(np.float32), axis=2) / scale
-        score -= np.minimum(unlike, 1.5)
-    shift = best_course(score.astype(np.float64), STEEPNESS * step * step, 2) - reach
+    known = np.zeros(0, np.float32) if colour is None else colour.astype(np.float32)
+    score = scores(core, score, known, scale)
+    shift = best_course(score, STEEPNESS * step * step, 2) - reach
     sigma = 0.6 * width / spacing_for(width)
     moved = smooth_curve((shift * step)[:, None], sigma)
     return curve + moved * normals
 
 
 @njit()
-def contrasts(
-    strip: Float32, ranges: NDArray[np.int64], count: int
-) -> tuple[Float32, Float32]:
+def contrasts(strip: Float32, ranges: NDArray[np.int64], count: int) -> tuple[Float32, Float32]:
     """Colour of a bar at each offset, and its contrast to the weaker of its two sides.
 
     Args:
@@ -102,6 +98,30 @@ def contrasts(
                 weaker = min(weaker, np.sqrt(square))
             contrast[i, j] = weaker
     return core, contrast
+
+
+@njit()
+def scores(core: Float32, contrast: Float32, colour: Float32, scale: float) -> FloatArray:
+    """Score of a bar at each offset: its contrast, less what its colour differs by.
+
+    Args:
+        core, contrast: see `contrasts`.
+        colour: colour of the DLO, shape (3,); empty where it is not known.
+        scale: contrast of the DLO [grey levels].
+    """
+    rows, count = contrast.shape
+    result = np.empty((rows, count))
+    usual = np.float32(scale)
+    for i in range(rows):
+        for j in range(count):
+            score = min(contrast[i, j] / usual, np.float32(1.0))
+            if len(colour) > 0:
+                square = np.float32(0.0)
+                for c in range(3):
+                    square += (core[i, j, c] - colour[c]) * (core[i, j, c] - colour[c])
+                score -= min(np.sqrt(square) / usual, np.float32(1.5))
+            result[i, j] = score
+    return result
 
 
 @njit()
