@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 from conftest import ROOT
 
+from dlo_ros.cli.loading import load_manipulation
 from dlo_ros.errors import InputError
+from dlo_ros.inference.forecast import forecast
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings.read import read_recording
 from dlo_ros.spline import SplineBasis
@@ -122,6 +124,13 @@ def test_the_whole(example, tmp_path, capsys):
     report = json.loads((tmp_path / "diagnose" / "report.json").read_text())
     before, after = (report[k]["err_holdout"] for k in ("baseline", "extended"))
     assert after < 0.75 * before  # on the shape that no fit has seen
+    # The models that are drawn are those whose ERR is told.
+    extended = Settings.load(tmp_path / "diagnose" / "extended.yaml")
+    for key, model in (("baseline", real._plain(report)), ("extended", extended)):
+        shape = load_manipulation(tmp_path / "recordings" / real.KEPT, model)
+        (drawn,) = forecast(shape, model).err
+        allowed = model.simulation.tolerance * model.rod.length
+        assert drawn == pytest.approx(report[key]["err_holdout"], abs=allowed)
     picture = cv2.imread(str(tmp_path / "real_wire.png"))
     assert picture is not None and picture.shape[1] > 600
     assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 50

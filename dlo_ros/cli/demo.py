@@ -17,7 +17,14 @@ from dlo_ros.demo.overview import write_overview
 from dlo_ros.demo.overview_space import Views, write_space_overview
 from dlo_ros.demo.photographs import photographs
 from dlo_ros.demo.plan import params_beside, plan_run
-from dlo_ros.demo.result import estimate_tree, last_line, read_truth, report, write_json
+from dlo_ros.demo.result import (
+    estimate_tree,
+    last_line,
+    read_truth,
+    remarks,
+    report,
+    write_json,
+)
 from dlo_ros.errors import InputError
 from dlo_ros.nodes.received_data import SPECIFIC_MODULUS
 from dlo_ros.own_process import command_of
@@ -29,7 +36,7 @@ EXPERIMENT = "c_shape"
 IN_SPACE = "two_grippers"
 
 EXIT_UNKNOWN = 1
-"""Exit status where the run went well, and E/mu is not known to the identifier."""
+"""Exit status where the run went well, and E/mu, or ERR with it, is not known all the same."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -49,7 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the demo; returns the exit status, 1 where E/mu stays unknown.
+    """Run the demo; returns the exit status, 1 where E/mu or ERR with it stays unknown.
 
     Raises:
         DloError: an input is unusable or a node died.
@@ -97,8 +104,9 @@ def _run(
     }
     pictures = next(iter(views.values()), {})
     name = bag.resolve().name
+    said = remarks(received, outcome)
     page = report(
-        received, outcome, name, settings.rod.length, truth, pictures, received.warnings,
+        received, outcome, name, settings.rod.length, truth, pictures, [*said, *received.warnings],
         settings.camera_positions,
     )  # fmt: skip
     write_json(output / "estimate.json", estimate_tree(received, outcome, name, truth))
@@ -112,8 +120,10 @@ def _run(
     known = received.identifiable(SPECIFIC_MODULUS)
     if not known:
         console.print(f"{bag}: E/mu is not identified; record more motion", soft_wrap=True)
+    for sentence in said:
+        console.print(sentence, highlight=False, soft_wrap=True)
     console.print(last_line(outcome, truth), highlight=False, soft_wrap=True)
-    return 0 if known else EXIT_UNKNOWN
+    return 0 if known and outcome.err is not None else EXIT_UNKNOWN
 
 
 def _from_poses(output: Path, settings: Settings, console: Console) -> tuple[Path, Settings]:

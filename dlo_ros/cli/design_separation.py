@@ -93,7 +93,11 @@ def _read(path: Path) -> tuple[dict[str, tuple[Block, dict[str, Block]]], set[tu
             )
             for e in tree["effects"]
         }
-        setup = {split_name(name)[:2] for name in tree.get("setup", {})}
+        setup = {
+            split_name(name)[:2]
+            for name, n in tree.get("setup", {}).items()
+            if n.get("tolerance", 0.0) is not None
+        }
     except OSError as err:
         raise InputError(f"{path}: cannot be read ({err.strerror})") from err
     except (ValueError, KeyError, TypeError, AttributeError) as err:

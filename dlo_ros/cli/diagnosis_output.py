@@ -98,7 +98,10 @@ def tree(found: Diagnosis) -> dict[str, Any]:
         "remaining_err": _number(found.extended.err_holdout),
         "share": _number(found.share),
         "setup": {
-            name: {"value": n.value, "std": n.std, "tolerance": n.tolerance, "unit": n.unit}
+            name: {
+                "value": n.value, "std": _number(n.std), "tolerance": _number(n.tolerance),
+                "unit": n.unit,
+            }
             for name, n in found.setup.items()
         },
         "systematic": {
@@ -184,8 +187,13 @@ def _setup_table(lines: Sequence[SetupRow]) -> list[str]:
     widths = [max(len(row[k]) for row in cells) for k in range(2)] if cells else []
     table = [f"{a:<{widths[0]}}  {b:<{widths[1]}}  {c}" for a, b, c in cells]
     if rest:
-        more = f"{rest} other numbers are" if notable else f"All {rest} numbers are"
-        table.append(f"{more} as they should be, as far as these data determine.")
+        if rest == 1:
+            more = "The other number is as it" if notable else "The number is as it"
+        elif notable:
+            more = f"{rest} other numbers are as they"
+        else:
+            more = f"{'Both' if rest == 2 else f'All {rest}'} numbers are as they"
+        table.append(f"{more} should be, as far as these data determine.")
     return table
 
 

@@ -8,11 +8,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import median_filter
 
 from dlo_ros.cli.diagnosis_words import (
+    amount,
     bare,
     clause,
+    clear_side,
     either,
     is_sized,
     label,
@@ -29,6 +30,7 @@ from dlo_ros.inference.parameter import split_name
 from dlo_ros.inference.weighted_quantiles import weighted_quantiles
 from dlo_ros.report.diagnosis_content import Question, SetupRow
 from dlo_ros.report.elements import measured, number
+from dlo_ros.report.worst_frame import is_lasting, lasting_err, worst_frame
 from dlo_ros.spline import FloatArray, SplineBasis
 
 QUESTION_ERROR = "How wrong is my simulation?"
@@ -45,6 +47,11 @@ LEAST_PICTURES = 20
 """Pictures of which nine of ten are a statement: fewer have no 5 % that lie outside."""
 STATIONS = 41
 """Places along the DLO at which the error is looked at."""
+NOT_DETERMINED = "not determined"
+IF_DENSITY = ", if the density is right"
+"""Condition under which a number is known of which the data determine the ratio to the density."""
+GUESSED = "none"
+"""Tolerance of what nobody states beforehand, such as a damping that is only guessed."""
 NEAR_END, NEAR_MIDDLE = 0.15, 0.1
 """Shares of the length within which a place is near an end, or near the middle."""
 
@@ -159,7 +166,7 @@ def _how_wrong(found: Diagnosis, length: float) -> tuple[str, ...]:
 
 def _spread(found: Diagnosis) -> list[str]:
     """Sentence on the error in most pictures, all recordings counting the same, as in the mean."""
-    errors = [v.err_before for v in found.views]
+    errors = [v.err_before[is_lasting(v.err_before)] for v in found.views]
     if sum(map(len, errors)) < LEAST_PICTURES:
         return []
     weights = np.concatenate([np.full(len(e), 1.0 / (len(e) * len(errors))) for e in errors])
@@ -177,7 +184,8 @@ def _places(views: Sequence[RecordingView], length: float) -> list[str]:
     """Sentence on the places and times of the plain model's error."""
     if not views:
         return []
-    along = np.sqrt(np.mean([np.mean(distances(v, length) ** 2, axis=0) for v in views], axis=0))
+    squares = [distances(v, length)[is_lasting(v.err_before)] ** 2 for v in views]
+    along = np.sqrt(np.mean([np.mean(s, axis=0) for s in squares], axis=0))
     u = np.linspace(0.0, length, STATIONS)
     k = int(np.argmax(along))
     sentences = []
@@ -188,25 +196,16 @@ def _places(views: Sequence[RecordingView], length: float) -> list[str]:
         )
     else:
         sentences.append("It is about as wrong all along the DLO.")
-    worst = max(views, key=lambda v: float(_lasting(v.err_before).max()))
-    errors = _lasting(worst.err_before)
-    frame = int(np.argmax(errors))
+    worst = max(views, key=lambda v: float(lasting_err(v.err_before).max()))
+    frame = worst_frame(worst.err_before)
+    error = float(worst.err_before[frame])
     means = [float(v.err_before.mean()) for v in views]
-    if errors[frame] > UNEVEN_ERROR * np.mean(means):
+    if error > UNEVEN_ERROR * np.mean(means):
         at = [f"in {worst.name}"] if len(views) > 1 else []
-        if errors[frame] > UNEVEN_ERROR * worst.err_before.mean():
+        if error > UNEVEN_ERROR * worst.err_before.mean():
             at.append(f"{worst.times[frame]:.1f} s after the beginning")
-        sentences.append(
-            f"It is worst {', '.join(at)}: by {mm(float(errors[frame]))} on average along the DLO."
-        )
+        sentences.append(f"It is worst {', '.join(at)}: by {mm(error)} on average along the DLO.")
     return sentences
-
-
-def _lasting(err: FloatArray) -> FloatArray:
-    """ERR without that of single pictures, of which a grossly wrong one is no simulation's."""
-    if len(err) < 3:
-        return err
-    return np.asarray(median_filter(err, 3, mode="mirror"))
 
 
 def distances(view: RecordingView, length: float) -> FloatArray:
@@ -238,8 +237,9 @@ def _why(found: Diagnosis) -> tuple[str, ...]:
         if found.setup and extends(found):
             labels = _labels(found)
             far = [
-                labels[name] for name, n in found.setup.items() if _off(name, n) > 2.0 * n.tolerance
-            ]
+                labels[name] for name, n in found.setup.items()
+                if n.tolerance is not None and _off(name, n) > 2.0 * n.tolerance
+            ]  # fmt: skip
             where = (
                 f"{enumerated(far)} by more than twice the tolerance"
                 if far
@@ -278,7 +278,7 @@ def _left(found: Diagnosis) -> str:
 
 
 def _cause(effect: NamedEffect, length: float) -> str:
-    own = clause(effect.name)
+    own = clause(effect.name, clear_side(effect))
     numbers = f" ({values(effect, length)})" if effect.parameters else ""
     share = f" ({percent(effect.share)} of the error)" if effect.share else ""
     if effect.rivals:
@@ -335,23 +335,36 @@ def _gain(found: Diagnosis, file: str) -> tuple[str, ...]:
 def setup_lines(found: Diagnosis) -> tuple[SetupRow, ...]:
     """Lines on the numbers of the set-up, the most clearly wrong first."""
     labels = _labels(found)
+    counts = _counts(found)
     off = {name: _deviations(name, n) for name, n in found.setup.items()}
     return tuple(
-        _row(name, labels[name], found.setup[name], notable=off[name] > NOTABLE)
+        _row(name, labels[name], found.setup[name], counts[name], notable=off[name] > NOTABLE)
         for name in sorted(off, key=lambda name: -off[name])
     )
 
 
-def _labels(found: Diagnosis) -> dict[str, str]:
-    """Label of each number of the set-up, by its name; keys with several values are numbered."""
+def _counts(found: Diagnosis) -> dict[str, int]:
+    """Number of values that the key of each number of the set-up has, by its name."""
     keys = {name: name.partition("[")[0] for name in found.setup}
     counts = Counter(keys.values())
-    return {name: label(name, counts[key]) for name, key in keys.items()}
+    return {name: counts[key] for name, key in keys.items()}
+
+
+def _labels(found: Diagnosis) -> dict[str, str]:
+    """Label of each number of the set-up, by its name; keys with several values are numbered."""
+    return {name: label(name, count) for name, count in _counts(found).items()}
 
 
 def _deviations(name: str, n: SetupNumber) -> float:
-    """Difference of a number from its expected value, in standard deviations."""
-    return _off(name, n) / n.std if n.std > 0.0 else 0.0
+    """Difference of a number from its expected value, in standard deviations.
+
+    A place has no expected value, and what the data do not determine is not off.
+    """
+    effect, key, _ = split_name(name)
+    std = n.std or n.held_std
+    if not std or quantities(effect)[key].geometric:
+        return 0.0
+    return _off(name, n) / std
 
 
 def _off(name: str, n: SetupNumber) -> float:
@@ -360,7 +373,22 @@ def _off(name: str, n: SetupNumber) -> float:
     return abs(n.value - quantities(effect)[key].neutral)
 
 
-def _row(name: str, text: str, n: SetupNumber, *, notable: bool) -> SetupRow:
-    effect, key, _ = split_name(name)
-    off = off_by(n.value, n.std, effect, key)
-    return SetupRow(text, off, bare(n.tolerance, n.unit), notable)
+def _row(name: str, text: str, n: SetupNumber, count: int, *, notable: bool) -> SetupRow:
+    """A number of the set-up in words.
+
+    Args:
+        text: its label.
+        count: how many numbers its parameter has.
+    """
+    effect, key, index = split_name(name)
+    if n.std is None and n.held_std is None:
+        off = NOT_DETERMINED
+    elif quantities(effect)[key].geometric:
+        off = amount(n.value, n.std, n.unit)
+    else:
+        off = off_by(n.value, n.std or n.held_std, effect, key, index, count)
+        if n.std is None:
+            off += IF_DENSITY
+    return SetupRow(
+        text, off, GUESSED if n.tolerance is None else bare(n.tolerance, n.unit), notable
+    )

@@ -15,6 +15,7 @@ from dlo_ros.report.elements import measured, millimetres, number
 
 AXES = {2: "xz", 3: "xyz"}
 """Names of the components of a vector, by their number."""
+ENDS = ("start", "end")
 SIZES = ("size", "angle", "ratio")
 """Roles of the numbers that say how much there is of an effect."""
 CLEAR_STDS = 2.0
@@ -29,10 +30,28 @@ def title(effect: str) -> str:
     return known.called() if known else effect.replace("_", " ")
 
 
-def clause(effect: str) -> str:
-    """Clause on an effect; its name where the effect is not known (any more)."""
+def clause(effect: str, side: str = "") -> str:
+    """Clause on an effect; its name where the effect is not known (any more).
+
+    Args:
+        side: word for the side of neutral on which it is; empty: not known.
+    """
     known = effects().get(effect)
-    return known.report_phrase() if known else f"there is an effect of {effect.replace('_', ' ')}"
+    if known is None:
+        return f"there is an effect of {effect.replace('_', ' ')}"
+    return known.report_phrase(side)
+
+
+def clear_side(effect: NamedEffect) -> str:
+    """Word for the side of neutral on which an effect clearly is; empty: there is none."""
+    for key, n in effect.parameters.items():
+        q = _quantity(effect.name, key)
+        if q is None or isinstance(n.value, tuple) or isinstance(n.std, tuple):
+            continue
+        clear = n.std is None or abs(n.value - q.neutral) > CLEAR_STDS * n.std
+        if clear and (side := q.side(n.value)):
+            return side
+    return ""
 
 
 def amount(value: float, std: float | None, unit: str, *, sparing: bool = True) -> str:
@@ -60,13 +79,31 @@ def _units(value: float, unit: str) -> tuple[float, str]:
     return 1.0, unit
 
 
-def off_by(value: float, std: float | None, effect: str, key: str) -> str:
-    """Difference of a number from its expected value; without a unit in per cent."""
+def off_by(
+    value: float, std: float | None, effect: str, key: str, index: int | None = None, count: int = 1
+) -> str:
+    """Difference of a number from its expected value, such as 2.1 +- 0.3 mm shorter.
+
+    Without a unit it is in per cent; a sign tells the side where there is no word for it.
+
+    Args:
+        value, std: the number and its standard deviation.
+        effect, key: names of the effect and of its parameter.
+        index: index of the number in a parameter of several; None: it is the only one.
+        count: how many numbers the parameter has.
+    """
     q = _quantity(effect, key)
     neutral, unit = (q.neutral, q.unit) if q else (0.0, "")
     if unit:
-        return amount(value - neutral, std, unit)
-    return amount(100.0 * (value - neutral), None if std is None else 100.0 * std, "%")
+        return _sided(value - neutral, std, unit, q.side(value, index, count) if q else "")
+    percentage = None if std is None else 100.0 * std
+    side = q.side(value, index, count) if q else ""
+    return _sided(100.0 * (value - neutral), percentage, "%", side)
+
+
+def _sided(value: float, std: float | None, unit: str, side: str) -> str:
+    """A number with the word for its side in the place of its sign, where there is one."""
+    return f"{amount(abs(value), std, unit)} {side}" if side else amount(value, std, unit)
 
 
 def label(name: str, count: int = 1) -> str:
@@ -107,7 +144,11 @@ def values(effect: NamedEffect, length: float) -> str:
     Args:
         length: length of the DLO [m].
     """
-    return ", ".join(_value(effect.name, key, n, length) for key, n in effect.parameters.items())
+    side = clear_side(effect)
+    said = side if clause(effect.name, side) != clause(effect.name) else ""
+    return ", ".join(
+        _value(effect.name, key, n, length, said) for key, n in effect.parameters.items()
+    )
 
 
 def rows(effect: NamedEffect, length: float) -> list[tuple[str, str, str]]:
@@ -126,6 +167,9 @@ def rows(effect: NamedEffect, length: float) -> list[tuple[str, str, str]]:
         for k, (value, std) in enumerate(zip(found, stds, strict=True)):
             name = f"{key}, {_component(q, k, len(found))}" if several else key
             shown = _known(value, std, n.unit, q, length, sparing=False)
+            side = q.side(value, k if several else None, len(found)) if q else ""
+            if side and is_determined(value, std, q, length):
+                shown += f" ({side})"
             table.append((name, shown, "" if k else meaning))
     return table
 
@@ -189,22 +233,36 @@ def _known(
     return amount(factor * value, std, shown, sparing=sparing)
 
 
-def _value(effect: str, key: str, n: Number, length: float) -> str:
+def _value(effect: str, key: str, n: Number, length: float, said: str) -> str:
+    """A number of an effect in a phrase.
+
+    Args:
+        length: length of the DLO [m].
+        said: word for its side that the clause before already has; empty: there is none.
+    """
     words = key.replace("_", " ")
     q = _quantity(effect, key)
     if q is not None and q.role == "place":
         words = "at u ="
-    elif key in ("start", "end"):
+    elif key in ENDS:
         words = f"at the {key}"
     if not isinstance(n.value, tuple):
         assert n.std is None or isinstance(n.std, float)
-        return f"{words} {_known(n.value, n.std, n.unit, q, length)}"
+        side = q.side(n.value) if q is not None and not q.neutral else ""
+        shown = _known(abs(n.value) if side else n.value, n.std, n.unit, q, length)
+        if not side or not is_determined(n.value, n.std, q, length):
+            return f"{words} {shown}"
+        if side == said:
+            return f"by {shown}"
+        # The side tells which number it is, but for those of the two ends.
+        return f"{words} {shown} {side}" if key in ENDS else f"{shown} {side}"
     stds = n.std if isinstance(n.std, tuple) else (None,) * len(n.value)
     if q is not None and q.counts:
-        parts = [
-            f"{_component(q, k, len(n.value))} {amount(v, s, n.unit)}"
-            for k, (v, s) in enumerate(zip(n.value, stds, strict=True))
-        ]
+        parts = []
+        for k, (v, s) in enumerate(zip(n.value, stds, strict=True)):
+            side = q.side(v, k, len(n.value))
+            axis = "" if side else f"{_component(q, k, len(n.value))} "
+            parts.append(f"{axis}{_sided(v, s, n.unit, side)}")
         return f"{words} {', '.join(parts)}"
     low, high = min(n.value), max(n.value)
     known = [s for s in stds if s is not None and math.isfinite(s)]

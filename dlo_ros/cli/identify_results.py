@@ -3,16 +3,25 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from dlo_ros.cli.diagnosis_words import label, off_by
 from dlo_ros.cli.loads import borne
 from dlo_ros.cli.results import QUANTITIES
 from dlo_ros.effects import quantities
 from dlo_ros.identification.force_scale import words as force_words
-from dlo_ros.identification.identifiability import correlations, knowledge, rounded, sentences
+from dlo_ros.identification.identifiability import QUANTITIES as COMBINATIONS
+from dlo_ros.identification.identifiability import (
+    correlations,
+    enumerated,
+    knowledge,
+    rounded,
+    sentences,
+)
 from dlo_ros.identification.offline.posterior_sampling import Sample
 from dlo_ros.identification.offline.recording_identification import Identification
 from dlo_ros.inference.forecast import Forecast, Manipulation
@@ -36,7 +45,13 @@ ROLES = {"train": "used for the fit", "validate": "not used"}
 NOTABLE_STDS = 2.0  # standard deviations from neutral, from which a number of the set-up is listed
 PLACES = 24  # along the DLO, in the map of residuals
 MODEL_ERROR_RATIO = 2.0  # ERR over the noise floor beyond which the model misses something
-LARGEST_ELLIPSE_STD = 0.5  # relative standard deviation up to which an ellipse is drawn
+PAIRS = (
+    ("young_modulus", "density"),
+    ("specific_modulus", "specific_drag"),
+    ("specific_modulus", "relaxation_time"),
+)
+"""Quantities whose common uncertainty is drawn."""
+LEAST_VARIANCE = 1e-14  # of a logarithm: what is stated to be exact has no ellipse
 
 
 def information(found: Identification) -> FloatArray:
@@ -160,15 +175,17 @@ def _set_up(found: Identification) -> list[str]:
     """Sentences on the numbers of the set-up that are off."""
     if not found.set_up:
         return []
-    off = [
-        f"{name.removeprefix(EFFECTS_PREFIX)} {measured(value, std, _unit(name))}"
-        for name, (value, std) in found.set_up.items()
-        if abs(value - quantities(split_name(name)[0])[split_name(name)[1]].neutral)
-        > NOTABLE_STDS * std
-    ]
-    words = f": {', '.join(off)}" if off else ", though no single number is off for certain"
+    counts = Counter(split_name(name)[:2] for name in found.set_up)
+    off = []
+    for name, (value, std) in found.set_up.items():
+        effect, key, index = split_name(name)
+        if abs(value - quantities(effect)[key].neutral) > NOTABLE_STDS * std:
+            count = counts[effect, key]
+            words = label(name.removeprefix(EFFECTS_PREFIX), count)
+            off.append(f"{words} {off_by(value, std, effect, key, index, count)}")
+    said = f": {'; '.join(off)}" if off else ", though no single number is off for certain"
     return [
-        f"The set-up is not exactly what the parameter file says{words}. Its numbers, each as far "
+        f"The set-up is not exactly what the parameter file says{said}. Its numbers, each as far "
         "from neutral as its tolerance allows, stand in estimate.yaml as effects."
     ]
 
@@ -235,6 +252,7 @@ def report(
     estimate = found.estimate
     length = settings.rod.length
     initial = before or [None] * len(recordings)
+    ellipses, not_drawn = _ellipses(found)
     return IdentificationReport(
         title="Identification from recordings",
         headline=_headline(found),
@@ -257,7 +275,8 @@ def report(
         ),
         noise_floor=found.noise_floor,
         remarks=tuple(remarks(found)),
-        ellipses=tuple(_ellipses(found)),
+        ellipses=tuple(ellipses),
+        not_drawn=tuple(not_drawn),
         loads=borne(recordings, estimate.settings),
         cameras=settings.camera_positions,
         explained=True,
@@ -303,24 +322,27 @@ def _residuals(
     return ResidualMap(times, np.sum(gap * left, axis=2))
 
 
-def _ellipses(found: Identification) -> list[Ellipse]:
-    """E/mu beside each damping, and E beside mu, where they are known to some extent."""
-    estimate = found.estimate
-    damping = estimate.settings.damping
-    combinations = {
-        "E/mu": (np.array([1.0, -1.0, 0.0, 0.0]), estimate.specific_modulus),
-        "c/mu": (np.array([0.0, -1.0, 1.0, 0.0]), damping.air_drag / estimate.density),
-        "t_r": (np.array([0.0, 0.0, 0.0, 1.0]), damping.relaxation_time),
-        "E": (np.array([1.0, 0.0, 0.0, 0.0]), estimate.young_modulus),
-        "mu": (np.array([0.0, 1.0, 0.0, 0.0]), estimate.density),
-    }
+def _ellipses(found: Identification) -> tuple[list[Ellipse], list[str]]:
+    """Ellipses of E/mu beside each damping and of E beside mu, and sentences on those not drawn.
+
+    A guess, as the remarks call it, has no uncertainty that could be drawn.
+    """
+    known = {k.name: k for k in knowledge(found.estimate, information(found))}
     result = []
-    for a, b in (("E", "mu"), ("E/mu", "c/mu"), ("E/mu", "t_r")):
-        rows = np.stack([combinations[a][0], combinations[b][0]])
-        covariance = rows @ estimate.covariance @ rows.T
-        if np.all(np.sqrt(np.diag(covariance)) < LARGEST_ELLIPSE_STD) and np.all(
-            np.diag(covariance) > 1e-14
-        ):
-            values = (combinations[a][1], combinations[b][1])
-            result.append(Ellipse((a, b), values, covariance))
-    return result
+    left_out: dict[str, list[str]] = {}
+    for pair in PAIRS:
+        if not all(name in known for name in pair):
+            continue  # a damping of zero, which is not fitted
+        words = (known[pair[0]].words, known[pair[1]].words)
+        guesses = [known[name].words for name in pair if known[name].source == "guess"]
+        if guesses:
+            left_out.setdefault(enumerated(guesses), []).append(" beside ".join(words))
+            continue
+        rows = np.array([COMBINATIONS[name][1] for name in pair])
+        covariance = rows @ found.estimate.covariance @ rows.T
+        if np.all(np.diag(covariance) > LEAST_VARIANCE):
+            result.append(Ellipse(words, covariance))
+    return result, [
+        f"Not drawn: {enumerated(pairs)}, since these data do not determine {unknown}."
+        for unknown, pairs in left_out.items()
+    ]

@@ -36,7 +36,8 @@ class LiveOutcome:
         err_initial: time mean of eq. (10) that the initial guess gives on what was observed [m];
             None where it cannot be simulated. Simulated afterwards, since live nodes soon know
             better.
-        err: mean of the live ERR over the last half second [m].
+        err: mean of the live ERR over the last half second [m]; None where the simulator did not
+            have the estimate by then, so that it is the error of something else.
         noise_floor: the ERR that a perfect model would have [m]; None where not known.
         initial: prediction of the initial guess by stamp [ns], control points, each of shape (n,
             4).
@@ -44,7 +45,7 @@ class LiveOutcome:
 
     sample: EstimateSample
     err_initial: float | None
-    err: float
+    err: float | None
     noise_floor: float | None
     initial: Mapping[int, FloatArray]
 
@@ -66,16 +67,28 @@ def assess(bag: Path, settings: Settings, received: ReceivedData) -> LiveOutcome
     observations = tuple(Observation(s, received.observed[s]) for s in sorted(received.observed))
     before = _initial_guess(bag, settings, observations)
     after = [value for stamp, value in errors.items() if stamp >= max(errors) - LAST_MOMENTS]
+    err = float(np.mean(after)) if in_time(received, settings.rod.length) else None
     basis = SplineBasis(settings.rod.control_points, settings.rod.length)
     return LiveOutcome(
         sample,
         None if before is None else float(np.mean(before.err)),
-        float(np.mean(after)),
+        err,
         noise_floor(observations, basis),
         {}
         if before is None
         else {int(s): p for s, p in zip(before.stamps, before.predicted, strict=True)},
     )
+
+
+def in_time(received: ReceivedData, length: float) -> bool:
+    """Whether the last ERR is that of the estimate: the simulator had it by then.
+
+    Args:
+        received: the messages that the nodes published.
+        length: length of the DLO [m].
+    """
+    errors = received.errors(length)
+    return bool(errors) and received.in_time(max(errors) - LAST_MOMENTS)
 
 
 def _initial_guess(

@@ -45,6 +45,10 @@ EXPLANATION = (
     "ERR at first is the time mean over the recording that the initial guess gives, simulated "
     "afterwards; ERR at the end is the mean of the live one over the last half second.",
 )
+TOO_BUSY = (
+    "ERR at the end is not known: this machine was too busy for the nodes, and the simulator did "
+    "not have the estimate in time. Run it again with nothing else beside it."
+)
 
 
 def read_truth(bag: Path) -> dict[str, float]:
@@ -93,12 +97,30 @@ def write_json(path: Path, tree: Any) -> None:
 
 def last_line(outcome: LiveOutcome, truth: Mapping[str, float]) -> str:
     """The result in one line, such as `ERR 31.2 -> 1.4 mm; E/mu 1.98e+04 +- 0.03e+04 m^2/s^2`."""
-    before = "unknown" if outcome.err_initial is None else f"{1e3 * outcome.err_initial:.1f}"
-    text = (
-        f"ERR {before} -> {1e3 * outcome.err:.1f} mm; "
-        f"E/mu {with_std(outcome.sample, SPECIFIC_MODULUS)}"
-    )
+    before, after = (
+        "unknown" if err is None else f"{1e3 * err:.1f}"
+        for err in (outcome.err_initial, outcome.err)
+    )  # fmt: skip
+    text = f"ERR {before} -> {after} mm; E/mu {with_std(outcome.sample, SPECIFIC_MODULUS)}"
     return f"{text} (true {truth[SPECIFIC_MODULUS]:.2e})" if truth else text
+
+
+def remarks(received: ReceivedData, outcome: LiveOutcome) -> list[str]:
+    """Sentences on a run in which the nodes did not keep up with the recording."""
+    result = []
+    if received.passes > 1:
+        result.append(
+            f"This machine was too busy for the nodes, so the recording was played "
+            f"{received.passes} times; this is the last time."
+        )
+    if received.waiting:
+        result.append(
+            f"The estimate is not that of the whole recording: {received.waiting} observed shapes "
+            "were still waiting for the estimator when the demo ended."
+        )
+    if outcome.err is None:
+        result.append(TOO_BUSY)
+    return result
 
 
 def with_std(sample: EstimateSample, name: str) -> str:

@@ -39,6 +39,8 @@ NEAREST = 4
 """Candidates that are fitted anew with a finer simulation where nothing explains the data."""
 REFINED = 4
 """Iterations with a simulation that has been refined."""
+ALONE = 10
+"""Iterations of the plain model's fit to the recordings that may be learned from."""
 MISSED = 0.8
 """Root autocovariance of the residuals over the plain model's, below which another plain model
 takes its place."""
@@ -166,7 +168,7 @@ def _search(
 ) -> tuple[Candidate, Findings]:
     """The plain model and the explanation of the first `count` recordings."""
     learned = beginning.recordings[:count]
-    at = _only(beginning.at, count)
+    at = _learned(beginning, count, given)
     plain = candidate("", "", at, given)
     problem = Problem(learned, given, drafts(learned, at))
 
@@ -197,10 +199,14 @@ def _search(
     )
 
 
-def _only(at: CandidateEvaluation, count: int) -> CandidateEvaluation:
-    """The part of an evaluation that belongs to the first recordings."""
-    assert at.jacobians is not None
-    return replace(
-        at, residuals=at.residuals[:count], jacobians=at.jacobians[:count],
-        predicted=at.predicted[:count], err=at.err[:count],
-    )  # fmt: skip
+def _learned(beginning: Beginning, count: int, given: Settings) -> CandidateEvaluation:
+    """The plain model fitted to the first `count` recordings, from which all may be learned.
+
+    The initial fit has seen the others, too: from all recordings a starting point is found that
+    each of them can be simulated from.
+    """
+    if count == len(beginning.recordings):
+        return beginning.at
+    learned = beginning.recordings[:count]
+    here = evaluate(beginning.at.model, learned, given)
+    return renewed(fit(here, learned, given, ALONE), learned, given)

@@ -278,9 +278,18 @@ class Effect:
         return cls.title or cls.name.replace("_", " ")
 
     @classmethod
-    def report_phrase(cls) -> str:
-        """The phrase for reports, or the name in words."""
-        return cls.phrase or f"there is an effect of {cls.called()}"
+    def report_phrase(cls, side: str = "") -> str:
+        """The phrase for reports, or the name in words.
+
+        Args:
+            side: one of the words of a parameter's `sides`: it takes the place of both in the
+                phrase, where that names both ("longer or shorter"); empty: it is not known.
+        """
+        phrase = cls.phrase or f"there is an effect of {cls.called()}"
+        for above, below in (pair for q in cls.quantities() for pair in q.sides):
+            if side in (above, below):
+                phrase = phrase.replace(f"{above} or {below}", side)
+        return phrase
 
     def shape_body(self, body: Body) -> None:
         """Change the rod: stiffness, rest strain, mass, load, damping, surroundings."""

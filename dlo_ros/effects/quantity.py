@@ -21,6 +21,18 @@ ON_THE_ROPE = (0.0, 1.0)
 """Range of a place, of the length."""
 ALONG_THE_ROPE = (0.02, 0.6)
 """Range of an extent, of the length: shorter ones act like a point, longer ones like the whole."""
+ALONG_AXES = (
+    ("to the right", "to the left"),
+    ("away from the camera", "towards the camera"),
+    ("up", "down"),
+)
+"""Words for a move along the board's x, y and z axes, and for one against them."""
+TURNED = ("clockwise", "counterclockwise")
+"""Words for an angle about the board's y axis, as the camera sees it: positive, negative."""
+ABOUT_AXES = (("", ""), TURNED, ("", ""))
+"""The same of a rotation vector, of which nobody has words for the other two."""
+IN_PLANE = (0, 2)
+"""Axes of a vector of two numbers."""
 VECTOR, NORMAL = 3, 1  # numbers of a vector in the board's frame, and which of them is across it
 LEAST_DRAG = 1e-3  # [s/m] of the weight per length: unit of a drag where none is configured
 LEAST_TIME = 1e-4  # [s] unit of a relaxation time where none is configured
@@ -88,6 +100,8 @@ class Quantity:
             `effects.NAME.KEY_std`; empty: none.
         spatial: whether it makes a DLO leave the board's plane, or is seen only outside of it: it
             is then left alone where recordings stay there.
+        sides: words for a value above neutral and for one below it, such as longer and shorter; of
+            a vector for each of the board's axes; empty: there are none.
     """
 
     name: str
@@ -105,11 +119,27 @@ class Quantity:
     adds_to: str = ""
     stated_by: str = ""
     spatial: bool = False
+    sides: tuple[tuple[str, str], ...] = ()
 
     @property
     def bracketed(self) -> str:
         """The unit in brackets, with a space before it; 1 where there is none."""
         return f" [{self.unit or '1'}]"
+
+    def side(self, value: float, index: int | None = None, count: int = 1) -> str:
+        """The word for the side of neutral on which a value lies; empty: there is none.
+
+        Args:
+            value: the number.
+            index: its index in a parameter of several numbers; None: it is the only one.
+            count: how many numbers the parameter has.
+        """
+        if not self.sides or value == self.neutral:
+            return ""
+        axis = 0
+        if len(self.sides) == VECTOR:
+            axis = NORMAL if index is None else (IN_PLANE[index] if count < VECTOR else index)
+        return self.sides[axis][value < self.neutral]
 
     @property
     def geometric(self) -> bool:
@@ -217,12 +247,13 @@ def quantity(
     adds_to: str = "",
     stated_by: str = "",
     spatial: bool = False,
+    sides: tuple[tuple[str, str], ...] = (),
 ) -> Any:
     """A dataclass field that is a parameter of an effect; see `Quantity`.
 
     Args:
         neutral, unit, lower, upper, description, array, counts, tolerance, natural, search,
-            adds_to, stated_by, spatial: as there.
+            adds_to, stated_by, spatial, sides: as there.
         role: as in `Quantity`; default: `angle` in radians, else `size`.
 
     Raises:
@@ -237,7 +268,7 @@ def quantity(
         "unit": unit, "lower": lower, "upper": upper, "description": description, "array": array,
         "counts": counts, "role": role or ("angle" if unit == "rad" else "size"),
         "tolerance": tolerance, "natural": natural, "search": search, "adds_to": adds_to,
-        "stated_by": stated_by, "spatial": spatial,
+        "stated_by": stated_by, "spatial": spatial, "sides": sides,
     }  # fmt: skip
     several = bool(counts) and counts[0] > 1
     return field(default=(neutral,) * counts[0] if several else neutral, metadata=data)

@@ -28,7 +28,6 @@ QUANTITIES = {
     "air_drag": ("air drag c", (0.0, 0.0, 1.0, 0.0)),
     "relaxation_time": ("relaxation time t_r", (0.0, 0.0, 0.0, 1.0)),
 }
-CORRELATED = 0.95
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,7 +15,7 @@ from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parallel import Threads
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.spectrum import Spectrum, spectrum
-from dlo_ros.inference.variances import Posterior, Variances, fit_variances
+from dlo_ros.inference.variances import Posterior, Variances, fit_variances, posterior
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 
@@ -23,6 +24,8 @@ LEAST_ITERATIONS = 3
 
 DIFFERENCE = 0.05
 """Step of a difference, in tolerances: large enough to be seen where impacts multiply it."""
+
+BOUNDLESS = "derivatives of the simulation grow beyond all bounds"
 
 Field = tuple[FloatArray, FloatArray]
 
@@ -216,20 +219,63 @@ def judged(
     Raises:
         SimulationError: derivatives are too large for a likelihood.
     """
-    n = model.settings.rod.control_points
-    spectra = tuple(spectrum(r, j, n) for r, j in found.fields)
-    boundless = "derivatives of the simulation grow beyond all bounds"
-    try:
-        variances, posterior = fit_variances(
+    spectra = _spectra(model, found)
+    with _likelihood():
+        variances, best = fit_variances(
             spectra, model.offset(), model.precision(), model.settings.rod.length, start
         )
-    except np.linalg.LinAlgError as err:  # priors vanish beside them
-        raise SimulationError(boundless) from err
-    if not np.isfinite(posterior.evidence):
-        raise SimulationError(boundless)
-    return Evaluation(
-        model, found.fields, spectra, variances, posterior, found.err, found.predicted
-    )
+    return _evaluation(model, found, spectra, variances, best)
+
+
+def compared(
+    model: ParametricModel, found: Simulated, variances: tuple[Variances, ...]
+) -> Evaluation:
+    """What a simulation leaves, with the variances of something similar; see `rejudged`.
+
+    Raises:
+        SimulationError: derivatives are too large for a likelihood.
+    """
+    spectra = _spectra(model, found)
+    with _likelihood():
+        best = posterior(spectra, variances, model.offset(), model.precision())
+    return _evaluation(model, found, spectra, variances, best)
+
+
+def rejudged(at: Evaluation) -> Evaluation:
+    """The same with variances that are fitted to what it leaves itself.
+
+    Raises:
+        SimulationError: derivatives are too large for a likelihood.
+    """
+    with _likelihood():
+        variances, best = fit_variances(
+            at.spectra, at.model.offset(), at.model.precision(), at.model.settings.rod.length,
+            at.variances,
+        )  # fmt: skip
+    return replace(at, variances=variances, posterior=best)
+
+
+def _spectra(model: ParametricModel, found: Simulated) -> tuple[Spectrum, ...]:
+    """Normal equations of each recording."""
+    return tuple(spectrum(r, j, model.settings.rod.control_points) for r, j in found.fields)
+
+
+@contextmanager
+def _likelihood() -> Iterator[None]:
+    """A likelihood is computed; without one, nothing can be simulated."""
+    try:
+        yield
+    except np.linalg.LinAlgError as err:  # priors vanish beside the derivatives
+        raise SimulationError(BOUNDLESS) from err
+
+
+def _evaluation(
+    model: ParametricModel, found: Simulated, spectra: tuple[Spectrum, ...],
+    variances: tuple[Variances, ...], best: Posterior,
+) -> Evaluation:  # fmt: skip
+    if not np.isfinite(best.evidence):
+        raise SimulationError(BOUNDLESS)
+    return Evaluation(model, found.fields, spectra, variances, best, found.err, found.predicted)
 
 
 def restricted(at: Evaluation, names: Sequence[str]) -> Posterior:
@@ -263,7 +309,8 @@ def misfit(at: Evaluation, judge: Evaluation, *, white: bool = False) -> float:
 
 
 def borrowed(at: Evaluation, model: ParametricModel, recordings: Sequence[Recording]) -> Evaluation:
-    """A model held against recordings, with the derivatives of another that has all it has.
+    """A model held against recordings, with derivatives and variances of another that has all it
+    has.
 
     Args:
         at: evaluation against the same recordings, or longer ones with the same beginnings.
@@ -276,7 +323,7 @@ def borrowed(at: Evaluation, model: ParametricModel, recordings: Sequence[Record
     fields = tuple(
         (r, j[: len(r), pick]) for (r, _), (_, j) in zip(found.fields, at.fields, strict=True)
     )
-    return replace(judged(model, replace(found, fields=fields), at.variances), derived=False)
+    return replace(compared(model, replace(found, fields=fields), at.variances), derived=False)
 
 
 def linearly_fitted(at: Evaluation) -> Evaluation:

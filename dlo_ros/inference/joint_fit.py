@@ -13,9 +13,10 @@ from dlo_ros.inference.joint import (
     Evaluation,
     Simulated,
     borrowed,
+    compared,
     evaluate,
-    judged,
     misfit,
+    rejudged,
     weights,
 )
 from dlo_ros.inference.measured import Recording
@@ -76,13 +77,16 @@ def fit(
             at = found.at
             if gain < least and sure:
                 break
-        if found.gain_predicted:
-            continue
-        if found.at is not None and secants < SECANTS:
+        if not found.gain_predicted:
+            if found.at is None or secants >= SECANTS:
+                at, secants = _differentiated(at, recordings), 0
+                continue
             at, secants = _corrected(before, at), secants + 1
-        else:
-            at, secants = _differentiated(at, recordings), 0
-    return at if draft or at.derived else _differentiated(at, recordings)
+        if not white:
+            at = _rejudged(at)
+    if at.derived:
+        return at
+    return _rejudged(at) if draft else _differentiated(at, recordings)
 
 
 def approached(start: Evaluation, recordings: Sequence[Recording], steps: int) -> Evaluation:
@@ -107,7 +111,15 @@ def _differentiated(at: Evaluation, recordings: Sequence[Recording]) -> Evaluati
     try:
         return evaluate(at.model, recordings, at.variances)
     except SimulationError:
-        return replace(at, derived=True)
+        return replace(_rejudged(at), derived=True)
+
+
+def _rejudged(at: Evaluation) -> Evaluation:
+    """The evaluation with variances of its own, or as it was where it has none."""
+    try:
+        return rejudged(at)
+    except SimulationError:
+        return at
 
 
 def _corrected(before: Evaluation, at: Evaluation) -> Evaluation:
@@ -125,7 +137,7 @@ def _corrected(before: Evaluation, at: Evaluation) -> Evaluation:
         missed = r0 - r1 - np.einsum("fpk,p->fk", j, step)
         fields.append((r1, j + along[:, None] * missed[:, None, :]))
     try:
-        found = judged(at.model, Simulated(tuple(fields), at.err, at.predicted), at.variances)
+        found = compared(at.model, Simulated(tuple(fields), at.err, at.predicted), at.variances)
     except SimulationError:
         return at
     return replace(found, derived=False)

@@ -24,6 +24,7 @@ from dlo_ros.nodes.message_factory import ROS_MESSAGES
 from dlo_ros.nodes.metrics import ESTIMATES, Metrics
 from dlo_ros.nodes.node_base import JUMP_BACK, DloNode
 from dlo_ros.nodes.pairing import Pairing
+from dlo_ros.nodes.received_data import BACKLOG
 from dlo_ros.nodes.runtime import run
 from dlo_ros.nodes.simulator_link import SimulatorLink
 from dlo_ros.observation import CentrelinePoints, Observation
@@ -191,7 +192,7 @@ class IdentifierNode(DloNode):
                 self._estimator.observe(
                     Observation(observation.stamp, observation.control_points, points)
                 )
-        self.health.values["splines waiting for the estimator"] = self._estimator.waiting
+        self.health.values[BACKLOG] = self._estimator.waiting
         self.health.values["splines dropped"] = self._estimator.dropped
 
     def _take_outcomes(self) -> None:

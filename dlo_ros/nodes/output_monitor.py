@@ -9,10 +9,12 @@ from contextlib import contextmanager
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rcl_interfaces.msg import ParameterEvent
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from dlo_ros.command import NANOSECONDS
 from dlo_ros.errors import InputError
 from dlo_ros.file_parameter import NODES
 from dlo_ros.nodes.message_factory import message_class
@@ -22,6 +24,10 @@ from dlo_ros.nodes.runtime import ros
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import read_spline, topics
 from dlo_ros.recordings.messages import stamp_of
+
+SIMULATOR = "simulator"
+CHANGES = 100
+"""Changes of parameters that may wait to be heard."""
 
 
 @contextmanager
@@ -46,6 +52,8 @@ class OutputMonitor(Node):
         use_sim_time = Parameter("use_sim_time", Parameter.Type.BOOL, True)
         super().__init__("demo_monitor", parameter_overrides=[use_sim_time])
         self.received = ReceivedData()
+        self._young_modulus, self._density = settings.rod.young_modulus, settings.rod.density
+        self._simulates(0)
         self.messages = 0
         self._executor = SingleThreadedExecutor()
         self._settings = settings
@@ -57,7 +65,14 @@ class OutputMonitor(Node):
         self._hear(topics.YOUNG_MODULUS, lambda m: self.received.take_estimate(m.data, None))
         self._hear(topics.DENSITY, lambda m: self.received.take_estimate(None, m.data))
         self.create_subscription(DiagnosticArray, "/diagnostics", self._diagnostics, 10)
+        self.create_subscription(ParameterEvent, "/parameter_events", self._changed, CHANGES)
         self._executor.add_node(self)
+
+    def begin_again(self) -> None:
+        """Forget what was received, before the recording is played again."""
+        self.received = ReceivedData(passes=self.received.passes + 1)
+        self._simulates(0)
+        self._kinds.clear()
 
     def listen(self, seconds: float) -> None:
         """Process at most one message, waiting for it up to the given time."""
@@ -108,6 +123,19 @@ class OutputMonitor(Node):
             kept[stamp_of(message)] = read_spline(message, self._settings, topic)
         except InputError as err:
             self.get_logger().warning(str(err), throttle_duration_sec=5.0)
+
+    def _simulates(self, stamp: int) -> None:
+        """Record E/mu of the simulator from a stamp [ns] on."""
+        self.received.simulated.append((stamp, self._young_modulus / self._density))
+
+    def _changed(self, event: Any) -> None:
+        """Take what a node says of its changed parameters."""
+        if event.node.rpartition("/")[2] != SIMULATOR:
+            return
+        changed = {p.name: p.value.double_value for p in event.changed_parameters}
+        self._young_modulus = changed.get("rod.young_modulus", self._young_modulus)
+        self._density = changed.get("rod.density", self._density)
+        self._simulates(event.stamp.sec * NANOSECONDS + event.stamp.nanosec)
 
     def _diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:

@@ -1,5 +1,8 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Data received from the live nodes: splines, ERR, estimates, diagnostics (no ROS here)."""
+"""Data received from the live nodes: splines, ERR, estimates, diagnostics (no ROS here).
+
+Whether the simulator had an estimate in time is told by the parameters that it is heard to take.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +14,7 @@ from operator import itemgetter
 from dlo_ros.identification.estimate import IDENTIFIED
 from dlo_ros.inference.err import shape_error
 from dlo_ros.nodes.pairing import interpolated
+from dlo_ros.rod.live_simulation import CORRECTION
 from dlo_ros.spline import FloatArray, SplineBasis
 
 YOUNG_MODULUS = "young_modulus"
@@ -23,6 +27,8 @@ UNITS: Mapping[str, str] = {
     DENSITY: "kg/m^3",
     SPECIFIC_MODULUS: "m^2/s^2",
 }
+BACKLOG = "splines waiting for the estimator"
+"""Key of the identifier's diagnostics."""
 SYMBOLS: Mapping[str, str] = {YOUNG_MODULUS: "E", DENSITY: "mu", SPECIFIC_MODULUS: "E/mu"}
 
 
@@ -51,7 +57,10 @@ class ReceivedData:
         samples: the estimates, likewise.
         facts: the last key values of the identifier's diagnostics.
         warnings: texts of diagnostics above OK, each once.
+        simulated: instants [ns] at which the simulator has taken other parameters, and E/mu from
+            then on [m^2/s^2], in the order of arrival.
         now: the clock [ns]; 0 before the first tick.
+        passes: number of times that the recording was played.
     """
 
     observed: dict[int, FloatArray] = field(default_factory=dict)
@@ -60,7 +69,9 @@ class ReceivedData:
     samples: list[EstimateSample] = field(default_factory=list)
     facts: dict[str, str] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
+    simulated: list[tuple[int, float]] = field(default_factory=list)
     now: int = 0
+    passes: int = 1
     young_modulus: float = math.nan
     density: float = math.nan
 
@@ -100,6 +111,25 @@ class ReceivedData:
             return said == "yes"
         sample = self.estimate()
         return sample is not None and sample.std[name] < IDENTIFIED * abs(sample.values[name])
+
+    @property
+    def waiting(self) -> int:
+        """Number of observed splines that the estimator has not worked off."""
+        said = self.facts.get(BACKLOG, "")
+        return int(said) if said.isdecimal() else 0
+
+    def in_time(self, stamp: int) -> bool:
+        """Whether the simulator had the present estimate of E/mu at a stamp [ns], to its std.
+
+        Where the data do not determine E/mu there is nothing that it should have.
+        """
+        sample = self.estimate()
+        if sample is None or not self.identifiable(SPECIFIC_MODULUS):
+            return True
+        value, std = sample.values[SPECIFIC_MODULUS], sample.std[SPECIFIC_MODULUS]
+        had = [ratio for at, ratio in self.simulated if at <= stamp]
+        enough = max(CORRECTION, std / value if math.isfinite(std) else 0.0)
+        return bool(had) and abs(math.log(had[-1] / value)) <= enough
 
     def predicted_at(self, stamp: int) -> FloatArray | None:
         """The predicted control points at a stamp [ns]; None where predictions are missing."""

@@ -5,8 +5,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
 from dlo_ros.report.diagnosis_content import (
     ROLES,
     DiagnosedRecording,
@@ -30,6 +28,7 @@ from dlo_ros.report.maps import field_maps
 from dlo_ros.report.page import Section, page, write_page
 from dlo_ros.report.plots import LinePlot, ReferenceLine, Series, line_plot
 from dlo_ros.report.shape_player import ShapeFrame, player
+from dlo_ros.report.worst_frame import worst_frame
 from dlo_ros.spline import FloatArray
 
 PREDICTS = (
@@ -129,12 +128,12 @@ def _picture(k: int, r: DiagnosedRecording, report: DiagnosisReport) -> str:
         for f in range(len(r.times))
     ]  # fmt: skip
     names = MODELS if report.extends else PLAIN_ONLY
-    worst = float(r.times[int(np.argmax(r.err_before))])
+    worst = float(r.times[worst_frame(r.err_before)])
     caption = "The DLO as observed and as simulated."
     if len(r.times) > 1:
         caption += (
-            " At first the instant is shown at which the plain model is most wrong; move the "
-            "slider to see the others."
+            " At first the instant is shown at which the plain model is most wrong for longer than "
+            "a single picture; move the slider to see the others."
         )
     caption += " ERR is the mean distance from the observed shape."
     if any(f.arrows is not None for f in frames):
@@ -156,7 +155,11 @@ def _over_time(k: int, r: DiagnosedRecording, report: DiagnosisReport) -> list[s
     titles = ["plain model", "extended model"][: 2 if report.extends else 1]
     fields = [1e3 * f for f in (r.field_before, r.field_after)][: len(titles)]
     return [
-        figure(line_plot(plot), "ERR: mean distance between the two shapes over time."),
+        figure(
+            line_plot(plot),
+            "ERR: mean distance between the two shapes over time. A single picture far above its "
+            "neighbours was measured wrongly.",
+        ),
         figure(
             field_maps(titles, r.times, r.u, fields, "distance [mm]"),
             "Distance of the observed shape from the predicted one across the DLO, along it (u "
@@ -264,7 +267,8 @@ def _setup(report: DiagnosisReport) -> str:
     parts = [
         paragraph(
             "Every set-up is a little off. These numbers were fitted along with the material, each "
-            "with the tolerance of a careful person; none of them counts as a cause."
+            "with the tolerance of a careful person; none of them counts as a cause. What has no "
+            "tolerance is only guessed, or need not act at all."
         )
     ]
     if notable:

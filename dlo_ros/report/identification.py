@@ -108,6 +108,7 @@ class IdentificationReport:
         noise_floor: the ERR that a perfect model would have [m]; None where not known.
         remarks: sentences for the reader, such as on what the data do not determine.
         ellipses: pairs of parameters and their common uncertainty; may be empty.
+        not_drawn: sentences on pairs without an ellipse, since a parameter is not known.
         loads: loads on the DLO in the recordings; may be empty.
         explained: whether the remarks already say what the data do not determine.
         cameras: positions [m] of the cameras that have names, which the view in space shows.
@@ -125,6 +126,7 @@ class IdentificationReport:
     loads: tuple[LoadRow, ...] = ()
     cameras: Mapping[str, FloatArray] = field(default_factory=dict)
     explained: bool = False
+    not_drawn: tuple[str, ...] = ()
 
 
 def write_identification_report(path: Path | str, report: IdentificationReport) -> None:
@@ -148,7 +150,7 @@ def identification_page(report: IdentificationReport) -> str:
     maps = "".join(_residuals(r) for r in report.recordings if r.residuals is not None)
     if maps:
         sections.append(Section("Residuals along the DLO and in time", maps))
-    if report.ellipses:
+    if report.ellipses or report.not_drawn:
         sections.append(Section("Uncertainty of pairs", _ellipses(report)))
     if any(r.frames for r in report.recordings):
         sections.append(Section("ERR over time", _err(report)))
@@ -231,7 +233,8 @@ def _residuals(recording: RecordingRow) -> str:
 
 def _ellipses(report: IdentificationReport) -> str:
     caption = "Solid: one standard deviation; dashed: two. A slanted, thin ellipse is a trade."
-    return "".join(figure(ellipse_picture(e), caption) for e in report.ellipses)
+    pictures = "".join(figure(ellipse_picture(e), caption) for e in report.ellipses)
+    return pictures + "".join(map(paragraph, report.not_drawn))
 
 
 def _err(report: IdentificationReport) -> str:

@@ -102,7 +102,7 @@ def player(
     Raises:
         InputError: there is no frame, or a spline is not finite.
     """
-    shown = _thinned(frames)
+    shown = _thinned(frames, first)
     if not shown:
         raise InputError("a report needs at least one frame with a shape")
     curves = [_curves(frame, length) for frame in shown]
@@ -132,14 +132,21 @@ def player(
     return _element(data, (len(shown), at), legend, arrows if tips else "")
 
 
-def _thinned(frames: Sequence[ShapeFrame]) -> list[ShapeFrame]:
-    """At most MOST_FRAMES, evenly over time; where there are photographs, those with one."""
+def _thinned(frames: Sequence[ShapeFrame], first: float | None = None) -> list[ShapeFrame]:
+    """At most MOST_FRAMES, evenly over time; where there are photographs, those with one.
+
+    Args:
+        first: time [s] of a frame that is kept in the place of its neighbour; None: of none.
+    """
     kept = [f for f in frames if f.observed is not None or f.predicted is not None]
     with_picture = [f for f in kept if f.photograph is not None]
     kept = with_picture or kept
     if len(kept) <= MOST_FRAMES:
         return kept
     at = np.linspace(0, len(kept) - 1, MOST_FRAMES).round().astype(int)
+    if first is not None:
+        chosen = int(np.argmin([abs(f.time - first) for f in kept]))
+        at[np.argmin(np.abs(at - chosen))] = chosen
     return [kept[i] for i in at]
 
 

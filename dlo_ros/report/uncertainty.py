@@ -18,16 +18,14 @@ MOST_COLUMNS = 60
 
 @dataclass(frozen=True)
 class Ellipse:
-    """Estimates and joint covariance of two parameters.
+    """Joint covariance of two parameters.
 
     Args:
-        names: names with unit, of the horizontal and the vertical quantity.
-        values: estimates.
+        names: names of the horizontal and the vertical quantity.
         covariance: covariance of their logarithms, shape (2, 2).
     """
 
     names: tuple[str, str]
-    values: tuple[float, float]
     covariance: FloatArray
 
 

@@ -16,7 +16,6 @@ Colour = tuple[int, int, int]
 
 OBSERVED: Colour = (40, 220, 40)
 PREDICTED: Colour = (230, 80, 230)
-MEASURED: Colour = (0, 190, 255)
 PALETTE: tuple[Colour, ...] = (
     (40, 220, 40),
     (230, 80, 230),

@@ -1,8 +1,10 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The demo around its nodes, which are played here: what it waits for, hears and makes of it."""
 
+import contextlib
 import json
 import subprocess
+import time
 from types import SimpleNamespace
 
 import cv2
@@ -15,14 +17,17 @@ from small_bags import SETTINGS, write_own
 pytest.importorskip("rclpy")
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rcl_interfaces.msg import Parameter, ParameterEvent, ParameterValue
 
 from dlo_ros.cli.main import main
 from dlo_ros.demo import live
+from dlo_ros.demo.outcome import LiveOutcome
 from dlo_ros.demo.processes import ProcessError
+from dlo_ros.demo.result import remarks
 from dlo_ros.demo.terminal_progress import Progress
 from dlo_ros.nodes.message_factory import ROS_MESSAGES
 from dlo_ros.nodes.output_monitor import monitoring
-from dlo_ros.nodes.received_data import ReceivedData
+from dlo_ros.nodes.received_data import BACKLOG, ReceivedData
 from dlo_ros.recordings import read_recording, spline_message, topics
 
 WARN, OK = DiagnosticStatus.WARN, DiagnosticStatus.OK
@@ -38,6 +43,7 @@ def played(bag, settings):
         received.err.append((seen.stamp, 0.001))
         received.take_estimate(1e7 + 1e5 * k, 2000.0)
     received.take_diagnostics({"specific_modulus std [m^2/s^2]": "200"})
+    received.simulated = [(0, received.young_modulus / 2000.0)]
     received.warnings.append("observer: a strange picture")
     return received
 
@@ -62,6 +68,112 @@ def test_what_was_heard_becomes_a_result_with_pictures(images, tmp_path, monkeyp
     assert ("data:image/jpeg" in page) == images and "a strange picture" in page
     picture = cv2.imread(str(output / "overview.png"))
     assert picture.shape[0] > 300 and picture.std() > 5.0
+
+
+def late(bag, settings):
+    """The same, with a simulator that has the estimate only when all is over."""
+    received = played(bag, settings)
+    received.simulated = [(0, 2000.0), (max(received.observed), received.young_modulus / 2000.0)]
+    return received
+
+
+def plain_bag(tmp_path):
+    bag = tmp_path / "bag"
+    recordings_samples.write_plain(bag, recordings_samples.messages(images=False))
+    recordings_samples.SETTINGS.dump(tmp_path / "params.yaml")
+    return bag
+
+
+@pytest.mark.parametrize(("late_passes", "known"), [(0, True), (1, True), (9, False)])
+def test_what_a_busy_machine_left_behind_is_played_again_and_never_told_as_the_result(
+    tmp_path, monkeypatch, capsys, late_passes, known
+):
+    bag = plain_bag(tmp_path)
+    plays = []
+
+    class Monitor(Nodes):
+        def begin_again(self):
+            self.received = ReceivedData(passes=self.received.passes + 1)
+
+    class Started(Nodes):
+        def __init__(self, *_):
+            super().__init__()
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *_):
+            pass
+
+        def start(self, name, words):
+            plays.extend([words] * (name == "play"))
+            return name
+
+    monitor = Monitor()
+
+    def listen(monitor, children, players, progress):
+        passes = monitor.received.passes
+        assert players == ["play"] * passes
+        make = late if passes <= late_passes else played
+        monitor.received = make(bag, recordings_samples.SETTINGS)
+        monitor.received.passes = passes
+
+    monkeypatch.setattr(live, "monitoring", lambda settings: contextlib.nullcontext(monitor))
+    monkeypatch.setattr(live, "Children", Started)
+    monkeypatch.setattr(live, "isolate", lambda logs: 7)
+    monkeypatch.setattr(live, "_listen", listen)
+    output = tmp_path / "out"
+    assert main(["demo", "--bag", str(bag), "--output", str(output)]) == (0 if known else 1)
+    assert len(plays) == min(late_passes + 1, live.PASSES) and len(set(map(tuple, plays))) == 1
+    told = " ".join(capsys.readouterr().out.split())
+    (row,) = json.loads((output / "estimate.json").read_text())["recordings"]
+    assert (row["err"] == pytest.approx(1e-3)) if known else (row["err"] is None)
+    assert ("-> 1.0 mm; E/mu" in told) == known
+    assert ("-> unknown mm; E/mu" in told) == (not known)
+    assert ("ERR at the end is not known: this machine was too busy" in told) == (not known)
+    again = f"too busy for the nodes, so the recording was played {len(plays)} times"
+    assert (again in told) == (late_passes > 0)
+    assert (again in (output / "report.html").read_text()) == (late_passes > 0)
+
+
+def test_the_simulator_is_in_time_with_what_it_had_then(tmp_path):
+    bag = plain_bag(tmp_path)
+    received = late(bag, recordings_samples.SETTINGS)
+    last = max(received.observed)
+    assert not received.in_time(last - 1) and received.in_time(last)
+    received.simulated = []
+    assert not received.in_time(last)
+    ratio = received.young_modulus / 2000.0
+    received.simulated = [(0, ratio + 190.0)]  # the estimate is known to 200
+    assert received.in_time(last)
+    received.take_diagnostics({"specific_modulus identifiable": "no"})
+    received.simulated = [(0, 2000.0)]  # there is nothing better
+    assert received.in_time(last)
+
+
+def test_the_listener_waits_for_splines_that_wait(tmp_path, monkeypatch):
+    """An estimate may take longer than silence lasts."""
+    monkeypatch.setattr(live, "QUIET", 0.05)
+    received = played(plain_bag(tmp_path), recordings_samples.SETTINGS)
+    nodes = Nodes(received)
+    nodes.messages = 3
+    received.facts[BACKLOG] = "40"
+    ends = time.monotonic() + 0.5
+
+    def listen(seconds):
+        if time.monotonic() > ends:
+            received.facts[BACKLOG] = "0"
+
+    nodes.listen = listen
+    with Progress(Console(quiet=True), 1.0) as progress:
+        live._listen(nodes, nodes, [nodes], progress)
+        assert time.monotonic() > ends
+        monkeypatch.setattr(live, "DRAINED_WITHIN", 0.1)
+        nodes.listen, received.facts[BACKLOG] = lambda seconds: None, "40"
+        live._listen(nodes, nodes, [nodes], progress)
+    outcome = LiveOutcome(received.estimate(), None, 1e-3, None, {})
+    (said,) = remarks(received, outcome)
+    assert "40 observed shapes were still waiting" in said
 
 
 def test_a_recording_that_cannot_be_made_is_said(tmp_path, monkeypatch, capsys):
@@ -109,7 +221,7 @@ def test_a_run_without_result_says_what_each_node_waits_for(tmp_path, monkeypatc
     def listen(received):
         nodes = Nodes(received)
         with Progress(Console(quiet=True), 1.0) as progress:
-            live._listen(nodes, nodes, nodes, progress)
+            live._listen(nodes, nodes, [nodes], progress)
 
     with pytest.raises(ProcessError, match=r"nothing was observed .* something that observer"):
         listen(ReceivedData())
@@ -138,7 +250,25 @@ def test_the_listener_keeps_what_is_well_formed_and_each_warning_once(monkeypatc
             )
         )  # fmt: skip
 
+    def changed(node, **values):
+        event = ParameterEvent(node=node)
+        event.stamp.sec = 12
+        for key, value in values.items():
+            event.changed_parameters.append(
+                Parameter(name=f"rod.{key}", value=ParameterValue(type=3, double_value=value))
+            )
+        return event
+
     with monitoring(settings) as monitor:
+        given = settings.rod.specific_modulus
+        for node in ("/identifier", "/left/simulator"):
+            monitor._changed(changed(node, young_modulus=6e7, density=3000.0))
+        monitor._changed(changed("/simulator", density=2000.0))
+        assert monitor.received.simulated == [
+            (0, given), (12 * 10**9, 2e4), (12 * 10**9, 3e4)
+        ]  # fmt: skip
+        monitor.begin_again()
+        assert monitor.received.simulated == [(0, 3e4)] and monitor.received.passes == 2
         assert monitor.missing() == ["observer", "simulator", "identifier"]
         # Before the first prediction nobody has played anything: what is amiss then may pass.
         say(

@@ -18,6 +18,7 @@ from dlo_ros.diagnosis.findings.holdout import held_out_recording
 from dlo_ros.diagnosis.findings.joint_outcome import (
     Learned,
     _completed,
+    _unseeing,
     _verdict,
     nearer,
     surprising,
@@ -192,6 +193,22 @@ def test_all_recordings_teach_where_they_come_nearer_so(held, closer):
     again = SimpleNamespace(explanation=SimpleNamespace(at=fitted_to(2e-3, 2e-3)))
     before = SimpleNamespace(held=told, seen=[np.full(4, 1e-3)])
     assert nearer(again, before) == closer
+
+
+def test_the_plain_model_has_not_seen_what_is_held_out():
+    good, given = moving("simple", {}, 12)
+    turned, _ = moving("simple", {"clamp_angle": {"start": 0.2}}, 13)
+    both, alone = begin([good, turned], given), begin([good], given)
+    plain = joint_outcome.Candidate("", "", both.at, 0.0, 1.0)
+    masks = [
+        np.full(len(r.times), held) for r, held in zip(both.recordings, (False, True), strict=True)
+    ]
+
+    def stiffness(settings):
+        return np.log(settings.rod.specific_modulus / alone.at.model.settings.rod.specific_modulus)
+
+    assert abs(stiffness(both.at.model.settings)) > 0.03
+    assert abs(stiffness(_unseeing(plain, both.recordings, masks, given).settings)) < 0.01
 
 
 def test_a_model_that_a_recording_refuses_is_dropped_and_its_set_up_kept(monkeypatch, caplog):

@@ -210,6 +210,63 @@ def test_an_estimator_that_is_too_slow_keeps_a_sample_of_all_that_was_seen(monke
     assert len(commands) == COMMANDS and commands[-1].stamp == COMMANDS + 4
 
 
+def busy_for(seconds):
+    """Takes processor time."""
+    end = time.thread_time() + seconds
+    while time.thread_time() < end:
+        pass
+
+
+class Lagging:
+    """An online estimator whose first spline leaves work over that takes as long as ten."""
+
+    suspicion = None
+
+    def __init__(self, settings):
+        self.left, self.run, self.seen, self.worked = 0, None, [], []
+        self.estimate = SimpleNamespace(significant=False)
+        Lagging.made = self
+
+    @property
+    def busy(self):
+        return self.left > 0
+
+    def observe(self, observation):
+        busy_for(0.002)
+        if not self.seen:
+            self.left = 10
+        self.seen.append(observation.stamp)
+
+    def proceed(self):
+        busy_for(0.002)
+        self.left -= 1
+        self.worked.append(len(self.seen))
+
+
+@pytest.mark.parametrize("waiting", [60, 1])
+def test_splines_that_wait_leave_time_for_the_work_that_makes_an_estimate_right(
+    monkeypatch, waiting
+):
+    """Beside another program splines come faster than they are worked off, all of the time."""
+    from dlo_ros.nodes import estimator_thread
+    from dlo_ros.observation import Observation
+
+    monkeypatch.setattr(estimator_thread, "OnlineEstimator", Lagging)
+    thread = estimator_thread.EstimatorThread(samples.SETTINGS, lambda: None)
+    for k in range(waiting):
+        thread.observe(Observation(k, samples.control_points()))
+    thread.start()
+    deadline = time.monotonic() + 60.0
+    while time.monotonic() < deadline:
+        if thread.waiting == 0 and len(Lagging.made.worked) == 10:
+            break
+        time.sleep(0.01)
+    thread.stop()
+    assert Lagging.made.seen == list(range(waiting))
+    # As much time for the one as for the other.
+    assert Lagging.made.worked[-1] <= min(12, waiting)
+
+
 def test_commands_through_two_subscriptions_hold_in_the_order_of_receipt():
     """The latched one was handed over first, the last of a storm before it afterwards."""
     pytest.importorskip("rclpy")

@@ -17,8 +17,8 @@ from dlo_ros.inference.joint import (
     Evaluation,
     Simulated,
     borrowed,
+    compared,
     evaluate,
-    judged,
     simulate,
 )
 from dlo_ros.inference.joint_fit import approached, fit
@@ -50,7 +50,7 @@ PLACE_TRIALS = 25
 STEPS = 4
 """Steps by which each proposal comes nearer to the shapes before the best of them are fitted."""
 TRIALS = 3
-"""Proposals that are fitted, those that come nearest."""
+"""Proposals that are fitted, those that come nearest, and that of the largest predicted gain."""
 LOWERS = 0.1
 """Share of ERR that a cause must take away to be named."""
 FIRST_ITERATIONS, FIT_ITERATIONS = 4, 12
@@ -104,6 +104,11 @@ def best_trial(
                 LOG.info("%s: %s", name, reason)
                 trace.append(Step(number, name, predicted.gain, None, "cannot be simulated"))
     checked.sort(key=lambda row: row[0])
+    # A few steps tell little of what must leave the set-up's wrong valley first: one trial is that
+    # of the largest predicted gain.
+    most = max(range(len(checked)), key=lambda k: checked[k][1].gain, default=0)
+    if most >= TRIALS:
+        checked.insert(TRIALS - 1, checked.pop(most))
     begun: list[Trial] = []
     for k, (err, predicted) in enumerate(checked):
         name = predicted.proposal.label
@@ -111,29 +116,27 @@ def best_trial(
             outcome = "others come nearer" if k >= TRIALS else "makes matters worse"
             trace.append(Step(number, name, predicted.gain, err, outcome))
             continue
-        # From no nearer, a fit must come near before errors can be separated from the effect.
-        far = err > (1.0 - LOWERS) * at.mean_err
-        found = fitted(predicted.model, recordings, FIRST_ITERATIONS, far=far, draft=True)
+        # It must come near before errors can be separated from the effect.
+        found = fitted(predicted.model, recordings, FIRST_ITERATIONS, far=True, draft=True)
         if found is None:
             trace.append(Step(number, name, predicted.gain, err, "cannot be simulated"))
         else:
             begun.append((found, predicted.proposal))
-    # A proposal with which predictions lie farther from the shapes is no explanation, whatever its
-    # log evidence.
-    begun.sort(key=lambda row: (row[0].mean_err > at.mean_err, -row[0].posterior.evidence))
     best: Trial | None = None
-    for k, (found, proposal) in enumerate(begun):
+    for found, proposal in sorted(begun, key=lambda row: -row[0].posterior.evidence):
         outcome = "fitted, but another gains more"
-        if k == 0:
+        if best is None:
             longer = fit(found, recordings, FIT_ITERATIONS)
             # Where the shapes are left by what goes on, the shorter fit is the better explanation.
             shorter = longer.mean_err > at.mean_err >= found.mean_err
             found = fit(found, recordings, 0) if shorter else longer
             outcome = "gains too little"
         gain = found.posterior.evidence - at.posterior.evidence
+        # A proposal with which predictions lie farther from the shapes is no explanation, whatever
+        # its log evidence: but a fit that has only begun may lie there on its way.
         if found.mean_err > at.mean_err:
             outcome = "makes matters worse"
-        elif k == 0 and gain >= WORTH:
+        elif best is None and gain >= WORTH:
             best, outcome = (found, proposal), "added"
         trace.append(Step(number, proposal.label, gain, found.mean_err, outcome))
     return best, trace
@@ -169,7 +172,7 @@ def _with_columns(at: Evaluation, predicted: PredictedGain) -> Evaluation:
     # Of other parameters no derivative is known yet: a column of zeros stands behind the others.
     place = [names.index(n) if n in names else len(names) for n in model.names]
     known = tuple((r, np.pad(j, ((0, 0), (0, 1), (0, 0)))[:, place]) for r, j in fields)
-    return judged(model, Simulated(known, at.err, at.predicted), at.variances)
+    return compared(model, Simulated(known, at.err, at.predicted), at.variances)
 
 
 def _nearest_size(predicted: PredictedGain, recordings: Sequence[Recording]) -> ParametricModel:

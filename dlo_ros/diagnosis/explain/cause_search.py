@@ -44,7 +44,7 @@ from dlo_ros.diagnosis.proposals.linear_evidence import (
 )
 from dlo_ros.effects import Start
 from dlo_ros.errors import SimulationError
-from dlo_ros.inference.joint import Evaluation, borrowed, evaluate, misfit, simulate
+from dlo_ros.inference.joint import Evaluation, borrowed, evaluate, misfit, rejudged, simulate
 from dlo_ros.inference.joint_fit import approached, fit
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import Parameter, ParametricModel
@@ -310,7 +310,7 @@ def without(
     begun: list[Evaluation] = []
     for model in begins:
         try:
-            begun.append(borrowed(at, model, recordings))
+            begun.append(rejudged(borrowed(at, model, recordings)))
         except SimulationError as err:
             LOG.info("without %s: %s", cause.label, err)
     if not begun:

@@ -42,12 +42,21 @@ class NamedEffect:
 
 @dataclass(frozen=True)
 class SetupNumber:
-    """A number of the set-up with its standard deviation, its tolerance and their SI unit."""
+    """A number that was fitted and is no cause, with its SI unit.
+
+    Args:
+        value: the number; of a damping the difference from the parameter file's.
+        std: its standard deviation; None: the data do not determine it.
+        tolerance: tolerance within which it is known beforehand; None: it is only guessed.
+        held_std: standard deviation where the density is as it stands, of which shapes tell no more
+            than ratios to it; None: not determined then either, or `std` is known.
+    """
 
     value: float
-    std: float
-    tolerance: float
+    std: float | None
+    tolerance: float | None
     unit: str
+    held_std: float | None = None
 
 
 @dataclass(frozen=True)
@@ -124,9 +133,6 @@ class Diagnosis:
     Args:
         verdict, effects, noise_floor, gain, candidates, advice: see interface.md.
         baseline, extended: the plain and the extended model.
-        root_autocovariance_before, root_autocovariance_after: root autocovariance of the residuals
-            of both models, from frame to frame, in units of the noise.
-        chance: the root autocovariance that noise alone exceeds in 1 of 100 cases.
         simulation_error: mean distance that the discretisation causes [m]; None where unknown.
         remarks: sentences for the reader.
         views: recordings with their shapes, for the report.
@@ -135,7 +141,8 @@ class Diagnosis:
         material_err: ERR below which nothing is left to explain [m].
         share: fraction of the held-out ERR beyond the measurement's own that the extended model
             removes.
-        setup: numbers of the set-up within their tolerances, by effect and key.
+        setup: numbers of the set-up within their tolerances, and all else that was fitted and is
+            neither E, mu nor a cause, by effect and key.
         systematic: errors of the measurement and of the model, by name.
         trace: every candidate of every step of the joint model's search.
     """
@@ -148,9 +155,6 @@ class Diagnosis:
     gain: Gain | None
     candidates: tuple[Trial, ...]
     advice: str
-    root_autocovariance_before: float
-    root_autocovariance_after: float
-    chance: float
     simulation_error: float | None
     remarks: tuple[str, ...]
     views: tuple[RecordingView, ...]

@@ -8,11 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from dlo_ros.diagnosis.findings.diagnosis_outcome import Fitted, Number
+from dlo_ros.diagnosis.findings.diagnosis_outcome import Fitted, Number, SetupNumber
 from dlo_ros.diagnosis.fitting.candidate_model import logarithmic, names
 from dlo_ros.diagnosis.fitting.evaluation import CandidateEvaluation, evaluate
 from dlo_ros.diagnosis.fitting.levenberg_marquardt import known, solve, total
-from dlo_ros.effects import quantities
+from dlo_ros.effects import added_to_damping, quantities
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.estimate import UNBOUNDED
 from dlo_ros.identification.residual_information import model_shifts
@@ -96,6 +96,35 @@ def fitted(
         result.append((value, value * std if std < UNBOUNDED else None))
     settings = at.model.settings
     return Fitted(settings, result[0], result[1], result[2], err_train, err_holdout)
+
+
+def damping_numbers(
+    at: CandidateEvaluation, given: Settings, own: FloatArray | None = None
+) -> dict[str, SetupNumber]:
+    """Fitted dampings that are no cause, as what their effects would add to the parameter file's.
+
+    Args:
+        own: see `own_error`.
+    """
+    free, spread = at.model.free, covariance(at, given, own)
+    density = free.index("density") if "density" in free else None
+    result = {}
+    for effect, (name, key) in added_to_damping().items():
+        if name not in free or effect in at.model.settings.effects:
+            continue
+        k = free.index(name)
+        of_density = 0.0 if density is None else spread[k, density] ** 2 / spread[density, density]
+        value, before = (getattr(s.damping, name) for s in (at.model.settings, given))
+        std, held_std = (
+            float(value * np.sqrt(v)) if v < UNBOUNDED**2 else None
+            for v in (spread[k, k], max(spread[k, k] - of_density, 0.0))
+        )
+        stated: float = getattr(given.damping, f"{name}_std")
+        result[f"{effect}.{key}"] = SetupNumber(
+            value - before, std, stated or None, quantities(effect)[key].unit,
+            held_std if std is None else None,
+        )  # fmt: skip
+    return result
 
 
 def numbers(

@@ -18,14 +18,14 @@ from dlo_ros.diagnosis.findings.diagnosis_outcome import (
     SetupNumber,
 )
 from dlo_ros.diagnosis.selection.effect_search import Candidate
-from dlo_ros.effects import added_to_damping, quantities
+from dlo_ros.effects import added_to_damping, damping_effect, effects, quantities
 from dlo_ros.identification.estimate import UNBOUNDED
 from dlo_ros.identification.residual_information import model_shifts
 from dlo_ros.inference.joint import Evaluation
-from dlo_ros.inference.parameter import Parameter
+from dlo_ros.inference.parameter import Parameter, split_name
 from dlo_ros.inference.priors import DIAMETER_STD
 from dlo_ros.inference.variances import widened_covariance
-from dlo_ros.parameters import Settings
+from dlo_ros.parameters import Settings, tolerance
 from dlo_ros.rod.sensitivity_parameters import effect_names
 from dlo_ros.spline import FloatArray
 
@@ -139,20 +139,49 @@ def plain_material(plain: Candidate, err_train: float | None, err_holdout: float
     )  # fmt: skip
 
 
-def set_up_numbers(at: Evaluation, causes: Sequence[Cause]) -> dict[str, SetupNumber]:
-    """Numbers of the set-up that are no cause."""
+def set_up_numbers(
+    at: Evaluation, causes: Sequence[Cause], given: Settings
+) -> dict[str, SetupNumber]:
+    """Numbers that were fitted and are no cause, by effect and key.
+
+    These are those of the set-up; the dampings, as what their effects would add to those of the
+    parameter file; and those of effects which the model contains without their being certain.
+    """
     named = {name for c in causes for name in c.names}
-    rows = zip(at.model.parameters, at.model.theta(), outer_stds(at), strict=True)
-    return {
-        f"{p.effect}.{p.key}": SetupNumber(p.outer(x), s, _tolerance(p), p.unit)
-        for p, x, s in rows
-        if p.tolerated and p.name not in named
-    }
+    covariance = reported_covariance(at)
+    spread = np.sqrt(np.diag(covariance))
+    density = at.model.index("density")
+    held = covariance[:, density] / spread[density]
+    held = np.sqrt(np.maximum(spread**2 - held**2, 0.0))
+    result = {}
+    for p, x, s, h in zip(at.model.parameters, at.model.theta(), spread, held, strict=True):
+        if p.name in named or p.name in ("young_modulus", "density"):
+            continue
+        name, value = f"{p.effect}.{p.key}", p.outer(x)
+        if not p.effect:
+            effect = damping_effect(p.name)
+            name = f"{effect}.{added_to_damping()[effect][1]}"
+            if effect in at.model.settings.effects:
+                continue  # what is added stands there
+            value -= getattr(given.damping, p.name)
+        std, held_std = (
+            None if p.logarithmic and v >= UNBOUNDED else p.outer_std(x, float(v)) for v in (s, h)
+        )
+        result[name] = SetupNumber(
+            value, std, _tolerance(p, given), p.unit, held_std if std is None else None
+        )
+    return result
 
 
-def _tolerance(p: Parameter) -> float:
-    """Tolerance in the parameter's own unit."""
-    return p.outer_std(p.centre, p.std)
+def _tolerance(p: Parameter, given: Settings) -> float | None:
+    """Tolerance in the parameter's own unit; None of what is guessed, or is no part of a set-up."""
+    if p.tolerated or (not p.effect and not p.guessed):
+        return p.outer_std(p.centre, p.std)
+    if not p.effect or not effects()[p.effect].in_setup:
+        return None
+    effect, key, _ = split_name(p.name)
+    width = tolerance(given, f"{effect}.{key}")
+    return None if width is None else p.outer_std(p.inner(quantities(effect)[key].neutral), width)
 
 
 def systematic_errors(at: Evaluation) -> dict[str, Number]:

@@ -40,13 +40,12 @@ from dlo_ros.diagnosis.findings.shape_views import views
 from dlo_ros.diagnosis.fitting.candidate_model import Model
 from dlo_ros.diagnosis.fitting.evaluation import evaluate as held_against
 from dlo_ros.diagnosis.fitting.initial_fit import Beginning, drafts
-from dlo_ros.diagnosis.residuals import residual_autocovariance
 from dlo_ros.diagnosis.residuals.relations import relations, sentences
 from dlo_ros.diagnosis.selection.effect_search import Candidate
 from dlo_ros.diagnosis.selection.verdict import Verdict
 from dlo_ros.effects import effects
 from dlo_ros.errors import SimulationError
-from dlo_ros.inference.joint import Evaluation, borrowed, evaluate, simulate
+from dlo_ros.inference.joint import Evaluation, borrowed, evaluate, rejudged, simulate
 from dlo_ros.inference.joint_fit import fit
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
@@ -204,7 +203,7 @@ def joint_outcome(
     bare = final if found.setup is found.at else found.setup
     if bare.mean_err < matters:  # of what was learned from: is it so of all?
         bare = _completed(bare, first, known)
-    bare_model = ParametricModel(plain.at.model.settings, ())
+    bare_model = _unseeing(plain, first, learned.masks[: len(first)], given)
     before, seen_before = _errors(bare_model, recordings, learned.masks)
     after, seen_after = learned.held, learned.seen
     missing, left = holdout.mean(before), holdout.mean(after)
@@ -248,9 +247,6 @@ def joint_outcome(
         holdout.gain(before, after),
         _tried(found),
         _advice(verdict, found),
-        plain.root_autocovariance,
-        residual_autocovariance.root_autocovariance(ours.residuals),
-        residual_autocovariance.chance(base.residuals),
         None if np.isnan(beginning.error) else beginning.error,
         (*remarks, *(sentences(related_after) if related_after is not None else ())),
         views(recordings, base, ours, learned.masks, given),
@@ -258,10 +254,20 @@ def joint_outcome(
         related_after,
         matters,
         share,
-        set_up_numbers(final, found.causes),
+        set_up_numbers(final, found.causes, given),
         systematic_errors(final),
         found.trace,
     )
+
+
+def _unseeing(
+    plain: Candidate, recordings: Sequence[Recording], masks: Sequence[np.ndarray], given: Settings
+) -> ParametricModel:
+    """The plain model fitted to the frames that are not held out."""
+    model = plain.at.model
+    if any(m.any() for m in masks):
+        model = holdout.refitted(plain.at, recordings, [~m for m in masks], given)
+    return ParametricModel(model.settings, ())
 
 
 def _completed(at: Evaluation, recordings: Sequence[Recording], known: Sequence[int]) -> Evaluation:
@@ -287,7 +293,7 @@ def _refitted(at: Evaluation, recordings: Sequence[Recording]) -> Evaluation:
         if len(recordings) == len(frames) and all(
             len(r.times) <= f for r, f in zip(recordings, frames, strict=True)
         ):
-            begun = borrowed(at, at.model, recordings)
+            begun = rejudged(borrowed(at, at.model, recordings))
             return fit(begun, recordings, FINAL_ITERATIONS)
         return fit(evaluate(at.model, recordings), recordings, FINAL_ITERATIONS)
     except SimulationError:

@@ -12,7 +12,12 @@ from dlo_ros.diagnosis.explain.measurement_error import material_err, mean_lengt
 from dlo_ros.diagnosis.findings import holdout
 from dlo_ros.diagnosis.findings.diagnosis_outcome import Diagnosis, NamedEffect, Trial
 from dlo_ros.diagnosis.findings.experiment_advice import advise
-from dlo_ros.diagnosis.findings.fitted_numbers import fitted, numbers, own_error
+from dlo_ros.diagnosis.findings.fitted_numbers import (
+    damping_numbers,
+    fitted,
+    numbers,
+    own_error,
+)
 from dlo_ros.diagnosis.findings.joint_outcome import Learned, joint_outcome
 from dlo_ros.diagnosis.findings.remarks import remarks
 from dlo_ros.diagnosis.findings.shape_views import views
@@ -20,7 +25,6 @@ from dlo_ros.diagnosis.fitting.evaluation import is_differentiable
 from dlo_ros.diagnosis.fitting.initial_fit import Beginning
 from dlo_ros.diagnosis.fitting.levenberg_marquardt import polished
 from dlo_ros.diagnosis.fitting.recording_noise import noise_floor
-from dlo_ros.diagnosis.residuals import residual_autocovariance
 from dlo_ros.diagnosis.residuals.relations import Relations, relations, sentences
 from dlo_ros.diagnosis.selection import verdict
 from dlo_ros.diagnosis.selection.effect_search import Candidate, candidate
@@ -109,15 +113,13 @@ def outcome(beginning: Beginning, plain: Candidate, found: Findings, given: Sett
         holdout.gain(kept[0], kept[1]),
         tuple(tried),
         advise(decision, [*found.singles, *found.pairs], learned, given),
-        plain.root_autocovariance,
-        best.root_autocovariance,
-        residual_autocovariance.chance(plain.at.residuals),
         None if np.isnan(beginning.error) else beginning.error,
         (*remarks(plain, best, suspects, decision), *_left(after, decision)),
         views(recordings, plain.at, best.at, parted.holdout, given),
         before,
         after if shown is not plain else None,
         material_err(float(np.mean(floors)), given),
+        setup=damping_numbers(best.at, given, own),
     )
 
 

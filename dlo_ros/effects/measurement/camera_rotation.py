@@ -11,6 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from dlo_ros.effects.base import Effect, Scene, Start, quantity
+from dlo_ros.effects.quantity import ABOUT_AXES
 from dlo_ros.effects.start import TURNS, Block, rotation_vector
 from dlo_ros.spline import FloatArray
 
@@ -29,7 +30,7 @@ class CameraRotation(Effect):
 
     angle: float | tuple[float, ...] = quantity(
         0.0, "rad", -1.6, 1.6, "of the measured shapes: about y, or about x, y, z", counts=TURNS,
-        tolerance=math.radians(0.5),
+        tolerance=math.radians(0.5), sides=ABOUT_AXES,
     )  # fmt: skip
 
     @property

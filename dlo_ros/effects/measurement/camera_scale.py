@@ -16,12 +16,13 @@ class CameraScale(Effect):
 
     name: ClassVar[str] = "camera_scale"
     title: ClassVar[str] = "camera scale"
-    phrase: ClassVar[str] = "the camera shows everything too large or too small"
+    phrase: ClassVar[str] = "the camera shows everything too small or too large"
     in_setup: ClassVar[bool] = True
 
     ratio: float = quantity(
-        1.0, "", 0.5, 2.0, "true size over measured size", role="ratio", tolerance=0.005
-    )
+        1.0, "", 0.5, 2.0, "true size over measured size", role="ratio", tolerance=0.005,
+        sides=(("too small", "too large"),),
+    )  # fmt: skip
 
     def measured(self, points: FloatArray) -> FloatArray:
         """See the base class."""

@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from dlo_ros.effects.base import Effect, Scene, Start, quantity
+from dlo_ros.effects.quantity import ALONG_AXES
 from dlo_ros.spline import FloatArray
 
 TOLERANCE = 0.005  # of the length, to which the board's origin is found in a picture
@@ -23,11 +24,18 @@ class CameraShift(Effect):
     phrase: ClassVar[str] = "the camera shows everything shifted"
     in_setup: ClassVar[bool] = True
 
-    x: float = quantity(0.0, "m", -1.0, 1.0, "of the measured shapes, along x", tolerance=TOLERANCE)
-    z: float = quantity(0.0, "m", -1.0, 1.0, "of the measured shapes, along z", tolerance=TOLERANCE)
+    x: float = quantity(
+        0.0, "m", -1.0, 1.0, "of the measured shapes, along x", tolerance=TOLERANCE,
+        sides=ALONG_AXES[:1],
+    )  # fmt: skip
+    z: float = quantity(
+        0.0, "m", -1.0, 1.0, "of the measured shapes, along z", tolerance=TOLERANCE,
+        sides=ALONG_AXES[2:],
+    )  # fmt: skip
     y: float = quantity(
-        0.0, "m", -1.0, 1.0, "of the measured shapes, along y", tolerance=TOLERANCE, spatial=True
-    )
+        0.0, "m", -1.0, 1.0, "of the measured shapes, along y", tolerance=TOLERANCE, spatial=True,
+        sides=ALONG_AXES[1:2],
+    )  # fmt: skip
 
     @property
     def _shift(self) -> FloatArray:

@@ -18,7 +18,9 @@ class CommandDelay(Effect):
     phrase: ClassVar[str] = "the DLO does not move when the command says, but later or earlier"
     in_setup: ClassVar[bool] = True
 
-    delay: float = quantity(0.0, "s", -2.0, 2.0, "of the true motion", tolerance=0.02)
+    delay: float = quantity(
+        0.0, "s", -2.0, 2.0, "of the true motion", tolerance=0.02, sides=(("later", "earlier"),)
+    )
 
     def later(self) -> float:
         """See the base class."""

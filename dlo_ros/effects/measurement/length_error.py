@@ -28,6 +28,7 @@ class LengthError(Effect):
         tolerance=0.005,
         search=(-0.5, 0.5),
         stated_by="rod.length_std",
+        sides=(("longer", "shorter"),),
     )
 
     def shape_body(self, body: Body) -> None:

@@ -18,7 +18,10 @@ class AirDrag(Effect):
     phrase: ClassVar[str] = "the air slows the DLO more or less than the parameter file says"
     varied_in_batch: ClassVar[bool] = True
 
-    coefficient: float = quantity(0.0, "N s/m^2", -1000.0, 1000.0, "added drag", adds_to="air_drag")
+    coefficient: float = quantity(
+        0.0, "N s/m^2", -1000.0, 1000.0, "added drag", adds_to="air_drag",
+        sides=(("more", "less"),),
+    )  # fmt: skip
 
     def shape_body(self, body: Body) -> None:
         """See the base class."""

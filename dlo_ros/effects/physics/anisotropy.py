@@ -28,7 +28,7 @@ class Anisotropy(Effect):
 
     ratio: float = quantity(
         1.0, "", 0.01, 100.0, "the other bending stiffness over B", role="ratio", tolerance=0.1,
-        spatial=True,
+        spatial=True, sides=(("larger", "smaller"),),
     )  # fmt: skip
     angle: float = quantity(
         0.0, "rad", -1.6, 1.6, "of the axis of B in the material frame", role="angle", spatial=True

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from dlo_ros.command import CONTROL_POINT, END, START, Command
 from dlo_ros.effects.base import Effect, Scene, Start, quantity
+from dlo_ros.effects.quantity import ABOUT_AXES
 from dlo_ros.effects.start import TURNS, Block, at_clamps, rotation_vector
 
 TOLERANCE = math.radians(3.0)  # [rad] to which a clamp is lined up by eye
@@ -32,11 +33,11 @@ class ClampAngle(Effect):
 
     start: float | tuple[float, ...] = quantity(
         0.0, "rad", -1.6, 1.6, "at the start: about y, or about x, y, z", counts=TURNS,
-        tolerance=TOLERANCE,
+        tolerance=TOLERANCE, sides=ABOUT_AXES,
     )  # fmt: skip
     end: float | tuple[float, ...] = quantity(
         0.0, "rad", -1.6, 1.6, "at the end: about y, or about x, y, z", counts=TURNS,
-        tolerance=TOLERANCE,
+        tolerance=TOLERANCE, sides=ABOUT_AXES,
     )  # fmt: skip
 
     def impose(self, command: Command) -> Command:

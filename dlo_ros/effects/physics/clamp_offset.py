@@ -10,6 +10,7 @@ import numpy as np
 
 from dlo_ros.command import CONTROL_POINT, END, START, Command
 from dlo_ros.effects.base import Effect, Scene, Start, quantity
+from dlo_ros.effects.quantity import ALONG_AXES
 from dlo_ros.effects.start import Block
 
 IN_PLANE = (0, 2)  # axes of an offset of two numbers
@@ -31,11 +32,13 @@ class ClampOffset(Effect):
     in_setup: ClassVar[bool] = True
 
     start: tuple[float, ...] = quantity(
-        0.0, "m", -1.0, 1.0, "at the start: x, z, or x, y, z", counts=AXES, tolerance=TOLERANCE
-    )
+        0.0, "m", -1.0, 1.0, "at the start: x, z, or x, y, z", counts=AXES, tolerance=TOLERANCE,
+        sides=ALONG_AXES,
+    )  # fmt: skip
     end: tuple[float, ...] = quantity(
-        0.0, "m", -1.0, 1.0, "at the end: x, z, or x, y, z", counts=AXES, tolerance=TOLERANCE
-    )
+        0.0, "m", -1.0, 1.0, "at the end: x, z, or x, y, z", counts=AXES, tolerance=TOLERANCE,
+        sides=ALONG_AXES,
+    )  # fmt: skip
 
     def impose(self, command: Command) -> Command:
         """See the base class."""

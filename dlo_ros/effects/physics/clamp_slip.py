@@ -29,8 +29,9 @@ class ClampSlip(Effect):
     batched: ClassVar[bool] = False
 
     length: float = quantity(
-        0.0, "m", -1.0, 1.0, "free length gained by the end of the motion", tolerance=0.005
-    )
+        0.0, "m", -1.0, 1.0, "free length gained by the end of the motion", tolerance=0.005,
+        sides=(("of free length gained", "of free length lost"),),
+    )  # fmt: skip
 
     onset: float = quantity(
         EVENLY, "s", EVENLY, 1e4, "when it is gained, from the first frame; negative: evenly",

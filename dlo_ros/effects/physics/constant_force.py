@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from dlo_ros.effects.base import Body, Effect, quantity
+from dlo_ros.effects.quantity import ALONG_AXES
 
 TOLERANCE = 0.02  # of the weight: draught of a room in which nobody feels any
 
@@ -20,9 +21,16 @@ class ConstantForce(Effect):
     phrase: ClassVar[str] = "an even force, such as a draught, acts on all of the DLO"
     varied_in_batch: ClassVar[bool] = True
 
-    x: float = quantity(0.0, "N/m", -100.0, 100.0, "along x", tolerance=TOLERANCE)
-    z: float = quantity(0.0, "N/m", -100.0, 100.0, "along z", tolerance=TOLERANCE)
-    y: float = quantity(0.0, "N/m", -100.0, 100.0, "along y", tolerance=TOLERANCE, spatial=True)
+    x: float = quantity(
+        0.0, "N/m", -100.0, 100.0, "along x", tolerance=TOLERANCE, sides=ALONG_AXES[:1]
+    )
+    z: float = quantity(
+        0.0, "N/m", -100.0, 100.0, "along z", tolerance=TOLERANCE, sides=ALONG_AXES[2:]
+    )
+    y: float = quantity(
+        0.0, "N/m", -100.0, 100.0, "along y", tolerance=TOLERANCE, spatial=True,
+        sides=ALONG_AXES[1:2],
+    )  # fmt: skip
 
     def shape_body(self, body: Body) -> None:
         """See the base class."""

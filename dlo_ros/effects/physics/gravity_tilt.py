@@ -10,6 +10,7 @@ from typing import ClassVar
 from scipy.spatial.transform import Rotation
 
 from dlo_ros.effects.base import Body, Effect, quantity
+from dlo_ros.effects.quantity import ALONG_AXES, NORMAL, TURNED
 
 
 @dataclass(frozen=True)
@@ -28,12 +29,12 @@ class GravityTilt(Effect):
 
     angle: float = quantity(
         0.0, "rad", -3.2, 3.2, "rotation of gravity in the board's plane",
-        tolerance=math.radians(1.0),
+        tolerance=math.radians(1.0), sides=(TURNED,),
     )  # fmt: skip
 
     across: float = quantity(
         0.0, "rad", -3.2, 3.2, "rotation of gravity out of that plane",
-        tolerance=math.radians(1.0), spatial=True,
+        tolerance=math.radians(1.0), spatial=True, sides=ALONG_AXES[NORMAL : NORMAL + 1],
     )  # fmt: skip
 
     def shape_body(self, body: Body) -> None:

@@ -21,8 +21,9 @@ class InternalDamping(Effect):
     varied_in_batch: ClassVar[bool] = True
 
     relaxation_time: float = quantity(
-        0.0, "s", -10.0, 10.0, "added relaxation time", natural=20.0, adds_to="relaxation_time"
-    )
+        0.0, "s", -10.0, 10.0, "added relaxation time", natural=20.0, adds_to="relaxation_time",
+        sides=(("more", "less"),),
+    )  # fmt: skip
 
     def shape_body(self, body: Body) -> None:
         """See the base class."""

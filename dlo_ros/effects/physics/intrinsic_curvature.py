@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from dlo_ros.effects.base import Body, Effect, Scene, Start, quantity
+from dlo_ros.effects.quantity import TURNED
 from dlo_ros.effects.start import INNER_PLACES, Block
 
 PATTERNS = (3, 4, 5)  # numbers of values of a curvature at rest that varies along the DLO
@@ -36,9 +37,9 @@ class IntrinsicCurvature(Effect):
 
     curvature: float | tuple[float, ...] = quantity(
         0.0, "1/m", -200.0, 200.0, "curvature at rest, one value or several along u", array=True,
-        tolerance=0.5,
+        tolerance=0.5, sides=(TURNED,),
     )  # fmt: skip
-    kink: float = quantity(0.0, "rad", -3.0, 3.0, "angle of a kink")
+    kink: float = quantity(0.0, "rad", -3.0, 3.0, "angle of a kink", sides=(TURNED,))
     position: float = quantity(0.0, "m", 0.0, 100.0, "where the kink is, u", role="place")
     across: float | tuple[float, ...] = quantity(
         0.0, "1/m", -200.0, 200.0, "the same about the second director", array=True,

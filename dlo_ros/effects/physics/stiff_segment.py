@@ -21,8 +21,9 @@ class StiffSegment(Effect):
     centre: float = quantity(0.0, "m", 0.0, 100.0, "its middle, u", role="place")
     extent: float = quantity(0.0, "m", 0.0, 100.0, "its length", role="extent")
     ratio: float = quantity(
-        1.0, "", 0.01, 1000.0, "stiffness there over that elsewhere", role="ratio", tolerance=0.3
-    )
+        1.0, "", 0.01, 1000.0, "stiffness there over that elsewhere", role="ratio", tolerance=0.3,
+        sides=(("stiffer", "softer"),),
+    )  # fmt: skip
 
     def shape_body(self, body: Body) -> None:
         """See the base class."""

@@ -15,11 +15,14 @@ class StiffnessGradient(Effect):
 
     name: ClassVar[str] = "stiffness_gradient"
     title: ClassVar[str] = "stiffness gradient"
-    phrase: ClassVar[str] = "the DLO is stiffer towards one of its ends"
+    phrase: ClassVar[str] = "the DLO is stiffer towards the end or stiffer towards the start"
     varied_in_batch: ClassVar[bool] = True
     in_setup: ClassVar[bool] = True
 
-    change: float = quantity(0.0, "", -1.9, 1.9, "relative change from start to end", tolerance=0.3)
+    change: float = quantity(
+        0.0, "", -1.9, 1.9, "relative change from start to end", tolerance=0.3,
+        sides=(("stiffer towards the end", "stiffer towards the start"),),
+    )  # fmt: skip
 
     def shape_body(self, body: Body) -> None:
         """See the base class."""

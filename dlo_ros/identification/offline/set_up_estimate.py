@@ -26,6 +26,7 @@ from dlo_ros.inference.joint import (
     borrowed,
     evaluate,
     misfit,
+    rejudged,
     restricted,
     simulate,
 )
@@ -172,7 +173,7 @@ def _in_short_steps(
     if found >= longest:
         return at
     shorter = [replace(r, tolerance=found) for r in recordings]
-    return fit(borrowed(at, at.model, shorter), shorter, ITERATIONS)
+    return fit(rejudged(borrowed(at, at.model, shorter)), shorter, ITERATIONS)
 
 
 def _averaged(

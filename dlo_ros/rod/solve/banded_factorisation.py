@@ -120,16 +120,3 @@ def solve_several(band, diagonal, x):
         for a in range(count):
             for i in range(size):
                 x[first + a, i] = rows[i, a]
-
-
-@njit(**FLAGS)
-def multiply(band, x, out):
-    """Write A x to out (N,), for a symmetric banded matrix that is not factorised."""
-    size, w = band.shape[0], band.shape[1] - 1
-    out[:] = 0.0
-    for i in range(size):
-        for j in range(max(0, i - w), i):
-            a = band[i, w - i + j]
-            out[i] += a * x[j]
-            out[j] += a * x[i]
-        out[i] += band[i, w] * x[i]

@@ -1,0 +1,103 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Effects and their numbers in words: units of a person, sides instead of signs."""
+
+import numpy as np
+import pytest
+from diagnoses import KNOWN
+
+from dlo_ros.cli.diagnosis_words import (
+    amount,
+    clause,
+    label,
+    off_by,
+    percent,
+    rows,
+    title,
+    values,
+)
+from dlo_ros.diagnosis import NamedEffect, Number
+from dlo_ros.effects import effects
+from dlo_ros.report.elements import measured
+
+DEGREE = np.pi / 180.0
+LENGTH = KNOWN.rod.length
+
+
+def test_every_effect_says_what_it_is():
+    for name, effect in effects().items():
+        assert title(name) and clause(name)
+        if effect.__module__.startswith("dlo_ros"):
+            assert effect.title and effect.phrase, name
+            assert clause(name)[0].islower() and not clause(name).endswith(".")
+    assert title("not_known") == "not known" and "not known" in clause("not_known")
+
+
+@pytest.mark.parametrize(
+    ("told", "words"),
+    [
+        (amount(0.0312, 0.0021, "kg"), "31 +- 2 g"),
+        (amount(1.5, 0.2, "kg"), "1.5 +- 0.2 kg"),
+        (amount(0.0312, None, "m"), "31.2 +- unknown mm"),
+        (amount(0.02, 0.0013, "s"), "20.0 +- 1.3 ms"),
+        (off_by(0.5, 0.04, "stiff_segment", "ratio"), "50 +- 4 % softer"),
+        (off_by(-0.0021, 0.0003, "length_error", "difference"), "2.1 +- 0.3 mm shorter"),
+        (off_by(0.0021, 0.0003, "length_error", "difference"), "2.1 +- 0.3 mm longer"),
+        (off_by(-0.012, 0.003, "command_delay", "delay"), "12 +- 3 ms earlier"),
+        (off_by(0.002, 0.001, "clamp_offset", "end", 1, 2), "2.0 +- 1.0 mm up"),
+        (off_by(0.002, 0.001, "clamp_offset", "end", 1, 3), "2.0 +- 1.0 mm away from the camera"),
+        (off_by(-1 * DEGREE, DEGREE, "clamp_angle", "end"), "1.0 +- 1.0 degrees counterclockwise"),
+        (off_by(-1 * DEGREE, DEGREE, "clamp_angle", "end", 2, 3), "-1.0 +- 1.0 degrees"),
+        (off_by(0.0, 0.001, "length_error", "difference"), "0.0 +- 1.0 mm"),
+        (label("intrinsic_curvature.curvature[1]", 5), "curvature at rest, 2 of 5 along u"),
+        (label("clamp_offset.end[1]", 2), "place of a clamp, at the end, z"),
+        (label("gravity_tilt.angle"), "tilt of the board"),
+        (percent(0.999), "over 99 %"),
+        (percent(0.001), "under 1 %"),
+        (measured(12.3, 0.196, sparing=True), "12.3 +- 0.2"),
+        (measured(12.3, 0.15, sparing=True), "12.30 +- 0.15"),
+    ],
+)
+def test_numbers_are_those_of_a_person(told, words):
+    assert told == words
+
+
+def test_several_values_are_told_in_one_phrase():
+    curved = NamedEffect(
+        "intrinsic_curvature", {"curvature": Number((-0.5, 2.1), (0.2, 0.2), "1/m")}, ()
+    )
+    assert values(curved, LENGTH) == "curvature from -0.50 to 2.1 1/m, each +- 0.2"
+    graded = NamedEffect("stiffness_gradient", {"change": Number(0.866, 0.006, "")}, ())
+    assert values(graded, LENGTH) == "by 86.6 +- 0.6 %"
+    numbers = {"hardening": Number(0.23, 0.01, "")}
+    assert values(NamedEffect("plasticity", numbers, ()), LENGTH) == "hardening 23.0 +- 1.0 %"
+    moved = NamedEffect("clamp_offset", {"end": Number((0.002, -0.001), (0.0004, 0.0003), "m")}, ())
+    assert values(moved, LENGTH) == "at the end 2.0 +- 0.4 mm to the right, 1.0 +- 0.3 mm down"
+
+
+def test_what_the_data_do_not_determine_is_no_number():
+    """A cause may be certain where one of its numbers is not known at all."""
+    soft = NamedEffect("nonlinear_stiffness", {"half_curvature": Number(100.0, 400.0, "1/m")}, ())
+    assert values(soft, LENGTH) == "half curvature not determined"
+    known = NamedEffect("nonlinear_stiffness", {"half_curvature": Number(100.0, 40.0, "1/m")}, ())
+    assert values(known, LENGTH) == "half curvature 100 +- 40 1/m"
+    peg = {"x": Number(0.26, 41.0, "m"), "radius": Number(0.024, 0.003, "m")}
+    said = values(NamedEffect("obstacle", peg, ()), LENGTH)
+    assert said == "x not determined, radius 24 +- 3 mm"
+    (x, radius) = rows(NamedEffect("obstacle", peg, ()), LENGTH)
+    assert x[:2] == ("x", "not determined (260 mm in the file)")
+    assert radius[:2] == ("radius", "24.0 +- 3.0 mm")
+    # Zero is a value like any other where nothing is wrong at zero.
+    shift = NamedEffect("camera_shift", {"x": Number(-2e-6, 4e-4, "m")}, ())
+    assert values(shift, LENGTH) == "0.0 +- 0.4 mm to the left"
+
+
+def test_every_number_with_two_sides_has_two_words():
+    """What may lie on either side of nothing says on which, unless it is an angle in space."""
+    for effect in effects().values():
+        for q in effect.quantities():
+            if q.geometric or not effect.__module__.startswith("dlo_ros"):
+                continue
+            two_sided = q.lower < q.neutral < q.upper and q.tolerance is not None
+            free = not (q.spatial and q.unit == "1/m")
+            assert bool(q.sides) >= (two_sided and free and q.lower < 0.0), (effect.name, q.name)
+            assert all(len(set(pair)) == 2 or pair == ("", "") for pair in q.sides)

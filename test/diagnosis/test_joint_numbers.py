@@ -1,0 +1,125 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Everything that the joint model has fitted is told: as material, as a cause, or in the table."""
+
+from dataclasses import replace
+
+import pytest
+from experiment_recordings import moving
+
+from dlo_ros.diagnosis.explain.candidate_trials import fitted
+from dlo_ros.diagnosis.explain.joint_explanation import Cause
+from dlo_ros.diagnosis.findings.fitted_numbers import damping_numbers
+from dlo_ros.diagnosis.findings.joint_numbers import set_up_numbers
+from dlo_ros.diagnosis.findings.joint_outcome import training_set
+from dlo_ros.diagnosis.fitting.initial_fit import begin
+from dlo_ros.diagnosis.proposals.candidate_effects import starts
+from dlo_ros.diagnosis.proposals.linear_evidence import proposal_of, with_proposals
+
+DRAG, INNER = "air_drag.coefficient", "internal_damping.relaxation_time"
+TRUE_DRAG = 0.06
+"""Of the rod that is recorded [N s/m^2]; the parameter file guesses a third of it."""
+TRUE_DENSITY = 2500.0  # kg/m^3
+
+
+@pytest.fixture(scope="module")
+def begun():
+    """The plain model fitted to a swing with more drag than the file guesses, and the file."""
+    recording, guess = moving("simple", {"air_drag": {"coefficient": TRUE_DRAG}}, 31)
+    own = guess.damping.air_drag
+    given = replace(guess, damping=replace(guess.damping, air_drag=(TRUE_DRAG + own) / 3.0))
+    return begin([recording], given), given
+
+
+@pytest.fixture(scope="module")
+def draughty(begun):
+    """The set-up fitted to it, the file, and the true drag [N s/m^2]."""
+    beginning, given = begun
+    own = 3.0 * given.damping.air_drag - TRUE_DRAG
+    training = training_set(beginning, 1, beginning.at.model.settings, given)
+    return training.prepared, given, TRUE_DRAG + own
+
+
+def weighed(at, std):
+    """A fit to the same data of a DLO whose density is known to a relative standard deviation."""
+    parameters = tuple(
+        replace(p, guessed=False, std=std) if p.name == "density" else p
+        for p in at.model.parameters
+    )
+    return replace(at, model=replace(at.model, parameters=parameters))
+
+
+def test_a_guessed_drag_is_told_with_its_std_and_has_no_tolerance(draughty):
+    prepared, given, true = draughty
+    told = set_up_numbers(prepared.setup, (), given)
+    drag = told[DRAG]
+    assert drag.tolerance is None and drag.unit == "N s/m^2"
+    # Shapes tell its ratio to the density, of which the file has a guess that is too small.
+    fitted_to = prepared.setup.model.settings
+    off = true * fitted_to.rod.density / TRUE_DENSITY - given.damping.air_drag
+    assert drag.std is None
+    assert drag.held_std < 0.5 * off and abs(drag.value - off) < 4.0 * drag.held_std
+    known = set_up_numbers(weighed(prepared.setup, 0.05), (), given)[DRAG]
+    whole = fitted_to.damping.air_drag
+    expected = ((drag.held_std / whole) ** 2 + 0.05**2) ** 0.5 * whole
+    assert known.std == pytest.approx(expected, rel=0.05) and known.held_std is None
+    assert drag.value == pytest.approx(
+        prepared.setup.model.settings.damping.air_drag - given.damping.air_drag
+    )
+    assert INNER in told
+    # All but E and mu, each once.
+    assert len(told) == len(prepared.setup.model.parameters) - 2
+
+
+def test_a_drag_that_is_a_cause_is_not_told_twice(draughty):
+    prepared, given, _ = draughty
+    cause = Cause("air_drag", ("air_drag",), {}, 9.0, 1e-3)
+    told = set_up_numbers(prepared.setup, (cause,), given)
+    assert DRAG not in told and INNER in told
+
+
+def test_a_drag_that_is_known_has_the_tolerance_that_is_stated(draughty):
+    prepared, given, _ = draughty
+    std = 0.3 * given.damping.air_drag
+    parameters = tuple(
+        replace(p, guessed=False, std=0.3) if p.name == "air_drag" else p
+        for p in prepared.setup.model.parameters
+    )
+    at = replace(prepared.setup, model=replace(prepared.setup.model, parameters=parameters))
+    assert set_up_numbers(at, (), given)[DRAG].tolerance == pytest.approx(std)
+
+
+def test_what_the_data_do_not_determine_has_no_std(draughty):
+    prepared, given, _ = draughty
+    blind = tuple(
+        replace(s, gradient=0.0 * s.gradient, hessian=0.0 * s.hessian)
+        for s in prepared.setup.spectra
+    )
+    told = set_up_numbers(replace(prepared.setup, spectra=blind), (), given)
+    assert told[DRAG].std is None and told[DRAG].held_std is None
+    assert told["clamp_angle.start"].std is not None
+
+
+def test_an_effect_that_is_no_certain_cause_is_told_too(draughty):
+    prepared, given, _ = draughty
+    start = next(s for s in starts(prepared.scene) if s.effect == "quadratic_drag")
+    proposal = proposal_of(prepared.setup.model.settings, start)
+    model, _ = with_proposals(prepared.setup.model, [proposal])
+    told = set_up_numbers(fitted(model, prepared.recordings), (), given)
+    added = told["quadratic_drag.coefficient"]
+    assert added.tolerance is None and added.std > 0.0
+
+
+def test_dampings_that_are_fitted_without_a_set_up_are_told_as_well(begun):
+    beginning, given = begun
+    told = damping_numbers(beginning.at, given)
+    assert set(told) == {DRAG, INNER}
+    drag, fitted_to = told[DRAG], beginning.at.model.settings
+    assert drag.value == pytest.approx(fitted_to.damping.air_drag - given.damping.air_drag)
+    true = (3.0 * given.damping.air_drag) * fitted_to.rod.density / TRUE_DENSITY
+    std = drag.std or drag.held_std
+    assert abs(drag.value + given.damping.air_drag - true) < 4.0 * std
+    assert std < 0.5 * true
+    assert drag.tolerance is None and drag.unit == "N s/m^2"
+    effect = beginning.at.model.settings.with_effects({"air_drag": {"coefficient": 0.01}})
+    named = replace(beginning.at, model=replace(beginning.at.model, settings=effect))
+    assert set(damping_numbers(named, given)) == {INNER}
