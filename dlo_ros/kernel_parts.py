@@ -29,7 +29,7 @@ STAGES: dict[str, tuple[Part, ...]] = {
         Part("rod_statics", "dlo_ros.rod.compile_rod:compile_statics", 40.0, 132),
         Part("rod_dynamics", "dlo_ros.rod.compile_rod:compile_dynamics", 40.0, 131),
     ),
-    "vision": (Part("vision", "dlo_ros.vision.compile_vision:compile_kernels", 12.0, 24),),
+    "vision": (Part("vision", "dlo_ros.vision.compile_vision:compile_kernels", 18.0, 39),),
     "synthesis": (
         Part("synthesis", "dlo_ros.synthesis.compile_synthesis:compile_kernels", 10.0, 20),
     ),

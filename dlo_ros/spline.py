@@ -93,6 +93,21 @@ class SplineBasis:
         spline = BSpline(self.knots, np.eye(self.control_points), DEGREE)
         return np.asarray(spline.derivative(derivative)(u))
 
+    @lru_cache(maxsize=64)  # noqa: B019 - a basis is two numbers, and equal ones share the entry
+    def grid(self, count: int, derivative: int = 0) -> FloatArray:
+        """Basis functions or their derivatives at equal steps of u from 0 to L, kept.
+
+        Args:
+            count: number of places m, both ends counted.
+            derivative: 0 to 3.
+
+        Returns:
+            Matrix of shape (m, n), read-only.
+        """
+        result = self.matrix(np.linspace(0.0, self.length, count), derivative)
+        result.flags.writeable = False
+        return result
+
     def evaluate(self, control_points: FloatArray, u: ArrayLike, derivative: int = 0) -> FloatArray:
         """Value (or derivative) of the spline at u, shape (m, d)."""
         return self.matrix(u, derivative) @ control_points
@@ -161,9 +176,21 @@ class SplineBasis:
         """
         b = self.matrix(u)
         w = np.ones(b.shape[0]) if weights is None else np.asarray(weights, dtype=np.float64)
-        uq, wq = self.quadrature(2)
-        curvature = self.matrix(uq, 2)
-        smooth = curvature.T @ (wq[:, None] * curvature) * self.length**3
-        normal = b.T @ (w[:, None] * b)
+        return self._least_squares(b, points, w)
+
+    def fit_grid(self, points: FloatArray, weights: FloatArray) -> FloatArray:
+        """Least-squares spline through points at equal steps of u from 0 to L; see `fit`."""
+        return self._least_squares(self.grid(len(points)), points, weights)
+
+    @cached_property
+    def _bending(self) -> FloatArray:
+        """Integral of the products of second derivatives times L^3, shape (n, n)."""
+        u, w = self.quadrature(2)
+        curvature = self.matrix(u, 2)
+        return curvature.T @ (w[:, None] * curvature) * self.length**3
+
+    def _least_squares(self, b: FloatArray, points: FloatArray, weights: FloatArray) -> FloatArray:
+        smooth = self._bending
+        normal = b.T @ (weights[:, None] * b)
         normal += 1e-9 * np.trace(normal) / np.trace(smooth) * smooth
-        return np.asarray(np.linalg.solve(normal, b.T @ (w[:, None] * points)))
+        return np.asarray(np.linalg.solve(normal, b.T @ (weights[:, None] * points)))

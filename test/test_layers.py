@@ -71,8 +71,8 @@ INSIDE = {
         ("photograph", "planar_result", "predictions"),
         ("expected_shape",),
         ("overlay", "planar_observer"),
-        ("compile_vision", "contact_sheet", "space"),
-        ("points",),
+        ("contact_sheet", "space"),
+        ("compile_vision", "points"),
         ("__init__",),
     ),
     "identification": (

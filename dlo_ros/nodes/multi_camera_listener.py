@@ -6,8 +6,9 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
+from itertools import islice
 from typing import Any
 
 from dlo_ros.command import NANOSECONDS, Motion
@@ -19,7 +20,7 @@ from dlo_ros.nodes.node_base import DloNode
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.camera_bags import DEPTH
 from dlo_ros.recordings.image_building import image_message
-from dlo_ros.recordings.images import CameraInfo, read_camera_info, read_depth, read_image
+from dlo_ros.recordings.images import CameraInfo, Image, read_camera_info, read_depth, read_image
 from dlo_ros.recordings.messages import stamp_of
 from dlo_ros.recordings.synchronisation import ApproximateTime
 from dlo_ros.spline import FloatArray
@@ -33,13 +34,56 @@ PATIENCE = 0.5
 """Seconds that the first images wait for the command, where somebody publishes it, and any images
 for the robot's frames of their instant."""
 
-HELD = 10
-"""Sets of images that may wait so; the oldest are dropped."""
+HELD = 15
+"""Sets of images that may wait so, or while others are worked on: as many as come at 30 Hz within
+that time. The oldest are dropped."""
+
+AHEAD = 2
+"""Sets that wait and are decoded at the same time: the one that is worked on next, and another
+one meanwhile."""
 
 DEPTH_FRESH = 1.0
 """Seconds for which a depth image keeps the camera's images waiting for the next one."""
 
 Images = dict[str, tuple[int, Any]]
+
+
+class ImageSet:
+    """Images of one instant, decoded side by side before they are needed.
+
+    Args:
+        images: stamps [ns] and messages by the cameras' names, and those of depth.
+    """
+
+    def __init__(self, images: Images) -> None:
+        self.images = images
+        self._decoding: dict[str, Future[Image]] = {}
+
+    @property
+    def stamps(self) -> list[int]:
+        """Stamps of the images [ns]."""
+        return [stamp for stamp, _ in self.images.values()]
+
+    def decode(self, pool: ThreadPoolExecutor) -> None:
+        """Have the images decoded, where that is not done yet."""
+        if not self._decoding:
+            self._decoding = {
+                name: pool.submit(read_image, message)
+                for name, (_, message) in self.images.items()
+                if name != DEPTH
+            }
+
+    def frames(self) -> dict[str, Frame]:
+        """The decoded images by the cameras' names, once they are.
+
+        Raises:
+            InputError: an image is unusable.
+        """
+        depth = read_depth(self.images[DEPTH][1]) if DEPTH in self.images else None
+        return {
+            name: Frame(self.images[name][0], picture.result(), depth)
+            for name, picture in self._decoding.items()
+        }
 
 
 def transport_of(node: DloNode, camera: str, chosen: str) -> tuple[str, str]:
@@ -86,7 +130,7 @@ class MultiCameraListener:
         self._infos: dict[str, CameraInfo] = {}
         self._observer: SpaceObserver | None = None
         self._together: ApproximateTime[Any] = ApproximateTime(self.cameras or ("", DEPTH))
-        self._held: deque[Images] = deque(maxlen=HELD)
+        self._held: deque[ImageSet] = deque(maxlen=HELD)
         self._hold_until = 0.0
         self._front = 0.0  # when the first of those that wait came to the front
         self._silent_since = -1  # last stamp of the robot's frames [ns]
@@ -94,7 +138,6 @@ class MultiCameraListener:
         self._transports: dict[str, tuple[str, Any]] = {}
         self._overlays: dict[str, Any] = {}
         self._sets = ImageStatistics()  # of all images of an instant together
-        # Compressed images are decoded side by side: one takes a fifth of the time of a pair.
         self._decoders = ThreadPoolExecutor(max(1, len(self.cameras)), thread_name_prefix="decoder")
         for name in self.cameras:
             topic = topics.of_camera(name, topics.CAMERA_INFO)
@@ -158,8 +201,19 @@ class MultiCameraListener:
         if self._node.ready and not self._node.is_earlier(stamp_of(message)):
             self._last_depth = time.monotonic()
             self._add(DEPTH, message)
+            self.release()
 
     def _on_image(self, name: str, message: Any) -> None:
+        self._take(name, message)
+        # All that has come meanwhile is taken at once: the middleware keeps a few images only, and
+        # what waits here is decoded while another set is worked on.
+        for other, (_, subscription) in self._transports.items():
+            take = self._node.guarded("image", partial(self._take, other))
+            for waiting in self._node.waiting(subscription):
+                take(waiting)
+        self.release()
+
+    def _take(self, name: str, message: Any) -> None:
         node = self._node
         if not node.ready:
             node.health.count("images before the node was ready")
@@ -173,12 +227,11 @@ class MultiCameraListener:
         self._node.check_stamp(stamp, "image")
         values = self._node.health.values
         for images in self._together.add(name, stamp, message):
-            self._held.append(images)
+            self._held.append(ImageSet(images))
             self._sets.arrived(min(s for s, _ in images.values()))
             values["camera [Hz]"] = self._sets.rate
             values["dropped images"] = self._sets.dropped
         values["images without partner"] = self._together.unmatched
-        self.release()
 
     def release(self) -> None:
         """Process the images that wait, once the command has come or is overdue."""
@@ -188,8 +241,10 @@ class MultiCameraListener:
                 self._hold_until = now + PATIENCE
             if now < self._hold_until:
                 return
-        while self._held and not self._early(max(stamp for stamp, _ in self._held[0].values())):
+        while self._held and not self._early(max(self._held[0].stamps)):
             self._front = 0.0
+            for images in islice(self._held, AHEAD):
+                images.decode(self._decoders)
             self._node.guarded("image", self._see)(self._held.popleft())
 
     def _early(self, stamp: int) -> bool:
@@ -221,7 +276,7 @@ class MultiCameraListener:
         cameras = cameras_of(self._infos, poses)
         return SpaceObserver(self._node.settings, cameras, self._motion)
 
-    def _see(self, images: Images) -> None:
+    def _see(self, images: ImageSet) -> None:
         began = time.perf_counter()
         node = self._node
         if self._observer is None:
@@ -229,14 +284,7 @@ class MultiCameraListener:
         observer = self._observer
         if observer is None:
             return
-        depth = read_depth(images[DEPTH][1]) if DEPTH in images else None
-        views = {name: image for name, image in images.items() if name != DEPTH}
-        decoded = self._decoders.map(read_image, [message for _, message in views.values()])
-        frames = {
-            name: Frame(stamp, image, depth)
-            for (name, (stamp, _)), image in zip(views.items(), decoded, strict=True)
-        }
-        stamps = [stamp for stamp, _ in images.values()]
+        frames, stamps = images.frames(), images.stamps
         node.health.values["stamps apart [ms]"] = 1e3 * (max(stamps) - min(stamps)) / NANOSECONDS
         found: Mapping[str, VisionResult] = {}
         problem = ""
@@ -254,7 +302,7 @@ class MultiCameraListener:
             node.health.values["processing time [ms]"] = 1e3 * (time.perf_counter() - began)
             self._sets.worked_off((node.now() - min(stamps)) / NANOSECONDS)
             node.health.values["latency [ms]"] = 1e3 * self._sets.latency
-        self._draw(observer, images, frames, found, problem)
+        self._draw(observer, images.images, frames, found, problem)
 
     def _draw(
         self,

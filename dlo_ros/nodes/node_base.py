@@ -207,18 +207,24 @@ class DloNode(Node, ABC):
 
         def receive(received: Any) -> None:
             guarded(received)
-            while drain and subscription is not None:
-                with subscription.handle:
-                    waiting = subscription.handle.take_message(message, False)
-                if waiting is None:
-                    return
-                guarded(waiting[0])
+            if drain and subscription is not None:
+                for waiting in self.waiting(subscription):
+                    guarded(waiting)
 
         with self._overriding(topic):
             subscription = self.create_subscription(
                 message, topic, receive, copy(qos), qos_overriding_options=profiles.OVERRIDES
             )
         return subscription
+
+    def waiting(self, subscription: Any) -> Iterator[Any]:
+        """The messages of a subscription that have come, taken past the executor."""
+        while True:
+            with subscription.handle:
+                taken = subscription.handle.take_message(subscription.msg_type, False)
+            if taken is None:
+                return
+            yield taken[0]
 
     @contextmanager
     def _overriding(self, topic: str) -> Iterator[None]:

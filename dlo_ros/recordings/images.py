@@ -265,7 +265,7 @@ def _jpeg_size(data: bytes) -> tuple[int, int]:
             at += 1
             continue
         if marker == 0xDA:  # the picture itself; its bytes 0xFF are stuffed, so the end is unique
-            if size is None or data.find(b"\xff\xd9", at) < 0:
+            if size is None or data.rfind(b"\xff\xd9", at) < 0:
                 break
             return size
         if marker in (0x01, *range(0xD0, 0xD8)):  # markers without a length

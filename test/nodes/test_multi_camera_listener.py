@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dlo_ros.command import Motion
-from dlo_ros.errors import VisionError
+from dlo_ros.errors import InputError, VisionError
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings.image_building import camera_info_message, depth_message, image_message
 from dlo_ros.recordings.images import CameraInfo, read_camera_info
@@ -29,7 +29,7 @@ class FakeNode:
     def __init__(self, **values):
         self.settings = Settings.from_mapping({**ROD, **values})
         self.published, self.topics, self.warnings = {"dlo/command"}, {}, []
-        self.counts = Counter()
+        self.counts, self.queues = Counter(), {}
         self.health = SimpleNamespace(
             values={}, solved=lambda what: None, warn=lambda what, text: self.warnings.append(text),
             count=lambda what: self.counts.update([what]),
@@ -38,6 +38,12 @@ class FakeNode:
     def subscribe(self, topic, callback, qos):
         self.topics[topic] = callback
         return topic
+
+    def waiting(self, topic):
+        """Messages that the test has put there, as the middleware would keep them."""
+        queue = self.queues.get(topic, [])
+        while queue:
+            yield queue.pop(0)
 
     def destroy_subscription(self, topic):
         del self.topics[topic]
@@ -197,3 +203,41 @@ def test_sets_that_were_lost_are_counted(listener):
     for name in ("left", "right"):  # time went back: nothing was lost
         node.topics[f"{name}/image_raw"](image(1000 * MS))
     assert node.health.values["dropped images"] == len(lost)
+
+
+def test_images_that_came_while_others_were_worked_on_are_all_taken_in_order(listener):
+    node, views = listener(**{"vision.cameras": ["left", "right"]}, **BOTH)
+    views.poll()
+    for name in ("left", "right"):
+        node.topics[f"{name}/camera_info"](info())
+    stamps = [(1000 + 33 * k) * MS for k in range(12)]
+    node.queues["left/image_raw"] = [image(stamp) for stamp in stamps[1:]]
+    node.queues["right/image_raw"] = [image(stamp) for stamp in stamps]
+    node.topics["left/image_raw"](image(stamps[0]))
+    assert [frames["left"].stamp for frames in views._observer.seen] == stamps
+    assert not any(node.queues.values()) and node.health.values["dropped images"] == 0
+
+
+def test_a_damaged_image_costs_its_own_set_only(listener):
+    node, views = listener(**{"vision.cameras": ["left", "right"]}, **BOTH)
+    views.poll()
+    for name in ("left", "right"):
+        node.topics[f"{name}/camera_info"](info())
+
+    def guarded(what, callback):
+        def call(*arguments):
+            try:
+                callback(*arguments)
+            except InputError as err:
+                node.warnings.append(str(err))
+
+        return call
+
+    node.guarded = guarded
+    images = [image((1000 + 33 * k) * MS) for k in range(3)]
+    images[1].data = images[1].data[:-1]
+    node.queues["left/image_raw"] = images[1:]
+    node.queues["right/image_raw"] = [image((1000 + 33 * k) * MS) for k in range(3)]
+    node.topics["left/image_raw"](images[0])
+    assert [frames["left"].stamp // MS for frames in views._observer.seen] == [1000, 1066]
+    assert sum("9215 bytes" in text for text in node.warnings) == 1

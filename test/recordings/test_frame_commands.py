@@ -176,12 +176,13 @@ def test_poses_that_wait_are_taken_at_once_and_predictions_wait_for_them():
 
     def create(kind, topic, callback, qos, **options):
         callbacks.append(callback)
-        return SimpleNamespace(handle=handle)
+        return SimpleNamespace(handle=handle, msg_type=kind)
 
     node = SimpleNamespace(
         guarded=lambda what, callback: callback,
         _overriding=lambda topic: nullcontext(),
         create_subscription=create,
+        waiting=lambda subscription: DloNode.waiting(node, subscription),
     )
     for drain in (False, True):
         DloNode.subscribe(node, topics.START_POSE, taken.append, None, drain=drain)

@@ -11,9 +11,11 @@ levels of the climb are compared with the one that was found.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
+from dlo_ros.kernel_cache import njit
 from dlo_ros.spline import FloatArray
-from dlo_ros.vision.segmentation.picture_strip import Mask
+from dlo_ros.vision.segmentation.picture_strip import Float32, Mask
 
 LENGTH = 4.0  # [widths] of the DLO that one cross-section is the median of
 FEWEST = 8  # profiles of it
@@ -30,7 +32,7 @@ FALL = 0.1  # of the same, by which what climbs no longer has fallen
 
 
 def doubt_of_middle(
-    profiles: FloatArray,
+    profiles: Float32,
     offsets: FloatArray,
     middle: FloatArray,
     seen: Mask,
@@ -54,7 +56,7 @@ def doubt_of_middle(
     if len(at) == 0:
         return np.zeros(len(profiles))
     left = _crossings(sections, offsets, width)
-    right = _crossings(sections[:, ::-1], offsets, width)
+    right = _crossings(np.ascontiguousarray(sections[:, ::-1]), offsets, width)
     between = 0.5 * (left - right)  # both are counted from the outside
     found = np.sqrt(between**2 @ LIKELY)
     known = np.isfinite(found)
@@ -64,7 +66,7 @@ def doubt_of_middle(
 
 
 def _usual(
-    profiles: FloatArray,
+    profiles: Float32,
     offsets: FloatArray,
     middle: FloatArray,
     seen: Mask,
@@ -72,26 +74,49 @@ def _usual(
     spacing: float,
 ) -> tuple[FloatArray, FloatArray]:
     """Medians of the cross-sections over parts of the DLO, shape (b, k), and the parts' middles."""
-    count, samples = profiles.shape
+    count = len(profiles)
     size = max(FEWEST, round(LENGTH * width / spacing))
     parts = -(-count // size)
-    # Shifted so that the middle that was found lies at zero.
-    place = (offsets[None, :] + middle[:, None] - offsets[0]) / (offsets[1] - offsets[0])
-    low = np.clip(np.floor(place).astype(np.int64), 0, samples - 2)
-    share = np.clip(place - low, 0.0, 1.0)
-    rows = np.arange(count)[:, None]
-    shifted = (1.0 - share) * profiles[rows, low] + share * profiles[rows, low + 1]
-    padded = np.full((parts * size, samples), np.inf)
-    padded[:count][seen] = shifted[seen]
     number = np.bincount(np.flatnonzero(seen) // size, minlength=parts)
     enough = np.flatnonzero(number >= FEWEST)
-    ordered = np.sort(padded.reshape(parts, size, samples)[enough], axis=1)
-    half = number[enough]
-    each = np.arange(len(enough))
-    medians = 0.5 * (ordered[each, (half - 1) // 2] + ordered[each, half // 2])
+    medians = _medians(profiles, offsets, middle, seen, enough, size)
     return np.asarray(medians), np.asarray((enough + 0.5) * size)
 
 
+@njit()
+def _medians(
+    profiles: Float32,
+    offsets: FloatArray,
+    middle: FloatArray,
+    seen: Mask,
+    parts: NDArray[np.int64],
+    size: int,
+) -> FloatArray:
+    """Medians of the cross-sections that were seen in some parts of a size, shape (b, k).
+
+    The cross-sections are shifted so that the middle that was found lies at zero.
+    """
+    count, samples = profiles.shape
+    step = offsets[1] - offsets[0]
+    result = np.empty((len(parts), samples))
+    shifted = np.empty((samples, size))
+    for p in range(len(parts)):
+        number = 0
+        for i in range(parts[p] * size, min((parts[p] + 1) * size, count)):
+            if not seen[i]:
+                continue
+            for j in range(samples):
+                place = (offsets[j] + middle[i] - offsets[0]) / step
+                low = min(max(int(np.floor(place)), 0), samples - 2)
+                share = min(max(place - low, 0.0), 1.0)
+                shifted[j, number] = (1.0 - share) * profiles[i, low] + share * profiles[i, low + 1]
+            number += 1
+        for j in range(samples):
+            result[p, j] = np.median(shifted[j, :number])
+    return result
+
+
+@njit()
 def _crossings(sections: FloatArray, offsets: FloatArray, width: float) -> FloatArray:
     """Offsets at which each cross-section's left edge passes the levels of its climb [px], shape
     (b, levels).
@@ -99,27 +124,45 @@ def _crossings(sections: FloatArray, offsets: FloatArray, width: float) -> Float
     A level that the edge has passed already where the board should be lies there or further out;
     it counts as there. NaN where no edge is seen.
     """
-    outside = (offsets <= -BOARD * width) & (offsets >= -1.05 * width)
-    climb = np.flatnonzero((offsets > -BOARD * width) & (offsets <= 0.0))
-    away = sections[:, climb] - sections[:, outside].mean(axis=1, keepdims=True)
-    largest = np.abs(away).max(axis=1, keepdims=True)
-    # The sign of the first difference that is one, from the outside inwards.
-    first = np.argmax(np.abs(away) >= CLEAR * largest, axis=1)
-    rows = np.arange(len(away))
-    away = away * np.sign(away[rows, first])[:, None]
-    top = np.maximum.accumulate(np.where(np.arange(away.shape[1]) < first[:, None], 0.0, away), 1)
-    fallen = (away < top - FALL * largest) & (np.arange(away.shape[1]) > first[:, None])
-    last = np.where(fallen.any(axis=1), np.argmax(fallen, axis=1), away.shape[1] - 1)
-    height = top[rows, last]
-    step = offsets[1] - offsets[0]
-    result = np.full((len(away), len(LEVELS)), np.nan)
-    for k, level in enumerate(LEVELS):
-        wanted = level * height
-        at = np.argmax(top >= wanted[:, None], axis=1)
-        before = np.maximum(at - 1, 0)
-        low, high = away[rows, before], away[rows, at]
-        good = (high > low) & (height > 0.0)
-        share = np.where(good, (wanted - low) / np.where(good, high - low, 1.0), np.nan)
-        share = np.where((at == 0) & (height > 0.0), 0.0, share)
-        result[:, k] = offsets[climb[before]] + step * np.clip(share, 0.0, 1.0)
+    result = np.full((len(sections), len(LEVELS)), np.nan)
+    begin = last_outside = 0
+    for j in range(len(offsets)):
+        begin += offsets[j] < -1.05 * width
+        last_outside += offsets[j] <= -BOARD * width
+    samples = 0
+    for j in range(last_outside, len(offsets)):
+        samples += offsets[j] <= 0.0
+    away, top = np.empty(samples), np.empty(samples)
+    for i in range(len(sections)):
+        ground = np.mean(sections[i, begin:last_outside])
+        largest = 0.0
+        for j in range(samples):
+            away[j] = sections[i, last_outside + j] - ground
+            largest = max(largest, abs(away[j]))
+        # The sign of the first difference that is one, from the outside inwards.
+        first = 0
+        while first < samples - 1 and abs(away[first]) < CLEAR * largest:
+            first += 1
+        sign = np.sign(away[first])
+        height, last = 0.0, -1
+        for j in range(samples):
+            away[j] *= sign
+            height = max(height, away[j] if j >= first else 0.0)
+            top[j] = height
+            if last < 0 and j > first and away[j] < height - FALL * largest:
+                last = j
+        height = top[last]  # that of the innermost sample where nothing falls
+        if height <= 0.0:
+            continue
+        for k in range(len(LEVELS)):
+            wanted = LEVELS[k] * height
+            at = 0
+            while at < samples and top[at] < wanted:
+                at += 1
+            before = max(at - 1, 0)
+            low, high = away[before], away[at]
+            if at > 0 and not high > low:
+                continue
+            share = min(max((wanted - low) / (high - low), 0.0), 1.0) if at > 0 else 0.0
+            result[i, k] = offsets[last_outside + before] + share * (offsets[1] - offsets[0])
     return result

@@ -166,10 +166,9 @@ def locate(
     along = 0.4 * width / spacing
 
     def mean(low: float, high: float) -> Float32:
-        chosen = (offsets >= low * width - 1e-6) & (offsets <= high * width + 1e-6)
-        return np.asarray(
-            gaussian_filter1d(strip[:, chosen].mean(axis=1), along, axis=0, mode="nearest")
-        )
+        first, last = np.searchsorted(offsets, [low * width - 1e-6, high * width + 1e-6])
+        colours = strip[:, first:last].mean(axis=1)
+        return np.asarray(gaussian_filter1d(colours, along, axis=0, mode="nearest"))
 
     core, left, right = mean(-CORE, CORE), mean(-GROUND[1], -GROUND[0]), mean(*GROUND)
     # A DLO of two tones may have one of them at either edge.

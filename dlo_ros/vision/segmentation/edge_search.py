@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from dlo_ros.kernel_cache import njit
 from dlo_ros.spline import FloatArray
 from dlo_ros.vision.segmentation.picture_strip import Float32, Mask
 
@@ -15,28 +16,40 @@ FADE = 0.3  # share of the window of an edge over which it fades out
 LENS_STD = 0.5  # [px] of a lens's point spread: hardly any camera's picture is sharper
 
 
-def slope_towards(
-    strip: Float32, offsets: FloatArray, change: Float32
-) -> tuple[FloatArray, FloatArray]:
+@njit()
+def slope_towards(strip: Float32, offsets: FloatArray, change: Float32) -> tuple[Float32, Float32]:
     """Slope of the picture across the DLO towards a colour.
 
     Args:
         strip: colours, shape (m, k, 3).
-        offsets: offsets of the samples [px], shape (k,).
+        offsets: offsets of the samples [px], evenly spaced, shape (k,).
         change: change of the colour at an edge, in the direction of growing offsets, shape (m, 3).
 
     Returns:
         Slope [grey levels/px], 0 where it falls, shape (m, k), and the whole change [grey levels],
         shape (m,).
     """
-    climb = np.linalg.norm(change, axis=1)
-    unit = change / np.maximum(climb, 1e-6)[:, None]
-    profile = np.einsum("ikc,ic->ik", strip, unit)
-    return np.maximum(np.gradient(profile, offsets, axis=1), 0.0), climb
+    rows, samples = strip.shape[:2]
+    slope = np.empty((rows, samples), dtype=np.float32)
+    climb = np.empty(rows, dtype=np.float32)
+    profile = np.empty(samples, dtype=np.float32)
+    per_step = np.float32((samples - 1) / (offsets[-1] - offsets[0]))
+    for i in range(rows):
+        climb[i] = np.sqrt(change[i, 0] ** 2 + change[i, 1] ** 2 + change[i, 2] ** 2)
+        size = max(climb[i], np.float32(1e-6))
+        b, g, r = change[i, 0] / size, change[i, 1] / size, change[i, 2] / size
+        for j in range(samples):
+            profile[j] = strip[i, j, 0] * b + strip[i, j, 1] * g + strip[i, j, 2] * r
+        for j in range(samples):
+            low, high = max(j - 1, 0), min(j + 1, samples - 1)
+            rise = (profile[high] - profile[low]) * per_step / np.float32(high - low)
+            slope[i, j] = max(rise, np.float32(0.0))
+    return slope, climb
 
 
+@njit()
 def climbing_length(
-    slope: FloatArray, offsets: FloatArray, climb: FloatArray, expected: FloatArray, window: float
+    slope: Float32, offsets: FloatArray, climb: Float32, expected: FloatArray, window: float
 ) -> FloatArray:
     """Length over which an edge near an expected offset climbs by the whole change [px].
 
@@ -49,15 +62,20 @@ def climbing_length(
     Returns:
         Shape (m,).
     """
-    distance = np.abs(offsets[None, :] - expected[:, None])
-    peak = (slope * _taper(distance, np.array(window))).max(axis=1)
-    return np.asarray(climb / np.maximum(peak, 1e-6))
+    length = np.empty(len(slope))
+    for i in range(len(slope)):
+        peak = 1e-6
+        for j in range(len(offsets)):
+            peak = max(peak, slope[i, j] * _taper(abs(offsets[j] - expected[i]), window))
+        length[i] = climb[i] / peak
+    return length
 
 
+@njit()
 def steepest_change(
-    slope: FloatArray,
+    slope: Float32,
     offsets: FloatArray,
-    climb: FloatArray,
+    climb: Float32,
     expected: FloatArray,
     window: FloatArray,
     width: float,
@@ -77,24 +95,34 @@ def steepest_change(
     Returns:
         Offset of the edge [px], shape (m,), and whether there is one.
     """
-    distance = np.abs(offsets[None, :] - expected[:, None])
-    slope = slope * _taper(distance, window[:, None])
-    peak = slope.max(axis=1, keepdims=True)
-    weight = np.maximum(slope - 0.25 * peak, 0.0) ** 2
-    total = weight.sum(axis=1)
-    good = total > 1e-9
-    position = np.where(good, (weight * offsets).sum(axis=1) / np.where(good, total, 1.0), expected)
+    position = expected.copy()
+    found = np.zeros(len(slope), dtype=np.bool_)
+    near = np.empty(len(offsets))
     # An edge climbs at least a quarter of the contrast within a third of the width.
-    good &= peak[:, 0] > 0.25 * climb / max(0.33 * width, 2.0)
-    return position, np.asarray(good, dtype=np.bool_)
+    least = 0.25 / max(0.33 * width, 2.0)
+    for i in range(len(slope)):
+        peak = 0.0
+        for j in range(len(offsets)):
+            near[j] = slope[i, j] * _taper(abs(offsets[j] - expected[i]), window[i])
+            peak = max(peak, near[j])
+        total = moment = 0.0
+        for j in range(len(offsets)):
+            weight = max(near[j] - 0.25 * peak, 0.0) ** 2
+            total += weight
+            moment += weight * offsets[j]
+        if total > 1e-9:
+            position[i] = moment / total
+            found[i] = peak > least * climb[i]
+    return position, found
 
 
-def _taper(distance: FloatArray, window: FloatArray) -> FloatArray:
-    """Weights of samples at distances from a window's middle.
+@njit(from_python=False, inline="always")
+def _taper(distance: float, window: float) -> float:
+    """Weight of a sample at a distance from a window's middle.
 
     A window that fades out does not jump when a sample enters or leaves it.
     """
-    return np.asarray(np.clip((window - distance) / (FADE * window), 0.0, 1.0))
+    return min(max((window - distance) / (FADE * window), 0.0), 1.0)
 
 
 def middle_of(

@@ -10,6 +10,7 @@ same along any direction, and a bracket is wider than the rope.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -120,13 +121,14 @@ def map_ridges(
     noise = _noise(smooth, local)
     threshold = max(LEAST_CONTRAST, NOISE_FACTOR * noise)
     padding = max(PADDING, math.ceil(1.8 * local))
-    padded = cv2.copyMakeBorder(smooth, padding, padding, padding, padding, cv2.BORDER_REPLICATE)
+    channels = cv2.split(smooth)
+    border = (padding, padding, padding, padding, cv2.BORDER_REPLICATE)
     angles = np.arange(ORIENTATIONS) * math.pi / ORIENTATIONS
     across = np.column_stack([np.cos(angles), -np.sin(angles)]) * local  # (row, column)
     strength, orientation = bars(
-        np.stack(cv2.split(padded)),
+        np.stack([cv2.copyMakeBorder(channel, *border) for channel in channels]),
         padding,
-        _searched(allowed, smooth, math.ceil(FLANK * local), threshold, reduction, origin, full),
+        _searched(allowed, channels, math.ceil(FLANK * local), threshold, reduction, origin, full),
         np.rint(FLANK * across).astype(np.int64),
         float(threshold),
         tones,
@@ -152,7 +154,7 @@ def _part(image: Image, allowed: Image | None, margin: int) -> tuple[int, int, i
 
 def _searched(
     allowed: Image | None,
-    smooth: Image,
+    channels: Sequence[Image],
     reach: int,
     threshold: float,
     reduction: int,
@@ -165,15 +167,18 @@ def _searched(
     falls out at once.
     """
     window = np.ones((2 * reach + 1, 2 * reach + 1), dtype=np.uint8)
-    span = cv2.subtract(cv2.dilate(smooth, window), cv2.erode(smooth, window))
+    blue, green, red = (
+        cv2.subtract(cv2.dilate(channel, window), cv2.erode(channel, window))
+        for channel in channels
+    )
     # The length of the span as a vector is at most its largest component times the root of 3.
-    largest = np.maximum(np.maximum(span[:, :, 0], span[:, :, 1]), span[:, :, 2])
-    result: Image = (largest >= threshold / math.sqrt(3.0)).astype(np.uint8)
+    largest = cv2.max(cv2.max(blue, green), red)
+    result: Image = (largest >= math.ceil(threshold / math.sqrt(3.0))).astype(np.uint8)
     if allowed is not None:
         rows, columns = (
             ((np.arange(n) + 0.5) * reduction + start) * (cells / pixels)
             for n, start, cells, pixels in zip(
-                smooth.shape[:2], origin[::-1], allowed.shape[:2], full, strict=True
+                channels[0].shape, origin[::-1], allowed.shape[:2], full, strict=True
             )
         )
         at = np.ix_(rows.astype(np.int64), columns.astype(np.int64))

@@ -46,13 +46,15 @@ def publish(
     weights = np.where(_at(seen, u, length), 1.0, UNSEEN_WEIGHT)
     weights[[0, -1]] = 0.05 * DENSE
     control_points = np.zeros((basis.control_points, 4))
-    control_points[:, :3] = basis.fit(u, fit.basis.evaluate(fit.points, u), weights)
+    control_points[:, :3] = basis.fit_grid(fit.basis.grid(DENSE) @ fit.points, weights)
     count = max(FEWEST_POINTS + 1, round(PER_SPAN * fit.basis.spans)) + 1
     at = np.linspace(0.0, length, count)
-    at = at[_at(seen, at, length)]
+    shown = _at(seen, at, length)
+    at = at[shown]
     if len(at) < FEWEST_POINTS:
         raise VisionError("hardly anything of the DLO is visible")
-    covariance, tangent = fit.covariance_at(at), fit.tangents(at)
+    values, slopes = (fit.basis.grid(count, order)[shown] for order in (0, 1))
+    covariance, tangent = fit.covariance_of(values), fit.tangents_of(slopes)
     along = np.einsum("ma,mab,mb->m", tangent, covariance, tangent)
     across = np.maximum(np.trace(covariance, axis1=1, axis2=2) - along, 0.0) / 2.0
     shift = np.zeros((2, 2))
@@ -62,7 +64,7 @@ def publish(
     shift += np.eye(2) / length**2
     ends = std_along(at, length, np.asarray(np.linalg.inv(shift)), 0.0)
     points = CentrelinePoints(
-        fit.basis.evaluate(fit.points, at), at, np.sqrt(across), np.hypot(ends, np.sqrt(across))
+        values @ fit.points, at, np.sqrt(across), np.hypot(ends, np.sqrt(across))
     )
     return Observation(stamp, control_points, points)
 

@@ -18,15 +18,18 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg.lapack import dpotri
 
 from dlo_ros.errors import VisionError
+from dlo_ros.kernel_cache import njit
 from dlo_ros.spline import FloatArray, SplineBasis
 from dlo_ros.spline_table import BasisTable
 from dlo_ros.vision.segmentation.edge_profile import SAMPLING_STD
 from dlo_ros.vision.segmentation.picture_strip import Mask
-from dlo_ros.vision.space.normal_equations import SplineNormalEquations, rows_of
+from dlo_ros.vision.space.normal_equations import SplineNormalEquations, leverage, mirrored
 from dlo_ros.vision.space.spatial_result import SpaceFit
 from dlo_ros.vision.space.view import View
+from dlo_ros.vision.space.view_projection import DRIFTS, Projection, project
 
 FREEDOM = 4.0  # degrees of freedom of Student's distribution
 STEPS = 5  # of Gauss and Newton at most
@@ -42,15 +45,11 @@ ROUGHNESS = 400.0
 """Density of the third derivative to begin with [1/L^3]: curvature changes by 10/L over L/4."""
 ROUGHNESS_RANGE = (0.02, 8.0)  # of that, within which it is estimated
 WINDOW = 7  # blocks over which the scatter is judged
-SPEEDS = SplineBasis(4, 1.0)
-"""Over the share of u, in which what is not known of the velocity may vary."""
 FURTHEST_SLIDE = 0.02  # of L that a point's material coordinate moves in a step
-BEYOND = 2.0  # [px] past the DLO's end a point is none of it
-NEAREST = 0.05  # [m] before a camera, where no DLO is
 LEAST_FREEDOM = 0.3  # share of the scatter at the least that no curve follows
 
-Weighted = tuple[FloatArray, FloatArray]
-"""Rows of the equations and the weights of their residuals, shapes (m, 3 k) and (m,)."""
+Weighted = tuple[FloatArray, FloatArray, FloatArray]
+"""Basis functions and directions of observations, and weights, shapes (m, k), (m, 3) and (m,)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,50 +79,6 @@ class Prior:
     roughness: float | None = None
 
 
-class _Seen:
-    """A view's points beside the projected curve.
-
-    Args:
-        view: the view that was measured.
-        curve: points of the curve in the board frame [m], shape (m, 3).
-        u: material coordinates of both [m], shape (m,).
-        length: L [m].
-
-    Raises:
-        VisionError: the curve lies behind the camera.
-    """
-
-    def __init__(self, view: View, curve: FloatArray, u: FloatArray, length: float) -> None:
-        camera, focal = view.camera, view.focal_length
-        seen = curve @ camera.rotation.T + camera.translation
-        z = seen[:, 2]
-        if not np.all(z > NEAREST):
-            raise VisionError("what the cameras see does not meet in front of them")
-        t, q = view.tangents, seen[:, :2] / z[:, None]
-        difference = q - view.rays
-        self.depth = z
-        self.across: FloatArray = focal * (difference[:, 1] * t[:, 0] - difference[:, 0] * t[:, 1])
-        self.along: FloatArray = -focal * np.sum(difference * t, axis=1)
-        self.across_rows = self._derivative(camera.rotation, q, z, focal, -t[:, 1], t[:, 0])
-        self.along_rows = self._derivative(camera.rotation, q, z, focal, t[:, 0], t[:, 1])
-        before = (u <= 0.0) & (self.along < -BEYOND)
-        behind = (u >= length) & (self.along > BEYOND)
-        self.on: Mask = ~(before | behind)
-
-    @staticmethod
-    def _derivative(
-        rotation: FloatArray,
-        q: FloatArray,
-        z: FloatArray,
-        focal: float,
-        x: FloatArray,
-        y: FloatArray,
-    ) -> FloatArray:
-        """Derivative of focal (x, y) . q by the point in the board frame [px/m], shape (m, 3)."""
-        optical = np.column_stack([x, y, -x * q[:, 0] - y * q[:, 1]])
-        return np.asarray((focal / z)[:, None] * (optical @ rotation))
-
-
 def fit_views(
     views: Sequence[View], basis: SplineBasis, start: FloatArray, prior: Prior
 ) -> SpaceFit:
@@ -149,7 +104,7 @@ def fit_views(
     velocity = np.zeros_like(points) if prior.velocity is None else prior.velocity
     # What is not known of the velocity is an error that a whole view has in common.
     moving = prior.speed_std > 0.0 and any(view.dt != 0.0 for view in views)
-    drift = np.zeros((SPEEDS.control_points if moving else 0, 3))
+    drift = np.zeros((DRIFTS if moving else 0, 3))
     coordinates = [np.clip(view.u, 0.0, length) for view in views]
     table = BasisTable.of(basis)
     for step in range(STEPS):
@@ -158,21 +113,22 @@ def fit_views(
         pictures: list[Weighted] = []
         depths: list[Weighted] = []
         for view, u in zip(views, coordinates, strict=True):
-            b = table.matrix(u)
-            seen = _Seen(view, _curve(b, u / length, view, points, velocity, drift), u, length)
+            seen = _project(view, u, table, points, velocity, drift)
+            on = seen.on(u, length)
             std = np.hypot(_scatter(seen.across, freedom, SAMPLING_STD, view.width), view.shared)
-            weight = np.where(seen.on, _student(seen.across / std), 0.0)
-            rows = rows_of(b, seen.across_rows)
+            weight = np.where(on, _student(seen.across / std), 0.0)
+            others = None
             if moving:
-                by_drift = view.dt * rows_of(SPEEDS.matrix(u / length), seen.across_rows)
-                rows = np.hstack([rows, np.zeros((len(u), 1)), by_drift])
-            equations.add(rows, seen.across, weight / std**2)
-            pictures.append((rows[:, : 3 * k], weight / std**2))
+                by_drift = view.dt * seen.drift_basis[:, :, None] * seen.across_rows[:, None, :]
+                others = np.hstack([np.zeros((len(u), 1)), by_drift.reshape(len(u), -1)])
+            fisher = weight / std**2
+            equations.add(seen.basis, seen.across_rows, seen.across, fisher, others)
+            pictures.append((seen.basis, seen.across_rows, fisher))
             residuals.append(seen.across)
             stds.append(std)
             weights.append(weight)
             if view.depth is not None:
-                depths.extend(_add_depth(equations, view, b, seen, depth_freedom))
+                depths.extend(_add_depth(equations, view, seen, on, depth_freedom))
             _add_tips(equations, view, table, points + view.dt * velocity)
         _add_length(equations, table.halves, points, stretch)
         equations.add_prior(3 * k, np.array([stretch]), SHARED_STD)
@@ -219,31 +175,32 @@ def _freedom(data: Sequence[Weighted], covariance: FloatArray) -> float:
     freedom than it has control points.
 
     Args:
-        data: rows of the equations and their weights.
+        data: observations of the curve.
         covariance: covariance of the control points, shape (3 k, 3 k) [m^2].
     """
-    count = sum(len(weight) for _, weight in data)
-    followed = sum(float(weight @ np.sum((rows @ covariance) * rows, 1)) for rows, weight in data)
+    count = sum(len(weight) for _, _, weight in data)
+    followed = sum(float(leverage(*one, covariance)) for one in data)
     return max(LEAST_FREEDOM, 1.0 - followed / max(count, 1))
 
 
 def _inverse(factor: tuple[FloatArray, bool], size: int) -> FloatArray:
     """The first unknowns' covariance, the others marginalised."""
-    identity = np.eye(len(factor[0]), size)
-    return np.asarray(cho_solve(factor, identity, check_finite=False)[:size])
+    # LAPACK fills one triangle only.
+    half = np.asarray(dpotri(factor[0], lower=factor[1])[0])[:size, :size]
+    return np.asarray(mirrored(half if factor[1] else half.T))
 
 
-def _curve(
-    b: FloatArray,
-    share: FloatArray,
+def _project(
     view: View,
+    u: FloatArray,
+    table: BasisTable,
     points: FloatArray,
     velocity: FloatArray,
     drift: FloatArray,
-) -> FloatArray:
-    """The curve at a view's time [m], shape (m, 3)."""
-    curve = b @ (points + view.dt * velocity)
-    return curve + view.dt * (SPEEDS.matrix(share) @ drift) if len(drift) else curve
+) -> Projection:
+    """The curve at a view's time, at its points' material coordinates [m]."""
+    by_drift = view.dt * drift if len(drift) else np.zeros((DRIFTS, 3))
+    return project(view, u, table, points + view.dt * velocity, by_drift)
 
 
 def _student(scaled: FloatArray) -> FloatArray:
@@ -251,6 +208,7 @@ def _student(scaled: FloatArray) -> FloatArray:
     return np.asarray((FREEDOM + 1.0) / (FREEDOM + scaled**2))
 
 
+@njit()
 def _scatter(residual: FloatArray, freedom: float, floor: float, width: float) -> FloatArray:
     """Standard deviation of each point, from the scatter of all and of those around it.
 
@@ -260,11 +218,21 @@ def _scatter(residual: FloatArray, freedom: float, floor: float, width: float) -
         floor: added in squares.
         width: width of the DLO [px]; scatter beyond a quarter of it does not count as noise.
     """
+    count = len(residual)
+    result = np.empty(count)
+    if count == 0:
+        return result
     size = np.minimum(np.abs(residual), 0.25 * width)
-    usual = 1.4826 * float(np.median(size)) if len(size) else 0.0
-    window = np.ones(min(WINDOW, max(len(size), 1)))
-    local = np.sqrt(np.convolve(np.minimum(size, 6.0 * usual) ** 2, window, "same") / len(window))
-    return np.asarray(np.sqrt(np.maximum(usual, 0.7 * local) ** 2 / freedom + floor**2))
+    usual = 1.4826 * np.median(size)
+    window = min(WINDOW, count)
+    for i in range(count):
+        first = i - window // 2
+        total = 0.0
+        for j in range(max(first, 0), min(first + window, count)):
+            total += min(size[j], 6.0 * usual) ** 2
+        variance = max(usual**2, 0.7**2 * total / window)
+        result[i] = np.sqrt(variance / freedom + floor**2)
+    return result
 
 
 def _pixels(views: Sequence[View], moved: FloatArray) -> float:
@@ -283,9 +251,8 @@ def _slide(
 ) -> FloatArray:
     """Material coordinates [m] at which the projected curve passes a view's points."""
     length = table.basis.length
-    curve = _curve(table.matrix(u), u / length, view, points, velocity, drift)
-    seen = _Seen(view, curve, u, length)
-    speed = np.sum(seen.along_rows * (table.slopes(u) @ points), axis=1)  # [px/m]
+    seen = _project(view, u, table, points, velocity, drift)
+    speed = seen.speed
     # Where the DLO runs towards the camera a pixel is a long way.
     least = 0.05 * view.focal_length / seen.depth
     most = FURTHEST_SLIDE * length
@@ -294,23 +261,23 @@ def _slide(
 
 
 def _add_depth(
-    equations: SplineNormalEquations, view: View, b: FloatArray, seen: _Seen, freedom: float
+    equations: SplineNormalEquations, view: View, seen: Projection, on: Mask, freedom: float
 ) -> list[Weighted]:
     """Depths along the centreline, robust: holes are left out, mixed pixels count little.
 
     Returns:
-        The rows and weights that were added; empty without a depth.
+        The observations that were added; empty without a depth.
     """
     assert view.depth is not None
-    known = np.isfinite(view.depth) & seen.on
+    known = np.isfinite(view.depth) & on
     if np.count_nonzero(known) < WINDOW:
         return []
     residual = seen.depth[known] - view.depth[known]
     std = _scatter(residual, freedom, DEPTH_STD_FLOOR, np.inf)
-    rows = rows_of(b[known], np.tile(view.camera.rotation[2], (len(residual), 1)))
+    direction = np.tile(view.camera.rotation[2], (len(residual), 1))
     weight = _student(residual / std) / std**2
-    equations.add(rows, residual, weight)
-    return [(rows, weight)]
+    equations.add(seen.basis[known], direction, residual, weight)
+    return [(seen.basis[known], direction, weight)]
 
 
 def _add_tips(
@@ -318,17 +285,16 @@ def _add_tips(
 ) -> None:
     """Free ends, as each view shows them."""
     length = table.basis.length
-    for k, (tip, u) in enumerate(zip(view.tips, (0.0, length), strict=True)):
+    for tip, u in zip(view.tips, (0.0, length), strict=True):
         ray = None if tip is None else view.camera.rays(tip[None])
         if ray is None or not np.all(np.isfinite(ray)):
             continue
-        b = table.ends[k : k + 1]
         for tangent in np.eye(2):
             one = View(view.camera, ray, ray, tangent[None], np.array([u]), view.width)
-            seen = _Seen(one, b @ points, one.u, length)
+            seen = project(one, one.u, table, points, np.zeros((DRIFTS, 3)))
             std = TIP_STD * view.width
             weight = _student(seen.across / std) / std**2
-            equations.add(rows_of(b, seen.across_rows), seen.across, weight)
+            equations.add(seen.basis, seen.across_rows, seen.across, weight)
 
 
 def _add_length(
@@ -337,8 +303,9 @@ def _add_length(
     """|r'| = 1 + stretch everywhere."""
     d = slope @ points
     size = np.maximum(np.linalg.norm(d, axis=1), 1e-9)
-    rows = np.hstack([rows_of(slope, d / size[:, None]), np.full((len(d), 1), -1.0)])
-    equations.add(rows, size - 1.0 - stretch, np.full(len(d), STRAIN_STD**-2))
+    weight = np.full(len(d), STRAIN_STD**-2)
+    stretched = np.full((len(d), 1), -1.0)
+    equations.add(slope, d / size[:, None], size - 1.0 - stretch, weight, stretched)
 
 
 def _add_clamps(
@@ -356,14 +323,15 @@ def _add_clamps(
             continue
         tangent = slope[k] @ points
         tangent = tangent / max(float(np.linalg.norm(tangent)), 1e-9)
-        # Unit vectors: along the DLO first, then two across it.
-        axes = np.linalg.qr(np.column_stack([tangent, np.eye(3)]))[0].T
-        std = prior.diameter * np.array([CLAMP_ALONG_STD, CLAMP_STD, CLAMP_STD])
-        rows = rows_of(np.repeat(value[k : k + 1], 3, axis=0), axes)
-        equations.add(rows, axes @ (value[k] @ points - clamp.position), std**-2)
+        # The position in all directions as well as across, and along it once more.
+        axes = np.vstack([np.eye(3), tangent])
+        across, along = (prior.diameter * np.array([CLAMP_STD, CLAMP_ALONG_STD])) ** -2.0
+        weight = np.array([across, across, across, along - across])
+        away = axes @ (value[k] @ points - clamp.position)
+        equations.add(np.repeat(value[k : k + 1], 4, axis=0), axes, away, weight)
         if clamp.direction is None:
             continue
-        across = np.eye(3) - np.outer(clamp.direction, clamp.direction)
-        rows = rows_of(np.repeat(slope[k : k + 1], 3, axis=0), across)
+        beside = np.eye(3) - np.outer(clamp.direction, clamp.direction)
         weight = np.full(3, CLAMP_DIRECTION_STD**-2)
-        equations.add(rows, across @ (slope[k] @ points), weight)
+        turned = beside @ (slope[k] @ points)
+        equations.add(np.repeat(slope[k : k + 1], 3, axis=0), beside, turned, weight)

@@ -99,13 +99,12 @@ def check(views: Sequence[View], fit: SpaceFit, clamps: Clamps, diameter: float)
                 raise VisionError(
                     f"what looks like the DLO ends {1000 * away:.0f} mm from its clamp"
                 )
-    at = np.linspace(0.0, length, max(8, round(length / diameter)))
-    tangent = fit.tangents(at)
+    tangent = fit.tangents_of(fit.basis.grid(max(8, round(length / diameter)), 1))
     turn = np.arccos(np.clip(np.sum(tangent[1:] * tangent[:-1], axis=1), -1.0, 1.0))
     if float(turn.max()) > SHARPEST:
         raise VisionError("what looks like the DLO bends more sharply than one can")
-    some = np.linspace(0.0, length, JUDGED)
-    std = np.sqrt(np.trace(fit.covariance_at(some), axis1=1, axis2=2) / 3.0)
+    covariance = fit.covariance_of(fit.basis.grid(JUDGED))
+    std = np.sqrt(np.trace(covariance, axis1=1, axis2=2) / 3.0)
     if float(np.median(std)) > LARGEST_STD * length:
         raise VisionError(
             "the pictures do not determine the depth: the DLO runs along the epipolar lines, or "

@@ -134,7 +134,11 @@ class SpaceObserver:
         missing = [name for name in self.cameras if name not in frames]
         if missing:
             raise VisionError(f"no picture of camera {', '.join(missing)}")
-        images = self._each(lambda name, view: image_of(view.camera, frames[name].image))
+
+        def picture(name: str, view: ViewSearch) -> Image:
+            return image_of(view.camera, frames[name].image)
+
+        images = {name: self._of(name, picture) for name in self.cameras}
         stamp = frames[next(iter(self.cameras))].stamp
         self._clamps = {s: clamps_at(self.motion, s) for s in {f.stamp for f in frames.values()}}
         clamps = self._clamps[stamp]
@@ -350,7 +354,7 @@ class SpaceObserver:
         seen, several = seen_by(views, fit, self._fine.length)
         ends = end_stds(views, clamps, diameter)
         observation = publish(stamp, fit, self.basis, seen, ends)
-        curve = self._fine.evaluate(fit.points, self._dense)
+        curve = self._values @ fit.points
         shown: dict[str, VisionResult] = {}
         for k, (name, one) in enumerate(measured.items()):
             camera, located = self.cameras[name], one.located

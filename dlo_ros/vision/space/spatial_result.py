@@ -44,14 +44,29 @@ class SpaceFit:
 
     def covariance_at(self, u: FloatArray) -> FloatArray:
         """Covariance of the curve's points at material coordinates [m], shape (m, 3, 3) [m^2]."""
-        b = self.basis.matrix(u)
+        return self.covariance_of(self.basis.matrix(u))
+
+    def covariance_of(self, b: FloatArray) -> FloatArray:
+        """Covariance of the curve's points [m^2], shape (m, 3, 3).
+
+        Args:
+            b: values of the basis functions there, shape (m, k).
+        """
         k = self.basis.control_points
         half = (b @ self.covariance.reshape(k, -1)).reshape(len(b), 3, k, 3)
         return np.asarray(np.einsum("majb,mj->mab", half, b))
 
     def tangents(self, u: FloatArray) -> FloatArray:
-        """Unit vectors along growing u, shape (m, 3)."""
-        d = self.basis.evaluate(self.points, u, 1)
+        """Unit vectors along growing u at material coordinates [m], shape (m, 3)."""
+        return self.tangents_of(self.basis.matrix(u, 1))
+
+    def tangents_of(self, slopes: FloatArray) -> FloatArray:
+        """Unit vectors along growing u, shape (m, 3).
+
+        Args:
+            slopes: derivatives of the basis functions there, shape (m, k).
+        """
+        d = slopes @ self.points
         return np.asarray(d / np.maximum(np.linalg.norm(d, axis=1, keepdims=True), 1e-300))
 
 

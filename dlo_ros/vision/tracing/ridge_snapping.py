@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dlo_ros.kernel_cache import njit
 from dlo_ros.spline import FloatArray
@@ -47,28 +48,80 @@ def follow(
     offsets: FloatArray = np.arange(-reach - margin, reach + margin + 1.0) * step
     normals = normals_of(smooth_curve(curve, 1.5 * width / spacing_for(width)))
     strip = strip_along(image, curve, normals, offsets)
-    total = np.cumsum(strip, axis=1, dtype=np.float32)
-    count = 2 * reach + 1
-
-    def mean(low: float, high: float) -> Float32:
+    ranges = []
+    for low, high in ((-CORE, CORE), (-0.95, -0.65), (0.65, 0.95)):
         first = margin + round(low * width / step)
-        last = max(first + 1, margin + round(high * width / step) + 1)
-        upper = total[:, last - 1 : last - 1 + count]
-        return np.asarray((upper - total[:, first - 1 : first - 1 + count]) / (last - first))
-
-    core = mean(-CORE, CORE)
-    left, right = mean(-0.95, -0.65), mean(0.65, 0.95)
-    score = np.minimum(np.linalg.norm(core - left, axis=2), np.linalg.norm(core - right, axis=2))
+        ranges.append((first, max(first + 1, margin + round(high * width / step) + 1)))
+    core, score = contrasts(strip, np.array(ranges), 2 * reach + 1)
     scale = contrast if contrast else float(np.percentile(score.max(axis=1), 60))
     scale = max(scale, 1.0)
-    score = np.minimum(score / scale, 1.0)
-    if colour is not None:
-        unlike = np.linalg.norm(core - colour.astype(np.float32), axis=2) / scale
-        score -= np.minimum(unlike, 1.5)
-    shift = best_course(score.astype(np.float64), STEEPNESS * step * step, 2) - reach
+    known = np.zeros(0, np.float32) if colour is None else colour.astype(np.float32)
+    score = scores(core, score, known, scale)
+    shift = best_course(score, STEEPNESS * step * step, 2) - reach
     sigma = 0.6 * width / spacing_for(width)
     moved = smooth_curve((shift * step)[:, None], sigma)
     return curve + moved * normals
+
+
+@njit()
+def contrasts(strip: Float32, ranges: NDArray[np.int64], count: int) -> tuple[Float32, Float32]:
+    """Colour of a bar at each offset, and its contrast to the weaker of its two sides.
+
+    Args:
+        strip: colours across a curve, shape (m, k, 3).
+        ranges: first and last (exclusive) sample of the bar and of both sides for the first offset,
+            shape (3, 2).
+        count: number of offsets, each a sample further.
+
+    Returns:
+        Shapes (m, count, 3) and (m, count) [grey levels].
+    """
+    rows, samples = strip.shape[:2]
+    core = np.empty((rows, count, 3), dtype=np.float32)
+    contrast = np.empty((rows, count), dtype=np.float32)
+    total = np.zeros((samples + 1, 3), dtype=np.float32)
+    for i in range(rows):
+        for j in range(samples):
+            for c in range(3):
+                total[j + 1, c] = total[j, c] + strip[i, j, c]
+        for j in range(count):
+            weaker = np.float32(np.inf)
+            for side in range(1, 3):
+                square = np.float32(0.0)
+                for c in range(3):
+                    first, last = ranges[0, 0] + j, ranges[0, 1] + j
+                    inner = (total[last, c] - total[first, c]) / np.float32(last - first)
+                    core[i, j, c] = inner
+                    first, last = ranges[side, 0] + j, ranges[side, 1] + j
+                    outer = (total[last, c] - total[first, c]) / np.float32(last - first)
+                    square += (inner - outer) * (inner - outer)
+                weaker = min(weaker, np.sqrt(square))
+            contrast[i, j] = weaker
+    return core, contrast
+
+
+@njit()
+def scores(core: Float32, contrast: Float32, colour: Float32, scale: float) -> FloatArray:
+    """Score of a bar at each offset: its contrast, less what its colour differs by.
+
+    Args:
+        core, contrast: see `contrasts`.
+        colour: colour of the DLO, shape (3,); empty where it is not known.
+        scale: contrast of the DLO [grey levels].
+    """
+    rows, count = contrast.shape
+    result = np.empty((rows, count))
+    usual = np.float32(scale)
+    for i in range(rows):
+        for j in range(count):
+            score = min(contrast[i, j] / usual, np.float32(1.0))
+            if len(colour) > 0:
+                square = np.float32(0.0)
+                for c in range(3):
+                    square += (core[i, j, c] - colour[c]) * (core[i, j, c] - colour[c])
+                score -= min(np.sqrt(square) / usual, np.float32(1.5))
+            result[i, j] = score
+    return result
 
 
 @njit()
