@@ -291,6 +291,33 @@ def test_a_cause_matters_or_is_not_named(monkeypatch, linear, loss, without, str
     assert told.stiffness_doubt == pytest.approx(0.0 if named else np.log(2.0))
 
 
+@pytest.mark.parametrize(("loss", "kept"), [(4.0, False), (12.0, True)])
+def test_what_may_or_may_not_act_does_not_stand_for_what_does(monkeypatch, loss, kept):
+    starts = [Start(name, {"size": 0.0}, ("size",), ("size",)) for name in ("damping", "creep")]
+    causes = tuple(SimpleNamespace(effect=s.effect, start=s) for s in starts)
+
+    def model(evidence, young_modulus):
+        found = evaluation(evidence, 1e-3)
+        rod = replace(PAPER.rod, young_modulus=young_modulus)
+        found.model = SimpleNamespace(settings=replace(PAPER, rod=rod))
+        return found
+
+    both, damping, creep = model(100.0, 1e6), model(100.0 - loss, 2e6), model(97.0, 1e6)
+    left = {(id(both), "creep"): damping, (id(both), "damping"): creep}
+
+    def without(at, cause, _, wholly):
+        return left.get((id(at), cause.effect), model(0.0, 1e6))
+
+    monkeypatch.setattr(joint_explanation, "linear_loss", lambda *_, wholly: 0.0)
+    monkeypatch.setattr(joint_explanation, "without", without)
+    search = cause_search.Search(both, causes, (), None)
+    found, shifts = joint_explanation._without_needless(search, (), starts)
+    # Without the creep the damping is needed; with it, either of them is enough.
+    assert [c.effect for c in found.causes] == (["creep"] if kept else ["damping"])
+    assert found.at is (creep if kept else damping)
+    assert shifts == pytest.approx({"damping": 0.0} if kept else {"creep": np.log(2.0)})
+
+
 @pytest.mark.parametrize(
     ("far", "bare", "expected"),
     [

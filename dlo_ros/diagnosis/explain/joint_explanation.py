@@ -11,6 +11,7 @@ import numpy as np
 from dlo_ros.diagnosis.contact.contact_search import PegBesideSetUp
 from dlo_ros.diagnosis.explain.candidate_trials import LOWERS, Step, Trial, fitted, gains
 from dlo_ros.diagnosis.explain.cause_search import (
+    INDISPENSABLE,
     Offer,
     Search,
     best_peg,
@@ -165,6 +166,7 @@ def explain(
     enough = material_err(0.0, given)
     setup, first = _beginning(prepared, begun, pegs, enough)
     found = search(setup, prepared.meant, recordings, begun, enough, first)
+    found, pruned = _without_needless(found, recordings, begun)
     # Judged in the end: what a cause does to a DLO looks like an error of the camera before.
     own = own_err(found.at, recordings)
     matters = material_err(own, given)
@@ -172,7 +174,7 @@ def explain(
     least = max(missed, MENDS * (prepared.plain_err - own))
     causes, shifts = _named(found, recordings, begun, matters, least)
     return Explanation(
-        setup, found.at, causes, own, matters, least, found.causes, found.trace, shifts
+        setup, found.at, causes, own, matters, least, found.causes, found.trace, pruned | shifts
     )
 
 
@@ -219,6 +221,37 @@ def _beginning(
     return setup, max(found, key=lambda f: f[0].posterior.evidence, default=None)
 
 
+def _without_needless(
+    found: Search, recordings: Sequence[Recording], begun: Sequence[Start]
+) -> tuple[Search, dict[str, float]]:
+    """The result without added effects that the data do not show for certain, and the change of
+    ln(E / mu) without each of them.
+
+    Beside an effect that may or may not act, another one of which the data are certain would not be
+    needed either, where each can do the other's work: neither would be named.
+    """
+    at, causes, shifts = found.at, found.causes, {}
+    for cause in reversed(found.causes):
+        if cause.start is None or linear_loss(at, cause, wholly=True) > INDISPENSABLE:
+            continue
+        bare = without(at, cause, recordings, wholly=True)
+        if bare is None or _loss(at, bare) >= _least_loss(cause, begun):
+            continue
+        shifts[cause.effect] = _log_ratio(bare) - _log_ratio(at)
+        at, causes = bare, tuple(c for c in causes if c is not cause)
+    return replace(found, at=at, causes=causes), shifts
+
+
+def _loss(at: Evaluation, bare: Evaluation) -> float:
+    """Log evidence that is lost without a cause."""
+    return at.posterior.evidence - bare.posterior.evidence
+
+
+def _least_loss(group: Proposal, begun: Sequence[Start]) -> float:
+    """Log evidence that must be lost without a cause that is named, see `NAMED`."""
+    return NAMED + float(np.log(len({s.effect for s in begun}))) * (group.start is not None)
+
+
 def _named(
     found: Search, recordings: Sequence[Recording], begun: Sequence[Start], material: float,
     least: float,
@@ -244,9 +277,9 @@ def _named(
             continue
         if group.start is not None:
             shifts[group.effect] = _log_ratio(bare) - _log_ratio(at)
-        loss = at.posterior.evidence - bare.posterior.evidence
-        tried = len({s.effect for s in begun}) if group.start is not None else 1
-        if loss < NAMED + np.log(tried) or at.mean_err > (1.0 - LOWERS) * bare.mean_err:
+        loss = _loss(at, bare)
+        nearer = at.mean_err <= (1.0 - LOWERS) * bare.mean_err
+        if loss < _least_loss(group, begun) or not nearer:
             continue
         if group.start is not None or not is_beyond(at, group):
             little = bare.mean_err - at.mean_err < least and not strains(bare, at)
