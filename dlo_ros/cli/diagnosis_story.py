@@ -358,11 +358,11 @@ def _labels(found: Diagnosis) -> dict[str, str]:
 def _deviations(name: str, n: SetupNumber) -> float:
     """Difference of a number from its expected value, in standard deviations.
 
-    A place has no expected value, and what the data do not determine is not off.
+    A place or a time has no expected value, and what the data do not determine is not off.
     """
     effect, key, _ = split_name(name)
     std = n.std or n.held_std
-    if not std or quantities(effect)[key].geometric:
+    if not std or not quantities(effect)[key].from_neutral:
         return 0.0
     return _off(name, n) / std
 
@@ -383,7 +383,7 @@ def _row(name: str, text: str, n: SetupNumber, count: int, *, notable: bool) -> 
     effect, key, index = split_name(name)
     if n.std is None and n.held_std is None:
         off = NOT_DETERMINED
-    elif quantities(effect)[key].geometric:
+    elif not quantities(effect)[key].from_neutral:
         off = amount(n.value, n.std, n.unit)
     else:
         off = off_by(n.value, n.std or n.held_std, effect, key, index, count)

@@ -148,6 +148,14 @@ class Quantity:
         return self.role in ("place", "extent", "point")
 
     @property
+    def from_neutral(self) -> bool:
+        """Whether its distance from neutral says how much there is of the effect.
+
+        A place says nothing of it, nor does a scale that is never zero, such as a time.
+        """
+        return not self.geometric and (self.neutral == 0.0 or self.role == "ratio")
+
+    @property
     def logarithmic(self) -> bool:
         """Whether a fit sees the value's logarithm."""
         return self.lower > 0.0

@@ -187,6 +187,16 @@ def test_the_set_up_is_a_table_with_what_is_off_first():
     assert rows[4] == "  3 other numbers are as they should be, as far as these data determine."
 
 
+def test_a_time_is_told_as_it_is_and_is_never_off():
+    creep = {
+        "viscoelasticity.share": SetupNumber(0.13, 0.13, None, ""),
+        "viscoelasticity.time": SetupNumber(0.064, 0.005, None, "s"),
+    }
+    lines = {line.name: line for line in setup_lines(case(setup=creep))}
+    assert lines["creep, in which it relaxes"].off == "64 +- 5 ms"
+    assert not any(line.notable for line in lines.values())
+
+
 @pytest.mark.parametrize(
     ("count", "words"),
     [(1, "The number is as it should be"), (2, "Both numbers are as"), (3, "All 3 numbers are as")],
