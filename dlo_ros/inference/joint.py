@@ -252,7 +252,9 @@ def rejudged(at: Evaluation) -> Evaluation:
             at.spectra, at.model.offset(), at.model.precision(), at.model.settings.rod.length,
             at.variances,
         )  # fmt: skip
-    return replace(at, variances=variances, posterior=best)
+    simulated = Simulated(at.fields, at.err, at.predicted)
+    found = _evaluation(at.model, simulated, at.spectra, variances, best)
+    return replace(found, derived=at.derived)
 
 
 def _spectra(model: ParametricModel, found: Simulated) -> tuple[Spectrum, ...]:
@@ -273,6 +275,7 @@ def _evaluation(
     model: ParametricModel, found: Simulated, spectra: tuple[Spectrum, ...],
     variances: tuple[Variances, ...], best: Posterior,
 ) -> Evaluation:  # fmt: skip
+    """An evaluation whose likelihood is finite."""
     if not np.isfinite(best.evidence):
         raise SimulationError(BOUNDLESS)
     return Evaluation(model, found.fields, spectra, variances, best, found.err, found.predicted)
