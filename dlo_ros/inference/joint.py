@@ -219,12 +219,7 @@ def judged(
     Raises:
         SimulationError: derivatives are too large for a likelihood.
     """
-    spectra = _spectra(model, found)
-    with _likelihood():
-        variances, best = fit_variances(
-            spectra, model.offset(), model.precision(), model.settings.rod.length, start
-        )
-    return _evaluation(model, found, spectra, variances, best)
+    return _fitted(model, found, _spectra(model, found), start)
 
 
 def compared(
@@ -247,14 +242,20 @@ def rejudged(at: Evaluation) -> Evaluation:
     Raises:
         SimulationError: derivatives are too large for a likelihood.
     """
+    simulated = Simulated(at.fields, at.err, at.predicted)
+    return replace(_fitted(at.model, simulated, at.spectra, at.variances), derived=at.derived)
+
+
+def _fitted(
+    model: ParametricModel, found: Simulated, spectra: tuple[Spectrum, ...],
+    start: Sequence[Variances] | None,
+) -> Evaluation:  # fmt: skip
+    """An evaluation with variances that are fitted to what it leaves."""
     with _likelihood():
         variances, best = fit_variances(
-            at.spectra, at.model.offset(), at.model.precision(), at.model.settings.rod.length,
-            at.variances,
-        )  # fmt: skip
-    simulated = Simulated(at.fields, at.err, at.predicted)
-    found = _evaluation(at.model, simulated, at.spectra, variances, best)
-    return replace(found, derived=at.derived)
+            spectra, model.offset(), model.precision(), model.settings.rod.length, start
+        )
+    return _evaluation(model, found, spectra, variances, best)
 
 
 def _spectra(model: ParametricModel, found: Simulated) -> tuple[Spectrum, ...]:

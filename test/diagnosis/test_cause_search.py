@@ -284,7 +284,7 @@ def test_a_cause_matters_or_is_not_named(monkeypatch, linear, loss, without, str
     at = evaluation(0.0, 0.9e-3)
     at.model = SimpleNamespace(settings=PAPER)
     found = SimpleNamespace(at=at, causes=(proposal_of(PAPER, start),), offer=object())
-    causes, shifts = joint_explanation._named(found, (), [start, *others], 1.1e-3, 0.5e-3)
+    causes, shifts = joint_explanation._named(found, {}, (), [start, *others], 1.1e-3, 0.5e-3)
     assert [c.effect for c in causes] == (["point_mass"] if named else [])
     told = Explanation(at, at, causes, 0.0, 0.0, 0.0, (), (), shifts)
     # Of what is not named nobody knows whether it acts: E / mu may be that with it or without.
@@ -294,7 +294,7 @@ def test_a_cause_matters_or_is_not_named(monkeypatch, linear, loss, without, str
 @pytest.mark.parametrize(("loss", "kept"), [(4.0, False), (12.0, True)])
 def test_what_may_or_may_not_act_does_not_stand_for_what_does(monkeypatch, loss, kept):
     starts = [Start(name, {"size": 0.0}, ("size",), ("size",)) for name in ("damping", "creep")]
-    causes = tuple(SimpleNamespace(effect=s.effect, start=s) for s in starts)
+    causes = tuple(SimpleNamespace(effect=s.effect, label=s.effect, start=s) for s in starts)
 
     def model(evidence, young_modulus):
         found = evaluation(evidence, 1e-3)
@@ -311,10 +311,13 @@ def test_what_may_or_may_not_act_does_not_stand_for_what_does(monkeypatch, loss,
     monkeypatch.setattr(joint_explanation, "linear_loss", lambda *_, wholly: 0.0)
     monkeypatch.setattr(joint_explanation, "without", without)
     search = cause_search.Search(both, causes, (), None)
-    found, shifts = joint_explanation._without_needless(search, (), starts)
+    found, bares, shifts = joint_explanation._without_needless(search, (), starts)
     # Without the creep the damping is needed; with it, either of them is enough.
     assert [c.effect for c in found.causes] == (["creep"] if kept else ["damping"])
     assert found.at is (creep if kept else damping)
+    # What was fitted without a cause is that of the model that is left.
+    assert set(bares) <= {c.label for c in found.causes}
+    assert all(bare.posterior.evidence < found.at.posterior.evidence for bare in bares.values())
     assert shifts == pytest.approx({"damping": 0.0} if kept else {"creep": np.log(2.0)})
 
 

@@ -55,6 +55,9 @@ compensate for the law of another one, such as a segment for that of a gradient:
 taken away a tenth and more, such effects a thirtieth."""
 RIVAL_FITS = 2
 
+Bares = dict[str, Evaluation | None]
+"""Fits without single causes, by the causes' labels; None where nothing could be simulated."""
+
 
 @dataclass(frozen=True)
 class Cause:
@@ -166,13 +169,13 @@ def explain(
     enough = material_err(0.0, given)
     setup, first = _beginning(prepared, begun, pegs, enough)
     found = search(setup, prepared.meant, recordings, begun, enough, first)
-    found, pruned = _without_needless(found, recordings, begun)
+    found, bares, pruned = _without_needless(found, recordings, begun)
     # Judged in the end: what a cause does to a DLO looks like an error of the camera before.
     own = own_err(found.at, recordings)
     matters = material_err(own, given)
     missed = LOWERS * (setup.mean_err - own)
     least = max(missed, MENDS * (prepared.plain_err - own))
-    causes, shifts = _named(found, recordings, begun, matters, least)
+    causes, shifts = _named(found, bares, recordings, begun, matters, least)
     return Explanation(
         setup, found.at, causes, own, matters, least, found.causes, found.trace, pruned | shifts
     )
@@ -223,23 +226,29 @@ def _beginning(
 
 def _without_needless(
     found: Search, recordings: Sequence[Recording], begun: Sequence[Start]
-) -> tuple[Search, dict[str, float]]:
-    """The result without added effects that the data do not show for certain, and the change of
-    ln(E / mu) without each of them.
+) -> tuple[Search, Bares, dict[str, float]]:
+    """The result without added effects that the data do not show for certain.
 
     Beside an effect that may or may not act, another one of which the data are certain would not be
     needed either, where each can do the other's work: neither would be named.
+
+    Returns:
+        The result, fits of it without single causes as far as they were made, and the change of
+        ln(E / mu) without each effect that is left out.
     """
     at, causes, shifts = found.at, found.causes, {}
+    bares: Bares = {}
     for cause in reversed(found.causes):
         if cause.start is None or linear_loss(at, cause, wholly=True) > INDISPENSABLE:
             continue
         bare = without(at, cause, recordings, wholly=True)
         if bare is None or _loss(at, bare) >= _least_loss(cause, begun):
+            bares[cause.label] = bare
             continue
         shifts[cause.effect] = _log_ratio(bare) - _log_ratio(at)
         at, causes = bare, tuple(c for c in causes if c is not cause)
-    return replace(found, at=at, causes=causes), shifts
+        bares = {}
+    return replace(found, at=at, causes=causes), bares, shifts
 
 
 def _loss(at: Evaluation, bare: Evaluation) -> float:
@@ -253,8 +262,8 @@ def _least_loss(group: Proposal, begun: Sequence[Start]) -> float:
 
 
 def _named(
-    found: Search, recordings: Sequence[Recording], begun: Sequence[Start], material: float,
-    least: float,
+    found: Search, bares: Bares, recordings: Sequence[Recording], begun: Sequence[Start],
+    material: float, least: float,
 ) -> tuple[tuple[Cause, ...], dict[str, float]]:  # fmt: skip
     """The causes without which the best model is clearly worse, numbers of the set-up among them,
     and the change of ln(E / mu) without each effect that was added.
@@ -272,7 +281,8 @@ def _named(
         # Linearly, the rest may do the work of what was added by moves that no set-up makes.
         if group.start is None and linear_loss(at, group, wholly=True) < NAMED:
             continue
-        bare = without(at, group, recordings, wholly=True)
+        known = group.label in bares
+        bare = bares[group.label] if known else without(at, group, recordings, wholly=True)
         if bare is None:
             continue
         if group.start is not None:
