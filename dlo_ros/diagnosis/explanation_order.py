@@ -7,6 +7,7 @@ it takes their place where more is wrong than they can tell.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterator, Sequence
 
 from dlo_ros.diagnosis.contact.contact_search import pegs_beside_plain_model
@@ -15,7 +16,7 @@ from dlo_ros.diagnosis.findings import holdout as held_out
 from dlo_ros.diagnosis.findings.joint_outcome import training_set
 from dlo_ros.diagnosis.findings.summary import Findings, is_immaterial
 from dlo_ros.diagnosis.fitting.evaluation import CandidateEvaluation
-from dlo_ros.diagnosis.fitting.initial_fit import Beginning
+from dlo_ros.diagnosis.fitting.initial_fit import Beginning, finer
 from dlo_ros.diagnosis.fitting.worker_processes import Progress, Workers
 from dlo_ros.diagnosis.joint_diagnosis import (
     SEVERAL,
@@ -29,7 +30,11 @@ from dlo_ros.diagnosis.selection import verdict
 from dlo_ros.diagnosis.selection.effect_pairs import BASES, bases, other_pegs
 from dlo_ros.diagnosis.selection.effect_search import Candidate, apart, reformed, search
 from dlo_ros.diagnosis.selection.pre_contact import alone_before
+from dlo_ros.errors import SimulationError
 from dlo_ros.inference.scene import imposed_names, scene
+from dlo_ros.parameters import Settings
+
+LOG = logging.getLogger(__name__)
 
 REFORMED = 12.0
 """Root autocovariance of the best pair over that of an explanation, up to which other forms are
@@ -52,7 +57,9 @@ def explain_in_order(
         progress: see `diagnose`.
 
     Returns:
-        The decision, the candidates that led to it, and the joint model where that takes over.
+        The decision, the candidates that led to it, and the joint model where that takes over; or
+        a finer simulation, where a single effect comes so near that the simulation's own error is
+        what is left.
     """
     recordings = team.problem.recordings
     names = imposed_names(r.manipulation for r in recordings)
@@ -99,6 +106,17 @@ def explain_in_order(
         return Findings(explained, holdout_err, tuple(singles))
     if immaterial:
         return Findings(verdict.Decision("adequate", None), holdout_err, tuple(singles))
+
+    def nearest(candidates: Sequence[Candidate]) -> Candidate | None:
+        """The candidate that comes nearest to an explanation without being one."""
+        near = min(candidates, key=lambda c: c.root_autocovariance, default=None)
+        return near if near and most < near.root_autocovariance < REFORMED * most else None
+
+    near = nearest(singles)
+    sharper = sharpened(beginning, near, given) if near is not None else None
+    if sharper is not None:
+        nothing = verdict.Decision("unexplained", None)
+        return Findings(nothing, holdout_err, tuple(singles), sharper=sharper)
     if begun is not None and joint is None:
         progress("fitting the joint model", 0.5)
         joint = learned_jointly(team, plain, beginning, begun, progress)
@@ -115,11 +133,6 @@ def explain_in_order(
         """Pairs of an effect with every other."""
         prospects = screened(first.at, [*known, first.effect])
         return search(team, first.at, prospects, progress, most, thorough=False)
-
-    def nearest(candidates: Sequence[Candidate]) -> Candidate | None:
-        """The candidate that comes nearest to an explanation without being one."""
-        near = min(candidates, key=lambda c: c.root_autocovariance, default=None)
-        return near if near and most < near.root_autocovariance < REFORMED * most else None
 
     def firsts() -> Iterator[Candidate]:
         """First effects of pairs; the last one is the second effect of the nearest pair."""
@@ -163,6 +176,22 @@ def explain_in_order(
     )
     findings = Findings(decision, holdout_err, tuple(singles), tuple(pairs))
     return findings if decision.chosen is not None else joint_beside(findings, joint, plain)
+
+
+def sharpened(beginning: Beginning, near: Candidate, given: Settings) -> Beginning | None:
+    """The initial fit with a simulation that is fine enough for a candidate.
+
+    The simulation was made fine enough for what the plain model leaves over. What remains beside a
+    single effect that comes nearer may be its own error, which a second effect would be fitted to.
+
+    Returns:
+        None where the simulation is fine enough, or cannot be finer.
+    """
+    try:
+        return finer(beginning, near.at.model, given)
+    except SimulationError as err:
+        LOG.info("not refined: %s", err)
+        return None
 
 
 def confirmed_explanation(

@@ -11,6 +11,7 @@ from dlo_ros.diagnosis import damping_selection
 from dlo_ros.diagnosis.explanation_order import (
     confirmed_explanation,
     explain_in_order,
+    sharpened,
 )
 from dlo_ros.diagnosis.findings import holdout as held_out
 from dlo_ros.diagnosis.findings.diagnosis_outcome import Diagnosis
@@ -20,7 +21,7 @@ from dlo_ros.diagnosis.findings.remarks import left_out
 from dlo_ros.diagnosis.findings.summary import Findings, outcome
 from dlo_ros.diagnosis.fitting.candidate_model import Model
 from dlo_ros.diagnosis.fitting.evaluation import CandidateEvaluation, evaluate
-from dlo_ros.diagnosis.fitting.initial_fit import Beginning, begin, drafts, finer
+from dlo_ros.diagnosis.fitting.initial_fit import Beginning, begin, drafts
 from dlo_ros.diagnosis.fitting.levenberg_marquardt import fit, renewed
 from dlo_ros.diagnosis.fitting.worker_processes import Problem, Progress, workers
 from dlo_ros.diagnosis.joint_diagnosis import joint_beside, misses
@@ -75,7 +76,7 @@ def diagnose(
     progress("fitting the plain model", 0.0)
     beginning = begin([*recordings, *holdout], given)
     count = len(recordings)
-    plain, found = _search(beginning, count, given, processes, progress)
+    beginning, plain, found = _search(beginning, count, given, processes, progress)
     unused = left_out(beginning)
     if found.joint is not None:
         progress("measuring the gain", 1.0)
@@ -84,17 +85,17 @@ def diagnose(
     if better is not None:
         progress("fitting the plain model anew", 0.0)
         beginning = begin([*recordings, *holdout], given, better)
-        plain, found = _search(beginning, count, given, processes, progress)
+        beginning, plain, found = _search(beginning, count, given, processes, progress)
     near = min((*found.singles, *found.pairs), key=lambda c: c.root_autocovariance, default=None)
     if near is not None:
         progress("refining the simulation", 0.0)
-        try:
-            sharper = finer(beginning, near.at.model, given)
-            if sharper is not None:
+        sharper = sharpened(beginning, near, given)
+        if sharper is not None:
+            try:
                 plain, found = _refined(sharper, plain, found, given)
                 beginning = sharper
-        except SimulationError as err:
-            LOG.info("not refined: %s", err)
+            except SimulationError as err:
+                LOG.info("not refined: %s", err)
     progress("measuring the gain", 1.0)
     return with_forces(outcome(beginning, plain, found, given), recordings, given, unused)
 
@@ -165,8 +166,13 @@ def _refined(
 
 def _search(
     beginning: Beginning, count: int, given: Settings, processes: int, progress: Progress
-) -> tuple[Candidate, Findings]:
-    """The plain model and the explanation of the first `count` recordings."""
+) -> tuple[Beginning, Candidate, Findings]:
+    """The plain model and the explanation of the first `count` recordings.
+
+    Returns:
+        The initial fit, with a finer simulation where that was needed, the plain model fitted to
+        the recordings learned from, and the explanation.
+    """
     learned = beginning.recordings[:count]
     at = _learned(beginning, count, given)
     plain = candidate("", "", at, given)
@@ -182,20 +188,26 @@ def _search(
             found = Findings(verdict.Decision("adequate", None), holdout_errors(plain))
         else:
             found = explain_in_order(team, plain, holdout_errors, beginning, processes, progress)
-        if found.decision.verdict == "adequate" and misses(plain, learned, given):
+        if found.sharper is not None:
+            progress("refining the simulation", 0.5)
+        elif found.decision.verdict == "adequate" and misses(plain, learned, given):
             # Too few shapes for a test, and yet far from them.
             progress("fitting the joint model", 0.5)
             begun = training_set(beginning, count, at.model.settings, given)
             found = joint_beside(found, learn(begun, given) if begun else None, plain)
-        if found.joint is not None:
-            return plain, found
-        progress("judging the damping", 0.0)
-        best = next(iter(found.suspects), plain)
-        told = damping_selection.named(team, plain, best, found.decision, found.holdout_errors)
+        told = None
+        if found.joint is None and found.sharper is None:
+            progress("judging the damping", 0.0)
+            best = next(iter(found.suspects), plain)
+            told = damping_selection.named(team, plain, best, found.decision, found.holdout_errors)
+    if found.sharper is not None:
+        return _search(found.sharper, count, given, processes, progress)
     if told is None:
-        return plain, found
-    return told.plain, replace(
-        found, decision=told.decision, singles=(*found.singles, *told.candidates)
+        return beginning, plain, found
+    return (
+        beginning,
+        told.plain,
+        replace(found, decision=told.decision, singles=(*found.singles, *told.candidates)),
     )
 
 

@@ -137,8 +137,8 @@ def _try(rng, seed, kind, names, known, recordings) -> Challenge | None:
         hidden[name], ratios[name] = drawn.values(strength), round(reached, 2)
         absorbed[name] = round(float(material[0] - material[1]), 4)
     effects, foreign = ({}, hidden) if kind == "foreign" else (hidden, {})
-    if len(names) > 1:
-        shapes(trees, effects, foreign)  # together they must be possible, too
+    if len(names) > 1 and not _all_act(trees, effects, low * noise):
+        return None
     return Challenge(
         seed=seed,
         kind=kind,
@@ -150,6 +150,19 @@ def _try(rng, seed, kind, names, known, recordings) -> Challenge | None:
         manipulations=tuple(m.name for m in chosen),
         trees=tuple(changed(tree, effects, foreign) for tree in trees),
     )
+
+
+def _all_act(trees: list[dict], effects: dict, least: float) -> bool:
+    """Whether each effect moves the points by `least` [m] beside the others.
+
+    A DLO that another effect makes stiffer may pass by a peg.
+    """
+    together = shapes(trees, effects, {})
+    for name in effects:
+        bare = shapes(trees, {k: v for k, v in effects.items() if k != name}, {})
+        if float(np.sqrt(np.mean((together.points - bare.points) ** 2))) < least:
+            return False
+    return True
 
 
 def _strength(ratio, drawn: Drawn, target: float) -> tuple[float, float, np.ndarray]:

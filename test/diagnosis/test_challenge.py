@@ -3,10 +3,11 @@
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from challenge import KINDS, draw
+from challenge import KINDS, draw, generate
 from challenge.draws import NAMED, OTHERS, SET_UP
 from challenge.manipulations import FREE, HELD
 from challenge.residual import changed
@@ -56,6 +57,17 @@ def test_every_effect_reaches_the_strength_that_is_asked_for(name):
         low, high = KINDS[challenge.kind]
         assert all(low <= ratio <= high for ratio in challenge.ratio.values())
         assert len(challenge.ratio) == (2 if name == "pair" else 1)
+
+
+def test_what_is_not_touched_beside_another_effect_is_not_hidden(monkeypatch):
+    def shapes(trees, effects, foreign):
+        # Beside the stiffening the rope passes by the peg.
+        moved = 5e-3 * ("stiffness_gradient" in effects) or 2e-3 * ("obstacle" in effects)
+        return SimpleNamespace(points=np.full((3, 4, 2), moved))
+
+    monkeypatch.setattr(generate, "shapes", shapes)
+    assert generate._all_act([], {"obstacle": {}}, 1e-3)
+    assert not generate._all_act([], {"stiffness_gradient": {}, "obstacle": {}}, 1e-3)
 
 
 @pytest.mark.long

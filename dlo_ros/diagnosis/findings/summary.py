@@ -40,6 +40,8 @@ class Findings:
     Args:
         joint: the joint model's explanation, where that takes the place of single effects and
             pairs.
+        sharper: the initial fit with a finer simulation, with which the search is to begin anew;
+            None where the simulation is fine enough.
     """
 
     decision: verdict.Decision
@@ -47,6 +49,7 @@ class Findings:
     singles: tuple[Candidate, ...] = ()
     pairs: tuple[Candidate, ...] = ()
     joint: Learned | None = None
+    sharper: Beginning | None = None
 
     @property
     def suspects(self) -> list[Candidate]:
