@@ -27,6 +27,26 @@ def imposed_names(recordings: Iterable[Manipulation]) -> list[str]:
     return [name for recording in recordings for c in recording.commands for name in c.names]
 
 
+def has_free_end(manipulation: Manipulation, control_points: int) -> bool:
+    """Whether an end of the DLO is held by nothing."""
+    return len(_imposed(imposed_names([manipulation]), control_points, (0, 1))) < 2
+
+
+def _imposed(names: Sequence[str], n: int, points: Sequence[int]) -> tuple[str, ...]:
+    """Ends that are imposed by themselves, or by control points.
+
+    Args:
+        names: everything that commands impose.
+        n: number of control points.
+        points: which of an end's control points will do: 0 the outer, 1 the inner one.
+    """
+    ends = ((START, 1, 2), (END, n, n - 1))
+    return tuple(
+        end for end, *own in ends
+        if end in names or any(f"{CONTROL_POINT}{own[k]}" in names for k in points)
+    )  # fmt: skip
+
+
 def scene(settings: Settings, names: Sequence[str], predicted: Sequence[FloatArray]) -> Scene:
     """Look at recordings.
 
@@ -44,19 +64,11 @@ def scene(settings: Settings, names: Sequence[str], predicted: Sequence[FloatArr
         bend = np.einsum("qn,fnc->fqc", basis.matrix(u, 2), shapes[..., :3])
         speed = np.linalg.norm(slope, axis=2)
         largest.append((np.linalg.norm(np.cross(slope, bend), axis=2) / speed**3).max(axis=1))
-    ends = ((START, 1, 2), (END, n, n - 1))  # with their outer and inner control point
-
-    def imposed(*points: int) -> tuple[str, ...]:
-        return tuple(
-            end for end, *own in ends
-            if end in names or any(f"{CONTROL_POINT}{own[k]}" in names for k in points)
-        )  # fmt: skip
-
     reached = np.concatenate(points)
     return Scene(
         rope=settings.scale,
-        clamps=imposed(1),
-        held=imposed(0, 1),
+        clamps=_imposed(names, n, (1,)),
+        held=_imposed(names, n, (0, 1)),
         curvature=float(np.percentile(np.concatenate(largest), 90.0)),
         reach=(reached[:, 0].min(), reached[:, 0].max(), reached[:, 2].min()),
         spatial=bool(reached[:, 1].std() > OUT_OF_PLANE * length),

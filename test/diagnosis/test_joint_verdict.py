@@ -125,18 +125,27 @@ def test_held_out_is_a_recording_that_others_can_foretell(recordings, number):
     assert held_out_recording(recordings) == number
 
 
-def own_err(monkeypatch, noises, still=()):
-    """The measurement's own ERR in recordings with these stds of the noise [m], L = 1 m."""
-    monkeypatch.setattr(measurement_error, "_staying", lambda *_: np.full(1, 1e-8))
-    monkeypatch.setattr(measurement_error, "_noise", lambda std, *_: np.array([std**2]))
+def own_err(monkeypatch, noises, still=(), free=(), along=1e-6):
+    """The measurement's own ERR in recordings with these stds of the noise [m], L = 1 m.
+
+    Args:
+        still: recordings in which the DLO does not move.
+        free: recordings with a free end.
+        along: error along the DLO there that stays [m].
+    """
+    monkeypatch.setattr(measurement_error, "_staying", lambda *_: np.array([1e-10, along**2]))
+    monkeypatch.setattr(measurement_error, "_noise", lambda std, *_: np.array([std**2, 0.0]))
+    monkeypatch.setattr(measurement_error, "has_free_end", lambda k, _: k in free)
     settings = SimpleNamespace(rod=SimpleNamespace(length=1.0))
     at = SimpleNamespace(
         model=SimpleNamespace(settings=settings), variances=noises, spectra=[None] * len(noises),
-        predicted=[None] * len(noises),
+        predicted=[np.zeros((9, 4, 3))] * len(noises),
     )  # fmt: skip
     shapes = np.random.default_rng(0).normal(size=(9, 4, 3))
     seen = [
-        SimpleNamespace(observed=shapes * (k not in still), times=np.arange(9.0), beyond=None)
+        SimpleNamespace(
+            observed=shapes * (k not in still), times=np.arange(9.0), beyond=None, manipulation=k
+        )
         for k in range(len(noises))
     ]
     one_direction = np.sqrt(2.0 / np.pi)  # mean of the absolute value
@@ -153,6 +162,17 @@ def test_what_one_recording_alone_shows_is_not_the_measurements_own(monkeypatch)
     assert own_err(monkeypatch, (5e-3, 4e-4, 4e-4)) == pytest.approx(2e-3 / 3.0, rel=0.05)
     assert own_err(monkeypatch, (8e-4, 4e-4, 4e-4)) == pytest.approx(1.6e-3 / 3.0, rel=0.05)
     assert own_err(monkeypatch, (5e-3, 1e-4), still=(1,)) == pytest.approx(2.55e-3, rel=0.05)
+
+
+def test_u_may_be_stretched_towards_a_free_end(monkeypatch):
+    """As far as a camera sees that end too early or too late; held ends leave no room for it."""
+    free = own_err(monkeypatch, (1e-4, 1e-4), free=(0, 1), along=8e-3)
+    assert free == pytest.approx(8e-3, rel=0.02)
+    held = own_err(monkeypatch, (1e-4, 1e-4), along=8e-3)
+    assert held == pytest.approx(3e-3, rel=0.02)
+    # One of three with a free end is no error of its own beside those that are held.
+    alone = own_err(monkeypatch, (1e-4, 1e-4, 1e-4), free=(0,), along=8e-3)
+    assert alone == pytest.approx((8e-3 + 2 * 3e-3) / 3.0, rel=0.02)
 
 
 @pytest.mark.parametrize(("frames", "left", "named"), [(3, 2e-3, 0), (12, 2e-3, 1), (12, 3e-3, 0)])

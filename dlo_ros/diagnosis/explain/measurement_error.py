@@ -9,6 +9,7 @@ import numpy as np
 
 from dlo_ros.inference.joint import Evaluation
 from dlo_ros.inference.measured import Recording, spline_space
+from dlo_ros.inference.scene import has_free_end
 from dlo_ros.inference.spectrum import Spectrum
 from dlo_ros.inference.variances import FEWEST_FRAMES, REPEATED_STD, Variances
 from dlo_ros.parameters import Settings
@@ -20,11 +21,13 @@ LARGEST = 0.01
 """Largest error over the length that counts as the measurement's own, of those that are new in
 every picture: no tracker that deserves the name errs more, and where the DLO moves far between two
 pictures what a model lacks is new in each as well. Of errors that stay, no more counts than careful
-calibrations err: `REPEATED_STD`."""
+calibrations err, `REPEATED_STD`; but along a DLO with a free end u is counted from where that end
+is seen."""
+ALONG = 1
+"""Direction along the DLO; see `spectrum`."""
 STILL = 0.1
 """Share of the error that stays which counts as the measurement's where the DLO does not move:
 there nothing tells it from an error of the model."""
-
 ALIKE = 3.0
 """The measurement's own error in a recording over the median of the others', at most: one tracker
 errs alike in all, and what one recording alone shows beyond that is the DLO's, as an impact is."""
@@ -41,28 +44,35 @@ def own_err(at: Evaluation, recordings: Sequence[Recording]) -> float:
     The latter are taken as each recording shows them, since few numbers cause them: their
     variance is that of all recordings together. The error of u that measured points leave open
     counts as each recording shows it, too. None counts for more than `ALIKE` of the others in
-    which the DLO moves.
+    which the DLO moves, of those with as many free ends where there are any.
     """
-    found, telling = [], []
+    found, telling, free = [], [], []
     length = at.model.settings.rod.length
     most = (LARGEST * length) ** 2
     for variances, s, recording, predicted in zip(
         at.variances, at.spectra, recordings, at.predicted, strict=True
     ):
-        staying = np.minimum(_staying(variances, s), (REPEATED_STD * length) ** 2)
+        free.append(has_free_end(recording.manipulation, predicted.shape[1]))
+        staying = _staying(variances, s)
+        limits = np.full(len(staying), (REPEATED_STD * length) ** 2)
+        if free[-1]:
+            limits[ALONG] = most
+        staying = np.minimum(staying, limits)
         moved = recording.observed - recording.observed.mean(axis=0)
         still = np.mean(np.sum(moved**2, axis=2)) < np.sum(staying)
         own = (STILL if still else 1.0) ** 2 * staying
         variance = np.minimum(_noise(variances, recording), most) + own
         if recording.beyond is not None:
-            variance[1] += min(_along(recording, predicted, at.model.settings), most)
+            variance[ALONG] += min(_along(recording, predicted, at.model.settings), most)
         found.append(mean_length(np.sqrt(variance)))
         telling.append(not still and len(recording.times) >= FEWEST_FRAMES)
-    owns, tells = np.array(found), np.array(telling)
+    owns, kinds = np.array(found), np.array(free)
     for k in range(len(owns)):
-        others = np.delete(found, k)[np.delete(tells, k)]
-        if len(others):
-            owns[k] = min(owns[k], ALIKE * float(np.median(others)))
+        others = np.array(telling) & (np.arange(len(owns)) != k)
+        alike = others & (kinds == kinds[k])
+        others = alike if alike.any() else others
+        if others.any():
+            owns[k] = min(owns[k], ALIKE * float(np.median(np.array(found)[others])))
     return float(np.mean(owns))
 
 
