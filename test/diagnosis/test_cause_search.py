@@ -20,6 +20,7 @@ from dlo_ros.diagnosis.proposals.linear_evidence import (
     with_proposals,
 )
 from dlo_ros.effects import Start
+from dlo_ros.effects.physics.wall import StraightWall
 from dlo_ros.inference.joint import borrowed
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.priors import material_priors
@@ -174,6 +175,8 @@ def test_the_peg_that_explains_most_is_where_the_search_begins(monkeypatch):
         for x in (0.1, 0.2, 0.3)
     ]
 
+    monkeypatch.setattr(cause_search, "_with_wall", lambda *_: None)
+
     def first_peg(evidences, errs):
         fits = dict(zip((0.1, 0.2, 0.3), zip(evidences, errs, strict=True), strict=True))
         monkeypatch.setattr(
@@ -186,6 +189,29 @@ def test_the_peg_that_explains_most_is_where_the_search_begins(monkeypatch):
     assert first_peg((9.0, 20.0, 30.0), (1e-3, 1e-3, 4e-3)) == "0.2"
     assert first_peg((1.0, 2.0, 2.5), (1e-3,) * 3) is None
     assert cause_search.best_peg(evaluation(0.0, 2e-3), (), ()) is None
+
+
+@pytest.mark.parametrize(("gain", "named"), [(25.0, "wall"), (15.0, "obstacle")])
+def test_a_wall_takes_the_place_of_a_peg_that_explains_less(monkeypatch, gain, named):
+    peg = {"x": 0.1, "z": -0.1, "radius": 0.01}
+    start = Start("obstacle", peg, (), tuple(peg), neutral=False)
+    before = ParametricModel(PAPER, material_priors(PAPER))
+    wall = StraightWall.touching(np.array([-1.0, 0.0]), -0.11)
+    monkeypatch.setattr(cause_search, "wall_instead", lambda *_: wall)
+
+    def fitted(model, _):
+        found = evaluation(gain if "wall" in model.settings.effects else 20.0, 1e-3)
+        assert len(model.settings.effects) == 1
+        found.model = model
+        return found
+
+    monkeypatch.setattr(cause_search, "fitted", fitted)
+    at, proposal = cause_search.best_peg(evaluation(0.0, 2e-3), (), [PegBesideSetUp(before, start)])
+    assert proposal.effect == named and named in at.model.settings.effects
+    if named == "wall":
+        assert at.model.settings.effects["wall"] == pytest.approx(
+            {"offset": -0.11, "angle": -0.5 * np.pi}
+        )
 
 
 def test_the_size_of_what_begins_at_a_finite_one_is_looked_for(monkeypatch):

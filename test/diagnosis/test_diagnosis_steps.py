@@ -9,7 +9,7 @@ from diagnosis_candidates import KNOWN
 from measured import swing
 from rods import PAPER
 
-from dlo_ros.diagnosis.contact.peg_places import resized
+from dlo_ros.diagnosis.contact.peg_places import resized, tangent_wall
 from dlo_ros.diagnosis.findings import holdout
 from dlo_ros.diagnosis.findings.fitted_numbers import covariance, own_error
 from dlo_ros.diagnosis.findings.fitted_numbers import fitted as fitted_numbers
@@ -262,6 +262,22 @@ def test_a_peg_is_resized_where_it_is_touched():
     for other in (smaller, larger):
         assert other.x == pytest.approx(touching.x, abs=2e-3)
         assert other.z + other.radius == pytest.approx(touching.z + touching.radius, abs=2e-3)
+
+
+def test_a_peg_may_stand_for_a_wall_that_no_shape_reaches_behind():
+    """A straight DLO along x that lies on a peg below its middle, and one with its end lower."""
+    rod = PAPER.rod
+    lying = np.zeros((10, rod.control_points, 3))
+    lying[..., 0] = np.linspace(0.0, rod.length, rod.control_points)
+    touching = Peg(30 / 59 * rod.length, -0.01 - 0.5 * rod.diameter, 0.01)
+    normal, offset = tangent_wall(touching, rod, [lying])
+    assert normal == pytest.approx([0.0, 1.0], abs=0.05)
+    assert touching.x * normal[0] - offset == pytest.approx(0.5 * rod.diameter, abs=2e-4)
+    hanging = lying.copy()
+    hanging[:, -1, 2] = -0.1 * rod.length
+    assert tangent_wall(touching, rod, [lying, hanging]) is None
+    hanging[1:] = lying[1:]  # a single picture that is grossly wrong
+    assert tangent_wall(touching, rod, [lying, lying, hanging]) is not None
 
 
 def test_of_a_pair_each_is_tried_alone_from_where_the_pair_has_come(beginning):

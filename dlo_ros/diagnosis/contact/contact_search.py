@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import minimize
 
-from dlo_ros.diagnosis.contact.peg_places import Sight, apart, places, sight
+from dlo_ros.diagnosis.contact.peg_places import Sight, apart, places, sight, tangent_wall
 from dlo_ros.diagnosis.contact.undisturbed import undisturbed
 from dlo_ros.diagnosis.fitting import robust_fit
 from dlo_ros.diagnosis.fitting.candidate_model import Model, names
@@ -23,8 +23,10 @@ from dlo_ros.diagnosis.fitting.levenberg_marquardt import attempt
 from dlo_ros.diagnosis.fitting.worker_processes import Problem, Workers
 from dlo_ros.effects import Peg, Scene, Start
 from dlo_ros.effects.physics.obstacle import Obstacle
+from dlo_ros.effects.physics.wall import StraightWall
 from dlo_ros.errors import SimulationError
 from dlo_ros.inference.parameter import ParametricModel
+from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 
 EFFECT = Obstacle.name
@@ -146,6 +148,16 @@ def _pegs(team: Workers, consensus: CandidateEvaluation, scale: float) -> list[P
     ]
 
 
+def wall_instead(model: ParametricModel, observed: Sequence[FloatArray]) -> Start | None:
+    """A straight wall in place of the peg of a model; None where the DLO reaches behind it.
+
+    Args:
+        observed: control points of each recording [m], shape (F, n, 3).
+    """
+    found = tangent_wall(_peg(model.settings), model.settings.rod, observed)
+    return None if found is None else StraightWall.touching(*found)
+
+
 def plausible_pegs(view: Sight) -> list[Start]:
     """The likeliest pegs by geometry alone, without a simulation."""
     length = view.rod.length
@@ -176,7 +188,11 @@ def _alone(model: Model, peg: Peg) -> Model:
 
 def peg_of(model: Model) -> Peg:
     """The peg that a model contains."""
-    block = model.settings.effects[EFFECT]
+    return _peg(model.settings)
+
+
+def _peg(settings: Settings) -> Peg:
+    block = settings.effects[EFFECT]
     return Peg(*(v for key in Peg._fields if not isinstance(v := block[key], tuple)))
 
 

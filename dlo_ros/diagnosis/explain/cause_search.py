@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dlo_ros.diagnosis.contact.contact_search import PegBesideSetUp
+from dlo_ros.diagnosis.contact.contact_search import PegBesideSetUp, wall_instead
 from dlo_ros.diagnosis.explain.candidate_trials import (
     FIT_ITERATIONS,
     LOWERS,
@@ -94,7 +94,9 @@ class Search:
 def best_peg(
     at: Evaluation, recordings: Sequence[Recording], pegs: Sequence[PegBesideSetUp]
 ) -> tuple[Evaluation, Proposal] | None:
-    """The fit with the peg that explains most; each starts from the fit before the impact.
+    """The fit with the peg that explains most, or with a wall in its place.
+
+    Each peg starts from the fit before the impact, the wall from that with the peg.
 
     Args:
         at: the joint model without a peg, fitted to the same recordings, perhaps in another
@@ -108,7 +110,23 @@ def best_peg(
         here = fitted(model, recordings)
         if here is not None:
             found.append((here, proposal))
-    return best_gain(found, at)
+    best = best_gain(found, at)
+    if best is None:
+        return None
+    flat = _with_wall(best, recordings)
+    return best if flat is None else best_gain([best, flat], at)
+
+
+def _with_wall(pegged: Trial, recordings: Sequence[Recording]) -> Trial | None:
+    """The fit with a wall in place of a peg; None where the DLO reaches behind it."""
+    there, peg = pegged
+    start = wall_instead(there.model, [r.observed for r in recordings])
+    if start is None:
+        return None
+    bare = there.model.without([p.name for p in peg.parameters])
+    proposal = proposal_of(bare.settings, start)
+    found = fitted(with_proposals(bare, [proposal])[0], recordings)
+    return None if found is None else (found, proposal)
 
 
 def search(

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from dlo_ros.effects.base import Body, Effect, Scene, Start, Wall, quantity
+from dlo_ros.spline import FloatArray
 
 OUT_OF_REACH = -100.0  # [m] beyond every rope
 DEPTHS = (0.02, 0.08)  # of the length, that a wall may take of where shapes would be without it
@@ -42,17 +43,31 @@ class StraightWall(Effect):
         if scene.reach is None:
             return []
         left, right, low = scene.reach
-        keys, length = ("offset", "angle"), scene.rope.length
+        length = scene.rope.length
         sides = (
             ("table", low, 0.0),
             ("left", left, 0.5 * math.pi),
             ("right", -right, -0.5 * math.pi),
         )
         return [
-            Start(
-                cls.name, {keys[0]: end + depth * length, keys[1]: angle}, keys, keys,
-                neutral=False, form=form,
-            )
+            cls._start(end + depth * length, angle, form)
             for form, end, angle in sides
             for depth in DEPTHS
-        ]  # fmt: skip
+        ]
+
+    @classmethod
+    def touching(cls, normal: FloatArray, offset: float) -> Start:
+        """A wall at one place.
+
+        Args:
+            normal: unit normal towards the free side (x, z), shape (2,).
+            offset: coordinate of the wall along it [m].
+        """
+        return cls._start(offset, math.atan2(normal[0], normal[1]), "in place of a peg")
+
+    @classmethod
+    def _start(cls, offset: float, angle: float, form: str) -> Start:
+        keys = ("offset", "angle")
+        return Start(
+            cls.name, {keys[0]: offset, keys[1]: angle}, keys, keys, neutral=False, form=form
+        )
