@@ -1,7 +1,6 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The search for causes: what is added, and why the others are not."""
 
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,8 +10,6 @@ from rods import PAPER
 
 from dlo_ros.diagnosis.contact.contact_search import PegBesideSetUp
 from dlo_ros.diagnosis.explain import candidate_trials, cause_search, joint_explanation
-from dlo_ros.diagnosis.explain.certainty import SCALES, certain, strains
-from dlo_ros.diagnosis.explain.joint_explanation import Explanation
 from dlo_ros.diagnosis.proposals.linear_evidence import (
     PredictedGain,
     predicted_gains,
@@ -21,7 +18,6 @@ from dlo_ros.diagnosis.proposals.linear_evidence import (
 )
 from dlo_ros.effects import Start
 from dlo_ros.effects.physics.wall import StraightWall
-from dlo_ros.inference.joint import borrowed
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.priors import material_priors
 
@@ -263,90 +259,6 @@ def test_what_has_no_size_is_simulated_where_it_is_promised():
         assert candidate_trials._size(proposal_of(PAPER, start)) is None
 
 
-def test_what_is_not_known_of_the_weight_makes_no_force_doubtful():
-    """A force that is known to a hundredth of the weight, on a DLO that was not weighed."""
-    names = ["young_modulus", "density", "effects.constant_force.x"]
-    off, share = np.array([0.0, 0.0, -0.04]), 1e-2
-    force = np.array([0.0, 0.04, 0.0])  # for a change of ln mu
-    covariance = np.diag([0.01, 0.49, (share * 0.04) ** 2])
-    covariance[2, 2] += 0.49 * force[1] ** 2
-    covariance[1, 2] = covariance[2, 1] = 0.49 * force[1]
-    at = SimpleNamespace(
-        model=SimpleNamespace(names=names, offset=lambda: off, index=names.index),
-        posterior=SimpleNamespace(covariance=covariance),
-    )
-    start = Start("constant_force", {"x": 0.0}, ("x",), ("x",))
-    group = proposal_of(PAPER, start)
-    assert not certain(at, group)
-    assert certain(at, group, SCALES)
-    covariance[2, 2] += 0.03**2
-    assert not certain(at, group, SCALES)
-
-
-@pytest.mark.parametrize(
-    ("linear", "loss", "without", "strained", "named"),
-    [
-        (40.0, 40.0, 2.0e-3, False, True),
-        (4.0, 40.0, 2.0e-3, False, True),  # linearly it is not needed, but a fit needs it
-        (40.0, 6.0, 2.0e-3, False, False),  # one of many that were tried
-        (40.0, 40.0, 1.05e-3, False, False),  # immaterial
-        (40.0, 40.0, 1.3e-3, False, False),  # no more than another's law asks for
-        (40.0, 40.0, 1.3e-3, True, True),  # the set-up does its work beyond its tolerance
-        (40.0, 40.0, 1.05e-3, True, False),
-    ],
-)
-def test_a_cause_matters_or_is_not_named(monkeypatch, linear, loss, without, strained, named):
-    start = Start("point_mass", {"mass": 0.0}, ("mass",), ("mass",))
-    others = [replace(start, effect=f"effect {k}") for k in range(15)]
-    monkeypatch.setattr(joint_explanation, "certain", lambda *_: True)
-    monkeypatch.setattr(joint_explanation, "beyond", lambda _: [])
-    monkeypatch.setattr(joint_explanation, "linear_loss", lambda *_, wholly: linear)
-    monkeypatch.setattr(joint_explanation, "_rivals", lambda *_: {})
-    monkeypatch.setattr(joint_explanation, "strains", lambda *_: strained)
-    softer = replace(PAPER.rod, young_modulus=0.5 * PAPER.rod.young_modulus)
-    bare = evaluation(-loss, without)
-    bare.model = SimpleNamespace(settings=replace(PAPER, rod=softer))
-    monkeypatch.setattr(joint_explanation, "without", lambda *_, wholly: bare)
-    at = evaluation(0.0, 0.9e-3)
-    at.model = SimpleNamespace(settings=PAPER)
-    found = SimpleNamespace(at=at, causes=(proposal_of(PAPER, start),), offer=object())
-    causes, shifts = joint_explanation._named(found, {}, (), [start, *others], 1.1e-3, 0.5e-3)
-    assert [c.effect for c in causes] == (["point_mass"] if named else [])
-    told = Explanation(at, at, causes, 0.0, 0.0, 0.0, (), (), shifts)
-    # Of what is not named nobody knows whether it acts: E / mu may be that with it or without.
-    assert told.stiffness_doubt == pytest.approx(0.0 if named else np.log(2.0))
-
-
-@pytest.mark.parametrize(("loss", "kept"), [(4.0, False), (12.0, True)])
-def test_what_may_or_may_not_act_does_not_stand_for_what_does(monkeypatch, loss, kept):
-    starts = [Start(name, {"size": 0.0}, ("size",), ("size",)) for name in ("damping", "creep")]
-    causes = tuple(SimpleNamespace(effect=s.effect, label=s.effect, start=s) for s in starts)
-
-    def model(evidence, young_modulus):
-        found = evaluation(evidence, 1e-3)
-        rod = replace(PAPER.rod, young_modulus=young_modulus)
-        found.model = SimpleNamespace(settings=replace(PAPER, rod=rod))
-        return found
-
-    both, damping, creep = model(100.0, 1e6), model(100.0 - loss, 2e6), model(97.0, 1e6)
-    left = {(id(both), "creep"): damping, (id(both), "damping"): creep}
-
-    def without(at, cause, _, wholly):
-        return left.get((id(at), cause.effect), model(0.0, 1e6))
-
-    monkeypatch.setattr(joint_explanation, "linear_loss", lambda *_, wholly: 0.0)
-    monkeypatch.setattr(joint_explanation, "without", without)
-    search = cause_search.Search(both, causes, (), None)
-    found, bares, shifts = joint_explanation._without_needless(search, (), starts)
-    # Without the creep the damping is needed; with it, either of them is enough.
-    assert [c.effect for c in found.causes] == (["creep"] if kept else ["damping"])
-    assert found.at is (creep if kept else damping)
-    # What was fitted without a cause is that of the model that is left.
-    assert set(bares) <= {c.label for c in found.causes}
-    assert all(bare.posterior.evidence < found.at.posterior.evidence for bare in bares.values())
-    assert shifts == pytest.approx({"damping": 0.0} if kept else {"creep": np.log(2.0)})
-
-
 @pytest.mark.parametrize(
     ("far", "bare", "expected"),
     [
@@ -373,20 +285,6 @@ def test_a_search_begins_with_what_lies_far_off_where_it_is_needed(
         {"set-up": setup, "other minimum": minimum}[expected[0]], expected[1]
     )  # fmt: skip
     assert joint_explanation._beginning(prepared, (), (), 1e-2) == (setup, None)
-
-
-def test_a_set_up_is_strained_where_it_leaves_its_tolerance_without_a_cause():
-    at, recordings = fitted_set_up()
-    tilt = at.model.index("effects.gravity_tilt.angle")
-
-    def tilted(tolerances):
-        theta = at.model.theta()
-        theta[tilt] = tolerances * at.model.parameters[tilt].std
-        return borrowed(at, at.model.at(theta), recordings)
-
-    assert strains(tilted(4.0), tilted(0.5))
-    assert not strains(tilted(1.5), tilted(0.0))  # within tolerance
-    assert not strains(tilted(4.0), tilted(3.0))  # so it is with the cause
 
 
 def test_where_the_set_up_is_strained_causes_are_looked_for_beside_a_neutral_one(monkeypatch):
