@@ -8,7 +8,7 @@ it takes their place where more is wrong than they can tell.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 
 from dlo_ros.diagnosis.contact.contact_search import pegs_beside_plain_model
 from dlo_ros.diagnosis.explain.certainty import departures
@@ -27,9 +27,7 @@ from dlo_ros.diagnosis.joint_diagnosis import (
 from dlo_ros.diagnosis.proposals.candidate_effects import starts
 from dlo_ros.diagnosis.proposals.screening import Prospect, alarm, screen
 from dlo_ros.diagnosis.selection import verdict
-from dlo_ros.diagnosis.selection.effect_pairs import BASES, bases, other_pegs
-from dlo_ros.diagnosis.selection.effect_search import Candidate, apart, reformed, search
-from dlo_ros.diagnosis.selection.pre_contact import alone_before
+from dlo_ros.diagnosis.selection.effect_search import Candidate, search
 from dlo_ros.errors import SimulationError
 from dlo_ros.inference.scene import imposed_names, scene
 from dlo_ros.parameters import Settings
@@ -125,50 +123,6 @@ def explain_in_order(
             verdict.Decision("unexplained", None), holdout_err, tuple(singles), joint=joint
         )
     pairs: list[Candidate] = []
-    before = alone_before(team.problem, plain, names, processes, progress)
-    told = {c.effect for c in before}
-    firmest = [c for c in bases(singles, plain.root_autocovariance) if c.effect not in told]
-
-    def beside(first: Candidate) -> list[Candidate]:
-        """Pairs of an effect with every other."""
-        prospects = screened(first.at, [*known, first.effect])
-        return search(team, first.at, prospects, progress, most, thorough=False)
-
-    def firsts() -> Iterator[Candidate]:
-        """First effects of pairs; the last one is the second effect of the nearest pair."""
-        yield from (some := [*before, *firmest][:BASES])
-        near = nearest(pairs)
-        if near is not None and near.effect not in {c.effect for c in some}:
-            alone = apart(team, near, [*known, near.effect])
-            yield from sorted(alone, key=lambda c: c.at.cost)[:1]
-
-    for first in firsts():
-        found = beside(first)
-        near = nearest(found)
-        if near is not None:
-            found += reformed(team, near, singles)
-        pairs = sorted([*pairs, *found], key=lambda c: c.score)
-        holdout_err = holdout_errors_beside(pairs)
-        explained = confirmed_explanation(plain, pairs, singles, most, holdout_err)
-        if explained is not None and explained.chosen is not None:
-            # An effect that was no use alone may be enough from the values that it has in the pair.
-            alone = apart(team, explained.chosen.candidate, known)
-            singles += alone
-            single = confirmed_explanation(plain, alone, (), most, holdout_err)
-            if single is None:
-                # Other effects may take the place of the first one beside the second.
-                seconds = [c for c in alone if c.effect != first.effect]
-                second = min(seconds, key=lambda c: c.at.cost, default=None)
-                if second is not None:
-                    pairs += beside(second)
-                pairs.sort(key=lambda c: c.score)
-            explained = (
-                single
-                or confirmed_explanation(plain, pairs, singles, most, holdout_err)
-                or explained
-            )
-            pairs += other_pegs(team, explained, pairs)
-            return Findings(explained, holdout_err, tuple(singles), tuple(pairs))
     everything = sorted([*singles, *pairs], key=lambda c: c.score)
     holdout_err = holdout_errors(everything[0] if everything else plain)
     decision = verdict.Decision(

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from dlo_ros.diagnosis.contact.contact_search import PegBesideSetUp, pegs_beside_set_up
-from dlo_ros.diagnosis.explain.certainty import departures
+from dlo_ros.diagnosis.explain.certainty import FEW, departures
 from dlo_ros.diagnosis.explain.joint_explanation import Explanation
 from dlo_ros.diagnosis.explain.measurement_error import material_err, own_err
 from dlo_ros.diagnosis.findings import holdout as held_out
@@ -31,8 +31,6 @@ from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.variances import FEWEST_FRAMES
 from dlo_ros.parameters import Settings
 
-PAIR = 2
-"""Effects of a pair: where more are away from neutral for certain, no pair is looked for."""
 SEVERAL = 6
 """Parts of the set-up that are off for certain, from which causes are looked for beside it before
 single effects are: one effect alone makes up to five look so."""
@@ -80,10 +78,10 @@ def takes_over(joint: Explanation, others: Sequence[Candidate]) -> bool:
     Args:
         others: models with less in them.
     """
-    if departures(joint.at, joint.proposals) <= PAIR:
-        return False
     if joint.at.mean_err < joint.material_err:
         return True
+    if departures(joint.at, joint.proposals) <= FEW:
+        return False
     least = min((held_out.mean(c.at.err) or np.inf for c in others), default=np.inf)
     return joint.at.mean_err < CLEARLY_BETTER * least
 

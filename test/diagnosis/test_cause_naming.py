@@ -57,7 +57,7 @@ def test_a_cause_matters_or_is_not_named(monkeypatch, linear, loss, without, str
     start = Start("point_mass", {"mass": 0.0}, ("mass",), ("mass",))
     others = [replace(start, effect=f"effect {k}") for k in range(15)]
     monkeypatch.setattr(joint_explanation, "certain", lambda *_: True)
-    monkeypatch.setattr(joint_explanation, "beyond", lambda _: [])
+    monkeypatch.setattr(joint_explanation, "nameable", lambda *_: [])
     monkeypatch.setattr(joint_explanation, "linear_loss", lambda *_, wholly: linear)
     monkeypatch.setattr(joint_explanation, "_rivals", lambda *_: {})
     monkeypatch.setattr(joint_explanation, "strains", lambda *_: strained)

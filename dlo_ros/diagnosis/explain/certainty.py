@@ -23,6 +23,9 @@ less certain. A force on a DLO that was not weighed is known as a share of the w
 mass on one of unknown stiffness likewise."""
 BEYOND = 2.0
 """Tolerances from neutral, from which a number of the set-up may be a cause."""
+FEW = 2
+"""Things that depart from neutral for certain, up to which each may be a cause within its
+tolerance: of a set-up with errors of all kinds seven to nine do."""
 NOTABLE = 0.2
 """Tolerances from neutral, from which a number of the set-up is off by more than two programs that
 simulate the same DLO differ by."""
@@ -31,7 +34,7 @@ simulate the same DLO differ by."""
 def beyond(at: Evaluation) -> list[Proposal]:
     """Groups of the set-up with a number far beyond its tolerance, or beyond it for certain."""
     return [
-        replace(g, parameters=tuple(p for p in at.model.parameters if p.name in g.columns))
+        _own(at, g)
         for g in freed(at.model)
         if is_beyond(at, g) or beyond_for_certain(at, g, at.posterior.covariance)
     ]
@@ -141,11 +144,38 @@ def departures(at: Evaluation, causes: Sequence[Proposal] = ()) -> int:
         at: the joint model.
         causes: causes that have been added to the model or freed.
     """
-    acting = [c for c in causes if c.start is not None]
+    return sum(c.start is not None for c in causes) + len(_departing(at, causes))
+
+
+def nameable(at: Evaluation, causes: Sequence[Proposal]) -> list[Proposal]:
+    """Groups of the set-up that may be causes.
+
+    These are those beyond their tolerance; and where next to nothing departs from neutral, all that
+    does: no tolerance is needed for a set-up that was built, or simulated, as precisely as the data
+    tell.
+
+    Args:
+        causes: see `departures`.
+    """
+    far = beyond(at)
+    if departures(at, causes) > FEW:
+        return far
+    labels = {g.label for g in far}
+    return [*far, *(_own(at, g) for g in _departing(at, causes) if g.label not in labels)]
+
+
+def _departing(at: Evaluation, causes: Sequence[Proposal]) -> list[Proposal]:
+    """Notable parts of the set-up that are away from neutral for certain."""
     tolerated = replace(
         at.model,
         parameters=tuple(replace(p, tolerated=bool(p.effect)) for p in at.model.parameters),
     )
-    own = {p.name for c in acting for p in c.parameters}
+    own = {p.name for c in causes if c.start is not None for p in c.parameters}
     parts = [g for g in freed(tolerated) if g.parameters[0].effect and not own & set(g.columns)]
-    return len(acting) + sum(certain(at, g) and is_beyond(at, g, NOTABLE) for g in parts)
+    return [g for g in parts if certain(at, g) and is_beyond(at, g, NOTABLE)]
+
+
+def _own(at: Evaluation, group: Proposal) -> Proposal:
+    """A group with the model's own priors."""
+    own = tuple(p for p in at.model.parameters if p.name in group.columns)
+    return replace(group, parameters=own)

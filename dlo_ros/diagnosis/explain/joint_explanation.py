@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -23,10 +23,10 @@ from dlo_ros.diagnosis.explain.cause_search import (
 )
 from dlo_ros.diagnosis.explain.certainty import (
     SCALES,
-    beyond,
     beyond_for_certain,
     certain,
     is_beyond,
+    nameable,
     strains,
 )
 from dlo_ros.diagnosis.explain.far_starts import best_far_start
@@ -193,16 +193,23 @@ def still_certain(
         covariance: that is reported of its parameters, shape (P, P).
     """
     groups = [*found.proposals, *freed(final.model)]
-    sure = {p.name for g in groups if _still(final, g, covariance) for p in g.parameters}
+    few = {g.label for g in nameable(final, found.proposals)}
+    sure = {p.name for g in groups if _still(final, g, covariance, few) for p in g.parameters}
     return replace(found, causes=tuple(c for c in found.causes if sure & set(c.names)))
 
 
-def _still(final: Evaluation, group: Proposal, covariance: FloatArray) -> bool:
-    """Whether a group is a cause with the values of a fit to more data, and their uncertainty."""
+def _still(
+    final: Evaluation, group: Proposal, covariance: FloatArray, nameable_: Collection[str]
+) -> bool:
+    """Whether a group is a cause with the values of a fit to more data, and their uncertainty.
+
+    Args:
+        nameable_: labels of groups of the set-up, see `nameable`.
+    """
     if group.start is None and beyond_for_certain(final, group, covariance):
         return True
     tolerated = group.start is None and all(p.effect for p in group.parameters)
-    if tolerated and not is_beyond(final, group):
+    if tolerated and group.label not in nameable_:
         return False
     return certain(final, group, SCALES, covariance)
 
@@ -275,7 +282,7 @@ def _named(
     """
     at, offer = found.at, found.offer
     result, shifts = [], {}
-    for group in (*found.causes, *beyond(at)):
+    for group in (*found.causes, *nameable(at, found.causes)):
         if not certain(at, group, SCALES):
             continue
         # Linearly, the rest may do the work of what was added by moves that no set-up makes.
