@@ -144,7 +144,8 @@ def search(
         neutral: the same with the set-up at neutral, from where causes are looked for as well where
             the fitted set-up is strained: it may do most of a cause's work.
         begun: effects that might be added, at their starting values.
-        enough: ERR [m] below which no cause is looked for.
+        enough: ERR [m] below which no cause is looked for, unless it is more than the measurement's
+            own error.
         first: the fit with a cause that derivatives do not tell of, and the cause; see `best_peg`
             and `far_starts`.
     """
@@ -158,7 +159,7 @@ def search(
         at, causes = first[0], [first[1]]
         trace.append(Step(1, first[1].label, gain, at.mean_err, "added"))
         _tell(trace)
-    while len(causes) < MOST_CAUSES and at.mean_err > enough:
+    while len(causes) < MOST_CAUSES and (at.mean_err > enough or _matters(at, recordings, 0.0)):
         known = {c.label for c in causes} | {c.effect for c in causes if c.start is not None}
         known |= dropped
         number = len(causes) + 1

@@ -30,7 +30,8 @@ from dlo_ros.diagnosis.explain.certainty import (
     strains,
 )
 from dlo_ros.diagnosis.explain.far_starts import best_far_start
-from dlo_ros.diagnosis.explain.measurement_error import material_err, own_err
+from dlo_ros.diagnosis.explain.measurement_error import OWN, material_err, own_err
+from dlo_ros.diagnosis.fitting.candidate_model import BELIEVED
 from dlo_ros.diagnosis.proposals.candidate_effects import starts
 from dlo_ros.diagnosis.proposals.linear_evidence import Proposal, freed
 from dlo_ros.effects import Scene, Start
@@ -38,7 +39,7 @@ from dlo_ros.effects.start import Block
 from dlo_ros.inference.joint import Evaluation, evaluate, simulate
 from dlo_ros.inference.joint_fit import settled
 from dlo_ros.inference.measured import Recording
-from dlo_ros.inference.parameter import ParametricModel, split_name
+from dlo_ros.inference.parameter import Parameter, ParametricModel, split_name
 from dlo_ros.inference.priors import joint_model
 from dlo_ros.inference.scene import imposed_names, scene
 from dlo_ros.parameters import Settings
@@ -146,10 +147,23 @@ def prepare(recordings: Sequence[Recording], plain: Settings, given: Settings) -
     """
     names = imposed_names(r.manipulation for r in recordings)
     here = scene(plain, names, [r.observed for r in recordings])
-    model = joint_model(plain, given, here)
+    model = _believing(joint_model(plain, given, here))
     at = settled(evaluate(model, recordings), recordings)
     bare = simulate(ParametricModel(plain, ()), recordings, ())
     return Prepared(recordings, here, bare.mean_err, model, at)
+
+
+def _believing(model: ParametricModel) -> ParametricModel:
+    """The model with what was measured beforehand kept near its value, see `BELIEVED`.
+
+    A fit that pushes it further does the work of a cause that nobody names.
+    """
+
+    def near(p: Parameter) -> Parameter:
+        low, high = (p.outer(p.centre + sign * BELIEVED * p.std) for sign in (-1, 1))
+        return replace(p, lower=low, upper=high)
+
+    return model.with_prior([near(p) for p in model.parameters if not p.effect and not p.guessed])
 
 
 def explain(
@@ -175,7 +189,7 @@ def explain(
     matters = material_err(own, given)
     missed = LOWERS * (setup.mean_err - own)
     least = max(missed, MENDS * (prepared.plain_err - own))
-    causes, shifts = _named(found, bares, recordings, begun, matters, least)
+    causes, shifts = _named(found, bares, recordings, begun, OWN * own, least)
     return Explanation(
         setup, found.at, causes, own, matters, least, found.causes, found.trace, pruned | shifts
     )
