@@ -1,8 +1,8 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""The order in which explanations are sought: joint model, single effects, pairs of them.
+"""The order in which explanations are sought: single effects, and the joint model.
 
 Where the set-up is off in many ways, the joint model comes first; otherwise single effects do, and
-it takes their place where more is wrong than they can tell.
+it takes their place where none of them explains the data.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from dlo_ros.diagnosis.explain.certainty import departures
 from dlo_ros.diagnosis.findings import holdout as held_out
 from dlo_ros.diagnosis.findings.joint_outcome import training_set
 from dlo_ros.diagnosis.findings.summary import Findings, is_immaterial
-from dlo_ros.diagnosis.fitting.evaluation import CandidateEvaluation
 from dlo_ros.diagnosis.fitting.initial_fit import Beginning, finer
 from dlo_ros.diagnosis.fitting.worker_processes import Progress, Workers
 from dlo_ros.diagnosis.joint_diagnosis import (
@@ -25,7 +24,7 @@ from dlo_ros.diagnosis.joint_diagnosis import (
     takes_over,
 )
 from dlo_ros.diagnosis.proposals.candidate_effects import starts
-from dlo_ros.diagnosis.proposals.screening import Prospect, alarm, screen
+from dlo_ros.diagnosis.proposals.screening import alarm, screen
 from dlo_ros.diagnosis.selection import verdict
 from dlo_ros.diagnosis.selection.effect_search import Candidate, search
 from dlo_ros.errors import SimulationError
@@ -34,16 +33,16 @@ from dlo_ros.parameters import Settings
 
 LOG = logging.getLogger(__name__)
 
-REFORMED = 12.0
-"""Root autocovariance of the best pair over that of an explanation, up to which other forms are
-tried."""
+NEAR = 12.0
+"""Root autocovariance of the best effect over that of an explanation, up to which what is left may
+be the simulation's own error."""
 
 
 def explain_in_order(
     team: Workers, plain: Candidate, holdout_errors: Callable[[Candidate], held_out.HoldoutErrors],
-    beginning: Beginning, processes: int, progress: Progress,
+    beginning: Beginning, progress: Progress,
 ) -> Findings:  # fmt: skip
-    """Single effects first; then the joint model, or pairs where two causes may be enough.
+    """Single effects first, then the joint model; the other way round where much is off.
 
     Args:
         team: the workers, with the recordings to learn from.
@@ -51,7 +50,6 @@ def explain_in_order(
         holdout_errors: function that returns the errors on held-out data, by which a model is
             chosen.
         beginning: the initial fit to all recordings.
-        processes: number of processes that simulate at the same time.
         progress: see `diagnose`.
 
     Returns:
@@ -62,22 +60,6 @@ def explain_in_order(
     recordings = team.problem.recordings
     names = imposed_names(r.manipulation for r in recordings)
     most = verdict.limit(plain.root_autocovariance)
-
-    def screened(at: CandidateEvaluation, present: Sequence[str]) -> list[Prospect]:
-        here = scene(at.model.settings, names, at.predicted)
-        progress("looking for what was hit", 0.0)
-        return screen(
-            team,
-            at,
-            [*starts(here, present), *pegs_beside_plain_model(team, at, present)],
-            progress,
-        )
-
-    def holdout_errors_beside(candidates: Sequence[Candidate]) -> held_out.HoldoutErrors:
-        """Errors on the held-out data, which are chosen by the best explanation."""
-        found = verdict.explanations(candidates, most)
-        return holdout_errors(found[0].candidate if found else plain)
-
     given = team.problem.given
     faint = plain.root_autocovariance < verdict.FAINT
     immaterial = faint or is_immaterial(plain, given, recordings)
@@ -93,24 +75,24 @@ def explain_in_order(
         if joint is not None and takes_over(joint.explanation, [plain]):
             holdout_err = holdout_errors(plain)
             return Findings(verdict.Decision("unexplained", None), holdout_err, joint=joint)
-    prospects = screened(plain.at, known)
+    progress("looking for what was hit", 0.0)
+    here = scene(plain.at.model.settings, names, plain.at.predicted)
+    hit = pegs_beside_plain_model(team, plain.at, known)
+    prospects = screen(team, plain.at, [*starts(here, known), *hit], progress)
     gain, by_chance = alarm(prospects)
     if gain < by_chance and verdict.excusable(plain.at.residuals):
         return Findings(verdict.Decision("adequate", None), holdout_errors(plain))
     singles = search(team, plain.at, prospects, progress, most, thorough=not faint)
-    holdout_err = holdout_errors_beside(singles)
-    explained = confirmed_explanation(plain, singles, (), most, holdout_err)
+    explaining = verdict.explanations(singles, most)
+    holdout_err = holdout_errors(explaining[0].candidate if explaining else plain)
+    explained = confirmed_explanation(plain, singles, most, holdout_err)
     if explained is not None:
         return Findings(explained, holdout_err, tuple(singles))
     if immaterial:
         return Findings(verdict.Decision("adequate", None), holdout_err, tuple(singles))
-
-    def nearest(candidates: Sequence[Candidate]) -> Candidate | None:
-        """The candidate that comes nearest to an explanation without being one."""
-        near = min(candidates, key=lambda c: c.root_autocovariance, default=None)
-        return near if near and most < near.root_autocovariance < REFORMED * most else None
-
-    near = nearest(singles)
+    near = min(singles, key=lambda c: c.root_autocovariance, default=None)
+    if near is not None and near.root_autocovariance > NEAR * most:
+        near = None
     sharper = sharpened(beginning, near, given) if near is not None else None
     if sharper is not None:
         nothing = verdict.Decision("unexplained", None)
@@ -122,13 +104,11 @@ def explain_in_order(
         return Findings(
             verdict.Decision("unexplained", None), holdout_err, tuple(singles), joint=joint
         )
-    pairs: list[Candidate] = []
-    everything = sorted([*singles, *pairs], key=lambda c: c.score)
-    holdout_err = holdout_errors(everything[0] if everything else plain)
+    holdout_err = holdout_errors(singles[0] if singles else plain)
     decision = verdict.Decision(
-        "unexplained", *(verdict.sure(plain, everything, holdout_err) or (None,))
+        "unexplained", *(verdict.sure(plain, singles, holdout_err) or (None,))
     )
-    findings = Findings(decision, holdout_err, tuple(singles), tuple(pairs))
+    findings = Findings(decision, holdout_err, tuple(singles))
     return findings if decision.chosen is not None else joint_beside(findings, joint, plain)
 
 
@@ -136,7 +116,7 @@ def sharpened(beginning: Beginning, near: Candidate, given: Settings) -> Beginni
     """The initial fit with a simulation that is fine enough for a candidate.
 
     The simulation was made fine enough for what the plain model leaves over. What remains beside a
-    single effect that comes nearer may be its own error, which a second effect would be fitted to.
+    single effect that comes nearer may be its own error, which others would be fitted to.
 
     Returns:
         None where the simulation is fine enough, or cannot be finer.
@@ -149,15 +129,13 @@ def sharpened(beginning: Beginning, near: Candidate, given: Settings) -> Beginni
 
 
 def confirmed_explanation(
-    plain: Candidate, found: Sequence[Candidate], fewer: Sequence[Candidate], most: float,
-    holdout_err: held_out.HoldoutErrors,
+    plain: Candidate, found: Sequence[Candidate], most: float, holdout_err: held_out.HoldoutErrors
 ) -> verdict.Decision | None:  # fmt: skip
     """The explanation of the data that also holds on the held-out data.
 
     Args:
         plain: the plain model.
-        found: candidates of equally many effects.
-        fewer: candidates of fewer effects, which did not explain the data.
+        found: candidates.
         most: root autocovariance of the residuals up to which one explains the data.
         holdout_err: ERR of a candidate on held-out data [m].
 
@@ -168,6 +146,5 @@ def confirmed_explanation(
     enough = verdict.confirmed(explaining, holdout_err(plain), holdout_err) if explaining else []
     if not enough:
         return None
-    enough = verdict.without_idle(enough[0].candidate, fewer) or enough
-    others = verdict.equal_predictors(enough[0].candidate, [*fewer, *found], holdout_err)
+    others = verdict.equal_predictors(enough[0].candidate, found, holdout_err)
     return verdict.choose(enough, others)

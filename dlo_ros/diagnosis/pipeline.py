@@ -86,7 +86,7 @@ def diagnose(
         progress("fitting the plain model anew", 0.0)
         beginning = begin([*recordings, *holdout], given, better)
         beginning, plain, found = _search(beginning, count, given, processes, progress)
-    near = min((*found.singles, *found.pairs), key=lambda c: c.root_autocovariance, default=None)
+    near = min(found.singles, key=lambda c: c.root_autocovariance, default=None)
     if near is not None:
         progress("refining the simulation", 0.0)
         sharper = sharpened(beginning, near, given)
@@ -145,17 +145,11 @@ def _refined(
     plain, decision = again(plain), found.decision
     kept = replace(found.holdout_errors, recordings=beginning.recordings, known={})
     if decision.verdict == "unexplained":
-        order = sorted((*found.singles, *found.pairs), key=lambda c: c.root_autocovariance)
+        order = sorted(found.singles, key=lambda c: c.root_autocovariance)
         sharp = {id(c): again(c) for c in order[:NEAREST]}
-        singles, pairs = (
-            tuple(sharp.get(id(c), c) for c in some) for some in (found.singles, found.pairs)
-        )
-        found = replace(found, singles=singles, pairs=pairs)
+        found = replace(found, singles=tuple(sharp.get(id(c), c) for c in found.singles))
         most = verdict.limit(plain.root_autocovariance)
-        fresh = {id(c) for c in sharp.values()}
-        explained = confirmed_explanation(
-            plain, [c for c in singles if id(c) in fresh], (), most, kept
-        ) or confirmed_explanation(plain, [c for c in pairs if id(c) in fresh], singles, most, kept)
+        explained = confirmed_explanation(plain, list(sharp.values()), most, kept)
         if explained is not None:
             return plain, replace(found, decision=explained, holdout_errors=kept)
     if decision.chosen is not None:
@@ -187,7 +181,7 @@ def _search(
         if verdict.adequate(at.residuals):
             found = Findings(verdict.Decision("adequate", None), holdout_errors(plain))
         else:
-            found = explain_in_order(team, plain, holdout_errors, beginning, processes, progress)
+            found = explain_in_order(team, plain, holdout_errors, beginning, progress)
         if found.sharper is not None:
             progress("refining the simulation", 0.5)
         elif found.decision.verdict == "adequate" and misses(plain, learned, given):

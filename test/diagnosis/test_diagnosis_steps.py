@@ -17,10 +17,8 @@ from dlo_ros.diagnosis.fitting import evaluation, levenberg_marquardt
 from dlo_ros.diagnosis.fitting.evaluation import differenced, earlier, evaluate
 from dlo_ros.diagnosis.fitting.initial_fit import begin, drafts, finer
 from dlo_ros.diagnosis.fitting.levenberg_marquardt import UNDAMPED, fit, polished
-from dlo_ros.diagnosis.fitting.worker_processes import Problem, workers
-from dlo_ros.diagnosis.residuals import residual_autocovariance
 from dlo_ros.diagnosis.selection import verdict
-from dlo_ros.diagnosis.selection.effect_search import apart, candidate, reformed
+from dlo_ros.diagnosis.selection.effect_search import candidate
 from dlo_ros.effects import Peg
 from dlo_ros.errors import SimulationError
 
@@ -278,46 +276,3 @@ def test_a_peg_may_stand_for_a_wall_that_no_shape_reaches_behind():
     assert tangent_wall(touching, rod, [lying, hanging]) is None
     hanging[1:] = lying[1:]  # a single picture that is grossly wrong
     assert tangent_wall(touching, rod, [lying, lying, hanging]) is not None
-
-
-def test_of_a_pair_each_is_tried_alone_from_where_the_pair_has_come(beginning):
-    drag = {"coefficient": 0.01}
-    both = beginning.at.model.extended("air_drag", drag, ("coefficient",))
-    both = both.extended("constant_force", {"x": 1e-4, "z": 0.0}, ("x", "z"))
-    at = evaluate(both, beginning.recordings, KNOWN)
-    pair = candidate("constant_force", "", at, KNOWN)
-    problem = Problem(beginning.recordings, KNOWN, beginning.recordings)
-    with workers(problem, 1) as team:
-        found = apart(team, pair, ())
-        kept = apart(team, pair, ("air_drag",))
-        assert apart(team, kept[0], ()) == []  # a single one, where the other was idle
-    assert [c.at.model.effects for c in found] == [("constant_force",), ("air_drag",)]
-    assert [c.at.model.effects for c in kept] == [("air_drag",)]
-    for c in found:  # neither acts, so that each alone finds its way back
-        assert c.root_autocovariance == pytest.approx(
-            residual_autocovariance.root_autocovariance(beginning.at.residuals), abs=0.05
-        )
-
-
-def test_of_a_pair_the_first_takes_its_other_forms(beginning):
-    """A pattern with many values leaves least alone; beside the second effect a kink may do."""
-    model = beginning.at.model
-    forms = {
-        "along 3": {"curvature": (0.0, 0.01, 0.0)},
-        "kink": {"kink": 0.01, "position": 0.3 * PAPER.rod.length},
-    }
-    singles = []
-    for form, block in forms.items():
-        extended = model.extended("intrinsic_curvature", block, tuple(block))
-        at = evaluate(extended, beginning.recordings, KNOWN)
-        singles.append(replace(candidate("intrinsic_curvature", "", at, KNOWN), form=form))
-    drag = {"coefficient": 0.002}
-    both = singles[0].at.model.extended("air_drag", drag, tuple(drag))
-    pair = candidate("air_drag", "", evaluate(both, beginning.recordings, KNOWN), KNOWN)
-    problem = Problem(beginning.recordings, KNOWN, beginning.recordings)
-    with workers(problem, 1) as team:
-        (other,) = reformed(team, pair, singles)
-    assert other.at.model.effects == ("intrinsic_curvature", "air_drag")
-    assert set(other.at.model.settings.effects["intrinsic_curvature"]) == {"kink", "position"}
-    assert other.form.endswith("beside kink")
-    assert set(other.at.model.free) > {"effects.air_drag.coefficient"}

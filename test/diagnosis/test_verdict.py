@@ -98,14 +98,3 @@ def test_few_pictures_exclude_no_explanation_that_foretells_as_well():
     one = verdict.SufficientEffects(("intrinsic_curvature",), best)
     two = verdict.SufficientEffects(("gravity_tilt",), alike)
     assert verdict.choose([one], [two]).rivals == (("gravity_tilt",),)
-
-
-def test_an_effect_that_does_nothing_is_left_out_of_a_pair():
-    noise = [np.random.default_rng(10).normal(size=(60, 10))]
-    pair = candidate(["intrinsic_curvature", "obstacle"], 0.70, 50.0, noise)
-    alone = candidate(["intrinsic_curvature"], 0.79, 120.0, noise)
-    other = candidate(["obstacle"], 6.0, 5e3, [5.0 * noise[0]])
-    (left,) = verdict.without_idle(pair, [other, alone])
-    assert left.candidate is alone
-    needed = candidate(["intrinsic_curvature"], 3.0, 900.0, [3.0 * noise[0]])
-    assert verdict.without_idle(pair, [other, needed]) == []

@@ -31,7 +31,6 @@ from dlo_ros.diagnosis.explain.certainty import (
 )
 from dlo_ros.diagnosis.explain.far_starts import best_far_start
 from dlo_ros.diagnosis.explain.measurement_error import OWN, material_err, own_err
-from dlo_ros.diagnosis.fitting.candidate_model import BELIEVED
 from dlo_ros.diagnosis.proposals.candidate_effects import starts
 from dlo_ros.diagnosis.proposals.linear_evidence import Proposal, freed
 from dlo_ros.effects import Scene, Start
@@ -40,7 +39,7 @@ from dlo_ros.inference.joint import Evaluation, evaluate, simulate
 from dlo_ros.inference.joint_fit import settled
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import Parameter, ParametricModel, split_name
-from dlo_ros.inference.priors import joint_model
+from dlo_ros.inference.priors import BELIEVED, joint_model
 from dlo_ros.inference.scene import imposed_names, scene
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray

@@ -38,8 +38,8 @@ class Findings:
     """The result of the search.
 
     Args:
-        joint: the joint model's explanation, where that takes the place of single effects and
-            pairs.
+        singles: fits of single effects.
+        joint: the joint model's explanation, where that takes the place of single effects.
         sharper: the initial fit with a finer simulation, with which the search is to begin anew;
             None where the simulation is fine enough.
     """
@@ -47,14 +47,13 @@ class Findings:
     decision: verdict.Decision
     holdout_errors: holdout.HoldoutErrors
     singles: tuple[Candidate, ...] = ()
-    pairs: tuple[Candidate, ...] = ()
     joint: Learned | None = None
     sharper: Beginning | None = None
 
     @property
     def suspects(self) -> list[Candidate]:
         """The candidates that come nearest, whether they explain the data or not, best first."""
-        return verdict.suspects([*self.singles, *self.pairs], self.holdout_errors)
+        return verdict.suspects(self.singles, self.holdout_errors)
 
 
 def outcome(beginning: Beginning, plain: Candidate, found: Findings, given: Settings) -> Diagnosis:
@@ -77,7 +76,7 @@ def outcome(beginning: Beginning, plain: Candidate, found: Findings, given: Sett
     effects: tuple[NamedEffect, ...] = ()
     if decision.chosen is not None:
         others = [
-            c for c in (*found.singles, *found.pairs)
+            c for c in found.singles
             if c is not decision.chosen.candidate
             and set(c.at.model.effects) == set(best.at.model.effects) and verdict.as_good(best, c)
         ]  # fmt: skip
@@ -91,13 +90,13 @@ def outcome(beginning: Beginning, plain: Candidate, found: Findings, given: Sett
                 name,
                 numbers(best.at, name, given, alike, own),
                 rivals,
-                rival_values=_values(name, rivals, [*found.singles, *found.pairs]),
+                rival_values=_values(name, rivals, found.singles),
             )
             for name, rivals in zip(decision.chosen.effects, decision.rivals, strict=True)
             if name in best.at.model.effects and name not in plain.at.model.effects
         )
     tried = []
-    for c in verdict.best_forms([plain, *found.singles, *found.pairs]):
+    for c in verdict.best_forms([plain, *found.singles]):
         err = holdout_errors.linearised_err(c)
         label = "+".join(n for n in c.at.model.effects if n not in plain.at.model.effects)
         tried.append(Trial(label or "none", err, c.score, c.root_autocovariance))
@@ -115,7 +114,7 @@ def outcome(beginning: Beginning, plain: Candidate, found: Findings, given: Sett
         fitted(best.at, given, holdout.mean(train[1]), holdout.mean(kept[1]), own),
         holdout.gain(kept[0], kept[1]),
         tuple(tried),
-        advise(decision, [*found.singles, *found.pairs], learned, given),
+        advise(decision, found.singles, learned, given),
         None if np.isnan(beginning.error) else beginning.error,
         (*remarks(plain, best, suspects, decision), *_left(after, decision)),
         views(recordings, plain.at, best.at, parted.holdout, given),

@@ -14,13 +14,12 @@ from dlo_ros.effects import Quantity, quantities
 from dlo_ros.effects.start import Block
 from dlo_ros.identification.estimate import SEARCH_STD
 from dlo_ros.inference.parameter import split_name, value_of, with_value
+from dlo_ros.inference.priors import BELIEVED
 from dlo_ros.parameters import EFFECTS_PREFIX, Settings
 from dlo_ros.rod.sensitivity_parameters import MATERIAL, effect_names
 from dlo_ros.spline import FloatArray
 
 LARGEST_LOG_STEP = 1.5
-BELIEVED = 4.0
-"""Standard deviations of a measured value, up to which it may be wrong."""
 LOOSE = 3.0
 """Standard deviations of what is not known, in natural units of a parameter."""
 

@@ -269,47 +269,6 @@ def resized(team: Workers, c: Candidate, *, coarse: bool = False) -> list[Candid
     ]  # fmt: skip
 
 
-def reformed(team: Workers, c: Candidate, singles: Sequence[Candidate]) -> list[Candidate]:
-    """A pair fitted anew from the other forms of its first effect.
-
-    Among single effects the form with most numbers leaves the smallest residual; beside the second
-    effect a simpler form may be right.
-
-    Args:
-        singles: fits of single effects, the first effect of the pair among them.
-    """
-    block = c.at.model.settings.effects[c.effect]
-    first = c.at.model.effects[-2]
-    bare = c.at.model.without(c.effect)
-    others = [s for s in singles if s.effect == first and s.at.model.free != bare.free]
-    models = [s.at.model.extended(c.effect, block, tuple(block)) for s in others]
-    fits = team.each(_carry_on, [(m, False) for m in models])
-    return [
-        candidate(c.effect, f"{c.form} beside {o.form}", at, team.problem.given)
-        for o, at in zip(others, fits, strict=True) if at is not None
-    ]  # fmt: skip
-
-
-def apart(team: Workers, c: Candidate, known: Sequence[str]) -> list[Candidate]:
-    """A candidate fitted anew without each of its effects; none where it has but one.
-
-    Args:
-        known: names of the effects that the candidate keeps.
-    """
-    added = [name for name in c.at.model.effects if name not in known]
-    if len(c.at.model.effects) < 2:
-        return []
-    models = [c.at.model.without(name) for name in added]
-    fits = team.each(_carry_on, [(m, False) for m in models])
-    found = [
-        candidate(at.model.effects[-1], "left", at, team.problem.given)
-        for at in fits if at is not None
-    ]  # fmt: skip
-    for one in [one for one in found if one.effect == Obstacle.name]:
-        found += resized(team, one)
-    return found
-
-
 def _promising(drafts: Sequence[_Draft], noise: float, enough: float, least: float) -> list[int]:
     """The drafts that are worth a longer fit, best first."""
     order = sorted(range(len(drafts)), key=lambda k: drafts[k].at.cost)

@@ -284,16 +284,6 @@ def equal_predictors(
     return [SufficientEffects(c.at.model.effects, c) for c in best_forms(candidates, as_well)]
 
 
-def without_idle(best: Candidate, singles: Sequence[Candidate]) -> list[SufficientEffects]:
-    """Single effects that do as well as the pair, best first: the other effect did nothing."""
-    names = set(best.at.model.effects)
-    return [
-        SufficientEffects(c.at.model.effects, c)
-        for c in sorted(singles, key=lambda c: c.score)
-        if set(c.at.model.effects) < names and as_good(best, c)
-    ][:1]
-
-
 def choose(
     found: Sequence[SufficientEffects], others: Sequence[SufficientEffects] = ()
 ) -> Decision:
