@@ -117,3 +117,28 @@ def test_a_set_up_is_strained_where_it_leaves_its_tolerance_without_a_cause():
     assert strains(tilted(4.0), tilted(0.5))
     assert not strains(tilted(1.5), tilted(0.0))  # within tolerance
     assert not strains(tilted(4.0), tilted(3.0))  # so it is with the cause
+
+
+@pytest.mark.parametrize(("gain", "rivals"), [(38.0, ["constant_force"]), (36.0, [])])
+def test_a_rival_does_nearly_as_well_whatever_the_linear_prediction(monkeypatch, gain, rivals):
+    force = Start("constant_force", {"x": 0.0}, ("x",), ("x",))
+    other = replace(force, effect="air_drag")
+    offers = [
+        SimpleNamespace(proposal=proposal_of(PAPER, start), gain=predicted, model=start.effect)
+        for start, predicted in ((force, 20.0), (other, 2.0))
+    ]
+    effects = {"constant_force": {"x": 0.3}}
+
+    def fitted(model, _):
+        assert model == "constant_force"  # the other one promises far too little
+        found = evaluation(60.0 + gain, 1e-3)
+        found.model = SimpleNamespace(settings=SimpleNamespace(effects=effects))
+        return found
+
+    monkeypatch.setattr(joint_explanation, "ranked_proposals", lambda *_, smooth: offers)
+    monkeypatch.setattr(joint_explanation, "fitted", fitted)
+    tilt = SimpleNamespace(effect="gravity_tilt")
+    at, bare = evaluation(100.0, 1e-3), evaluation(60.0, 5e-3)
+    found = joint_explanation._rivals(at, bare, tilt, (), object())
+    assert list(found) == rivals
+    assert not rivals or found["constant_force"] == {"x": 0.3}

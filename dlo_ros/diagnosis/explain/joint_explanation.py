@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from dlo_ros.diagnosis.contact.contact_search import PegBesideSetUp
-from dlo_ros.diagnosis.explain.candidate_trials import LOWERS, Step, Trial, fitted, gains
+from dlo_ros.diagnosis.explain.candidate_trials import LOWERS, NEAR, Step, Trial, fitted, gains
 from dlo_ros.diagnosis.explain.cause_search import (
     INDISPENSABLE,
     Offer,
@@ -353,7 +353,7 @@ def _rivals(
     fits = 0
     for predicted in ranked_proposals(bare, offer, smooth=True):
         effect = predicted.proposal.effect
-        if effect == group.effect or effect in result or predicted.gain < missing:
+        if effect == group.effect or effect in result or predicted.gain < NEAR * missing:
             continue
         if fits >= RIVAL_FITS:
             break
