@@ -122,7 +122,7 @@ def test_a_set_up_is_strained_where_it_leaves_its_tolerance_without_a_cause():
 @pytest.mark.parametrize(("gain", "rivals"), [(38.0, ["constant_force"]), (36.0, [])])
 def test_a_rival_does_nearly_as_well_whatever_the_linear_prediction(monkeypatch, gain, rivals):
     force = Start("constant_force", {"x": 0.0}, ("x",), ("x",))
-    other = replace(force, effect="air_drag")
+    other = Start("air_drag", {"coefficient": 0.0}, ("coefficient",), ("coefficient",))
     offers = [
         SimpleNamespace(proposal=proposal_of(PAPER, start), gain=predicted, model=start.effect)
         for start, predicted in ((force, 20.0), (other, 2.0))
