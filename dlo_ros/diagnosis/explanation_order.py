@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from dlo_ros.diagnosis.contact.contact_search import pegs_beside_plain_model
 from dlo_ros.diagnosis.explain.certainty import departures
 from dlo_ros.diagnosis.findings import holdout as held_out
-from dlo_ros.diagnosis.findings.joint_outcome import training_set
+from dlo_ros.diagnosis.findings.joint_learning import training_set
 from dlo_ros.diagnosis.findings.summary import Findings, is_immaterial
 from dlo_ros.diagnosis.fitting.initial_fit import Beginning, finer
 from dlo_ros.diagnosis.fitting.worker_processes import Progress, Workers

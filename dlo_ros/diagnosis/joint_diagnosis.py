@@ -13,7 +13,7 @@ from dlo_ros.diagnosis.explain.certainty import FEW, departures
 from dlo_ros.diagnosis.explain.joint_explanation import Explanation
 from dlo_ros.diagnosis.explain.measurement_error import material_err, own_err
 from dlo_ros.diagnosis.findings import holdout as held_out
-from dlo_ros.diagnosis.findings.joint_outcome import (
+from dlo_ros.diagnosis.findings.joint_learning import (
     Learned,
     TrainingSet,
     learn,

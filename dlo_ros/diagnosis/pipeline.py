@@ -15,7 +15,7 @@ from dlo_ros.diagnosis.explanation_order import (
 )
 from dlo_ros.diagnosis.findings import holdout as held_out
 from dlo_ros.diagnosis.findings.diagnosis_outcome import Diagnosis
-from dlo_ros.diagnosis.findings.joint_outcome import learn, training_set
+from dlo_ros.diagnosis.findings.joint_learning import learn, training_set
 from dlo_ros.diagnosis.findings.measured_force_scale import with_forces
 from dlo_ros.diagnosis.findings.remarks import left_out
 from dlo_ros.diagnosis.findings.summary import Findings, outcome

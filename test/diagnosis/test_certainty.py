@@ -19,7 +19,7 @@ from dlo_ros.diagnosis.explain.certainty import (
     tolerances_off,
 )
 from dlo_ros.diagnosis.explain.joint_explanation import Cause, Explanation, still_certain
-from dlo_ros.diagnosis.findings.joint_outcome import training_set
+from dlo_ros.diagnosis.findings.joint_learning import training_set
 from dlo_ros.diagnosis.fitting.initial_fit import begin
 from dlo_ros.diagnosis.proposals.candidate_effects import starts
 from dlo_ros.diagnosis.proposals.linear_evidence import freed, proposal_of, with_proposals

@@ -9,8 +9,8 @@ from experiment_recordings import moving
 from dlo_ros.diagnosis.explain.candidate_trials import fitted
 from dlo_ros.diagnosis.explain.joint_explanation import Cause
 from dlo_ros.diagnosis.findings.fitted_numbers import damping_numbers
+from dlo_ros.diagnosis.findings.joint_learning import training_set
 from dlo_ros.diagnosis.findings.joint_numbers import set_up_numbers
-from dlo_ros.diagnosis.findings.joint_outcome import training_set
 from dlo_ros.diagnosis.fitting.initial_fit import begin
 from dlo_ros.diagnosis.proposals.candidate_effects import starts
 from dlo_ros.diagnosis.proposals.linear_evidence import proposal_of, with_proposals

@@ -15,14 +15,13 @@ from dlo_ros.diagnosis.explain.joint_explanation import Cause, Explanation
 from dlo_ros.diagnosis.explain.measurement_error import _along, _staying
 from dlo_ros.diagnosis.findings import joint_outcome
 from dlo_ros.diagnosis.findings.holdout import held_out_recording
-from dlo_ros.diagnosis.findings.joint_outcome import (
+from dlo_ros.diagnosis.findings.joint_learning import (
     Learned,
-    _completed,
-    _unseeing,
-    _verdict,
     nearer,
     surprising,
+    training_set,
 )
+from dlo_ros.diagnosis.findings.joint_outcome import _completed, _unseeing, _verdict
 from dlo_ros.diagnosis.findings.summary import Findings
 from dlo_ros.diagnosis.fitting.initial_fit import begin
 from dlo_ros.errors import SimulationError
@@ -202,7 +201,7 @@ def test_a_recording_that_is_not_explained_does_not_spoil_the_rest(
     monkeypatch, all_of_them, spoilt
 ):
     found, final = fitted_to(1e-3, 1e-3), fitted_to(*all_of_them)
-    monkeypatch.setattr(joint_outcome, "_refitted", lambda *_: final)
+    monkeypatch.setattr(joint_outcome, "refitted", lambda *_: final)
     assert _completed(found, (0, 1, 2), (0, 1)) is (found if spoilt else final)
     assert _completed(found, (0, 1, 2), (0, 1, 2)) is final  # all have been learned from
 
@@ -211,7 +210,7 @@ def test_a_recording_that_is_not_explained_does_not_spoil_the_rest(
 def test_all_recordings_teach_where_they_come_nearer_so(held, closer):
     told = None if held is None else [np.full(4, held)]
     again = SimpleNamespace(explanation=SimpleNamespace(at=fitted_to(2e-3, 2e-3)))
-    before = SimpleNamespace(held=told, seen=[np.full(4, 1e-3)])
+    before = Learned(None, (), told, [np.full(4, 1e-3)])
     assert nearer(again, before) == closer
 
 
@@ -234,7 +233,7 @@ def test_the_plain_model_has_not_seen_what_is_held_out():
 def test_a_model_that_a_recording_refuses_is_dropped_and_its_set_up_kept(monkeypatch, caplog):
     recording, given = moving("simple", {"clamp_angle": {"start": 0.02}}, 12)
     begun = begin([recording], given)
-    setup = joint_outcome.training_set(begun, 1, begun.at.model.settings, given).prepared.setup
+    setup = training_set(begun, 1, begun.at.model.settings, given).prepared.setup
     theta = setup.model.theta()
     theta[setup.model.index("young_modulus")] += 0.1
     broken = replace(setup, model=setup.model.at(theta))
@@ -250,7 +249,7 @@ def test_a_model_that_a_recording_refuses_is_dropped_and_its_set_up_kept(monkeyp
         return real(model, *args, **kwargs)
 
     monkeypatch.setattr(joint_outcome, "held_against", refused)
-    monkeypatch.setattr(joint_outcome, "_refitted", lambda at, _: at)
+    monkeypatch.setattr(joint_outcome, "refitted", lambda at, _: at)
     told = joint_outcome.joint_outcome(begun, plain, learned, given)
     assert told.effects == () and told.setup
     assert "no static equilibrium" in caplog.text

@@ -4,7 +4,7 @@
 import numpy as np
 import yaml
 
-from dlo_ros.diagnosis.findings.joint_outcome import training_set
+from dlo_ros.diagnosis.findings.joint_learning import training_set
 from dlo_ros.diagnosis.fitting.initial_fit import begin
 from dlo_ros.identification import Manipulation
 from dlo_ros.observation import Observation

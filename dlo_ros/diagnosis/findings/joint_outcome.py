@@ -5,17 +5,13 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from dlo_ros.diagnosis.contact.contact_search import PegBesideSetUp
 from dlo_ros.diagnosis.explain.joint_explanation import (
     Cause,
     Explanation,
-    Prepared,
-    explain,
-    prepare,
     still_certain,
 )
 from dlo_ros.diagnosis.explain.measurement_error import OWN, material_err, own_err
@@ -27,6 +23,7 @@ from dlo_ros.diagnosis.findings.diagnosis_outcome import (
     Trial,
 )
 from dlo_ros.diagnosis.findings.experiment_advice import REPEAT, SETTLED
+from dlo_ros.diagnosis.findings.joint_learning import Learned, errors_of, refitted
 from dlo_ros.diagnosis.findings.joint_numbers import (
     damping_as_effects,
     effect_numbers,
@@ -39,141 +36,18 @@ from dlo_ros.diagnosis.findings.joint_numbers import (
 from dlo_ros.diagnosis.findings.shape_views import views
 from dlo_ros.diagnosis.fitting.candidate_model import Model
 from dlo_ros.diagnosis.fitting.evaluation import evaluate as held_against
-from dlo_ros.diagnosis.fitting.initial_fit import Beginning, drafts
+from dlo_ros.diagnosis.fitting.initial_fit import Beginning
 from dlo_ros.diagnosis.residuals.relations import relations, sentences
 from dlo_ros.diagnosis.selection.effect_search import Candidate
 from dlo_ros.diagnosis.selection.verdict import Verdict
 from dlo_ros.effects import effects
 from dlo_ros.errors import SimulationError
-from dlo_ros.inference.joint import Evaluation, borrowed, evaluate, rejudged, simulate
-from dlo_ros.inference.joint_fit import fit
+from dlo_ros.inference.joint import Evaluation
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.parameters import Settings
-from dlo_ros.spline import FloatArray
 
 LOG = logging.getLogger(__name__)
-
-Errors = list[FloatArray] | None
-
-FEWEST = 10
-"""Frames, from which the end of a recording can be predicted from its beginning."""
-FINAL_ITERATIONS = 8
-SURPRISING = 3.0
-"""ERR on the recording that is held out over that on the others, from which it shows what they do
-not."""
-
-
-@dataclass(frozen=True)
-class Learned:
-    """The joint explanation, and what it was learned from.
-
-    Args:
-        explanation: explanation of the recordings learned from.
-        masks: frames of each recording of the beginning that are held out, shape (F,).
-        held, seen: ERR [m] of the frames that are held out, and of the others, see `_errors`, of
-            the full model with values that know nothing of the former.
-    """
-
-    explanation: Explanation
-    masks: tuple[np.ndarray, ...]
-    held: Errors
-    seen: Errors
-
-
-@dataclass(frozen=True)
-class TrainingSet:
-    """The recordings that the joint model is to learn from, with its set-up fitted to them.
-
-    Args:
-        recordings: all of the beginning's.
-        count: number of recordings, from the first, that may be learned from.
-        held_out: index of a recording among them that is held out all the same; None: none is.
-        prepared: the recordings learned from, with the set-up fitted to them.
-    """
-
-    recordings: Sequence[Recording]
-    count: int
-    held_out: int | None
-    prepared: Prepared
-
-
-def training_set(
-    beginning: Beginning, count: int, plain: Settings, given: Settings, *, all_of_them: bool = False
-) -> TrainingSet | None:
-    """The recordings to learn from, with the set-up fitted; None where it cannot be simulated.
-
-    Held out are the recordings after the first `count`, or one of several; nothing is selected by
-    them.
-
-    Args:
-        count: recordings that may be learned from.
-        plain: settings of the plain model's fit.
-        given: the parameter file.
-        all_of_them: whether none of those is held out.
-    """
-    recordings = beginning.recordings
-    spare = len(recordings) == count and not all_of_them
-    held_out = holdout.held_out_recording(recordings) if spare else None
-    chosen = [k for k in range(count) if k != held_out]
-    learned = [recordings[k] for k in chosen]
-    residuals, predicted = (
-        [x[k] for k in chosen] for x in (beginning.at.residuals, beginning.at.predicted)
-    )
-    rough = drafts(
-        learned, replace(beginning.at, residuals=tuple(residuals), predicted=tuple(predicted))
-    )
-    try:
-        return TrainingSet(recordings, count, held_out, prepare(rough, plain, given))
-    except SimulationError:
-        return None
-
-
-def learn(
-    training: TrainingSet, given: Settings, pegs: Sequence[PegBesideSetUp] = ()
-) -> Learned | None:
-    """Explain the recordings that are not held out; None where the model cannot be simulated.
-
-    Where all recordings are needed to find causes, the values alone are learned from their
-    beginnings, to predict their ends.
-
-    Args:
-        given: the parameter file.
-        pegs: pegs that the DLO may have hit.
-    """
-    recordings, count, held_out = training.recordings, training.count, training.held_out
-    frames = [len(r.times) for r in recordings]
-    masks = [np.full(f, k >= count or k == held_out) for k, f in enumerate(frames)]
-    try:
-        found = explain(training.prepared, given, pegs)
-        predicting = found.at
-        if len(recordings) == count and held_out is None and min(frames) >= FEWEST:
-            masks = [np.arange(f) >= (holdout.TRAINED + 0.1) * (f - 1) for f in frames]
-            stops = [int(holdout.TRAINED * (f - 1)) + 1 for f in frames]
-            begun = [r.until(s) for r, s in zip(training.prepared.recordings, stops, strict=True)]
-            predicting = _refitted(found.at, begun)
-    except SimulationError:
-        return None
-    return Learned(found, tuple(masks), *_errors(predicting.model, recordings, masks))
-
-
-def surprising(training: TrainingSet, learned: Learned) -> bool:
-    """Whether the held-out recording shows a cause that the others do not, such as an impact.
-
-    It is then needed to find causes.
-    """
-    if training.held_out is None:
-        return False
-    held, seen = holdout.mean(learned.held), holdout.mean(learned.seen)
-    if held is None or seen is None:
-        return True
-    return held > SURPRISING * max(seen, learned.explanation.material_err)
-
-
-def nearer(learned: Learned, other: Learned) -> bool:
-    """Whether a model that has learned from all recordings comes nearer to them than another."""
-    err = holdout.mean([*(other.held or ()), *(other.seen or ())])
-    return other.held is None or err is None or learned.explanation.at.mean_err < err
 
 
 def joint_outcome(
@@ -204,7 +78,7 @@ def joint_outcome(
     if bare.mean_err < matters:  # of what was learned from: is it so of all?
         bare = _completed(bare, first, known)
     bare_model = _unseeing(plain, first, learned.masks[: len(first)], given)
-    before, seen_before = _errors(bare_model, recordings, learned.masks)
+    before, seen_before = errors_of(bare_model, recordings, learned.masks)
     after, seen_after = learned.held, learned.seen
     missing, left = holdout.mean(before), holdout.mean(after)
     missing = holdout.mean(seen_before) if missing is None else missing
@@ -212,8 +86,10 @@ def joint_outcome(
     share = _share(missing, left, own)
     # A recording that is held out and cannot be fitted beside the others is not explained.
     least = 0.0 if len(final.err) == len(first) else left
+    # A fit to all that lies farther off than what was predicted has only ended early.
+    reached = min(final.mean_err, learned.mean_err or np.inf)
     verdict = _verdict(
-        bare.mean_err, max(final.mean_err, least), matters, found.nameable_err, found.causes
+        bare.mean_err, max(reached, least), matters, found.nameable_err, found.causes
     )
     missed = (holdout.mean(seen_before) or 0.0) - own
     base = held_against(plain.at.model, first, given, derivatives=False)
@@ -279,39 +155,11 @@ def _completed(at: Evaluation, recordings: Sequence[Recording], known: Sequence[
         at: fitted to those that are known.
         known: numbers of these.
     """
-    found = _refitted(at, recordings)
+    found = refitted(at, recordings)
     if len(found.err) != len(recordings) or len(known) == len(recordings):
         return found
     spoilt = np.mean([found.err[k].mean() for k in known]) > OWN * at.mean_err
     return at if spoilt else found
-
-
-def _refitted(at: Evaluation, recordings: Sequence[Recording]) -> Evaluation:
-    """The model fitted to all that it may learn from."""
-    frames = [len(e) for e in at.err]
-    try:
-        if len(recordings) == len(frames) and all(
-            len(r.times) <= f for r, f in zip(recordings, frames, strict=True)
-        ):
-            begun = rejudged(borrowed(at, at.model, recordings))
-            return fit(begun, recordings, FINAL_ITERATIONS)
-        return fit(evaluate(at.model, recordings), recordings, FINAL_ITERATIONS)
-    except SimulationError:
-        return at
-
-
-def _errors(
-    model: ParametricModel, recordings: Sequence[Recording], masks: Sequence[np.ndarray]
-) -> tuple[Errors, Errors]:
-    """ERR [m] of the frames that are held out, and of the others, per recording that has any."""
-    try:
-        err = simulate(model, recordings, ()).err
-    except SimulationError:
-        return None, None
-    masks = [m[-len(e) :] for m, e in zip(masks, err, strict=True)]
-    held = [e[m] for e, m in zip(err, masks, strict=True) if m.any()]
-    seen = [e[~m] for e, m in zip(err, masks, strict=True) if not m.all()]
-    return held, seen
 
 
 def _verdict(

@@ -18,7 +18,8 @@ from dlo_ros.diagnosis.findings.fitted_numbers import (
     numbers,
     own_error,
 )
-from dlo_ros.diagnosis.findings.joint_outcome import Learned, joint_outcome
+from dlo_ros.diagnosis.findings.joint_learning import Learned
+from dlo_ros.diagnosis.findings.joint_outcome import joint_outcome
 from dlo_ros.diagnosis.findings.remarks import remarks
 from dlo_ros.diagnosis.findings.shape_views import views
 from dlo_ros.diagnosis.fitting.evaluation import is_differentiable

@@ -1,0 +1,177 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""What the joint model learns from, and how well it predicts what is held out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dlo_ros.diagnosis.contact.contact_search import PegBesideSetUp
+from dlo_ros.diagnosis.explain.joint_explanation import Explanation, Prepared, explain, prepare
+from dlo_ros.diagnosis.findings import holdout
+from dlo_ros.diagnosis.fitting.initial_fit import Beginning, drafts
+from dlo_ros.errors import SimulationError
+from dlo_ros.inference.joint import Evaluation, borrowed, evaluate, rejudged, simulate
+from dlo_ros.inference.joint_fit import fit
+from dlo_ros.inference.measured import Recording
+from dlo_ros.inference.parameter import ParametricModel
+from dlo_ros.parameters import Settings
+from dlo_ros.spline import FloatArray
+
+Errors = list[FloatArray] | None
+
+FEWEST = 10
+"""Frames, from which the end of a recording can be predicted from its beginning."""
+FINAL_ITERATIONS = 8
+SURPRISING = 3.0
+"""ERR on the recording that is held out over that on the others, from which it shows what they do
+not."""
+
+
+@dataclass(frozen=True)
+class Learned:
+    """The joint explanation, and what it was learned from.
+
+    Args:
+        explanation: explanation of the recordings learned from.
+        masks: frames of each recording of the beginning that are held out, shape (F,).
+        held, seen: ERR [m] of the frames that are held out, and of the others, see `errors_of`, of
+            the full model with values that know nothing of the former.
+    """
+
+    explanation: Explanation
+    masks: tuple[np.ndarray, ...]
+    held: Errors
+    seen: Errors
+
+    @property
+    def mean_err(self) -> float | None:
+        """ERR on all recordings [m], held out or not; None where one cannot be simulated."""
+        if self.held is None or self.seen is None:
+            return None
+        return holdout.mean([*self.held, *self.seen])
+
+
+@dataclass(frozen=True)
+class TrainingSet:
+    """The recordings that the joint model is to learn from, with its set-up fitted to them.
+
+    Args:
+        recordings: all of the beginning's.
+        count: number of recordings, from the first, that may be learned from.
+        held_out: index of a recording among them that is held out all the same; None: none is.
+        prepared: the recordings learned from, with the set-up fitted to them.
+    """
+
+    recordings: Sequence[Recording]
+    count: int
+    held_out: int | None
+    prepared: Prepared
+
+
+def training_set(
+    beginning: Beginning, count: int, plain: Settings, given: Settings, *, all_of_them: bool = False
+) -> TrainingSet | None:
+    """The recordings to learn from, with the set-up fitted; None where it cannot be simulated.
+
+    Held out are the recordings after the first `count`, or one of several; nothing is selected by
+    them.
+
+    Args:
+        count: recordings that may be learned from.
+        plain: settings of the plain model's fit.
+        given: the parameter file.
+        all_of_them: whether none of those is held out.
+    """
+    recordings = beginning.recordings
+    spare = len(recordings) == count and not all_of_them
+    held_out = holdout.held_out_recording(recordings) if spare else None
+    chosen = [k for k in range(count) if k != held_out]
+    learned = [recordings[k] for k in chosen]
+    residuals, predicted = (
+        [x[k] for k in chosen] for x in (beginning.at.residuals, beginning.at.predicted)
+    )
+    rough = drafts(
+        learned, replace(beginning.at, residuals=tuple(residuals), predicted=tuple(predicted))
+    )
+    try:
+        return TrainingSet(recordings, count, held_out, prepare(rough, plain, given))
+    except SimulationError:
+        return None
+
+
+def learn(
+    training: TrainingSet, given: Settings, pegs: Sequence[PegBesideSetUp] = ()
+) -> Learned | None:
+    """Explain the recordings that are not held out; None where the model cannot be simulated.
+
+    Where all recordings are needed to find causes, the values alone are learned from their
+    beginnings, to predict their ends.
+
+    Args:
+        given: the parameter file.
+        pegs: pegs that the DLO may have hit.
+    """
+    recordings, count, held_out = training.recordings, training.count, training.held_out
+    frames = [len(r.times) for r in recordings]
+    masks = [np.full(f, k >= count or k == held_out) for k, f in enumerate(frames)]
+    try:
+        found = explain(training.prepared, given, pegs)
+        predicting = found.at
+        if len(recordings) == count and held_out is None and min(frames) >= FEWEST:
+            masks = [np.arange(f) >= (holdout.TRAINED + 0.1) * (f - 1) for f in frames]
+            stops = [int(holdout.TRAINED * (f - 1)) + 1 for f in frames]
+            begun = [r.until(s) for r, s in zip(training.prepared.recordings, stops, strict=True)]
+            predicting = refitted(found.at, begun)
+    except SimulationError:
+        return None
+    return Learned(found, tuple(masks), *errors_of(predicting.model, recordings, masks))
+
+
+def surprising(training: TrainingSet, learned: Learned) -> bool:
+    """Whether the held-out recording shows a cause that the others do not, such as an impact.
+
+    It is then needed to find causes.
+    """
+    if training.held_out is None:
+        return False
+    held, seen = holdout.mean(learned.held), holdout.mean(learned.seen)
+    if held is None or seen is None:
+        return True
+    return held > SURPRISING * max(seen, learned.explanation.material_err)
+
+
+def nearer(learned: Learned, other: Learned) -> bool:
+    """Whether a model that has learned from all recordings comes nearer to them than another."""
+    err = other.mean_err
+    return err is None or learned.explanation.at.mean_err < err
+
+
+def refitted(at: Evaluation, recordings: Sequence[Recording]) -> Evaluation:
+    """The model fitted to all that it may learn from."""
+    frames = [len(e) for e in at.err]
+    try:
+        if len(recordings) == len(frames) and all(
+            len(r.times) <= f for r, f in zip(recordings, frames, strict=True)
+        ):
+            begun = rejudged(borrowed(at, at.model, recordings))
+            return fit(begun, recordings, FINAL_ITERATIONS)
+        return fit(evaluate(at.model, recordings), recordings, FINAL_ITERATIONS)
+    except SimulationError:
+        return at
+
+
+def errors_of(
+    model: ParametricModel, recordings: Sequence[Recording], masks: Sequence[np.ndarray]
+) -> tuple[Errors, Errors]:
+    """ERR [m] of the frames that are held out, and of the others, per recording that has any."""
+    try:
+        err = simulate(model, recordings, ()).err
+    except SimulationError:
+        return None, None
+    masks = [m[-len(e) :] for m, e in zip(masks, err, strict=True)]
+    held = [e[m] for e, m in zip(err, masks, strict=True) if m.any()]
+    seen = [e[~m] for e, m in zip(err, masks, strict=True) if not m.all()]
+    return held, seen
