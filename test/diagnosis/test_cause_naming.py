@@ -47,6 +47,8 @@ def test_what_is_not_known_of_the_weight_makes_no_force_doubtful():
         (40.0, 40.0, 2.0e-3, False, True),
         (4.0, 40.0, 2.0e-3, False, True),  # linearly it is not needed, but a fit needs it
         (40.0, 6.0, 2.0e-3, False, False),  # one of many that were tried
+        (40.0, 2.0, 2.5e-3, False, True),  # without it shapes are far off
+        (40.0, -1.0, 2.5e-3, False, False),
         (40.0, 40.0, 1.05e-3, False, False),  # immaterial
         (40.0, 40.0, 1.3e-3, False, False),  # no more than another's law asks for
         (40.0, 40.0, 1.3e-3, True, True),  # the set-up does its work beyond its tolerance

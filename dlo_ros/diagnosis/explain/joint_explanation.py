@@ -47,6 +47,9 @@ from dlo_ros.spline import FloatArray
 NAMED = 5.0
 """Loss of log evidence without a cause, from which it is named: 150 to one. Of one that is no part
 of every set-up, but one of K effects that were tried, ln K more."""
+FAR = 0.4
+"""ERR over that without a cause, below which it is named whatever little of the log evidence is
+lost: errors that die out over time hold slow errors for cheap, however large they are."""
 RIVAL = 3.0
 """Log evidence by which a rival may be worse."""
 MENDS = 0.05
@@ -262,7 +265,7 @@ def _without_needless(
         if cause.start is None or linear_loss(at, cause, wholly=True) > INDISPENSABLE:
             continue
         bare = without(at, cause, recordings, wholly=True)
-        if bare is None or _loss(at, bare) >= _least_loss(cause, begun):
+        if bare is None or _needed(at, bare, cause, begun):
             bares[cause.label] = bare
             continue
         shifts[cause.effect] = _log_ratio(bare) - _log_ratio(at)
@@ -276,9 +279,16 @@ def _loss(at: Evaluation, bare: Evaluation) -> float:
     return at.posterior.evidence - bare.posterior.evidence
 
 
-def _least_loss(group: Proposal, begun: Sequence[Start]) -> float:
-    """Log evidence that must be lost without a cause that is named, see `NAMED`."""
-    return NAMED + float(np.log(len({s.effect for s in begun}))) * (group.start is not None)
+def _needed(at: Evaluation, bare: Evaluation, group: Proposal, begun: Sequence[Start]) -> bool:
+    """Whether the best model without a cause is clearly worse, see `NAMED` and `FAR`.
+
+    Args:
+        bare: the fit without it.
+    """
+    tried = len({s.effect for s in begun}) if group.start is not None else 1
+    loss = _loss(at, bare)
+    far = at.mean_err < FAR * bare.mean_err
+    return loss >= NAMED + float(np.log(tried)) or (far and loss > 0.0)
 
 
 def _named(
@@ -307,9 +317,8 @@ def _named(
             continue
         if group.start is not None:
             shifts[group.effect] = _log_ratio(bare) - _log_ratio(at)
-        loss = _loss(at, bare)
         nearer = at.mean_err <= (1.0 - LOWERS) * bare.mean_err
-        if loss < _least_loss(group, begun) or not nearer:
+        if not nearer or not _needed(at, bare, group, begun):
             continue
         if group.start is not None or not is_beyond(at, group):
             little = bare.mean_err - at.mean_err < least and not strains(bare, at)
@@ -318,7 +327,7 @@ def _named(
         offer = offer or offered(at, recordings, begun)
         rivals = _rivals(at, bare, group, recordings, offer)
         names_ = tuple(p.name for p in group.parameters)
-        result.append(Cause(group.effect, names_, rivals, loss, bare.mean_err))
+        result.append(Cause(group.effect, names_, rivals, _loss(at, bare), bare.mean_err))
     return _merged(result), shifts
 
 
