@@ -65,6 +65,11 @@ def test_what_gains_most_is_added(monkeypatch):
     assert told == {"tilt": "added", "mass": "fitted, but another gains more"}
 
 
+def test_of_what_gains_alike_the_nearest_to_the_shapes_is_added(monkeypatch):
+    fits = {"creep": (1000.0, 1.5e-3), "damping": (995.0, 1.0e-3), "segment": (950.0, 0.5e-3)}
+    assert best_of(monkeypatch, fits)[0] == "damping"
+
+
 def test_what_moves_predictions_away_from_the_shapes_is_not(monkeypatch):
     added, told = best_of(monkeypatch, {"mass": (9.0, 1e-3), "tilt": (20.0, 4e-3)})
     assert added == "mass"

@@ -51,6 +51,9 @@ STEPS = 4
 """Steps by which each proposal comes nearer to the shapes before the best of them are fitted."""
 TRIALS = 3
 """Proposals that are fitted, those that come nearest, and that of the largest predicted gain."""
+ALIKE = 0.01
+"""Share of the gain in log evidence, up to which trials gain alike: no law is more exact than that,
+and two effects may differ by less, such as a damping and a creep that soon dies out."""
 LOWERS = 0.1
 """Share of ERR that a cause must take away to be named."""
 FIRST_ITERATIONS, FIT_ITERATIONS = 4, 12
@@ -123,7 +126,7 @@ def best_trial(
         else:
             begun.append((found, predicted.proposal))
     best: Trial | None = None
-    for found, proposal in sorted(begun, key=lambda row: -row[0].posterior.evidence):
+    for found, proposal in _best_first(begun, at):
         outcome = "fitted, but another gains more"
         if best is None:
             longer = fit(found, recordings, FIT_ITERATIONS)
@@ -140,6 +143,18 @@ def best_trial(
             best, outcome = (found, proposal), "added"
         trace.append(Step(number, proposal.label, gain, found.mean_err, outcome))
     return best, trace
+
+
+def _best_first(begun: Sequence[Trial], at: Evaluation) -> list[Trial]:
+    """Trials by their log evidence; of those that gain alike, the nearest to the shapes first."""
+    most = max((trial[0].posterior.evidence for trial in begun), default=0.0)
+    least = most - ALIKE * (most - at.posterior.evidence)
+
+    def order(trial: Trial) -> tuple[bool, float]:
+        evidence = trial[0].posterior.evidence
+        return evidence < least, trial[0].mean_err if evidence >= least else -evidence
+
+    return sorted(begun, key=order)
 
 
 def _checked(
