@@ -34,7 +34,7 @@ CASES = {
     "camera_creep": (2, "foreign", ("camera_creep",)),
     "nothing": (2, "none", ()),
     "two": (1, "pair", ("camera_scale", "command_delay")),
-    "two, one of which has a double": (1, "pair", ("internal_damping", "gravity_tilt")),
+    "two, one of which has a double": (6, "pair", ("internal_damping", "gravity_tilt")),
 }
 # `test_adding_an_effect` finds something by the same ways.
 ORDINARY = frozenset({"nothing"})
