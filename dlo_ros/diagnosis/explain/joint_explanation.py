@@ -209,23 +209,23 @@ def still_certain(
         covariance: that is reported of its parameters, shape (P, P).
     """
     groups = [*found.proposals, *freed(final.model)]
-    few = {g.label for g in nameable(final, found.proposals)}
-    sure = {p.name for g in groups if _still(final, g, covariance, few) for p in g.parameters}
+    may_be = {g.label for g in nameable(final, found.proposals)}
+    sure = {p.name for g in groups if _still(final, g, covariance, may_be) for p in g.parameters}
     return replace(found, causes=tuple(c for c in found.causes if sure & set(c.names)))
 
 
 def _still(
-    final: Evaluation, group: Proposal, covariance: FloatArray, nameable_: Collection[str]
+    final: Evaluation, group: Proposal, covariance: FloatArray, may_be: Collection[str]
 ) -> bool:
     """Whether a group is a cause with the values of a fit to more data, and their uncertainty.
 
     Args:
-        nameable_: labels of groups of the set-up, see `nameable`.
+        may_be: labels of groups of the set-up, see `nameable`.
     """
     if group.start is None and beyond_for_certain(final, group, covariance):
         return True
     tolerated = group.start is None and all(p.effect for p in group.parameters)
-    if tolerated and group.label not in nameable_:
+    if tolerated and group.label not in may_be:
         return False
     return certain(final, group, SCALES, covariance)
 
