@@ -43,7 +43,7 @@ def rod():
     stiff = Stiffness(
         a_span(600.0 + 50.0 * rng.random(spans)),
         a_span(0.01 * rng.normal(size=spans)),
-        6e-4 * (1 + rng.random((nb, 2))),
+        np.column_stack([6e-4 * (1 + rng.random((nb, 2))), np.full(nb, 1e-4)]),
         3.0 * rng.normal(size=(nb, 2)),
         a_span(4e-4 * (1 + rng.random(spans))),
         model.span_twists(2.0 * rng.normal(size=nb)),
