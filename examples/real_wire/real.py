@@ -95,7 +95,7 @@ def draw(output: Path) -> None:
             "distance from the dots [mm]",
             f"{KEPT}, which no fit has seen",
         )
-        right.set_ylim(bottom=0.0)
+        right.set_ylim(0.0, 1.2 * right.get_ylim()[1])  # room for the legend
         right.legend()
         figure.savefig(output / "real_wire.png")
 
