@@ -73,7 +73,7 @@ def _met(
 
 
 def takes_over(joint: Explanation, others: Sequence[Candidate]) -> bool:
-    """Whether more than two things are wrong for certain, and the joint model shows them.
+    """Whether the joint model explains, or shows more than two things that are wrong for certain.
 
     Args:
         others: models with less in them.
@@ -91,7 +91,7 @@ def joint_beside(found: Findings, joint: Learned | None, plain: Candidate) -> Fi
 
     Of a few shapes each of many effects explains all, and where much is left an effect may stand
     for another one that nobody knows: the joint model then names none of them either, unless more
-    is wrong than single effects and pairs can tell.
+    is wrong than a single effect can tell.
     """
     before = held_out.mean(plain.at.err)
     if joint is None or before is None:

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """Explanation of recordings by the joint model: the set-up within tolerances, and causes.
 
-Single effects and pairs beside an exact set-up are the business of `dlo_ros.diagnosis.selection`.
+A single effect beside an exact set-up is the business of `dlo_ros.diagnosis.selection`.
 """

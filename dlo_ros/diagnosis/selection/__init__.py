@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Selection among single effects and pairs: the search, the verdict, the time before a contact.
+"""Selection among single effects: the search and the verdict.
 
-Where many things are wrong at once, `dlo_ros.diagnosis.explain` takes its place.
+Where more than one thing is wrong, `dlo_ros.diagnosis.explain` takes its place.
 """

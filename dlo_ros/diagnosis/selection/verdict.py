@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""The verdict on fitted candidates of one effect or two; each finding is named with its rivals.
+"""The verdict on fitted candidates; each finding is named with its rivals.
 
 Where more is wrong than that, the joint model takes over, with rules of its own
 (`dlo_ros.diagnosis.explain.joint_explanation`).
