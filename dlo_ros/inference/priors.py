@@ -55,6 +55,12 @@ def material_priors(given: Settings) -> tuple[Parameter, ...]:
     return tuple(result)
 
 
+def believed(p: Parameter) -> tuple[float, float]:
+    """Lowest and highest value of a parameter that was measured beforehand, see `BELIEVED`."""
+    low, high = (p.outer(p.centre + sign * BELIEVED * p.std) for sign in (-1, 1))
+    return low, high
+
+
 def joint_model(start: Settings, given: Settings, scene: Scene) -> ParametricModel:
     """The plain model with all of its set-up open within tolerance.
 

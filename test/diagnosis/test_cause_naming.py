@@ -75,7 +75,7 @@ def test_a_cause_matters_or_is_not_named(monkeypatch, linear, loss, without, str
     causes, shifts = joint_explanation._named(found, {}, (), [start, *others], 1.1e-3, 0.5e-3)
     assert [c.effect for c in causes] == (["point_mass"] if named else [])
     told = Explanation(at, at, causes, 0.0, 0.0, 0.0, (), (), shifts)
-    # Of what is not named nobody knows whether it acts: E / mu may be that with it or without.
+    # A cause that is not named may act or not: E / mu may be that with it or without.
     assert told.stiffness_doubt == pytest.approx(0.0 if named else np.log(2.0))
 
 
@@ -103,7 +103,7 @@ def test_what_may_or_may_not_act_does_not_stand_for_what_does(monkeypatch, loss,
     # Without the creep the damping is needed; with it, either of them is enough.
     assert [c.effect for c in found.causes] == (["creep"] if kept else ["damping"])
     assert found.at is (creep if kept else damping)
-    # What was fitted without a cause is that of the model that is left.
+    # The fits without single causes are those of the model that is left.
     assert set(bares) <= {c.label for c in found.causes}
     assert all(bare.posterior.evidence < found.at.posterior.evidence for bare in bares.values())
     assert shifts == pytest.approx({"damping": 0.0} if kept else {"creep": np.log(2.0)})
@@ -153,5 +153,5 @@ def test_what_was_measured_beforehand_stays_near_its_value():
     model = ParametricModel(weighed, material_priors(weighed))
     far = joint_explanation._believing(model).at(model.theta() + 1.0).settings.rod
     assert far.density / weighed.rod.density == pytest.approx(np.exp(0.04))
-    # What is only guessed may be anything.
+    # A modulus that is only guessed may be anything.
     assert far.young_modulus / weighed.rod.young_modulus == pytest.approx(np.e)

@@ -61,7 +61,7 @@ def test_every_effect_reaches_the_strength_that_is_asked_for(name):
 
 def test_what_is_not_touched_beside_another_effect_is_not_hidden(monkeypatch):
     def shapes(trees, effects, foreign):
-        # Beside the stiffening the rope passes by the peg.
+        # The stiffer rope passes by the peg.
         moved = 5e-3 * ("stiffness_gradient" in effects) or 2e-3 * ("obstacle" in effects)
         return SimpleNamespace(points=np.full((3, 4, 2), moved))
 

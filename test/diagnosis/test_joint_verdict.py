@@ -164,7 +164,7 @@ def test_what_one_recording_alone_shows_is_not_the_measurements_own(monkeypatch)
 
 
 def test_u_may_be_stretched_towards_a_free_end(monkeypatch):
-    """As far as a camera sees that end too early or too late; held ends leave no room for it."""
+    """A camera sees a free end too early or too late; held ends leave no room for that."""
     free = own_err(monkeypatch, (1e-4, 1e-4), free=(0, 1), along=8e-3)
     assert free == pytest.approx(8e-3, rel=0.02)
     held = own_err(monkeypatch, (1e-4, 1e-4), along=8e-3)

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What is held out is only predicted, and what is explained is not the simulation's own error."""
+"""Held-out recordings are only predicted, and no effect is fitted to the simulation's own error."""
 
 from dataclasses import replace
 

@@ -129,7 +129,7 @@ def test_impacts_gain_no_energy(angle):
     lost = energies[0] - energies[-1]
     assert lost > 5e-3  # [J]
     # Impacts multiply rounding, which differs between processors: less than 2e-3, or 2.1e-3.
-    assert np.max(energies - np.minimum.accumulate(energies)) < 5e-3 * lost
+    assert np.max(energies - np.minimum.accumulate(energies)) < 3e-3 * lost
     shape = model.basis.evaluate(state.q, U)
     height = np.sin(angle) * shape[:, 0] + np.cos(angle) * shape[:, 2]
     assert height.min() == pytest.approx(-0.08 + 0.5 * ROD.diameter, abs=1e-4)

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What holds a DLO, as the commands say."""
+"""Commands hold the ends of a DLO, or leave them free."""
 
 from types import SimpleNamespace
 

@@ -144,7 +144,9 @@ def _pegs(team: Workers, consensus: CandidateEvaluation, scale: float) -> list[P
     fits = [f for f in team.each(_fitted, tasks) if f is not None]
     fits.sort(key=lambda f: f.sum_of_squares)
     return [
-        peg_of(f.model) for f in fits[:BEGUN] if f.sum_of_squares < WORSE * fits[0].sum_of_squares
+        peg_of(f.model.settings)
+        for f in fits[:BEGUN]
+        if f.sum_of_squares < WORSE * fits[0].sum_of_squares
     ]
 
 
@@ -154,7 +156,7 @@ def wall_instead(model: ParametricModel, observed: Sequence[FloatArray]) -> Star
     Args:
         observed: control points of each recording [m], shape (F, n, 3).
     """
-    found = tangent_wall(_peg(model.settings), model.settings.rod, observed)
+    found = tangent_wall(peg_of(model.settings), model.settings.rod, observed)
     return None if found is None else StraightWall.touching(*found)
 
 
@@ -186,12 +188,8 @@ def _alone(model: Model, peg: Peg) -> Model:
     return replace(extended, free=names(EFFECT, block, tuple(block)))
 
 
-def peg_of(model: Model) -> Peg:
-    """The peg that a model contains."""
-    return _peg(model.settings)
-
-
-def _peg(settings: Settings) -> Peg:
+def peg_of(settings: Settings) -> Peg:
+    """The peg that settings contain."""
     block = settings.effects[EFFECT]
     return Peg(*(v for key in Peg._fields if not isinstance(v := block[key], tuple)))
 

@@ -39,7 +39,7 @@ from dlo_ros.inference.joint import Evaluation, evaluate, simulate
 from dlo_ros.inference.joint_fit import settled
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import Parameter, ParametricModel, split_name
-from dlo_ros.inference.priors import BELIEVED, joint_model
+from dlo_ros.inference.priors import believed, joint_model
 from dlo_ros.inference.scene import imposed_names, scene
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
@@ -156,13 +156,13 @@ def prepare(recordings: Sequence[Recording], plain: Settings, given: Settings) -
 
 
 def _believing(model: ParametricModel) -> ParametricModel:
-    """The model with what was measured beforehand kept near its value, see `BELIEVED`.
+    """The model with what was measured beforehand kept near its value, see `believed`.
 
     A fit that pushes it further does the work of a cause that nobody names.
     """
 
     def near(p: Parameter) -> Parameter:
-        low, high = (p.outer(p.centre + sign * BELIEVED * p.std) for sign in (-1, 1))
+        low, high = believed(p)
         return replace(p, lower=low, upper=high)
 
     return model.with_prior([near(p) for p in model.parameters if not p.effect and not p.guessed])

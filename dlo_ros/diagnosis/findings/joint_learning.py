@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What the joint model learns from, and how well it predicts what is held out."""
+"""Recordings that the joint model learns from, and its errors on those that are held out."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from dlo_ros.effects import Quantity, quantities
 from dlo_ros.effects.start import Block
 from dlo_ros.identification.estimate import SEARCH_STD
 from dlo_ros.inference.parameter import split_name, value_of, with_value
-from dlo_ros.inference.priors import BELIEVED
+from dlo_ros.inference.priors import believed, material_priors
 from dlo_ros.parameters import EFFECTS_PREFIX, Settings
 from dlo_ros.rod.sensitivity_parameters import MATERIAL, effect_names
 from dlo_ros.spline import FloatArray
@@ -103,13 +103,8 @@ def baseline(settings: Settings) -> Model:
     damping = settings.damping
     free = ["young_modulus", "density"]
     free += [n for n in ("air_drag", "relaxation_time") if getattr(damping, n) > 0.0]
-    bounds = {}
-    for name in free[1:]:
-        block: Any = settings.rod if name == "density" else damping
-        value, std = getattr(block, name), getattr(block, f"{name}_std")
-        if std > 0.0:
-            factor = math.exp(BELIEVED * std / value)
-            bounds[name] = value / factor, value * factor
+    known = (p for p in material_priors(settings) if p.name in free and not p.guessed)
+    bounds = {p.name: believed(p) for p in known}
     return Model(settings, tuple(free), bounds)
 
 

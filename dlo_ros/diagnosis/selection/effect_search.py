@@ -254,12 +254,12 @@ def _fitted(
     return candidates, min([least, *(d.excess(noise) for d in drafts)])
 
 
-def resized(team: Workers, c: Candidate, *, coarse: bool = False) -> list[Candidate]:
+def resized(team: Workers, c: Candidate, *, coarse: bool) -> list[Candidate]:
     """A candidate with a peg, fitted anew from other radii; each radius is a form of its own."""
     problem, model = team.problem, c.at.model
     effect = Obstacle.name
     observed = [r.observed for r in problem.recordings]
-    others = peg_places.resized(peg_of(model), problem.given.rod, observed)
+    others = peg_places.resized(peg_of(model.settings), problem.given.rod, observed)
     bare = model.without(effect)
     models = [bare.extended(effect, o._asdict(), o._fields) for o in others]
     fits = team.each(_carry_on, [(m, coarse) for m in models])
