@@ -51,16 +51,13 @@ FOUND = """
 import numpy as np
 from dataclasses import replace
 
-from diagnosis_candidates import KNOWN
 from measured import swing
-from rods import PAPER
+from rods import KNOWN, PAPER
 
 from dlo_ros.diagnosis.proposals.candidate_effects import starts
 from dlo_ros.inference.scene import scene
-from dlo_ros.diagnosis.proposals.screening import screen
-from dlo_ros.diagnosis.selection.effect_search import search
+from dlo_ros.diagnosis import diagnose
 from dlo_ros.diagnosis.fitting.initial_fit import begin
-from dlo_ros.diagnosis.fitting.worker_processes import Problem, workers
 from dlo_ros.effects import build, effects
 from dlo_ros.identification import identify
 from dlo_ros.identification.batched_forecast import forecast_varied
@@ -90,13 +87,9 @@ at = begun.at
 view = scene(at.model.settings, ["start"], at.predicted)
 own = [s for s in starts(view) if s.effect in OWN]
 print([s.block for s in own])
-problem = Problem(begun.recordings, KNOWN, begun.recordings)
-quiet = lambda text, share: None
-with workers(problem, 1) as team:
-    prospects = screen(team, at, own, quiet)
-    best = search(team, at, prospects, quiet, 0.5)
-print(sorted({p.start.effect for p in prospects}), best[0].effect)
-print(best[0].at.model.settings.effects["pixel_aspect"]["ratio"])
+found = diagnose([seen], KNOWN)
+print(sorted({c.name for c in found.candidates} & set(OWN)), [e.name for e in found.effects])
+print(found.extended.settings.effects["pixel_aspect"]["ratio"])
 """
 LIVE = """
 import rclpy
@@ -166,7 +159,7 @@ def test_one_of_the_measurement_and_one_without_derivatives_are_identified_and_d
     assert ast.literal_eval(begun) == [
         {"ratio": 1.0}, {"coefficient": 0.02}, {"coefficient": 0.2},
     ]  # fmt: skip
-    assert names == "['pixel_aspect', 'rough_board'] pixel_aspect"
+    assert names == "['pixel_aspect', 'rough_board'] ['pixel_aspect']"
     assert float(ratio) == pytest.approx(1.03, abs=2e-3)
 
 

@@ -85,10 +85,8 @@ INSIDE = {
     "diagnosis": (
         ("fitting",),
         ("residuals", "proposals", "contact"),
-        ("explain", "selection"),
+        ("explain",),
         ("findings", "monitor"),
-        ("damping_selection", "joint_diagnosis"),
-        ("explanation_order",),
         ("pipeline",),
         ("__init__",),
     ),

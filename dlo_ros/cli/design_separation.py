@@ -13,7 +13,7 @@ import numpy as np
 
 from dlo_ros.cli.design_purpose import PANELS, Presentation, PresentedExperiment, panel
 from dlo_ros.cli.diagnosis_words import mm, title
-from dlo_ros.diagnosis.explain.joint_explanation import NAMED, RIVAL
+from dlo_ros.diagnosis.explain.cause_naming import NAMED, RIVAL
 from dlo_ros.effects import quantities
 from dlo_ros.effects.registry import check
 from dlo_ros.effects.start import Block

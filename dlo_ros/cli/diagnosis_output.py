@@ -26,7 +26,6 @@ from dlo_ros.report.diagnosis_content import (
     FoundEffect,
     FoundParameter,
     MaterialRow,
-    Ranked,
     RelatedInput,
     ResidualRelations,
     SearchStep,
@@ -218,9 +217,6 @@ def report(found: Diagnosis, settings: Settings, loads: Sequence[LoadRow] = ()) 
                 tuple(map(title, e.rivals)),
             )
             for e in by_share(found)
-        ),
-        tuple(
-            Ranked(c.name, c.err_holdout, c.score, c.root_autocovariance) for c in found.candidates
         ),
         tuple(
             MaterialRow(words, unit, getattr(found.baseline, name), getattr(found.extended, name))

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""The pipeline of the diagnosis: from recordings to model errors, their cause, and its gain."""
+"""The pipeline of the diagnosis: from recordings to model errors, their causes, and the gain."""
 
 from __future__ import annotations
 
@@ -7,44 +7,35 @@ import logging
 from collections.abc import Sequence
 from dataclasses import replace
 
-from dlo_ros.diagnosis import damping_selection
-from dlo_ros.diagnosis.explanation_order import (
-    confirmed_explanation,
-    explain_in_order,
-    sharpened,
-)
-from dlo_ros.diagnosis.findings import holdout as held_out
+from dlo_ros.diagnosis.contact.contact_search import PegBesideSetUp, pegs_beside_set_up
+from dlo_ros.diagnosis.explain.measurement_error import material_err, own_err
 from dlo_ros.diagnosis.findings.diagnosis_outcome import Diagnosis
-from dlo_ros.diagnosis.findings.joint_learning import learn, training_set
+from dlo_ros.diagnosis.findings.joint_learning import (
+    Learned,
+    TrainingSet,
+    learn,
+    nearer,
+    surprising,
+    training_set,
+)
+from dlo_ros.diagnosis.findings.joint_outcome import joint_outcome
 from dlo_ros.diagnosis.findings.measured_force_scale import with_forces
-from dlo_ros.diagnosis.findings.remarks import left_out
-from dlo_ros.diagnosis.findings.summary import Findings, outcome
 from dlo_ros.diagnosis.fitting.candidate_model import Model
 from dlo_ros.diagnosis.fitting.evaluation import CandidateEvaluation, evaluate
-from dlo_ros.diagnosis.fitting.initial_fit import Beginning, begin, drafts
+from dlo_ros.diagnosis.fitting.initial_fit import Beginning, begin, drafts, finer
 from dlo_ros.diagnosis.fitting.levenberg_marquardt import fit, renewed
-from dlo_ros.diagnosis.fitting.worker_processes import Problem, Progress, workers
-from dlo_ros.diagnosis.joint_diagnosis import joint_beside, misses
-from dlo_ros.diagnosis.residuals import residual_autocovariance
-from dlo_ros.diagnosis.selection import verdict
-from dlo_ros.diagnosis.selection.effect_search import Candidate, candidate
+from dlo_ros.diagnosis.fitting.worker_processes import Problem, Progress, Workers, workers
 from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.identification.estimate import searchable
 from dlo_ros.inference.forecast import Manipulation
-from dlo_ros.inference.measured import Recording
 from dlo_ros.parameters import Settings
 
 LOG = logging.getLogger(__name__)
 
-NEAREST = 4
-"""Candidates that are fitted anew with a finer simulation where nothing explains the data."""
-REFINED = 4
-"""Iterations with a simulation that has been refined."""
 ALONE = 10
 """Iterations of the plain model's fit to the recordings that may be learned from."""
 MISSED = 0.8
-"""Root autocovariance of the residuals over the plain model's, below which another plain model
-takes its place."""
+"""ERR over the plain model's, below which another plain model takes its place."""
 
 
 def diagnose(
@@ -73,136 +64,64 @@ def diagnose(
     if not recordings:
         raise InputError("no recording to diagnose; give at least one bag")
     given = searchable(settings)
+    count = len(recordings)
     progress("fitting the plain model", 0.0)
     beginning = begin([*recordings, *holdout], given)
-    count = len(recordings)
-    beginning, plain, found = _search(beginning, count, given, processes, progress)
-    unused = left_out(beginning)
-    if found.joint is not None:
-        progress("measuring the gain", 1.0)
-        return with_forces(outcome(beginning, plain, found, given), recordings, given, unused)
-    better = _better_plain_model(plain, found, beginning.recordings[:count], given)
+    plain, found = _explained(beginning, count, given, processes, progress)
+    better = _better_plain_model(plain, found, beginning, given)
     if better is not None:
         progress("fitting the plain model anew", 0.0)
         beginning = begin([*recordings, *holdout], given, better)
-        beginning, plain, found = _search(beginning, count, given, processes, progress)
-    near = min(found.singles, key=lambda c: c.root_autocovariance, default=None)
-    if near is not None:
-        progress("refining the simulation", 0.0)
-        sharper = sharpened(beginning, near, given)
-        if sharper is not None:
-            try:
-                plain, found = _refined(sharper, plain, found, given)
-                beginning = sharper
-            except SimulationError as err:
-                LOG.info("not refined: %s", err)
+        plain, found = _explained(beginning, count, given, processes, progress)
+    progress("refining the simulation", 0.0)
+    sharper = _sharper(plain, found, beginning, given)
+    if sharper is not None:
+        beginning = sharper
+        plain, found = _explained(beginning, count, given, processes, progress)
     progress("measuring the gain", 1.0)
-    return with_forces(outcome(beginning, plain, found, given), recordings, given, unused)
+    outcome = joint_outcome(beginning, plain, found, given)
+    return with_forces(outcome, recordings, given, _left_out(beginning))
 
 
-def _better_plain_model(
-    plain: Candidate, found: Findings, recordings: Sequence[Recording], given: Settings
-) -> Model | None:
-    """A plain model that does better than the fitted one, whose fit had ended in a wrong minimum.
-
-    An effect that does nothing may have led the other parameters out of that minimum.
-    """
-    chosen = found.decision.chosen
-    c = (
-        chosen.candidate
-        if chosen
-        else min(found.singles, key=lambda c: c.root_autocovariance, default=None)
-    )
-    if c is None:
-        return None
-    model = c.at.model
-    for effect in set(model.effects) - set(plain.at.model.effects):
-        model = model.without(effect)
-    if model.free != plain.at.model.free:
-        return None
-    try:
-        at = evaluate(model, recordings, given, derivatives=False)
-    except SimulationError:
-        return None
-    return (
-        model
-        if residual_autocovariance.root_autocovariance(at.residuals)
-        < MISSED * plain.root_autocovariance
-        else None
-    )
-
-
-def _refined(
-    beginning: Beginning, plain: Candidate, found: Findings, given: Settings
-) -> tuple[Candidate, Findings]:
-    """The findings with a finer simulation, with which candidates may explain the data."""
-    recordings = beginning.recordings[: len(plain.at.residuals)]
-
-    def again(c: Candidate) -> Candidate:
-        at = fit(evaluate(c.at.model, recordings, given), recordings, given, REFINED)
-        return candidate(c.effect, c.form, renewed(at, recordings, given), given)
-
-    plain, decision = again(plain), found.decision
-    kept = replace(found.holdout_errors, recordings=beginning.recordings, known={})
-    if decision.verdict == "unexplained":
-        order = sorted(found.singles, key=lambda c: c.root_autocovariance)
-        sharp = {id(c): again(c) for c in order[:NEAREST]}
-        found = replace(found, singles=tuple(sharp.get(id(c), c) for c in found.singles))
-        most = verdict.limit(plain.root_autocovariance)
-        explained = confirmed_explanation(plain, list(sharp.values()), most, kept)
-        if explained is not None:
-            return plain, replace(found, decision=explained, holdout_errors=kept)
-    if decision.chosen is not None:
-        chosen = replace(decision.chosen, candidate=again(decision.chosen.candidate))
-        decision = replace(decision, chosen=chosen)
-    return plain, replace(found, decision=decision, holdout_errors=kept)
-
-
-def _search(
+def _explained(
     beginning: Beginning, count: int, given: Settings, processes: int, progress: Progress
-) -> tuple[Beginning, Candidate, Findings]:
-    """The plain model and the explanation of the first `count` recordings.
+) -> tuple[CandidateEvaluation, Learned]:
+    """The plain model fitted to the first `count` recordings, and their explanation.
 
-    Returns:
-        The initial fit, with a finer simulation where that was needed, the plain model fitted to
-        the recordings learned from, and the explanation.
+    It is learned from all of them where the one that is held out shows what the others do not.
     """
     learned = beginning.recordings[:count]
-    at = _learned(beginning, count, given)
-    plain = candidate("", "", at, given)
-    problem = Problem(learned, given, drafts(learned, at))
-
-    def holdout_errors(best: Candidate) -> held_out.HoldoutErrors:
-        recordings = beginning.recordings
-        parted = held_out.split(recordings, len(recordings) - count, at, best.at, given)
-        return held_out.HoldoutErrors(recordings, count, parted, given)
-
+    plain = _learned(beginning, count, given)
+    problem = Problem(given, drafts(learned, plain))
     with workers(problem, processes) as team:
-        if verdict.adequate(at.residuals):
-            found = Findings(verdict.Decision("adequate", None), holdout_errors(plain))
-        else:
-            found = explain_in_order(team, plain, holdout_errors, beginning, progress)
-        if found.sharper is not None:
-            progress("refining the simulation", 0.5)
-        elif found.decision.verdict == "adequate" and misses(plain, learned, given):
-            # Too few shapes for a test, and yet far from them.
-            progress("fitting the joint model", 0.5)
-            begun = training_set(beginning, count, at.model.settings, given)
-            found = joint_beside(found, learn(begun, given) if begun else None, plain)
-        told = None
-        if found.joint is None and found.sharper is None:
-            progress("judging the damping", 0.0)
-            best = next(iter(found.suspects), plain)
-            told = damping_selection.named(team, plain, best, found.decision, found.holdout_errors)
-    if found.sharper is not None:
-        return _search(found.sharper, count, given, processes, progress)
-    if told is None:
-        return beginning, plain, found
-    return (
-        beginning,
-        told.plain,
-        replace(found, decision=told.decision, singles=(*found.singles, *told.candidates)),
-    )
+
+        def explained(begun: TrainingSet) -> Learned:
+            return learn(begun, given, _met(team, plain, begun, progress))
+
+        progress("fitting the joint model", 0.0)
+        begun = training_set(beginning, count, plain.model.settings, given)
+        found = explained(begun)
+        if not surprising(begun, found):
+            return plain, found
+        progress("fitting the joint model to all recordings", 0.3)
+        try:
+            begun = training_set(beginning, count, plain.model.settings, given, all_of_them=True)
+            again = explained(begun)
+        except SimulationError as err:
+            LOG.info("not learned from all recordings: %s", err)
+            return plain, found
+    return plain, again if nearer(again, found) else found
+
+
+def _met(
+    team: Workers, plain: CandidateEvaluation, begun: TrainingSet, progress: Progress
+) -> list[PegBesideSetUp]:
+    """Pegs that the DLO may have hit, where the set-up alone leaves an ERR that matters."""
+    setup, recordings = begun.prepared.setup, begun.prepared.recordings
+    if setup.mean_err < material_err(own_err(setup, recordings), team.problem.given):
+        return []
+    progress("looking for what was hit", 0.0)
+    return pegs_beside_set_up(team, plain, begun.prepared.scene)
 
 
 def _learned(beginning: Beginning, count: int, given: Settings) -> CandidateEvaluation:
@@ -216,3 +135,57 @@ def _learned(beginning: Beginning, count: int, given: Settings) -> CandidateEval
     learned = beginning.recordings[:count]
     here = evaluate(beginning.at.model, learned, given)
     return renewed(fit(here, learned, given, ALONE), learned, given)
+
+
+def _like(plain: CandidateEvaluation, found: Learned) -> Model:
+    """The plain model with the material and damping of an explanation."""
+    there = found.explanation.at.model.settings
+    here = plain.model.settings
+    values = {n: getattr(there.rod, n) for n in ("young_modulus", "density")}
+    settings = replace(here, rod=replace(here.rod, **values), damping=there.damping)
+    return replace(plain.model, settings=settings)
+
+
+def _better_plain_model(
+    plain: CandidateEvaluation, found: Learned, beginning: Beginning, given: Settings
+) -> Model | None:
+    """A plain model that does better than the fitted one, whose fit had ended in a wrong minimum.
+
+    What was found may have led out of that minimum.
+    """
+    model = _like(plain, found)
+    recordings = beginning.recordings[: len(plain.err)]
+    try:
+        at = evaluate(model, recordings, given, derivatives=False)
+    except SimulationError:
+        return None
+    return model if at.mean_err < MISSED * plain.mean_err else None
+
+
+def _sharper(
+    plain: CandidateEvaluation, found: Learned, beginning: Beginning, given: Settings
+) -> Beginning | None:
+    """The initial fit with a simulation that is fine enough for an explanation.
+
+    The simulation was made fine enough for what the plain model leaves over. What remains beside an
+    explanation that comes nearer may be its own error, which effects would be fitted to.
+
+    Returns:
+        None where the simulation is fine enough, or cannot be finer.
+    """
+    near = replace(plain.model, settings=found.explanation.at.model.settings)
+    try:
+        return finer(beginning, near, given)
+    except SimulationError as err:
+        LOG.info("not refined: %s", err)
+        return None
+
+
+def _left_out(beginning: Beginning) -> tuple[str, ...]:
+    """Sentence on the pictures that were not used."""
+    return tuple(
+        f"{r.name}: {number} of {number + len(r.times)} pictures {'is' if number == 1 else 'are'} "
+        "left out as outliers: the observed shape is grossly wrong there."
+        for r, number in zip(beginning.recordings, beginning.left_out, strict=False)
+        if number
+    )

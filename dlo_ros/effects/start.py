@@ -34,8 +34,6 @@ class Start:
         fitted: keys that are fitted.
         neutral: whether the model is still that without the effect.
         form: label that distinguishes variants of one effect with different open parameters.
-        own: change of the other open parameters that belongs to it, as the fit sees them; empty:
-            none.
     """
 
     effect: str
@@ -44,7 +42,6 @@ class Start:
     fitted: tuple[str, ...]
     neutral: bool = True
     form: str = ""
-    own: tuple[float, ...] = ()
 
     @property
     def afar(self) -> bool:

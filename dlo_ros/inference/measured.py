@@ -66,19 +66,6 @@ class Recording:
         """Whether the DLO stays in the board's plane."""
         return len(self.noise) <= 2 * int(self.observed.shape[1])
 
-    @property
-    def along_std(self) -> float:
-        """Stated standard deviation of u of measured points [m], root mean square; 0: none.
-
-        Residuals leave it out, see `observation_operator`; the distance between two splines (ERR)
-        does not.
-        """
-        points = (o.points for o in self.manipulation.observations)
-        stated = [p.std_along for p in points if p is not None and p.std_along is not None]
-        if self.beyond is None or not stated:
-            return 0.0
-        return float(np.sqrt(np.mean([np.mean(s**2) for s in stated])))
-
     def white(self, points: FloatArray) -> FloatArray:
         """Differences of control points in units of the noise.
 

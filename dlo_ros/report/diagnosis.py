@@ -81,8 +81,6 @@ def diagnosis_page(report: DiagnosisReport) -> str:
         if any(s.inputs for s in report.residual_relations):
             body += paragraph(PREDICTS)
         sections.append(Section("Inputs that the residual depends on", body))
-    if len(report.ranking) > 1:
-        sections.append(Section("All that was tried", _ranking(report)))
     if report.trace:
         sections.append(Section("Every step of the search", _trace(report)))
     return page("Diagnosis", _summary(report), sections)
@@ -230,25 +228,6 @@ def _cause(effect: FoundEffect) -> str:
     )
     heading = f"<h3>{markup(effect.name)}</h3>"
     return heading + text + table(["parameter", "value +- std", "meaning"], rows, 2) + rivals
-
-
-def _ranking(report: DiagnosisReport) -> str:
-    rows = [
-        [
-            r.name.replace("_", " ").replace("+", " + "),
-            f"{r.score:.4g}",
-            f"{max(r.root_autocovariance, 0.0):.2g}",
-            millimetres(r.err_holdout),
-        ]
-        for r in report.ranking
-    ]
-    text = paragraph(
-        "Score: minus twice the log likelihood with which each part of the data is predicted from "
-        "the others (lower is better). Correlated residual: root of the autocovariance from "
-        "picture to picture, over the noise."
-    )
-    shown = table(["effect", "score", "correlated residual", "ERR, data not used"], rows) + text
-    return f"<details><summary>{len(rows)} candidates, the best first</summary>{shown}</details>"
 
 
 def _material(report: DiagnosisReport) -> str:

@@ -45,16 +45,6 @@ class FoundEffect:
 
 
 @dataclass(frozen=True)
-class Ranked:
-    """A candidate: held-out ERR [m], score (lower is better), autocovariance of its residuals."""
-
-    name: str
-    err_holdout: float | None
-    score: float
-    root_autocovariance: float
-
-
-@dataclass(frozen=True)
 class MaterialRow:
     """A material parameter without and with the named causes: value and std (None: unknown)."""
 
@@ -178,7 +168,6 @@ class DiagnosisReport:
     verdict: str
     extends: bool
     effects: tuple[FoundEffect, ...]
-    ranking: tuple[Ranked, ...]
     material: tuple[MaterialRow, ...]
     recordings: tuple[DiagnosedRecording, ...]
     noise_floor: float | None

@@ -9,7 +9,7 @@ import pytest
 from experiment_recordings import fitted_set_up
 from rods import PAPER
 
-from dlo_ros.diagnosis.explain import cause_search, joint_explanation
+from dlo_ros.diagnosis.explain import cause_naming, cause_search, joint_explanation
 from dlo_ros.diagnosis.explain.certainty import SCALES, certain, strains
 from dlo_ros.diagnosis.explain.joint_explanation import Explanation
 from dlo_ros.diagnosis.proposals.linear_evidence import proposal_of
@@ -60,19 +60,19 @@ def test_what_is_not_known_of_the_weight_makes_no_force_doubtful():
 def test_a_cause_matters_or_is_not_named(monkeypatch, linear, loss, without, strained, named):
     start = Start("point_mass", {"mass": 0.0}, ("mass",), ("mass",))
     others = [replace(start, effect=f"effect {k}") for k in range(15)]
-    monkeypatch.setattr(joint_explanation, "certain", lambda *_: True)
-    monkeypatch.setattr(joint_explanation, "nameable", lambda *_: [])
-    monkeypatch.setattr(joint_explanation, "linear_loss", lambda *_, wholly: linear)
-    monkeypatch.setattr(joint_explanation, "_rivals", lambda *_: {})
-    monkeypatch.setattr(joint_explanation, "strains", lambda *_: strained)
+    monkeypatch.setattr(cause_naming, "certain", lambda *_: True)
+    monkeypatch.setattr(cause_naming, "nameable", lambda *_: [])
+    monkeypatch.setattr(cause_naming, "linear_loss", lambda *_, wholly: linear)
+    monkeypatch.setattr(cause_naming, "_rivals", lambda *_: {})
+    monkeypatch.setattr(cause_naming, "strains", lambda *_: strained)
     softer = replace(PAPER.rod, young_modulus=0.5 * PAPER.rod.young_modulus)
     bare = evaluation(-loss, without)
     bare.model = SimpleNamespace(settings=replace(PAPER, rod=softer))
-    monkeypatch.setattr(joint_explanation, "without", lambda *_, wholly: bare)
+    monkeypatch.setattr(cause_naming, "without", lambda *_, wholly: bare)
     at = evaluation(0.0, 0.9e-3)
     at.model = SimpleNamespace(settings=PAPER)
     found = SimpleNamespace(at=at, causes=(proposal_of(PAPER, start),), offer=object())
-    causes, shifts = joint_explanation._named(found, {}, (), [start, *others], 1.1e-3, 0.5e-3)
+    causes, shifts = cause_naming.named(found, {}, (), [start, *others], 1.1e-3, 0.5e-3)
     assert [c.effect for c in causes] == (["point_mass"] if named else [])
     told = Explanation(at, at, causes, 0.0, 0.0, 0.0, (), (), shifts)
     # A cause that is not named may act or not: E / mu may be that with it or without.
@@ -96,10 +96,10 @@ def test_what_may_or_may_not_act_does_not_stand_for_what_does(monkeypatch, loss,
     def without(at, cause, _, wholly):
         return left.get((id(at), cause.effect), model(0.0, 1e6))
 
-    monkeypatch.setattr(joint_explanation, "linear_loss", lambda *_, wholly: 0.0)
-    monkeypatch.setattr(joint_explanation, "without", without)
+    monkeypatch.setattr(cause_naming, "linear_loss", lambda *_, wholly: 0.0)
+    monkeypatch.setattr(cause_naming, "without", without)
     search = cause_search.Search(both, causes, (), None)
-    found, bares, shifts = joint_explanation._without_needless(search, (), starts)
+    found, bares, shifts = cause_naming.without_needless(search, (), starts)
     # Without the creep the damping is needed; with it, either of them is enough.
     assert [c.effect for c in found.causes] == (["creep"] if kept else ["damping"])
     assert found.at is (creep if kept else damping)
@@ -139,11 +139,11 @@ def test_a_rival_does_nearly_as_well_whatever_the_linear_prediction(monkeypatch,
         found.model = SimpleNamespace(settings=SimpleNamespace(effects=effects))
         return found
 
-    monkeypatch.setattr(joint_explanation, "ranked_proposals", lambda *_, smooth: offers)
-    monkeypatch.setattr(joint_explanation, "fitted", fitted)
+    monkeypatch.setattr(cause_naming, "ranked_proposals", lambda *_, smooth: offers)
+    monkeypatch.setattr(cause_naming, "fitted", fitted)
     tilt = SimpleNamespace(effect="gravity_tilt")
     at, bare = evaluation(100.0, 1e-3), evaluation(60.0, 5e-3)
-    found = joint_explanation._rivals(at, bare, tilt, (), object())
+    found = cause_naming._rivals(at, bare, tilt, (), object())
     assert list(found) == rivals
     assert not rivals or found["constant_force"] == {"x": 0.3}
 

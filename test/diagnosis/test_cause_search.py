@@ -9,7 +9,13 @@ from experiment_recordings import fitted_set_up
 from rods import PAPER
 
 from dlo_ros.diagnosis.contact.contact_search import PegBesideSetUp
-from dlo_ros.diagnosis.explain import candidate_trials, cause_search, joint_explanation
+from dlo_ros.diagnosis.explain import (
+    candidate_trials,
+    cause_search,
+    contact_trials,
+    joint_explanation,
+)
+from dlo_ros.diagnosis.explain.cause_naming import Cause
 from dlo_ros.diagnosis.proposals.linear_evidence import (
     PredictedGain,
     predicted_gains,
@@ -176,39 +182,54 @@ def test_the_peg_that_explains_most_is_where_the_search_begins(monkeypatch):
         for x in (0.1, 0.2, 0.3)
     ]
 
-    monkeypatch.setattr(cause_search, "_with_wall", lambda *_: None)
+    monkeypatch.setattr(contact_trials, "_with_wall", lambda *_: None)
 
     def first_peg(evidences, errs):
         fits = dict(zip((0.1, 0.2, 0.3), zip(evidences, errs, strict=True), strict=True))
         monkeypatch.setattr(
-            cause_search, "fitted",
+            contact_trials, "fitted",
             lambda model, _: evaluation(*fits[model.settings.effects["obstacle"]["x"]]),
         )  # fmt: skip
-        found = cause_search.best_peg(evaluation(0.0, 2e-3), (), pegs)
-        return found and found[1].form
+        found = contact_trials.best_contact(evaluation(0.0, 2e-3), (), pegs)
+        return found and found.trial[1].form
 
     assert first_peg((9.0, 20.0, 30.0), (1e-3, 1e-3, 4e-3)) == "0.2"
     assert first_peg((1.0, 2.0, 2.5), (1e-3,) * 3) is None
-    assert cause_search.best_peg(evaluation(0.0, 2e-3), (), ()) is None
+    assert contact_trials.best_contact(evaluation(0.0, 2e-3), (), ()) is None
 
 
-@pytest.mark.parametrize(("gain", "named"), [(25.0, "wall"), (15.0, "obstacle")])
-def test_a_wall_takes_the_place_of_a_peg_that_explains_less(monkeypatch, gain, named):
+@pytest.mark.parametrize(
+    ("gain", "err", "named", "rivals"),
+    [
+        (25.0, 1e-3, "wall", ["obstacle"]),
+        (15.0, 1e-3, "obstacle", ["wall"]),
+        (25.0, 0.5e-3, "wall", []),
+        (15.0, 1.5e-3, "obstacle", []),
+    ],
+)
+def test_a_wall_takes_the_place_of_a_peg_that_explains_less(monkeypatch, gain, err, named, rivals):
+    """The other is a rival where it comes as near."""
     peg = {"x": 0.1, "z": -0.1, "radius": 0.01}
     start = Start("obstacle", peg, (), tuple(peg), neutral=False)
     before = ParametricModel(PAPER, material_priors(PAPER))
     wall = StraightWall.touching(np.array([-1.0, 0.0]), -0.11)
-    monkeypatch.setattr(cause_search, "wall_instead", lambda *_: wall)
+    monkeypatch.setattr(contact_trials, "wall_instead", lambda *_: wall)
 
     def fitted(model, _):
-        found = evaluation(gain if "wall" in model.settings.effects else 20.0, 1e-3)
+        flat = "wall" in model.settings.effects
+        found = evaluation(gain, err) if flat else evaluation(20.0, 1e-3)
         assert len(model.settings.effects) == 1
         found.model = model
         return found
 
-    monkeypatch.setattr(cause_search, "fitted", fitted)
-    at, proposal = cause_search.best_peg(evaluation(0.0, 2e-3), (), [PegBesideSetUp(before, start)])
+    monkeypatch.setattr(contact_trials, "fitted", fitted)
+    found = contact_trials.best_contact(evaluation(0.0, 2e-3), (), [PegBesideSetUp(before, start)])
+    at, proposal = found.trial
     assert proposal.effect == named and named in at.model.settings.effects
+    assert list(found.rivals) == rivals
+    hit, other = (Cause(e, (), {}, 9.0, 1e-2) for e in (named, "point_mass"))
+    assert list(joint_explanation._beside(hit, found).rivals) == rivals
+    assert not joint_explanation._beside(other, found).rivals
     if named == "wall":
         assert at.model.settings.effects["wall"] == pytest.approx(
             {"offset": -0.11, "angle": -0.5 * np.pi}
@@ -281,15 +302,14 @@ def test_a_search_begins_with_what_lies_far_off_where_it_is_needed(
     )
     trial = None if far is None else (heavy, "heavy")
     found = None if bare is None else minimum
-    monkeypatch.setattr(joint_explanation, "best_peg", lambda *_: None)
     monkeypatch.setattr(joint_explanation, "best_far_start", lambda *_: trial)
     monkeypatch.setattr(joint_explanation, "without", lambda *_: found)
     prepared = SimpleNamespace(setup=setup, recordings=(), meant=None, plain_err=1.0)
-    there, first = joint_explanation._beginning(prepared, (), (), 1e-3)
+    there, first = joint_explanation._beginning(prepared, (), None, 1e-3)
     assert (there, first and first[1]) == (
         {"set-up": setup, "other minimum": minimum}[expected[0]], expected[1]
     )  # fmt: skip
-    assert joint_explanation._beginning(prepared, (), (), 1e-2) == (setup, None)
+    assert joint_explanation._beginning(prepared, (), None, 1e-2) == (setup, None)
 
 
 def test_where_the_set_up_is_strained_causes_are_looked_for_beside_a_neutral_one(monkeypatch):

@@ -9,6 +9,7 @@ from experiment_recordings import moving
 
 from dlo_ros.diagnosis.explain import certainty
 from dlo_ros.diagnosis.explain.candidate_trials import fitted as fitted_model
+from dlo_ros.diagnosis.explain.cause_naming import Cause
 from dlo_ros.diagnosis.explain.certainty import (
     BEYOND,
     FEW,
@@ -18,7 +19,7 @@ from dlo_ros.diagnosis.explain.certainty import (
     nameable,
     tolerances_off,
 )
-from dlo_ros.diagnosis.explain.joint_explanation import Cause, Explanation, still_certain
+from dlo_ros.diagnosis.explain.joint_explanation import Explanation, still_certain
 from dlo_ros.diagnosis.findings.joint_learning import training_set
 from dlo_ros.diagnosis.fitting.initial_fit import begin
 from dlo_ros.diagnosis.proposals.candidate_effects import starts

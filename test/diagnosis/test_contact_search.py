@@ -11,7 +11,7 @@ from challenge.generate import draw
 from rods import PAPER
 
 from dlo_ros.cli.loading import load_manipulation
-from dlo_ros.diagnosis.contact.contact_search import pegs_beside_plain_model, plausible_pegs
+from dlo_ros.diagnosis.contact.contact_search import pegs_beside_set_up, plausible_pegs
 from dlo_ros.diagnosis.contact.peg_places import apart, places, sight
 from dlo_ros.diagnosis.contact.undisturbed import _beginnings
 from dlo_ros.diagnosis.fitting.evaluation import evaluate
@@ -19,6 +19,7 @@ from dlo_ros.diagnosis.fitting.initial_fit import begin, drafts
 from dlo_ros.diagnosis.fitting.levenberg_marquardt import attempt
 from dlo_ros.diagnosis.fitting.worker_processes import Problem, workers
 from dlo_ros.diagnosis.residuals.residual_autocovariance import root_autocovariance
+from dlo_ros.inference.scene import imposed_names, scene
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import SplineBasis
 
@@ -105,24 +106,32 @@ def hidden(tmp_path_factory):
     return settings, beginning, peg
 
 
+def looked_for(settings, beginning):
+    """The pegs that may have been hit, beside the set-up."""
+    problem = Problem(settings, drafts(beginning.recordings, beginning.at))
+    with workers(problem, 1) as team:
+        names = imposed_names(d.manipulation for d in problem.drafts)
+        here = scene(settings, names, [d.observed for d in problem.drafts])
+        return pegs_beside_set_up(team, beginning.at, here)
+
+
 @pytest.mark.slow
 def test_a_hidden_peg_is_found_where_it_stands(hidden):
     settings, beginning, peg = hidden
     at = beginning.at
-    problem = Problem(beginning.recordings, settings, drafts(beginning.recordings, at))
-    with workers(problem, 1) as team:
-        begun = pegs_beside_plain_model(team, at, ())
-        assert pegs_beside_plain_model(team, at, ("obstacle",)) == []
-    start = begun[0]
-    assert not start.neutral
+    begun = looked_for(settings, beginning)[0]
+    block = begun.peg.block
+    assert not begun.peg.neutral
     # The rope touches it on one side: its near edge is known best.
-    gap = np.hypot(start.block["x"] - peg["x"], start.block["z"] - peg["z"])
-    assert gap < abs(start.block["radius"] - peg["radius"]) + 0.006
-    model = at.model.at(at.model.theta() + np.array(start.own))
-    model = model.extended("obstacle", start.block, start.fitted)
-    there = evaluate(model, problem.drafts, settings, derivatives=False)
+    gap = np.hypot(block["x"] - peg["x"], block["z"] - peg["z"])
+    assert gap < abs(block["radius"] - peg["radius"]) + 0.006
+    model = replace(at.model, settings=begun.before.settings)
+    model = model.extended("obstacle", block, begun.peg.fitted)
+    there = evaluate(model, beginning.recordings, settings, derivatives=False)
     assert root_autocovariance(at.residuals) > 10.0
     assert root_autocovariance(there.residuals) < 0.1 * root_autocovariance(at.residuals)
+    known = replace(at, model=at.model.extended("obstacle", peg, ()))
+    assert looked_for(settings, replace(beginning, at=known)) == []
 
 
 @pytest.mark.slow
@@ -138,18 +147,16 @@ def test_in_space_no_peg_is_looked_for(hidden, monkeypatch):
         observed = r.observed.copy()
         observed[..., 1] += 0.1 * settings.rod.length
         aloft.append(replace(r, observed=observed))
-    with workers(Problem(tuple(aloft), settings, tuple(aloft)), 1) as team:
-        assert pegs_beside_plain_model(team, beginning.at, ()) == []
+    with workers(Problem(settings, tuple(aloft)), 1) as team:
+        assert pegs_beside_set_up(team, beginning.at, None) == []
 
 
 @pytest.mark.slow
 @pytest.mark.long
 def test_a_peg_that_does_not_help_is_not_fitted(hidden, monkeypatch):
     settings, beginning, _ = hidden
-    problem = Problem(beginning.recordings, settings, drafts(beginning.recordings, beginning.at))
     monkeypatch.setattr("dlo_ros.diagnosis.contact.contact_search._loss", lambda problem, task: 1e9)
-    with workers(problem, 1) as team:
-        assert pegs_beside_plain_model(team, beginning.at, ()) == []
+    assert looked_for(settings, beginning) == []
 
 
 @pytest.mark.slow

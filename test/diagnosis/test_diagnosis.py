@@ -5,21 +5,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnosis_candidates import KNOWN, evaluation
 from measured import swing
-from rods import PAPER
+from rods import KNOWN, PAPER
 
 from dlo_ros.diagnosis import diagnose
-from dlo_ros.diagnosis.findings import holdout
 from dlo_ros.diagnosis.findings.standard_manipulations import simulated, standard
-from dlo_ros.diagnosis.fitting.candidate_model import baseline, prior
+from dlo_ros.diagnosis.fitting.candidate_model import baseline
 from dlo_ros.diagnosis.fitting.evaluation import evaluate
 from dlo_ros.diagnosis.fitting.initial_fit import begin
 from dlo_ros.diagnosis.fitting.levenberg_marquardt import Normal, fit, known, normal, total
 from dlo_ros.diagnosis.fitting.recording_noise import with_bias, with_noise
-from dlo_ros.diagnosis.fitting.worker_processes import Problem, workers
 from dlo_ros.diagnosis.proposals.candidate_effects import starts
-from dlo_ros.diagnosis.proposals.screening import alarm, screen
 from dlo_ros.diagnosis.residuals import residual_autocovariance
 from dlo_ros.effects import effects
 from dlo_ros.errors import InputError
@@ -47,28 +43,6 @@ def test_the_autocovariance_is_that_of_correlated_errors_and_not_of_noise():
     )  # few numbers may look like anything
 
 
-def test_score_is_the_predictive_likelihood_of_a_linear_model():
-    rng = np.random.default_rng(2)
-    model = baseline(KNOWN)
-    parameters = len(model.free)
-    jacobians = [rng.normal(size=(7, parameters, 3)) * 3.0 for _ in range(3)]
-    residuals = [rng.normal(size=(7, 3)) for _ in range(3)]
-    at = evaluation(residuals, jacobians)
-    centre, information = prior(model, KNOWN)
-    expected = 0.0
-    for k in range(3):
-        hessian, right = np.diag(information), information * (centre - model.theta())
-        for other in range(3):
-            if other != k:
-                j = jacobians[other].transpose(0, 2, 1).reshape(-1, parameters)
-                hessian, right = hessian + j.T @ j, right + j.T @ residuals[other].ravel()
-        j = jacobians[k].transpose(0, 2, 1).reshape(-1, parameters)
-        left = residuals[k].ravel() - j @ np.linalg.solve(hessian, right)
-        spread = np.eye(len(left)) + j @ np.linalg.solve(hessian, j.T)
-        expected += left @ np.linalg.solve(spread, left) + np.linalg.slogdet(spread)[1]
-    assert residual_autocovariance.predictive_score(at, KNOWN) == pytest.approx(expected, rel=1e-6)
-
-
 def test_normal_equations_find_the_least_squares_answer():
     rng = np.random.default_rng(3)
     j, r = rng.normal(size=(5, 2, 4)), rng.normal(size=(5, 4))
@@ -92,7 +66,6 @@ def test_parameters_are_packed_within_their_ranges():
     moved = model.at(theta)
     assert moved.settings.effects["stiff_segment"]["ratio"] == pytest.approx(3.0)
     assert moved.settings.effects["stiff_segment"]["centre"] == KNOWN.rod.length
-    assert moved.at_border() == ("effects.stiff_segment.centre",)
     assert moved.without("stiff_segment").settings.effects == {}
     assert moved.without("stiff_segment").free == baseline(KNOWN).free
     patterned = baseline(KNOWN).extended(
@@ -223,47 +196,6 @@ def test_a_step_stops_at_what_was_measured_and_the_rest_goes_on():
         equations.sum_of_squares,
     )
     assert np.abs(rest.minimum()[0][0]) < 0.02
-
-
-@pytest.mark.slow
-def test_alarm_is_what_chance_promises():
-    recordings = [swing(KNOWN, seconds=1.2, seed=3)]
-    beginning = begin(recordings, KNOWN)
-    at = beginning.at
-    problem = Problem(beginning.recordings, KNOWN, beginning.recordings)
-    some = [s for s in starts(scene(at.model.settings, ["start"], at.predicted)) if s.neutral]
-    with workers(problem, 1) as team:
-        promise, chance = alarm(screen(team, at, some, lambda text, share: None))
-        shifted = replace(at, residuals=tuple(r + 1.5 for r in at.residuals))
-        more, _ = alarm(screen(team, shifted, some, lambda text, share: None))
-    assert 3.0 < chance < 200.0
-    assert promise < 2.0 * chance < more
-
-
-def test_held_out_data_are_predicted_by_the_rest():
-    """The recording that alone tells of a parameter cannot be held out; then the ends are."""
-    rng = np.random.default_rng(9)
-    recordings = [
-        replace(measured(swing(KNOWN, seconds=0.4, seed=k), KNOWN), spans=14) for k in range(2)
-    ]
-    frames, count = len(recordings[0].times), len(recordings[0].noise)
-    quiet, loud = (s * rng.normal(size=(frames, count)) for s in (1.0, 2.0))
-    parameters = len(baseline(KNOWN).free)
-    known_by_both = [rng.normal(size=(frames, parameters, count)) * 30.0 for _ in range(2)]
-    at = evaluation([quiet, loud], known_by_both)
-    found = holdout.split(recordings, 0, at, at, KNOWN)
-    assert not found.train[1].any() and found.holdout[1].all() and found.train[0].all()
-    by_one = [known_by_both[0].copy(), known_by_both[1]]
-    by_one[0][:, 0] = 0.0
-    only = holdout.split(recordings, 0, at, evaluation([quiet, loud], by_one), KNOWN)
-    assert only.holdout[0].all() and not only.train[0].any()
-    by_one[0] = 30.0 * rng.normal(size=by_one[0].shape)
-    by_one[0][:, 0] = by_one[1][:, 3] = 0.0  # now each alone tells of something
-    ends = holdout.split(recordings, 0, at, evaluation([quiet, loud], by_one), KNOWN)
-    assert all(t.any() and h.any() for t, h in zip(ends.train, ends.holdout, strict=True))
-    assert not any((t & h).any() for t, h in zip(ends.train, ends.holdout, strict=True))
-    given = holdout.split(recordings, 1, at, at, KNOWN)
-    assert given.holdout[1].all() and given.train[0].all() and not given.holdout[0].any()
 
 
 def test_what_a_camera_sees_wrongly_in_every_picture_counts_as_noise():

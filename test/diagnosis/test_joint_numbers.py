@@ -7,8 +7,7 @@ import pytest
 from experiment_recordings import moving
 
 from dlo_ros.diagnosis.explain.candidate_trials import fitted
-from dlo_ros.diagnosis.explain.joint_explanation import Cause
-from dlo_ros.diagnosis.findings.fitted_numbers import damping_numbers
+from dlo_ros.diagnosis.explain.cause_naming import Cause
 from dlo_ros.diagnosis.findings.joint_learning import training_set
 from dlo_ros.diagnosis.findings.joint_numbers import set_up_numbers
 from dlo_ros.diagnosis.fitting.initial_fit import begin
@@ -107,19 +106,3 @@ def test_an_effect_that_is_no_certain_cause_is_told_too(draughty):
     told = set_up_numbers(fitted(model, prepared.recordings), (), given)
     added = told["quadratic_drag.coefficient"]
     assert added.tolerance is None and added.std > 0.0
-
-
-def test_dampings_that_are_fitted_without_a_set_up_are_told_as_well(begun):
-    beginning, given = begun
-    told = damping_numbers(beginning.at, given)
-    assert set(told) == {DRAG, INNER}
-    drag, fitted_to = told[DRAG], beginning.at.model.settings
-    assert drag.value == pytest.approx(fitted_to.damping.air_drag - given.damping.air_drag)
-    true = (3.0 * given.damping.air_drag) * fitted_to.rod.density / TRUE_DENSITY
-    std = drag.std or drag.held_std
-    assert abs(drag.value + given.damping.air_drag - true) < 4.0 * std
-    assert std < 0.5 * true
-    assert drag.tolerance is None and drag.unit == "N s/m^2"
-    effect = beginning.at.model.settings.with_effects({"air_drag": {"coefficient": 0.01}})
-    named = replace(beginning.at, model=replace(beginning.at.model, settings=effect))
-    assert set(damping_numbers(named, given)) == {INNER}

@@ -2,16 +2,17 @@
 """Held-out recordings are only predicted, and no effect is fitted to the simulation's own error."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from experiment_recordings import moving
 
-from dlo_ros.diagnosis import explanation_order, pipeline
+from dlo_ros.diagnosis import pipeline
 from dlo_ros.diagnosis.fitting.evaluation import evaluate
 from dlo_ros.diagnosis.fitting.initial_fit import begin
 from dlo_ros.diagnosis.fitting.levenberg_marquardt import fit
 from dlo_ros.diagnosis.pipeline import _learned
-from dlo_ros.diagnosis.selection.effect_search import candidate
 
 
 def test_the_plain_model_has_not_seen_what_is_held_out():
@@ -32,30 +33,30 @@ def test_the_plain_model_has_not_seen_what_is_held_out():
     assert _learned(both, 2, given) is both.at
 
 
-def test_nothing_is_fitted_to_the_simulation_s_own_error(monkeypatch):
+def test_nothing_is_fitted_to_the_simulation_s_own_error():
     recording, given = moving("simple", {"gravity_tilt": {"angle": 0.3}}, 43)
     fine = begin([recording], given)
-    rough = tuple(replace(r, spans=r.spans - 1) for r in fine.recordings)
-    searched = []
+    rough = replace(fine, recordings=tuple(replace(r, spans=r.spans - 1) for r in fine.recordings))
+    tilted = fine.at.model.extended("gravity_tilt", {"angle": 0.3}, ("angle",))
+    near = fit(evaluate(tilted, fine.recordings, given), fine.recordings, given, 3)
+    learned = SimpleNamespace(explanation=SimpleNamespace(at=near))
+    sharper = pipeline._sharper(fine.at, learned, rough, given)
+    assert sharper is not None
+    assert sharper.recordings[0].spans >= fine.recordings[0].spans
+    assert pipeline._sharper(fine.at, learned, sharper, given) is None
+    # What the plain model leaves is far more than the simulation's own error.
+    plain = SimpleNamespace(explanation=SimpleNamespace(at=fine.at))
+    assert pipeline._sharper(fine.at, plain, rough, given) is None
 
-    def search(team, before, *_, **__):
-        """A tilt that explains the data, but for what the simulation itself does wrong."""
-        searched.append(before.model.effects)
-        model = before.model.extended("gravity_tilt", {"angle": 0.3}, ("angle",))
-        found = candidate("gravity_tilt", "", fit(evaluate(model, *data), *data, 3), given)
-        coarse = team.problem.recordings[0].spans < fine.recordings[0].spans
-        return [replace(found, root_autocovariance=1.2 if coarse else 0.3)]
 
-    data = fine.recordings, given
-    monkeypatch.setattr(explanation_order, "training_set", lambda *_: None)
-    monkeypatch.setattr(explanation_order, "screen", lambda *_: [])
-    monkeypatch.setattr(explanation_order, "alarm", lambda _: (1.0, 0.0))
-    monkeypatch.setattr(explanation_order, "pegs_beside_plain_model", lambda *_: [])
-    monkeypatch.setattr(explanation_order, "search", search)
-    monkeypatch.setattr(explanation_order, "finer", lambda *_: fine)
-    begun = replace(fine, recordings=rough)
-    sharper, plain, found = pipeline._search(begun, 1, given, 1, lambda *_: None)
-    assert sharper is fine and len(plain.at.residuals) == 1
-    assert found.decision.verdict == "explained"
-    assert found.decision.chosen.effects == ("gravity_tilt",)
-    assert searched == [(), ()]
+def test_a_plain_model_in_a_wrong_minimum_begins_anew():
+    recording, given = moving("simple", {}, 44)
+    right = begin([recording], given)
+    model = right.at.model
+    theta = model.theta()
+    theta[0] += np.log(3.0)
+    wrong = evaluate(model.at(theta), right.recordings, given)
+    learned = SimpleNamespace(explanation=SimpleNamespace(at=right.at))
+    better = pipeline._better_plain_model(wrong, learned, right, given)
+    assert better is not None and better.theta() == pytest.approx(model.theta())
+    assert pipeline._better_plain_model(right.at, learned, right, given) is None

@@ -5,9 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnosis_candidates import KNOWN
 from measured import swing
-from rods import PAPER
+from rods import KNOWN, PAPER
 
 from dlo_ros.diagnosis.fitting.candidate_model import baseline
 from dlo_ros.diagnosis.fitting.evaluation import evaluate
@@ -66,7 +65,7 @@ def test_what_was_right_before_tells_of_what_was_wrong_nearly_always():
     """Most pictures are off: only those before tell what the DLO was."""
     recordings, start = pushed_aside(0.3, 0.1)
     together = fit(start, recordings, KNOWN, 8)
-    with workers(Problem(recordings, KNOWN, recordings), 1) as team:
+    with workers(Problem(KNOWN, recordings), 1) as team:
         found = consensus_fit(team, together)
     assert found is not None
     at, scale = found
@@ -83,7 +82,7 @@ def test_what_was_right_before_tells_of_what_was_wrong_nearly_always():
 def test_where_all_is_wrong_what_is_typical_is_more(hit):
     recordings, start = hit
     bent = tuple(replace(r, observed=r.observed + np.array([0.0, 0.0, 0.02])) for r in recordings)
-    with workers(Problem(bent, KNOWN, bent), 1) as team:
+    with workers(Problem(KNOWN, bent), 1) as team:
         found = consensus_fit(team, evaluate(start.model, bent, KNOWN))
     assert found is not None
     assert found[1] > 2.0 * ROBUST_SCALE

@@ -44,6 +44,6 @@ def found(frames=12, n=10):
     return Diagnosis(
         "explained", (effect,), 1e-4, Fitted(KNOWN, *numbers, 1e-3, None),
         Fitted(extended, *numbers, 1e-4, 1.1e-4), Gain(0.9, 0.8, 0.95),
-        (Trial("intrinsic_curvature", 1.1e-4, 10.0, 0.1), Trial("none", None, 1e4, 9.0)),
+        (Trial("intrinsic_curvature", 1.1e-4, 10.0), Trial("none", None, 1e4)),
         "Turn the clamp.", 1e-5, ("A remark.",), (view,), relations(),
     )  # fmt: skip

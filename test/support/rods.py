@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from dlo_ros.command import Command
@@ -14,6 +16,12 @@ from dlo_ros.rod.state import State, rest_state
 from dlo_ros.rod.statics import material_at_rest, settle
 
 PAPER = Settings(rod=RodParameters(0.4, 0.004, 5e7, 2500.0))  # Table III
+KNOWN = replace(
+    PAPER,
+    rod=replace(PAPER.rod, density_std=20.0),
+    damping=replace(PAPER.damping, air_drag_std=1e-4, relaxation_time_std=1e-4),
+)
+"""The same, of which density and damping were measured beforehand."""
 SECOND = 1_000_000_000
 
 
@@ -83,5 +91,5 @@ def dense_stiffness(model: RodModel, state: State) -> np.ndarray:
     return full
 
 
-__all__ = ["PAPER", "SECOND", "Boundary", "Nothing", "command", "dense_stiffness", "held_start",
-           "settled", "straight"]  # fmt: skip
+__all__ = ["KNOWN", "PAPER", "SECOND", "Boundary", "Nothing", "command", "dense_stiffness",
+           "held_start", "settled", "straight"]  # fmt: skip

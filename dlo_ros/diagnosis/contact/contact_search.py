@@ -65,30 +65,15 @@ class PegBesideSetUp:
     peg: Start
 
 
-def pegs_beside_plain_model(
-    team: Workers, at: CandidateEvaluation, present: Sequence[str]
-) -> list[Start]:
-    """Pegs that the DLO may have hit; none where it moves in space, off the board with the pegs.
-
-    Args:
-        at: evaluation of the fit to all pictures.
-        present: names of the effects that the model contains.
-    """
-    found = None if EFFECT in present or _in_space(team) else robust_fit.consensus_fit(team, at)
-    if found is None:
-        return []
-    consensus, scale = found
-    own = tuple((consensus.model.theta() - at.model.theta()).tolist())
-    return [_start(peg, k, own) for k, peg in enumerate(_pegs(team, consensus, scale))]
-
-
 def pegs_beside_set_up(
     team: Workers, at: CandidateEvaluation, scene: Scene
 ) -> list[PegBesideSetUp]:
     """Pegs that the DLO may have hit, beside a set-up that is off within its tolerances.
 
+    There are none where it moves in space, off the board with the pegs.
+
     Args:
-        at: see `pegs_beside_plain_model`.
+        at: the plain model, fitted to all pictures.
         scene: size, clamps and reach of the motion in the recordings.
     """
     if EFFECT in at.model.effects or _in_space(team):
@@ -166,10 +151,9 @@ def plausible_pegs(view: Sight) -> list[Start]:
     return [_start(peg, k) for k, peg in enumerate(apart(_likely(view), APART * length, BEGUN))]
 
 
-def _start(peg: Peg, rank: int, own: tuple[float, ...] = ()) -> Start:
+def _start(peg: Peg, rank: int) -> Start:
     block = peg._asdict()
-    form = f"peg {rank + 1}"
-    return Start(EFFECT, block, (), tuple(block), neutral=False, form=form, own=own)
+    return Start(EFFECT, block, (), tuple(block), neutral=False, form=f"peg {rank + 1}")
 
 
 def _likely(view: Sight) -> list[Peg]:

@@ -17,8 +17,6 @@ TRIED = 150
 STATIONS, DENSE = 60, 10
 BENT = 0.5
 """Deviation of a station over the largest of its picture, from which it may have been pushed."""
-RESIZED = (0.7, 1.4)
-"""Multiples of its radius from which a fitted peg is fitted anew."""
 TOUCHING = 20
 """Points that were seen nearest to a peg, which tell on which side of it the DLO lies."""
 SLACK = 1.5e-3
@@ -137,29 +135,13 @@ def apart(found: Sequence[Peg], distance: float, most: int) -> list[Peg]:
     return kept
 
 
-def resized(peg: Peg, rod: RodParameters, observed: Sequence[FloatArray]) -> list[Peg]:
-    """Pegs of smaller and larger radii, in contact with the DLO at the same place.
-
-    A fit seldom finds its way between them, since radius and place must change together.
-
-    Args:
-        observed: control points of each recording [m], shape (F, n, 3).
-    """
-    side = _side(peg, _points(rod, observed))
-    result = []
-    for factor in RESIZED:
-        x, z = np.array([peg.x, peg.z]) + (1.0 - factor) * peg.radius * side
-        result.append(Peg(float(x), float(z), factor * peg.radius))
-    return result
-
-
 def tangent_wall(
     peg: Peg, rod: RodParameters, observed: Sequence[FloatArray]
 ) -> tuple[FloatArray, float] | None:
     """The straight wall that touches the DLO where a peg does, unless shapes lie behind it.
 
     Args:
-        observed: see `resized`.
+        observed: control points of each recording [m], shape (F, n, 3).
 
     Returns:
         Its unit normal (x, z), towards the free side, and its coordinate along it [m]; None where

@@ -1,5 +1,2 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Explanation of recordings by the joint model: the set-up within tolerances, and causes.
-
-A single effect beside an exact set-up is the business of `dlo_ros.diagnosis.selection`.
-"""
+"""Explanation of recordings by the joint model: the set-up within tolerances, and causes."""

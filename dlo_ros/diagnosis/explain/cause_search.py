@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dlo_ros.diagnosis.contact.contact_search import PegBesideSetUp, wall_instead
 from dlo_ros.diagnosis.explain.candidate_trials import (
     FIT_ITERATIONS,
     LOWERS,
@@ -22,7 +21,6 @@ from dlo_ros.diagnosis.explain.candidate_trials import (
     WORTH,
     Step,
     Trial,
-    best_gain,
     best_trial,
     fitted,
 )
@@ -38,7 +36,6 @@ from dlo_ros.diagnosis.proposals.linear_evidence import (
     linear_posterior,
     pinned,
     predicted_gains,
-    proposal_of,
     simulated_together,
     with_proposals,
 )
@@ -91,44 +88,6 @@ class Search:
     offer: Offer | None
 
 
-def best_peg(
-    at: Evaluation, recordings: Sequence[Recording], pegs: Sequence[PegBesideSetUp]
-) -> tuple[Evaluation, Proposal] | None:
-    """The fit with the peg that explains most, or with a wall in its place.
-
-    Each peg starts from the fit before the impact, the wall from that with the peg.
-
-    Args:
-        at: the joint model without a peg, fitted to the same recordings, perhaps in another
-            minimum.
-        pegs: candidates, with the model as it was before the impact.
-    """
-    found: list[Trial] = []
-    for candidate in pegs:
-        proposal = proposal_of(candidate.before.settings, candidate.peg)
-        model, _ = with_proposals(candidate.before, [proposal])
-        here = fitted(model, recordings)
-        if here is not None:
-            found.append((here, proposal))
-    best = best_gain(found, at)
-    if best is None:
-        return None
-    flat = _with_wall(best, recordings)
-    return best if flat is None else best_gain([best, flat], at)
-
-
-def _with_wall(pegged: Trial, recordings: Sequence[Recording]) -> Trial | None:
-    """The fit with a wall in place of a peg; None where the DLO reaches behind it."""
-    there, peg = pegged
-    start = wall_instead(there.model, [r.observed for r in recordings])
-    if start is None:
-        return None
-    bare = there.model.without([p.name for p in peg.parameters])
-    proposal = proposal_of(bare.settings, start)
-    found = fitted(with_proposals(bare, [proposal])[0], recordings)
-    return None if found is None else (found, proposal)
-
-
 def search(
     at: Evaluation, neutral: ParametricModel, recordings: Sequence[Recording],
     begun: Sequence[Start], enough: float, first: Trial | None = None,
@@ -146,8 +105,8 @@ def search(
         begun: effects that might be added, at their starting values.
         enough: ERR [m] below which no cause is looked for, unless it is more than the measurement's
             own error.
-        first: the fit with a cause that derivatives do not tell of, and the cause; see `best_peg`
-            and `far_starts`.
+        first: the fit with a cause that derivatives do not tell of, and the cause; see
+            `contact_trials` and `far_starts`.
     """
     causes: list[Proposal] = []
     dropped: set[str] = set()

@@ -5,13 +5,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Literal
 
 from dlo_ros.diagnosis.explain.candidate_trials import Step
 from dlo_ros.diagnosis.residuals.relations import Relations
-from dlo_ros.diagnosis.selection.verdict import Verdict
 from dlo_ros.effects.start import Block
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
+
+Verdict = Literal["adequate", "explained", "unexplained"]
 
 
 @dataclass(frozen=True)
@@ -88,12 +90,11 @@ class Gain:
 
 @dataclass(frozen=True)
 class Trial:
-    """A candidate's score; lower is better."""
+    """A candidate: its score, lower is better, and ERR on held-out data [m], if that is known."""
 
     name: str
     err_holdout: float | None
     score: float
-    root_autocovariance: float
 
 
 @dataclass(frozen=True)

@@ -73,8 +73,8 @@ class TrainingSet:
 
 def training_set(
     beginning: Beginning, count: int, plain: Settings, given: Settings, *, all_of_them: bool = False
-) -> TrainingSet | None:
-    """The recordings to learn from, with the set-up fitted; None where it cannot be simulated.
+) -> TrainingSet:
+    """The recordings to learn from, with the set-up fitted.
 
     Held out are the recordings after the first `count`, or one of several; nothing is selected by
     them.
@@ -84,6 +84,9 @@ def training_set(
         plain: settings of the plain model's fit.
         given: the parameter file.
         all_of_them: whether none of those is held out.
+
+    Raises:
+        SimulationError: the joint model cannot be simulated.
     """
     recordings = beginning.recordings
     spare = len(recordings) == count and not all_of_them
@@ -96,16 +99,11 @@ def training_set(
     rough = drafts(
         learned, replace(beginning.at, residuals=tuple(residuals), predicted=tuple(predicted))
     )
-    try:
-        return TrainingSet(recordings, count, held_out, prepare(rough, plain, given))
-    except SimulationError:
-        return None
+    return TrainingSet(recordings, count, held_out, prepare(rough, plain, given))
 
 
-def learn(
-    training: TrainingSet, given: Settings, pegs: Sequence[PegBesideSetUp] = ()
-) -> Learned | None:
-    """Explain the recordings that are not held out; None where the model cannot be simulated.
+def learn(training: TrainingSet, given: Settings, pegs: Sequence[PegBesideSetUp] = ()) -> Learned:
+    """Explain the recordings that are not held out.
 
     Where all recordings are needed to find causes, the values alone are learned from their
     beginnings, to predict their ends.
@@ -113,20 +111,20 @@ def learn(
     Args:
         given: the parameter file.
         pegs: pegs that the DLO may have hit.
+
+    Raises:
+        SimulationError: the joint model cannot be simulated.
     """
     recordings, count, held_out = training.recordings, training.count, training.held_out
     frames = [len(r.times) for r in recordings]
     masks = [np.full(f, k >= count or k == held_out) for k, f in enumerate(frames)]
-    try:
-        found = explain(training.prepared, given, pegs)
-        predicting = found.at
-        if len(recordings) == count and held_out is None and min(frames) >= FEWEST:
-            masks = [np.arange(f) >= (holdout.TRAINED + 0.1) * (f - 1) for f in frames]
-            stops = [int(holdout.TRAINED * (f - 1)) + 1 for f in frames]
-            begun = [r.until(s) for r, s in zip(training.prepared.recordings, stops, strict=True)]
-            predicting = refitted(found.at, begun)
-    except SimulationError:
-        return None
+    found = explain(training.prepared, given, pegs)
+    predicting = found.at
+    if len(recordings) == count and held_out is None and min(frames) >= FEWEST:
+        masks = [np.arange(f) >= (holdout.TRAINED + 0.1) * (f - 1) for f in frames]
+        stops = [int(holdout.TRAINED * (f - 1)) + 1 for f in frames]
+        begun = [r.until(s) for r, s in zip(training.prepared.recordings, stops, strict=True)]
+        predicting = refitted(found.at, begun)
     return Learned(found, tuple(masks), *errors_of(predicting.model, recordings, masks))
 
 

@@ -9,15 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from dlo_ros.diagnosis.explain.joint_explanation import (
-    Cause,
-)
+from dlo_ros.diagnosis.explain.cause_naming import Cause
 from dlo_ros.diagnosis.findings.diagnosis_outcome import (
     Fitted,
     Number,
     SetupNumber,
 )
-from dlo_ros.diagnosis.selection.effect_search import Candidate
+from dlo_ros.diagnosis.fitting.evaluation import CandidateEvaluation
 from dlo_ros.effects import added_to_damping, damping_effect, effects, quantities
 from dlo_ros.identification.estimate import UNBOUNDED
 from dlo_ros.identification.residual_information import model_shifts
@@ -130,13 +128,32 @@ def fitted_material(
     return Fitted(at.model.settings, result[0], result[1], result[2], err_train, err_holdout)
 
 
-def plain_material(plain: Candidate, err_train: float | None, err_holdout: float | None) -> Fitted:
+def plain_material(
+    plain: CandidateEvaluation, err_train: float | None, err_holdout: float | None
+) -> Fitted:
     """The plain model, without standard deviations, which mean nothing where it is wrong."""
-    rod = plain.at.model.settings.rod
+    rod = plain.model.settings.rod
     return Fitted(
-        plain.at.model.settings, (rod.young_modulus, None), (rod.density, None),
+        plain.model.settings, (rod.young_modulus, None), (rod.density, None),
         (rod.specific_modulus, None), err_train, err_holdout,
     )  # fmt: skip
+
+
+def with_plain_values(fitted: Fitted, plain: CandidateEvaluation) -> Fitted:
+    """A fitted model with the plain model's values, which are known no better."""
+    rod = plain.model.settings.rod
+
+    def known(value: float, before: tuple[float, float | None]) -> tuple[float, float | None]:
+        centre, std = before
+        return value, None if std is None else std * value / centre
+
+    return replace(
+        fitted,
+        settings=plain.model.settings,
+        young_modulus=known(rod.young_modulus, fitted.young_modulus),
+        density=known(rod.density, fitted.density),
+        specific_modulus=known(rod.specific_modulus, fitted.specific_modulus),
+    )
 
 
 def set_up_numbers(

@@ -9,8 +9,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from dlo_ros.diagnosis.explain.cause_naming import Cause
 from dlo_ros.diagnosis.explain.joint_explanation import (
-    Cause,
     Explanation,
     still_certain,
 )
@@ -21,8 +21,8 @@ from dlo_ros.diagnosis.findings.diagnosis_outcome import (
     Diagnosis,
     NamedEffect,
     Trial,
+    Verdict,
 )
-from dlo_ros.diagnosis.findings.experiment_advice import REPEAT, SETTLED
 from dlo_ros.diagnosis.findings.joint_learning import Learned, errors_of, refitted
 from dlo_ros.diagnosis.findings.joint_numbers import (
     damping_as_effects,
@@ -32,14 +32,14 @@ from dlo_ros.diagnosis.findings.joint_numbers import (
     reported_covariance,
     set_up_numbers,
     systematic_errors,
+    with_plain_values,
 )
 from dlo_ros.diagnosis.findings.shape_views import views
 from dlo_ros.diagnosis.fitting.candidate_model import Model
+from dlo_ros.diagnosis.fitting.evaluation import CandidateEvaluation
 from dlo_ros.diagnosis.fitting.evaluation import evaluate as held_against
 from dlo_ros.diagnosis.fitting.initial_fit import Beginning
 from dlo_ros.diagnosis.residuals.relations import relations, sentences
-from dlo_ros.diagnosis.selection.effect_search import Candidate
-from dlo_ros.diagnosis.selection.verdict import Verdict
 from dlo_ros.effects import effects
 from dlo_ros.errors import SimulationError
 from dlo_ros.inference.joint import Evaluation
@@ -49,9 +49,16 @@ from dlo_ros.parameters import Settings
 
 LOG = logging.getLogger(__name__)
 
+SETTLED = "No question is left open: no other cause explains these data as well."
+REPEAT = (
+    "Repeat one of the manipulations unchanged: where both recordings differ from each other, the "
+    "cause changes with time (a draught, a camera or a material that drifts); where they agree, it "
+    "belongs to the DLO and its grips."
+)
+
 
 def joint_outcome(
-    beginning: Beginning, plain: Candidate, learned: Learned, given: Settings
+    beginning: Beginning, plain: CandidateEvaluation, learned: Learned, given: Settings
 ) -> Diagnosis:
     """Measure ERR on held-out data, fit the model to all recordings, and put all together.
 
@@ -59,7 +66,7 @@ def joint_outcome(
         SimulationError: a recording cannot be simulated, with the set-up alone either.
     """
     found, recordings = learned.explanation, beginning.recordings
-    first = recordings[: len(plain.at.residuals)]
+    first = recordings[: len(plain.residuals)]
     known = [k for k in range(len(first)) if not learned.masks[k].all()]
     final = _completed(found.at, first, known)
     wider = confirmed(final, first, [name for c in found.causes for name in c.names])
@@ -80,6 +87,10 @@ def joint_outcome(
     bare_model = _unseeing(plain, first, learned.masks[: len(first)], given)
     before, seen_before = errors_of(bare_model, recordings, learned.masks)
     after, seen_after = learned.held, learned.seen
+    base = held_against(plain.model, first, given, derivatives=False)
+    suffices = not found.causes and base.mean_err < matters
+    if suffices:  # what was fitted beyond the plain model predicts nothing better
+        after, seen_after, ours = before, seen_before, base
     missing, left = holdout.mean(before), holdout.mean(after)
     missing = holdout.mean(seen_before) if missing is None else missing
     left = found.at.mean_err if left is None else left
@@ -89,37 +100,34 @@ def joint_outcome(
     # A fit to all that lies farther off than what was predicted has only ended early.
     reached = min(final.mean_err, learned.mean_err or np.inf)
     verdict = _verdict(
-        bare.mean_err, max(reached, least), matters, found.nameable_err, found.causes
-    )
+        base.mean_err if suffices else bare.mean_err, max(reached, least), matters,
+        found.nameable_err, found.causes,
+    )  # fmt: skip
     missed = (holdout.mean(seen_before) or 0.0) - own
-    base = held_against(plain.at.model, first, given, derivatives=False)
     related_before = related_after = None
     if verdict == "unexplained":
         related_before, related_after = (
             relations(first, at.residuals, at.predicted, at.model.settings) for at in (base, ours)
         )
     remarks = (
-        f"{_percent(share)} of what the plain model misses beyond the measurement's own error is "
-        f"explained; {_mm(left)} remain, and {_mm(matters)} would be "
-        "immaterial.",
+        f"The plain model misses {_mm(left)}; {_mm(matters)} would be immaterial."
+        if suffices
+        else f"{_percent(share)} of what the plain model misses beyond the measurement's own error "
+        f"is explained; {_mm(left)} remain, and {_mm(matters)} would be immaterial.",
     )
+    extended = replace(
+        fitted_material(
+            final, holdout.mean(seen_after), holdout.mean(after), wider.material,
+            found.stiffness_doubt,
+        ),
+        settings=damping_as_effects(final.model.settings, given, [c.effect for c in found.causes]),
+    )  # fmt: skip
     return Diagnosis(
         verdict,
         tuple(_effect(c, final, given, found.at.mean_err, missed, wider) for c in found.causes),
         own,
         plain_material(plain, holdout.mean(seen_before), holdout.mean(before)),
-        replace(
-            fitted_material(
-                final,
-                holdout.mean(seen_after),
-                holdout.mean(after),
-                wider.material,
-                found.stiffness_doubt,
-            ),
-            settings=damping_as_effects(
-                final.model.settings, given, [c.effect for c in found.causes]
-            ),
-        ),
+        with_plain_values(extended, plain) if suffices else extended,
         holdout.gain(before, after),
         _tried(found),
         _advice(verdict, found),
@@ -137,12 +145,15 @@ def joint_outcome(
 
 
 def _unseeing(
-    plain: Candidate, recordings: Sequence[Recording], masks: Sequence[np.ndarray], given: Settings
+    plain: CandidateEvaluation,
+    recordings: Sequence[Recording],
+    masks: Sequence[np.ndarray],
+    given: Settings,
 ) -> ParametricModel:
     """The plain model fitted to the frames that are not held out."""
-    model = plain.at.model
+    model = plain.model
     if any(m.any() for m in masks):
-        model = holdout.refitted(plain.at, recordings, [~m for m in masks], given)
+        model = holdout.refitted(plain, recordings, [~m for m in masks], given)
     return ParametricModel(model.settings, ())
 
 
@@ -218,7 +229,7 @@ def _tried(found: Explanation) -> tuple[Trial, ...]:
     for step in found.trace:
         best[step.name] = max(step.gain, best.get(step.name, -np.inf))
     order = sorted(best.items(), key=lambda row: -row[1])
-    return tuple(Trial(name, None, -2.0 * gain, 0.0) for name, gain in order)
+    return tuple(Trial(name, None, -2.0 * gain) for name, gain in order)
 
 
 def _advice(verdict: Verdict, found: Explanation) -> str:

@@ -19,7 +19,6 @@ from dlo_ros.parameters import EFFECTS_PREFIX, Settings
 from dlo_ros.rod.sensitivity_parameters import MATERIAL, effect_names
 from dlo_ros.spline import FloatArray
 
-LARGEST_LOG_STEP = 1.5
 LOOSE = 3.0
 """Standard deviations of what is not known, in natural units of a parameter."""
 
@@ -67,18 +66,6 @@ class Model:
     def natural(self) -> FloatArray:
         """A plausible size of each parameter in the units of the fit, shape (P,)."""
         return np.array([_natural(name, self.settings) for name in self.free])
-
-    def at_border(self) -> tuple[str, ...]:
-        """Effect parameters that the data would push out of their range."""
-        found = []
-        for name in self.free:
-            if name in MATERIAL:
-                continue
-            value = value_of(self.settings, name)
-            low, high = _range(name, self.settings)
-            if value in (low, high):
-                found.append(name)
-        return tuple(found)
 
     def extended(self, effect: str, block: Block, keys: tuple[str, ...]) -> Model:
         """The model with one more effect, of which some keys are fitted."""

@@ -57,6 +57,11 @@ class CandidateEvaluation:
     carried: bool = False
 
     @property
+    def mean_err(self) -> float:
+        """Mean over recordings of the time mean of eq. (10) [m]."""
+        return float(np.mean([e.mean() for e in self.err]))
+
+    @property
     def excess(self) -> float:
         """Mean square of the residuals where it is larger than the noise, else 1."""
         return max(1.0, self.sum_of_squares / sum(r.size for r in self.residuals))
@@ -145,62 +150,12 @@ def carried_on(before: CandidateEvaluation, after: CandidateEvaluation) -> Candi
     )
 
 
-def differenced(
-    before: CandidateEvaluation,
-    at: CandidateEvaluation,
-    recordings: Sequence[Recording],
-    given: Settings,
-) -> CandidateEvaluation:
-    """An evaluation whose derivatives by the parameters that another model lacks are differences.
-
-    Args:
-        before: evaluation of the model with fewer open parameters, whose derivatives are kept.
-        at: evaluation without derivatives.
-
-    Raises:
-        SimulationError: see `evaluate`.
-    """
-    assert before.jacobians is not None
-    known = len(before.model.free)
-    models, steps = _moved(at.model)
-    there = [evaluate(m, recordings, given, derivatives=False) for m in models[known:]]
-    jacobians = []
-    for k, (jacobian, here) in enumerate(zip(before.jacobians, at.residuals, strict=True)):
-        added = [
-            (here - t.residuals[k]) / step for t, step in zip(there, steps[known:], strict=True)
-        ]
-        jacobians.append(np.concatenate([jacobian, np.stack(added, axis=1)], axis=1))
-    return replace(at, jacobians=tuple(jacobians), carried=True)
-
-
 def _judged(model: Model, residuals: Sequence[FloatArray], given: Settings) -> tuple[float, float]:
     """See `CandidateEvaluation.sum_of_squares` and `CandidateEvaluation.cost`."""
     centre, information = prior(model, given)
     squares, count = sum(float(np.sum(r**2)) for r in residuals), sum(r.size for r in residuals)
     cost = count * (1.0 + np.log(squares / count)) if squares > count else squares
     return squares, cost + float(information @ (model.theta() - centre) ** 2)
-
-
-def earlier(
-    at: CandidateEvaluation,
-    recordings: Sequence[Recording],
-    drafts: Sequence[Recording],
-    given: Settings,
-) -> CandidateEvaluation:
-    """The evaluation of recordings that may end earlier, without a new simulation."""
-    ends = [len(d.times) - len(r.times) or None for r, d in zip(recordings, drafts, strict=True)]
-    residuals = tuple(r[:end] for r, end in zip(at.residuals, ends, strict=True))
-    jacobians = tuple(j[:end] for j, end in zip(at.jacobians or (), ends, strict=False)) or None
-    sum_of_squares, cost = _judged(at.model, residuals, given)
-    return replace(
-        at,
-        residuals=residuals,
-        jacobians=jacobians,
-        sum_of_squares=sum_of_squares,
-        cost=cost,
-        predicted=(),
-        err=(),
-    )
 
 
 def _held_against(

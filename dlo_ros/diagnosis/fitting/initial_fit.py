@@ -154,11 +154,11 @@ def _best_start(recordings: tuple[Recording, ...], model: Model) -> CandidateEva
             failure = err
     if not begun:
         raise failure or SimulationError("no starting value can be simulated")
-    begun.sort(key=_mean_err)
+    begun.sort(key=lambda at: at.mean_err)
     best = begun[0]
     for at in begun[:VALLEYS]:
         found = _fitted_to_most(at, coarse)
-        if found is not None and _mean_err(found) < _mean_err(best):
+        if found is not None and found.mean_err < best.mean_err:
             best = found
         if found is not None and found.excess < CLEARLY_WRONG:
             break
@@ -195,12 +195,7 @@ def _near(model: Model, recordings: Sequence[Recording]) -> CandidateEvaluation:
     coarse = _coarse(recordings)
     here = evaluate(model, coarse, model.settings, derivatives=False)
     found = _fitted_to_most(here, coarse)
-    return here if found is None or _mean_err(found) > _mean_err(here) else found
-
-
-def _mean_err(at: CandidateEvaluation) -> float:
-    """ERR [m], all recordings counting the same."""
-    return float(np.mean([np.mean(e) for e in at.err]))
+    return here if found is None or found.mean_err > here.mean_err else found
 
 
 def _finer(

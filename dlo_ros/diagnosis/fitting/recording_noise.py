@@ -18,7 +18,6 @@ ORDERS = (2, 4, 6)
 """Orders of differences in time, which a smooth residual enters less and less."""
 LEAST_NOISE = 2e-6
 """Smallest noise over the length: below, rounding and time steps would count as noise."""
-DRAWS = 20_000
 MEDIAN = 0.4549
 """Median of the square of a normal variable, over its mean."""
 SCATTERING = 0.45
@@ -144,24 +143,3 @@ def noise_of(field: FloatArray, recording: Recording, settings: Settings) -> Flo
     across = np.maximum(each[:n], LEAST_SHARE * typical)
     others = [np.maximum(part, across) for part in np.split(each[n:], (len(each) - n) // n)]
     return np.concatenate([across, *others])
-
-
-def noise_floor(recording: Recording, predicted: FloatArray, settings: Settings) -> float:
-    """ERR of a perfect model [m]: the mean length of the noise.
-
-    Args:
-        predicted: control points of the best model, shape (F, n, 3 or more).
-    """
-    n = settings.rod.control_points
-    field = recording.residual(predicted) * recording.noise
-    each = scatter(field, recording, settings)
-    bias = np.broadcast_to(recording.bias, each.shape).reshape(-1, n)
-    # Across, along and out of the plane; coefficients' squares sum to the mean square along u.
-    sizes = np.sqrt(np.sum(each.reshape(-1, n) ** 2, axis=1))
-    # A bias is so large that n coefficients together count as the few numbers that its errors are:
-    # of a point across the DLO `ALIKE_PARTS`, along it a single one.
-    sizes = np.maximum(sizes, np.sqrt(ALIKE_PARTS) * bias[0, 0])
-    place = float(bias[1, 0]) if bias[1, 0] > bias[0, 0] else 0.0
-    sizes[1] = np.hypot(sizes[1], max(recording.along_std, place))
-    drawn = np.random.default_rng(0).normal(size=(DRAWS, len(sizes)))
-    return float(np.mean(np.linalg.norm(drawn * sizes, axis=1)))

@@ -25,25 +25,12 @@ class Problem:
     """The recordings that are to be explained.
 
     Args:
-        recordings: recordings with their noise.
         given: the parameter file, for what is known beforehand.
-        drafts: the recordings with a coarser simulation, perhaps shorter, to try effects with.
+        drafts: recordings with a coarse simulation, perhaps shortened, to try effects with.
     """
 
-    recordings: tuple[Recording, ...]
     given: Settings
     drafts: tuple[Recording, ...]
-
-    @property
-    def count(self) -> int:
-        """Number of measured values in the drafts."""
-        return sum(len(r.times) * len(r.noise) for r in self.drafts)
-
-    @property
-    def shortened(self) -> bool:
-        """Whether drafts end earlier than their recordings."""
-        pairs = zip(self.recordings, self.drafts, strict=True)
-        return any(len(r.times) != len(d.times) for r, d in pairs)
 
 
 _problem: Problem | None = None

@@ -16,8 +16,8 @@ import numpy as np
 
 from dlo_ros.diagnosis.contact.contact_search import plausible_pegs
 from dlo_ros.diagnosis.contact.peg_places import sight
+from dlo_ros.diagnosis.explain.cause_naming import NAMED
 from dlo_ros.diagnosis.explain.certainty import beyond, certain
-from dlo_ros.diagnosis.explain.joint_explanation import NAMED
 from dlo_ros.diagnosis.explain.measurement_error import material_err
 from dlo_ros.diagnosis.proposals.candidate_effects import starts
 from dlo_ros.diagnosis.proposals.linear_evidence import (

@@ -1,0 +1,187 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""The causes that are named: those without which the best model is clearly worse."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dlo_ros.diagnosis.explain.candidate_trials import LOWERS, NEAR, fitted
+from dlo_ros.diagnosis.explain.cause_search import (
+    INDISPENSABLE,
+    Offer,
+    Search,
+    linear_loss,
+    offered,
+    ranked_proposals,
+    without,
+)
+from dlo_ros.diagnosis.explain.certainty import SCALES, certain, is_beyond, nameable, strains
+from dlo_ros.diagnosis.explain.contact_trials import Rivals
+from dlo_ros.diagnosis.proposals.linear_evidence import Proposal
+from dlo_ros.effects import Start
+from dlo_ros.effects.start import Block
+from dlo_ros.inference.joint import Evaluation
+from dlo_ros.inference.measured import Recording
+from dlo_ros.inference.parameter import split_name
+
+NAMED = 5.0
+"""Loss of log evidence without a cause, from which it is named: 150 to one. Of one that is no part
+of every set-up, but one of K effects that were tried, ln K more."""
+FAR = 0.4
+"""ERR over that without a cause, below which it is named whatever little of the log evidence is
+lost: errors that die out over time hold slow errors for cheap, however large they are."""
+RIVAL = 3.0
+"""Log evidence by which a rival may be worse."""
+RIVAL_FITS = 2
+Bares = dict[str, Evaluation | None]
+"""Fits without single causes, by the causes' labels; None where nothing could be simulated."""
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A cause that the data show for certain.
+
+    Args:
+        effect: name of the effect.
+        names: names of the effect's parameters.
+        rivals: effects that explain the data as well in its place, with the values of their keys.
+        evidence: log evidence that is lost without it.
+        err: ERR without it [m].
+    """
+
+    effect: str
+    names: tuple[str, ...]
+    rivals: Rivals
+    evidence: float
+    err: float
+
+
+def loss_without(at: Evaluation, bare: Evaluation) -> float:
+    """Log evidence that is lost without a cause."""
+    return at.posterior.evidence - bare.posterior.evidence
+
+
+def needed(at: Evaluation, bare: Evaluation, group: Proposal, begun: Sequence[Start]) -> bool:
+    """Whether the best model without a cause is clearly worse, see `NAMED` and `FAR`.
+
+    Args:
+        bare: the fit without it.
+    """
+    tried = len({s.effect for s in begun}) if group.start is not None else 1
+    loss = loss_without(at, bare)
+    far = at.mean_err < FAR * bare.mean_err
+    return loss >= NAMED + float(np.log(tried)) or (far and loss > 0.0)
+
+
+def without_needless(
+    found: Search, recordings: Sequence[Recording], begun: Sequence[Start]
+) -> tuple[Search, Bares, dict[str, float]]:
+    """The result without added effects that the data do not show for certain.
+
+    Beside an effect that may or may not act, another one of which the data are certain would not be
+    needed either, where each can do the other's work: neither would be named.
+
+    Returns:
+        The result, fits of it without single causes as far as they were made, and the change of
+        ln(E / mu) without each effect that is left out.
+    """
+    at, causes, shifts = found.at, found.causes, {}
+    bares: Bares = {}
+    for cause in reversed(found.causes):
+        if cause.start is None or linear_loss(at, cause, wholly=True) > INDISPENSABLE:
+            continue
+        bare = without(at, cause, recordings, wholly=True)
+        if bare is None or needed(at, bare, cause, begun):
+            bares[cause.label] = bare
+            continue
+        shifts[cause.effect] = log_ratio(bare) - log_ratio(at)
+        at, causes = bare, tuple(c for c in causes if c is not cause)
+        bares = {}
+    return replace(found, at=at, causes=causes), bares, shifts
+
+
+def named(
+    found: Search, bares: Bares, recordings: Sequence[Recording], begun: Sequence[Start],
+    material: float, least: float,
+) -> tuple[tuple[Cause, ...], dict[str, float]]:  # fmt: skip
+    """The causes without which the best model is clearly worse, numbers of the set-up among them,
+    and the change of ln(E / mu) without each effect that was added.
+
+    What lies within its tolerance, or is no part of every set-up, is none where all that it
+    explains is immaterial, or takes away less than `least` [m] of ERR: beside a cause whose true
+    law is another than the model's, a further effect mends that law a little. Where the set-up must
+    leave its tolerance to do a cause's work, ERR does not tell how much that is.
+    """
+    at, offer = found.at, found.offer
+    result, shifts = [], {}
+    for group in (*found.causes, *nameable(at, found.causes)):
+        if not certain(at, group, SCALES):
+            continue
+        # Linearly, the rest may do the work of what was added by moves that no set-up makes.
+        if group.start is None and linear_loss(at, group, wholly=True) < NAMED:
+            continue
+        known = group.label in bares
+        bare = bares[group.label] if known else without(at, group, recordings, wholly=True)
+        if bare is None:
+            continue
+        if group.start is not None:
+            shifts[group.effect] = log_ratio(bare) - log_ratio(at)
+        nearer = at.mean_err <= (1.0 - LOWERS) * bare.mean_err
+        if not nearer or not needed(at, bare, group, begun):
+            continue
+        if group.start is not None or not is_beyond(at, group):
+            little = bare.mean_err - at.mean_err < least and not strains(bare, at)
+            if bare.mean_err < material or (little and group.from_nothing):
+                continue
+        offer = offer or offered(at, recordings, begun)
+        rivals = _rivals(at, bare, group, recordings, offer)
+        names_ = tuple(p.name for p in group.parameters)
+        result.append(Cause(group.effect, names_, rivals, loss_without(at, bare), bare.mean_err))
+    return _merged(result), shifts
+
+
+def log_ratio(at: Evaluation) -> float:
+    """ln(E / mu) of a model."""
+    rod = at.model.settings.rod
+    return float(np.log(rod.young_modulus / rod.density))
+
+
+def _merged(causes: Sequence[Cause]) -> tuple[Cause, ...]:
+    """Causes with one entry for each effect, the clearest first."""
+    by_effect: dict[str, list[Cause]] = {}
+    for cause in sorted(causes, key=lambda c: -c.evidence):
+        by_effect.setdefault(cause.effect, []).append(cause)
+    return tuple(
+        Cause(
+            effect, tuple(n for c in same for n in c.names),
+            {r: v for r, v in same[0].rivals.items() if all(r in c.rivals for c in same)},
+            same[0].evidence, max(c.err for c in same),
+        )
+        for effect, same in by_effect.items()
+    )  # fmt: skip
+
+
+def _rivals(
+    at: Evaluation, bare: Evaluation, group: Proposal, recordings: Sequence[Recording],
+    offer: Offer,
+) -> dict[str, Block]:  # fmt: skip
+    """Effects that explain the data as well where a group is at neutral, with their values."""
+    missing = at.posterior.evidence - bare.posterior.evidence - RIVAL
+    result: dict[str, Block] = {}
+    fits = 0
+    for predicted in ranked_proposals(bare, offer, smooth=True):
+        effect = predicted.proposal.effect
+        if effect == group.effect or effect in result or predicted.gain < NEAR * missing:
+            continue
+        if fits >= RIVAL_FITS:
+            break
+        fits += 1
+        there = fitted(predicted.model, recordings)
+        if there and there.posterior.evidence - bare.posterior.evidence >= missing:
+            values = there.model.settings.effects.get(effect, {})
+            fitted_ = {split_name(p.name)[1] for p in predicted.proposal.parameters if p.effect}
+            result[effect] = {key: v for key, v in values.items() if key in fitted_}
+    return result
