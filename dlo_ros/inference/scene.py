@@ -27,9 +27,10 @@ def imposed_names(recordings: Iterable[Manipulation]) -> list[str]:
     return [name for recording in recordings for c in recording.commands for name in c.names]
 
 
-def has_free_end(manipulation: Manipulation, control_points: int) -> bool:
-    """Whether an end of the DLO is held by nothing."""
-    return len(_imposed(imposed_names([manipulation]), control_points, (0, 1))) < 2
+def free_ends(manipulation: Manipulation, control_points: int) -> tuple[str, ...]:
+    """The ends of the DLO that nothing holds."""
+    held = _imposed(imposed_names([manipulation]), control_points, (0, 1))
+    return tuple(end for end in (START, END) if end not in held)
 
 
 def _imposed(names: Sequence[str], n: int, points: Sequence[int]) -> tuple[str, ...]:

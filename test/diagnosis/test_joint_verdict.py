@@ -24,11 +24,13 @@ from dlo_ros.diagnosis.findings.joint_learning import (
 from dlo_ros.diagnosis.findings.joint_outcome import _completed, _unseeing, _verdict
 from dlo_ros.diagnosis.fitting.initial_fit import begin
 from dlo_ros.errors import SimulationError
+from dlo_ros.inference.forecast import whitening
 from dlo_ros.inference.spectrum import modes, spectrum
 from dlo_ros.inference.variances import fit_variances
 from dlo_ros.spline import SplineBasis
 
 MATTERS = 1e-3
+L = 0.7
 NAMEABLE = 0.5e-3
 
 
@@ -133,10 +135,13 @@ def own_err(monkeypatch, noises, still=(), free=(), along=1e-6):
     """
     monkeypatch.setattr(measurement_error, "_staying", lambda *_: np.array([1e-10, along**2]))
     monkeypatch.setattr(measurement_error, "_noise", lambda std, *_: np.array([std**2, 0.0]))
-    monkeypatch.setattr(measurement_error, "has_free_end", lambda k, _: k in free)
+    ends = {k: ("end",) if k in free else () for k in range(len(noises))}
+    monkeypatch.setattr(measurement_error, "free_ends", lambda k, _: ends[k])
+    monkeypatch.setattr(measurement_error, "_stretched", lambda _, ends, __: float(len(ends)))
     settings = SimpleNamespace(rod=SimpleNamespace(length=1.0))
     at = SimpleNamespace(
         model=SimpleNamespace(settings=settings), variances=noises, spectra=[None] * len(noises),
+        fields=[(None, None)] * len(noises),
         predicted=[np.zeros((9, 4, 3))] * len(noises),
     )  # fmt: skip
     shapes = np.random.default_rng(0).normal(size=(9, 4, 3))
@@ -160,6 +165,32 @@ def test_what_one_recording_alone_shows_is_not_the_measurements_own(monkeypatch)
     assert own_err(monkeypatch, (5e-3, 4e-4, 4e-4)) == pytest.approx(2e-3 / 3.0, rel=0.05)
     assert own_err(monkeypatch, (8e-4, 4e-4, 4e-4)) == pytest.approx(1.6e-3 / 3.0, rel=0.05)
     assert own_err(monkeypatch, (5e-3, 1e-4), still=(1,)) == pytest.approx(2.55e-3, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("ends", "error", "share"),
+    [
+        (("end",), lambda u: u, 1.0),
+        (("start",), lambda u: L - u, 1.0),
+        (("end",), lambda u: L - u, 0.25),  # of 1 - x the part along x, squared: (1/6)^2 / (1/3)^2
+        (("end",), lambda u: np.ones_like(u), 0.75),
+        (("start", "end"), lambda u: np.ones_like(u), 1.0),
+        (("end",), lambda u: np.sin(2.0 * np.pi * u / L), 0.152),  # 3 / (2 pi^2)
+        ((), lambda u: u, 0.0),
+    ],
+)
+def test_what_grows_towards_a_free_end_is_told_from_other_errors_along_a_dlo(ends, error, share):
+    n = 24
+    settings = replace(PAPER, rod=replace(PAPER.rod, length=L, control_points=n))
+    basis = SplineBasis(n, L)
+    stations = np.linspace(0.0, L, 400)
+    along = whitening(n, L) @ np.linalg.lstsq(basis.matrix(stations), error(stations))[0]
+    rng = np.random.default_rng(5)
+    residual = np.zeros((60, 2 * n))
+    residual[:, n:] = along + 0.1 * rng.normal(size=(60, 1)) * along  # more or less of it
+    residual[:, :n] = rng.normal(size=(60, n))
+    found = measurement_error._stretched(residual, ends, settings)
+    assert found == pytest.approx(share, abs=0.02)
 
 
 def test_u_may_be_stretched_towards_a_free_end(monkeypatch):

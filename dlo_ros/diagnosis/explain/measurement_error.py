@@ -7,13 +7,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from dlo_ros.command import END
+from dlo_ros.inference.forecast import whitening
 from dlo_ros.inference.joint import Evaluation
 from dlo_ros.inference.measured import Recording, spline_space
-from dlo_ros.inference.scene import has_free_end
+from dlo_ros.inference.scene import free_ends
 from dlo_ros.inference.spectrum import Spectrum
 from dlo_ros.inference.variances import FEWEST_FRAMES, REPEATED_STD, Variances
 from dlo_ros.parameters import Settings
-from dlo_ros.spline import FloatArray
+from dlo_ros.spline import FloatArray, SplineBasis
 
 OWN = 1.3
 """ERR over that of the measurement itself, up to which nothing is left to explain."""
@@ -21,8 +23,9 @@ LARGEST = 0.01
 """Largest error over the length that counts as the measurement's own, of those that are new in
 every picture: no tracker that deserves the name errs more, and where the DLO moves far between two
 pictures what a model lacks is new in each as well. Of errors that stay, no more counts than careful
-calibrations err, `REPEATED_STD`; but along a DLO with a free end u is counted from where that end
-is seen."""
+calibrations err, `REPEATED_STD`; but where u is counted from a free end that is seen too early or
+too late, it is off by ever more towards that end."""
+TINY = 1e-300
 ALONG = 1
 """Direction along the DLO; see `spectrum`."""
 STILL = 0.1
@@ -46,18 +49,20 @@ def own_err(at: Evaluation, recordings: Sequence[Recording]) -> float:
     counts as each recording shows it, too. None counts for more than `ALIKE` of the others in
     which the DLO moves, of those with as many free ends where there are any.
     """
-    found, telling, free = [], [], []
+    found, telling, kinds = [], [], []
     length = at.model.settings.rod.length
     most = (LARGEST * length) ** 2
-    for variances, s, recording, predicted in zip(
-        at.variances, at.spectra, recordings, at.predicted, strict=True
+    for (residual, _), variances, s, recording, predicted in zip(
+        at.fields, at.variances, at.spectra, recordings, at.predicted, strict=True
     ):
-        free.append(has_free_end(recording.manipulation, predicted.shape[1]))
+        ends = free_ends(recording.manipulation, predicted.shape[1])
+        kinds.append(len(ends))
+        share = _stretched(residual, ends, at.model.settings)
         staying = _staying(variances, s)
-        limits = np.full(len(staying), (REPEATED_STD * length) ** 2)
-        if free[-1]:
-            limits[ALONG] = most
-        staying = np.minimum(staying, limits)
+        stretched = share * staying[ALONG]
+        staying[ALONG] -= stretched
+        staying = np.minimum(staying, (REPEATED_STD * length) ** 2)
+        staying[ALONG] += min(stretched, most)
         moved = recording.observed - recording.observed.mean(axis=0)
         still = np.mean(np.sum(moved**2, axis=2)) < np.sum(staying)
         own = (STILL if still else 1.0) ** 2 * staying
@@ -66,10 +71,10 @@ def own_err(at: Evaluation, recordings: Sequence[Recording]) -> float:
             variance[ALONG] += min(_along(recording, predicted, at.model.settings), most)
         found.append(mean_length(np.sqrt(variance)))
         telling.append(not still and len(recording.times) >= FEWEST_FRAMES)
-    owns, kinds = np.array(found), np.array(free)
+    owns = np.array(found)
     for k in range(len(owns)):
         others = np.array(telling) & (np.arange(len(owns)) != k)
-        alike = others & (kinds == kinds[k])
+        alike = others & (np.array(kinds) == kinds[k])
         others = alike if alike.any() else others
         if others.any():
             owns[k] = min(owns[k], ALIKE * float(np.median(np.array(found)[others])))
@@ -82,6 +87,23 @@ def _staying(variances: Variances, s: Spectrum) -> FloatArray:
     weight = still / variances.of(s)
     squares = weight**2 * s.sum_of_squares + s.count * (1.0 - weight) * still
     return np.bincount(s.part, squares) / s.frames
+
+
+def _stretched(residual: FloatArray, ends: Sequence[str], settings: Settings) -> float:
+    """Share of what stays of a residual along the DLO that grows in proportion towards free ends.
+
+    Args:
+        residual: coefficients, shape (F, K).
+    """
+    if not ends:
+        return 0.0
+    n, length = settings.rod.control_points, settings.rod.length
+    share = SplineBasis(n, length).greville / length
+    profiles = np.array([share if end == END else 1.0 - share for end in ends])
+    stays = residual[:, n : 2 * n].mean(axis=0)
+    columns = whitening(n, length) @ profiles.T
+    fitted = columns @ np.linalg.lstsq(columns, stays, rcond=None)[0]
+    return float(np.sum(fitted**2) / max(float(np.sum(stays**2)), TINY))
 
 
 def _along(recording: Recording, predicted: FloatArray, settings: Settings) -> float:
