@@ -33,20 +33,32 @@ def recorded(folder, seed, kind, names=()):
 
 @pytest.fixture(scope="module")
 def damped(tmp_path_factory):
-    """A rope with more damping inside than the file guesses."""
+    """A rope with nine times the damping inside that the file guesses."""
     return recorded(tmp_path_factory.mktemp("damped"), 3, "single", ("internal_damping",))
+
+
+@pytest.mark.slow
+def test_a_guess_is_known_to_a_factor(damped):
+    """What is within nine times the guess is no cause, but is told."""
+    challenge, recordings, settings = damped
+    found = diagnose(recordings, settings)
+    assert (found.verdict, found.effects) == ("adequate", ())
+    true = challenge.effects["internal_damping"]["relaxation_time"]
+    told = found.setup["internal_damping.relaxation_time"]
+    assert told.value == pytest.approx(true, rel=0.02) and told.tolerance is None
 
 
 @pytest.mark.slow
 def test_a_wrong_guess_is_named_where_it_is_all_that_is_missing(damped):
     challenge, recordings, settings = damped
+    third = settings.damping.relaxation_time / 3.0
+    settings = replace(settings, damping=replace(settings.damping, relaxation_time=third))
     found = diagnose(recordings, settings)
     (effect,) = found.effects
     assert (found.verdict, effect.name, effect.rivals) == ("explained", "internal_damping", ())
-    true = challenge.effects["internal_damping"]["relaxation_time"]
+    true = 2.0 * third + challenge.effects["internal_damping"]["relaxation_time"]
     assert effect.parameters["relaxation_time"].value == pytest.approx(true, rel=0.1)
-    assert found.extended.settings.damping == settings.damping  # the guess, and what is added
-    assert found.gain.low > 0.0
+    assert found.extended.settings.damping.relaxation_time == third  # the guess, and what is added
 
 
 @pytest.mark.slow
@@ -55,7 +67,7 @@ def test_only_the_ratio_of_drag_and_weight_is_seen(tmp_path):
     _, recordings, settings = recorded(tmp_path, 3, "single", ("air_drag",))
     found = diagnose(recordings, settings)
     assert (found.verdict, found.effects) == ("adequate", ())
-    assert found.extended.density[1] > 0.2 * found.extended.density[0]
+    assert found.extended.density[1] is None
 
 
 @pytest.mark.slow
