@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Names in backticks, such as `holdout.Split`, are those of modules, classes, parameters, effects.
+"""Names in backticks, such as `holdout.gain`, are those of modules, classes, parameters, effects.
 
 Otherwise a docstring goes on sending its reader to a module that has been renamed.
 """

@@ -27,7 +27,7 @@ def views(
 
     Args:
         before, after: the plain and the extended model, on the recordings learned from.
-        holdout: see `holdout.Split`.
+        holdout: masks of the frames that are held out, shape (F,) for each recording.
     """
     result = []
     length = given.rod.length
