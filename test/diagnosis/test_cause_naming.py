@@ -79,6 +79,16 @@ def test_a_cause_matters_or_is_not_named(monkeypatch, linear, loss, without, str
     assert told.stiffness_doubt == pytest.approx(0.0 if named else np.log(2.0))
 
 
+def test_what_acts_now_and_then_counts_where_it_acts():
+    """A peg that is hit in one of four recordings; a mass acts in all."""
+    at, bare = evaluation(0.0, 1e-3), evaluation(0.0, 2e-3)
+    at.err = [np.full(9, 1e-3)] * 4
+    bare.err = [*at.err[:3], np.full(9, 5e-3)]
+    for steady, taken in ((True, 1e-3), (False, 4e-3)):
+        group = SimpleNamespace(from_nothing=steady)
+        assert cause_naming._taken_away(at, bare, group) == pytest.approx(taken)
+
+
 @pytest.mark.parametrize(("loss", "kept"), [(4.0, False), (12.0, True)])
 def test_what_may_or_may_not_act_does_not_stand_for_what_does(monkeypatch, loss, kept):
     starts = [Start(name, {"size": 0.0}, ("size",), ("size",)) for name in ("damping", "creep")]

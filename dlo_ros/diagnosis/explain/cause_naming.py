@@ -133,14 +133,23 @@ def named(
         if not nearer or not needed(at, bare, group, begun):
             continue
         if group.start is not None or not is_beyond(at, group):
-            little = bare.mean_err - at.mean_err < least and not strains(bare, at)
-            if bare.mean_err < material or (little and group.from_nothing):
+            little = _taken_away(at, bare, group) < least and not strains(bare, at)
+            if bare.mean_err < material or little:
                 continue
         offer = offer or offered(at, recordings, begun)
         rivals = _rivals(at, bare, group, recordings, offer)
         names_ = tuple(p.name for p in group.parameters)
         result.append(Cause(group.effect, names_, rivals, loss_without(at, bare), bare.mean_err))
     return _merged(result), shifts
+
+
+def _taken_away(at: Evaluation, bare: Evaluation, group: Proposal) -> float:
+    """ERR that a cause takes away [m]; of what acts now and then, such as a peg that is hit or a
+    yield, where it takes most.
+    """
+    if group.from_nothing:
+        return bare.mean_err - at.mean_err
+    return max(float(np.mean(b) - np.mean(a)) for b, a in zip(bare.err, at.err, strict=True))
 
 
 def log_ratio(at: Evaluation) -> float:
