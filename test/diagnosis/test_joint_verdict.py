@@ -198,10 +198,11 @@ def test_u_may_be_stretched_towards_a_free_end(monkeypatch):
     free = own_err(monkeypatch, (1e-4, 1e-4), free=(0, 1), along=8e-3)
     assert free == pytest.approx(8e-3, rel=0.02)
     held = own_err(monkeypatch, (1e-4, 1e-4), along=8e-3)
-    assert held == pytest.approx(3e-3, rel=0.02)
+    assert held == pytest.approx(3e-3**2 / 8e-3, rel=0.02)
+    assert own_err(monkeypatch, (1e-4,), along=2.9e-3) == pytest.approx(2.9e-3, rel=0.02)
     # One of three with a free end is no error of its own beside those that are held.
     alone = own_err(monkeypatch, (1e-4, 1e-4, 1e-4), free=(0,), along=8e-3)
-    assert alone == pytest.approx((8e-3 + 2 * 3e-3) / 3.0, rel=0.02)
+    assert alone == pytest.approx((3.0 * held + 2.0 * held) / 3.0, rel=0.02)
 
 
 @pytest.mark.parametrize(

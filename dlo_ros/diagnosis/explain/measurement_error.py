@@ -22,8 +22,8 @@ OWN = 1.3
 LARGEST = 0.01
 """Largest error over the length that counts as the measurement's own, of those that are new in
 every picture: no tracker that deserves the name errs more, and where the DLO moves far between two
-pictures what a model lacks is new in each as well. Of errors that stay, no more counts than careful
-calibrations err, `REPEATED_STD`; but where u is counted from a free end that is seen too early or
+pictures what a model lacks is new in each as well. Errors that stay are no larger than those of
+careful calibrations, `REPEATED_STD`; but where u is counted from a free end that is seen too early or
 too late, it is off by ever more towards that end."""
 TINY = 1e-300
 ALONG = 1
@@ -61,8 +61,8 @@ def own_err(at: Evaluation, recordings: Sequence[Recording]) -> float:
         staying = _staying(variances, s)
         stretched = share * staying[ALONG]
         staying[ALONG] -= stretched
-        staying = np.minimum(staying, (REPEATED_STD * length) ** 2)
-        staying[ALONG] += min(stretched, most)
+        staying = _credible(staying, (REPEATED_STD * length) ** 2)
+        staying[ALONG] += _credible(stretched, most)
         moved = recording.observed - recording.observed.mean(axis=0)
         still = np.mean(np.sum(moved**2, axis=2)) < np.sum(staying)
         own = (STILL if still else 1.0) ** 2 * staying
@@ -87,6 +87,15 @@ def _staying(variances: Variances, s: Spectrum) -> FloatArray:
     weight = still / variances.of(s)
     squares = weight**2 * s.sum_of_squares + s.count * (1.0 - weight) * still
     return np.bincount(s.part, squares) / s.frames
+
+
+def _credible(variance: FloatArray, most: float) -> FloatArray:
+    """The part of a variance that a measurement may have which has `most` at the utmost [m^2].
+
+    What exceeds that is the model's error, and the more it does, the less of the rest can be taken
+    for the measurement's.
+    """
+    return np.asarray(np.minimum(variance, most**2 / np.maximum(variance, TINY)))
 
 
 def _stretched(residual: FloatArray, ends: Sequence[str], settings: Settings) -> float:
