@@ -20,10 +20,10 @@ from dlo_ros.diagnosis.findings.joint_learning import (
 )
 from dlo_ros.diagnosis.findings.joint_outcome import joint_outcome
 from dlo_ros.diagnosis.findings.measured_force_scale import with_forces
-from dlo_ros.diagnosis.fitting.candidate_model import Model
-from dlo_ros.diagnosis.fitting.evaluation import CandidateEvaluation, evaluate
 from dlo_ros.diagnosis.fitting.initial_fit import Beginning, begin, drafts, finer
-from dlo_ros.diagnosis.fitting.levenberg_marquardt import fit, renewed
+from dlo_ros.diagnosis.fitting.levenberg_marquardt import fit
+from dlo_ros.diagnosis.fitting.plain_evaluation import PlainEvaluation, evaluate
+from dlo_ros.diagnosis.fitting.plain_model import PlainModel
 from dlo_ros.diagnosis.fitting.worker_processes import Problem, Progress, Workers, workers
 from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.identification.estimate import searchable
@@ -85,7 +85,7 @@ def diagnose(
 
 def _explained(
     beginning: Beginning, count: int, given: Settings, processes: int, progress: Progress
-) -> tuple[CandidateEvaluation, Learned]:
+) -> tuple[PlainEvaluation, Learned]:
     """The plain model fitted to the first `count` recordings, and their explanation.
 
     It is learned from all of them where the one that is held out shows what the others do not.
@@ -114,7 +114,7 @@ def _explained(
 
 
 def _met(
-    team: Workers, plain: CandidateEvaluation, begun: TrainingSet, progress: Progress
+    team: Workers, plain: PlainEvaluation, begun: TrainingSet, progress: Progress
 ) -> list[PegBesideSetUp]:
     """Pegs that the DLO may have hit, where the set-up alone leaves an ERR that matters."""
     setup, recordings = begun.prepared.setup, begun.prepared.recordings
@@ -124,7 +124,7 @@ def _met(
     return pegs_beside_set_up(team, plain, begun.prepared.scene)
 
 
-def _learned(beginning: Beginning, count: int, given: Settings) -> CandidateEvaluation:
+def _learned(beginning: Beginning, count: int, given: Settings) -> PlainEvaluation:
     """The plain model fitted to the first `count` recordings, from which all may be learned.
 
     The initial fit has seen the others, too: from all recordings a starting point is found that
@@ -134,10 +134,10 @@ def _learned(beginning: Beginning, count: int, given: Settings) -> CandidateEval
         return beginning.at
     learned = beginning.recordings[:count]
     here = evaluate(beginning.at.model, learned, given)
-    return renewed(fit(here, learned, given, ALONE), learned, given)
+    return fit(here, learned, given, ALONE)
 
 
-def _like(plain: CandidateEvaluation, found: Learned) -> Model:
+def _like(plain: PlainEvaluation, found: Learned) -> PlainModel:
     """The plain model with the material and damping of an explanation."""
     there = found.explanation.at.model.settings
     here = plain.model.settings
@@ -147,8 +147,8 @@ def _like(plain: CandidateEvaluation, found: Learned) -> Model:
 
 
 def _better_plain_model(
-    plain: CandidateEvaluation, found: Learned, beginning: Beginning, given: Settings
-) -> Model | None:
+    plain: PlainEvaluation, found: Learned, beginning: Beginning, given: Settings
+) -> PlainModel | None:
     """A plain model that does better than the fitted one, whose fit had ended in a wrong minimum.
 
     What was found may have led out of that minimum.
@@ -163,7 +163,7 @@ def _better_plain_model(
 
 
 def _sharper(
-    plain: CandidateEvaluation, found: Learned, beginning: Beginning, given: Settings
+    plain: PlainEvaluation, found: Learned, beginning: Beginning, given: Settings
 ) -> Beginning | None:
     """The initial fit with a simulation that is fine enough for an explanation.
 

@@ -247,8 +247,6 @@ class Effect:
         batched: whether it may be present where several parameter sets are simulated at once
             (`dlo_ros.rod.batch.parameter_sets`), with the same values in all. Never where it
             changes the measurement, which such a run knows nothing of.
-        varied_in_batch: whether its values may differ between these sets. The rod must stay plain:
-            it neither touches anything nor softens, yields, slips or becomes longer.
         in_setup: whether every real set-up has a little of it, within its tolerances.
     """
 
@@ -259,7 +257,6 @@ class Effect:
     smooth: ClassVar[bool] = True
     differentiable: ClassVar[bool] = True
     batched: ClassVar[bool] = True
-    varied_in_batch: ClassVar[bool] = False
     in_setup: ClassVar[bool] = False
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
@@ -269,7 +266,6 @@ class Effect:
             if getattr(cls, method) is not getattr(Effect, method)
         )  # fmt: skip
         cls.batched = cls.batched and MEASUREMENT not in cls.acts_on
-        cls.varied_in_batch = cls.varied_in_batch and cls.batched and cls.acts_on <= {ROD}
         cls.smooth = cls.smooth and cls.differentiable
 
     @classmethod

@@ -98,7 +98,8 @@ def varied_in_pieces(
 
     derivative = -quotient(np.array([f.residual for f in forecasts]))
     derivative = np.ascontiguousarray(derivative.swapaxes(0, 1))  # (F, 4, n, 3)
-    here = replace(forecasts[0], derivative=derivative)
+    sensitivity = quotient(np.array([f.predicted[..., :3] for f in forecasts])).swapaxes(0, 1)
+    here = replace(forecasts[0], derivative=derivative, sensitivity=sensitivity)
     return Varied(here, together.batch.differentiated(MATERIAL, quotient))
 
 
@@ -123,16 +124,6 @@ def forecast_each(
         InputError: as `forecast`.
     """
     return exhausted(forecast_in_pieces(manipulation, settings, spans, last_stamp))
-
-
-def forecast_together(
-    manipulation: Manipulation, settings: Sequence[Settings], spans: int | None = None
-) -> list[Forecast | None] | None:
-    """Forecasts as of `forecast_each`, but None altogether where the sets cannot share a
-    simulation.
-    """
-    together = exhausted(_together(manipulation, settings, spans, None, None))
-    return together.forecasts if together is not None else None
 
 
 def forecast_in_pieces(

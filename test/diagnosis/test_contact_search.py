@@ -14,9 +14,9 @@ from dlo_ros.cli.loading import load_manipulation
 from dlo_ros.diagnosis.contact.contact_search import pegs_beside_set_up, plausible_pegs
 from dlo_ros.diagnosis.contact.peg_places import apart, places, sight
 from dlo_ros.diagnosis.contact.undisturbed import _beginnings
-from dlo_ros.diagnosis.fitting.evaluation import evaluate
 from dlo_ros.diagnosis.fitting.initial_fit import begin, drafts
 from dlo_ros.diagnosis.fitting.levenberg_marquardt import attempt
+from dlo_ros.diagnosis.fitting.plain_evaluation import evaluate
 from dlo_ros.diagnosis.fitting.worker_processes import Problem, workers
 from dlo_ros.diagnosis.residuals.residual_autocovariance import root_autocovariance
 from dlo_ros.inference.scene import imposed_names, scene

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Steps of the diagnosis: coarse trials, refinement, fits with dear derivatives, walls."""
+"""Steps of the diagnosis: coarse trials, refinement, fits that end, walls."""
 
 from dataclasses import replace
 
@@ -9,10 +9,10 @@ from measured import swing
 from rods import KNOWN, PAPER
 
 from dlo_ros.diagnosis.contact.peg_places import tangent_wall
-from dlo_ros.diagnosis.fitting import evaluation, levenberg_marquardt
-from dlo_ros.diagnosis.fitting.evaluation import evaluate
-from dlo_ros.diagnosis.fitting.initial_fit import begin, drafts, finer
-from dlo_ros.diagnosis.fitting.levenberg_marquardt import UNDAMPED, fit, polished
+from dlo_ros.diagnosis.fitting import plain_evaluation
+from dlo_ros.diagnosis.fitting.initial_fit import UNDAMPED, begin, drafts, finer
+from dlo_ros.diagnosis.fitting.levenberg_marquardt import fit
+from dlo_ros.diagnosis.fitting.plain_evaluation import evaluate
 from dlo_ros.effects import Peg
 from dlo_ros.errors import SimulationError
 
@@ -74,66 +74,22 @@ def test_what_starts_in_motion_is_refined_without_equilibria(monkeypatch):
     assert begun.at.err[0].mean() < 5e-3 * PAPER.rod.length
 
 
-def test_what_cannot_be_simulated_finely_stays_as_it_is(beginning, monkeypatch):
-    def failing(*words, **more):
-        raise SimulationError("does not converge")
-
-    monkeypatch.setattr("dlo_ros.diagnosis.fitting.levenberg_marquardt.evaluate", failing)
-    assert polished(beginning.at, beginning.recordings, KNOWN) is beginning.at
-
-
 @pytest.mark.parametrize("wild", [1e200, np.inf, np.nan])
 def test_derivatives_beyond_all_bounds_are_refused(beginning, monkeypatch, wild):
-    held = evaluation._held_against
+    held = plain_evaluation._held_against
 
     def wildly(*words):
         found, jacobian = held(*words)
         jacobian[0, 1, 0] = wild
         return found, jacobian
 
-    monkeypatch.setattr(evaluation, "_held_against", wildly)
+    monkeypatch.setattr(plain_evaluation, "_held_against", wildly)
     with pytest.raises(SimulationError, match="derivatives"):
         evaluate(beginning.at.model, beginning.recordings, KNOWN)
 
 
-def fitted_with_a_wrong_clamp(beginning, count, monkeypatch):
-    """A fit whose derivatives are expensive, and how often they were simulated."""
-    model = beginning.at.model.extended("clamp_angle", {"start": 0.03}, ("start",))
-    at = evaluate(model, beginning.recordings, KNOWN)
-    assert (
-        at.expensive_jacobian
-        and not evaluate(beginning.at.model, beginning.recordings, KNOWN).expensive_jacobian
-    )
-    made = []
-
-    def counted(*words, **more):
-        made.append(more.get("derivatives", True))
-        return evaluate(*words, **more)
-
-    monkeypatch.setattr("dlo_ros.diagnosis.fitting.levenberg_marquardt.evaluate", counted)
-    return at, fit(at, beginning.recordings, KNOWN, count, damping=UNDAMPED), sum(made)
-
-
-def test_dear_derivatives_are_carried_on(beginning, monkeypatch):
-    at, found, simulated = fitted_with_a_wrong_clamp(beginning, 8, monkeypatch)
-    assert 1 <= simulated <= 2  # renewed before the end is believed
-    assert abs(found.model.settings.effects["clamp_angle"]["start"]) < 1e-3
-    exact = fit(at, beginning.recordings, KNOWN, 8, exact=True, damping=UNDAMPED)
-    assert found.cost == pytest.approx(exact.cost, abs=0.5)
-
-
-def test_derivatives_that_are_carried_on_foretell_the_step_they_have_gone(beginning, monkeypatch):
-    at, after, simulated = fitted_with_a_wrong_clamp(beginning, 1, monkeypatch)
-    assert simulated == 0 and after.carried
-    step = after.model.theta() - at.model.theta()
-    for jacobian, here, there in zip(after.jacobians, at.residuals, after.residuals, strict=True):
-        assert np.einsum("fpk,p->fk", jacobian, step) == pytest.approx(here - there, abs=1e-6)
-    renewed = levenberg_marquardt.renewed(after, beginning.recordings, KNOWN)
-    assert not renewed.carried and renewed.cost == pytest.approx(after.cost)
-
-
 def test_a_fit_ends_where_nothing_is_promised(beginning, monkeypatch):
-    at = polished(beginning.at, beginning.recordings, KNOWN)
+    at = fit(beginning.at, beginning.recordings, KNOWN, 3, damping=UNDAMPED)
 
     def simulated(*words, **more):
         raise AssertionError("simulated although nothing is to be gained")

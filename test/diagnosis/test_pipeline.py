@@ -9,9 +9,9 @@ import pytest
 from experiment_recordings import moving
 
 from dlo_ros.diagnosis import pipeline
-from dlo_ros.diagnosis.fitting.evaluation import evaluate
 from dlo_ros.diagnosis.fitting.initial_fit import begin
-from dlo_ros.diagnosis.fitting.levenberg_marquardt import fit
+from dlo_ros.diagnosis.fitting.levenberg_marquardt import attempt
+from dlo_ros.diagnosis.fitting.plain_evaluation import evaluate
 from dlo_ros.diagnosis.pipeline import _learned
 
 
@@ -25,10 +25,12 @@ def test_the_plain_model_has_not_seen_what_is_held_out():
         at.model.settings.rod.specific_modulus for at in (found, both.at, alone.at)
     )
     assert abs(spoilt / expected - 1.0) > 0.1
-    assert ratio == pytest.approx(expected, rel=4.5e-3)  # its std is 0.15 %
-    assert found.cost < 1.01 * alone.at.cost
+    assert ratio == pytest.approx(expected, rel=6e-3)  # its std is 0.15 %
+    # With the time steps that were fine enough for what both leave.
+    fitted = evaluate(alone.at.model, both.recordings[:1], given, derivatives=False)
+    assert found.cost < 1.01 * fitted.cost
     assert len(found.residuals) == len(found.err) == 1
-    assert float(found.err[0].mean()) == pytest.approx(float(alone.at.err[0].mean()), rel=0.02)
+    assert found.mean_err == pytest.approx(fitted.mean_err, rel=0.05)
     # Nothing is fitted anew where nothing is held out.
     assert _learned(both, 2, given) is both.at
 
@@ -37,8 +39,8 @@ def test_nothing_is_fitted_to_the_simulation_s_own_error():
     recording, given = moving("simple", {"gravity_tilt": {"angle": 0.3}}, 43)
     fine = begin([recording], given)
     rough = replace(fine, recordings=tuple(replace(r, spans=r.spans - 1) for r in fine.recordings))
-    tilted = fine.at.model.extended("gravity_tilt", {"angle": 0.3}, ("angle",))
-    near = fit(evaluate(tilted, fine.recordings, given), fine.recordings, given, 3)
+    tilted = fine.at.model.settings.with_effects({"gravity_tilt": {"angle": 0.3}})
+    near = attempt(replace(fine.at.model, settings=tilted), fine.recordings, given, 3)
     learned = SimpleNamespace(explanation=SimpleNamespace(at=near))
     sharper = pipeline._sharper(fine.at, learned, rough, given)
     assert sharper is not None

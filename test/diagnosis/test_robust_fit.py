@@ -8,9 +8,9 @@ import pytest
 from measured import swing
 from rods import KNOWN, PAPER
 
-from dlo_ros.diagnosis.fitting.candidate_model import baseline
-from dlo_ros.diagnosis.fitting.evaluation import evaluate
 from dlo_ros.diagnosis.fitting.levenberg_marquardt import fit
+from dlo_ros.diagnosis.fitting.plain_evaluation import evaluate
+from dlo_ros.diagnosis.fitting.plain_model import baseline
 from dlo_ros.diagnosis.fitting.recording_noise import with_noise
 from dlo_ros.diagnosis.fitting.robust_fit import (
     ROBUST_SCALE,

@@ -152,7 +152,6 @@ class Careless(Effect):
 
     name: ClassVar[str] = "careless"
     batched: ClassVar[bool] = True
-    varied_in_batch: ClassVar[bool] = True
 
     shift: float = quantity(0.0, "m", -1.0, 1.0, "of what is seen")
 
@@ -179,7 +178,7 @@ def view(**changes):
 
 
 def test_an_effect_of_the_measurement_is_never_batched():
-    assert not Careless.batched and not Careless.varied_in_batch
+    assert not Careless.batched
 
 
 def test_by_default_a_local_effect_is_looked_for_along_the_rope():

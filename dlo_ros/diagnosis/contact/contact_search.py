@@ -17,9 +17,9 @@ from scipy.optimize import minimize
 from dlo_ros.diagnosis.contact.peg_places import Sight, apart, places, sight, tangent_wall
 from dlo_ros.diagnosis.contact.undisturbed import undisturbed
 from dlo_ros.diagnosis.fitting import robust_fit
-from dlo_ros.diagnosis.fitting.candidate_model import Model, names
-from dlo_ros.diagnosis.fitting.evaluation import CandidateEvaluation, evaluate
 from dlo_ros.diagnosis.fitting.levenberg_marquardt import attempt
+from dlo_ros.diagnosis.fitting.plain_evaluation import PlainEvaluation, evaluate
+from dlo_ros.diagnosis.fitting.plain_model import PlainModel, names
 from dlo_ros.diagnosis.fitting.worker_processes import Problem, Workers
 from dlo_ros.effects import Peg, Scene, Start
 from dlo_ros.effects.physics.obstacle import Obstacle
@@ -54,7 +54,7 @@ BEGUN = 2
 WORSE = 4.0
 """Sum of squared residuals over the best one's, up to which another peg is kept."""
 
-Task = tuple[Model, tuple[int, ...], Peg, float]
+Task = tuple[PlainModel, tuple[int, ...], Peg, float]
 
 
 @dataclass(frozen=True)
@@ -65,9 +65,7 @@ class PegBesideSetUp:
     peg: Start
 
 
-def pegs_beside_set_up(
-    team: Workers, at: CandidateEvaluation, scene: Scene
-) -> list[PegBesideSetUp]:
+def pegs_beside_set_up(team: Workers, at: PlainEvaluation, scene: Scene) -> list[PegBesideSetUp]:
     """Pegs that the DLO may have hit, beside a set-up that is off within its tolerances.
 
     There are none where it moves in space, off the board with the pegs.
@@ -92,7 +90,7 @@ def _in_space(team: Workers) -> bool:
     return any(np.abs(s[..., 1]).max() > OFF_BOARD * length for s in shapes)
 
 
-def _pegs(team: Workers, consensus: CandidateEvaluation, scale: float) -> list[Peg]:
+def _pegs(team: Workers, consensus: PlainEvaluation, scale: float) -> list[Peg]:
     """The pegs with which a fit to undisturbed pictures comes nearest to the other pictures.
 
     Args:
@@ -165,7 +163,7 @@ def _likely(view: Sight) -> list[Peg]:
     return [p.peg for p in found if p.left <= found[0].left + AS_LIKELY * view.count]
 
 
-def _alone(model: Model, peg: Peg) -> Model:
+def _alone(model: PlainModel, peg: Peg) -> PlainModel:
     """The model with a peg, of which only the peg's numbers are open."""
     block = peg._asdict()
     extended = model.extended(EFFECT, block, tuple(block))
@@ -189,7 +187,7 @@ def _loss(problem: Problem, task: Task) -> float | None:
     return robust_fit.loss(at, scale)
 
 
-def _fitted(problem: Problem, task: Task) -> CandidateEvaluation | None:
+def _fitted(problem: Problem, task: Task) -> PlainEvaluation | None:
     """Fit of a peg's numbers, by a simplex search first, since the loss has jumps."""
     model, disturbed, peg, scale = task
     length = model.settings.rod.length

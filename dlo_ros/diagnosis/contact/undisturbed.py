@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dlo_ros.diagnosis.fitting import robust_fit
-from dlo_ros.diagnosis.fitting.evaluation import CandidateEvaluation, evaluate
+from dlo_ros.diagnosis.fitting.plain_evaluation import PlainEvaluation, evaluate
 from dlo_ros.diagnosis.fitting.worker_processes import Workers
 from dlo_ros.effects import Scene
 from dlo_ros.errors import SimulationError
@@ -45,11 +45,11 @@ class Undisturbed:
     """
 
     model: ParametricModel
-    at: CandidateEvaluation
+    at: PlainEvaluation
     scale: float
 
 
-def undisturbed(team: Workers, at: CandidateEvaluation, scene: Scene) -> Undisturbed | None:
+def undisturbed(team: Workers, at: PlainEvaluation, scene: Scene) -> Undisturbed | None:
     """Fit the joint model to the beginnings of recordings, before the first outlier frame.
 
     Args:
@@ -75,7 +75,7 @@ def undisturbed(team: Workers, at: CandidateEvaluation, scene: Scene) -> Undistu
 
 def _fitted(
     team: Workers,
-    at: CandidateEvaluation,
+    at: PlainEvaluation,
     model: ParametricModel,
     wrong: Sequence[np.ndarray],
     lead: float,

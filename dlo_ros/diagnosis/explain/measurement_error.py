@@ -23,8 +23,8 @@ LARGEST = 0.01
 """Largest error over the length that counts as the measurement's own, of those that are new in
 every picture: no tracker that deserves the name errs more, and where the DLO moves far between two
 pictures what a model lacks is new in each as well. Errors that stay are no larger than those of
-careful calibrations, `REPEATED_STD`; but where u is counted from a free end that is seen too early or
-too late, it is off by ever more towards that end."""
+careful calibrations, `REPEATED_STD`; but where u is counted from a free end that is seen too early
+or too late, it is off by ever more towards that end."""
 TINY = 1e-300
 ALONG = 1
 """Direction along the DLO; see `spectrum`."""

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from dlo_ros.diagnosis.findings.diagnosis_outcome import Gain
-from dlo_ros.diagnosis.fitting.candidate_model import Model
-from dlo_ros.diagnosis.fitting.evaluation import CandidateEvaluation, evaluate
 from dlo_ros.diagnosis.fitting.levenberg_marquardt import fit, total
+from dlo_ros.diagnosis.fitting.plain_evaluation import PlainEvaluation, evaluate
+from dlo_ros.diagnosis.fitting.plain_model import PlainModel
 from dlo_ros.errors import SimulationError
 from dlo_ros.inference.measured import Recording
 from dlo_ros.parameters import Settings
@@ -27,7 +27,7 @@ FASTER = 3.0
 """Speed of that recording over that of the fastest other at most."""
 
 
-def _trained(at: CandidateEvaluation, masks: Sequence[np.ndarray], given: Settings) -> Model:
+def _trained(at: PlainEvaluation, masks: Sequence[np.ndarray], given: Settings) -> PlainModel:
     """The model with parameters from the masked frames alone, by one linearised step."""
     equations = total(at, given, masks)
     step, _ = equations.minimum()
@@ -36,11 +36,11 @@ def _trained(at: CandidateEvaluation, masks: Sequence[np.ndarray], given: Settin
 
 
 def refitted(
-    at: CandidateEvaluation,
+    at: PlainEvaluation,
     recordings: Sequence[Recording],
     masks: Sequence[np.ndarray],
     given: Settings,
-) -> Model:
+) -> PlainModel:
     """The model fitted to the masked frames alone."""
     used = [k for k, mask in enumerate(masks) if mask.any()]
     chosen = [recordings[k].until(int(np.flatnonzero(masks[k])[-1]) + 1) for k in used]

@@ -15,7 +15,7 @@ from dlo_ros.diagnosis.findings.diagnosis_outcome import (
     Number,
     SetupNumber,
 )
-from dlo_ros.diagnosis.fitting.evaluation import CandidateEvaluation
+from dlo_ros.diagnosis.fitting.plain_evaluation import PlainEvaluation
 from dlo_ros.effects import added_to_damping, damping_effect, effects, quantities
 from dlo_ros.identification.estimate import UNBOUNDED
 from dlo_ros.identification.residual_information import model_shifts
@@ -129,7 +129,7 @@ def fitted_material(
 
 
 def plain_material(
-    plain: CandidateEvaluation, err_train: float | None, err_holdout: float | None
+    plain: PlainEvaluation, err_train: float | None, err_holdout: float | None
 ) -> Fitted:
     """The plain model, without standard deviations, which mean nothing where it is wrong."""
     rod = plain.model.settings.rod
@@ -139,7 +139,7 @@ def plain_material(
     )  # fmt: skip
 
 
-def with_plain_values(fitted: Fitted, plain: CandidateEvaluation) -> Fitted:
+def with_plain_values(fitted: Fitted, plain: PlainEvaluation) -> Fitted:
     """A fitted model with the plain model's values, which are known no better."""
     rod = plain.model.settings.rod
 

@@ -35,10 +35,10 @@ from dlo_ros.diagnosis.findings.joint_numbers import (
     with_plain_values,
 )
 from dlo_ros.diagnosis.findings.shape_views import views
-from dlo_ros.diagnosis.fitting.candidate_model import Model
-from dlo_ros.diagnosis.fitting.evaluation import CandidateEvaluation
-from dlo_ros.diagnosis.fitting.evaluation import evaluate as held_against
 from dlo_ros.diagnosis.fitting.initial_fit import Beginning
+from dlo_ros.diagnosis.fitting.plain_evaluation import PlainEvaluation
+from dlo_ros.diagnosis.fitting.plain_evaluation import evaluate as held_against
+from dlo_ros.diagnosis.fitting.plain_model import PlainModel
 from dlo_ros.diagnosis.residuals.relations import relations, sentences
 from dlo_ros.effects import effects
 from dlo_ros.errors import SimulationError
@@ -58,7 +58,7 @@ REPEAT = (
 
 
 def joint_outcome(
-    beginning: Beginning, plain: CandidateEvaluation, learned: Learned, given: Settings
+    beginning: Beginning, plain: PlainEvaluation, learned: Learned, given: Settings
 ) -> Diagnosis:
     """Measure ERR on held-out data, fit the model to all recordings, and put all together.
 
@@ -72,7 +72,7 @@ def joint_outcome(
     wider = confirmed(final, first, [name for c in found.causes for name in c.names])
     found = still_certain(found, final, reported_covariance(final, wider.parameters))
     try:
-        ours = held_against(Model(final.model.settings, ()), first, given, derivatives=False)
+        ours = held_against(PlainModel(final.model.settings, ()), first, given, derivatives=False)
     except SimulationError as err:
         if found.at is found.setup:
             raise
@@ -145,7 +145,7 @@ def joint_outcome(
 
 
 def _unseeing(
-    plain: CandidateEvaluation,
+    plain: PlainEvaluation,
     recordings: Sequence[Recording],
     masks: Sequence[np.ndarray],
     given: Settings,

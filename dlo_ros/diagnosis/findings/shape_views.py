@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from dlo_ros.diagnosis.findings.diagnosis_outcome import RecordingView
-from dlo_ros.diagnosis.fitting.evaluation import CandidateEvaluation, evaluate
+from dlo_ros.diagnosis.fitting.plain_evaluation import PlainEvaluation, evaluate
 from dlo_ros.diagnosis.residuals.missing_force import missing_force
 from dlo_ros.errors import SimulationError
 from dlo_ros.inference.forecast import whitening
@@ -20,7 +20,7 @@ STATIONS = 60
 
 
 def views(
-    recordings: Sequence[Recording], before: CandidateEvaluation, after: CandidateEvaluation,
+    recordings: Sequence[Recording], before: PlainEvaluation, after: PlainEvaluation,
     holdout: Sequence[np.ndarray], given: Settings,
 ) -> tuple[RecordingView, ...]:  # fmt: skip
     """One view for each recording.

@@ -10,9 +10,9 @@ from itertools import product
 
 import numpy as np
 
-from dlo_ros.diagnosis.fitting.candidate_model import Model, baseline
-from dlo_ros.diagnosis.fitting.evaluation import CandidateEvaluation, evaluate
-from dlo_ros.diagnosis.fitting.levenberg_marquardt import CLEARLY_WRONG, attempt, fit, polished
+from dlo_ros.diagnosis.fitting.levenberg_marquardt import CLEARLY_WRONG, attempt, fit
+from dlo_ros.diagnosis.fitting.plain_evaluation import PlainEvaluation, evaluate
+from dlo_ros.diagnosis.fitting.plain_model import PlainModel, baseline
 from dlo_ros.diagnosis.fitting.recording_noise import with_bias, with_noise
 from dlo_ros.errors import SimulationError
 from dlo_ros.identification.estimate import FINEST
@@ -29,6 +29,8 @@ FACTORS = (1.0, 0.3, 3.0, 0.1, 10.0, 0.03, 30.0)
 VALLEYS = 3
 VALLEY_ITERATIONS = 6
 """Largest number of these starts that are fitted, until a residual is small; their iterations."""
+POLISH, UNDAMPED = 3, 1e-9
+"""Iterations at the end, and their damping: what the data leave open keeps its prior."""
 FINENESS = 0.1
 """Largest error of the simulation itself, over the noise of one frame."""
 OWN_SHARE = 0.0015
@@ -71,13 +73,13 @@ class Beginning:
     """
 
     recordings: tuple[Recording, ...]
-    at: CandidateEvaluation
+    at: PlainEvaluation
     error: float
     left_out: tuple[int, ...] = ()
 
 
 def begin(
-    manipulations: Sequence[Manipulation], settings: Settings, near: Model | None = None
+    manipulations: Sequence[Manipulation], settings: Settings, near: PlainModel | None = None
 ) -> Beginning:
     """Fit the plain model (E, mu, damping) and estimate the noise of the measurements.
 
@@ -106,20 +108,20 @@ def begin(
         )
         recordings, error = _finer(recordings, at)
         at = fit(evaluate(at.model, recordings, settings), recordings, settings, 6)
-    at = polished(at, recordings, settings)
+    at = fit(at, recordings, settings, POLISH, damping=UNDAMPED)
     return Beginning(recordings, at, error, left_out)
 
 
 def _first(
-    recordings: tuple[Recording, ...], settings: Settings, near: Model | None
-) -> CandidateEvaluation:
+    recordings: tuple[Recording, ...], settings: Settings, near: PlainModel | None
+) -> PlainEvaluation:
     """Evaluation of the model with which a fit begins."""
     if near is None:
         return _best_start(recordings, baseline(settings))
     return evaluate(near, recordings, settings, derivatives=False)
 
 
-def finer(beginning: Beginning, near: Model, settings: Settings) -> Beginning | None:
+def finer(beginning: Beginning, near: PlainModel, settings: Settings) -> Beginning | None:
     """The initial fit with a simulation that is fine enough for a model that comes near the data.
 
     Returns:
@@ -132,17 +134,18 @@ def finer(beginning: Beginning, near: Model, settings: Settings) -> Beginning | 
     if _rms(own) < OWN_MATTERS * _rms(fine.residuals):
         return None
     at = fit(evaluate(beginning.at.model, recordings, settings), recordings, settings, 6)
-    return Beginning(recordings, polished(at, recordings, settings), error, beginning.left_out)
+    at = fit(at, recordings, settings, POLISH, damping=UNDAMPED)
+    return Beginning(recordings, at, error, beginning.left_out)
 
 
 def _rms(residuals: Sequence[FloatArray]) -> float:
     return float(np.sqrt(np.mean(np.concatenate([r.ravel() for r in residuals]) ** 2)))
 
 
-def _best_start(recordings: tuple[Recording, ...], model: Model) -> CandidateEvaluation:
+def _best_start(recordings: tuple[Recording, ...], model: PlainModel) -> PlainEvaluation:
     """The best of some fits of the plain model: a motion may have several local minima of E."""
     coarse = _coarse(recordings)
-    begun: list[CandidateEvaluation] = []
+    begun: list[PlainEvaluation] = []
     failure: SimulationError | None = None
     theta = model.theta()
     for factor in FACTORS:
@@ -170,9 +173,7 @@ def _coarse(recordings: Sequence[Recording]) -> tuple[Recording, ...]:
     return tuple(replace(r, spans=2 * (r.observed.shape[1] - DEGREE)) for r in recordings)
 
 
-def _fitted_to_most(
-    at: CandidateEvaluation, recordings: Sequence[Recording]
-) -> CandidateEvaluation | None:
+def _fitted_to_most(at: PlainEvaluation, recordings: Sequence[Recording]) -> PlainEvaluation | None:
     """A model fitted to the recordings with most of its error, evaluated on all; or None."""
     settings = at.model.settings
     # Without its noise the prior would count for more than the data.
@@ -190,7 +191,7 @@ def _fitted_to_most(
         return None
 
 
-def _near(model: Model, recordings: Sequence[Recording]) -> CandidateEvaluation:
+def _near(model: PlainModel, recordings: Sequence[Recording]) -> PlainEvaluation:
     """A fit that begins with a model which was fitted to a little more data."""
     coarse = _coarse(recordings)
     here = evaluate(model, coarse, model.settings, derivatives=False)
@@ -199,7 +200,7 @@ def _near(model: Model, recordings: Sequence[Recording]) -> CandidateEvaluation:
 
 
 def _finer(
-    recordings: tuple[Recording, ...], at: CandidateEvaluation
+    recordings: tuple[Recording, ...], at: PlainEvaluation
 ) -> tuple[tuple[Recording, ...], float]:
     """The recordings with knot spans and time steps that keep the simulation's error small."""
     result, errors = [], []
@@ -225,7 +226,7 @@ def _finer(
     return tuple(result), float(np.nanmax(errors)) if np.isfinite(errors).any() else np.nan
 
 
-def _in_space(recording: Recording, model: Model, tolerance: float) -> tuple[Recording, float]:
+def _in_space(recording: Recording, model: PlainModel, tolerance: float) -> tuple[Recording, float]:
     """The recording with knot spans that are fine enough, and the error that is left, over L.
 
     The error is that of the motion itself where no equilibrium on its way tells: equilibria of two
@@ -253,7 +254,7 @@ def _in_space(recording: Recording, model: Model, tolerance: float) -> tuple[Rec
     return best, least
 
 
-def _in_time(recording: Recording, model: Model, fineness: float) -> tuple[Recording, float]:
+def _in_time(recording: Recording, model: PlainModel, fineness: float) -> tuple[Recording, float]:
     """The recording with time steps that are fine enough, and the error that is left [m]."""
     n = recording.observed.shape[1]
     noise = float(np.sqrt(np.sum(recording.noise[:n] ** 2)))
@@ -269,7 +270,7 @@ def _in_time(recording: Recording, model: Model, fineness: float) -> tuple[Recor
     return replace(recording, tolerance=tolerance), error * noise
 
 
-def drafts(recordings: Sequence[Recording], at: CandidateEvaluation) -> tuple[Recording, ...]:
+def drafts(recordings: Sequence[Recording], at: PlainEvaluation) -> tuple[Recording, ...]:
     """The recordings with a coarser simulation that is still reliable, long ones shortened.
 
     Args:

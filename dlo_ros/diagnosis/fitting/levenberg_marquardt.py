@@ -4,17 +4,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from dlo_ros.diagnosis.fitting.candidate_model import Model, prior
-from dlo_ros.diagnosis.fitting.evaluation import (
-    CandidateEvaluation,
-    carried_on,
-    evaluate,
-    is_differentiable,
-)
+from dlo_ros.diagnosis.fitting.plain_evaluation import PlainEvaluation, evaluate
+from dlo_ros.diagnosis.fitting.plain_model import PlainModel, prior
 from dlo_ros.errors import SimulationError
 from dlo_ros.inference.measured import Recording
 from dlo_ros.parameters import Settings
@@ -27,12 +22,8 @@ CLEARLY_WRONG = 4.0
 COARSE = 0.01
 """Share of the squared residuals that an iteration must still gain there."""
 TINY = 1e-200
-POLISH = 3
-NONSMOOTH_POLISH = 6
 MARQUARDT_DAMPING = 1e-4
-CONTINUED = 1e-7
-"""Marquardt's damping of a fit at first, and of one that is continued."""
-UNDAMPED = 1e-9
+"""Marquardt's damping of a fit at first."""
 DAMPED, LEAST_DAMPING = 100.0, 1e-4
 """Factor by which the damping grows after a step that has failed, and its least value then."""
 TRIES = 5
@@ -89,7 +80,7 @@ def normal(residual: FloatArray, jacobian: FloatArray) -> Normal:
     return Normal(j.T @ j, j.T @ r, float(r @ r))
 
 
-def known(model: Model, given: Settings) -> Normal:
+def known(model: PlainModel, given: Settings) -> Normal:
     """The prior as normal equations."""
     centre, information = prior(model, given)
     off = centre - model.theta()
@@ -97,7 +88,7 @@ def known(model: Model, given: Settings) -> Normal:
 
 
 def total(
-    at: CandidateEvaluation, given: Settings, masks: Sequence[np.ndarray] | None = None
+    at: PlainEvaluation, given: Settings, masks: Sequence[np.ndarray] | None = None
 ) -> Normal:
     """Normal equations of all measurements and the prior, the noise as large as the residuals.
 
@@ -112,7 +103,7 @@ def total(
     return result
 
 
-def bounded(model: Model, hessian: FloatArray, gradient: FloatArray) -> FloatArray:
+def bounded(model: PlainModel, hessian: FloatArray, gradient: FloatArray) -> FloatArray:
     """A step within the ranges; a parameter that meets its border stays there."""
     theta = model.theta()
     step = np.zeros(len(theta))
@@ -132,33 +123,29 @@ def bounded(model: Model, hessian: FloatArray, gradient: FloatArray) -> FloatArr
 
 
 def fit(
-    start: CandidateEvaluation, recordings: Sequence[Recording], given: Settings,
-    iterations: int, *, exact: bool = False, damping: float = MARQUARDT_DAMPING,
-) -> CandidateEvaluation:  # fmt: skip
+    start: PlainEvaluation, recordings: Sequence[Recording], given: Settings,
+    iterations: int, *, damping: float = MARQUARDT_DAMPING,
+) -> PlainEvaluation:  # fmt: skip
     """Levenberg-Marquardt iteration that begins with an evaluation with derivatives.
 
     A step that cannot be simulated or increases the cost is shortened; a parameter beyond its range
     stays at the border.
 
     Args:
-        exact: see `evaluate`.
         damping: Marquardt's, at first; it keeps a fit from going far along what the data leave
             open, and makes it slow along narrow valleys.
     """
-    best, first = start, damping
-    for left in reversed(range(iterations)):
-        after, damping = _improved(best, recordings, given, exact, damping)
+    best = start
+    for _ in range(iterations):
+        after, damping = _improved(best, recordings, given, damping)
         done = after is None or best.cost - after.cost < _enough(best)
-        believed = not best.carried
         best = after or best
         if done:
-            if believed or not left:
-                return best
-            best, damping = renewed(best, recordings, given), first
+            break
     return best
 
 
-def _enough(at: CandidateEvaluation) -> float:
+def _enough(at: PlainEvaluation) -> float:
     """Gain of the cost below which a fit has converged."""
     count = sum(r.size for r in at.residuals)
     coarse = COARSE * count if at.excess > CLEARLY_WRONG else 0.0
@@ -166,12 +153,8 @@ def _enough(at: CandidateEvaluation) -> float:
 
 
 def _improved(
-    best: CandidateEvaluation,
-    recordings: Sequence[Recording],
-    given: Settings,
-    exact: bool,
-    damping: float,
-) -> tuple[CandidateEvaluation | None, float]:
+    best: PlainEvaluation, recordings: Sequence[Recording], given: Settings, damping: float
+) -> tuple[PlainEvaluation | None, float]:
     """One iteration: the better evaluation, None where there is none, and the next damping."""
     equations, enough = total(best, given), _enough(best)
     for k in range(TRIES):
@@ -181,7 +164,7 @@ def _improved(
             break
         trial = best.model.at(best.model.theta() + step)
         try:
-            after = _tried(trial, recordings, given, exact, best)
+            after = evaluate(trial, recordings, given)
         except SimulationError:
             damping = max(DAMPED * damping, LEAST_DAMPING)
             continue
@@ -194,64 +177,12 @@ def _improved(
     return None, damping
 
 
-def _tried(
-    model: Model,
-    recordings: Sequence[Recording],
-    given: Settings,
-    exact: bool,
-    before: CandidateEvaluation,
-) -> CandidateEvaluation:
-    """An evaluation whose derivatives are simulated where they are cheap or necessary.
-
-    Elsewhere the last ones are updated; those of a nonsmooth effect are computed if they are
-    useful.
-    """
-    nonsmooth = not is_differentiable(model)
-    if nonsmooth or (before.expensive_jacobian and not exact):
-        after = evaluate(model, recordings, given, derivatives=False)
-        if after.cost >= before.cost:
-            return after
-        if not nonsmooth:
-            return carried_on(before, after)
-    return evaluate(model, recordings, given, exact=exact)
-
-
-def renewed(
-    at: CandidateEvaluation, recordings: Sequence[Recording], given: Settings
-) -> CandidateEvaluation:
-    """An evaluation with newly computed derivatives, where the model has any."""
-    if not at.carried:
-        return at
-    try:
-        return evaluate(at.model, recordings, given)
-    except SimulationError:
-        return replace(at, carried=False)
-
-
 def attempt(
-    model: Model, recordings: Sequence[Recording], given: Settings, iterations: int, *,
-    damping: float = MARQUARDT_DAMPING,
-) -> CandidateEvaluation | None:  # fmt: skip
+    model: PlainModel, recordings: Sequence[Recording], given: Settings, iterations: int
+) -> PlainEvaluation | None:
     """A fit that begins with a model; None where that cannot be simulated."""
     try:
         at = evaluate(model, recordings, given)
     except SimulationError:
         return None
-    return fit(at, recordings, given, iterations, damping=damping)
-
-
-def polished(
-    at: CandidateEvaluation, recordings: Sequence[Recording], given: Settings
-) -> CandidateEvaluation:
-    """The fit finished with exact derivatives.
-
-    Parameters that the data leave open then keep their prior. Nonsmooth effects have no exact
-    derivatives; their fit goes on as before, with the fine simulation.
-    """
-    nonsmooth = not is_differentiable(at.model)
-    iterations, damping = (NONSMOOTH_POLISH, MARQUARDT_DAMPING) if nonsmooth else (POLISH, UNDAMPED)
-    try:
-        here = evaluate(at.model, recordings, given, exact=not nonsmooth)
-    except SimulationError:
-        return at
-    return fit(here, recordings, given, iterations, exact=not nonsmooth, damping=damping)
+    return fit(at, recordings, given, iterations)

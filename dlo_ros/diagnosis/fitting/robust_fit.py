@@ -11,15 +11,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dlo_ros.diagnosis.fitting.evaluation import CandidateEvaluation, carried_on, evaluate
 from dlo_ros.diagnosis.fitting.levenberg_marquardt import (
     Normal,
     bounded,
     fit,
     known,
     normal,
-    renewed,
 )
+from dlo_ros.diagnosis.fitting.plain_evaluation import PlainEvaluation, evaluate
 from dlo_ros.diagnosis.fitting.worker_processes import Problem, Workers
 from dlo_ros.errors import SimulationError
 from dlo_ros.inference.measured import Recording
@@ -45,9 +44,9 @@ PART_ITERATIONS = 6
 
 
 def robust(
-    at: CandidateEvaluation, recordings: Sequence[Recording], given: Settings,
+    at: PlainEvaluation, recordings: Sequence[Recording], given: Settings,
     scale: float = ROBUST_SCALE, *, strict: bool = False,
-) -> CandidateEvaluation:  # fmt: skip
+) -> PlainEvaluation:  # fmt: skip
     """Fit a model to recordings with a robust loss, so that outlier frames count little.
 
     Args:
@@ -56,23 +55,20 @@ def robust(
         strict: whether outliers count for nothing (the redescending loss of Geman and McClure
             instead of Cauchy's), which needs a start near the right fit.
     """
-    for left in reversed(range(ITERATIONS)):
+    for _ in range(ITERATIONS):
         before = loss(at, scale, strict=strict)
         after = _improved(at, recordings, given, scale, strict=strict)
         done = after is None or before - loss(after, scale, strict=strict) < SETTLED * before
-        believed = not at.carried
         at = after or at
         if done:
-            if believed or not left:
-                return at
-            at = renewed(at, recordings, given)
+            break
     return at
 
 
 def _improved(
-    at: CandidateEvaluation, recordings: Sequence[Recording], given: Settings, scale: float, *,
+    at: PlainEvaluation, recordings: Sequence[Recording], given: Settings, scale: float, *,
     strict: bool,
-) -> CandidateEvaluation | None:  # fmt: skip
+) -> PlainEvaluation | None:  # fmt: skip
     """One iteration; None where no step reduces the loss."""
     equations = _weighted(at, given, scale, strict)
     lhs = equations.hessian + MARQUARDT_DAMPING * np.diag(np.diag(equations.hessian))
@@ -81,18 +77,16 @@ def _improved(
     for _ in range(TRIES):
         model = at.model.at(at.model.theta() + step)
         try:
-            after = evaluate(model, recordings, given, derivatives=not at.expensive_jacobian)
+            after = evaluate(model, recordings, given)
         except SimulationError:
             after = None
         if after is not None and loss(after, scale, strict=strict) < before:
-            return carried_on(at, after) if at.expensive_jacobian else after
+            return after
         step = SHORTER * step
     return None
 
 
-def consensus_fit(
-    team: Workers, at: CandidateEvaluation
-) -> tuple[CandidateEvaluation, float] | None:
+def consensus_fit(team: Workers, at: PlainEvaluation) -> tuple[PlainEvaluation, float] | None:
     """The robust fit that explains most pictures, from several starts, and the scale of its loss.
 
     Args:
@@ -117,8 +111,8 @@ def consensus_fit(
 
 
 def _robust_from(
-    problem: Problem, task: tuple[CandidateEvaluation, float, float]
-) -> CandidateEvaluation | None:
+    problem: Problem, task: tuple[PlainEvaluation, float, float]
+) -> PlainEvaluation | None:
     """A robust fit that begins with the fit to the first part of each recording."""
     at, share, scale = task
     drafts, given, model = problem.drafts, problem.given, at.model
@@ -134,23 +128,23 @@ def _robust_from(
         return None
 
 
-def squared_misfits(at: CandidateEvaluation, scale: float = ROBUST_SCALE) -> list[FloatArray]:
+def squared_misfits(at: PlainEvaluation, scale: float = ROBUST_SCALE) -> list[FloatArray]:
     """Mean square of each picture's residual over the squared scale, shape (F,) per recording."""
     return [np.mean(r**2, axis=1) / scale**2 for r in at.residuals]
 
 
-def outlier_frames(at: CandidateEvaluation, scale: float) -> list[np.ndarray]:
+def outlier_frames(at: PlainEvaluation, scale: float) -> list[np.ndarray]:
     """Pictures whose deviation exceeds the scale, shape (F,) per recording."""
     return [o > 1.0 for o in squared_misfits(at, scale)]
 
 
-def loss(at: CandidateEvaluation, scale: float = ROBUST_SCALE, *, strict: bool = False) -> float:
+def loss(at: PlainEvaluation, scale: float = ROBUST_SCALE, *, strict: bool = False) -> float:
     """The robust loss that `robust` minimises; with `strict` about the number of outliers."""
     each = np.concatenate(squared_misfits(at, scale))
     return float(np.sum(each / (1.0 + each) if strict else np.log1p(each)))
 
 
-def _weighted(at: CandidateEvaluation, given: Settings, scale: float, strict: bool) -> Normal:
+def _weighted(at: PlainEvaluation, given: Settings, scale: float, strict: bool) -> Normal:
     assert at.jacobians is not None
     result = known(at.model, given)
     for residual, jacobian, o in zip(

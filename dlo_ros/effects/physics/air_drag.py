@@ -16,7 +16,6 @@ class AirDrag(Effect):
     name: ClassVar[str] = "air_drag"
     title: ClassVar[str] = "air drag"
     phrase: ClassVar[str] = "the air slows the DLO more or less than the parameter file says"
-    varied_in_batch: ClassVar[bool] = True
 
     coefficient: float = quantity(
         0.0, "N s/m^2", -1000.0, 1000.0, "added drag", adds_to="air_drag",

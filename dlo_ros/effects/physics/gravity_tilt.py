@@ -24,7 +24,6 @@ class GravityTilt(Effect):
     name: ClassVar[str] = "gravity_tilt"
     title: ClassVar[str] = "tilt of the board"
     phrase: ClassVar[str] = "gravity does not point straight down the board"
-    varied_in_batch: ClassVar[bool] = True
     in_setup: ClassVar[bool] = True
 
     angle: float = quantity(

@@ -32,7 +32,6 @@ class IntrinsicCurvature(Effect):
     name: ClassVar[str] = "intrinsic_curvature"
     title: ClassVar[str] = "curvature at rest"
     phrase: ClassVar[str] = "the DLO is curved even where nothing bends it"
-    varied_in_batch: ClassVar[bool] = True
     in_setup: ClassVar[bool] = True
 
     curvature: float | tuple[float, ...] = quantity(

@@ -16,7 +16,6 @@ class StiffSegment(Effect):
     name: ClassVar[str] = "stiff_segment"
     title: ClassVar[str] = "stiffer or softer segment"
     phrase: ClassVar[str] = "one part of the DLO is stiffer or softer than the rest"
-    varied_in_batch: ClassVar[bool] = True
 
     centre: float = quantity(0.0, "m", 0.0, 100.0, "its middle, u", role="place")
     extent: float = quantity(0.0, "m", 0.0, 100.0, "its length", role="extent")

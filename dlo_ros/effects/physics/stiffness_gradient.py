@@ -16,7 +16,6 @@ class StiffnessGradient(Effect):
     name: ClassVar[str] = "stiffness_gradient"
     title: ClassVar[str] = "stiffness gradient"
     phrase: ClassVar[str] = "the DLO is stiffer towards the end or stiffer towards the start"
-    varied_in_batch: ClassVar[bool] = True
     in_setup: ClassVar[bool] = True
 
     change: float = quantity(

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""A model with open parameters: settings, which of their numbers are fitted, and their priors."""
+"""The plain model, perhaps with a peg: settings, which of their numbers are fitted, priors."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from dlo_ros.effects.start import Block
 from dlo_ros.identification.estimate import SEARCH_STD
 from dlo_ros.inference.parameter import split_name, value_of, with_value
 from dlo_ros.inference.priors import believed, material_priors
-from dlo_ros.parameters import EFFECTS_PREFIX, Settings
+from dlo_ros.parameters import Settings
 from dlo_ros.rod.sensitivity_parameters import MATERIAL, effect_names
 from dlo_ros.spline import FloatArray
 
@@ -24,7 +24,7 @@ LOOSE = 3.0
 
 
 @dataclass(frozen=True)
-class Model:
+class PlainModel:
     """Settings, and which of their numbers are fitted.
 
     Args:
@@ -46,7 +46,7 @@ class Model:
         """The open parameters in the units of the fit, shape (P,)."""
         return np.array([_inner(name, value_of(self.settings, name)) for name in self.free])
 
-    def at(self, theta: FloatArray) -> Model:
+    def at(self, theta: FloatArray) -> PlainModel:
         """The model with other values; a value beyond its range is set to the border."""
         settings = self.settings
         for name, value in zip(self.free, theta, strict=True):
@@ -54,34 +54,18 @@ class Model:
             settings = with_value(settings, name, _outer(name, float(value), low, high))
         return replace(self, settings=settings)
 
-    def chain(self) -> FloatArray:
-        """Derivative of the parameter of `Simulation` by that of the fit, shape (P,)."""
-        return np.array(
-            [
-                1.0 if name in MATERIAL or not logarithmic(name) else value_of(self.settings, name)
-                for name in self.free
-            ]
-        )
-
     def natural(self) -> FloatArray:
         """A plausible size of each parameter in the units of the fit, shape (P,)."""
         return np.array([_natural(name, self.settings) for name in self.free])
 
-    def extended(self, effect: str, block: Block, keys: tuple[str, ...]) -> Model:
+    def extended(self, effect: str, block: Block, keys: tuple[str, ...]) -> PlainModel:
         """The model with one more effect, of which some keys are fitted."""
         effects = {**self.settings.effects, effect: dict(block)}
         free = (*self.free, *names(effect, block, keys))
         return replace(self, settings=self.settings.with_effects(effects), free=free)
 
-    def without(self, effect: str) -> Model:
-        """The model without one of its effects."""
-        effects = {k: v for k, v in self.settings.effects.items() if k != effect}
-        prefix = f"{EFFECTS_PREFIX}{effect}."
-        free = tuple(n for n in self.free if not n.startswith(prefix))
-        return replace(self, settings=self.settings.with_effects(effects), free=free)
 
-
-def baseline(settings: Settings) -> Model:
+def baseline(settings: Settings) -> PlainModel:
     """The plain model: E, mu and damping are open; given effects stay.
 
     Parameters that were measured beforehand stay near their value: a fit that pushes them further
@@ -92,7 +76,7 @@ def baseline(settings: Settings) -> Model:
     free += [n for n in ("air_drag", "relaxation_time") if getattr(damping, n) > 0.0]
     known = (p for p in material_priors(settings) if p.name in free and not p.guessed)
     bounds = {p.name: believed(p) for p in known}
-    return Model(settings, tuple(free), bounds)
+    return PlainModel(settings, tuple(free), bounds)
 
 
 def names(effect: str, block: Block, keys: tuple[str, ...]) -> tuple[str, ...]:
@@ -100,7 +84,7 @@ def names(effect: str, block: Block, keys: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(name for key in keys for name in effect_names(effect, key, block[key]))
 
 
-def prior(model: Model, given: Settings) -> tuple[FloatArray, FloatArray]:
+def prior(model: PlainModel, given: Settings) -> tuple[FloatArray, FloatArray]:
     """The prior of the open parameters.
 
     Args:
