@@ -162,8 +162,8 @@ def explain(
     causes, shifts = named(found, bares, recordings, begun, OWN * own, least)
     if contact is not None:
         causes = tuple(_beside(c, contact) for c in causes)
-    if found.at.mean_err >= matters and _may_stand_for_others(found, prepared):
-        causes = ()
+    if found.at.mean_err >= matters:
+        causes = _no_stand_ins(causes, found, prepared)
     return Explanation(
         setup, found.at, causes, own, matters, least, found.causes, found.trace, pruned | shifts
     )
@@ -175,15 +175,18 @@ def _beside(cause: Cause, contact: Contact) -> Cause:
     return replace(cause, rivals={**cause.rivals, **contact.rivals}) if own else cause
 
 
-def _may_stand_for_others(found: Search, prepared: Prepared) -> bool:
-    """Whether what was found leaves so much that it may do the work of an unknown cause.
+def _no_stand_ins(
+    causes: tuple[Cause, ...], found: Search, prepared: Prepared
+) -> tuple[Cause, ...]:
+    """The causes that are no stand-ins for an unknown one where something is left unexplained.
 
-    Of a few shapes each of many effects explains most.
+    Of a few shapes each of many effects explains most: what is told is that one of them acts.
     """
     many = departures(found.at, found.causes) > FEW
-    few_shapes = all(len(r.times) < FEWEST_FRAMES for r in prepared.recordings)
+    if not many and all(len(r.times) < FEWEST_FRAMES for r in prepared.recordings):
+        return tuple(c for c in causes if c.rivals)
     most = LEFT_BY_MANY if many else LEFT
-    return found.at.mean_err > most * prepared.plain_err or (few_shapes and not many)
+    return () if found.at.mean_err > most * prepared.plain_err else causes
 
 
 def still_certain(
