@@ -41,11 +41,9 @@ class Case:
 
 def judge(hidden: set[str], report: dict) -> str:
     """What a report is worth where `hidden` (names of the interface) is to be found."""
-    if report["verdict"] == "adequate":
-        return "adequate"
     effects = report["effects"]
-    if not effects:
-        return "unexplained"
+    if not effects:  # what is certain though small is named with an adequate model, too
+        return "adequate" if report["verdict"] == "adequate" else "unexplained"
     # Each named effect stands for itself or for one of its rivals.
     named = {e["name"] for e in effects}
     right = [e for e in effects if ({e["name"]} | set(e["rivals"])) & hidden]

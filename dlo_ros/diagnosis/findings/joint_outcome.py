@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,11 +19,12 @@ from dlo_ros.diagnosis.findings import holdout
 from dlo_ros.diagnosis.findings.confirmed_uncertainty import Widening, confirmed
 from dlo_ros.diagnosis.findings.diagnosis_outcome import (
     Diagnosis,
+    Fitted,
     NamedEffect,
     Trial,
     Verdict,
 )
-from dlo_ros.diagnosis.findings.joint_learning import Learned, errors_of, refitted
+from dlo_ros.diagnosis.findings.joint_learning import Errors, Learned, errors_of, refitted
 from dlo_ros.diagnosis.findings.joint_numbers import (
     damping_as_effects,
     effect_numbers,
@@ -57,6 +58,55 @@ REPEAT = (
 )
 
 
+@dataclass(frozen=True)
+class _Final:
+    """An explanation that holds in all recordings that may be learned from.
+
+    Args:
+        learned: what it was learned from, and its errors.
+        found: the explanation, with those causes alone that are still certain.
+        at: its model fitted to them.
+        wider: factors of the standard deviations.
+        shown: the same model as the report shows it.
+    """
+
+    learned: Learned
+    found: Explanation
+    at: Evaluation
+    wider: Widening
+    shown: PlainEvaluation
+
+
+@dataclass(frozen=True)
+class _Errors:
+    """ERR of the plain model and of the full one [m], on frames held out and on the others.
+
+    Args:
+        before, after: on those held out; None where a recording cannot be simulated, or none is.
+        seen_before, seen_after: on the others.
+    """
+
+    before: Errors
+    seen_before: Errors
+    after: Errors
+    seen_after: Errors
+
+    @property
+    def missing(self) -> float | None:
+        """What the plain model misses [m]; None: not known."""
+        held = holdout.mean(self.before)
+        return holdout.mean(self.seen_before) if held is None else held
+
+    def left(self, otherwise: float) -> float:
+        """What the full model leaves [m].
+
+        Args:
+            otherwise: answer where it is not known.
+        """
+        held = holdout.mean(self.after)
+        return otherwise if held is None else held
+
+
 def joint_outcome(
     beginning: Beginning, plain: PlainEvaluation, learned: Learned, given: Settings
 ) -> Diagnosis:
@@ -65,49 +115,34 @@ def joint_outcome(
     Raises:
         SimulationError: a recording cannot be simulated, with the set-up alone either.
     """
-    found, recordings = learned.explanation, beginning.recordings
+    recordings = beginning.recordings
     first = recordings[: len(plain.residuals)]
     known = [k for k in range(len(first)) if not learned.masks[k].all()]
-    final = _completed(found.at, first, known)
-    wider = confirmed(final, first, [name for c in found.causes for name in c.names])
-    found = still_certain(found, final, reported_covariance(final, wider.parameters))
-    try:
-        ours = held_against(PlainModel(final.model.settings, ()), first, given, derivatives=False)
-    except SimulationError as err:
-        if found.at is found.setup:
-            raise
-        LOG.warning("the model with its causes is dropped, since it does not hold: %s", err)
-        alone = replace(found, at=found.setup, causes=(), proposals=())
-        return joint_outcome(beginning, plain, Learned(alone, learned.masks, None, None), given)
-    own = own_err(final, first) if len(final.err) == len(first) else found.own_err
+    final = _final(learned, first, known, given)
+    found, at, shown = final.found, final.at, final.shown
+    own = own_err(at, first) if len(at.err) == len(first) else found.own_err
     matters = material_err(own, given)
-    bare = final if found.setup is found.at else found.setup
-    if bare.mean_err < matters:  # of what was learned from: is it so of all?
-        bare = _completed(bare, first, known)
-    bare_model = _unseeing(plain, first, learned.masks[: len(first)], given)
-    before, seen_before = errors_of(bare_model, recordings, learned.masks)
-    after, seen_after = learned.held, learned.seen
     base = held_against(plain.model, first, given, derivatives=False)
+    bare_model = _unseeing(plain, first, learned.masks[: len(first)], given)
+    before = errors_of(bare_model, recordings, learned.masks)
     suffices = not found.causes and base.mean_err < matters
     if suffices:  # what was fitted beyond the plain model predicts nothing better
-        after, seen_after, ours = before, seen_before, base
-    missing, left = holdout.mean(before), holdout.mean(after)
-    missing = holdout.mean(seen_before) if missing is None else missing
-    left = found.at.mean_err if left is None else left
-    share = _share(missing, left, own)
+        errors, shown = _Errors(*before, *before), base
+    else:
+        errors = _Errors(*before, final.learned.held, final.learned.seen)
+    left = errors.left(found.at.mean_err)
+    share = _share(errors.missing, left, own)
+    setup = base.mean_err if suffices else _set_up_err(found, at, first, known, matters)
     # A recording that is held out and cannot be fitted beside the others is not explained.
-    least = 0.0 if len(final.err) == len(first) else left
+    least = 0.0 if len(at.err) == len(first) else left
     # A fit to all that lies farther off than what was predicted has only ended early.
-    reached = min(final.mean_err, learned.mean_err or np.inf)
-    verdict = _verdict(
-        base.mean_err if suffices else bare.mean_err, max(reached, least), matters,
-        found.nameable_err, found.causes,
-    )  # fmt: skip
-    missed = (holdout.mean(seen_before) or 0.0) - own
+    reached = min(at.mean_err, final.learned.mean_err or np.inf)
+    verdict = _verdict(setup, max(reached, least), matters, found.nameable_err, found.causes)
+    missed = (holdout.mean(errors.seen_before) or 0.0) - own
     related_before = related_after = None
     if verdict == "unexplained":
         related_before, related_after = (
-            relations(first, at.residuals, at.predicted, at.model.settings) for at in (base, ours)
+            relations(first, e.residuals, e.predicted, e.model.settings) for e in (base, shown)
         )
     remarks = (
         f"The plain model misses {_mm(left)}; {_mm(matters)} would be immaterial."
@@ -115,33 +150,75 @@ def joint_outcome(
         else f"{_percent(share)} of what the plain model misses beyond the measurement's own error "
         f"is explained; {_mm(left)} remain, and {_mm(matters)} would be immaterial.",
     )
-    extended = replace(
-        fitted_material(
-            final, holdout.mean(seen_after), holdout.mean(after), wider.material,
-            found.stiffness_doubt,
-        ),
-        settings=damping_as_effects(final.model.settings, given, [c.effect for c in found.causes]),
-    )  # fmt: skip
+    extended = _extended(final, errors, given)
     return Diagnosis(
         verdict,
-        tuple(_effect(c, final, given, found.at.mean_err, missed, wider) for c in found.causes),
+        tuple(_effect(c, final, given, missed) for c in found.causes),
         own,
-        plain_material(plain, holdout.mean(seen_before), holdout.mean(before)),
+        plain_material(plain, holdout.mean(errors.seen_before), holdout.mean(errors.before)),
         with_plain_values(extended, plain) if suffices else extended,
-        holdout.gain(before, after),
+        holdout.gain(errors.before, errors.after),
         _tried(found),
         _advice(verdict, found),
         None if np.isnan(beginning.error) else beginning.error,
         (*remarks, *(sentences(related_after) if related_after is not None else ())),
-        views(recordings, base, ours, learned.masks, given),
+        views(recordings, base, shown, learned.masks, given),
         related_before,
         related_after,
         matters,
         share,
-        set_up_numbers(final, found.causes, given),
-        systematic_errors(final),
+        set_up_numbers(at, found.causes, given),
+        systematic_errors(at),
         found.trace,
     )
+
+
+def _final(
+    learned: Learned, recordings: Sequence[Recording], known: Sequence[int], given: Settings
+) -> _Final:
+    """The explanation fitted to all recordings that may be learned from, or the set-up alone.
+
+    Args:
+        known: numbers of those that it was learned from.
+
+    Raises:
+        SimulationError: a recording cannot be simulated with either.
+    """
+    found = learned.explanation
+    at = _completed(found.at, recordings, known)
+    wider = confirmed(at, recordings, [name for c in found.causes for name in c.names])
+    found = still_certain(found, at, reported_covariance(at, wider.parameters))
+    model = PlainModel(at.model.settings, ())
+    try:
+        shown = held_against(model, recordings, given, derivatives=False)
+        return _Final(learned, found, at, wider, shown)
+    except SimulationError as err:
+        if found.at is found.setup:
+            raise
+        LOG.warning("the model with its causes is dropped, since it does not hold: %s", err)
+    alone = replace(found, at=found.setup, causes=(), proposals=())
+    return _final(Learned(alone, learned.masks, None, None), recordings, known, given)
+
+
+def _set_up_err(
+    found: Explanation, final: Evaluation, recordings: Sequence[Recording], known: Sequence[int],
+    matters: float,
+) -> float:  # fmt: skip
+    """ERR of the set-up without causes [m], of all recordings where that might be immaterial."""
+    bare = final if found.setup is found.at else found.setup
+    if bare.mean_err < matters:  # of what was learned from: is it so of all?
+        bare = _completed(bare, recordings, known)
+    return bare.mean_err
+
+
+def _extended(final: _Final, errors: _Errors, given: Settings) -> Fitted:
+    """The full model as it is reported."""
+    fitted = fitted_material(
+        final.at, holdout.mean(errors.seen_after), holdout.mean(errors.after),
+        final.wider.material, final.found.stiffness_doubt,
+    )  # fmt: skip
+    named = [c.effect for c in final.found.causes]
+    return replace(fitted, settings=damping_as_effects(final.at.model.settings, given, named))
 
 
 def _unseeing(
@@ -204,20 +281,17 @@ def _share(before: float | None, after: float | None, own: float) -> float | Non
     return float(np.clip((before - max(after, own)) / (before - own), 0.0, 1.0))
 
 
-def _effect(
-    cause: Cause, final: Evaluation, given: Settings, err: float, missed: float, wider: Widening
-) -> NamedEffect:
+def _effect(cause: Cause, final: _Final, given: Settings, missed: float) -> NamedEffect:
     """A cause with its numbers and its share.
 
     Args:
         given: the parameter file.
-        err: ERR of the full model on the recordings learned from [m].
-        missed: error of the plain model on them beyond the measurement's own [m].
-        wider: factors of the standard deviations.
+        missed: error of the plain model on the recordings learned from, beyond the measurement's
+            own [m].
     """
-    share = (cause.err - err) / missed if missed > 0.0 else None
+    share = (cause.err - final.found.at.mean_err) / missed if missed > 0.0 else None
     return NamedEffect(
-        cause.effect, effect_numbers(cause.effect, final, given, wider.parameters),
+        cause.effect, effect_numbers(cause.effect, final.at, given, final.wider.parameters),
         tuple(cause.rivals), None if share is None else float(np.clip(share, 0.0, 1.0)),
         cause.rivals,
     )  # fmt: skip
