@@ -14,6 +14,7 @@ from dlo_ros.cli.progress import progress_bar, steps
 from dlo_ros.cli.results import add_results_folder, check_results_folder, written
 from dlo_ros.diagnosis import diagnose
 from dlo_ros.errors import InputError
+from dlo_ros.inference.parallel import at_most
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -31,7 +32,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "others, or the end of the only one",
     )
     parser.add_argument(
-        "--workers", type=int, default=0, metavar="N", help="processes; default: one per core"
+        "--workers",
+        type=int,
+        default=0,
+        metavar="N",
+        help="simulations at the same time; default: one per core",
     )
 
 
@@ -45,19 +50,16 @@ def run(arguments: argparse.Namespace) -> int:
     output: Path = arguments.output
     check_results_folder(output)
     if arguments.workers < 0:
-        raise InputError(f"--workers is {arguments.workers}; give a number of processes, 1 or more")
+        raise InputError(
+            f"--workers is {arguments.workers}; give a number of simulations at the same time, "
+            "1 or more"
+        )
     recordings = load_recordings(arguments, arguments.bags, settings)
     holdout = load_recordings(arguments, arguments.holdout, settings)
     prepare()
-    with progress_bar() as bar:
+    with progress_bar() as bar, at_most(arguments.workers or _cores()):
         task = bar.add_task("Diagnosing", total=1.0)
-        found = diagnose(
-            recordings,
-            settings,
-            holdout,
-            processes=arguments.workers or _cores(),
-            progress=steps(bar, task),
-        )
+        found = diagnose(recordings, settings, holdout, progress=steps(bar, task))
     with written(output):
         loads = borne([*recordings, *holdout], found.extended.settings)
         write_results(output, settings, found, loads)

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from dlo_ros.diagnosis.contact.contact_search import PegBesideSetUp, pegs_beside_set_up
@@ -24,13 +24,15 @@ from dlo_ros.diagnosis.fitting.initial_fit import Beginning, begin, drafts, fine
 from dlo_ros.diagnosis.fitting.levenberg_marquardt import fit
 from dlo_ros.diagnosis.fitting.plain_evaluation import PlainEvaluation, evaluate
 from dlo_ros.diagnosis.fitting.plain_model import PlainModel
-from dlo_ros.diagnosis.fitting.worker_processes import Problem, Progress, Workers, workers
 from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.identification.estimate import searchable
 from dlo_ros.inference.forecast import Manipulation
+from dlo_ros.inference.measured import Recording
 from dlo_ros.parameters import Settings
 
 LOG = logging.getLogger(__name__)
+
+Progress = Callable[[str, float], None]
 
 ALONE = 10
 """Iterations of the plain model's fit to the recordings that may be learned from."""
@@ -43,7 +45,6 @@ def diagnose(
     settings: Settings,
     holdout: Sequence[Manipulation] = (),
     *,
-    processes: int = 1,
     progress: Progress = lambda text, share: None,
 ) -> Diagnosis:
     """Find what the model gets wrong.
@@ -53,7 +54,6 @@ def diagnose(
             one, is held out for the measured gain.
         settings: initial guess, what is known beforehand, and effects that are known already.
         holdout: recordings that are only predicted.
-        processes: number of processes that simulate at the same time.
         progress: function that is called with the name of the present step and the fraction of it
             that is done.
 
@@ -67,24 +67,24 @@ def diagnose(
     count = len(recordings)
     progress("fitting the plain model", 0.0)
     beginning = begin([*recordings, *holdout], given)
-    plain, found = _explained(beginning, count, given, processes, progress)
+    plain, found = _explained(beginning, count, given, progress)
     better = _better_plain_model(plain, found, beginning, given)
     if better is not None:
         progress("fitting the plain model anew", 0.0)
         beginning = begin([*recordings, *holdout], given, better)
-        plain, found = _explained(beginning, count, given, processes, progress)
+        plain, found = _explained(beginning, count, given, progress)
     progress("refining the simulation", 0.0)
     sharper = _sharper(plain, found, beginning, given)
     if sharper is not None:
         beginning = sharper
-        plain, found = _explained(beginning, count, given, processes, progress)
+        plain, found = _explained(beginning, count, given, progress)
     progress("measuring the gain", 1.0)
     outcome = joint_outcome(beginning, plain, found, given)
     return with_forces(outcome, recordings, given, _left_out(beginning))
 
 
 def _explained(
-    beginning: Beginning, count: int, given: Settings, processes: int, progress: Progress
+    beginning: Beginning, count: int, given: Settings, progress: Progress
 ) -> tuple[PlainEvaluation, Learned]:
     """The plain model fitted to the first `count` recordings, and their explanation.
 
@@ -92,36 +92,36 @@ def _explained(
     """
     learned = beginning.recordings[:count]
     plain = _learned(beginning, count, given)
-    problem = Problem(given, drafts(learned, plain))
-    with workers(problem, processes) as team:
+    rough = drafts(learned, plain)
 
-        def explained(begun: TrainingSet) -> Learned:
-            return learn(begun, given, _met(team, plain, begun, progress))
+    def explained(begun: TrainingSet) -> Learned:
+        return learn(begun, given, _met(rough, plain, begun, given, progress))
 
-        progress("fitting the joint model", 0.0)
-        begun = training_set(beginning, count, plain.model.settings, given)
-        found = explained(begun)
-        if not surprising(begun, found):
-            return plain, found
-        progress("fitting the joint model to all recordings", 0.3)
-        try:
-            begun = training_set(beginning, count, plain.model.settings, given, all_of_them=True)
-            again = explained(begun)
-        except SimulationError as err:
-            LOG.info("not learned from all recordings: %s", err)
-            return plain, found
+    progress("fitting the joint model", 0.0)
+    begun = training_set(beginning, count, plain.model.settings, given)
+    found = explained(begun)
+    if not surprising(begun, found):
+        return plain, found
+    progress("fitting the joint model to all recordings", 0.3)
+    try:
+        begun = training_set(beginning, count, plain.model.settings, given, all_of_them=True)
+        again = explained(begun)
+    except SimulationError as err:
+        LOG.info("not learned from all recordings: %s", err)
+        return plain, found
     return plain, again if nearer(again, found) else found
 
 
 def _met(
-    team: Workers, plain: PlainEvaluation, begun: TrainingSet, progress: Progress
-) -> list[PegBesideSetUp]:
+    drafts: Sequence[Recording], plain: PlainEvaluation, begun: TrainingSet, given: Settings,
+    progress: Progress,
+) -> list[PegBesideSetUp]:  # fmt: skip
     """Pegs that the DLO may have hit, where the set-up alone leaves an ERR that matters."""
     setup, recordings = begun.prepared.setup, begun.prepared.recordings
-    if setup.mean_err < material_err(own_err(setup, recordings), team.problem.given):
+    if setup.mean_err < material_err(own_err(setup, recordings), given):
         return []
     progress("looking for what was hit", 0.0)
-    return pegs_beside_set_up(team, plain, begun.prepared.scene)
+    return pegs_beside_set_up(drafts, given, plain, begun.prepared.scene)
 
 
 def _learned(beginning: Beginning, count: int, given: Settings) -> PlainEvaluation:

@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from contextvars import ContextVar
 from multiprocessing import get_context
 from typing import Any, Protocol, TypeVar
 
@@ -45,6 +46,20 @@ def ignore(index: int, result: object) -> None:
     """Nothing to be told."""
 
 
+_most: ContextVar[int | None] = ContextVar("most", default=None)
+"""Number of threads that work at the same time, see `at_most`."""
+
+
+@contextmanager
+def at_most(threads: int) -> Iterator[None]:
+    """At most so many `Threads` work at the same time."""
+    before = _most.set(threads)
+    try:
+        yield
+    finally:
+        _most.reset(before)
+
+
 class Threads:
     """Threads of this process: compiled code runs side by side in them."""
 
@@ -55,7 +70,7 @@ class Threads:
         done: Callable[[int, Result], None] = ignore,
     ) -> list[Result]:
         """See `Pool`."""
-        threads = min(len(items), os.cpu_count() or 1)
+        threads = min(len(items), _most.get() or os.cpu_count() or 1)
         results: list[Result] = []
         if threads < 2:
             for k, item in enumerate(items):

@@ -11,13 +11,13 @@ from challenge.generate import draw
 from rods import PAPER
 
 from dlo_ros.cli.loading import load_manipulation
+from dlo_ros.diagnosis.contact import contact_search
 from dlo_ros.diagnosis.contact.contact_search import pegs_beside_set_up, plausible_pegs
 from dlo_ros.diagnosis.contact.peg_places import apart, places, sight
 from dlo_ros.diagnosis.contact.undisturbed import _beginnings
 from dlo_ros.diagnosis.fitting.initial_fit import begin, drafts
 from dlo_ros.diagnosis.fitting.levenberg_marquardt import attempt
 from dlo_ros.diagnosis.fitting.plain_evaluation import evaluate
-from dlo_ros.diagnosis.fitting.worker_processes import Problem, workers
 from dlo_ros.diagnosis.residuals.residual_autocovariance import root_autocovariance
 from dlo_ros.inference.scene import imposed_names, scene
 from dlo_ros.parameters import Settings
@@ -108,11 +108,10 @@ def hidden(tmp_path_factory):
 
 def looked_for(settings, beginning):
     """The pegs that may have been hit, beside the set-up."""
-    problem = Problem(settings, drafts(beginning.recordings, beginning.at))
-    with workers(problem, 1) as team:
-        names = imposed_names(d.manipulation for d in problem.drafts)
-        here = scene(settings, names, [d.observed for d in problem.drafts])
-        return pegs_beside_set_up(team, beginning.at, here)
+    rough = drafts(beginning.recordings, beginning.at)
+    names = imposed_names(d.manipulation for d in rough)
+    here = scene(settings, names, [d.observed for d in rough])
+    return pegs_beside_set_up(rough, settings, beginning.at, here)
 
 
 @pytest.mark.slow
@@ -138,7 +137,7 @@ def test_a_hidden_peg_is_found_where_it_stands(hidden):
 def test_in_space_no_peg_is_looked_for(hidden, monkeypatch):
     settings, beginning, _ = hidden
 
-    def looked(team, at):
+    def looked(*_):
         raise AssertionError("looked for a peg off the board")
 
     monkeypatch.setattr("dlo_ros.diagnosis.fitting.robust_fit.consensus_fit", looked)
@@ -147,15 +146,14 @@ def test_in_space_no_peg_is_looked_for(hidden, monkeypatch):
         observed = r.observed.copy()
         observed[..., 1] += 0.1 * settings.rod.length
         aloft.append(replace(r, observed=observed))
-    with workers(Problem(settings, tuple(aloft)), 1) as team:
-        assert pegs_beside_set_up(team, beginning.at, None) == []
+    assert pegs_beside_set_up(aloft, settings, beginning.at, None) == []
 
 
 @pytest.mark.slow
 @pytest.mark.long
 def test_a_peg_that_does_not_help_is_not_fitted(hidden, monkeypatch):
     settings, beginning, _ = hidden
-    monkeypatch.setattr("dlo_ros.diagnosis.contact.contact_search._loss", lambda problem, task: 1e9)
+    monkeypatch.setattr(contact_search._Disturbed, "loss", lambda *_: 1e9)
     assert looked_for(settings, beginning) == []
 
 

@@ -19,7 +19,6 @@ from dlo_ros.diagnosis.fitting.robust_fit import (
     robust,
     squared_misfits,
 )
-from dlo_ros.diagnosis.fitting.worker_processes import Problem, workers
 from dlo_ros.inference.measured import measured
 
 
@@ -65,8 +64,7 @@ def test_what_was_right_before_tells_of_what_was_wrong_nearly_always():
     """Most pictures are off: only those before tell what the DLO was."""
     recordings, start = pushed_aside(0.3, 0.1)
     together = fit(start, recordings, KNOWN, 8)
-    with workers(Problem(KNOWN, recordings), 1) as team:
-        found = consensus_fit(team, together)
+    found = consensus_fit(recordings, KNOWN, together)
     assert found is not None
     at, scale = found
     assert scale >= ROBUST_SCALE
@@ -82,7 +80,6 @@ def test_what_was_right_before_tells_of_what_was_wrong_nearly_always():
 def test_where_all_is_wrong_what_is_typical_is_more(hit):
     recordings, start = hit
     bent = tuple(replace(r, observed=r.observed + np.array([0.0, 0.0, 0.02])) for r in recordings)
-    with workers(Problem(KNOWN, bent), 1) as team:
-        found = consensus_fit(team, evaluate(start.model, bent, KNOWN))
+    found = consensus_fit(bent, KNOWN, evaluate(start.model, bent, KNOWN))
     assert found is not None
     assert found[1] > 2.0 * ROBUST_SCALE

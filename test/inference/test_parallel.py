@@ -5,6 +5,7 @@ import os
 import shutil
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -18,7 +19,7 @@ from dlo_ros.errors import InputError, SimulationError
 from dlo_ros.identification import identify
 from dlo_ros.identification.estimate import searchable
 from dlo_ros.identification.offline.posterior_sampling import bootstrap, sample
-from dlo_ros.inference.parallel import Cluster, Processes, Threads, open_pool
+from dlo_ros.inference.parallel import Cluster, Processes, Threads, at_most, open_pool
 
 pytestmark = pytest.mark.long
 
@@ -41,6 +42,17 @@ def test_threads_and_processes_keep_the_order():
     assert sorted(told) == [(k, k * k) for k in range(5)]
     with open_pool(workers=2) as pool:
         assert pool.map(squared, range(5)) == [0, 1, 4, 9, 16]
+
+
+def test_at_most_so_many_threads_work_at_the_same_time():
+    def own(_):
+        time.sleep(0.01)
+        return threading.get_ident()
+
+    with at_most(1):
+        assert set(Threads().map(own, range(6))) == {threading.get_ident()}
+    with at_most(2):
+        assert 1 <= len(set(Threads().map(own, range(6)))) <= 2
 
 
 @pytest.mark.slow

@@ -20,11 +20,12 @@ from dlo_ros.diagnosis.fitting import robust_fit
 from dlo_ros.diagnosis.fitting.levenberg_marquardt import attempt
 from dlo_ros.diagnosis.fitting.plain_evaluation import PlainEvaluation, evaluate
 from dlo_ros.diagnosis.fitting.plain_model import PlainModel, names
-from dlo_ros.diagnosis.fitting.worker_processes import Problem, Workers
 from dlo_ros.effects import Peg, Scene, Start
 from dlo_ros.effects.physics.obstacle import Obstacle
 from dlo_ros.effects.physics.wall import StraightWall
 from dlo_ros.errors import SimulationError
+from dlo_ros.inference.measured import Recording
+from dlo_ros.inference.parallel import Threads
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
@@ -54,7 +55,53 @@ BEGUN = 2
 WORSE = 4.0
 """Sum of squared residuals over the best one's, up to which another peg is kept."""
 
-Task = tuple[PlainModel, tuple[int, ...], Peg, float]
+
+@dataclass(frozen=True)
+class _Disturbed:
+    """Recordings in which the DLO may have hit something, and a model that is right before.
+
+    Args:
+        model: the model.
+        recordings: drafts of the recordings.
+        scale: scale of the robust loss, see `robust_fit.robust`.
+        given: the parameter file.
+    """
+
+    model: PlainModel
+    recordings: tuple[Recording, ...]
+    scale: float
+    given: Settings
+
+    def loss(self, peg: Peg) -> float | None:
+        """The robust loss with a peg; None where it cannot be simulated."""
+        try:
+            at = evaluate(self._with(peg), self.recordings, self.given, derivatives=False)
+        except SimulationError:
+            return None
+        return robust_fit.loss(at, self.scale)
+
+    def fitted(self, peg: Peg) -> PlainEvaluation | None:
+        """Fit of a peg's numbers, by a simplex search first, since the loss has jumps."""
+        length = self.given.rod.length
+
+        def moved(step: FloatArray) -> Peg:
+            dx, dz = (STEP * length * step[:2]).tolist()
+            return Peg(peg.x + dx, peg.z + dz, peg.radius * float(np.exp(step[2])))
+
+        def left(step: FloatArray) -> float:
+            loss = self.loss(moved(step))
+            return np.inf if loss is None else loss
+
+        simplex = np.vstack([np.zeros(3), np.diag([1.0, 1.0, LARGER])])
+        options = {"initial_simplex": simplex, "maxfev": EVALUATIONS}
+        found = minimize(left, simplex[0], method="Nelder-Mead", options=options)
+        return attempt(self._with(moved(found.x)), self.recordings, self.given, ITERATIONS)
+
+    def _with(self, peg: Peg) -> PlainModel:
+        """The model with a peg, of which only the peg's numbers are open."""
+        block = peg._asdict()
+        extended = self.model.extended(EFFECT, block, tuple(block))
+        return replace(extended, free=names(EFFECT, block, tuple(block)))
 
 
 @dataclass(frozen=True)
@@ -65,32 +112,37 @@ class PegBesideSetUp:
     peg: Start
 
 
-def pegs_beside_set_up(team: Workers, at: PlainEvaluation, scene: Scene) -> list[PegBesideSetUp]:
+def pegs_beside_set_up(
+    drafts: Sequence[Recording], given: Settings, at: PlainEvaluation, scene: Scene
+) -> list[PegBesideSetUp]:
     """Pegs that the DLO may have hit, beside a set-up that is off within its tolerances.
 
     There are none where it moves in space, off the board with the pegs.
 
     Args:
+        drafts: the recordings with a coarse simulation, to try pegs with.
+        given: the parameter file.
         at: the plain model, fitted to all pictures.
         scene: size, clamps and reach of the motion in the recordings.
     """
-    if EFFECT in at.model.effects or _in_space(team):
+    if EFFECT in at.model.effects or _in_space(drafts, given):
         return []
-    before = undisturbed(team, at, scene)
+    before = undisturbed(drafts, given, at, scene)
     if before is None:
         return []
-    pegs = _pegs(team, before.at, before.scale)
+    pegs = _pegs(drafts, given, before.at, before.scale)
     return [PegBesideSetUp(before.model, _start(peg, k)) for k, peg in enumerate(pegs)]
 
 
-def _in_space(team: Workers) -> bool:
+def _in_space(drafts: Sequence[Recording], given: Settings) -> bool:
     """Whether the DLO leaves the board on which pegs stand."""
-    length = team.problem.given.rod.length
-    shapes = [d.observed for d in team.problem.drafts]
-    return any(np.abs(s[..., 1]).max() > OFF_BOARD * length for s in shapes)
+    most = OFF_BOARD * given.rod.length
+    return any(np.abs(d.observed[..., 1]).max() > most for d in drafts)
 
 
-def _pegs(team: Workers, consensus: PlainEvaluation, scale: float) -> list[Peg]:
+def _pegs(
+    drafts: Sequence[Recording], given: Settings, consensus: PlainEvaluation, scale: float
+) -> list[Peg]:
     """The pegs with which a fit to undisturbed pictures comes nearest to the other pictures.
 
     Args:
@@ -98,20 +150,18 @@ def _pegs(team: Workers, consensus: PlainEvaluation, scale: float) -> list[Peg]:
         scale: scale of the robust loss, see `robust_fit.robust`.
     """
     length = consensus.model.settings.rod.length
-    observed = [d.observed for d in team.problem.drafts]
+    observed = [d.observed for d in drafts]
     wrong = robust_fit.outlier_frames(consensus, scale)
     if not any(w.any() for w in wrong):
         return []
     view = sight(consensus.model.settings.rod, observed, consensus.predicted, wrong)
     likely = _likely(view)
-    disturbed = tuple(k for k, w in enumerate(wrong) if w.any())
+    disturbed = [k for k, w in enumerate(wrong) if w.any()]
+    hit = _Disturbed(consensus.model, tuple(drafts[k] for k in disturbed), scale, given)
 
     def simulated(some: Sequence[Peg]) -> list[tuple[float, Peg]]:
-        tasks: list[Task] = [(consensus.model, disturbed, peg, scale) for peg in some]
-        return [
-            (loss, peg) for peg, loss in zip(some, team.each(_loss, tasks), strict=True)
-            if loss is not None
-        ]  # fmt: skip
+        losses = Threads().map(hit.loss, some)
+        return [(loss, peg) for peg, loss in zip(some, losses, strict=True) if loss is not None]
 
     tried = simulated(apart(likely, APART * length, SIMULATED))
     tried.sort(key=lambda t: t[0])
@@ -123,8 +173,7 @@ def _pegs(team: Workers, consensus: PlainEvaluation, scale: float) -> list[Peg]:
     if not tried or tried[0][0] > HELPS * robust_fit.loss(there, scale):
         return []
     best = apart([peg for _, peg in tried], NEARER * length, FITTED)
-    tasks: list[Task] = [(consensus.model, disturbed, peg, scale) for peg in best]
-    fits = [f for f in team.each(_fitted, tasks) if f is not None]
+    fits = [f for f in Threads().map(hit.fitted, best) if f is not None]
     fits.sort(key=lambda f: f.sum_of_squares)
     return [
         peg_of(f.model.settings)
@@ -163,45 +212,7 @@ def _likely(view: Sight) -> list[Peg]:
     return [p.peg for p in found if p.left <= found[0].left + AS_LIKELY * view.count]
 
 
-def _alone(model: PlainModel, peg: Peg) -> PlainModel:
-    """The model with a peg, of which only the peg's numbers are open."""
-    block = peg._asdict()
-    extended = model.extended(EFFECT, block, tuple(block))
-    return replace(extended, free=names(EFFECT, block, tuple(block)))
-
-
 def peg_of(settings: Settings) -> Peg:
     """The peg that settings contain."""
     block = settings.effects[EFFECT]
     return Peg(*(v for key in Peg._fields if not isinstance(v := block[key], tuple)))
-
-
-def _loss(problem: Problem, task: Task) -> float | None:
-    """The robust loss of the disturbed recordings with a peg."""
-    model, disturbed, peg, scale = task
-    recordings = [problem.drafts[k] for k in disturbed]
-    try:
-        at = evaluate(_alone(model, peg), recordings, problem.given, derivatives=False)
-    except SimulationError:
-        return None
-    return robust_fit.loss(at, scale)
-
-
-def _fitted(problem: Problem, task: Task) -> PlainEvaluation | None:
-    """Fit of a peg's numbers, by a simplex search first, since the loss has jumps."""
-    model, disturbed, peg, scale = task
-    length = model.settings.rod.length
-
-    def moved(step: FloatArray) -> Peg:
-        dx, dz = (STEP * length * step[:2]).tolist()
-        return Peg(peg.x + dx, peg.z + dz, peg.radius * float(np.exp(step[2])))
-
-    def left(step: FloatArray) -> float:
-        loss = _loss(problem, (model, disturbed, moved(step), scale))
-        return np.inf if loss is None else loss
-
-    simplex = np.vstack([np.zeros(3), np.diag([1.0, 1.0, LARGER])])
-    options = {"initial_simplex": simplex, "maxfev": EVALUATIONS}
-    found = minimize(left, simplex[0], method="Nelder-Mead", options=options)
-    recordings = [problem.drafts[k] for k in disturbed]
-    return attempt(_alone(model, moved(found.x)), recordings, problem.given, ITERATIONS)

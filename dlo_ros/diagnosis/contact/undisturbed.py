@@ -15,13 +15,13 @@ import numpy as np
 
 from dlo_ros.diagnosis.fitting import robust_fit
 from dlo_ros.diagnosis.fitting.plain_evaluation import PlainEvaluation, evaluate
-from dlo_ros.diagnosis.fitting.worker_processes import Workers
 from dlo_ros.effects import Scene
 from dlo_ros.errors import SimulationError
 from dlo_ros.inference import joint, joint_fit
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.priors import joint_model
+from dlo_ros.parameters import Settings
 
 LEADS = (0.0, 0.25)
 """Shares of each recording, from its beginning, that count as undisturbed at first: a DLO that is
@@ -49,32 +49,39 @@ class Undisturbed:
     scale: float
 
 
-def undisturbed(team: Workers, at: PlainEvaluation, scene: Scene) -> Undisturbed | None:
+def undisturbed(
+    drafts: Sequence[Recording], given: Settings, at: PlainEvaluation, scene: Scene
+) -> Undisturbed | None:
     """Fit the joint model to the beginnings of recordings, before the first outlier frame.
 
     Args:
+        drafts: the recordings with a coarse simulation.
+        given: the parameter file.
         at: the plain model, fitted to all pictures.
         scene: size, clamps and reach of the motion in the recordings.
 
     Returns:
         None where no frame is an outlier, or every one is.
     """
-    found = robust_fit.consensus_fit(team, at)
+    found = robust_fit.consensus_fit(drafts, given, at)
     if found is None:
         return None
     consensus, scale = found
-    model = joint_model(consensus.model.settings, team.problem.given, scene)
+    model = joint_model(consensus.model.settings, given, scene)
     wrong = robust_fit.outlier_frames(consensus, scale)
-    fits = [_fitted(team, at, model, wrong, lead) for lead in LEADS]
+    fits = [_fitted(drafts, given, at, model, wrong, lead) for lead in LEADS]
     begun = [f for f in fits if f is not None]
     if not begun:
         return None
     best = min(begun, key=lambda f: robust_fit.loss(f.at))
-    return _fitted(team, at, best.model, robust_fit.outlier_frames(best.at, best.scale), 0.0)
+    return _fitted(
+        drafts, given, at, best.model, robust_fit.outlier_frames(best.at, best.scale), 0.0
+    )
 
 
 def _fitted(
-    team: Workers,
+    drafts: Sequence[Recording],
+    given: Settings,
     at: PlainEvaluation,
     model: ParametricModel,
     wrong: Sequence[np.ndarray],
@@ -91,7 +98,6 @@ def _fitted(
     Returns:
         None where no picture deviates clearly more than those that are fitted.
     """
-    drafts, given = team.problem.drafts, team.problem.given
     parts = _beginnings(drafts, wrong, lead)
     if not parts:
         return None

@@ -8,6 +8,7 @@ settles between the two and is wrong throughout, so that nothing shows where it 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
@@ -19,9 +20,9 @@ from dlo_ros.diagnosis.fitting.levenberg_marquardt import (
     normal,
 )
 from dlo_ros.diagnosis.fitting.plain_evaluation import PlainEvaluation, evaluate
-from dlo_ros.diagnosis.fitting.worker_processes import Problem, Workers
 from dlo_ros.errors import SimulationError
 from dlo_ros.inference.measured import Recording
+from dlo_ros.inference.parallel import Threads
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 
@@ -86,10 +87,14 @@ def _improved(
     return None
 
 
-def consensus_fit(team: Workers, at: PlainEvaluation) -> tuple[PlainEvaluation, float] | None:
+def consensus_fit(
+    drafts: Sequence[Recording], given: Settings, at: PlainEvaluation
+) -> tuple[PlainEvaluation, float] | None:
     """The robust fit that explains most pictures, from several starts, and the scale of its loss.
 
     Args:
+        drafts: the recordings with a coarse simulation.
+        given: the parameter file.
         at: the fit to all pictures.
 
     Returns:
@@ -97,11 +102,11 @@ def consensus_fit(team: Workers, at: PlainEvaluation) -> tuple[PlainEvaluation, 
     """
     scale, best = ROBUST_SCALE, at
     for _ in range(2):
-        tasks = [(at, share, scale) for share in FIRST_PARTS]
-        found = [c for c in team.each(_robust_from, tasks) if c is not None]
+        fits = Threads().map(partial(_robust_from, at, drafts, given, scale), FIRST_PARTS)
+        found = [f for f in fits if f is not None]
         if not found:
             return None
-        best = min(found, key=lambda c: loss(c, scale, strict=True))
+        best = min(found, key=lambda f: loss(f, scale, strict=True))
         each = np.concatenate(squared_misfits(best, 1.0))
         if np.mean(each < scale**2) > UNDISTURBED:
             break
@@ -111,11 +116,10 @@ def consensus_fit(team: Workers, at: PlainEvaluation) -> tuple[PlainEvaluation, 
 
 
 def _robust_from(
-    problem: Problem, task: tuple[PlainEvaluation, float, float]
+    at: PlainEvaluation, drafts: Sequence[Recording], given: Settings, scale: float, share: float
 ) -> PlainEvaluation | None:
     """A robust fit that begins with the fit to the first part of each recording."""
-    at, share, scale = task
-    drafts, given, model = problem.drafts, problem.given, at.model
+    model = at.model
     try:
         if share < 1.0:
             part = [d.until(max(LEAST_FRAMES, int(share * len(d.times)))) for d in drafts]
