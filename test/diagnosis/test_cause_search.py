@@ -42,7 +42,11 @@ def best_of(monkeypatch, fits, ends=None, promised=None):
     """
     promised = promised or dict.fromkeys(fits, 10.0)
     promises = [
-        SimpleNamespace(proposal=SimpleNamespace(label=name), gain=gain, model=name)
+        SimpleNamespace(
+            proposal=SimpleNamespace(label=name, start=object(), effect=name.partition(" (")[0]),
+            gain=gain,
+            model=name,
+        )
         for name, gain in promised.items()
     ]
     names = list(promised)
@@ -98,6 +102,14 @@ def test_one_trial_is_that_of_the_largest_predicted_gain(monkeypatch):
     assert added == "friction"
     near = {"mass 2": "others come nearer", "mass 3": "others come nearer"}
     assert near.items() <= told.items() and len(told) == len(fits)
+
+
+def test_trials_are_those_of_different_effects(monkeypatch):
+    """Starts of one effect that come near do not leave another one untried."""
+    creep = {f"creep ({k})": (20.0 + k, 1e-3) for k in range(3)}
+    added, told = best_of(monkeypatch, creep | {"friction": (90.0, 1e-3)})
+    assert added == "friction"
+    assert told["creep (2)"] == "others come nearer"
 
 
 def test_a_small_gain_is_no_cause(monkeypatch):

@@ -50,7 +50,8 @@ PLACE_TRIALS = 25
 STEPS = 4
 """Steps by which each proposal comes nearer to the shapes before the best of them are fitted."""
 TRIALS = 3
-"""Proposals that are fitted, those that come nearest, and that of the largest predicted gain."""
+"""Proposals that are fitted: those of different effects that come nearest, and that of the largest
+predicted gain."""
 ALIKE = 0.01
 """Share of the gain in log evidence, up to which trials gain alike: no law is more exact than that,
 and two effects may differ by less, such as a damping and a creep that soon dies out."""
@@ -106,7 +107,7 @@ def best_trial(
             except SimulationError as reason:
                 LOG.info("%s: %s", name, reason)
                 trace.append(Step(number, name, predicted.gain, None, "cannot be simulated"))
-    checked.sort(key=lambda row: row[0])
+    checked = _various(checked)
     # A few steps tell little of what must leave the set-up's wrong valley first: one trial is that
     # of the largest predicted gain.
     most = max(range(len(checked)), key=lambda k: checked[k][1].gain, default=0)
@@ -143,6 +144,23 @@ def best_trial(
             best, outcome = (found, proposal), "added"
         trace.append(Step(number, proposal.label, gain, found.mean_err, outcome))
     return best, trace
+
+
+def _various(checked: Sequence[tuple[float, PredictedGain]]) -> list[tuple[float, PredictedGain]]:
+    """Proposals by the ERR with which their fits begin, the best of each effect before its others.
+
+    From one start of an effect, a fit mostly finds what it would have found from another one.
+    """
+    first: dict[str, tuple[float, PredictedGain]] = {}
+    rest: list[tuple[float, PredictedGain]] = []
+    for row in sorted(checked, key=lambda row: row[0]):
+        proposal = row[1].proposal
+        kind = proposal.label if proposal.start is None else proposal.effect
+        if kind in first:
+            rest.append(row)
+        else:
+            first[kind] = row
+    return [*first.values(), *rest]
 
 
 def _best_first(begun: Sequence[Trial], at: Evaluation) -> list[Trial]:
