@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from experiment_recordings import moving
+from rods import PAPER
 
 from dlo_ros.diagnosis.explain import certainty
 from dlo_ros.diagnosis.explain.candidate_trials import fitted as fitted_model
@@ -24,7 +25,9 @@ from dlo_ros.diagnosis.findings.joint_learning import training_set
 from dlo_ros.diagnosis.fitting.initial_fit import begin
 from dlo_ros.diagnosis.proposals.candidate_effects import starts
 from dlo_ros.diagnosis.proposals.linear_evidence import freed, proposal_of, with_proposals
+from dlo_ros.effects import Start
 
+PEG = {"x": 0.1, "z": -0.1, "radius": 0.01}
 TOLERANCE = np.radians(3.0)  # of a clamp's direction
 
 
@@ -116,6 +119,28 @@ def test_a_set_up_is_no_cause_whose_reported_uncertainty_leaves_it_within_its_to
     k = turned.model.index("effects.clamp_angle.start")
     wide = spread * (0.5 * TOLERANCE) ** 2 / spread[k, k]
     assert still_certain(found, turned, wide).causes == ()
+
+
+def test_a_plug_is_none_of_which_neither_mass_nor_length_is_known(prepared):
+    """It begins at a finite length, where no derivative tells of it."""
+    keys = ("mass", "extent")
+    plug = Start("connector", {"mass": 1e-3, "extent": 0.02}, (), keys, neutral=False)
+    model, _ = with_proposals(
+        prepared.setup.model, [proposal := proposal_of(prepared.setup.model.settings, plug)]
+    )
+    at = fitted_model(model, prepared.recordings)
+    mass, extent = (at.model.index(f"effects.connector.{key}") for key in keys)
+    size = abs(at.model.theta()[mass] - at.model.parameters[mass].inner(0.0))
+    log = at.model.parameters[extent].logarithmic
+    length = 1.0 if log else at.model.settings.effects["connector"]["extent"]
+    for of_mass, of_extent, shown in ((1.0, 0.7, False), (0.1, 0.7, True), (1.0, 0.1, True)):
+        spread = at.posterior.covariance.copy()
+        for k, std in ((mass, of_mass * size), (extent, of_extent * length)):
+            spread[k] = spread[:, k] = 0.0
+            spread[k, k] = max(std, 1e-12) ** 2
+        assert certain(at, proposal, (), spread) == shown
+    hit = proposal_of(PAPER, Start("obstacle", PEG, (), tuple(PEG), neutral=False))
+    assert certainty._numbers(hit) == []
 
 
 def test_a_size_without_a_neutral_value_must_be_known_to_a_factor(prepared):

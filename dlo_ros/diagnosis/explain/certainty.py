@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from dlo_ros.diagnosis.proposals.linear_evidence import Proposal, freed
-from dlo_ros.effects import quantities
+from dlo_ros.effects import effects, quantities
 from dlo_ros.inference.joint import Evaluation
 from dlo_ros.inference.parameter import Parameter, split_name
 from dlo_ros.inference.priors import SLAB
@@ -115,7 +115,7 @@ def certain(
         # With some parameters held, the rest of the inverse covariance stays as it is.
         return np.asarray(np.linalg.inv(spread[np.ix_([*k, *h], [*k, *h])])[: len(k), : len(k)])
 
-    k = [at.model.index(n) for n in group.columns if n in at.model.names]
+    k = [at.model.index(n) for n in group.columns or _numbers(group) if n in at.model.names]
     if not k:
         return group.start is not None
     if group.from_nothing:
@@ -124,6 +124,17 @@ def certain(
     # Several such sizes, a strength and a curvature, do nothing where one is neutral.
     known = [_from_neutral(at, j) ** 2 * float(information([j])[0, 0]) for j in k]
     return group.start is not None and max(known) > CERTAIN**2
+
+
+def _numbers(group: Proposal) -> list[str]:
+    """Sizes and extents of a group that has no derivative where it begins; none of what is hit.
+
+    How large a peg is, is next to nothing of what it does.
+    """
+    if not effects()[group.effect].differentiable:
+        return []
+    keys = quantities(group.effect)
+    return [p.name for p in group.parameters if keys[split_name(p.name)[1]].role != "place"]
 
 
 def _from_neutral(at: Evaluation, index: int) -> float:
