@@ -6,6 +6,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cache, partial
 
 from dlo_ros.diagnosis.contact.contact_search import PegBesideSetUp, pegs_beside_set_up
 from dlo_ros.diagnosis.explain.measurement_error import material_err, own_err
@@ -92,7 +93,7 @@ def _explained(
     """
     learned = beginning.recordings[:count]
     plain = _learned(beginning, count, given)
-    rough = drafts(learned, plain)
+    rough = cache(partial(drafts, learned, plain))
 
     def explained(begun: TrainingSet) -> Learned:
         return learn(begun, given, _met(rough, plain, begun, given, progress))
@@ -113,15 +114,19 @@ def _explained(
 
 
 def _met(
-    drafts: Sequence[Recording], plain: PlainEvaluation, begun: TrainingSet, given: Settings,
-    progress: Progress,
+    rough: Callable[[], Sequence[Recording]], plain: PlainEvaluation, begun: TrainingSet,
+    given: Settings, progress: Progress,
 ) -> list[PegBesideSetUp]:  # fmt: skip
-    """Pegs that the DLO may have hit, where the set-up alone leaves an ERR that matters."""
+    """Pegs that the DLO may have hit, where the set-up alone leaves an ERR that matters.
+
+    Args:
+        rough: function that gives the recordings with a coarse simulation.
+    """
     setup, recordings = begun.prepared.setup, begun.prepared.recordings
     if setup.mean_err < material_err(own_err(setup, recordings), given):
         return []
     progress("looking for what was hit", 0.0)
-    return pegs_beside_set_up(drafts, given, plain, begun.prepared.scene)
+    return pegs_beside_set_up(rough(), given, plain, begun.prepared.scene)
 
 
 def _learned(beginning: Beginning, count: int, given: Settings) -> PlainEvaluation:

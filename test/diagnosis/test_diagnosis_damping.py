@@ -39,7 +39,7 @@ def damped(tmp_path_factory):
 
 @pytest.mark.slow
 def test_a_guess_is_known_to_a_factor(damped):
-    """What is within nine times the guess is no cause, but is told."""
+    """A damping within nine times the guess is no cause, but is told."""
     challenge, recordings, settings = damped
     found = diagnose(recordings, settings)
     assert (found.verdict, found.effects) == ("adequate", ())

@@ -46,7 +46,7 @@ def test_nothing_is_fitted_to_the_simulation_s_own_error():
     assert sharper is not None
     assert sharper.recordings[0].spans >= fine.recordings[0].spans
     assert pipeline._sharper(fine.at, learned, sharper, given) is None
-    # What the plain model leaves is far more than the simulation's own error.
+    # The plain model's error is far larger than the simulation's own.
     plain = SimpleNamespace(explanation=SimpleNamespace(at=fine.at))
     assert pipeline._sharper(fine.at, plain, rough, given) is None
 

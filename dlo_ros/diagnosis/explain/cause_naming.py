@@ -59,19 +59,19 @@ class Cause:
     err: float
 
 
-def loss_without(at: Evaluation, bare: Evaluation) -> float:
+def _loss_without(at: Evaluation, bare: Evaluation) -> float:
     """Log evidence that is lost without a cause."""
     return at.posterior.evidence - bare.posterior.evidence
 
 
-def needed(at: Evaluation, bare: Evaluation, group: Proposal, begun: Sequence[Start]) -> bool:
+def _needed(at: Evaluation, bare: Evaluation, group: Proposal, begun: Sequence[Start]) -> bool:
     """Whether the best model without a cause is clearly worse, see `NAMED` and `FAR`.
 
     Args:
         bare: the fit without it.
     """
     tried = len({s.effect for s in begun}) if group.start is not None else 1
-    loss = loss_without(at, bare)
+    loss = _loss_without(at, bare)
     far = at.mean_err < FAR * bare.mean_err
     return loss >= NAMED + float(np.log(tried)) or (far and loss > 0.0)
 
@@ -94,10 +94,10 @@ def without_needless(
         if cause.start is None or linear_loss(at, cause, wholly=True) > INDISPENSABLE:
             continue
         bare = without(at, cause, recordings, wholly=True)
-        if bare is None or needed(at, bare, cause, begun):
+        if bare is None or _needed(at, bare, cause, begun):
             bares[cause.label] = bare
             continue
-        shifts[cause.effect] = log_ratio(bare) - log_ratio(at)
+        shifts[cause.effect] = _log_ratio(bare) - _log_ratio(at)
         at, causes = bare, tuple(c for c in causes if c is not cause)
         bares = {}
     return replace(found, at=at, causes=causes), bares, shifts
@@ -128,9 +128,9 @@ def named(
         if bare is None:
             continue
         if group.start is not None:
-            shifts[group.effect] = log_ratio(bare) - log_ratio(at)
+            shifts[group.effect] = _log_ratio(bare) - _log_ratio(at)
         nearer = at.mean_err <= (1.0 - LOWERS) * bare.mean_err
-        if not nearer or not needed(at, bare, group, begun):
+        if not nearer or not _needed(at, bare, group, begun):
             continue
         if group.start is not None or not is_beyond(at, group):
             little = _taken_away(at, bare, group) < least and not strains(bare, at)
@@ -139,7 +139,7 @@ def named(
         offer = offer or offered(at, recordings, begun)
         rivals = _rivals(at, bare, group, recordings, offer)
         names_ = tuple(p.name for p in group.parameters)
-        result.append(Cause(group.effect, names_, rivals, loss_without(at, bare), bare.mean_err))
+        result.append(Cause(group.effect, names_, rivals, _loss_without(at, bare), bare.mean_err))
     return _merged(result), shifts
 
 
@@ -152,7 +152,7 @@ def _taken_away(at: Evaluation, bare: Evaluation, group: Proposal) -> float:
     return max(float(np.mean(b) - np.mean(a)) for b, a in zip(bare.err, at.err, strict=True))
 
 
-def log_ratio(at: Evaluation) -> float:
+def _log_ratio(at: Evaluation) -> float:
     """ln(E / mu) of a model."""
     rod = at.model.settings.rod
     return float(np.log(rod.young_modulus / rod.density))
@@ -178,7 +178,7 @@ def _rivals(
     offer: Offer,
 ) -> dict[str, Block]:  # fmt: skip
     """Effects that explain the data as well where a group is at neutral, with their values."""
-    missing = at.posterior.evidence - bare.posterior.evidence - RIVAL
+    missing = _loss_without(at, bare) - RIVAL
     result: dict[str, Block] = {}
     fits = 0
     for predicted in ranked_proposals(bare, offer, smooth=True):
@@ -189,7 +189,7 @@ def _rivals(
             break
         fits += 1
         there = fitted(predicted.model, recordings)
-        if there and there.posterior.evidence - bare.posterior.evidence >= missing:
+        if there and _loss_without(there, bare) >= missing:
             values = there.model.settings.effects.get(effect, {})
             fitted_ = {split_name(p.name)[1] for p in predicted.proposal.parameters if p.effect}
             result[effect] = {key: v for key, v in values.items() if key in fitted_}

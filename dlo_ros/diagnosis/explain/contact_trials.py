@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""Fits with what the DLO may have hit: a peg, or a wall in its place."""
+"""Fits with something that the DLO may have hit: a peg, or a wall in its place."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Rivals = Mapping[str, Block]
 
 @dataclass(frozen=True)
 class Contact:
-    """What the DLO may have hit.
+    """A peg or a wall that the DLO may have hit.
 
     Args:
         trial: the fit with it.

@@ -1,5 +1,5 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""What is held out: a recording, or the end of each, and the gain that is measured there."""
+"""The recording that is held out, or the end of each, and the gain that is measured there."""
 
 from __future__ import annotations
 

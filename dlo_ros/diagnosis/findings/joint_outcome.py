@@ -93,12 +93,12 @@ class _Errors:
 
     @property
     def missing(self) -> float | None:
-        """What the plain model misses [m]; None: not known."""
+        """Error of the plain model [m]; None: not known."""
         held = holdout.mean(self.before)
         return holdout.mean(self.seen_before) if held is None else held
 
     def left(self, otherwise: float) -> float:
-        """What the full model leaves [m].
+        """Error of the full model [m].
 
         Args:
             otherwise: answer where it is not known.
@@ -122,17 +122,16 @@ def joint_outcome(
     found, at, shown = final.found, final.at, final.shown
     own = own_err(at, first) if len(at.err) == len(first) else found.own_err
     matters = material_err(own, given)
-    base = held_against(plain.model, first, given, derivatives=False)
     bare_model = _unseeing(plain, first, learned.masks[: len(first)], given)
     before = errors_of(bare_model, recordings, learned.masks)
-    suffices = not found.causes and base.mean_err < matters
+    suffices = not found.causes and plain.mean_err < matters
     if suffices:  # what was fitted beyond the plain model predicts nothing better
-        errors, shown = _Errors(*before, *before), base
+        errors, shown = _Errors(*before, *before), plain
     else:
         errors = _Errors(*before, final.learned.held, final.learned.seen)
     left = errors.left(found.at.mean_err)
     share = _share(errors.missing, left, own)
-    setup = base.mean_err if suffices else _set_up_err(found, at, first, known, matters)
+    setup = plain.mean_err if suffices else _set_up_err(found, at, first, known, matters)
     # A recording that is held out and cannot be fitted beside the others is not explained.
     least = 0.0 if len(at.err) == len(first) else left
     # A fit to all that lies farther off than what was predicted has only ended early.
@@ -142,7 +141,7 @@ def joint_outcome(
     related_before = related_after = None
     if verdict == "unexplained":
         related_before, related_after = (
-            relations(first, e.residuals, e.predicted, e.model.settings) for e in (base, shown)
+            relations(first, e.residuals, e.predicted, e.model.settings) for e in (plain, shown)
         )
     remarks = (
         f"The plain model misses {_mm(left)}; {_mm(matters)} would be immaterial."
@@ -162,7 +161,7 @@ def joint_outcome(
         _advice(verdict, found),
         None if np.isnan(beginning.error) else beginning.error,
         (*remarks, *(sentences(related_after) if related_after is not None else ())),
-        views(recordings, base, shown, learned.masks, given),
+        views(recordings, plain, shown, learned.masks, given),
         related_before,
         related_after,
         matters,
