@@ -28,6 +28,7 @@ class Parameter:
         guessed: whether the prior only keeps the search in bounds and is no knowledge.
         tolerated: whether the prior is the tolerance of a set-up.
         matters: change that matters; None: told by the prior, see `step`.
+        tightness: prior standard deviation over the tolerance while it is a part of the set-up.
     """
 
     name: str
@@ -40,6 +41,7 @@ class Parameter:
     guessed: bool = False
     tolerated: bool = False
     matters: float | None = None
+    tightness: float = 1.0
 
     @property
     def effect(self) -> str:
@@ -69,11 +71,23 @@ class Parameter:
         """A step that matters: the tolerance of a set-up, a tenth of a wider prior's std."""
         if self.matters is not None:
             return self.matters
-        return self.std if self.tolerated else 0.1 * self.std
+        return self.std / self.tightness if self.tolerated else 0.1 * self.std
 
     def freed(self, factor: float) -> Parameter:
-        """The parameter freed from its tolerance: a cause."""
-        return replace(self, std=factor * self.std, tolerated=False)
+        """The parameter freed from its tolerance: a cause.
+
+        Args:
+            factor: its prior standard deviation, in tolerances.
+        """
+        return replace(self, std=factor * self.std / self.tightness, tolerated=False)
+
+    def returned(self, factor: float) -> Parameter:
+        """A freed parameter as a part of the set-up again; see `freed`."""
+        return replace(self, std=self.std / factor * self.tightness, tolerated=bool(self.effect))
+
+    def tightened(self, tightness: float) -> Parameter:
+        """A part of the set-up with another prior standard deviation, see `tightness`."""
+        return replace(self, std=self.std / self.tightness * tightness, tightness=tightness)
 
 
 @dataclass(frozen=True)

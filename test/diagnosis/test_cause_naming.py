@@ -61,7 +61,7 @@ def test_a_cause_matters_or_is_not_named(monkeypatch, linear, loss, without, str
     start = Start("point_mass", {"mass": 0.0}, ("mass",), ("mass",))
     others = [replace(start, effect=f"effect {k}") for k in range(15)]
     monkeypatch.setattr(cause_naming, "certain", lambda *_: True)
-    monkeypatch.setattr(cause_naming, "nameable", lambda *_: [])
+    monkeypatch.setattr(cause_naming, "beyond", lambda *_: [])
     monkeypatch.setattr(cause_naming, "linear_loss", lambda *_, wholly: linear)
     monkeypatch.setattr(cause_naming, "_rivals", lambda *_: {})
     monkeypatch.setattr(cause_naming, "strains", lambda *_: strained)

@@ -12,15 +12,17 @@ from dlo_ros.effects import Peg
 from dlo_ros.parameters import RodParameters
 from dlo_ros.spline import FloatArray, SplineBasis
 
-TRIED = 150
+TRIED = 300
 """Places in a recording."""
 STATIONS, DENSE = 60, 10
-BENT = 0.5
+BENT = 0.2
 """Deviation of a station over the largest of its picture, from which it may have been pushed."""
 TOUCHING = 20
 """Points that were seen nearest to a peg, which tell on which side of it the DLO lies."""
-SLACK = 1.5e-3
-"""How far an observed shape may seem to reach into a peg [m]: noise, and the spline's own error."""
+SLACK, USUAL = 1.5e-3, 0.9
+"""How far an observed shape may seem to reach into a peg at least [m]: noise, and the spline's own
+error; and the share of the undisturbed pictures that lie no farther from the predicted ones, where
+that is more: a camera or a tracker that errs moves shapes into a peg as well."""
 AFTER = 3
 """Pictures after a hit that must be off."""
 BEHIND, GROSS = 0.02, 0.05
@@ -51,12 +53,14 @@ class Sight:
         rod: length and diameter of the model.
         seen, expected: observed and predicted points.
         wrong: outlier frames, shape (F,).
+        slack: how far an observed shape may seem to reach into a peg [m].
     """
 
     rod: RodParameters
     seen: tuple[FloatArray, ...]
     expected: tuple[FloatArray, ...]
     wrong: tuple[np.ndarray, ...]
+    slack: float
 
     @property
     def count(self) -> int:
@@ -81,7 +85,12 @@ def sight(
         np.einsum("qn,fnc->fqc", values, o)[-len(e) :, :, [0, 2]]
         for o, e in zip(observed, expected, strict=True)
     )
-    return Sight(rod, seen, expected, tuple(wrong))
+    off = [
+        np.linalg.norm(s - e, axis=2).mean(axis=1)[~w]
+        for s, e, w in zip(seen, expected, wrong, strict=True)
+    ]
+    slack = float(np.quantile(np.concatenate([*off, [0.0]]), USUAL))
+    return Sight(rod, seen, expected, tuple(wrong), max(SLACK, slack))
 
 
 def places(view: Sight, radius: float) -> list[Place]:
@@ -93,14 +102,14 @@ def places(view: Sight, radius: float) -> list[Place]:
     everywhere = np.concatenate([s.reshape(-1, 2) for s in view.seen])
     found = []
     for centre in _beside(view, away):
-        if away - np.sqrt(np.min(np.sum((everywhere - centre) ** 2, axis=1))) > SLACK:
+        if away - np.sqrt(np.min(np.sum((everywhere - centre) ** 2, axis=1))) > view.slack:
             continue
         left, touched = 0, 0
         for s, e, wrong in zip(view.seen, view.expected, view.wrong, strict=True):
-            met = np.flatnonzero(away - _distance(e, centre) > 0.5 * SLACK)
+            met = np.flatnonzero(away - _distance(e, centre) > 0.5 * view.slack)
             first = int(met[0]) if len(met) else len(wrong)
             left += int(wrong[:first].sum() + (~wrong[first : first + AFTER]).sum())
-            touched += int(np.sum(_distance(s[first:], centre) - away < SLACK))
+            touched += int(np.sum(_distance(s[first:], centre) - away < view.slack))
         found.append(Place(Peg(float(centre[0]), float(centre[1]), radius), left, touched))
     return sorted(found, key=lambda p: (p.left, -p.touched))
 

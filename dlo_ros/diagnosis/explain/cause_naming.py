@@ -18,7 +18,7 @@ from dlo_ros.diagnosis.explain.cause_search import (
     ranked_proposals,
     without,
 )
-from dlo_ros.diagnosis.explain.certainty import SCALES, certain, is_beyond, nameable, strains
+from dlo_ros.diagnosis.explain.certainty import SCALES, beyond, certain, is_beyond, strains
 from dlo_ros.diagnosis.explain.contact_trials import Rivals
 from dlo_ros.diagnosis.proposals.linear_evidence import Proposal
 from dlo_ros.effects import Start
@@ -105,7 +105,7 @@ def without_needless(
 
 def named(
     found: Search, bares: Bares, recordings: Sequence[Recording], begun: Sequence[Start],
-    material: float, least: float,
+    material: float, least: float, *, exact: bool = False,
 ) -> tuple[tuple[Cause, ...], dict[str, float]]:  # fmt: skip
     """The causes without which the best model is clearly worse, numbers of the set-up among them,
     and the change of ln(E / mu) without each effect that was added.
@@ -114,10 +114,13 @@ def named(
     explains is immaterial, or takes away less than `least` [m] of ERR: beside a cause whose true
     law is another than the model's, a further effect mends that law a little. Where the set-up must
     leave its tolerance to do a cause's work, ERR does not tell how much that is.
+
+    Args:
+        exact: whether the set-up is as precise as the data tell: then all that is certain is named.
     """
     at, offer = found.at, found.offer
     result, shifts = [], {}
-    for group in (*found.causes, *nameable(at, found.causes)):
+    for group in (*found.causes, *beyond(at)):
         if not certain(at, group, SCALES):
             continue
         # Linearly, the rest may do the work of what was added by moves that no set-up makes.
@@ -132,7 +135,7 @@ def named(
         nearer = at.mean_err <= (1.0 - LOWERS) * bare.mean_err
         if not nearer or not _needed(at, bare, group, begun):
             continue
-        if group.start is not None or not is_beyond(at, group):
+        if not exact and (group.start is not None or not is_beyond(at, group)):
             little = _taken_away(at, bare, group) < least and not strains(bare, at)
             if bare.mean_err < material or little:
                 continue

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -44,7 +44,7 @@ from dlo_ros.errors import SimulationError
 from dlo_ros.inference.joint import Evaluation, borrowed, evaluate, misfit, rejudged, simulate
 from dlo_ros.inference.joint_fit import approached, fit
 from dlo_ros.inference.measured import Recording
-from dlo_ros.inference.parameter import Parameter, ParametricModel
+from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.priors import SLAB
 from dlo_ros.inference.variances import posterior
 
@@ -204,7 +204,7 @@ def _exchange(
         begun: effects that might be added, where they are looked for.
         known: names of effects that are not tried.
     """
-    within = at.model.with_prior([_tolerated(p) for p in group.parameters])
+    within = at.model.with_prior([p.returned(SLAB) for p in group.parameters])
     bare = _with_neutral(at, within, group)
     offers = [(e, _new(p, known)) for e, p in _offers_beside(bare, recordings, begun)]
     return best_trial(number, at, offers, recordings)
@@ -257,18 +257,13 @@ def linear_loss(at: Evaluation, cause: Proposal, *, wholly: bool = False) -> flo
         wholly: see `without`.
     """
     if cause.start is None and not wholly:
-        bare = at.model.with_prior([_tolerated(p) for p in cause.parameters])
+        bare = at.model.with_prior([p.returned(SLAB) for p in cause.parameters])
     elif cause.from_nothing:
         bare = at.model.with_prior([pinned(p) for p in cause.parameters])
     else:
         return 0.0
     found = linear_posterior(at, at.spectra, bare.offset(), bare.precision())
     return at.posterior.evidence - found.evidence
-
-
-def _tolerated(p: Parameter) -> Parameter:
-    """A freed number of the set-up back within its tolerance."""
-    return replace(p, std=p.std / SLAB, tolerated=bool(p.effect))
 
 
 def without(
@@ -281,7 +276,7 @@ def without(
             tolerance.
     """
     if cause.start is None and not wholly:
-        return fitted(at.model.with_prior([_tolerated(p) for p in cause.parameters]), recordings)
+        return fitted(at.model.with_prior([p.returned(SLAB) for p in cause.parameters]), recordings)
     begins = [_neutral(at.model, cause)]
     if cause.from_nothing:
         begins.append(_neutral(_beside_neutral(at, at.model, cause), cause))

@@ -24,8 +24,8 @@ mass on one of unknown stiffness likewise."""
 BEYOND = 2.0
 """Tolerances from neutral, from which a number of the set-up may be a cause."""
 FEW = 2
-"""Things that depart from neutral for certain, up to which each may be a cause within its
-tolerance: of a set-up with errors of all kinds seven to nine do."""
+"""Things that depart from neutral for certain, up to which a set-up is off in few ways: of one with
+errors of all kinds seven to nine do."""
 NOTABLE = 0.2
 """Tolerances from neutral, from which a number of the set-up is off by more than two programs that
 simulate the same DLO differ by."""
@@ -156,23 +156,6 @@ def departures(at: Evaluation, causes: Sequence[Proposal] = ()) -> int:
         causes: causes that have been added to the model or freed.
     """
     return sum(c.start is not None for c in causes) + len(_departing(at, causes))
-
-
-def nameable(at: Evaluation, causes: Sequence[Proposal]) -> list[Proposal]:
-    """Groups of the set-up that may be causes.
-
-    These are those beyond their tolerance; and where next to nothing departs from neutral, all that
-    does: no tolerance is needed for a set-up that was built, or simulated, as precisely as the data
-    tell.
-
-    Args:
-        causes: see `departures`.
-    """
-    far = beyond(at)
-    if departures(at, causes) > FEW:
-        return far
-    labels = {g.label for g in far}
-    return [*far, *(_own(at, g) for g in _departing(at, causes) if g.label not in labels)]
 
 
 def _departing(at: Evaluation, causes: Sequence[Proposal]) -> list[Proposal]:

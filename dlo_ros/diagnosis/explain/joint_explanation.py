@@ -17,12 +17,13 @@ from dlo_ros.diagnosis.explain.cause_search import (
 from dlo_ros.diagnosis.explain.certainty import (
     FEW,
     SCALES,
+    beyond,
     beyond_for_certain,
     certain,
     departures,
-    nameable,
 )
-from dlo_ros.diagnosis.explain.contact_trials import Contact, best_contact
+from dlo_ros.diagnosis.explain.contact_trials import Contact, best_contact, placed_anew
+from dlo_ros.diagnosis.explain.exact_setup import beside_exact_set_up
 from dlo_ros.diagnosis.explain.far_starts import best_far_start
 from dlo_ros.diagnosis.explain.measurement_error import OWN, material_err, own_err
 from dlo_ros.diagnosis.proposals.candidate_effects import starts
@@ -62,6 +63,7 @@ class Explanation:
         proposals: all that the search has added or freed, certain or not.
         trace: every candidate of every step.
         stiffness_shifts: change of ln(E / mu) where an added effect is left out, by its name.
+        exact: whether the set-up is as precise as the data tell, see `exact_setup`.
     """
 
     setup: Evaluation
@@ -73,6 +75,7 @@ class Explanation:
     proposals: tuple[Proposal, ...]
     trace: tuple[Step, ...]
     stiffness_shifts: Mapping[str, float] = field(default_factory=dict)
+    exact: bool = False
 
     @property
     def stiffness_doubt(self) -> float:
@@ -153,20 +156,27 @@ def explain(
     contact = best_contact(prepared.setup, recordings, pegs)
     setup, first = _beginning(prepared, begun, contact, enough)
     found = search(setup, prepared.meant, recordings, begun, enough, first)
+    placed = placed_anew(found.at, found.causes, recordings, given)
+    if placed is not found.at:
+        found = replace(found, at=placed, offer=None)
+    hit = first if first is not None and contact is not None and first is contact.trial else None
+    precise = beside_exact_set_up(found, prepared.meant, recordings, begun, enough, hit)
+    found, exact = precise or found, precise is not None
     found, bares, pruned = without_needless(found, recordings, begun)
     # Judged in the end: what a cause does to a DLO looks like an error of the camera before.
     own = own_err(found.at, recordings)
     matters = material_err(own, given)
     missed = LOWERS * (setup.mean_err - own)
     least = max(missed, MENDS * (prepared.plain_err - own))
-    causes, shifts = named(found, bares, recordings, begun, OWN * own, least)
+    causes, shifts = named(found, bares, recordings, begun, OWN * own, least, exact=exact)
     if contact is not None:
         causes = tuple(_beside(c, contact) for c in causes)
     if found.at.mean_err >= matters:
         causes = _no_stand_ins(causes, found, prepared)
     return Explanation(
-        setup, found.at, causes, own, matters, least, found.causes, found.trace, pruned | shifts
-    )
+        setup, found.at, causes, own, matters, least, found.causes, found.trace,
+        pruned | shifts, exact,
+    )  # fmt: skip
 
 
 def _beside(cause: Cause, contact: Contact) -> Cause:
@@ -201,7 +211,7 @@ def still_certain(
         covariance: that is reported of its parameters, shape (P, P).
     """
     groups = [*found.proposals, *freed(final.model)]
-    may_be = {g.label for g in nameable(final, found.proposals)}
+    may_be = {g.label for g in (found.proposals if found.exact else beyond(final))}
     sure = {p.name for g in groups if _still(final, g, covariance, may_be) for p in g.parameters}
     return replace(found, causes=tuple(c for c in found.causes if sure & set(c.names)))
 
@@ -212,7 +222,7 @@ def _still(
     """Whether a group is a cause with the values of a fit to more data, and their uncertainty.
 
     Args:
-        may_be: labels of groups of the set-up, see `nameable`.
+        may_be: labels of groups of the set-up that may be causes.
     """
     if group.start is None and beyond_for_certain(final, group, covariance):
         return True

@@ -10,10 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dlo_ros.diagnosis.explain.cause_naming import Cause
-from dlo_ros.diagnosis.explain.joint_explanation import (
-    Explanation,
-    still_certain,
-)
+from dlo_ros.diagnosis.explain.exact_setup import opened
+from dlo_ros.diagnosis.explain.joint_explanation import Explanation, still_certain
 from dlo_ros.diagnosis.explain.measurement_error import OWN, material_err, own_err
 from dlo_ros.diagnosis.findings import holdout
 from dlo_ros.diagnosis.findings.confirmed_uncertainty import Widening, confirmed
@@ -136,7 +134,9 @@ def joint_outcome(
     least = 0.0 if len(at.err) == len(first) else left
     # A fit to all that lies farther off than what was predicted has only ended early.
     reached = min(at.mean_err, final.learned.mean_err or np.inf)
-    verdict = _verdict(setup, max(reached, least), matters, found.nameable_err, found.causes)
+    verdict = _verdict(
+        setup, max(reached, least), matters, found.nameable_err, found.causes, exact=found.exact
+    )
     missed = (holdout.mean(errors.seen_before) or 0.0) - own
     related_before = related_after = None
     if verdict == "unexplained":
@@ -166,7 +166,7 @@ def joint_outcome(
         related_after,
         matters,
         share,
-        set_up_numbers(at, found.causes, given),
+        set_up_numbers(opened(at), found.causes, given),
         systematic_errors(at),
         found.trace,
     )
@@ -195,7 +195,7 @@ def _final(
         if found.at is found.setup:
             raise
         LOG.warning("the model with its causes is dropped, since it does not hold: %s", err)
-    alone = replace(found, at=found.setup, causes=(), proposals=())
+    alone = replace(found, at=found.setup, causes=(), proposals=(), exact=False)
     return _final(Learned(alone, learned.masks, None, None), recordings, known, given)
 
 
@@ -250,7 +250,13 @@ def _completed(at: Evaluation, recordings: Sequence[Recording], known: Sequence[
 
 
 def _verdict(
-    setup: float, after: float, matters: float, nameable: float, causes: Sequence[Cause]
+    setup: float,
+    after: float,
+    matters: float,
+    nameable: float,
+    causes: Sequence[Cause],
+    *,
+    exact: bool = False,
 ) -> Verdict:
     """The verdict by the ERR [m] of the set-up and of the full model, fitted to everything.
 
@@ -263,8 +269,10 @@ def _verdict(
         matters: ERR [m] below which nothing is left to explain.
         nameable: ERR [m] that a cause must take away to be named.
         causes: causes that are named.
+        exact: whether they are named beside a set-up as precise as the data tell: one within its
+            tolerances may do their work, too.
     """
-    if setup < matters and all(c.err < matters for c in causes):
+    if setup < matters and (exact or all(c.err < matters for c in causes)):
         return "adequate"
     if after >= matters:
         return "unexplained"

@@ -1,0 +1,128 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""Causes beside a set-up that is as precise as the data tell, such as that of a simulation.
+
+A set-up that is open within its tolerances does the work of a weak cause, and pays nothing for it:
+all of its numbers are free anyway. One that is held at neutral has no such numbers, and the log
+evidence tells whether a cause or two explain the data without them.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from dlo_ros.diagnosis.explain.candidate_trials import WORTH, Trial, best_trial
+from dlo_ros.diagnosis.explain.cause_search import Search, offered, ranked_proposals, search
+from dlo_ros.effects import Start
+from dlo_ros.errors import SimulationError
+from dlo_ros.inference.joint import Evaluation, evaluate
+from dlo_ros.inference.joint_fit import settled
+from dlo_ros.inference.measured import Recording
+from dlo_ros.inference.parameter import ParametricModel
+from dlo_ros.inference.variances import posterior
+
+LOG = logging.getLogger(__name__)
+
+TIGHT = 1e-4
+"""Prior standard deviation of such a set-up's numbers, in tolerances: less than shapes tell."""
+BLURRED, COLOURED = 2.0, 0.5
+"""Errors of the measurement that are not white over those that are: from where no set-up can be
+told to be that precise, and up to where nothing but noise is left."""
+
+
+def exact(model: ParametricModel) -> ParametricModel:
+    """The model with its set-up held at neutral."""
+    theta = model.theta()
+    for k, p in enumerate(model.parameters):
+        theta[k] = p.centre if p.tolerated else theta[k]
+    return _tightened(model.at(theta), TIGHT)
+
+
+def opened(at: Evaluation) -> Evaluation:
+    """The same fit with a set-up that is open within its tolerances."""
+    model = _tightened(at.model, 1.0)
+    found = posterior(at.spectra, at.variances, model.offset(), model.precision())
+    return replace(at, model=model, posterior=found)
+
+
+def _tightened(model: ParametricModel, tightness: float) -> ParametricModel:
+    return model.with_prior([p.tightened(tightness) for p in model.parameters if p.tolerated])
+
+
+def beside_exact_set_up(
+    found: Search, meant: ParametricModel, recordings: Sequence[Recording],
+    begun: Sequence[Start], enough: float, contact: Trial | None,
+) -> Search | None:  # fmt: skip
+    """Causes beside an exact set-up, where they explain the data better than those beside another.
+
+    Those that are known already are enough where they leave nothing but white errors.
+
+    Args:
+        found: causes beside a set-up that is open within its tolerances.
+        meant: model from where a fit without causes starts.
+        begun, enough: see `cause_search.search`.
+        contact: what was hit, if anything was.
+
+    Returns:
+        None where the data tell of no such set-up.
+    """
+    if _coloured(found.at) > BLURRED:
+        return None
+    try:
+        there = replace(found, at=_fitted(found.at.model, recordings), offer=None)
+        if _coloured(there.at) > COLOURED:
+            alone = _fitted(meant if contact is None else contact[0].model, recordings)
+            known = None if contact is None else (alone, contact[1])
+            there = _searched(alone, recordings, begun, enough, known)
+            there = replace(there, trace=(*found.trace, *there.trace))
+    except SimulationError as err:
+        LOG.info("with an exact set-up: %s", err)
+        return None
+    gain = there.at.posterior.evidence - found.at.posterior.evidence
+    LOG.info("with an exact set-up: %+.1f in evidence", gain)
+    return there if gain >= WORTH else None
+
+
+def _fitted(model: ParametricModel, recordings: Sequence[Recording]) -> Evaluation:
+    return settled(evaluate(exact(model), recordings), recordings)
+
+
+def _searched(
+    alone: Evaluation, recordings: Sequence[Recording], begun: Sequence[Start], enough: float,
+    known: Trial | None,
+) -> Search:  # fmt: skip
+    """A search beside an exact set-up.
+
+    A first cause is looked for however little is left, and another one in its place where its
+    explanation leaves more than white errors.
+
+    Args:
+        alone: the fit without causes.
+        known: fit with a cause that is known already.
+    """
+    if known is not None:
+        return search(alone, alone.model, recordings, begun, enough, known)
+    ranked = ranked_proposals(alone, offered(alone, recordings, begun))
+    first, trace = best_trial(1, alone, [(alone, ranked)], recordings)
+    if first is None:
+        return Search(alone, (), tuple(trace), None)
+    there = search(alone, alone.model, recordings, begun, enough, first)
+    trace += there.trace
+    if len(there.causes) == 1 and _coloured(there.at) > COLOURED:
+        others = [p for p in ranked if p.proposal.effect != there.causes[0].effect]
+        other, steps = best_trial(1, there.at, [(alone, others)], recordings)
+        trace += steps
+        if other is not None:
+            there = search(alone, alone.model, recordings, begun, enough, other)
+            trace += there.trace
+    return replace(there, trace=tuple(trace))
+
+
+def _coloured(at: Evaluation) -> float:
+    """Errors of the measurement that are not white over those that are, root mean squares."""
+    white = sum(float(np.sum(v.white)) for v in at.variances)
+    other = sum(float(np.sum(v.nodal + v.fading + v.lasting + v.rough)) for v in at.variances)
+    return float(np.sqrt(other / white))
