@@ -2,6 +2,7 @@
 """Causes beside a set-up that is as precise as the data tell, and where none is told to be."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -90,6 +91,14 @@ def test_no_set_up_is_told_to_be_exact_by_a_measurement_that_errs_in_other_ways(
     found = Search(replace(at, variances=blurred), (), (), None)
     monkeypatch.setattr(exact_setup, "_fitted", lambda *_: pytest.fail("nothing to fit"))
     assert beside_exact_set_up(found, at.model, (), (), 0.0, None) is None
+
+
+def test_no_set_up_is_told_to_be_exact_by_single_pictures(turned, monkeypatch):
+    at = turned[0].setup
+    single = SimpleNamespace(times=np.zeros(1))
+    monkeypatch.setattr(exact_setup, "_fitted", lambda *_: pytest.fail("nothing to fit"))
+    found = Search(at, (), (), None)
+    assert beside_exact_set_up(found, at.model, [single], (), 0.0, None) is None
 
 
 def test_causes_that_leave_white_noise_alone_are_enough(turned, monkeypatch):

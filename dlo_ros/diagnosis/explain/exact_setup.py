@@ -22,7 +22,7 @@ from dlo_ros.inference.joint import Evaluation, evaluate
 from dlo_ros.inference.joint_fit import settled
 from dlo_ros.inference.measured import Recording
 from dlo_ros.inference.parameter import ParametricModel
-from dlo_ros.inference.variances import posterior
+from dlo_ros.inference.variances import FEWEST_FRAMES, posterior
 
 LOG = logging.getLogger(__name__)
 
@@ -67,9 +67,11 @@ def beside_exact_set_up(
         contact: what was hit, if anything was.
 
     Returns:
-        None where the data tell of no such set-up.
+        None where the data tell of no such set-up; errors that are not white can only be told
+        where there are several frames.
     """
-    if _coloured(found.at) > BLURRED:
+    separable = all(len(r.times) >= FEWEST_FRAMES for r in recordings)
+    if not separable or _coloured(found.at) > BLURRED:
         return None
     try:
         there = replace(found, at=_fitted(found.at.model, recordings), offer=None)
