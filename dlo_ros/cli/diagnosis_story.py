@@ -114,6 +114,8 @@ def headline(found: Diagnosis) -> str:
         if _immaterial(found):
             return f"The simulation agrees with the recordings; it is {mm(err)} off."
         if found.setup and extends(found):
+            if causes and not any(row.notable for row in setup_lines(found)):
+                return f"{off}, for {causes}: no more than a set-up within its tolerances may do."
             beside = f", and for {causes}" if causes else ""
             return f"{off}, for a set-up that is a little off within its tolerances{beside}."
         return f"{off}, and these data show no cause for it."
@@ -234,7 +236,8 @@ def _why(found: Diagnosis) -> tuple[str, ...]:
     if sum(e.share is not None for e in order) > 1:
         sentences.append(OVERLAP)
     if found.verdict == "adequate":
-        if found.setup and extends(found):
+        notable = any(row.notable for row in setup_lines(found))
+        if found.setup and extends(found) and (notable or not order):
             labels = _labels(found)
             far = [
                 labels[name] for name, n in found.setup.items()

@@ -112,6 +112,12 @@ def test_adequate_says_whether_it_is_as_good_as_matters():
     assert "4.0 mm off, for a set-up that is a little off" in headline(tolerated)
     assert "within twice its tolerance: see the table" in answers(tolerated)[1]
     assert "and for mass on the DLO" in headline(case("adequate", setup=SETUP))
+    exact = {k: replace(n, value=0.0) for k, n in SETUP.items() if k.startswith("clamp")}
+    made = case("adequate", setup=exact)
+    assert headline(made).endswith(
+        "for mass on the DLO: no more than a set-up within its tolerances may do."
+    )
+    assert "a little off in several places" not in answers(made)[1]
     bent = {"clamp_angle.start": SetupNumber(-8.0 * DEGREE, 0.4 * DEGREE, 3.0 * DEGREE, "rad")}
     told = answers(case("adequate", (), 4e-3, setup=SETUP | bent))[1]
     assert "direction of a clamp, at the start by more than twice the tolerance: see" in told

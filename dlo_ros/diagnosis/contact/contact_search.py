@@ -15,7 +15,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from dlo_ros.diagnosis.contact.peg_places import Sight, apart, places, sight, tangent_wall
-from dlo_ros.diagnosis.contact.undisturbed import separating, undisturbed
+from dlo_ros.diagnosis.contact.undisturbed import undisturbed
 from dlo_ros.diagnosis.fitting import robust_fit
 from dlo_ros.diagnosis.fitting.levenberg_marquardt import attempt
 from dlo_ros.diagnosis.fitting.plain_evaluation import PlainEvaluation, evaluate
@@ -134,28 +134,6 @@ def pegs_beside_set_up(
     return [PegBesideSetUp(before.model, _start(peg, k)) for k, peg in enumerate(pegs)]
 
 
-def pegs_instead(
-    recordings: Sequence[Recording], given: Settings, model: ParametricModel
-) -> list[Start]:
-    """Pegs that may have been hit instead of a model's, beside all else that the model holds.
-
-    Args:
-        recordings: recordings to which the model was fitted.
-        given: the parameter file.
-
-    Raises:
-        SimulationError: they cannot be simulated.
-    """
-    own = [p.name for p in model.parameters if p.effect == EFFECT]
-    with_peg, without_peg = (
-        evaluate(PlainModel(m.settings, ()), recordings, given, derivatives=False)
-        for m in (model, model.without(own))
-    )
-    scale = separating(with_peg, without_peg)
-    pegs = [] if scale is None else _pegs(recordings, given, without_peg, scale)
-    return [_start(peg, k) for k, peg in enumerate(pegs)]
-
-
 def _in_space(drafts: Sequence[Recording], given: Settings) -> bool:
     """Whether the DLO leaves the board on which pegs stand."""
     most = OFF_BOARD * given.rod.length
@@ -194,7 +172,7 @@ def _pegs(
     there = replace(consensus, residuals=tuple(consensus.residuals[k] for k in disturbed))
     if not tried or tried[0][0] > HELPS * robust_fit.loss(there, scale):
         return []
-    best = apart([peg for _, peg in tried], NEAR * length, FITTED)
+    best = apart([peg for _, peg in tried], NEARER * length, FITTED)
     fits = [f for f in Threads().map(hit.fitted, best) if f is not None]
     fits.sort(key=lambda f: f.sum_of_squares)
     return [

@@ -12,17 +12,15 @@ from dlo_ros.effects import Peg
 from dlo_ros.parameters import RodParameters
 from dlo_ros.spline import FloatArray, SplineBasis
 
-TRIED = 300
+TRIED = 150
 """Places in a recording."""
 STATIONS, DENSE = 60, 10
-BENT = 0.2
+BENT = 0.5
 """Deviation of a station over the largest of its picture, from which it may have been pushed."""
 TOUCHING = 20
 """Points that were seen nearest to a peg, which tell on which side of it the DLO lies."""
-SLACK, USUAL = 1.5e-3, 0.9
-"""How far an observed shape may seem to reach into a peg at least [m]: noise, and the spline's own
-error; and the share of the undisturbed pictures that lie no farther from the predicted ones, where
-that is more: a camera or a tracker that errs moves shapes into a peg as well."""
+SLACK = 1.5e-3
+"""How far an observed shape may seem to reach into a peg [m]: noise, and the spline's own error."""
 AFTER = 3
 """Pictures after a hit that must be off."""
 BEHIND, GROSS = 0.02, 0.05
@@ -53,14 +51,12 @@ class Sight:
         rod: length and diameter of the model.
         seen, expected: observed and predicted points.
         wrong: outlier frames, shape (F,).
-        slack: how far an observed shape may seem to reach into a peg [m].
     """
 
     rod: RodParameters
     seen: tuple[FloatArray, ...]
     expected: tuple[FloatArray, ...]
     wrong: tuple[np.ndarray, ...]
-    slack: float
 
     @property
     def count(self) -> int:
@@ -85,12 +81,7 @@ def sight(
         np.einsum("qn,fnc->fqc", values, o)[-len(e) :, :, [0, 2]]
         for o, e in zip(observed, expected, strict=True)
     )
-    off = [
-        np.linalg.norm(s - e, axis=2).mean(axis=1)[~w]
-        for s, e, w in zip(seen, expected, wrong, strict=True)
-    ]
-    slack = float(np.quantile(np.concatenate([*off, [0.0]]), USUAL))
-    return Sight(rod, seen, expected, tuple(wrong), max(SLACK, slack))
+    return Sight(rod, seen, expected, tuple(wrong))
 
 
 def places(view: Sight, radius: float) -> list[Place]:
@@ -102,14 +93,14 @@ def places(view: Sight, radius: float) -> list[Place]:
     everywhere = np.concatenate([s.reshape(-1, 2) for s in view.seen])
     found = []
     for centre in _beside(view, away):
-        if away - np.sqrt(np.min(np.sum((everywhere - centre) ** 2, axis=1))) > view.slack:
+        if away - np.sqrt(np.min(np.sum((everywhere - centre) ** 2, axis=1))) > SLACK:
             continue
         left, touched = 0, 0
         for s, e, wrong in zip(view.seen, view.expected, view.wrong, strict=True):
-            met = np.flatnonzero(away - _distance(e, centre) > 0.5 * view.slack)
+            met = np.flatnonzero(away - _distance(e, centre) > 0.5 * SLACK)
             first = int(met[0]) if len(met) else len(wrong)
             left += int(wrong[:first].sum() + (~wrong[first : first + AFTER]).sum())
-            touched += int(np.sum(_distance(s[first:], centre) - away < view.slack))
+            touched += int(np.sum(_distance(s[first:], centre) - away < SLACK))
         found.append(Place(Peg(float(centre[0]), float(centre[1]), radius), left, touched))
     return sorted(found, key=lambda p: (p.left, -p.touched))
 

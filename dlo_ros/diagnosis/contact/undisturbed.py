@@ -108,23 +108,11 @@ def _fitted(
         consensus = evaluate(plain, drafts, given, derivatives=False)
     except SimulationError:
         return None
-    scale = separating(right, consensus)
-    return None if scale is None else Undisturbed(model, consensus, scale)
-
-
-def separating(right: PlainEvaluation, disturbed: PlainEvaluation) -> float | None:
-    """Deviation between those of undisturbed and of disturbed pictures, in units of the noise.
-
-    Args:
-        right: evaluation of which most pictures are right.
-        disturbed: evaluation of a model without the contact.
-
-    Returns:
-        None where no picture deviates clearly more than those that are right.
-    """
     most = float(np.quantile(np.concatenate(robust_fit.squared_misfits(right, 1.0)), RIGHT))
-    worst = float(np.concatenate(robust_fit.squared_misfits(disturbed, 1.0)).max())
-    return None if worst < STANDS_OUT**2 * most else float((most * worst) ** 0.25)
+    worst = float(np.concatenate(robust_fit.squared_misfits(consensus, 1.0)).max())
+    if worst < STANDS_OUT**2 * most:
+        return None
+    return Undisturbed(model, consensus, float((most * worst) ** 0.25))
 
 
 def _beginnings(

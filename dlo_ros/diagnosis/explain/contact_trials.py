@@ -3,25 +3,15 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from dlo_ros.diagnosis.contact.contact_search import (
-    EFFECT,
-    PegBesideSetUp,
-    pegs_instead,
-    wall_instead,
-)
+from dlo_ros.diagnosis.contact.contact_search import PegBesideSetUp, wall_instead
 from dlo_ros.diagnosis.explain.candidate_trials import LOWERS, Trial, best_gain, fitted, gains
-from dlo_ros.diagnosis.proposals.linear_evidence import Proposal, proposal_of, with_proposals
+from dlo_ros.diagnosis.proposals.linear_evidence import proposal_of, with_proposals
 from dlo_ros.effects.start import Block
-from dlo_ros.errors import SimulationError
 from dlo_ros.inference.joint import Evaluation
 from dlo_ros.inference.measured import Recording
-from dlo_ros.parameters import Settings
-
-LOG = logging.getLogger(__name__)
 
 Rivals = Mapping[str, Block]
 """Effects that explain the data as well in the place of a cause, with the values of their keys."""
@@ -72,36 +62,6 @@ def best_contact(
         return Contact(first, {})
     effect = second[1].effect
     return Contact(first, {effect: second[0].model.settings.effects[effect]})
-
-
-def placed_anew(
-    at: Evaluation, causes: Sequence[Proposal], recordings: Sequence[Recording], given: Settings
-) -> Evaluation:
-    """The fit with a peg among its causes, which may stand elsewhere beside the others.
-
-    The place was found where they were not known, and no derivative leads from one to another.
-
-    Args:
-        given: the parameter file.
-    """
-    if not any(c.effect == EFFECT for c in causes):
-        return at
-    found = [at]
-    try:
-        begun = pegs_instead(recordings, given, at.model)
-    except SimulationError as err:
-        LOG.info("the peg stays where it is: %s", err)
-        return at
-    for start in begun:
-        theta = at.model.theta()
-        for k, p in enumerate(at.model.parameters):
-            if p.effect == EFFECT:
-                value = start.block[p.key]
-                assert isinstance(value, float)
-                theta[k] = p.inner(value)
-        there = fitted(at.model.at(theta), recordings, far=True)
-        found += [there] if there is not None and there.mean_err < at.mean_err else []
-    return max(found, key=lambda e: e.posterior.evidence)
 
 
 def _with_wall(pegged: Trial, recordings: Sequence[Recording]) -> Trial | None:

@@ -22,7 +22,7 @@ from dlo_ros.diagnosis.explain.certainty import (
     certain,
     departures,
 )
-from dlo_ros.diagnosis.explain.contact_trials import Contact, best_contact, placed_anew
+from dlo_ros.diagnosis.explain.contact_trials import Contact, best_contact
 from dlo_ros.diagnosis.explain.exact_setup import beside_exact_set_up
 from dlo_ros.diagnosis.explain.far_starts import best_far_start
 from dlo_ros.diagnosis.explain.measurement_error import OWN, material_err, own_err
@@ -156,9 +156,6 @@ def explain(
     contact = best_contact(prepared.setup, recordings, pegs)
     setup, first = _beginning(prepared, begun, contact, enough)
     found = search(setup, prepared.meant, recordings, begun, enough, first)
-    placed = placed_anew(found.at, found.causes, recordings, given)
-    if placed is not found.at:
-        found = replace(found, at=placed, offer=None)
     hit = first if first is not None and contact is not None and first is contact.trial else None
     precise = beside_exact_set_up(found, prepared.meant, recordings, begun, enough, hit)
     found, exact = precise or found, precise is not None
