@@ -114,7 +114,7 @@ def headline(found: Diagnosis) -> str:
         if _immaterial(found):
             return f"The simulation agrees with the recordings; it is {mm(err)} off."
         if found.setup and extends(found):
-            if causes and not any(row.notable for row in setup_lines(found)):
+            if causes and not _set_up_is_off(found):
                 return f"{off}, for {causes}: no more than a set-up within its tolerances may do."
             beside = f", and for {causes}" if causes else ""
             return f"{off}, for a set-up that is a little off within its tolerances{beside}."
@@ -236,18 +236,15 @@ def _why(found: Diagnosis) -> tuple[str, ...]:
     if sum(e.share is not None for e in order) > 1:
         sentences.append(OVERLAP)
     if found.verdict == "adequate":
-        notable = any(row.notable for row in setup_lines(found))
-        if found.setup and extends(found) and (notable or not order):
+        if found.setup and extends(found) and (not order or _set_up_is_off(found)):
             labels = _labels(found)
             far = [
                 labels[name] for name, n in found.setup.items()
                 if n.tolerance is not None and _off(name, n) > 2.0 * n.tolerance
             ]  # fmt: skip
-            where = (
-                f"{enumerated(far)} by more than twice the tolerance"
-                if far
-                else "each within twice its tolerance"
-            )
+            where = "each within twice its tolerance"
+            if far:
+                where = f"{enumerated(far)} by more than twice the tolerance"
             sentences.append(
                 f"The set-up is a little off in several places, {where}: see the table."
             )
@@ -344,6 +341,11 @@ def setup_lines(found: Diagnosis) -> tuple[SetupRow, ...]:
         _row(name, labels[name], found.setup[name], counts[name], notable=off[name] > NOTABLE)
         for name in sorted(off, key=lambda name: -off[name])
     )
+
+
+def _set_up_is_off(found: Diagnosis) -> bool:
+    """Whether a number of the set-up is notably off, see `NOTABLE`."""
+    return any(row.notable for row in setup_lines(found))
 
 
 def _counts(found: Diagnosis) -> dict[str, int]:

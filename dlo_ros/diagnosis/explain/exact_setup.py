@@ -11,6 +11,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -42,7 +43,7 @@ def exact(model: ParametricModel) -> ParametricModel:
 
 
 def opened(at: Evaluation) -> Evaluation:
-    """The same fit with a set-up that is open within its tolerances."""
+    """A fit whose set-up is open within its tolerances, at the values of another fit."""
     model = _tightened(at.model, 1.0)
     found = posterior(at.spectra, at.variances, model.offset(), model.precision())
     return replace(at, model=model, posterior=found)
@@ -105,20 +106,21 @@ def _searched(
         alone: the fit without causes.
         known: fit with a cause that is known already.
     """
+    beside = partial(search, alone, alone.model, recordings, begun, enough)
     if known is not None:
-        return search(alone, alone.model, recordings, begun, enough, known)
+        return beside(known)
     ranked = ranked_proposals(alone, offered(alone, recordings, begun))
     first, trace = best_trial(1, alone, [(alone, ranked)], recordings)
     if first is None:
         return Search(alone, (), tuple(trace), None)
-    there = search(alone, alone.model, recordings, begun, enough, first)
+    there = beside(first)
     trace += there.trace
     if len(there.causes) == 1 and _coloured(there.at) > COLOURED:
         others = [p for p in ranked if p.proposal.effect != there.causes[0].effect]
         other, steps = best_trial(1, there.at, [(alone, others)], recordings)
         trace += steps
         if other is not None:
-            there = search(alone, alone.model, recordings, begun, enough, other)
+            there = beside(other)
             trace += there.trace
     return replace(there, trace=tuple(trace))
 
