@@ -14,6 +14,9 @@ from dlo_ros.parameters import EFFECTS_PREFIX, Settings
 from dlo_ros.rod.sensitivity_parameters import MATERIAL
 from dlo_ros.spline import FloatArray
 
+HELD = 1e-6
+"""Prior standard deviation of a number that is held, over the one that it had."""
+
 
 @dataclass(frozen=True)
 class Parameter:
@@ -84,6 +87,11 @@ class Parameter:
     def returned(self, factor: float) -> Parameter:
         """A freed parameter as a part of the set-up again; see `freed`."""
         return replace(self, std=self.std / factor * self.tightness, tolerated=bool(self.effect))
+
+    def held(self, inner: float | None = None) -> Parameter:
+        """The parameter, held at a value as inference sees it; None: at the centre of its prior."""
+        centre = self.centre if inner is None else inner
+        return replace(self, centre=centre, std=HELD * self.std)
 
     def tightened(self, tightness: float) -> Parameter:
         """A part of the set-up with another prior standard deviation, see `tightness`."""

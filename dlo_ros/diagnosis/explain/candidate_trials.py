@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -190,11 +190,13 @@ def _checked(
     Raises:
         SimulationError: it cannot be simulated there.
     """
+    smooth = predicted.proposal.from_nothing
     begin = _with_columns(at, predicted)
-    if not predicted.proposal.from_nothing:
+    if not smooth:
         begin = borrowed(begin, _nearest_size(predicted, recordings), recordings)
-    found = approached(begin, recordings, STEPS)
-    return found.mean_err, replace(predicted, model=found.model)
+    model = _held(begin.model, {*at.model.names, *(predicted.proposal.columns if smooth else ())})
+    found = approached(replace(begin, model=model), recordings, STEPS)
+    return found.mean_err, replace(predicted, model=predicted.begin.at(found.model.theta()))
 
 
 def _with_columns(at: Evaluation, predicted: PredictedGain) -> Evaluation:
@@ -206,6 +208,15 @@ def _with_columns(at: Evaluation, predicted: PredictedGain) -> Evaluation:
     place = [names.index(n) if n in names else len(names) for n in model.names]
     known = tuple((r, np.pad(j, ((0, 0), (0, 1), (0, 0)))[:, place]) for r, j in fields)
     return compared(model, Simulated(known, at.err, at.predicted), at.variances)
+
+
+def _held(model: ParametricModel, known: Collection[str]) -> ParametricModel:
+    """The model with those parameters held of which no derivative is known.
+
+    Their priors alone would say where they go: places to the middle of their range.
+    """
+    pairs = zip(model.parameters, model.theta(), strict=True)
+    return model.with_prior([p.held(float(x)) for p, x in pairs if p.name not in known])
 
 
 def _nearest_size(predicted: PredictedGain, recordings: Sequence[Recording]) -> ParametricModel:

@@ -34,7 +34,6 @@ from dlo_ros.diagnosis.proposals.linear_evidence import (
     columns,
     freed,
     linear_posterior,
-    pinned,
     predicted_gains,
     simulated_together,
     with_proposals,
@@ -238,7 +237,7 @@ def _with_neutral(at: Evaluation, model: ParametricModel, group: Proposal) -> Pa
 
 def _beside_neutral(at: Evaluation, model: ParametricModel, group: Proposal) -> ParametricModel:
     """A model at the mean of the linearised posterior with a group of parameters at neutral."""
-    held = model.with_prior([pinned(p) for p in group.parameters])
+    held = model.with_prior([p.held() for p in group.parameters])
     step = posterior(at.spectra, at.variances, held.offset(), held.precision()).step
     return model.at(model.theta() + step)
 
@@ -259,7 +258,7 @@ def linear_loss(at: Evaluation, cause: Proposal, *, wholly: bool = False) -> flo
     if cause.start is None and not wholly:
         bare = at.model.with_prior([p.returned(SLAB) for p in cause.parameters])
     elif cause.from_nothing:
-        bare = at.model.with_prior([pinned(p) for p in cause.parameters])
+        bare = at.model.with_prior([p.held() for p in cause.parameters])
     else:
         return 0.0
     found = linear_posterior(at, at.spectra, bare.offset(), bare.precision())
@@ -295,7 +294,7 @@ def without(
 def _neutral(model: ParametricModel, cause: Proposal) -> ParametricModel:
     """The model without a cause; a damping goes back to the parameter file's value."""
     names = [p.name for p in cause.parameters if p.effect]
-    kept = [pinned(p) for p in cause.parameters if not p.effect]
+    kept = [p.held() for p in cause.parameters if not p.effect]
     model = model.with_prior(kept)
     theta = model.theta()
     for p in kept:

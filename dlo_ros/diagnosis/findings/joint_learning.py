@@ -105,8 +105,9 @@ def training_set(
 def learn(training: TrainingSet, given: Settings, pegs: Sequence[PegBesideSetUp] = ()) -> Learned:
     """Explain the recordings that are not held out.
 
-    Where all recordings are needed to find causes, the values alone are learned from their
-    beginnings, to predict their ends.
+    Causes are looked for with drafts; the values with which the rest is predicted are learned with
+    the fine simulation. Where all recordings are needed to find causes, these values are learned
+    from their beginnings, to predict their ends.
 
     Args:
         given: the parameter file.
@@ -119,12 +120,12 @@ def learn(training: TrainingSet, given: Settings, pegs: Sequence[PegBesideSetUp]
     frames = [len(r.times) for r in recordings]
     masks = [np.full(f, k >= count or k == held_out) for k, f in enumerate(frames)]
     found = explain(training.prepared, given, pegs)
-    predicting = found.at
+    learned = [r for r, mask in zip(recordings, masks, strict=True) if not mask.any()]
     if len(recordings) == count and held_out is None and min(frames) >= FEWEST:
         masks = [np.arange(f) >= (holdout.TRAINED + 0.1) * (f - 1) for f in frames]
         stops = [int(holdout.TRAINED * (f - 1)) + 1 for f in frames]
-        begun = [r.until(s) for r, s in zip(training.prepared.recordings, stops, strict=True)]
-        predicting = refitted(found.at, begun)
+        learned = [r.until(s) for r, s in zip(recordings, stops, strict=True)]
+    predicting = refitted(found.at, learned)
     return Learned(found, tuple(masks), *errors_of(predicting.model, recordings, masks))
 
 

@@ -26,7 +26,6 @@ from dlo_ros.diagnosis.proposals.linear_evidence import (
     columns,
     joined,
     linear_prior,
-    pinned,
     proposal_of,
     simulated_together,
     with_proposals,
@@ -189,7 +188,7 @@ def _far_off(at: Evaluation) -> dict[str, float]:
     """Numbers of the set-up far beyond their tolerance, with the share that each explains."""
     shares = {}
     for group in beyond(at):
-        held = at.model.with_prior([pinned(p) for p in group.parameters])
+        held = at.model.with_prior([p.held() for p in group.parameters])
         _, without = least(at.fields, held.offset(), held.precision())
         if certain(at, group) and at.mean_err < CLEARER * without:
             shares[group.effect] = 1.0 - at.mean_err / without

@@ -99,11 +99,6 @@ def reported_effect(p: Parameter) -> str:
     return p.effect or damping_effect(p.name)
 
 
-def pinned(p: Parameter) -> Parameter:
-    """The parameter, held at the centre of its prior."""
-    return replace(p, std=1e-6 * p.std)
-
-
 def added(model: ParametricModel, begun: Sequence[Start]) -> list[Proposal]:
     """Proposals of effects that the set-up does not contain, one for each place of the search."""
     result = []
