@@ -243,7 +243,7 @@ def _value(effect: str, key: str, n: Number, length: float, said: str) -> str:
     words = key.replace("_", " ")
     q = _quantity(effect, key)
     if q is not None and q.role == "place":
-        words = "at u ="
+        words = "at" if n.unit == "s" else "at u ="
     elif key in ENDS:
         words = f"at the {key}"
     if not isinstance(n.value, tuple):

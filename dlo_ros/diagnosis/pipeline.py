@@ -170,17 +170,17 @@ def _better_plain_model(
 def _sharper(
     plain: PlainEvaluation, found: Learned, beginning: Beginning, given: Settings
 ) -> Beginning | None:
-    """The initial fit with a simulation that is fine enough for an explanation.
+    """The initial fit with simulations that are fine enough for an explanation.
 
-    The simulation was made fine enough for what the plain model leaves over. What remains beside an
-    explanation that comes nearer may be its own error, which effects would be fitted to.
+    They were made fine enough for what the plain model leaves over. What remains beside an
+    explanation that comes nearer may be their own error, which effects would be fitted to.
 
     Returns:
         None where the simulation is fine enough, or cannot be finer.
     """
     near = replace(plain.model, settings=found.explanation.at.model.settings)
     try:
-        return finer(beginning, near, given)
+        return finer(beginning, near, found.drafts, given)
     except SimulationError as err:
         LOG.info("not refined: %s", err)
         return None

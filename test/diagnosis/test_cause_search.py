@@ -18,12 +18,14 @@ from dlo_ros.diagnosis.explain import (
 from dlo_ros.diagnosis.explain.cause_naming import Cause
 from dlo_ros.diagnosis.proposals.linear_evidence import (
     PredictedGain,
+    columns,
     predicted_gains,
     proposal_of,
     with_proposals,
 )
 from dlo_ros.effects import Start
 from dlo_ros.effects.physics.wall import StraightWall
+from dlo_ros.inference.joint import simulate
 from dlo_ros.inference.parameter import ParametricModel
 from dlo_ros.inference.priors import material_priors
 
@@ -141,6 +143,27 @@ def test_the_search_ends_with_a_cause_that_takes_too_little_away_to_be_named(mon
     found = cause_search.search(evaluation(0.0, 2e-3), None, (), starts, 0.1e-3)
     assert [c.label for c in found.causes] == ["effect 0", "effect 1", "effect 2"]
     assert found.at.mean_err == left[2]
+
+
+@pytest.mark.parametrize(("evidence", "first"), [(30.0, "wall"), (50.0, "peg"), (None, "peg")])
+def test_what_was_hit_competes_with_the_other_causes(monkeypatch, evidence, first):
+    """A peg in the way does much of what a table does that the DLO is laid down on."""
+    peg, wall, delay = (
+        SimpleNamespace(label=n, effect=n, start=object()) for n in ("peg", "wall", "delay")
+    )
+    others = iter([wall if evidence else None, delay])
+    without_simulations(monkeypatch, 1e-3)
+
+    def best_trial(number, at, *_):
+        other = next(others)
+        return (other and (evaluation(40.0 * number, 0.5e-3 / number), other)), []
+
+    monkeypatch.setattr(cause_search, "best_trial", best_trial)
+    hit = (evaluation(evidence or 1e3, 0.5e-3), peg)
+    found = cause_search.search(evaluation(0.0, 2e-3), None, (), (), 0.3e-3, hit)
+    assert [c.label for c in found.causes] == [first, "delay"]
+    outcome = "added" if first == "peg" else "fitted, but another gains more"
+    assert [s.outcome for s in found.trace if s.name == "peg"] == [outcome]
 
 
 @pytest.mark.parametrize(
@@ -355,3 +378,20 @@ def test_a_proposal_with_boundless_derivatives_is_left_out():
         id(mass): tuple(np.ones((count, 1, numbers)) for count in frames),
     }
     assert [p.proposal for p in predicted_gains(at, [force, mass], extra)] == [mass]
+
+
+def test_a_number_without_a_derivative_stays_until_there_is_one():
+    """A slip of no length has no moment: its prior would put it in the middle of a minute."""
+    at, recordings = fitted_set_up()
+    start = Start("clamp_slip", {"length": 0.0, "onset": 0.5}, ("length",), ("length", "onset"))
+    proposal = proposal_of(at.model.settings, start)
+    model, names = with_proposals(at.model, [proposal])
+    extra = {
+        id(proposal): columns(at, [proposal], simulate(model, recordings, names))[id(proposal)]
+    }
+    predicted = predicted_gains(at, [proposal], extra)[0]
+    err, begun = candidate_trials._checked(at, predicted, recordings)
+    slip = begun.model.settings.effects["clamp_slip"]
+    assert slip["onset"] == 0.5 and slip["length"] != 0.0
+    assert begun.model.parameters == model.parameters  # with their priors
+    assert err < 1.1 * at.mean_err

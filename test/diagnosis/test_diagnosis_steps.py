@@ -9,6 +9,7 @@ from measured import swing
 from rods import KNOWN, PAPER
 
 from dlo_ros.diagnosis.contact.peg_places import tangent_wall
+from dlo_ros.diagnosis.findings.joint_learning import training_set
 from dlo_ros.diagnosis.fitting import plain_evaluation
 from dlo_ros.diagnosis.fitting.initial_fit import UNDAMPED, begin, drafts, finer
 from dlo_ros.diagnosis.fitting.levenberg_marquardt import fit
@@ -51,15 +52,31 @@ def test_long_recordings_are_tried_in_part(beginning, monkeypatch):
 
 
 def test_a_simulation_is_refined_for_a_model_that_comes_near(beginning):
-    assert finer(beginning, beginning.at.model, KNOWN) is None
+    fine = dict(enumerate(beginning.recordings))
+    assert finer(beginning, beginning.at.model, fine, KNOWN) is None
     rough = tuple(replace(r, spans=7, tolerance=5e-3) for r in beginning.recordings)
-    sharper = finer(replace(beginning, recordings=rough), beginning.at.model, KNOWN)
+    sharper = finer(replace(beginning, recordings=rough), beginning.at.model, fine, KNOWN)
     assert sharper is not None
     assert all(r.tolerance < 5e-3 for r in sharper.recordings)
+    assert sharper.near.model.settings == beginning.at.model.settings
     assert (
         sharper.at.sum_of_squares
         < evaluate(beginning.at.model, rough, KNOWN, derivatives=False).sum_of_squares
     )
+
+
+def test_drafts_are_made_for_the_model_that_comes_near(beginning):
+    """With drafts that agree with the plain model's simulation alone, causes would be mended."""
+    coarse = {1: replace(beginning.recordings[1], spans=7, tolerance=5e-3)}
+    sharper = finer(beginning, beginning.at.model, coarse, KNOWN)
+    assert sharper is not None and sharper.recordings == beginning.recordings
+    heavy = beginning.at.model.theta()
+    heavy[0] += 0.3
+    near = evaluate(beginning.at.model.at(heavy), beginning.recordings, KNOWN, derivatives=False)
+    training = training_set(replace(beginning, near=near), 2, beginning.at.model.settings, KNOWN)
+    there = evaluate(near.model, training.prepared.recordings, KNOWN, derivatives=False)
+    for draft, fine in zip(there.residuals, near.residuals, strict=True):
+        assert draft == pytest.approx(fine[: len(draft)], abs=1e-6)
 
 
 def test_what_starts_in_motion_is_refined_without_equilibria(monkeypatch):

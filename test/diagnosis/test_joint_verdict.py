@@ -253,7 +253,7 @@ def test_a_recording_that_is_not_explained_does_not_spoil_the_rest(
 def test_all_recordings_teach_where_they_come_nearer_so(held, closer):
     told = None if held is None else [np.full(4, held)]
     again = SimpleNamespace(explanation=SimpleNamespace(at=fitted_to(2e-3, 2e-3)))
-    before = Learned(None, (), told, [np.full(4, 1e-3)])
+    before = Learned(None, {}, (), told, [np.full(4, 1e-3)])
     assert nearer(again, before) == closer
 
 
@@ -281,7 +281,7 @@ def test_a_model_that_a_recording_refuses_is_dropped_and_its_set_up_kept(monkeyp
     broken = replace(setup, model=setup.model.at(theta))
     cause = Cause("clamp_angle", ("effects.clamp_angle.start",), {}, 9.0, 1e-2)
     found = Explanation(setup, broken, (cause,), 1e-4, 2e-4, 1e-5, (), ())
-    learned = Learned(found, (np.zeros(len(setup.err[0]), dtype=bool),), None, None)
+    learned = Learned(found, {}, (np.zeros(len(setup.err[0]), dtype=bool),), None, None)
     real = joint_outcome.held_against
 
     def refused(model, *args, **kwargs):

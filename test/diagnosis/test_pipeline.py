@@ -41,14 +41,20 @@ def test_nothing_is_fitted_to_the_simulation_s_own_error():
     rough = replace(fine, recordings=tuple(replace(r, spans=r.spans - 1) for r in fine.recordings))
     tilted = fine.at.model.settings.with_effects({"gravity_tilt": {"angle": 0.3}})
     near = attempt(replace(fine.at.model, settings=tilted), fine.recordings, given, 3)
-    learned = SimpleNamespace(explanation=SimpleNamespace(at=near))
-    sharper = pipeline._sharper(fine.at, learned, rough, given)
+
+    def learned(at, begun):
+        drafts = dict(enumerate(begun.recordings))
+        return SimpleNamespace(explanation=SimpleNamespace(at=at), drafts=drafts)
+
+    sharper = pipeline._sharper(fine.at, learned(near, rough), rough, given)
     assert sharper is not None
     assert sharper.recordings[0].spans >= fine.recordings[0].spans
-    assert pipeline._sharper(fine.at, learned, sharper, given) is None
+    assert pipeline._sharper(fine.at, learned(near, sharper), sharper, given) is None
+    # Drafts that differ from it are no finer than it has to be.
+    again = pipeline._sharper(fine.at, learned(near, rough), sharper, given)
+    assert again is not None and again.recordings is sharper.recordings
     # The plain model's error is far larger than the simulation's own.
-    plain = SimpleNamespace(explanation=SimpleNamespace(at=fine.at))
-    assert pipeline._sharper(fine.at, plain, rough, given) is None
+    assert pipeline._sharper(fine.at, learned(fine.at, rough), rough, given) is None
 
 
 def test_a_plain_model_in_a_wrong_minimum_begins_anew():

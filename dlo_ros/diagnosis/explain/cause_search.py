@@ -21,6 +21,7 @@ from dlo_ros.diagnosis.explain.candidate_trials import (
     WORTH,
     Step,
     Trial,
+    best_gain,
     best_trial,
     fitted,
 )
@@ -104,20 +105,17 @@ def search(
         begun: effects that might be added, at their starting values.
         enough: ERR [m] below which no cause is looked for, unless it is more than the measurement's
             own error.
-        first: the fit with a cause that derivatives do not tell of, and the cause; see
-            `contact_trials` and `far_starts`.
+        first: the fit with a cause that derivatives do not tell of, and the cause, with which the
+            others compete in the first step; see `contact_trials` and `far_starts`.
     """
     causes: list[Proposal] = []
     dropped: set[str] = set()
     trace: list[Step] = []
     offer: Offer | None = None
     exchanged: list[str] = []
-    if first is not None:
-        gain = first[0].posterior.evidence - at.posterior.evidence
-        at, causes = first[0], [first[1]]
-        trace.append(Step(1, first[1].label, gain, at.mean_err, "added"))
-        _tell(trace)
-    while len(causes) < MOST_CAUSES and (at.mean_err > enough or _matters(at, recordings, 0.0)):
+    while len(causes) < MOST_CAUSES and (
+        first is not None or at.mean_err > enough or _matters(at, recordings, 0.0)
+    ):
         known = {c.label for c in causes} | {c.effect for c in causes if c.start is not None}
         known |= dropped
         number = len(causes) + 1
@@ -126,6 +124,12 @@ def search(
         if not causes and _strained(at, (), ()) and _matters(at, recordings, enough):
             offers += _offers_beside(neutral, recordings, begun)
         found, steps = best_trial(number, at, offers, recordings)
+        if first is not None:
+            gain = first[0].posterior.evidence - at.posterior.evidence
+            found = best_gain([first, *([found] if found else [])], at)
+            outcome = "added" if found is first else "fitted, but another gains more"
+            steps.append(Step(number, first[1].label, gain, first[0].mean_err, outcome))
+            first = None
         trace += steps
         _tell(steps)
         little = _takes_little(found, at, recordings)

@@ -156,7 +156,7 @@ def explain(
     contact = best_contact(prepared.setup, recordings, pegs)
     setup, first = _beginning(prepared, begun, contact, enough)
     found = search(setup, prepared.meant, recordings, begun, enough, first)
-    hit = first if contact is not None and first is contact.trial else None
+    hit = contact.trial if contact is not None and contact.trial[1] in found.causes else None
     precise = beside_exact_set_up(found, prepared.meant, recordings, begun, enough, hit)
     found, exact = precise or found, precise is not None
     found, bares, pruned = without_needless(found, recordings, begun)

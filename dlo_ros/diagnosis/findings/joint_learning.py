@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -36,12 +36,14 @@ class Learned:
 
     Args:
         explanation: explanation of the recordings learned from.
+        drafts: these recordings with a coarser simulation, by their number.
         masks: frames of each recording of the beginning that are held out, shape (F,).
         held, seen: ERR [m] of the frames that are held out, and of the others, see `errors_of`, of
             the full model with values that know nothing of the former.
     """
 
     explanation: Explanation
+    drafts: Mapping[int, Recording]
     masks: tuple[np.ndarray, ...]
     held: Errors
     seen: Errors
@@ -93,12 +95,9 @@ def training_set(
     held_out = holdout.held_out_recording(recordings) if spare else None
     chosen = [k for k in range(count) if k != held_out]
     learned = [recordings[k] for k in chosen]
-    residuals, predicted = (
-        [x[k] for k in chosen] for x in (beginning.at.residuals, beginning.at.predicted)
-    )
-    rough = drafts(
-        learned, replace(beginning.at, residuals=tuple(residuals), predicted=tuple(predicted))
-    )
+    at = beginning.near or beginning.at
+    residuals, predicted = ([x[k] for k in chosen] for x in (at.residuals, at.predicted))
+    rough = drafts(learned, replace(at, residuals=tuple(residuals), predicted=tuple(predicted)))
     return TrainingSet(recordings, count, held_out, prepare(rough, plain, given))
 
 
@@ -120,13 +119,15 @@ def learn(training: TrainingSet, given: Settings, pegs: Sequence[PegBesideSetUp]
     frames = [len(r.times) for r in recordings]
     masks = [np.full(f, k >= count or k == held_out) for k, f in enumerate(frames)]
     found = explain(training.prepared, given, pegs)
-    learned = [r for r, mask in zip(recordings, masks, strict=True) if not mask.any()]
+    chosen = [k for k, mask in enumerate(masks) if not mask.any()]
+    learned = [recordings[k] for k in chosen]
+    rough = dict(zip(chosen, training.prepared.recordings, strict=True))
     if len(recordings) == count and held_out is None and min(frames) >= FEWEST:
         masks = [np.arange(f) >= (holdout.TRAINED + 0.1) * (f - 1) for f in frames]
         stops = [int(holdout.TRAINED * (f - 1)) + 1 for f in frames]
         learned = [r.until(s) for r, s in zip(recordings, stops, strict=True)]
     predicting = refitted(found.at, learned)
-    return Learned(found, tuple(masks), *errors_of(predicting.model, recordings, masks))
+    return Learned(found, rough, tuple(masks), *errors_of(predicting.model, recordings, masks))
 
 
 def surprising(training: TrainingSet, learned: Learned) -> bool:

@@ -196,7 +196,8 @@ def _final(
             raise
         LOG.warning("the model with its causes is dropped, since it does not hold: %s", err)
     alone = replace(found, at=found.setup, causes=(), proposals=(), exact=False)
-    return _final(Learned(alone, learned.masks, None, None), recordings, known, given)
+    bare = replace(learned, explanation=alone, held=None, seen=None)
+    return _final(bare, recordings, known, given)
 
 
 def _set_up_err(

@@ -4,9 +4,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from dlo_ros.errors import SimulationError
 from dlo_ros.identification.estimate import FINEST
 from dlo_ros.inference.forecast import Manipulation, as_started, forecast
 from dlo_ros.inference.measured import Recording, measured, without_gross
-from dlo_ros.inference.time_steps import COARSEST, longest_time_steps
+from dlo_ros.inference.time_steps import longest_time_steps
 from dlo_ros.parameters import Settings
 from dlo_ros.spline import DEGREE, FloatArray
 
@@ -47,18 +46,16 @@ WORTH = 0.7
 DRAFT_SPANS = 2
 """Knot spans of a draft's simulation over those of the observed spline."""
 DRAFT_TOLERANCE = 1e-3
-DRAFT_ERROR = 0.5
+DRAFT_ERROR = 0.3
 """Largest error of a draft against the fine simulation, in units of the noise."""
 DRAFT_FRAMES = 800
 LEAST_FRAMES = 100
 """Frames that a draft goes through: most of all recordings together, least of one."""
 SHOWN = 0.25
 """Share of the squared residuals that a draft must go through."""
-DRAFT_SHARE = 0.05
-"""Error of a draft over the plain model's residual, up to which it does not matter."""
-LONG_SHARE = 0.1 * DRAFT_SHARE
-"""That share with the longest time steps: good models leave a tenth of what the plain one does, and
-a rod that moves otherwise is simulated with another error."""
+DRAFT_SHARE = 0.01
+"""Error of a draft over the plain model's residual, up to which it does not matter: good models
+leave a tenth of that residual and less."""
 
 
 @dataclass(frozen=True)
@@ -70,12 +67,14 @@ class Beginning:
         at: the fit to all recordings.
         error: the simulation's own error, mean distance [m]; NaN where it was not judged.
         left_out: number of pictures of each recording that are grossly wrong and left out.
+        near: a model that comes nearer, found before, against the same recordings; None: none is.
     """
 
     recordings: tuple[Recording, ...]
     at: PlainEvaluation
     error: float
     left_out: tuple[int, ...] = ()
+    near: PlainEvaluation | None = None
 
 
 def begin(
@@ -121,21 +120,30 @@ def _first(
     return evaluate(near, recordings, settings, derivatives=False)
 
 
-def finer(beginning: Beginning, near: PlainModel, settings: Settings) -> Beginning | None:
+def finer(
+    beginning: Beginning, near: PlainModel, rough: Mapping[int, Recording], settings: Settings
+) -> Beginning | None:
     """The initial fit with a simulation that is fine enough for a model that comes near the data.
 
+    Args:
+        rough: drafts with which that model was found, by the number of their recording.
+
     Returns:
-        None where the simulation's own error is small beside what that model leaves over.
+        None where the simulation's own error, and that of the drafts, is small beside what that
+        model leaves over.
     """
     here = evaluate(near, beginning.recordings, settings, derivatives=False)
     recordings, error = _finer(beginning.recordings, here)
     fine = evaluate(near, recordings, settings, derivatives=False)
+    most = OWN_MATTERS * _rms(fine.residuals)
     own = [a - b for a, b in zip(here.residuals, fine.residuals, strict=True)]
-    if _rms(own) < OWN_MATTERS * _rms(fine.residuals):
-        return None
-    at = fit(evaluate(beginning.at.model, recordings, settings), recordings, settings, 6)
-    at = fit(at, recordings, settings, POLISH, damping=UNDAMPED)
-    return Beginning(recordings, at, error, beginning.left_out)
+    if _rms(own) >= most:
+        at = fit(evaluate(beginning.at.model, recordings, settings), recordings, settings, 6)
+        at = fit(at, recordings, settings, POLISH, damping=UNDAMPED)
+        return Beginning(recordings, at, error, beginning.left_out, fine)
+    drafted = evaluate(near, list(rough.values()), settings, derivatives=False).residuals
+    own = [a - here.residuals[k][: len(a)] for k, a in zip(rough, drafted, strict=True)]
+    return None if _rms(own) < most else replace(beginning, near=here)
 
 
 def _rms(residuals: Sequence[FloatArray]) -> float:
@@ -274,18 +282,16 @@ def drafts(recordings: Sequence[Recording], at: PlainEvaluation) -> tuple[Record
     """The recordings with a coarser simulation that is still reliable, long ones shortened.
 
     Args:
-        at: evaluation of the plain model with the fine simulation.
+        at: evaluation of a model with the fine simulation: of the plain one, or of one that comes
+            nearer, for which the drafts are reliable then.
     """
     result = []
     for recording, r, fine in zip(recordings, at.residuals, at.predicted, strict=True):
         coarse = DRAFT_SPANS * (recording.observed.shape[1] - DEGREE)
-        left = float(np.sqrt(np.mean(r**2)))
-        usual = (
-            max(DRAFT_TOLERANCE, recording.tolerance or 0.0),
-            max(DRAFT_ERROR, DRAFT_SHARE * left),
-        )
-        longest = COARSEST, max(FINENESS, LONG_SHARE * left)
-        for spans, (tolerance, most) in product((coarse, recording.spans), (longest, usual)):
+        most = max(DRAFT_ERROR, DRAFT_SHARE * float(np.sqrt(np.mean(r**2))))
+        tolerance = max(DRAFT_TOLERANCE, recording.tolerance or 0.0)
+        between = [coarse * 2**k for k in range(SPACE_ROUNDS) if coarse * 2**k < recording.spans]
+        for spans in (*between, recording.spans):
             draft = replace(recording, spans=spans, tolerance=tolerance)
             try:
                 draft_at = evaluate(at.model, [draft], at.model.settings, derivatives=False)
@@ -293,7 +299,7 @@ def drafts(recordings: Sequence[Recording], at: PlainEvaluation) -> tuple[Record
                 continue
             apart = draft_at.predicted[0][..., :3] - fine[..., :3]
             if np.sqrt(np.mean(recording.white(apart) ** 2)) < most:
-                # What it does wrong with the plain model, it does with others, nearly.
+                # What it does wrong with this model, it does with others, nearly.
                 observed = recording.observed.copy()
                 observed[-len(apart) :] += apart
                 draft = replace(draft, observed=observed)
