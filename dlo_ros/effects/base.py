@@ -84,8 +84,8 @@ class Body:
         quadratic_drag: c of a force per length -c |v_n| v_n [N s^2/m^3]; None: there is none.
         lengthening: true length over configured length.
         slip: free length gained through a grip during the motion [m]; None: no grip slips.
-        slip_onset: time at which it is gained, all at once [s] from the first frame; None: it is
-            gained evenly.
+        slip_step: time at which it begins to be gained, from the first frame, and the time that
+            takes [s]; None: it is gained evenly.
     """
 
     basis: SplineBasis
@@ -114,7 +114,7 @@ class Body:
     section_angle: float = 0.0
     lengthening: float = 1.0
     slip: float | None = None
-    slip_onset: float | None = None
+    slip_step: tuple[float, float] | None = None
 
     def check(self) -> None:
         """Refuse a rod that effects have made impossible.

@@ -102,9 +102,10 @@ def imposed_of(model: RodModel, boundary: Boundary, command: Command) -> conditi
     if not body.slip:
         return imposed
     share = body.slip / (model.basis.length * body.lengthening)
-    if body.slip_onset is None:
+    if body.slip_step is None:
         return imposed._replace(gain=share * command.progress)
-    return imposed._replace(sudden=np.array([share, body.slip_onset + command.began_at]))
+    onset, duration = body.slip_step
+    return imposed._replace(slip_step=np.array([share, onset + command.began_at, duration]))
 
 
 def moving_of(state: State, command: Command, *, flat: bool) -> IntegratorState:

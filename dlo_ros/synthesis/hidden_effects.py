@@ -92,7 +92,11 @@ EFFECTS: Mapping[str, Mapping[str, Key]] = {
     "quadratic_drag": {"coefficient": Key("N s^2/m^3", 0.0, 1e4)},
     "internal_damping": {"relaxation_time": Key("s", -10.0, 10.0)},
     "command_delay": {"delay": Key("s", -10.0, 10.0)},
-    "clamp_slip": {"length": Key("m", -1e2, 1e2), "onset": Key("s", -1.0, 1e4, -1.0)},
+    "clamp_slip": {
+        "length": Key("m", -1e2, 1e2),
+        "onset": Key("s", -1.0, 1e4, -1.0),
+        "duration": Key("s", 1e-2, 1e4, 0.1),
+    },
     "length_error": {"difference": Key("m", -1e2, 1e2)},
     "camera_scale": {"ratio": Key("", 0.1, 10.0)},
     "camera_rotation": {"angle": Key("rad", -PI, PI, counts=ONE_OR_TURN)},

@@ -21,7 +21,6 @@ from dlo_ros.synthesis.hidden_effects import HiddenEffects
 from dlo_ros.synthesis.rod_simulation import Change
 from dlo_ros.synthesis.spatial_rod import SpatialRod, in_space
 
-SUDDEN = 0.1  # [s] that a grip takes that gives way at one moment
 SAMPLES = 16  # of a property over half an edge
 PLANE_ONLY = ("plasticity", "hysteresis", "surface_friction")  # laws with a memory in one plane
 PLUG = 500.0  # bending stiffness of a connector over that of the rope; more would cost rounding
@@ -162,13 +161,14 @@ def change(
     slip = hidden.number("clamp_slip", "length")
     if slip:
         initial, onset = true_length(settings, hidden), hidden.number("clamp_slip", "onset", -1.0)
+        took = hidden.number("clamp_slip", "duration", 0.1)
 
         def slide(rod: DiscreteRod, time: float) -> DiscreteRod:
             u = rod.u * (settings.rod.length / initial)
             hung = _hung_mass(u, settings.rod.length, hidden)
             share = travelled(time)
             if onset >= 0.0:  # half a wave of a cosine
-                share = 0.5 - 0.5 * np.cos(np.pi * np.clip((time - onset) / SUDDEN, 0.0, 1.0))
+                share = 0.5 - 0.5 * np.cos(np.pi * np.clip((time - onset) / took, 0.0, 1.0))
             return stretched(rod, 1.0 + slip / initial * share, hung)
 
         parts.append(slide)

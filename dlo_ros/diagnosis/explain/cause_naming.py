@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dlo_ros.diagnosis.explain.candidate_trials import LOWERS, NEAR, fitted
+from dlo_ros.diagnosis.explain.candidate_trials import ALIKE, LOWERS, NEAR, fitted
 from dlo_ros.diagnosis.explain.cause_search import (
     INDISPENSABLE,
     Offer,
@@ -34,7 +34,7 @@ FAR = 0.4
 """ERR over that without a cause, below which it is named whatever little of the log evidence is
 lost: errors that die out over time hold slow errors for cheap, however large they are."""
 RIVAL = 3.0
-"""Log evidence by which a rival may be worse."""
+"""Log evidence by which a rival may be worse, at least; see `candidate_trials.ALIKE`."""
 RIVAL_FITS = 2
 Bares = dict[str, Evaluation | None]
 """Fits without single causes, by the causes' labels; None where nothing could be simulated."""
@@ -181,7 +181,8 @@ def _rivals(
     offer: Offer,
 ) -> dict[str, Block]:  # fmt: skip
     """Effects that explain the data as well where a group is at neutral, with their values."""
-    missing = _loss_without(at, bare) - RIVAL
+    loss = _loss_without(at, bare)
+    missing = loss - max(RIVAL, ALIKE * loss)
     result: dict[str, Block] = {}
     fits = 0
     for predicted in ranked_proposals(bare, offer, smooth=True):

@@ -91,6 +91,7 @@ class Search:
 def search(
     at: Evaluation, neutral: ParametricModel, recordings: Sequence[Recording],
     begun: Sequence[Start], enough: float, first: Trial | None = None,
+    present: Sequence[Proposal] = (),
 ) -> Search:  # fmt: skip
     """Add causes one by one, the one that raises the log evidence most first.
 
@@ -107,8 +108,9 @@ def search(
             own error.
         first: the fit with a cause that derivatives do not tell of, and the cause, with which the
             others compete in the first step; see `contact_trials` and `far_starts`.
+        present: causes that the model contains already.
     """
-    causes: list[Proposal] = []
+    causes = list(present)
     dropped: set[str] = set()
     trace: list[Step] = []
     offer: Offer | None = None

@@ -11,12 +11,12 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
 from dlo_ros.diagnosis.explain.candidate_trials import WORTH, Trial, best_trial
 from dlo_ros.diagnosis.explain.cause_search import Search, offered, ranked_proposals, search
+from dlo_ros.diagnosis.proposals.linear_evidence import Proposal
 from dlo_ros.effects import Start
 from dlo_ros.errors import SimulationError
 from dlo_ros.inference.joint import Evaluation, evaluate
@@ -78,7 +78,7 @@ def beside_exact_set_up(
         there = replace(found, at=_fitted(found.at.model, recordings), offer=None)
         if _coloured(there.at) > COLOURED:
             alone = _fitted(meant if contact is None else contact[0].model, recordings)
-            known = None if contact is None else (alone, contact[1])
+            known = None if contact is None else contact[1]
             there = _searched(alone, recordings, begun, enough, known)
             there = replace(there, trace=(*found.trace, *there.trace))
     except SimulationError as err:
@@ -95,7 +95,7 @@ def _fitted(model: ParametricModel, recordings: Sequence[Recording]) -> Evaluati
 
 def _searched(
     alone: Evaluation, recordings: Sequence[Recording], begun: Sequence[Start], enough: float,
-    known: Trial | None,
+    known: Proposal | None,
 ) -> Search:  # fmt: skip
     """A search beside an exact set-up.
 
@@ -103,24 +103,27 @@ def _searched(
     explanation leaves more than white errors.
 
     Args:
-        alone: the fit without causes.
-        known: fit with a cause that is known already.
+        alone: the fit without causes but that which is known already.
+        known: that cause; None: there is none.
     """
-    beside = partial(search, alone, alone.model, recordings, begun, enough)
+
+    def beside(at: Evaluation, cause: Proposal) -> Search:
+        return search(at, alone.model, recordings, begun, enough, present=(cause,))
+
     if known is not None:
-        return beside(known)
+        return beside(alone, known)
     ranked = ranked_proposals(alone, offered(alone, recordings, begun))
     first, trace = best_trial(1, alone, [(alone, ranked)], recordings)
     if first is None:
         return Search(alone, (), tuple(trace), None)
-    there = beside(first)
+    there = beside(*first)
     trace += there.trace
     if len(there.causes) == 1 and _coloured(there.at) > COLOURED:
         others = [p for p in ranked if p.proposal.effect != there.causes[0].effect]
         other, steps = best_trial(1, there.at, [(alone, others)], recordings)
         trace += steps
         if other is not None:
-            there = beside(other)
+            there = beside(*other)
             trace += there.trace
     return replace(there, trace=tuple(trace))
 

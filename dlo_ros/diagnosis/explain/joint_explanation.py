@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 from dlo_ros.diagnosis.contact.contact_search import PegBesideSetUp
 from dlo_ros.diagnosis.explain.candidate_trials import LOWERS, Step, Trial, gains
-from dlo_ros.diagnosis.explain.cause_naming import Cause, named, without_needless
+from dlo_ros.diagnosis.explain.cause_naming import FAR, Cause, named, without_needless
 from dlo_ros.diagnosis.explain.cause_search import (
     Search,
     search,
@@ -201,7 +201,8 @@ def still_certain(
 ) -> Explanation:  # fmt: skip
     """The explanation with those causes alone that a fit to more data shows for certain, too.
 
-    What only compensated for another law in the recordings learned from, others may deny.
+    What only compensated for another law in the recordings learned from, others may deny. It takes
+    little of ERR away; of what takes most, they only deny the numbers.
 
     Args:
         final: the model with all causes, fitted to all recordings.
@@ -210,7 +211,9 @@ def still_certain(
     groups = [*found.proposals, *freed(final.model)]
     may_be = {g.label for g in (found.proposals if found.exact else beyond(final))}
     sure = {p.name for g in groups if _still(final, g, covariance, may_be) for p in g.parameters}
-    return replace(found, causes=tuple(c for c in found.causes if sure & set(c.names)))
+    near = found.at.mean_err
+    kept = [c for c in found.causes if sure & set(c.names) or near < FAR * c.err]
+    return replace(found, causes=tuple(kept))
 
 
 def _still(

@@ -133,8 +133,12 @@ def finer(
         model leaves over.
     """
     here = evaluate(near, beginning.recordings, settings, derivatives=False)
-    recordings, error = _finer(beginning.recordings, here)
-    fine = evaluate(near, recordings, settings, derivatives=False)
+    try:
+        recordings, error = _finer(beginning.recordings, here)
+        fine = evaluate(near, recordings, settings, derivatives=False)
+    except SimulationError as err:  # drafts may be too coarse all the same
+        LOG.info("no finer simulation: %s", err)
+        recordings, error, fine = beginning.recordings, beginning.error, here
     most = OWN_MATTERS * _rms(fine.residuals)
     own = [a - b for a, b in zip(here.residuals, fine.residuals, strict=True)]
     if _rms(own) >= most:

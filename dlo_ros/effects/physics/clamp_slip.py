@@ -9,8 +9,11 @@ from typing import ClassVar
 from dlo_ros.effects.base import Body, Effect, Scene, Start, quantity
 
 EVENLY = -1.0  # [s] onset of a slip that has none
+SUDDEN = 0.1  # [s] that a grip takes that gives way at one moment
 ONSETS = (0.5, 1.0, 1.5, 2.0, 2.5, 4.0, 7.0)
 """Moments at which a grip that gives way is looked for [s]."""
+GRADUAL, SLOW_ONSETS = 2.0, (0.0, 1.0)
+"""Time that a grip takes that gives way little by little, and moments at which it begins [s]."""
 LONG = 60.0  # [s] within which it is
 
 
@@ -20,7 +23,7 @@ class ClampSlip(Effect):
 
     Without an onset it grows in proportion to the path that the imposed points have travelled and
     is `length` at the end of the commanded motion. With one the grip gives way at that moment: all
-    of `length` slips through within a tenth of a second, by a smooth step.
+    of `length` slips through within `duration`, by a smooth step.
     """
 
     name: ClassVar[str] = "clamp_slip"
@@ -38,18 +41,25 @@ class ClampSlip(Effect):
         role="place", search=(0.0, LONG),
     )  # fmt: skip
 
+    duration: float = quantity(
+        SUDDEN, "s", 1e-2, 1e4, "in which it is gained, where it has an onset",
+        search=(2e-2, LONG),
+    )  # fmt: skip
+
     def shape_body(self, body: Body) -> None:
         """See the base class."""
         body.slip = (body.slip or 0.0) + self.length
         if self.onset >= 0.0:
-            body.slip_onset = self.onset
+            body.slip_step = (self.onset, self.duration)
 
     @classmethod
     def starts(cls, scene: Scene) -> list[Start]:
-        """Evenly, and all at once at several moments."""
+        """Evenly, and from several moments on, all at once or little by little."""
         size = ("length",)
         found = [Start(cls.name, {"length": 0.0}, size, size, form="even")]
-        for onset in ONSETS:
-            block = {"length": 0.0, "onset": onset}
-            found.append(Start(cls.name, block, size, tuple(block), form="sudden"))
+        steps = [(onset, SUDDEN, "sudden") for onset in ONSETS]
+        steps += [(onset, GRADUAL, "gradual") for onset in SLOW_ONSETS]
+        for onset, duration, form in steps:
+            block = {"length": 0.0, "onset": onset, "duration": duration}
+            found.append(Start(cls.name, block, size, tuple(block), form=form))
         return found

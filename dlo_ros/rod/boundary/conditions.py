@@ -22,6 +22,8 @@ START_CLAMP, END_CLAMP, START_TIP, START_SECOND, END_TIP, END_SECOND, PIN = rang
 # coordinates, whether a clamp holds it, and the twist angle [rad], accumulated over full turns.
 TANGENT, DIRECTOR, BODY, HELD, THETA, FRAME = 0, 3, 6, 9, 10, 11
 
+NO_STEP = np.array([0.0, 0.0, 1.0])  # of `Imposed.slip_step`
+
 
 class Imposed(NamedTuple):
     """A command for compiled code; see `dlo_ros.command.Command`."""
@@ -32,7 +34,7 @@ class Imposed(NamedTuple):
     velocities: FloatArray  # (T, K, 3) [m/s], NaN where a point carries none
     kinds: FloatArray  # (K,) integers
     gain: FloatArray  # (T,) free length slipped in through a grip until then, of L
-    sudden: FloatArray  # (2,) what slips in at one moment, of L, and when [s]
+    slip_step: FloatArray  # (3,) what slips in by a smooth step, of L, from when on, how long [s]
 
 
 @njit(from_python=False)

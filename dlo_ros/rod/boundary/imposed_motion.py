@@ -136,7 +136,7 @@ class Boundary:
         """A command for compiled code."""
         return conditions.Imposed(
             command.times, command.positions, command.rotations, command.velocities, self.kinds,
-            np.zeros(len(command.times)), np.zeros(2),
+            np.zeros(len(command.times)), conditions.NO_STEP.copy(),
         )  # fmt: skip
 
     @property

@@ -24,7 +24,6 @@ from dlo_ros.rod.loads.external_forces import ExternalForces
 from dlo_ros.rod.loads.stress_resultants import Instants, Stresses, cross, dot
 from dlo_ros.rod.model import RodModel
 from dlo_ros.rod.packing import imposed_of, true_command
-from dlo_ros.rod.solve.equation_system import SUDDEN
 from dlo_ros.rod.state import State
 from dlo_ros.spline import FloatArray
 
@@ -158,8 +157,9 @@ def growth_of(
     true = true_command(model, command)
     imposed = imposed_of(model, boundary, true)
     time = (stamp - true.stamp) / NANOSECONDS + MOMENT * np.array([-1.0, 0.0])
-    s = np.clip((time - imposed.sudden[1]) / SUDDEN, 0.0, 1.0)
-    grown = 1.0 + imposed.sudden[0] * s * s * (3.0 - 2.0 * s)
+    share, onset, duration = imposed.slip_step
+    s = np.clip((time - onset) / duration, 0.0, 1.0)
+    grown = 1.0 + share * s * s * (3.0 - 2.0 * s)
     grown += np.interp(time, imposed.times, imposed.gain)
     return float(grown[1]), float(grown[1] - grown[0]) / MOMENT
 

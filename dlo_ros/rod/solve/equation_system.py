@@ -20,7 +20,6 @@ from dlo_ros.rod.elements.rod_tables import (
 from dlo_ros.rod.solve.constraints import pin_gap
 from dlo_ros.spline import FloatArray
 
-SUDDEN = 0.1  # [s] that a grip takes that gives way at one moment
 ITSELF = np.int64(0)  # number of the variant that is the rod itself
 # (a plain 0 would have everything compiled once more, for that constant)
 
@@ -63,7 +62,7 @@ def variant(imposed, k):
     """Variant k of an imposed motion."""
     return Imposed(
         imposed.times[k], imposed.positions[k], imposed.rotations[k], imposed.velocities[k],
-        imposed.kinds, imposed.gain[k], imposed.sudden[k],
+        imposed.kinds, imposed.gain[k], imposed.slip_step[k],
     )  # fmt: skip
 
 
@@ -71,11 +70,11 @@ def variant(imposed, k):
 def growth(imposed, k, time):
     """Free length at a time over that of the system.
 
-    Material slips in along with the motion, and at one moment, then over `SUDDEN` by a smooth step.
+    Material slips in along with the motion, and by a smooth step.
     """
-    gain, times = imposed.gain[k], imposed.times[k]
-    s = min(max((time - imposed.sudden[k, 1]) / SUDDEN, 0.0), 1.0)
-    now = 1.0 + imposed.sudden[k, 0] * s * s * (3.0 - 2.0 * s)
+    gain, times, step = imposed.gain[k], imposed.times[k], imposed.slip_step[k]
+    s = min(max((time - step[1]) / step[2], 0.0), 1.0)
+    now = 1.0 + step[0] * s * s * (3.0 - 2.0 * s)
     after = np.searchsorted(times, time, side="right")
     if after == 0 or after == times.size:
         return now + gain[max(after - 1, 0)]
