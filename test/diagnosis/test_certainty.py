@@ -88,12 +88,16 @@ def test_an_added_cause_that_the_final_fit_denies_is_none(prepared):
     final = fitted_model(model, prepared.recordings)
     names = tuple(p.name for p in proposal.parameters)
     causes = (
-        Cause("quadratic_drag", names, {}, 20.0, 2e-3),
+        Cause("quadratic_drag", names, {}, 20.0, 1.5 * final.mean_err),
         Cause("clamp_angle", ("effects.clamp_angle.start",), {}, 9.0, 0.1),
     )
     found = Explanation(prepared.setup, final, causes, 1e-4, 1e-3, 1e-4, (proposal,), ())
     spread = final.posterior.covariance
     assert [c.effect for c in still_certain(found, final, spread).causes] == ["clamp_angle"]
+    # Of a cause that takes most of ERR away, the numbers alone are denied: a grip slips by another
+    # length in each recording.
+    most = replace(found, causes=(replace(causes[0], err=3.0 * final.mean_err), causes[1]))
+    assert still_certain(most, final, spread) == most
     theta = final.model.theta()
     k = final.model.index(names[0])
     theta[k] += 5.0 * np.sqrt(final.posterior.covariance[k, k])

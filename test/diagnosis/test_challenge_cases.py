@@ -27,7 +27,8 @@ CASES = {
         name: (2001, "single", (name,))
         for name in ("quadratic_drag", "viscoelasticity", "hysteresis", "clamp_slip")
     },
-    "clamp_slip at one moment": (2002, "single", ("clamp_slip",)),
+    # Early enough for the beginnings, from which the ends are predicted, to show it.
+    "clamp_slip at one moment": (2006, "single", ("clamp_slip",)),
     "connector": (2002, "single", ("connector",)),
     "clamp_compliance": (2003, "single", ("clamp_compliance",)),
     "gusts": (1, "foreign", ("gusts",)),
@@ -88,8 +89,12 @@ def test_what_is_dear_is_found(tmp_path, case):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["intrinsic_curvature", "clamp_angle", "point_mass", "nothing"])
-def test_pictures_do_as_well(tmp_path, name):
+@pytest.mark.parametrize(
+    ("name", "seed"),
+    # A clamp that is 6 degrees off: within 3, any set-up may be.
+    [("intrinsic_curvature", 5), ("clamp_angle", 13), ("point_mass", 5), ("nothing", 5)],
+)
+def test_pictures_do_as_well(tmp_path, name, seed):
     """Rendered frames, from which the observer makes the shapes."""
     kind, names = ("none", ()) if name == "nothing" else ("single", (name,))
-    named(*solved(tmp_path, 5, kind, names, images=True))
+    named(*solved(tmp_path, seed, kind, names, images=True))

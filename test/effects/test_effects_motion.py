@@ -55,6 +55,10 @@ CASES = {
     "clamp_slip": ("waved", {"clamp_slip": {"length": 0.02}}),
     "clamp_slip, both held": ("closed", {"clamp_slip": {"length": -0.02}}),
     "clamp_slip at one moment": ("waved", {"clamp_slip": {"length": 0.02, "onset": 0.4}}),
+    "clamp_slip little by little": (
+        "waved",
+        {"clamp_slip": {"length": 0.02, "onset": 0.2, "duration": 0.6}},
+    ),
     "quadratic_drag": ("waved", {"quadratic_drag": {"coefficient": 0.3}}),
     "wall": ("closed", {"wall": {"offset": -0.115, "angle": 0.1}}),
     "length_error": ("waved", {"length_error": {"difference": 0.015}}),

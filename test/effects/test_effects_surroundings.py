@@ -180,6 +180,18 @@ def test_a_grip_gives_way_at_one_moment(began):
     assert np.abs(longer - plain).max() > 0.01
 
 
+def test_a_grip_gives_way_little_by_little():
+    """At rest, half of the time is half of the length; all of it is that of a sudden slip."""
+    settings = replace(PAPER, damping=DampingParameters(air_drag=1.0, relaxation_time=0.1))
+    stamps = [0, 20 * SECOND, 60 * SECOND]
+    slow = {"clamp_slip": {"length": 0.02, "onset": 0.0, "duration": 40.0}}
+    found = shapes_of(settings.with_effects(slow), held_start(), stamps)
+    for shape, gained in zip(found, (0.01, 0.02), strict=True):
+        longer = settings.with_effects({"length_error": {"difference": gained}})
+        expected = shapes_of(longer, held_start(), [0, SECOND])[0]
+        np.testing.assert_allclose(shape, expected, atol=5e-4)
+
+
 def test_a_slip_without_an_onset_follows_the_motion():
     lifted = command(["start"], [0.0, 0.5], [[[0.0, 0.0, 0.0]], [[0.0, 0.0, 0.1]]])
     stamps = [0, SECOND // 4, SECOND // 2]

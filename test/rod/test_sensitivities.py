@@ -68,6 +68,8 @@ CASES = [
     ("effects.command_delay.delay", {"command_delay": {"delay": 0.021}}, 0.2),
     ("effects.clamp_slip.length", {"clamp_slip": {"length": 0.01}}, SMOOTH),
     ("effects.clamp_slip.onset", {"clamp_slip": {"length": 0.01, "onset": 0.0631}}, SMOOTH),
+    ("effects.clamp_slip.duration",
+     {"clamp_slip": {"length": 0.01, "onset": 0.0231, "duration": 0.3}}, SMOOTH),
     ("effects.quadratic_drag.coefficient", {"quadratic_drag": {"coefficient": 0.0}}, SMOOTH),
     ("effects.quadratic_drag.coefficient", {"quadratic_drag": {"coefficient": 0.3}}, SMOOTH),
     ("effects.wall.offset", {"wall": {"offset": -0.05}}, KINKED),

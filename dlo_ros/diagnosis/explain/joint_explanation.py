@@ -202,7 +202,7 @@ def still_certain(
     """The explanation with those causes alone that a fit to more data shows for certain, too.
 
     What only compensated for another law in the recordings learned from, others may deny. It takes
-    little of ERR away; of what takes most, they only deny the numbers.
+    little of ERR away; of an added effect that takes most, they only deny the numbers.
 
     Args:
         final: the model with all causes, fitted to all recordings.
@@ -211,9 +211,10 @@ def still_certain(
     groups = [*found.proposals, *freed(final.model)]
     may_be = {g.label for g in (found.proposals if found.exact else beyond(final))}
     sure = {p.name for g in groups if _still(final, g, covariance, may_be) for p in g.parameters}
-    near = found.at.mean_err
-    kept = [c for c in found.causes if sure & set(c.names) or near < FAR * c.err]
-    return replace(found, causes=tuple(kept))
+    added = {g.effect for g in found.proposals if g.start is not None}
+    most = {c.effect for c in found.causes if found.at.mean_err < FAR * c.err} & added
+    kept = tuple(c for c in found.causes if sure & set(c.names) or c.effect in most)
+    return replace(found, causes=kept)
 
 
 def _still(
