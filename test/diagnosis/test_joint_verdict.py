@@ -11,6 +11,7 @@ from rods import PAPER
 
 from dlo_ros.diagnosis.explain import joint_explanation, measurement_error
 from dlo_ros.diagnosis.explain.cause_naming import Cause
+from dlo_ros.diagnosis.explain.cause_search import Search
 from dlo_ros.diagnosis.explain.joint_explanation import Explanation
 from dlo_ros.diagnosis.explain.measurement_error import _along, _staying
 from dlo_ros.diagnosis.findings import joint_outcome
@@ -230,6 +231,22 @@ def test_what_leaves_much_may_stand_for_an_unknown_cause(monkeypatch, frames, le
     )
     told = joint_explanation._no_stand_ins(causes, found, prepared)
     assert [c.effect for c in told] == named
+
+
+@pytest.mark.parametrize(
+    ("evidence", "err", "causes", "kept"),
+    [(9.0, 2e-3, (), False), (9.0, 0.5e-3, (), True), (14.0, 2e-3, (), True),
+     (9.0, 2e-3, ("tilt",), True)],
+)  # fmt: skip
+def test_what_is_left_without_causes_lies_no_farther_off_than_the_set_up(
+    evidence, err, causes, kept
+):
+    def at(evidence, err):
+        return SimpleNamespace(posterior=SimpleNamespace(evidence=evidence), mean_err=err)
+
+    setup, there = at(10.0, 1e-3), at(evidence, err)
+    found = Search(there, causes, (), None)
+    assert joint_explanation._no_farther(found, setup).at is (there if kept else setup)
 
 
 def fitted_to(*errs):

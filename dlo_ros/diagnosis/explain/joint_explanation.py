@@ -7,7 +7,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from dlo_ros.diagnosis.contact.contact_search import PegBesideSetUp
-from dlo_ros.diagnosis.explain.candidate_trials import LOWERS, Step, Trial, gains
+from dlo_ros.diagnosis.explain.candidate_trials import LOWERS, WORTH, Step, Trial, gains
 from dlo_ros.diagnosis.explain.cause_naming import FAR, Cause, named, without_needless
 from dlo_ros.diagnosis.explain.cause_search import (
     Search,
@@ -160,6 +160,7 @@ def explain(
     precise = beside_exact_set_up(found, prepared.meant, recordings, begun, enough, hit)
     found, exact = precise or found, precise is not None
     found, bares, pruned = without_needless(found, recordings, begun)
+    found = _no_farther(found, setup)
     # Judged in the end: what a cause does to a DLO looks like an error of the camera before.
     own = own_err(found.at, recordings)
     matters = material_err(own, given)
@@ -174,6 +175,16 @@ def explain(
         setup, found.at, causes, own, matters, least, found.causes, found.trace,
         pruned | shifts, exact,
     )  # fmt: skip
+
+
+def _no_farther(found: Search, setup: Evaluation) -> Search:
+    """The result without causes as the fit of the set-up that comes nearer, if that is as likely.
+
+    A fit from where a cause was left out may end in another minimum.
+    """
+    likely = setup.posterior.evidence > found.at.posterior.evidence - WORTH
+    nearer = setup.mean_err < found.at.mean_err
+    return replace(found, at=setup) if not found.causes and likely and nearer else found
 
 
 def _beside(cause: Cause, contact: Contact) -> Cause:
