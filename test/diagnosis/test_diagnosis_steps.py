@@ -38,6 +38,13 @@ def test_a_coarse_trial_agrees_where_it_begins(beginning, monkeypatch):
         assert here == pytest.approx(there, abs=1e-6)
 
 
+def test_a_recording_of_unknown_fineness_has_drafts(beginning, monkeypatch):
+    monkeypatch.setattr("dlo_ros.diagnosis.fitting.initial_fit.DRAFT_ERROR", 50.0)
+    open_ = [replace(r, spans=None) for r in beginning.recordings]
+    for draft in drafts(open_, beginning.at):
+        assert draft.spans == 14
+
+
 def test_long_recordings_are_tried_in_part(beginning, monkeypatch):
     monkeypatch.setattr("dlo_ros.diagnosis.fitting.initial_fit.DRAFT_FRAMES", 20)
     monkeypatch.setattr("dlo_ros.diagnosis.fitting.initial_fit.LEAST_FRAMES", 5)

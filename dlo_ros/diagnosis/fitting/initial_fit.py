@@ -294,8 +294,9 @@ def drafts(recordings: Sequence[Recording], at: PlainEvaluation) -> tuple[Record
         coarse = DRAFT_SPANS * (recording.observed.shape[1] - DEGREE)
         most = max(DRAFT_ERROR, DRAFT_SHARE * float(np.sqrt(np.mean(r**2))))
         tolerance = max(DRAFT_TOLERANCE, recording.tolerance or 0.0)
-        between = [coarse * 2**k for k in range(SPACE_ROUNDS) if coarse * 2**k < recording.spans]
-        for spans in (*between, recording.spans):
+        finest = recording.spans or coarse * 2**SPACE_ROUNDS
+        coarser = [coarse * 2**k for k in range(SPACE_ROUNDS) if coarse * 2**k < finest]
+        for spans in (*coarser, recording.spans):
             draft = replace(recording, spans=spans, tolerance=tolerance)
             try:
                 draft_at = evaluate(at.model, [draft], at.model.settings, derivatives=False)
