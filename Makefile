@@ -15,7 +15,9 @@ WORKERS ?= 2
 PYTEST_PARALLEL = $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
 
 # What compiles the rod's kernels: it is installed first, and compiles while the rest is installed. What
-# it has not reached then is compiled by whoever needs it.
+# it has not reached then is compiled by whoever needs it. The lock holds every package, direct or not, so
+# that pip resolves nothing (--no-deps): it would stumble over extras of packages of which a newer version
+# than the lock's has come out.
 COMPILER := numba|llvmlite|numpy|scipy|pyyaml
 
 INSTALLED := $(VENV)/.installed
@@ -46,7 +48,7 @@ $(INSTALLED): requirements.lock setup.cfg setup.py
 	$(BIN)/pip install --quiet --no-compile --no-deps --require-hashes -r $(VENV)/compiler.lock
 	@$(BIN)/python -m dlo_ros.compile rod > $(VENV)/compile.log 2>&1 & compiling=$$!; \
 	trap 'kill $$compiling 2> /dev/null' EXIT; \
-	$(BIN)/pip install --quiet --no-compile --require-hashes -r requirements.lock && \
+	$(BIN)/pip install --quiet --no-compile --no-deps --require-hashes -r requirements.lock && \
 	$(BIN)/pip install --quiet --no-compile --no-deps --no-build-isolation --editable .
 	@touch $@
 
