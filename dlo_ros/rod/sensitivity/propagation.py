@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from dlo_ros.kernel_cache import njit
 from dlo_ros.kernel_linking import linked
 from dlo_ros.rod.boundary.conditions import align
 from dlo_ros.rod.elements import constitutive_law, contact_and_friction, rod_forces
@@ -83,38 +84,111 @@ def _solve(system, band, rhs, increments, gaps):
 
 
 @linked()
-def _stresses(system, old, new, varying, h, a, stress_s, stress_o):
-    """Derivatives of the stresses by parameter a, strains held: shape (nb,) and (nb, 3)."""
+def _stresses(base, more, t_r, d_t, old, new, varying, h):
+    """Derivatives of the stresses by P parameters, strains held: shapes (P, nb) and (P, nb, 3).
+
+    Args:
+        base, more: `Stiffness` in all variants, and its derivatives.
+        t_r, d_t: relaxation time [s] and its derivatives, shape (P,).
+        old, new: states before and after a step of length h.
+    """
     c0, c1, c2 = strain_rate_weights(h, old.clock[LAST])
-    base, more, t_r = system.stiffness, varying.rates.stiffness, system.relaxation_time[0]
-    d_t = varying.rates.relaxation_time[a]
-    for e in range(stress_s.size):
-        rate = c0 * new.stretch[e] + c1 * old.stretch[e] + c2 * old.stretch_before[e]
-        past = c1 * varying.stretch[a, e] + c2 * varying.stretch_before[a, e]
-        stress_s[e] = more.stretch[a, e] * (
-            new.stretch[e] - base.stretch_rest[0, e] + t_r * rate
-        ) + base.stretch[0, e] * (d_t * rate + t_r * past - more.stretch_rest[a, e])
+    # Arrays are taken out of the tuples here: in a loop, each access would count references.
+    stretch, bend, twist = base.stretch[0], base.bend[0], base.twist[0]
+    d_stretch, d_bend, d_twist = more.stretch, more.bend, more.twist
+    d_stretch_rest, d_bend_rest, d_twist_rest = more.stretch_rest, more.bend_rest, more.twist_rest
+    ago_s, earlier_s = varying.stretch, varying.stretch_before
+    ago_o, earlier_o = varying.other, varying.other_before
+    count, nb = ago_s.shape
+    rate_s, strain_s, rate_o, strain_o = (
+        np.empty(nb), np.empty(nb), np.empty((nb, 3)), np.empty((nb, 3)),
+    )  # fmt: skip
+    for e in range(nb):
+        rate_s[e] = c0 * new.stretch[e] + c1 * old.stretch[e] + c2 * old.stretch_before[e]
+        strain_s[e] = new.stretch[e] - base.stretch_rest[0, e] + t_r * rate_s[e]
         for c in range(3):
-            rate = c0 * new.other[e, c] + c1 * old.other[e, c] + c2 * old.other_before[e, c]
-            past = c1 * varying.other[a, e, c] + c2 * varying.other_before[a, e, c]
-            if c < 2:
-                modulus, d_modulus = base.bend[0, e, c], more.bend[a, e, c]
-                rest, d_rest = base.bend_rest[0, e, c], more.bend_rest[a, e, c]
-            else:
-                modulus, d_modulus = base.twist[0, e], more.twist[a, e]
-                rest, d_rest = base.twist_rest[0, e], more.twist_rest[a, e]
-            stress_o[e, c] = d_modulus * (new.other[e, c] - rest + t_r * rate) + modulus * (
-                d_t * rate + t_r * past - d_rest
-            )
-        modulus, d_modulus = base.bend[0, e, 2], more.bend[a, e, 2]
-        if modulus == 0.0 and d_modulus == 0.0:
+            rest = base.bend_rest[0, e, c] if c < 2 else base.twist_rest[0, e]
+            rate_o[e, c] = c0 * new.other[e, c] + c1 * old.other[e, c] + c2 * old.other_before[e, c]
+            strain_o[e, c] = new.other[e, c] - rest + t_r * rate_o[e, c]
+    coupled = _any(bend[:, 2]) or _any(d_bend[:, :, 2])
+    stress_s, stress_o = np.empty((count, nb)), np.empty((count, nb, 3))
+    past, faster = t_r * c1, t_r * c2
+    for a in range(count):
+        slower = d_t[a]
+        for e in range(nb):
+            stress_s[a, e] = d_stretch[a, e] * strain_s[e] + stretch[e] * (
+                slower * rate_s[e] + past * ago_s[a, e] + faster * earlier_s[a, e]
+                - d_stretch_rest[a, e]
+            )  # fmt: skip
+            x1, x2, x3 = (
+                slower * rate_o[e, 0] + past * ago_o[a, e, 0] + faster * earlier_o[a, e, 0]
+                - d_bend_rest[a, e, 0],
+                slower * rate_o[e, 1] + past * ago_o[a, e, 1] + faster * earlier_o[a, e, 1]
+                - d_bend_rest[a, e, 1],
+                slower * rate_o[e, 2] + past * ago_o[a, e, 2] + faster * earlier_o[a, e, 2]
+                - d_twist_rest[a, e],
+            )  # fmt: skip
+            stress_o[a, e, 0] = d_bend[a, e, 0] * strain_o[e, 0] + bend[e, 0] * x1
+            stress_o[a, e, 1] = d_bend[a, e, 1] * strain_o[e, 1] + bend[e, 1] * x2
+            stress_o[a, e, 2] = d_twist[a, e] * strain_o[e, 2] + twist[e] * x3
+            if coupled:  # each curvature by the moment about the other director
+                stress_o[a, e, 1] += d_bend[a, e, 2] * strain_o[e, 0] + bend[e, 2] * x1
+                stress_o[a, e, 0] += d_bend[a, e, 2] * strain_o[e, 1] + bend[e, 2] * x2
+    return stress_s, stress_o
+
+
+@njit(from_python=False)
+def _any(x):
+    """Whether a number is not 0."""
+    for value in x.flat:
+        if value != 0.0:
+            return True
+    return False
+
+
+@linked()
+def _add_inertia(system, old, new, varying, rhs):
+    """Add the derivatives of inertia, drag and loads, less those by the shape, to rhs (P, n d)."""
+    h, rates = new.clock[LAST], varying.rates
+    c_mass, c_drag = weights(h)
+    q_star, v_star, lag = extrapolated(
+        varying.q, varying.velocity, varying.acceleration, varying.auxiliary, h
+    )
+    mass, spin, drag, load = rates.mass, rates.spin, rates.drag, rates.load
+    own_mass, own_spin, own_drag = system.mass[0], system.spin[0], system.drag[0]
+    acceleration, velocity = new.acceleration, new.velocity
+    count, n, dof = q_star.shape
+    past, passing = np.empty((n, dof)), np.empty((n, dof))
+    for a in range(count):
+        out = rhs[a].reshape((n, dof))
+        for i in range(n):
+            for c in range(dof):
+                past[i, c] = c_mass * q_star[a, i, c] + lag[a, i, c]
+                passing[i, c] = c_drag * q_star[a, i, c] - v_star[a, i, c]
+                out[i, c] += load[a, i, c]
+        add_inertia_and_drag(own_mass, own_spin, own_drag, past, passing, 1.0, out)
+        if _any(mass[a]) or _any(spin[a]) or _any(drag[a]):
+            add_inertia_and_drag(mass[a], spin[a], drag[a], acceleration, velocity, -1.0, out)
+
+
+@linked()
+def _add_imposed(system, imposed, old, time, varying, increments, gaps):
+    """Add the derivatives of what is imposed to increments (P, n d) and to gaps (P, m)."""
+    q, moves, lengths, changes, frames = (
+        old.q, varying.moves, varying.step, varying.q, varying.frames,
+    )  # fmt: skip
+    before = q.copy()
+    for a in range(moves.size):
+        if moves[a] == 0.0:
             continue
-        for c in range(2):  # each curvature by the moment about the other director
-            rate = c0 * new.other[e, c] + c1 * old.other[e, c] + c2 * old.other_before[e, c]
-            past = c1 * varying.other[a, e, c] + c2 * varying.other_before[a, e, c]
-            strain = new.other[e, c] - base.bend_rest[0, e, c] + t_r * rate
-            d_strain = d_t * rate + t_r * past - more.bend_rest[a, e, c]
-            stress_o[e, 1 - c] += d_modulus * strain + modulus * d_strain
+        for side in range(2):
+            d = lengths[a] if side == 0 else -lengths[a]
+            shift(before, q, d, changes[a])
+            _, target, gap = targets(
+                system, 1 + 2 * a + side, imposed, time, before, frames[a, side]
+            )
+            add(increments[a], 0.5 / d, target.ravel())
+            add(gaps[a], 0.5 / d, gap)
 
 
 @linked()
@@ -122,49 +196,20 @@ def _written_out(
     system, imposed, old, new, law, derivatives, varying, grad_s, grad_o, rhs, increments, gaps
 ):
     """Right-hand sides of the derivatives of a step, from those of the rod's numbers."""
-    h, time, rule = new.clock[LAST], new.clock[TIME], system.rule
-    c_mass, c_drag = weights(h)
-    count, nb, n = varying.step.size, rule.weight.size, new.q.shape[0]
-    stress_s, stress_o = np.empty((count, nb)), np.empty((count, nb, 3))
-    for a in range(count):
-        _stresses(system, old, new, varying, h, a, stress_s[a], stress_o[a])
+    h, rates = new.clock[LAST], varying.rates
+    stress_s, stress_o = _stresses(
+        system.stiffness, rates.stiffness, system.relaxation_time[0], rates.relaxation_time, old,
+        new, varying, h,
+    )  # fmt: skip
     if varying.kind != LINEAR:
         add_law_stresses(
-            system.stiffness, varying.rates.stiffness, law, varying.rates.law, old.internal.inner,
+            system.stiffness, rates.stiffness, law, rates.law, old.internal.inner,
             varying.internal, new.other, derivatives, h, stress_o,
         )  # fmt: skip
         add_surroundings_forces(system, old, new, h, varying, rhs)
-    pull = rod_forces.stress_forces(rule, grad_s, grad_o, stress_s, stress_o)
-    q_star, v_star, lag = extrapolated(
-        varying.q, varying.velocity, varying.acceleration, varying.auxiliary, h
-    )
-    past, passing = np.empty(new.q.shape), np.empty(new.q.shape)
-    rates = varying.rates
-    for a in range(count):
-        for i in range(n):
-            for c in range(new.q.shape[1]):
-                past[i, c] = c_mass * q_star[a, i, c] + lag[a, i, c]
-                passing[i, c] = c_drag * q_star[a, i, c] - v_star[a, i, c]
-                k = new.q.shape[1] * i + c
-                rhs[a, k] += rates.load[a, i, c] - pull[a, k]
-        right = rhs[a].reshape(new.q.shape)
-        add_inertia_and_drag(
-            system.mass[0], system.spin[0], system.drag[0], past, passing, 1.0, right
-        )
-        add_inertia_and_drag(
-            rates.mass[a], rates.spin[a], rates.drag[a], new.acceleration, new.velocity, -1.0,
-            right,
-        )  # fmt: skip
-        if varying.moves[a] != 0.0:
-            for side in range(2):
-                d = varying.step[a] if side == 0 else -varying.step[a]
-                before = old.q.copy()
-                shift(before, old.q, d, varying.q[a])
-                _, target, gap = targets(
-                    system, 1 + 2 * a + side, imposed, time, before, varying.frames[a, side]
-                )
-                add(increments[a], 0.5 / d, target.ravel())
-                add(gaps[a], 0.5 / d, gap)
+    rhs -= rod_forces.stress_forces(system.rule, grad_s, grad_o, stress_s, stress_o)
+    _add_inertia(system, old, new, varying, rhs)
+    _add_imposed(system, imposed, old, new.clock[TIME], varying, increments, gaps)
 
 
 @linked()
