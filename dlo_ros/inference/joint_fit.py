@@ -35,7 +35,10 @@ CONVERGED = 0.5
 """Gain of the log posterior at which a fit ends."""
 WHITE_CONVERGED = 0.05
 """Gain over the whole misfit, at which a fit ends that takes all that is left for white noise."""
-WHITE_ITERATIONS, ITERATIONS = 20, 12
+DAMPED = 1.0
+"""Marquardt's damping, above which the gain of a step is small because the step is: of what is left
+to gain it tells nothing."""
+WHITE_ITERATIONS, ITERATIONS = 20, 25
 """Iterations with all that is left as white noise, and with correlated errors after that."""
 FARTHER = 1.1
 """ERR over that at the beginning of a fit and what does not matter, above which a step is no better
@@ -75,7 +78,7 @@ def fit(
             gain = _gain(at, found.at, white)
             least = WHITE_CONVERGED * misfit(at, at, white=white) if white else CONVERGED
             at = found.at
-            if gain < least and sure:
+            if gain < least and sure and way.damping < DAMPED:
                 break
         if not found.gain_predicted:
             if found.at is None or secants >= SECANTS:

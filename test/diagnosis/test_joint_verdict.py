@@ -234,19 +234,25 @@ def test_what_leaves_much_may_stand_for_an_unknown_cause(monkeypatch, frames, le
 
 
 @pytest.mark.parametrize(
-    ("evidence", "err", "causes", "kept"),
-    [(9.0, 2e-3, (), False), (9.0, 0.5e-3, (), True), (14.0, 2e-3, (), True),
-     (9.0, 2e-3, ("tilt",), True)],
-)  # fmt: skip
-def test_what_is_left_without_causes_lies_no_farther_off_than_the_set_up(
-    evidence, err, causes, kept
+    ("evidence", "err", "causes", "result", "alone"),
+    [
+        (9.0, 2e-3, (), "setup", "setup"),
+        (9.0, 0.5e-3, (), "there", "there"),
+        (14.0, 2e-3, (), "there", "setup"),
+        (9.0, 2e-3, ("tilt",), "there", "setup"),
+        (9.0, 0.5e-3, ("tilt",), "there", "setup"),
+    ],
+)
+def test_without_causes_the_better_of_two_fits_of_the_set_up_counts(
+    evidence, err, causes, result, alone
 ):
     def at(evidence, err):
         return SimpleNamespace(posterior=SimpleNamespace(evidence=evidence), mean_err=err)
 
-    setup, there = at(10.0, 1e-3), at(evidence, err)
-    found = Search(there, causes, (), None)
-    assert joint_explanation._no_farther(found, setup).at is (there if kept else setup)
+    fits = {"setup": at(10.0, 1e-3), "there": at(evidence, err)}
+    found = Search(fits["there"], causes, (), None)
+    found, setup = joint_explanation._one_minimum(found, fits["setup"])
+    assert found.at is fits[result] and setup is fits[alone]
 
 
 def fitted_to(*errs):

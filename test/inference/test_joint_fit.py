@@ -111,3 +111,12 @@ def test_a_draft_needs_no_derivatives_at_its_end(fitted, monkeypatch):
     assert not draft.derived
     assert draft.mean_err == pytest.approx(final.mean_err)
     assert draft.mean_err < near.mean_err
+
+
+@pytest.mark.parametrize("white", [True, False])
+def test_a_small_gain_of_a_damped_step_ends_no_fit(fitted, monkeypatch, white):
+    at, recordings = fitted
+    far = borrowed(at, moved_by(at, ANGLE, 0.1), recordings)
+    monkeypatch.setattr(joint_fit, "MARQUARDT_DAMPING", 1e3)
+    found = joint_fit.fit(far, recordings, 12, white=white)
+    assert found.mean_err < at.mean_err + 0.1 * far.mean_err

@@ -160,7 +160,7 @@ def explain(
     precise = beside_exact_set_up(found, prepared.meant, recordings, begun, enough, hit)
     found, exact = precise or found, precise is not None
     found, bares, pruned = without_needless(found, recordings, begun)
-    found = _no_farther(found, setup)
+    found, setup = _one_minimum(found, setup)
     # Judged in the end: what a cause does to a DLO looks like an error of the camera before.
     own = own_err(found.at, recordings)
     matters = material_err(own, given)
@@ -177,14 +177,18 @@ def explain(
     )  # fmt: skip
 
 
-def _no_farther(found: Search, setup: Evaluation) -> Search:
-    """The result without causes as the fit of the set-up that comes nearer, if that is as likely.
+def _one_minimum(found: Search, setup: Evaluation) -> tuple[Search, Evaluation]:
+    """The result and the fit of the set-up; where no cause is left, they are the better of both.
 
-    A fit from where a cause was left out may end in another minimum.
+    A fit from where a cause was left out may end in another minimum than that of the set-up alone,
+    a worse one or a better one.
     """
+    if found.causes:
+        return found, setup
+    if found.at.mean_err <= setup.mean_err:
+        return found, found.at
     likely = setup.posterior.evidence > found.at.posterior.evidence - WORTH
-    nearer = setup.mean_err < found.at.mean_err
-    return replace(found, at=setup) if not found.causes and likely and nearer else found
+    return (replace(found, at=setup) if likely else found), setup
 
 
 def _beside(cause: Cause, contact: Contact) -> Cause:
