@@ -8,6 +8,7 @@ near, so that parts of the rope hide each other by depth.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -75,23 +76,30 @@ class SpatialRenderer:
         """The picture as a JPEG file."""
         return self._scene.encode(picture)
 
-    def frame(self, lines: list[FloatArray], u: FloatArray) -> Image:
+    def frame(
+        self, lines: list[FloatArray], u: FloatArray, behind: Sequence[FloatArray] = ()
+    ) -> Image:
         """One picture.
 
         Args:
             lines: the axis in the board frame [m], each of shape (m, 3), at instants spread over
                 the exposure.
             u: material coordinates of its points [m], shape (m,), growing.
+            behind: axes of further ropes of the same look that stand still behind it, farthest
+                first.
 
         Returns:
             BGR image, shape (H, W, 3).
         """
+        ground = self._scene.board.astype(np.float64)
+        for line in behind:
+            ground = self._composed(ground, self.layers(line, u))
         layers = [self.layers(line, u) for line in lines]
-        mean = np.mean([self._composed(one) for one in layers], axis=0)
+        mean = np.mean([self._composed(ground, one) for one in layers], axis=0)
         return self._scene.finished(mean.astype(np.float32))
 
-    def _composed(self, layers: Layers) -> FloatArray:
-        picture = self._scene.board.reshape(-1, 3).astype(np.float64)
+    def _composed(self, ground: FloatArray, layers: Layers) -> FloatArray:
+        picture = ground.reshape(-1, 3).copy()
         light = self._scene.light.reshape(-1)
         for rank in range(int(layers.rank.max(initial=-1)) + 1):
             one = layers.rank == rank

@@ -140,10 +140,10 @@ def _stresses(base, more, t_r, d_t, old, new, varying, h):
 @njit(from_python=False)
 def _any(x):
     """Whether a number is not 0."""
+    found = False
     for value in x.flat:
-        if value != 0.0:
-            return True
-    return False
+        found = found or value != 0.0
+    return found
 
 
 @linked()

@@ -27,8 +27,9 @@ from dlo_ros.vision.segmentation.user_hints import Hints, limited
 from dlo_ros.vision.space.matching import SAMPLES, WAITING, align
 from dlo_ros.vision.space.reprojection import ClampPose
 from dlo_ros.vision.space.view import focal_length
+from dlo_ros.vision.tracing.abandoned_strand import abandons_strand
 from dlo_ros.vision.tracing.centring import centred
-from dlo_ros.vision.tracing.chain_ordering import ClampPixel, LengthRule, Path, PathSearch
+from dlo_ros.vision.tracing.chain_ordering import ClampPixel, LengthRule, Path, PathSearch, alike
 from dlo_ros.vision.tracing.free_ends import free_end, prolong
 from dlo_ros.vision.tracing.metric_lengths import PlaneGrid
 from dlo_ros.vision.tracing.ridge_snapping import follow
@@ -144,6 +145,8 @@ class ViewSearch:
     ) -> list[Measured]:
         """The courses in a picture of which nothing is known, the likeliest first.
 
+        Of strands that meet, a DLO leaves on the one that carries on what it did before.
+
         Raises:
             VisionError: there is none, or too many.
         """
@@ -160,11 +163,19 @@ class ViewSearch:
                 else ClampPixel(bars.from_image(pixel.position), pixel.direction)
             )
         length = self._length / self._diameter * bars.width
-        search = PathSearch(find_chains(bars), bars, length, plane, local[0], local[1], RULE)
+        chains = find_chains(bars)
+        search = PathSearch(chains, bars, length, plane, local[0], local[1], RULE)
         result = []
         free = (local[0] is None, local[1] is None)
         for path in search.candidates(MOST_COURSES):
-            result.append(self._measure(image, bars.to_image(path.points), path, width, free))
+            found = self._measure(image, bars.to_image(path.points), path, width, free)
+            strands = [bars.to_image(c.points) for c in chains if alike(c, path)]
+            part = slice(round(found.low), round(found.high) + 1)
+            course, seen = found.located.points[part], found.seen[part]
+            if not abandons_strand(course, seen, strands, found.located.width, free):
+                result.append(found)
+        if not result:
+            raise VisionError("what looks like the DLO turns off a strand that goes on")
         return result
 
     def _pixel(self, clamp: ClampPose) -> ClampPixel | None:
