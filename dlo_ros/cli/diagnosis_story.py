@@ -254,6 +254,12 @@ def _why(found: Diagnosis) -> tuple[str, ...]:
                 if _immaterial(found)
                 else "The data show no cause for certain."
             )
+    elif found.verdict == "unexplained" and not sentences and _nothing_left(found):
+        sentences.append(
+            "No cause is certain. The set-up within its tolerances leaves an error that matters; "
+            "with effects of which none is certain (extended.yaml holds them) "
+            f"{_left(found)} are left, which do not matter."
+        )
     elif found.verdict == "unexplained":
         beside = "The remaining error" if sentences else "Nothing is certain. The error"
         if not sentences and extends(found):
@@ -262,6 +268,13 @@ def _why(found: Diagnosis) -> tuple[str, ...]:
             )
         sentences.append(f"{beside} ({_left(found)}) is explained by no cause that is known here.")
     return tuple(sentences)
+
+
+def _nothing_left(found: Diagnosis) -> bool:
+    """Whether the extended model leaves nothing that matters, on any data."""
+    left = [x for x in (found.extended.err_holdout, found.extended.err_train) if x is not None]
+    enough = found.material_err
+    return extends(found) and enough is not None and bool(left) and max(left) < enough
 
 
 def _left(found: Diagnosis) -> str:

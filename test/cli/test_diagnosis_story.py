@@ -103,6 +103,9 @@ def test_what_nothing_explains_is_told_as_that():
     near = replace(fitted.extended, err_train=6e-4, err_holdout=1.5e-4)  # 0.20 mm do not matter
     told = answers(replace(fitted, extended=near))[1]
     assert "The rest (0.60 mm on the recordings learned from) is explained by no" in told
+    enough = replace(fitted.extended, err_train=1.8e-4, err_holdout=1.5e-4)
+    told = answers(replace(fitted, extended=enough))[1]
+    assert told.endswith("(extended.yaml holds them) 0.15 mm are left, which do not matter.")
 
 
 def test_adequate_says_whether_it_is_as_good_as_matters():
