@@ -12,21 +12,23 @@ elastic foundation).
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dlo_ros.errors import SimulationError
 from dlo_ros.rod.boundary.imposed_motion import Boundary, Held
 from dlo_ros.rod.elements import rod_forces
 from dlo_ros.rod.elements.rod_tables import DOF, Material
-from dlo_ros.rod.model import RodModel
+from dlo_ros.rod.model import CONTACT_PENETRATION, RodModel
 from dlo_ros.rod.solve import newton_iteration
 from dlo_ros.rod.state import rest_state
 from dlo_ros.rod.statics import FREE, LINEAR, NO_INTERNAL_VARIABLES
-from dlo_ros.spline import FloatArray
+from dlo_ros.spline import ORDER, FloatArray
 
 # Pull to the given shape and bending stiffness while what is held is approached, and at the end.
 STRONGEST, WEAKEST = 10.0, 1e-4
 APPROACH = 10  # steps to what is held
 SLOWEST = 0.9  # of the pull: smaller reductions are not tried
+PROJECTIONS = 20  # onto the surface of a peg for each point of contact, at most
 STRAIGHT = 0.05  # of the length: radius of gyration that the bending stiffness stands for
 
 
@@ -41,7 +43,7 @@ class Relaxation:
 
     def __init__(self, model: RodModel, boundary: Boundary, held: Held, shape: FloatArray) -> None:
         self._model, self._boundary, self._held = model, boundary, held
-        self._given = rest_state(0, before_walls(model, boundary, shape), model)
+        self._given = rest_state(0, led_back(model, boundary, shape), model)
         curvature = np.ascontiguousarray(self._given.strains.other[:, :2])
         twist = 0.0 * model.stiffness.twist + 1.0
         self._soft = model.stiffness._replace(bend_rest=curvature, twist=twist)
@@ -69,7 +71,7 @@ class Relaxation:
                 ratio = ratio**0.5
             else:
                 best, weak = found, ratio * weak
-        return before_walls(self._model, self._boundary, best), weak
+        return led_back(self._model, self._boundary, best), weak
 
     def solution_near(self, shape: FloatArray, pull: float) -> FloatArray:
         """The nearest shape (n, 4), where that of a little different problem is known.
@@ -80,7 +82,7 @@ class Relaxation:
         found = self._relaxed(shape, pull, 1.0)
         if found is None:
             return self.solution()[0]
-        return before_walls(self._model, self._boundary, found)
+        return led_back(self._model, self._boundary, found)
 
     def _relaxed(self, q: FloatArray, weak: float, share: float) -> FloatArray | None:
         """The minimum near q (n, 4); None where Newton's method does not converge.
@@ -107,16 +109,47 @@ class Relaxation:
         return found if iterations > 0 else None
 
 
-def before_walls(model: RodModel, boundary: Boundary, q: FloatArray) -> FloatArray:
-    """The shape q (n, 4) with what is free of it led back to the free side of all walls.
+def led_back(model: RodModel, boundary: Boundary, q: FloatArray) -> FloatArray:
+    """The shape q (n, 4) with what is free of it led back to the free side of walls and pegs.
 
-    A shape is observed with errors and may lie beyond a wall by the DLO's radius; the contact would
-    throw the DLO off. A spline lies within the hull of its control points.
+    A shape is observed with errors and may lie beyond a wall, or in a peg, by the DLO's radius; the
+    contact would throw the DLO off.
     """
     result = np.array(q)
     free = ~boundary.fixed.reshape(-1, DOF)[:, 0]
     for x, z, offset in model.surroundings.walls:
+        # A spline lies within the hull of its control points.
         deep = np.minimum(x * result[:, 0] + z * result[:, 2] - offset, 0.0) * free
         result[:, 0] -= deep * x
         result[:, 2] -= deep * z
+    if len(model.surroundings.pegs):
+        _lead_out_of_pegs(model, free, result)
     return result
+
+
+def _lead_out_of_pegs(model: RodModel, free: NDArray[np.bool_], q: FloatArray) -> None:
+    """Move the shape q (n, 4), in place, radially out of all pegs.
+
+    The deepest point of contact is led to the surface by the smallest change of its control points,
+    until none lies deeper than a contact at rest (Kaczmarz, Angenäherte Auflösung von Systemen
+    linearer Gleichungen, 1937).
+
+    Args:
+        free: whether a control point is free, shape (n,).
+    """
+    around, length = model.surroundings, model.basis.length
+    near = around.span[:, None] + np.arange(ORDER)  # (points of contact, 4)
+    share = around.b * free[near]
+    squares = np.sum(share**2, axis=1)
+    movable = squares > 0.0
+    for _ in range(PROJECTIONS * len(near)):
+        points = np.einsum("pk,pkc->pc", around.b, q[near][:, :, [0, 2]])
+        off = points[:, None] - around.pegs[:, :2]  # (points of contact, pegs, 2)
+        distance = np.linalg.norm(off, axis=2)
+        deep = (around.pegs[:, 2] - distance) * movable[:, None]
+        k, peg = np.unravel_index(int(np.argmax(deep)), deep.shape)
+        if deep[k, peg] <= CONTACT_PENETRATION * length:
+            return
+        outwards = off[k, peg] / max(float(distance[k, peg]), 1e-12)
+        move = (share[k] / squares[k])[:, None] * (deep[k, peg] * outwards)
+        q[near[k, 0] : near[k, 0] + ORDER, [0, 2]] += move

@@ -16,6 +16,7 @@ from dlo_ros.rod.elements.constitutive_law import room
 from dlo_ros.rod.resolution import build
 from dlo_ros.rod.simulation import Simulation
 from dlo_ros.rod.statics import material_at_rest
+from dlo_ros.rod.stretch_relaxation import led_back
 from dlo_ros.spline import SplineBasis
 
 ROD = PAPER.rod
@@ -161,6 +162,33 @@ def test_a_shape_observed_beyond_the_table_is_not_thrown_off():
         height = basis.evaluate(shape, U)[:, 2] + 0.05 - radius
         assert height.min() > -0.1 * radius
         assert height[-1] < 5.0 * radius
+
+
+@pytest.mark.parametrize("entered", [0.5, 1.0, 1.5])
+def test_a_shape_observed_within_a_peg_is_not_thrown_off(entered):
+    """Seen some radii too deep on a peg, it moves as the same shape does without one, or less."""
+    radius, peg, middle = 0.5 * ROD.diameter, 0.02, 0.3
+    basis = SplineBasis(ROD.control_points, ROD.length)
+    s = np.clip(basis.greville / (0.5 * ROD.length), 0.0, 1.0)
+    first = np.zeros((basis.control_points, 4))
+    first[:, 0] = 0.97 * basis.greville
+    first[:, 2] = -0.05 * s**2 * (3.0 - 2.0 * s)
+    x, _, z, _ = basis.evaluate(first, [middle])[0]
+    under = {"x": x, "z": z - peg - (1.0 - entered) * radius, "radius": peg}
+    observed = Settings.from_mapping({**PAPER.flat(), "simulation.start": "observed"})
+    for effects in ({}, {"obstacle": under}):
+        simulation = Simulation(observed.with_effects(effects), Motion([held_start()]), spans=SPANS)
+        simulation.start([Observation(0, first)])
+        shapes = [simulation.prediction().control_points[:, :3]]
+        shapes += [simulation.advance(k * SECOND // 100).control_points[:, :3] for k in (1, 2)]
+        seen = [basis.evaluate(shape, U) for shape in shapes]
+        assert np.abs(np.diff(seen, axis=0)).max() < 5e-3
+    model, boundary = build(observed.with_effects({"obstacle": under}), held_start(), SPANS)
+    led = led_back(model, boundary, model.basis.projection(basis) @ first)
+    places = np.linspace(0.0, ROD.length, 1001)
+    off = model.basis.evaluate(led, places)[:, [0, 2]] - [under["x"], under["z"]]
+    assert np.linalg.norm(off, axis=1).min() == pytest.approx(peg + radius, abs=0.01 * radius)
+    assert off[np.argmin(np.abs(off[:, 0])), 1] > peg
 
 
 @pytest.mark.parametrize("began", [0, SECOND // 2])
