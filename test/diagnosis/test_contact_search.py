@@ -13,7 +13,7 @@ from rods import PAPER
 from dlo_ros.cli.loading import load_manipulation
 from dlo_ros.diagnosis.contact import contact_search
 from dlo_ros.diagnosis.contact.contact_search import pegs_beside_set_up, plausible_pegs
-from dlo_ros.diagnosis.contact.peg_places import apart, places, sight
+from dlo_ros.diagnosis.contact.peg_places import STATIONS, Sight, apart, places, sight
 from dlo_ros.diagnosis.contact.undisturbed import _beginnings
 from dlo_ros.diagnosis.fitting.initial_fit import begin, drafts
 from dlo_ros.diagnosis.fitting.levenberg_marquardt import attempt
@@ -71,6 +71,28 @@ def test_what_another_recording_sweeps_holds_no_peg():
     view = sight(ROD, [seen, expected], [expected, expected], [wrong, free])
     assert places(view, 0.01) == []
     assert plausible_pegs(view) == []
+
+
+@pytest.mark.parametrize("entered", [0.0, 0.5, 1.0])
+def test_a_thick_rope_may_be_seen_to_pass_a_peg_by_its_radius(entered):
+    """A falling rope is held up by a peg and seen with its axis too deep, by some radii."""
+    rod = replace(ROD, diameter=0.01)
+    radius, thickness, centre = 0.012, 0.005, np.array([0.25, -0.05])
+    u = np.linspace(0.04, 1.0, STATIONS) * rod.length
+    expected = np.empty((40, STATIONS, 2))
+    expected[:, :, 0] = u
+    expected[:, :, 1] = -1.6 * DROP * np.arange(40)[:, None] * u / rod.length
+    lying = radius + (1.0 - entered) * thickness  # seen distance of the axis from the centre
+    half = np.sqrt(np.maximum(lying**2 - (u - centre[0]) ** 2, 0.0))
+    above = np.where(half > 0.0, centre[1] + half, -np.inf)
+    seen = expected.copy()
+    seen[:, :, 1] = np.maximum(expected[:, :, 1], above)
+    met = np.flatnonzero((np.linalg.norm(expected - centre, axis=2) < lying).any(axis=1))[0]
+    seen[:met], wrong = expected[:met], np.arange(40) >= met
+    found = places(Sight(rod, (seen,), (expected,), (wrong,)), radius)
+    assert found
+    nearest = min(np.hypot(p.peg.x - centre[0], p.peg.z - centre[1]) for p in found)
+    assert nearest < entered * thickness + 1e-3
 
 
 def test_what_goes_astray_without_meeting_anything_is_no_peg():

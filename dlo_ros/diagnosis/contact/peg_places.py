@@ -87,13 +87,15 @@ def sight(
 def places(view: Sight, radius: float) -> list[Place]:
     """Pegs of one radius [m] that may have been hit, the most likely first.
 
-    The pictures that a peg explains begin where the prediction meets it first.
+    The pictures that a peg explains begin where the prediction meets it first. An observed shape
+    may pass a peg by the rope's radius, where a tracker sees the side that the rope turns to it.
     """
-    away = radius + 0.5 * view.rod.diameter
+    thickness = 0.5 * view.rod.diameter
+    away, deepest = radius + thickness, thickness + SLACK
     everywhere = np.concatenate([s.reshape(-1, 2) for s in view.seen])
     found = []
     for centre in _beside(view, away):
-        if away - np.sqrt(np.min(np.sum((everywhere - centre) ** 2, axis=1))) > SLACK:
+        if away - np.sqrt(np.min(np.sum((everywhere - centre) ** 2, axis=1))) > deepest:
             continue
         left, touched = 0, 0
         for s, e, wrong in zip(view.seen, view.expected, view.wrong, strict=True):
