@@ -23,10 +23,9 @@ from dlo_ros.identification.design.model_discrimination import (
     REFITS,
     SEARCH_REFITS,
     Discrimination,
-    Explanation,
     discriminate,
-    plausible_explanation,
 )
+from dlo_ros.identification.design.plausible_explanations import Explanation, plausible_explanation
 from dlo_ros.identification.identifiability import enumerated
 from dlo_ros.inference.forecast import forecast
 from dlo_ros.inference.parameter import split_name
@@ -133,7 +132,7 @@ def sized(rivals: Rivals, settings: Settings, plans: Sequence[Plan]) -> tuple[Ex
     if not recordings:
         raise SimulationError("none of the manipulations can be simulated")
     seen = scene(plain, imposed_names(recordings), shapes)
-    return tuple(plausible_explanation(n, plain, seen, block) for n, block in rivals.items())
+    return tuple(plausible_explanation(n, plain, seen, b, plans) for n, b in rivals.items())
 
 
 @dataclass(frozen=True)

@@ -16,13 +16,12 @@ from dlo_ros.effects import Scene
 from dlo_ros.errors import InputError, ParameterError, SimulationError
 from dlo_ros.identification.design.expected_information import Noise
 from dlo_ros.identification.design.model_discrimination import (
-    Explanation,
     _model,
     discriminate,
     hardest,
-    plausible_explanation,
 )
-from dlo_ros.inference.forecast import whitening
+from dlo_ros.identification.design.plausible_explanations import Explanation, plausible_explanation
+from dlo_ros.inference.forecast import forecast, whitening
 from dlo_ros.inference.joint import evaluate
 from dlo_ros.inference.joint_fit import settled
 from dlo_ros.inference.measured import measured
@@ -121,6 +120,23 @@ def test_what_cannot_be_compared_is_refused():
     assert plausible_explanation("air_drag", windy, known).block["coefficient"] > 0.0
     with pytest.raises(InputError, match="state its values in the parameter file"):
         plausible_explanation("obstacle", PAPER, HELD)
+
+
+@pytest.mark.parametrize(
+    ("kind", "effect"), [(swing, "wall"), (u_shape, "wall"), (wave, "clamp_slip")]
+)
+def test_a_start_is_taken_that_makes_sense_in_the_manipulation(kind, effect):
+    """No wall through a grip, no slip after the end: both explanations can be told apart."""
+    plan, rope = planned(kind)
+    plan = replace(plan, duration=2.0)
+    recording = plan.manipulation()
+    seen = scene(rope, imposed_names([recording]), [forecast(recording, rope).predicted])
+    taken = plausible_explanation(effect, rope, seen, None, (plan,))
+    if "onset" in taken.block:
+        assert taken.block["onset"] < plan.duration
+    tilt = Explanation("gravity_tilt", {"angle": 0.05})
+    found = discriminate(plan, rope, (taken, tilt), spans=SPANS)
+    assert found.reliable and found.evidence[0, 1] > SURE
 
 
 def seen_with_noise(tree, seed, noise):

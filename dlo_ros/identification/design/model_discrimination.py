@@ -12,15 +12,14 @@ models, 1975; Box and Hill, Discrimination among mechanistic models, 1967).
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import permutations
 
 import numpy as np
 
-from dlo_ros.effects import Quantity, Scene, Start, effects, quantities
-from dlo_ros.effects.start import Block, Value
-from dlo_ros.errors import InputError, SimulationError
+from dlo_ros.effects import Scene, Start
+from dlo_ros.errors import SimulationError
 from dlo_ros.identification.design.expected_information import (
     Noise,
     Plan,
@@ -28,6 +27,7 @@ from dlo_ros.identification.design.expected_information import (
     mean_response,
     observer_variances,
 )
+from dlo_ros.identification.design.plausible_explanations import Explanation
 from dlo_ros.inference.forecast import Forecast, Manipulation, forecast
 from dlo_ros.inference.joint import field
 from dlo_ros.inference.measured import Recording, measured
@@ -37,12 +37,9 @@ from dlo_ros.inference.priors import cause_priors, joint_model
 from dlo_ros.inference.scene import imposed_names, scene
 from dlo_ros.inference.spectrum import Spectrum, spectrum
 from dlo_ros.inference.variances import Variances, fit_variances, posterior
-from dlo_ros.parameters import Settings, tolerance
+from dlo_ros.parameters import Settings
 from dlo_ros.spline import FloatArray
 
-TOLERANCES = 3.0
-"""Size of an effect that is a small error of every set-up, in tolerances; from two on it is named
-as a cause."""
 REFITS, SEARCH_REFITS = 10, 1
 """Simulations by which a rival is fitted at most, and while a manipulation is searched."""
 CONVERGED = 0.5
@@ -51,78 +48,6 @@ POOR = 0.5
 """Gain over the expected one, below which derivatives are renewed."""
 MARQUARDT_DAMPING, HARDER = 1e-3, 10.0
 """Marquardt's damping after a step that failed, and its growth with each further one."""
-
-
-@dataclass(frozen=True)
-class Explanation:
-    """An effect of a given size, as one explanation of what the plain model misses.
-
-    Args:
-        effect: name of the effect.
-        block: values of its keys; all of them are fitted where it is the rival of another one.
-    """
-
-    effect: str
-    block: Block
-
-
-def plausible_explanation(
-    effect: str, settings: Settings, seen: Scene, block: Block | None = None
-) -> Explanation:
-    """An effect of a size that a cause may have.
-
-    The size is that of the middle one of the starts from which `diagnose` looks for it, or some
-    tolerances where it is a small error of every set-up.
-
-    Args:
-        effect: name of the effect.
-        settings: settings of the plain model.
-        seen: scene of the manipulations.
-        block: values of its keys; None: nothing says how large it is.
-
-    Raises:
-        ParameterError: there is no such effect.
-        InputError: nothing says how large it may be, or it adds to a damping that is only guessed.
-    """
-    known = quantities(effect)
-    for q in known.values():
-        if q.adds_to and q.adds_to not in seen.known:
-            raise InputError(
-                f"effects.{effect}: damping.{q.adds_to} is only a guess, which every explanation "
-                f"fits anyway; state damping.{q.adds_to}_std to compare it with other effects"
-            )
-    if block:
-        return Explanation(effect, block)
-
-    def enlarged(neutral: Block, keys: Iterable[str]) -> Block:
-        sizes = {k: _sized(known[k], neutral[k], settings, effect) for k in keys}
-        return {**neutral, **sizes}
-
-    kind = effects()[effect]
-    setup = kind.setup(seen)
-    if setup:
-        return Explanation(effect, enlarged(setup, setup))
-    starts = kind.starts(seen)
-    if not starts:
-        raise InputError(
-            f"effects.{effect}: nothing says how large it may be; state its values in the "
-            "parameter file"
-        )
-    most = max(len(s.fitted) for s in starts)
-    widest = [s for s in starts if len(s.fitted) == most]
-    start = widest[len(widest) // 2]
-    return Explanation(effect, enlarged(start.block, start.screened if start.neutral else ()))
-
-
-def _sized(q: Quantity, value: Value, settings: Settings, effect: str) -> Value:
-    """A neutral value, replaced by one that a cause may have."""
-    known = tolerance(settings, f"{effect}.{q.name}")
-    size = (
-        q.restored(q.transformed(q.neutral) + TOLERANCES * known)
-        if known
-        else q.plausible_for(settings.scale, 1.0)
-    )
-    return (size,) * len(value) if isinstance(value, tuple) else size
 
 
 @dataclass(frozen=True)
