@@ -92,15 +92,17 @@ bench: $(COMPILED)
 	$(BIN)/python -m bench
 
 # Hidden effects that `diagnose` must find, COUNT of each kind from seed FIRST; takes a minute each.
+# EFFECT="wall connector" hides these alone, COUNT times each; so it does in `make field`.
 challenge: $(COMPILED)
 	cd test && PYTHONPATH=. ../$(BIN)/python -m challenge.evaluate \
-		--first $(or $(FIRST),1000) --count $(or $(COUNT),20)
+		--first $(or $(FIRST),1000) --count $(or $(COUNT),20) $(EFFECT:%=--effect %)
 
 # The same with all that a real set-up has at once, COUNT cases of 0 to 3 causes each from seed FIRST.
 # PICTURES=1 renders them; SPACE=1 moves in space.
 field: $(COMPILED)
 	cd test && PYTHONPATH=. ../$(BIN)/python -m field.evaluate \
-		--first $(or $(FIRST),1000) --count $(or $(COUNT),20) $(if $(PICTURES),--pictures) $(if $(SPACE),--space)
+		--first $(or $(FIRST),1000) --count $(or $(COUNT),20) $(if $(PICTURES),--pictures) $(if $(SPACE),--space) \
+		$(EFFECT:%=--effect %)
 
 # From two rendered cameras' pictures of a rope in space to E/mu and to a hidden cause, COUNT cases of
 # each kind from seed FIRST; one to three minutes of processor time each.

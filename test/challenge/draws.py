@@ -312,10 +312,10 @@ NAMED: dict[str, Draw] = {
         constant_force,
     )
 }
+"""Effects of the interface, of which one is drawn where none is asked for."""
 SET_UP: dict[str, Draw] = {f.__name__: f for f in (clamp_offset, camera_shift)}
 """Errors of every set-up, of which one alone often does what another does: drawn where they are
 asked for by name."""
-"""Effects of the interface."""
 
 OTHERS: dict[str, Draw] = {f.__name__: f for f in (gusts, stiffness_drift, camera_creep)}
 """Effects that no name of the interface fits."""

@@ -7,9 +7,12 @@ import tempfile
 import time
 from collections import Counter
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
+from statistics import median
 
-from challenge.generate import KINDS, draw
+from challenge.draws import NAMED, SET_UP
+from challenge.generate import KINDS, Challenge, draw
 from dlo_ros.cli.main import main as dlo_ros
 
 OUTCOMES = ("named", "among rivals", "part", "unexplained", "adequate", "wrong", "failed")
@@ -78,9 +81,9 @@ def compare(hidden: dict[str, dict], report: dict) -> tuple[int, int]:
     return missed, count
 
 
-def solve(seed: int, kind: str, folder: Path) -> Case:
-    """Draw a challenge, write it and let the tool work on it."""
-    challenge = draw(seed, kind)
+def solve(challenge: Challenge, folder: Path) -> Case:
+    """Write a challenge and let the tool work on it."""
+    kind = challenge.kind
     bags = challenge.write(folder)
     hidden = challenge.effects | challenge.foreign
     output = folder / "diagnosis"
@@ -98,8 +101,28 @@ def solve(seed: int, kind: str, folder: Path) -> Case:
     return Case(kind, tuple(hidden), outcome, named, seconds, gain, *compare(hidden, report))
 
 
+def by_effect(cases: list[Case], names: list[str]) -> list[str]:
+    """A line for each effect that was asked for, over the cases in which it is hidden."""
+    lines = []
+    for name in names:
+        mine = [c for c in cases if c.hidden == (name,)]
+        if not mine:
+            lines.append(f"{name}: no case")
+            continue
+        counts = Counter(c.outcome for c in mine)
+        told = ", ".join(f"{o} {counts[o]}" for o in OUTCOMES if counts[o])
+        missed, total = sum(c.missed for c in mine), sum(c.parameters for c in mine)
+        lines.append(
+            f"{name}, {len(mine)} cases: {told}; parameters within 10 % or 2 std: "
+            f"{total - missed} of {total}; median {median(c.seconds for c in mine):.0f} s"
+        )
+    return lines
+
+
 def summary(cases: list[Case]) -> list[str]:
     """The confusion matrix and the other numbers, as lines."""
+    if not cases:
+        return ["no cases"]
     width = max(len(o) for o in OUTCOMES) + 2
     lines = [" " * 10 + "".join(f"{o:>{width}}" for o in OUTCOMES) + f"{'good':>8}"]
     for kind in dict.fromkeys(c.kind for c in cases):
@@ -129,16 +152,28 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=1000, help="seed of the first of each kind")
     parser.add_argument("--count", type=int, default=20, help="of each kind")
     parser.add_argument("--kind", action="append", choices=KINDS, default=[])
+    parser.add_argument(
+        "--effect", action="append", choices=sorted({*NAMED, *SET_UP}), default=[],
+        metavar="NAME", help="hide this effect, of kind `single` unless --kind says another one; "
+        "may be repeated",
+    )  # fmt: skip
     arguments = parser.parse_args()
+    names: list[tuple[str, ...]] = [(name,) for name in arguments.effect] or [()]
+    kinds = arguments.kind or (["single"] if arguments.effect else list(KINDS))
     cases: list[Case] = []
     for seed in range(arguments.first, arguments.first + arguments.count):
-        for kind in arguments.kind or KINDS:
+        for kind, hidden in product(kinds, names):
+            try:
+                challenge = draw(seed, kind, hidden)
+            except RuntimeError as err:
+                print(f"{seed} {kind}: {err}", flush=True)
+                continue
             with tempfile.TemporaryDirectory() as folder:
-                cases.append(solve(seed, kind, Path(folder)))
+                cases.append(solve(challenge, Path(folder)))
             c = cases[-1]
             told = f"{c.hidden} -> {c.outcome} {c.named} {c.seconds:.0f} s"
             print(f"{seed} {kind}: {told}", flush=True)
-    print("\n".join(summary(cases)))
+    print("\n".join([*by_effect(cases, arguments.effect), *summary(cases)]))
 
 
 if __name__ == "__main__":

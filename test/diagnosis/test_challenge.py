@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from challenge import KINDS, draw, generate
+from challenge import KINDS, draw, evaluate, generate
 from challenge.draws import NAMED, OTHERS, SET_UP
 from challenge.manipulations import FREE, HELD
 from challenge.residual import changed
@@ -32,6 +32,23 @@ def test_every_effect_can_be_drawn():
     drawn = set(NAMED) | set(SET_UP)
     assert drawn == set(EFFECTS) - {"anisotropy"}  # which does nothing in the plane
     assert set(OTHERS) == set(FOREIGN)
+
+
+def test_effects_can_be_asked_for_by_name(monkeypatch, capsys):
+    def solved_at_once(case, folder):
+        kind, names = case
+        outcome = "named" if names == ("wall",) else "wrong"
+        return evaluate.Case(kind, names, outcome, names, 2.0, None, 1, 2)
+
+    monkeypatch.setattr(evaluate, "draw", lambda seed, kind, names: (kind, names))
+    monkeypatch.setattr(evaluate, "solve", solved_at_once)
+    words = "challenge --count 2 --effect wall --effect connector"
+    monkeypatch.setattr("sys.argv", words.split())
+    evaluate.main()
+    lines = capsys.readouterr().out.splitlines()
+    assert "wall, 2 cases: named 2; parameters within 10 % or 2 std: 2 of 4; median 2 s" in lines
+    assert any(s.startswith("connector, 2 cases: wrong 2; ") for s in lines)
+    assert any(s.startswith("single ") for s in lines)
 
 
 @pytest.mark.slow

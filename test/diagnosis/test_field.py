@@ -8,8 +8,9 @@ import json
 
 import numpy as np
 import pytest
-from field import draw
-from field.evaluate import judge
+from field import draw, evaluate, generate
+from field.evaluate import Result, judge
+from field.generate import Slip, compared
 from field.nuisances import Errors, set_up, smooth
 from field.pictures import Cluttered, drawn
 
@@ -111,6 +112,51 @@ def test_errors_of_the_measurement_are_what_they_are_said_to_be():
     assert np.corrcoef(fading[1:], fading[:-1])[0, 1] == pytest.approx(0.5, abs=0.12)
     held, _ = errors.of(rng, shapes, u, free=False)
     assert (held - shapes)[:, -1, 0].mean() == pytest.approx(1e-3, abs=1e-4)
+
+
+def test_of_a_slip_is_compared_what_was_simulated():
+    """It has a moment of its own in each recording, and is not over when that ends."""
+    causes = {"point_mass": {"mass": 0.1}, "clamp_slip": {"length": 0.02, "onset": 1.0}}
+    early, late = Slip(1.0, 0.05), Slip(generate.manipulations.DURATION, 0.05)
+    told = compared(causes, [early, late])
+    assert told["point_mass"] == causes["point_mass"]
+    assert set(told["clamp_slip"]) == {"length"}
+    assert told["clamp_slip"]["length"] == pytest.approx(0.02 * 0.75)
+    assert compared({"point_mass": {"mass": 0.1}}, []) == {"point_mass": {"mass": 0.1}}
+
+
+def test_each_effect_has_a_rope_of_its_own(monkeypatch):
+    def first_number(rng, seed, names):
+        return float(rng.random())
+
+    monkeypatch.setattr(generate, "_try", first_number)
+    numbers = {draw(7, 1, names) for names in (("wall",), ("connector",), ("hysteresis",))}
+    assert len(numbers) == 3
+    known = np.random.default_rng([7, 0])  # as it was before causes could be asked for
+    known.choice(list(generate.NAMED), 0, replace=False)
+    assert draw(7, 0) == known.random()
+
+
+def test_effects_can_be_asked_for_by_name(monkeypatch, capsys):
+    def solved_at_once(case, folder, *, pictures):
+        seed, name = case
+        outcome = "named" if name == "wall" else "missed"
+        return Result(seed, (name,), "explained", (name,), outcome, (), None, 1, 3, 0.0, None, 9.0)
+
+    def one(seed, count, names):
+        if seed == 5 and names == ("wall",):
+            raise RuntimeError("no case with wall for seed 5")
+        return seed, names[0]
+
+    monkeypatch.setattr(evaluate, "draw", one)
+    monkeypatch.setattr(evaluate, "solve", solved_at_once)
+    words = "field --first 4 --count 3 --effect wall --effect connector"
+    monkeypatch.setattr("sys.argv", words.split())
+    evaluate.main()
+    lines = capsys.readouterr().out.splitlines()
+    assert "5_wall: no case with wall for seed 5" in lines
+    assert any(s.startswith("wall, 2 cases: named 2, rival 0, missed 0; wrong") for s in lines)
+    assert any(s.startswith("connector, 3 cases: named 0, rival 0, missed 3;") for s in lines)
 
 
 def test_a_set_up_has_errors_of_the_size_of_its_tolerances():

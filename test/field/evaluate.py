@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from challenge.draws import NAMED
 from challenge.evaluate import compare
 
 from dlo_ros.cli.main import main as dlo_ros
@@ -21,6 +22,10 @@ ALIKE = (
     {"clamp_offset", "camera_shift"},
 )
 """Errors of a set-up of which one does nearly what another does."""
+
+
+OUTCOMES = ("named", "rival", "missed")
+"""What may come of a main cause."""
 
 
 @dataclass(frozen=True)
@@ -102,6 +107,7 @@ def solve(case: Case, folder: Path, *, pictures: bool = False) -> Result:
     if status:
         raise SystemExit(f"case {case.seed}: status {status}")
     report = json.loads((output / "report.json").read_text())
+    simulated = json.loads((folder / "case.json").read_text())["compared"]
     main, wrong = judge(case, report)
     rod = case.trees[0]["parameters"]["rod"]
     found = report["extended"]["specific_modulus"]
@@ -110,7 +116,7 @@ def solve(case: Case, folder: Path, *, pictures: bool = False) -> Result:
     return Result(
         case.seed, tuple(case.causes), report["verdict"],
         tuple(e["name"] for e in report["effects"]), main, wrong,
-        share(report, floor or report["noise_floor"]), *compare(case.causes, report), off, std,
+        share(report, floor or report["noise_floor"]), *compare(simulated, report), off, std,
         seconds,
     )  # fmt: skip
 
@@ -121,16 +127,34 @@ def processor_time() -> float:
     return sum(u.ru_utime + u.ru_stime for u in map(resource.getrusage, kinds))
 
 
+def by_effect(results: list[Result], names: list[str]) -> list[str]:
+    """A line for each effect that was asked for, over the cases in which it is the cause."""
+    lines = []
+    for name in names:
+        mine = [r for r in results if r.hidden == (name,)]
+        if not mine:
+            lines.append(f"{name}: no case")
+            continue
+        told = ", ".join(f"{w} {sum(r.main == w for r in mine)}" for w in OUTCOMES)
+        missed, total = sum(r.missed for r in mine), sum(r.parameters for r in mine)
+        lines.append(
+            f"{name}, {len(mine)} cases: {told}; wrong names in {sum(bool(r.wrong) for r in mine)};"
+            f" numbers within 10 % or 2 std: {total - missed} of {total}; processor time: median "
+            f"{np.median([r.seconds for r in mine]):.0f} s"
+        )
+    return lines
+
+
 def summary(results: list[Result]) -> list[str]:
     """The numbers over all cases, as lines."""
+    if not results:
+        return ["no cases"]
     lines = []
     for count in sorted({len(r.hidden) for r in results}):
         mine = [r for r in results if len(r.hidden) == count]
         wrong = sum(bool(r.wrong) for r in mine)
         if count:
-            told = ", ".join(
-                f"{w} {sum(r.main == w for r in mine)}" for w in ("named", "rival", "missed")
-            )
+            told = ", ".join(f"{w} {sum(r.main == w for r in mine)}" for w in OUTCOMES)
         else:
             told = f"adequate {sum(r.verdict == 'adequate' for r in mine)}"
         lines.append(
@@ -156,22 +180,39 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=1000, help="seed of the first")
     parser.add_argument("--count", type=int, default=20, help="of cases of each number of causes")
     parser.add_argument("--causes", type=int, action="append", choices=range(4), default=[])
+    parser.add_argument(
+        "--effect", action="append", choices=sorted({*NAMED, *spatial.CAUSES}), default=[],
+        metavar="NAME", help="cases with this cause alone; may be repeated",
+    )  # fmt: skip
     parser.add_argument("--space", action="store_true", help="motion and errors leave the plane")
     parser.add_argument("--pictures", action="store_true", help="render a camera's pictures")
     parser.add_argument("--keep", type=Path, help="folder in which the cases are kept")
     arguments = parser.parse_args()
     if arguments.space and arguments.pictures:
         parser.error("pictures are rendered of cases in the plane alone; leave --space out")
+    absent = set(arguments.effect) - set(spatial.CAUSES if arguments.space else NAMED)
+    if absent:
+        parser.error(f"no cases are drawn with {', '.join(sorted(absent))} there")
+    if arguments.effect and arguments.causes:
+        parser.error("--effect asks for cases with one cause; leave --causes out")
+    kinds: list[tuple[str, int, tuple[str, ...]]] = (
+        [(name, 1, (name,)) for name in arguments.effect]
+        or [(str(count), count, ()) for count in arguments.causes or range(4)]
+    )  # fmt: skip
     results: list[Result] = []
     for seed in range(arguments.first, arguments.first + arguments.count):
-        for count in arguments.causes or range(4):
-            case = (spatial.draw if arguments.space else draw)(seed, count)
+        for label, count, names in kinds:
+            try:
+                case = (spatial.draw if arguments.space else draw)(seed, count, names)
+            except RuntimeError as err:
+                print(f"{seed}_{label}: {err}", flush=True)
+                continue
             with tempfile.TemporaryDirectory() as folder:
-                kept = arguments.keep and arguments.keep / f"{seed}_{count}"
+                kept = arguments.keep and arguments.keep / f"{seed}_{label}"
                 r = solve(case, kept or Path(folder), pictures=arguments.pictures)
             results.append(r)
-            print(f"{seed}_{count}: {_line(r)}", flush=True)
-    print("\n".join(summary(results)))
+            print(f"{seed}_{label}: {_line(r)}", flush=True)
+    print("\n".join([*by_effect(results, arguments.effect), *summary(results)]))
 
 
 def _line(r: Result) -> str:

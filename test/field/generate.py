@@ -10,6 +10,7 @@ import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from zlib import crc32
 
 import numpy as np
 from challenge import manipulations
@@ -53,6 +54,49 @@ Law = Callable[[DiscreteRod], DiscreteRod]
 
 
 @dataclass(frozen=True)
+class Slip:
+    """A slip through a grip, at its own moment in each recording.
+
+    Args:
+        at, took: middle and half-width of the smooth step by which the DLO slips [s].
+    """
+
+    at: float
+    took: float
+
+    @classmethod
+    def drawn(cls, rng: np.random.Generator) -> "Slip":
+        """A slip at a random moment."""
+        at = rng.uniform(0.25, 0.6) * manipulations.DURATION
+        return cls(at, rng.uniform(0.05, 1.0))
+
+    def share(self, time: float) -> float:
+        """Fraction of the length that has slipped through at a time [s]."""
+        return float(0.5 * (1.0 + np.tanh((time - self.at) / self.took)))
+
+    @property
+    def gained(self) -> float:
+        """Fraction of the length that slips through while the recording lasts."""
+        return self.share(manipulations.DURATION) - self.share(0.0)
+
+
+def compared(causes: dict[str, dict], slips: list[Slip]) -> dict[str, dict]:
+    """Numbers of causes that what was simulated has as well.
+
+    A slip has no onset, and gains in a recording less than its length.
+
+    Args:
+        causes: the numbers of all causes.
+        slips: the slip of each recording; empty: there is none.
+    """
+    if not slips:
+        return causes
+    gained = float(np.mean([s.gained for s in slips]))
+    lengths = {k: v * gained for k, v in causes["clamp_slip"].items() if k == "length"}
+    return {**causes, "clamp_slip": lengths}
+
+
+@dataclass(frozen=True)
 class Case:
     """A drawn case.
 
@@ -91,10 +135,12 @@ class Case:
         axes = (0, 1, 2) if spatial else (0, 2)
         errors = Errors.drawn(rng, u, rod["length"], axes)
         seen = drawn(rng) if pictures else {}
-        bags, own = [], []
+        bags, own, slips = [], [], []
         for k, (name, tree) in enumerate(zip(self.manipulations, self.trees, strict=True)):
             made = read_experiment(tree | seen, name, f"case {self.seed}")
-            truth = simulated(made, rng, "clamp_slip" in self.causes)
+            if "clamp_slip" in self.causes:
+                slips.append(Slip.drawn(rng))
+            truth = simulated(made, slips[-1] if slips else None)
             bags.append(folder / f"{k}_{name}")
             with BagWriter(bags[-1], False) as writer:
                 message = command_message(BAG_MESSAGES, made.command)
@@ -107,6 +153,7 @@ class Case:
                 writer.write_text("truth.yaml", truth_text(made, truth))
         (folder / "params.yaml").write_text((bags[0] / "params.yaml").read_text())
         answer = {k: v for k, v in asdict(self).items() if k != "trees"}
+        answer["compared"] = compared(self.causes, slips)
         (folder / "case.json").write_text(json.dumps(answer, indent=2))
         return bags, float(np.mean(own)) if own else None
 
@@ -135,7 +182,7 @@ def _observe(
     return float(np.median(np.linalg.norm(shapes - true, axis=2).mean(axis=1)))
 
 
-def simulated(made: Experiment, rng: np.random.Generator, slips: bool) -> Truth:
+def simulated(made: Experiment, slipping: Slip | None) -> Truth:
     """The true motion, by laws that are not those of the effects."""
     grips = Grips(made)
     settings, hidden = made.truth, made.hidden
@@ -150,13 +197,11 @@ def simulated(made: Experiment, rng: np.random.Generator, slips: bool) -> Truth:
     grips.attach(rod)
     axes = 3 if space else 2
     changes = change(settings, replace(hidden, effects=plain), grips.travelled, axes)
-    if slips:
+    if slipping is not None:
         slip = hidden.number("clamp_slip", "length") / true_length(settings, hidden)
-        at, took = rng.uniform(0.25, 0.6) * manipulations.DURATION, rng.uniform(0.05, 1.0)
 
         def changes(rod: DiscreteRod, time: float) -> DiscreteRod:
-            share = 0.5 * (1.0 + np.tanh((time - at) / took))
-            return stretched(rod, 1.0 + slip * float(share), np.zeros(len(rod.u)))
+            return stretched(rod, 1.0 + slip * slipping.share(time), np.zeros(len(rod.u)))
 
     motion, held = (
         (SpatialSimulation, grips.spatial_boundary)
@@ -195,10 +240,15 @@ def draw(seed: int, count: int = 1, names: tuple[str, ...] = ()) -> Case:
     Raises:
         RuntimeError: no such cause shows itself in any manipulation tried.
     """
-    rng = np.random.default_rng([seed, count])
+    rng = np.random.default_rng([seed, count, *asked(names)])
     names = names or tuple(str(n) for n in rng.choice(list(NAMED), count, replace=False))
     words = f"case with {', '.join(names)} for seed {seed}"
     return first_of(lambda: _try(rng, seed, names), words)
+
+
+def asked(names: tuple[str, ...]) -> list[int]:
+    """Part of a generator's seed by which cases with other causes have another rope."""
+    return [crc32(" ".join(names).encode())] if names else []
 
 
 def first_of(attempt: Callable[[], Case | None], words: str) -> Case:

@@ -16,7 +16,7 @@ from challenge.residual import beside, changed
 from dlo_ros.synthesis.experiment import read_experiment
 from dlo_ros.synthesis.hidden_rod import PLANE_ONLY
 from dlo_ros.synthesis.true_motion import build_simulation, simulate
-from field.generate import OWN, VISIBLE, Case, clamped, first_of, loosened, with_causes
+from field.generate import OWN, VISIBLE, Case, asked, clamped, first_of, loosened, with_causes
 from field.nuisances import DEGREE, SAMPLES, set_up, smooth
 
 RATE = 25.0  # [Hz] of the pictures
@@ -191,7 +191,7 @@ def draw(seed: int, count: int = 1, names: tuple[str, ...] = ()) -> Case:
     Raises:
         RuntimeError: no such cause shows itself in any manipulation tried.
     """
-    rng = np.random.default_rng([seed, count, 3])
+    rng = np.random.default_rng([seed, count, 3, *asked(names)])
     names = names or tuple(str(n) for n in rng.choice(list(CAUSES), count, replace=False))
     words = f"case in space with {', '.join(names)} for seed {seed}"
     return first_of(lambda: _try(rng, seed, names), words)
