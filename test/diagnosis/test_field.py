@@ -130,11 +130,12 @@ def test_each_effect_has_a_rope_of_its_own(monkeypatch):
         return float(rng.random())
 
     monkeypatch.setattr(generate, "_try", first_number)
-    numbers = {draw(7, 1, names) for names in (("wall",), ("connector",), ("hysteresis",))}
-    assert len(numbers) == 3
+    asked = (("wall",), ("connector",), ("hysteresis",))
+    assert len({draw(7, 1, names, own_rope=True) for names in asked}) == 3
+    assert len({draw(7, 1, names) for names in asked}) == 1
     known = np.random.default_rng([7, 0])  # as it was before causes could be asked for
     known.choice(list(generate.NAMED), 0, replace=False)
-    assert draw(7, 0) == known.random()
+    assert draw(7, 0, own_rope=True) == known.random()
 
 
 def test_effects_can_be_asked_for_by_name(monkeypatch, capsys):
@@ -143,7 +144,7 @@ def test_effects_can_be_asked_for_by_name(monkeypatch, capsys):
         outcome = "named" if name == "wall" else "missed"
         return Result(seed, (name,), "explained", (name,), outcome, (), None, 1, 3, 0.0, None, 9.0)
 
-    def one(seed, count, names):
+    def one(seed, count, names, own_rope):
         if seed == 5 and names == ("wall",):
             raise RuntimeError("no case with wall for seed 5")
         return seed, names[0]

@@ -203,7 +203,9 @@ def main() -> None:
     for seed in range(arguments.first, arguments.first + arguments.count):
         for label, count, names in kinds:
             try:
-                case = (spatial.draw if arguments.space else draw)(seed, count, names)
+                case = (spatial.draw if arguments.space else draw)(
+                    seed, count, names, own_rope=True
+                )
             except RuntimeError as err:
                 print(f"{seed}_{label}: {err}", flush=True)
                 continue

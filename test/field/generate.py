@@ -230,25 +230,26 @@ def _gradient(rod: DiscreteRod, length: float, values: dict) -> DiscreteRod:
 LAWS = {"stiff_segment": _segment, "stiffness_gradient": _gradient, "clamp_slip": lambda r, *_: r}
 
 
-def draw(seed: int, count: int = 1, names: tuple[str, ...] = ()) -> Case:
+def draw(seed: int, count: int = 1, names: tuple[str, ...] = (), *, own_rope: bool = False) -> Case:
     """Draw a case; the same arguments give the same one.
 
     Args:
         count: number of causes, 0 to 3; more than 3 recordings where there are several causes.
         names: names of the causes; drawn where none are given.
+        own_rope: whether causes of other names have another rope for the same seed.
 
     Raises:
         RuntimeError: no such cause shows itself in any manipulation tried.
     """
-    rng = np.random.default_rng([seed, count, *asked(names)])
+    rng = np.random.default_rng([seed, count, *(asked(names) if own_rope else ())])
     names = names or tuple(str(n) for n in rng.choice(list(NAMED), count, replace=False))
     words = f"case with {', '.join(names)} for seed {seed}"
     return first_of(lambda: _try(rng, seed, names), words)
 
 
-def asked(names: tuple[str, ...]) -> list[int]:
+def asked(names: tuple[str, ...]) -> tuple[int, ...]:
     """Part of a generator's seed by which cases with other causes have another rope."""
-    return [crc32(" ".join(names).encode())] if names else []
+    return (crc32(" ".join(names).encode()),) if names else ()
 
 
 def first_of(attempt: Callable[[], Case | None], words: str) -> Case:

@@ -185,13 +185,13 @@ class LinearRefit:
         return float(np.sqrt(3.0 * np.mean(left**2)) / self.size), None
 
 
-def draw(seed: int, count: int = 1, names: tuple[str, ...] = ()) -> Case:
+def draw(seed: int, count: int = 1, names: tuple[str, ...] = (), *, own_rope: bool = False) -> Case:
     """Draw a case in space, see `generate.draw`.
 
     Raises:
         RuntimeError: no such cause shows itself in any manipulation tried.
     """
-    rng = np.random.default_rng([seed, count, 3, *asked(names)])
+    rng = np.random.default_rng([seed, count, 3, *(asked(names) if own_rope else ())])
     names = names or tuple(str(n) for n in rng.choice(list(CAUSES), count, replace=False))
     words = f"case in space with {', '.join(names)} for seed {seed}"
     return first_of(lambda: _try(rng, seed, names), words)
