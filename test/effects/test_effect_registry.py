@@ -1,6 +1,8 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The registry of effects: the names of the interface, neutral and bad values, parameter files."""
 
+import re
+
 import numpy as np
 import pytest
 from lifted_rods import STAMPS, lifted, shapes, simulate
@@ -22,6 +24,17 @@ NAMES = {
 
 def test_all_names_of_the_interface_are_there():
     assert set(effects()) == NAMES
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [k for k in effects().values() if k.__module__.startswith("dlo_ros.effects.physics.")],
+    ids=lambda k: k.name,
+)
+def test_a_physical_law_has_its_source(kind):
+    """A title with its year, or the words that it is geometry or a choice without a source."""
+    text = " ".join(kind.__doc__.split())
+    assert re.search(r", (18|19|20)\d\d\b", text) or "no source" in text
 
 
 @pytest.mark.parametrize("name", sorted(NAMES))

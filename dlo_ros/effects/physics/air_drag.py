@@ -11,7 +11,12 @@ from dlo_ros.effects.base import Body, Effect, quantity
 
 @dataclass(frozen=True)
 class AirDrag(Effect):
-    """Added to `damping.air_drag`: force per length minus coefficient times velocity."""
+    """Linear drag of the air, added to `damping.air_drag`.
+
+    Force per length -c v [N/m]: c the coefficient [N s/m^2], v the velocity [m/s]. A cylinder in
+    creeping flow: Stokes, On the Effect of the Internal Friction of Fluids on the Motion of
+    Pendulums, 1851. With c = 0 there is none but the configured one.
+    """
 
     name: ClassVar[str] = "air_drag"
     title: ClassVar[str] = "air drag"

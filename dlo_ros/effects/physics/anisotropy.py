@@ -16,9 +16,11 @@ ANGLES = (0.0, 0.25 * math.pi)  # from which it is looked for; with E they span 
 class Anisotropy(Effect):
     """Two bending stiffnesses: B about an axis of the section, `ratio` times B about the other.
 
-    `angle` is from the first material director, which is +y where the DLO begins in the plane, to
-    the axis of B, towards the second director. With the angle 0 nothing changes in the board's
-    plane. Torsion stays that of the round section.
+    Moments M1 = B kappa1, M2 = ratio B kappa2 about the section's principal axes [N m], curvatures
+    in 1/m: Love, A Treatise on the Mathematical Theory of Elasticity, 1927. `angle` is from the
+    first material director, which is +y where the DLO begins in the plane, to the axis of B,
+    towards the second director. With the angle 0 nothing changes in the board's plane, with the
+    ratio 1 nowhere. Torsion stays that of the round section.
     """
 
     name: ClassVar[str] = "anisotropy"

@@ -21,9 +21,10 @@ TOLERANCE = math.radians(3.0)  # [rad] to which a clamp is lined up by eye
 class ClampAngle(Effect):
     """True minus commanded direction of the DLO in its clamps, positive from x towards -z.
 
-    Three numbers are a rotation vector about the board's x, y and z. The ends stay where they are
-    commanded. It acts on `start` and `end`, and on second control points that give a direction; an
-    end whose direction is free has no clamp.
+    Geometry, no source: true angle = commanded angle + value [rad]. Three numbers are a rotation
+    vector about the board's x, y and z. The ends stay where they are commanded. It acts on `start`
+    and `end`, and on second control points that give a direction; an end whose direction is free
+    has no clamp. With 0 the command is true.
     """
 
     name: ClassVar[str] = "clamp_angle"

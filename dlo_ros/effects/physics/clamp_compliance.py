@@ -18,9 +18,13 @@ NATURAL = (
 class ClampCompliance(Effect):
     """A torsional spring between a grip and the DLO: angle = compliance times moment.
 
+    angle = c M, M the moment at the end [N m], c in rad/(N m): a torsional spring at a support in
+    Timoshenko, Young and Weaver, Vibration Problems in Engineering, 1974. With c = 0 the grip is
+    rigid; with c to infinity the end is held in place and free to turn.
+
     The end stays where it is held. An end whose direction is free has no moment, and nothing turns.
     The spring's compliance is spread over the knot spans beside the grip, see `Body.give_at_grips`,
-    and damped as bending is.
+    and damped as bending is; docs/effects.md tells how exact that is.
     """
 
     name: ClassVar[str] = "clamp_compliance"

@@ -22,8 +22,9 @@ TOLERANCE = 0.005  # of the length, to which a clamp's place is measured
 class ClampOffset(Effect):
     """True minus commanded position of the DLO in its clamps, in the board frame.
 
-    Two numbers are x and z, three are x, y and z. It acts on `start` and `end` and on the control
-    points of an end that are imposed one by one; directions stay.
+    Geometry, no source: true position = commanded position + value [m]. Two numbers are x and z,
+    three are x, y and z. It acts on `start` and `end` and on the control points of an end that are
+    imposed one by one; directions stay. With 0 the command is true.
     """
 
     name: ClassVar[str] = "clamp_offset"

@@ -19,6 +19,10 @@ LIGHT, HEAVY = 0.02, 0.5  # likewise, of the rope's mass
 class Connector(Effect):
     """A rigid end piece from u = L - extent to L, whose mass is spread evenly over it.
 
+    kappa = 0 there, weight m g [N], centre of mass extent / 2 [m] before the tip, moment of inertia
+    m extent^2 / 12 [kg m^2] about that: rigid tip body on a beam in Meirovitch, Fundamentals of
+    Vibrations, 2001. With extent to 0 it is a `point_mass` at the end, with m to 0 a stiff end.
+
     An end that is held is held at the plug's tip. The mass comes on top of the DLO's own there. Two
     point masses stand for the plug's: at half the mass each and extent / sqrt(12) beside its middle
     they have its weight, its centre of mass and its moment of inertia.

@@ -14,7 +14,11 @@ TOLERANCE = 0.02  # of the weight: draught of a room in which nobody feels any
 
 @dataclass(frozen=True)
 class ConstantForce(Effect):
-    """Uniform force per length; y leaves the board's plane."""
+    """Uniform force per length f = (x, y, z) [N/m]; y leaves the board's plane.
+
+    A dead load: internal force n with dn/du = -f, Antman, Nonlinear Problems of Elasticity, 1995.
+    Along gravity it is another density without another inertia; with 0 there is none.
+    """
 
     name: ClassVar[str] = "constant_force"
     title: ClassVar[str] = "even force"

@@ -16,8 +16,10 @@ TURNS = (0.1, 0.4)  # likewise, of the curvatures that occur
 class Hysteresis(Effect):
     """Dahl friction in bending, beside the elastic moment.
 
-    A moment of at most `moment` that turns over exponentially within a change of `curvature`; small
-    bends feel it as a stiffness moment / curvature. The first shape is free of it.
+    Moment m z [N m] with dz/dkappa = (1 - z sign(dkappa)) / w, kappa the curvature [1/m], m the
+    `moment`, w the `curvature` [1/m] within which it turns over: Dahl, A Solid Friction Model,
+    1968. Small bends feel a stiffness m / w more, large ones the moment m; w to infinity with m / w
+    held is a stiffer DLO, m = 0 a DLO without friction. The first shape is free of it.
     """
 
     name: ClassVar[str] = "hysteresis"

@@ -11,7 +11,11 @@ from dlo_ros.effects.base import Body, Effect, quantity
 
 @dataclass(frozen=True)
 class InternalDamping(Effect):
-    """Added to `damping.relaxation_time` of Kelvin-Voigt damping."""
+    """Kelvin-Voigt damping of bending, stretch and twist, added to `damping.relaxation_time`.
+
+    Moment B (kappa + t_r dkappa/dt) [N m], t_r the relaxation time [s]: Flügge, Viscoelasticity,
+    1975. With t_r = 0 the material is elastic.
+    """
 
     name: ClassVar[str] = "internal_damping"
     title: ClassVar[str] = "internal damping"

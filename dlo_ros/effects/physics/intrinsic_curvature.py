@@ -21,9 +21,13 @@ SETUP_VALUES = 5  # along the DLO, of the curvature that every cable has from it
 class IntrinsicCurvature(Effect):
     """A curvature at rest, in the board's plane; in space also across it.
 
+    Moment B (kappa - kappa_0) [N m], kappa_0 in 1/m: a naturally curved rod in Love, A Treatise on
+    the Mathematical Theory of Elasticity, 1927. Without load an even kappa_0 makes an arc of radius
+    1 / kappa_0; with 0 the DLO is straight.
+
     Positive where the tangent turns from x towards -z with growing u. One number is constant along
     the DLO, several are equally spaced along u with straight lines between. A kink turns the
-    tangent by its angle, spread over the knot spans beside its position.
+    tangent by its angle [rad], spread over the knot spans beside its position.
 
     `curvature` is about the first material director, which is +y where the DLO begins in the plane,
     `across` about the second, tangent x first; both turn with the DLO where it is twisted.

@@ -14,7 +14,12 @@ CURVATURE_SHARES = (1.0, 4.0)
 
 @dataclass(frozen=True)
 class NonlinearStiffness(Effect):
-    """Tangent stiffness B / (1 + (kappa / half_curvature)^2), so the moment is an arc tangent."""
+    """Softening: tangent stiffness B / (1 + (kappa / h)^2), so the moment is an arc tangent.
+
+    M = B h atan(kappa / h) [N m], h the `half_curvature` [1/m]; a choice of a smooth softening law
+    with one number, no source. With h to infinity it is linear; far beyond h the moment stays below
+    pi B h / 2.
+    """
 
     name: ClassVar[str] = "nonlinear_stiffness"
     title: ClassVar[str] = "softening"

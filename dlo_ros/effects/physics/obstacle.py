@@ -11,7 +11,12 @@ from dlo_ros.effects.base import Body, Effect, Peg, Scene, Start, quantity
 
 @dataclass(frozen=True)
 class Obstacle(Effect):
-    """A round peg that stands on the board, frictionless; the DLO's own radius comes on top."""
+    """A round peg that stands on the board, frictionless; the DLO's own radius comes on top.
+
+    Pressure in proportion to how deep the axis is within radius + D / 2 of the peg's [m], radially
+    outwards: penalty contact, Wriggers, Computational Contact Mechanics, 2006. A very large peg is
+    a `wall`; one that is not reached does nothing.
+    """
 
     name: ClassVar[str] = "obstacle"
     title: ClassVar[str] = "peg"

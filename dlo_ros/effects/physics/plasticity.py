@@ -17,8 +17,12 @@ HARDENING = 0.35  # from which one is looked for
 class Plasticity(Effect):
     """The rest curvature follows past the yield, with linear kinematic hardening.
 
-    Below `yield_curvature` bending is elastic; past it the tangent stiffness is `hardening` times
-    that, and on the way back it is elastic again over twice the yield curvature (Bauschinger).
+    Moment B (kappa - kappa_p) [N m] with |kappa - kappa_p - h kappa_p| <= yield_curvature [1/m] and
+    h = hardening / (1 - hardening), so that the tangent stiffness past the yield is `hardening`
+    times B: Prager, The Theory of Plasticity, 1955; implicit step: Simo and Hughes, Computational
+    Inelasticity, 1998. On the way back it is elastic again over twice the yield curvature
+    (Bauschinger). With `hardening` 1 or an infinite yield curvature bending is elastic, with 0
+    ideally plastic.
     """
 
     name: ClassVar[str] = "plasticity"

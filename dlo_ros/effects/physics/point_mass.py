@@ -12,7 +12,12 @@ from dlo_ros.effects.start import PLACES
 
 @dataclass(frozen=True)
 class PointMass(Effect):
-    """A point mass at the DLO's axis, with weight and inertia but no moment of inertia."""
+    """A point mass at the DLO's axis, with weight and inertia but no moment of inertia.
+
+    Weight m g [N] and force of inertia -m a [N] at u = position: a lumped mass on a beam in
+    Meirovitch, Fundamentals of Vibrations, 2001. With m = 0 there is none; at an end that is held
+    it shows in nothing but the grip's force.
+    """
 
     name: ClassVar[str] = "point_mass"
     title: ClassVar[str] = "mass on the DLO"

@@ -11,10 +11,11 @@ from dlo_ros.effects.base import Body, Effect, quantity
 
 @dataclass(frozen=True)
 class QuadraticDrag(Effect):
-    """Force per length -c |v_n| v_n, where v_n is the velocity across the DLO.
+    """Force per length -c |v_n| v_n [N/m], where v_n is the velocity across the DLO [m/s].
 
-    That of a cylinder in a cross flow: c = 1/2 rho C_D D with the air's density rho and a drag
-    coefficient C_D of about 1. It is added to the linear drag.
+    That of a cylinder in a cross flow: c = 1/2 rho C_D D [N s^2/m^3] with the air's density rho and
+    a drag coefficient C_D of about 1: Hoerner, Fluid-Dynamic Drag, 1965. It is added to the linear
+    drag; nothing resists motion along the DLO. With c = 0 there is none.
     """
 
     name: ClassVar[str] = "quadratic_drag"

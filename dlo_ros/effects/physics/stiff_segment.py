@@ -11,7 +11,11 @@ from dlo_ros.effects.base import Body, Effect, quantity
 
 @dataclass(frozen=True)
 class StiffSegment(Effect):
-    """Bending stiffness times `ratio` over `extent` around `centre`."""
+    """Bending stiffness times `ratio` over `extent` around `centre`.
+
+    kappa = M / (ratio B) within the segment and M / B beside it [1/m], M continuous: a stepped beam
+    in Timoshenko, Strength of Materials, 1955. With the ratio 1 or the extent 0 the DLO is even.
+    """
 
     name: ClassVar[str] = "stiff_segment"
     title: ClassVar[str] = "stiffer or softer segment"

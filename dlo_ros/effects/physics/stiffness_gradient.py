@@ -11,7 +11,11 @@ from dlo_ros.effects.base import Body, Effect, quantity
 
 @dataclass(frozen=True)
 class StiffnessGradient(Effect):
-    """B(u) = B (1 + change (u / L - 1/2))."""
+    """A bending stiffness that changes along the DLO.
+
+    B(u) = B (1 + change (u / L - 1/2)) [N m^2]; a choice of the simplest change, no source. With 0
+    it is even, and B is that in the middle.
+    """
 
     name: ClassVar[str] = "stiffness_gradient"
     title: ClassVar[str] = "stiffness gradient"

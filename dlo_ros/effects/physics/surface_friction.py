@@ -13,7 +13,12 @@ SHARES = (0.01, 0.1)  # of the weight, from which a friction is looked for
 
 @dataclass(frozen=True)
 class SurfaceFriction(Effect):
-    """Coulomb friction per length against motion in the board's plane; below it the DLO sticks."""
+    """Coulomb friction per length against motion in the board's plane; below it the DLO sticks.
+
+    |f| <= force [N/m], f against the velocity where it slides: Coulomb's law with the stick as a
+    stiff spring to an anchor, Wriggers, Computational Contact Mechanics, 2006. With 0 there is
+    none; a large one holds the DLO where it lies.
+    """
 
     name: ClassVar[str] = "surface_friction"
     title: ClassVar[str] = "friction with the board"

@@ -16,7 +16,11 @@ LARGEST_SHARE = 0.9  # share that may relax: something must hold the DLO up
 class Viscoelasticity(Effect):
     """Standard linear solid in bending: `share` of the stiffness relaxes within `time`.
 
-    Young's modulus is that of fast motion; a DLO at rest, also at its start, has 1 - share of it.
+    Moment B ((1 - share) kappa + q) [N m], dq/dt = share dkappa/dt - q / time, in 1/m and s: Zener,
+    Elasticity and Anelasticity of Metals, 1948; step: Simo and Hughes, Computational Inelasticity,
+    1998. Young's modulus is that of fast motion; a DLO at rest, also at its start, has 1 - share of
+    it. With time to 0 it is `internal_damping` of share / (1 - share) time on (1 - share) E in
+    bending, with time to infinity elastic with E.
     """
 
     name: ClassVar[str] = "viscoelasticity"

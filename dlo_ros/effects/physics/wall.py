@@ -18,8 +18,11 @@ DEPTHS = (0.02, 0.08)  # of the length, that a wall may take of where shapes wou
 class StraightWall(Effect):
     """A frictionless half-plane; the DLO's own radius comes on top.
 
-    Free is where the coordinate along the wall's normal is larger than `offset`; the normal is z
-    turned by `angle` from x towards -z. A table has the angle 0 and its height as offset.
+    Pressure in proportion to offset + D / 2 - n . x where that is positive [m], n = (sin angle,
+    cos angle) in x and z: penalty contact, Wriggers, Computational Contact Mechanics, 2006. Free is
+    where the coordinate along the normal is larger than `offset`; the normal is z turned by `angle`
+    from x towards -z. A table has the angle 0 and its height as offset; one that is out of reach
+    does nothing.
     """
 
     name: ClassVar[str] = "wall"
