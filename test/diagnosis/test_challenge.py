@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from challenge import KINDS, draw, evaluate, generate
+from challenge import KINDS, confusion, draw, evaluate, generate, manipulations
 from challenge.draws import NAMED, OTHERS, SET_UP
 from challenge.manipulations import FREE, HELD
 from challenge.residual import changed
@@ -49,6 +49,19 @@ def test_effects_can_be_asked_for_by_name(monkeypatch, capsys):
     assert "wall, 2 cases: named 2; parameters within 10 % or 2 std: 2 of 4; median 2 s" in lines
     assert any(s.startswith("connector, 2 cases: wrong 2; ") for s in lines)
     assert any(s.startswith("single ") for s in lines)
+
+
+def test_a_tilt_is_a_force_and_a_table_is_no_tilt():
+    manipulation = manipulations.swing(np.random.default_rng(0))
+    tree = {"parameters": confusion.ROPE, "duration": manipulations.DURATION}
+    made = read_experiment(tree | manipulation.tree(confusion.LENGTH), "swing", "confusion")
+    labels, found = confusion.matrix(made)
+    tilt, force, table = map(labels.index, ("gravity_tilt", "constant_force, x", "wall, a table"))
+    assert found[tilt, force] < 1.0 and found[force, tilt] < 1.0
+    assert found[tilt, table] > 0.5 * confusion.FRAMES * 20 * 0.5
+    lines = confusion.confused(labels, [found], ["swing"])
+    assert "| `gravity_tilt`, `constant_force, x` | 0 |" in lines
+    assert not any("wall, a table`, `gravity" in line for line in lines)
 
 
 @pytest.mark.slow

@@ -19,8 +19,8 @@ class GravityTilt(Effect):
 
     Geometry, no source: g (-sin angle, 0, -cos angle) [m/s^2] for the configured (0, 0, -g). In
     space also about +x, positive from y towards z: the board leans over. Both together are one
-    rotation about the axis (across, angle, 0) [rad], by its length. A small tilt at rest is a
-    `constant_force` along x of weight per length times angle.
+    rotation about the axis (across, angle, 0) [rad], by its length. A small tilt is a
+    `constant_force` along -x of weight per length times angle.
     """
 
     name: ClassVar[str] = "gravity_tilt"
