@@ -7,6 +7,8 @@ the robot publishes it; between them it is interpolated as in any command.
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -14,12 +16,17 @@ from dlo_ros.command import END, NANOSECONDS, START, Command
 from dlo_ros.errors import CommandError, InputError
 from dlo_ros.parameters import Offset, Settings
 from dlo_ros.recordings import topics
-from dlo_ros.recordings.bag import Bag, deserialise
+from dlo_ros.recordings.bag import Bag, RawMessage, deserialise
+from dlo_ros.recordings.messages import stamp_of
 from dlo_ros.recordings.transforms import Transforms, common_instants, transforms_of
 from dlo_ros.spline import FloatArray
 
 CLOSEST = NANOSECONDS // 1000
 """Instants closer than this [ns] are one: robots publish each joint by itself."""
+
+LONGEST_SILENCE = NANOSECONDS // 2
+"""Time [ns] without frames that is told: robots publish at 10 Hz and more, and interpolation over
+longer gaps invents a motion."""
 
 POSES = {START: topics.START_POSE, END: topics.END_POSE}
 
@@ -127,8 +134,54 @@ def commands_from_frames(bag: Bag, settings: Settings, skipped: list[str]) -> li
         frames = usable
     try:
         stamps = instants(transforms, frames, settings.frame_id)
+        if stamps:
+            named = ", ".join(frame for frame, _ in frames.values())
+            check_span(bag, named, stamps[0], stamps[-1])
+            skipped += gaps(named, stamps)
         return [command_of(transforms, frames, stamps or [bag.start], settings)]
     except InputError as err:
         raise CommandError(
             f"{bag.path}: command.source is '{settings.command.source}': {err}"
         ) from err
+
+
+def gaps(named: str, stamps: list[int]) -> list[str]:
+    """A line for each gap between growing stamps [ns] that is longer than `LONGEST_SILENCE`."""
+    return [
+        f"{named}: no frames for {(after - before) / NANOSECONDS:.1f} s from "
+        f"{before / NANOSECONDS:.3f} s on; the motion there is interpolated, record it whole"
+        for before, after in pairwise(stamps)
+        if after - before > LONGEST_SILENCE
+    ]
+
+
+def check_span(bag: Bag, named: str, first: int, last: int) -> None:
+    """Check that the DLO is seen while the frames are known.
+
+    Args:
+        bag: an open bag.
+        named: the frames, for people.
+        first: stamp of the first frame [ns].
+        last: stamp of the last frame [ns].
+
+    Raises:
+        InputError: images, splines or points lie outside the frames' time.
+    """
+    for topic in (topics.OBSERVED, topics.COMPRESSED, topics.IMAGE, topics.POINTS):
+        found = [c for c in bag.connections if topics.is_topic(c.topic, topic) and c.msgcount]
+        ends: list[RawMessage] = []
+        for raw in bag.messages(found):
+            ends[1:] = [raw]
+        for raw in ends:
+            try:
+                stamp = stamp_of(deserialise(raw))
+            except InputError:  # told by whoever reads it
+                continue
+            outside = max(first - stamp, stamp - last)
+            if outside > LONGEST_SILENCE:
+                raise InputError(
+                    f"{raw.topic} at {stamp / NANOSECONDS:.3f} s lies "
+                    f"{outside / NANOSECONDS:.1f} s outside the time of {named}, "
+                    f"{first / NANOSECONDS:.3f} to {last / NANOSECONDS:.3f} s; record both "
+                    "together, with clocks that agree"
+                )

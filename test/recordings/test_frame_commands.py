@@ -57,15 +57,15 @@ def pose_message(k, end="start", frame="base"):
     return BAG_MESSAGES.make(kinds + "PoseStamped", header=stamp, pose=pose)
 
 
-def bag(path, ends=("start", "end"), poses=False, base=True, spoil=None):
+def bag(path, ends=("start", "end"), poses=False, base=True, spoil=None, lost=(), late=0):
     with BagWriter(path) as writer:
         if base:
             message = transform_message(
                 BAG_MESSAGES, BEGIN, "board", "base", BASE[0], BASE[1].as_quat()
             )
             writer.write(topics.TRANSFORMS, message, BEGIN)
-        for k in range(COUNT):
-            stamp = BEGIN + k * STEP
+        for k in (k for k in range(COUNT) if k not in lost):
+            stamp = BEGIN + k * STEP + late
             for end in ends:
                 place, turn = flange(k, end)
                 if poses:
@@ -141,6 +141,17 @@ def test_rotations_that_are_none_are_left_out_and_told(poses, spoil, tmp_path, c
     (command,) = read_recording(bag(tmp_path / "bag", poses=poses, spoil=spoil), told).commands
     assert len(command.times) == COUNT - 1
     assert "the rotation of" in caplog.text
+
+
+def test_gaps_of_the_frames_are_told_and_other_clocks_refused(tmp_path, caplog, monkeypatch):
+    read_recording(bag(tmp_path / "whole"), settings())
+    assert "no frames for" not in caplog.text
+    monkeypatch.setattr(f"{__name__}.COUNT", 100)
+    read_recording(bag(tmp_path / "gap", lost=range(5, 95)), settings())
+    assert "start_tool, end_tool: no frames for 0.9 s from 1750000000.040 s" in caplog.text
+    for late in (3600 * 10**9, -3600 * 10**9):
+        with pytest.raises(RecordingError, match=r"dlo/points at .* outside the time of start_"):
+            read_recording(bag(tmp_path / str(late), late=late), settings())
 
 
 def test_observe_says_why_there_is_no_command_and_needs_none(tmp_path, caplog, capsys):
