@@ -57,8 +57,8 @@ def rows_of(path: Path, needed: Sequence[str]) -> list[dict[str, str]]:
         InputError: it cannot be read, has no line, or lacks a column.
     """
     try:
-        with path.open(newline="", encoding="utf-8") as file:
-            reader = csv.DictReader(file, restval="")
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            reader = csv.DictReader(file, restval="", skipinitialspace=True)
             missing = [name for name in needed if name not in (reader.fieldnames or ())]
             if missing:
                 raise InputError(

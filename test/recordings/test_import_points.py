@@ -64,6 +64,12 @@ def test_a_table_of_points_becomes_a_bag_that_observe_reads(told, tmp_path, para
     assert len(read_recording(output, SETTINGS).commands) == 1
 
 
+def test_a_table_may_come_from_a_spreadsheet(tmp_path, params):
+    path = tmp_path / "points.csv"
+    path.write_bytes(b"\xef\xbb\xbftime_s, x, y, z\r\n0.0, 0.1, 0.0, 0.2\r\n")
+    assert run(params, tmp_path, "points", str(path))[0] == 0
+
+
 def test_a_table_may_be_parquet(tmp_path, params):
     arrow = pytest.importorskip("pyarrow")
     parquet = pytest.importorskip("pyarrow.parquet")
