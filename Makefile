@@ -178,7 +178,7 @@ test-report: $(COMPILED)
 # Exported cables in the simulators themselves, which are installed beside ours.
 test-export: $(COMPILED)
 	$(BIN)/pip install --quiet --no-build-isolation --editable '.[export,parquet]' 'usd-core>=24.8'
-	$(BIN)/python -m pytest test/export/test_export.py test/export/test_export_formats.py test/export/test_export_mujoco.py test/recordings/test_import_export.py
+	$(BIN)/python -m pytest test/export/test_export.py test/export/test_export_formats.py test/export/test_export_mujoco.py test/recordings/test_import_export.py test/recordings/test_import_points.py
 
 test-slow: $(COMPILED)
 	$(BIN)/python -m pytest -m slow
