@@ -62,6 +62,12 @@ def read_point_tables(
     if not lists:
         named = ", ".join(map(str, inputs))
         raise InputError(f"{named}: no file has points; columns {TIME}, {', '.join(PLACE)}")
+    at = [c.stamp for c in commands] + [points.stamp for points in lists]
+    if max(at) - min(at) > LONGEST * NANOSECONDS:
+        raise InputError(
+            f"{', '.join(map(str, inputs))}: the times are of different clocks, more than "
+            f"{LONGEST:.0e} s apart; give absolute times in every file, or relative ones in every"
+        )
     return (
         tuple(sorted(commands, key=lambda c: c.stamp)),
         tuple(sorted(lists, key=lambda points: points.stamp)),

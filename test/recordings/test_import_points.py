@@ -97,6 +97,14 @@ def test_tables_that_are_none_are_refused(text, word, tmp_path, params, capsys):
     assert word in capsys.readouterr().err
 
 
+def test_files_of_two_clocks_are_refused(tmp_path, params, capsys):
+    path, _ = table(tmp_path)
+    command = tmp_path / "command.csv"
+    command.write_text("time_s,name,x,y,z,qx,qy,qz,qw\n1.76e9,start,0,0,0,0,0,0,1\n")
+    assert run(params, tmp_path, "points", str(path), str(command))[0] == 2
+    assert "different clocks" in capsys.readouterr().err
+
+
 def ros1(kind, **fields):
     return NOETIC.types[kind](**fields)
 
