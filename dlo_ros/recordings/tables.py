@@ -47,6 +47,7 @@ WRENCH_FILE = "wrench.csv"
 ORIGIN = 1_750_000_000 * NANOSECONDS
 """Stamp [ns] of the time 0 where times count from the beginning of a recording."""
 LONGEST = 1e6  # [s] longest recording; later times are those of a clock
+LATEST = 2**31 * NANOSECONDS  # [ns] a message's stamp has seconds of 32 bits
 Row = Mapping[str, str]
 
 
@@ -101,14 +102,25 @@ def stamps(path: Path, rows: Sequence[Row]) -> list[int]:
     """
     if STAMP in rows[0]:
         try:
-            return [int(row[STAMP]) for row in rows]
+            return _within_range(path, [int(row[STAMP]) for row in rows])
         except ValueError as err:
             raise InputError(f"{path}: {STAMP} must be whole numbers of nanoseconds") from err
     if TIME not in rows[0]:
         raise InputError(f"{path}: its first line has neither {STAMP} nor {TIME}")
     seconds = numbers(path, rows, (TIME,))[:, 0]
     before = ORIGIN if np.abs(seconds).max() < LONGEST else 0
-    return [before + round(s * NANOSECONDS) for s in seconds.tolist()]
+    return _within_range(path, [before + round(s * NANOSECONDS) for s in seconds.tolist()])
+
+
+def _within_range(path: Path, found: list[int]) -> list[int]:
+    """The stamps [ns] of lines, if messages can carry them all."""
+    for k, stamp in enumerate(found):
+        if abs(stamp) >= LATEST:
+            raise InputError(
+                f"{path}: line {k + 2}: the stamp {stamp:.3g} ns lies after 2038; {STAMP} counts "
+                f"nanoseconds, {TIME} seconds"
+            )
+    return found
 
 
 def spline_columns(control_points: int) -> list[str]:

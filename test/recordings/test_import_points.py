@@ -87,6 +87,8 @@ def test_a_table_may_be_parquet(tmp_path, params):
     [
         ("time_s,x,y\n0,0,0\n", "has no z"),
         ("x,y,z\n0,0,0\n", "neither stamp_ns nor time_s"),
+        ("time_s,x,y,z\n1e30,0,0,0\n", "line 2: the stamp 1e+39 ns lies after 2038"),
+        (f"stamp_ns,x,y,z\n{10**23},0,0,0\n", "line 2: the stamp 1e+23 ns lies after 2038"),
         ("time_s,x,y,z\n0,0,0,nan\n", "line 2: z is 'nan'"),
         ("time_s,x,y,z,std\n0,0,0,0,0\n", "std must be positive"),
     ],
