@@ -3,30 +3,24 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from dlo_ros.cli.diagnosis_words import (
-    amount,
-    bare,
     clause,
     clear_side,
     either,
     is_sized,
-    label,
     mm,
-    off_by,
     percent,
     title,
     values,
 )
-from dlo_ros.diagnosis import Diagnosis, NamedEffect, RecordingView, SetupNumber
-from dlo_ros.effects import quantities
+from dlo_ros.cli.set_up_table import distance_off, labels_of, set_up_is_off, setup_lines
+from dlo_ros.diagnosis import Diagnosis, NamedEffect, RecordingView
 from dlo_ros.identification.identifiability import enumerated
-from dlo_ros.inference.parameter import split_name
 from dlo_ros.inference.weighted_quantiles import weighted_quantiles
 from dlo_ros.report.diagnosis_content import Question, SetupRow
 from dlo_ros.report.elements import measured, number
@@ -36,8 +30,6 @@ from dlo_ros.spline import FloatArray, SplineBasis
 QUESTION_ERROR = "How wrong is my simulation?"
 QUESTION_CAUSE = "Why?"
 QUESTION_GAIN = "What do I gain?"
-NOTABLE = 3.0
-"""Standard deviations from neutral, from which a number of the set-up is notably off."""
 RIVALS_NAMED = 2
 """Rivals that the headline names."""
 COUNTS = {2: "two", 3: "three", 4: "four", 5: "five", 6: "six"}
@@ -47,11 +39,6 @@ LEAST_PICTURES = 20
 """Pictures of which nine of ten are a statement: fewer have no 5 % that lie outside."""
 STATIONS = 41
 """Places along the DLO at which the error is looked at."""
-NOT_DETERMINED = "not determined"
-IF_DENSITY = ", if the density is right"
-"""Condition under which a number is known of which the data determine the ratio to the density."""
-GUESSED = "none"
-"""Tolerance of what nobody states beforehand, such as a damping that is only guessed."""
 NEAR_END, NEAR_MIDDLE = 0.15, 0.1
 """Shares of the length within which a place is near an end, or near the middle."""
 
@@ -114,7 +101,7 @@ def headline(found: Diagnosis) -> str:
         if _immaterial(found):
             return f"The simulation agrees with the recordings; it is {mm(err)} off."
         if found.setup and extends(found):
-            if causes and not _set_up_is_off(found):
+            if causes and not set_up_is_off(found):
                 return f"{off}, for {causes}: no more than a set-up within its tolerances may do."
             beside = f", and for {causes}" if causes else ""
             return f"{off}, for a set-up that is a little off within its tolerances{beside}."
@@ -236,11 +223,11 @@ def _why(found: Diagnosis) -> tuple[str, ...]:
     if sum(e.share is not None for e in order) > 1:
         sentences.append(OVERLAP)
     if found.verdict == "adequate":
-        if found.setup and extends(found) and (not order or _set_up_is_off(found)):
-            labels = _labels(found)
+        if found.setup and extends(found) and (not order or set_up_is_off(found)):
+            labels = labels_of(found)
             far = [
                 labels[name] for name, n in found.setup.items()
-                if n.tolerance is not None and _off(name, n) > 2.0 * n.tolerance
+                if n.tolerance is not None and distance_off(name, n) > 2.0 * n.tolerance
             ]  # fmt: skip
             where = "each within twice its tolerance"
             if far:
@@ -343,70 +330,3 @@ def _gain(found: Diagnosis, file: str) -> tuple[str, ...]:
     what = "all of that" if found.effects else "the set-up as fitted"
     sentences.append(f"{load}: it holds {what}, and E/mu = {known}.")
     return tuple(sentences)
-
-
-def setup_lines(found: Diagnosis) -> tuple[SetupRow, ...]:
-    """Lines on the numbers of the set-up, the most clearly wrong first."""
-    labels = _labels(found)
-    counts = _counts(found)
-    off = {name: _deviations(name, n) for name, n in found.setup.items()}
-    return tuple(
-        _row(name, labels[name], found.setup[name], counts[name], notable=off[name] > NOTABLE)
-        for name in sorted(off, key=lambda name: -off[name])
-    )
-
-
-def _set_up_is_off(found: Diagnosis) -> bool:
-    """Whether a number of the set-up is notably off, see `NOTABLE`."""
-    return any(row.notable for row in setup_lines(found))
-
-
-def _counts(found: Diagnosis) -> dict[str, int]:
-    """Number of values that the key of each number of the set-up has, by its name."""
-    keys = {name: name.partition("[")[0] for name in found.setup}
-    counts = Counter(keys.values())
-    return {name: counts[key] for name, key in keys.items()}
-
-
-def _labels(found: Diagnosis) -> dict[str, str]:
-    """Label of each number of the set-up, by its name; keys with several values are numbered."""
-    return {name: label(name, count) for name, count in _counts(found).items()}
-
-
-def _deviations(name: str, n: SetupNumber) -> float:
-    """Difference of a number from its expected value, in standard deviations.
-
-    A place or a time has no expected value, and what the data do not determine is not off.
-    """
-    effect, key, _ = split_name(name)
-    std = n.std or n.held_std
-    if not std or not quantities(effect)[key].from_neutral:
-        return 0.0
-    return _off(name, n) / std
-
-
-def _off(name: str, n: SetupNumber) -> float:
-    """Distance of a number from neutral, in its unit."""
-    effect, key, _ = split_name(name)
-    return abs(n.value - quantities(effect)[key].neutral)
-
-
-def _row(name: str, text: str, n: SetupNumber, count: int, *, notable: bool) -> SetupRow:
-    """A number of the set-up in words.
-
-    Args:
-        text: its label.
-        count: how many numbers its parameter has.
-    """
-    effect, key, index = split_name(name)
-    if n.std is None and n.held_std is None:
-        off = NOT_DETERMINED
-    elif not quantities(effect)[key].from_neutral:
-        off = amount(n.value, n.std, n.unit)
-    else:
-        off = off_by(n.value, n.std or n.held_std, effect, key, index, count)
-        if n.std is None:
-            off += IF_DENSITY
-    return SetupRow(
-        text, off, GUESSED if n.tolerance is None else bare(n.tolerance, n.unit), notable
-    )

@@ -11,11 +11,12 @@ from diagnoses import KNOWN, found
 from html_check import checked
 
 from dlo_ros.cli.diagnosis_output import WIDTH, report, summary, tree
-from dlo_ros.cli.diagnosis_story import headline, setup_lines, story
+from dlo_ros.cli.diagnosis_story import headline, story
 from dlo_ros.cli.diagnosis_words import (
     is_sized,
     rows,
 )
+from dlo_ros.cli.set_up_table import setup_lines
 from dlo_ros.diagnosis import Fitted, Gain, NamedEffect, Number, SetupNumber
 from dlo_ros.effects import effects
 from dlo_ros.identification.identifiability import enumerated
