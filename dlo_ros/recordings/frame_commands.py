@@ -134,10 +134,9 @@ def commands_from_frames(bag: Bag, settings: Settings, skipped: list[str]) -> li
         frames = usable
     try:
         stamps = instants(transforms, frames, settings.frame_id)
-        if stamps:
+        if len(stamps) > 1:  # a clamp that stays may be told once
             named = ", ".join(frame for frame, _ in frames.values())
-            check_span(bag, named, stamps[0], stamps[-1])
-            skipped += gaps(named, stamps)
+            skipped += [*unframed(bag, named, stamps[0], stamps[-1]), *gaps(named, stamps)]
         return [command_of(transforms, frames, stamps or [bag.start], settings)]
     except InputError as err:
         raise CommandError(
@@ -155,8 +154,8 @@ def gaps(named: str, stamps: list[int]) -> list[str]:
     ]
 
 
-def check_span(bag: Bag, named: str, first: int, last: int) -> None:
-    """Check that the DLO is seen while the frames are known.
+def unframed(bag: Bag, named: str, first: int, last: int) -> list[str]:
+    """A line for each topic that shows the DLO before the first frame, or after the last one.
 
     Args:
         bag: an open bag.
@@ -165,23 +164,38 @@ def check_span(bag: Bag, named: str, first: int, last: int) -> None:
         last: stamp of the last frame [ns].
 
     Raises:
-        InputError: images, splines or points lie outside the frames' time.
+        InputError: the DLO is seen at other times alone, as where clocks differ.
     """
+    lines = []
     for topic in (topics.OBSERVED, topics.COMPRESSED, topics.IMAGE, topics.POINTS):
-        found = [c for c in bag.connections if topics.is_topic(c.topic, topic) and c.msgcount]
-        ends: list[RawMessage] = []
-        for raw in bag.messages(found):
-            ends[1:] = [raw]
-        for raw in ends:
-            try:
-                stamp = stamp_of(deserialise(raw))
-            except InputError:  # told by whoever reads it
-                continue
-            outside = max(first - stamp, stamp - last)
-            if outside > LONGEST_SILENCE:
+        for name, begin, end in _spans(bag, topic):
+            early, late = first - begin, end - last
+            if end < first - LONGEST_SILENCE or begin > last + LONGEST_SILENCE:
                 raise InputError(
-                    f"{raw.topic} at {stamp / NANOSECONDS:.3f} s lies "
-                    f"{outside / NANOSECONDS:.1f} s outside the time of {named}, "
-                    f"{first / NANOSECONDS:.3f} to {last / NANOSECONDS:.3f} s; record both "
-                    "together, with clocks that agree"
+                    f"{name}, {begin / NANOSECONDS:.3f} to {end / NANOSECONDS:.3f} s, lies outside "
+                    f"the time of {named}, {first / NANOSECONDS:.3f} to {last / NANOSECONDS:.3f} s; "
+                    "record both together, with clocks that agree"
                 )
+            for apart, where in ((early, "before the first"), (late, "after the last")):
+                if apart > LONGEST_SILENCE:
+                    lines.append(
+                        f"{name}: seen up to {apart / NANOSECONDS:.1f} s {where} frame of {named}; "
+                        "the clamps are taken to rest there; record both together"
+                    )
+    return lines
+
+
+def _spans(bag: Bag, topic: str) -> list[tuple[str, int, int]]:
+    """Name of each topic of a kind in a bag, with its first and its last stamp [ns]."""
+    ends: dict[str, list[RawMessage]] = {}
+    found = [c for c in bag.connections if topics.is_topic(c.topic, topic) and c.msgcount]
+    for raw in bag.messages(found):
+        ends.setdefault(raw.topic, [])[1:] = [raw]
+    spans = []
+    for name, both in ends.items():
+        try:
+            stamps = [stamp_of(deserialise(raw)) for raw in both]
+        except InputError:  # told by whoever reads it
+            continue
+        spans.append((name, stamps[0], stamps[-1]))
+    return spans

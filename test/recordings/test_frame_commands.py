@@ -57,7 +57,9 @@ def pose_message(k, end="start", frame="base"):
     return BAG_MESSAGES.make(kinds + "PoseStamped", header=stamp, pose=pose)
 
 
-def bag(path, ends=("start", "end"), poses=False, base=True, spoil=None, lost=(), late=0):
+def bag(
+    path, ends=("start", "end"), poses=False, base=True, spoil=None, lost=(), late=0, seen=(0,)
+):
     with BagWriter(path) as writer:
         if base:
             message = transform_message(
@@ -82,10 +84,10 @@ def bag(path, ends=("start", "end"), poses=False, base=True, spoil=None, lost=()
                 if poses:
                     topic = topics.START_POSE if end == "start" else topics.END_POSE
                 writer.write(topic, message, stamp)
-        seen = tracked(bent(1), 1)
-        names = ("x", "y", "z")
-        message = cloud_message(BAG_MESSAGES, BEGIN, "board", names, seen.positions)
-        writer.write(topics.POINTS, message, BEGIN)
+        points = tracked(bent(1), 1).positions
+        for stamp in (BEGIN + k for k in seen):
+            message = cloud_message(BAG_MESSAGES, stamp, "board", ("x", "y", "z"), points)
+            writer.write(topics.POINTS, message, stamp)
     return path
 
 
@@ -149,8 +151,14 @@ def test_gaps_of_the_frames_are_told_and_other_clocks_refused(tmp_path, caplog, 
     monkeypatch.setattr(f"{__name__}.COUNT", 100)
     read_recording(bag(tmp_path / "gap", lost=range(5, 95)), settings())
     assert "start_tool, end_tool: no frames for 0.9 s from 1750000000.040 s" in caplog.text
+    read_recording(bag(tmp_path / "once", lost=range(1, 100)), settings())
+    assert "frame of" not in caplog.text  # clamps that stay may be told once
+    read_recording(bag(tmp_path / "end", seen=(0, 2 * 10**9)), settings())
+    assert (
+        "dlo/points: seen up to 1.0 s after the last frame of start_tool, end_tool" in caplog.text
+    )
     for late in (3600 * 10**9, -3600 * 10**9):
-        with pytest.raises(RecordingError, match=r"dlo/points at .* outside the time of start_"):
+        with pytest.raises(RecordingError, match=r"dlo/points, .* outside the time of start_"):
             read_recording(bag(tmp_path / str(late), late=late), settings())
 
 
