@@ -173,8 +173,8 @@ def unframed(bag: Bag, named: str, first: int, last: int) -> list[str]:
             if end < first - LONGEST_SILENCE or begin > last + LONGEST_SILENCE:
                 raise InputError(
                     f"{name}, {begin / NANOSECONDS:.3f} to {end / NANOSECONDS:.3f} s, lies outside "
-                    f"the time of {named}, {first / NANOSECONDS:.3f} to {last / NANOSECONDS:.3f} s; "
-                    "record both together, with clocks that agree"
+                    f"the time of {named}, {first / NANOSECONDS:.3f} to {last / NANOSECONDS:.3f} "
+                    "s; record both together, with clocks that agree"
                 )
             for apart, where in ((early, "before the first"), (late, "after the last")):
                 if apart > LONGEST_SILENCE:
