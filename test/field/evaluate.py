@@ -23,9 +23,8 @@ ALIKE = (
 )
 """Errors of a set-up of which one does nearly what another does."""
 
-
 OUTCOMES = ("named", "rival", "missed")
-"""What may come of a main cause."""
+"""Possible outcomes for the main cause."""
 
 
 @dataclass(frozen=True)

@@ -72,7 +72,7 @@ def _clamp(tangent: np.ndarray) -> np.ndarray:
 
 
 def outcome(seed: int, kind: str, ends: int) -> str:
-    """What becomes of one pair of pictures: "right", "wrong", or the reason of the silence."""
+    """Outcome of one pair of pictures: "right", "wrong", or the reason of the silence."""
     made, rng = _experiment(), np.random.default_rng(seed)
     rod, turns = made.truth.rod, rng.choice([-1.0, 1.0]) if kind == "loop" else 0.0
     rope, tangents = _rope(rng, rod.length, turns)

@@ -84,16 +84,11 @@ def _solve(system, band, rhs, increments, gaps):
 
 
 @linked()
-def _stresses(base, more, t_r, d_t, old, new, varying, h):
-    """Derivatives of the stresses by P parameters, strains held: shapes (P, nb) and (P, nb, 3).
-
-    Args:
-        base, more: `Stiffness` in all variants, and its derivatives.
-        t_r, d_t: relaxation time [s] and its derivatives, shape (P,).
-        old, new: states before and after a step of length h.
-    """
+def _stresses(system, old, new, varying):
+    """Derivatives of the stresses by P parameters, strains held: shapes (P, nb) and (P, nb, 3)."""
+    h, base, more = new.clock[LAST], system.stiffness, varying.rates.stiffness
+    t_r, d_t = system.relaxation_time[0], varying.rates.relaxation_time
     c0, c1, c2 = strain_rate_weights(h, old.clock[LAST])
-    # Arrays are taken out of the tuples here: in a loop, each access would count references.
     stretch, bend, twist = base.stretch[0], base.bend[0], base.twist[0]
     d_stretch, d_bend, d_twist = more.stretch, more.bend, more.twist
     d_stretch_rest, d_bend_rest, d_twist_rest = more.stretch_rest, more.bend_rest, more.twist_rest
@@ -147,7 +142,7 @@ def _any(x):
 
 
 @linked()
-def _add_inertia(system, old, new, varying, rhs):
+def _add_inertia(system, new, varying, rhs):
     """Add the derivatives of inertia, drag and loads, less those by the shape, to rhs (P, n d)."""
     h, rates = new.clock[LAST], varying.rates
     c_mass, c_drag = weights(h)
@@ -195,12 +190,13 @@ def _add_imposed(system, imposed, old, time, varying, increments, gaps):
 def _written_out(
     system, imposed, old, new, law, derivatives, varying, grad_s, grad_o, rhs, increments, gaps
 ):
-    """Right-hand sides of the derivatives of a step, from those of the rod's numbers."""
+    """Right-hand sides of the derivatives of a step, from those of the rod's numbers.
+
+    Each part is computed for all parameters in one call: to hand the rod's tables over takes longer
+    than the work on one parameter.
+    """
     h, rates = new.clock[LAST], varying.rates
-    stress_s, stress_o = _stresses(
-        system.stiffness, rates.stiffness, system.relaxation_time[0], rates.relaxation_time, old,
-        new, varying, h,
-    )  # fmt: skip
+    stress_s, stress_o = _stresses(system, old, new, varying)
     if varying.kind != LINEAR:
         add_law_stresses(
             system.stiffness, rates.stiffness, law, rates.law, old.internal.inner,
@@ -208,7 +204,7 @@ def _written_out(
         )  # fmt: skip
         add_surroundings_forces(system, old, new, h, varying, rhs)
     rhs -= rod_forces.stress_forces(system.rule, grad_s, grad_o, stress_s, stress_o)
-    _add_inertia(system, old, new, varying, rhs)
+    _add_inertia(system, new, varying, rhs)
     _add_imposed(system, imposed, old, new.clock[TIME], varying, increments, gaps)
 
 
