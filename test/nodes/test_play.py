@@ -132,7 +132,7 @@ def players(client, tmp_path_factory):
         "dlo/observed_points": client.hear("dlo/observed_points"),
         "camera_info": client.hear("camera_info", qos_profile_sensor_data),
         "clock": client.hear("/clock", CLOCK, "rosgraph_msgs/msg/Clock"),
-        "again": client.hear("/again/dlo/observed", 10, "geometry_msgs/msg/PoseArray"),
+        "again": client.hear("/again/dlo/observed", kind="geometry_msgs/msg/PoseArray"),
         "large": [],
     }
     # The first and the last byte of each: whole messages, without keeping them.

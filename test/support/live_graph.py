@@ -25,7 +25,7 @@ from rclpy.serialization import deserialize_message
 
 from dlo_ros.demo.network import free_domain
 from dlo_ros.nodes.message_factory import message_class
-from dlo_ros.nodes.qos import LATCHED
+from dlo_ros.nodes.qos import DEEP, LATCHED
 from dlo_ros.recordings import topics
 
 DOMAIN = free_domain()
@@ -105,8 +105,11 @@ class Client:
         deadline = time.monotonic() + seconds
         self.until(lambda: time.monotonic() >= deadline, seconds + 5.0)
 
-    def hear(self, topic: str, qos=10, kind: str = "") -> list:
-        """Subscribe; returns the growing list of messages."""
+    def hear(self, topic: str, qos=DEEP, kind: str = "") -> list:
+        """Subscribe; returns the growing list of messages.
+
+        Deep, since this process also unpacks images: at a depth of 10 it loses splines meanwhile.
+        """
         name = topic if topic.startswith("/") else f"/{topic}"
         if name not in self.heard:
             messages: list = []
