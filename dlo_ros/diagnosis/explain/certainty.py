@@ -31,12 +31,17 @@ NOTABLE = 0.2
 simulate the same DLO differ by."""
 
 
-def beyond(at: Evaluation) -> list[Proposal]:
-    """Groups of the set-up with a number far beyond its tolerance, or beyond it for certain."""
+def beyond(at: Evaluation, covariance: FloatArray | None = None) -> list[Proposal]:
+    """Groups of the set-up with a number far beyond its tolerance, or beyond it for certain.
+
+    Args:
+        covariance: of all parameters, shape (P, P); None: that of the fit.
+    """
+    spread = at.posterior.covariance if covariance is None else covariance
     return [
         _own(at, g)
         for g in freed(at.model)
-        if is_beyond(at, g) or beyond_for_certain(at, g, at.posterior.covariance)
+        if is_beyond(at, g) or beyond_for_certain(at, g, spread)
     ]
 
 

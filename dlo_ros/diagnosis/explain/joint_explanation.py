@@ -224,7 +224,7 @@ def still_certain(
         covariance: that is reported of its parameters, shape (P, P).
     """
     groups = [*found.proposals, *freed(final.model)]
-    may_be = {g.label for g in (found.proposals if found.exact else beyond(final))}
+    may_be = {g.label for g in (found.proposals if found.exact else beyond(final, covariance))}
     sure = {p.name for g in groups if _still(final, g, covariance, may_be) for p in g.parameters}
     added = {g.effect for g in found.proposals if g.start is not None}
     most = {c.effect for c in found.causes if found.at.mean_err < FAR * c.err} & added
