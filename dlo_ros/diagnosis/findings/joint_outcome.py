@@ -34,6 +34,7 @@ from dlo_ros.diagnosis.findings.joint_numbers import (
     with_plain_values,
 )
 from dlo_ros.diagnosis.findings.shape_views import views
+from dlo_ros.diagnosis.findings.without_own_error import without_own_error
 from dlo_ros.diagnosis.fitting.initial_fit import Beginning
 from dlo_ros.diagnosis.fitting.plain_evaluation import PlainEvaluation
 from dlo_ros.diagnosis.fitting.plain_evaluation import evaluate as held_against
@@ -184,8 +185,10 @@ def _final(
         SimulationError: a recording cannot be simulated with either.
     """
     found = learned.explanation
-    at = _completed(found.at, recordings, known)
-    wider = confirmed(at, recordings, [name for c in found.causes for name in c.names])
+    at, compared = _completed(found.at, recordings, known), recordings
+    if len(at.err) == len(recordings):
+        at, compared = without_own_error(at, recordings)
+    wider = confirmed(at, compared, [name for c in found.causes for name in c.names])
     found = still_certain(found, at, reported_covariance(at, wider.parameters))
     model = PlainModel(at.model.settings, ())
     try:

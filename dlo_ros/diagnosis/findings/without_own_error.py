@@ -1,0 +1,93 @@
+# Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
+"""A fit without the error of its own simulation.
+
+While causes are looked for, time steps and knot spans need only be fine enough for what a model
+leaves over. What they do wrong is the same in all pictures, and many pictures determine numbers to
+far less than that: a stated standard deviation would be too small. A finer simulation at the fitted
+values tells the error, which hardly changes with them, so that it is taken from what is compared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from dlo_ros.errors import SimulationError
+from dlo_ros.inference.joint import Evaluation, Simulated, compared, simulate
+from dlo_ros.inference.joint_fit import fit
+from dlo_ros.inference.measured import Recording
+from dlo_ros.parameters import Settings
+
+ROUNDS = 3
+"""Simulations at most, each with time steps half as long and twice the knot spans."""
+SHORTER = 8.0
+"""Factor between the tolerances of time steps of which one are half as long."""
+LEFT = 1.0 / 3.0
+"""What is left of an error that falls with the square of the step, over the last change."""
+IMMATERIAL = 0.3
+"""Error that is left over the standard deviation of any number, below which it does not matter."""
+ITERATIONS = 8
+
+
+def without_own_error(
+    at: Evaluation, recordings: Sequence[Recording]
+) -> tuple[Evaluation, Sequence[Recording]]:
+    """The fit without its simulation's error, and the recordings with what is compared then.
+
+    Args:
+        at: fit to all of the recordings.
+
+    Returns:
+        The same fit and recordings where the error is immaterial, or nothing finer can be
+        simulated.
+    """
+    spread = np.sqrt(np.diag(at.posterior.covariance))
+    best, adjusted, finer, last = at, recordings, recordings, np.inf
+    for _ in range(ROUNDS):
+        finer = [_finer(r, at.model.settings) for r in finer]
+        try:
+            exact = simulate(at.model, finer, ()).predicted
+            here, there = _compared_with(at, recordings, exact)
+        except SimulationError:
+            break
+        change = float(np.max(np.abs(here.posterior.step - best.posterior.step) / spread))
+        if change > last:  # where something is hit, finer simulations may not converge
+            break
+        best, adjusted, last = here, there, change
+        if LEFT * change < IMMATERIAL:
+            break
+    moved = float(np.max(np.abs(best.posterior.step - at.posterior.step) / spread))
+    if moved < IMMATERIAL:
+        return at, recordings
+    return fit(best, adjusted, ITERATIONS), adjusted
+
+
+def _finer(recording: Recording, settings: Settings) -> Recording:
+    """The recording simulated with time steps half as long, and twice the knot spans."""
+    tolerance = recording.tolerance or settings.simulation.tolerance
+    spans = recording.spans and 2 * recording.spans
+    return replace(recording, tolerance=tolerance / SHORTER, spans=spans)
+
+
+def _compared_with(
+    at: Evaluation, recordings: Sequence[Recording], exact: Sequence[np.ndarray]
+) -> tuple[Evaluation, Sequence[Recording]]:
+    """The evaluation and the recordings, with what is measured moved by the simulation's error.
+
+    Args:
+        exact: control points of a finer simulation of each recording, shape (F, n, 4).
+    """
+    fields, adjusted = [], []
+    for recording, (residual, jacobian), coarse, fine in zip(
+        recordings, at.fields, at.predicted, exact, strict=True
+    ):
+        error = coarse[..., :3] - fine[..., :3]
+        unit = replace(recording, noise=np.ones(len(recording.noise)))
+        fields.append((residual + unit.white(error), jacobian))
+        observed = recording.observed.copy()
+        observed[-len(error) :] += error
+        adjusted.append(replace(recording, observed=observed))
+    found = Simulated(tuple(fields), at.err, at.predicted)
+    return replace(compared(at.model, found, at.variances), derived=at.derived), adjusted
