@@ -7,7 +7,7 @@ Stamps are integer nanoseconds as in ROS; times within a command are seconds fro
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -105,6 +105,41 @@ class Command:
             self.times, self.positions, self.rotations, self.velocities, time, position, rotation
         )
         return position, rotation
+
+    def turning_at_most(self, angle: float) -> Command:
+        """The same motion with so many points that no clamp turns further between two of them.
+
+        Args:
+            angle: [rad].
+        """
+        clamps = [k for k, name in enumerate(self.names) if name in (START, END)]
+        q = self.rotations[:, clamps]
+        q = q / np.linalg.norm(q, axis=2, keepdims=True)
+        cosine = np.abs(np.einsum("tkc,tkc->tk", q[1:], q[:-1]))
+        turned = 2.0 * np.arccos(np.minimum(cosine, 1.0)).max(axis=1, initial=0.0)
+        parts = np.maximum(np.ceil(turned / angle - 1e-6), 1.0).astype(int)
+        if parts.sum() == len(parts):
+            return self
+        a = np.repeat(np.arange(len(parts)), parts)
+        first = np.cumsum(parts) - parts
+        s = (np.arange(len(a)) - first[a]) / parts[a]
+        times = np.append(self.times[a] + s * np.diff(self.times)[a], self.times[-1])
+        positions = np.empty((len(times), *self.positions.shape[1:]))
+        rotations = np.empty((len(times), *self.rotations.shape[1:]))
+        for k, time in enumerate(times):
+            sample(
+                self.times, self.positions, self.rotations, self.velocities, time, positions[k],
+                rotations[k],
+            )  # fmt: skip
+        h, s = np.diff(self.times)[a, None, None], s[:, None, None]
+        v0, v1 = self.velocities[a], self.velocities[a + 1]
+        slope = 6.0 * s * (1.0 - s) * (self.positions[a + 1] - self.positions[a]) / h
+        slope += (1.0 - s) * (1.0 - 3.0 * s) * v0 + s * (3.0 * s - 2.0) * v1
+        velocities = np.concatenate([slope, self.velocities[-1:]])
+        velocities[first] = self.velocities[:-1]
+        return replace(
+            self, times=times, positions=positions, rotations=rotations, velocities=velocities
+        )
 
     def held(self, end: str, control_points: int) -> int | None:
         """Index of what imposes the place of an end, `start` or `end`; None: it is free.

@@ -248,6 +248,8 @@ class Effect:
             (`dlo_ros.rod.batch.parameter_sets`), with the same values in all. Never where it
             changes the measurement, which such a run knows nothing of.
         in_setup: whether every real set-up has a little of it, within its tolerances.
+        of_commanded_frames: whether `impose` needs the clamps' rotations as they were commanded,
+            before any other effect turns them.
     """
 
     name: ClassVar[str]
@@ -258,6 +260,7 @@ class Effect:
     differentiable: ClassVar[bool] = True
     batched: ClassVar[bool] = True
     in_setup: ClassVar[bool] = False
+    of_commanded_frames: ClassVar[bool] = False
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)

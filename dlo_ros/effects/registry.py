@@ -149,7 +149,9 @@ def _number(where: str, q: Quantity, value: Any) -> float:
 def build(values: Values) -> tuple[Effect, ...]:
     """The effects with the given values; keys that are not given are neutral.
 
-    The values are used as they are: `check` has seen those of a file.
+    The values are used as they are: `check` has seen those of a file. Their order means nothing:
+    what needs commanded frames comes first.
     """
     known = effects()
-    return tuple(known[name](**keys) for name, keys in values.items())
+    found = [known[name](**keys) for name, keys in values.items()]
+    return tuple(sorted(found, key=lambda effect: not effect.of_commanded_frames))

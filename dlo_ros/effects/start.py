@@ -61,6 +61,7 @@ class Scene:
         known: dampings of the parameter file (air_drag, relaxation_time) that are no guesses.
         reach: smallest and largest x, smallest z of the shapes [m]; None: not known.
         spatial: whether they leave the board's plane, and what acts across it counts.
+        in_hands: whether the clamps are commanded by frames of a robot's hands.
     """
 
     rope: RopeScale
@@ -70,6 +71,7 @@ class Scene:
     known: tuple[str, ...] = ()
     reach: tuple[float, float, float] | None = None
     spatial: bool = False
+    in_hands: bool = False
 
 
 def rotation_vector(angle: float | tuple[float, ...]) -> FloatArray:

@@ -74,4 +74,5 @@ def scene(settings: Settings, names: Sequence[str], predicted: Sequence[FloatArr
         reach=(reached[:, 0].min(), reached[:, 0].max(), reached[:, 2].min()),
         spatial=bool(reached[:, 1].std() > OUT_OF_PLANE * length),
         known=tuple(n for n in DAMPING if getattr(settings.damping, f"{n}_std") > 0.0),
+        in_hands=settings.command.source != "topic",
     )

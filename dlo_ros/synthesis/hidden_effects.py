@@ -67,6 +67,10 @@ EFFECTS: Mapping[str, Mapping[str, Key]] = {
         "start": Key("m", -1e2, 1e2, 0.0, counts=(2, 3)),
         "end": Key("m", -1e2, 1e2, 0.0, counts=(2, 3)),
     },
+    "grip_offset": {
+        "start": Key("m", -1e2, 1e2, 0.0, counts=(2, 3)),
+        "end": Key("m", -1e2, 1e2, 0.0, counts=(2, 3)),
+    },
     "clamp_compliance": {
         "start": Key("rad/(N m)", 0.0, 1e6, 0.0),
         "end": Key("rad/(N m)", 0.0, 1e6, 0.0),
@@ -211,7 +215,9 @@ class HiddenEffects:
     def sideways(self) -> bool:
         """Whether something makes a rope that moves in the plane y = 0 leave it."""
         turns = [self.turn("clamp_angle", end)[[0, 2]] for end in ENDS]
-        offsets = [self.vector("clamp_offset", end)[1:2] for end in ENDS]
+        offsets = [
+            self.vector(name, end)[1:2] for name in ("clamp_offset", "grip_offset") for end in ENDS
+        ]
         others = [
             np.atleast_1d(self.effects.get(name, {}).get(key, 0.0))
             for name, key in (

@@ -129,6 +129,7 @@ class Grips:
             for end, tip in ((START, f"{CONTROL_POINT}1"), (END, f"{CONTROL_POINT}{n}"))
             for name in (end, tip)
         }
+        self._in_hand = {end: hidden.vector("grip_offset", end) for end in (START, END)}
         steps = np.linalg.norm(np.diff(self._command.positions, axis=0), axis=2).sum(axis=1)
         self._way = np.concatenate([[0.0], np.cumsum(steps)])
 
@@ -159,11 +160,15 @@ class Grips:
         stamp = START_STAMP + round((time - self._delay) * NANOSECONDS)
         values, rotations = self._command.sample(stamp)
         at = dict(zip(self._command.names, values, strict=True))
-        turned = {
-            name: Rotation.from_rotvec(self._turned[name]) * Rotation.from_quat(rotation)
+        hands = {
+            name: Rotation.from_quat(rotation)
             for name, rotation in zip(self._command.names, rotations, strict=True)
             if name in (START, END)
         }
+        turned = {}
+        for name, hand in hands.items():
+            at[name] = at[name] + hand.apply(self._in_hand[name])
+            turned[name] = Rotation.from_rotvec(self._turned[name]) * hand
         return at, turned
 
     def _directions(

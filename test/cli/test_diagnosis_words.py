@@ -45,6 +45,8 @@ def test_every_effect_says_what_it_is():
         (off_by(-0.012, 0.003, "command_delay", "delay"), "12 +- 3 ms earlier"),
         (off_by(0.002, 0.001, "clamp_offset", "end", 1, 2), "2.0 +- 1.0 mm up"),
         (off_by(0.002, 0.001, "clamp_offset", "end", 1, 3), "2.0 +- 1.0 mm away from the camera"),
+        (off_by(-0.002, 0.001, "grip_offset", "end", 0, 3), "2.0 +- 1.0 mm towards the start"),
+        (off_by(-0.002, 0.001, "grip_offset", "end", 2, 3), "-2.0 +- 1.0 mm"),
         (off_by(-1 * DEGREE, DEGREE, "clamp_angle", "end"), "1.0 +- 1.0 degrees counterclockwise"),
         (off_by(-1 * DEGREE, DEGREE, "clamp_angle", "end", 2, 3), "-1.0 +- 1.0 degrees"),
         (off_by(0.0, 0.001, "length_error", "difference"), "0.0 +- 1.0 mm"),

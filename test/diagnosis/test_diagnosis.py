@@ -76,7 +76,13 @@ def test_every_effect_is_looked_for():
     found = scene(KNOWN, one.commands[0].names, [shapes])
     names = {s.effect for s in starts(found)}
     # Pegs: see test_contact_search.py; every set-up has some of the others.
-    assert names == set(effects()) - {"obstacle", "clamp_offset", "camera_shift", "anisotropy"}
+    assert names == set(effects()) - {
+        "obstacle",
+        "clamp_offset",
+        "grip_offset",
+        "camera_shift",
+        "anisotropy",
+    }
     assert found.clamps == ("start",)
     # Damping that is a guess is fitted anyway, and cannot be exceeded.
     guessed = starts(replace(found, clamps=(), known=()))

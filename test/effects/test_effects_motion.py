@@ -68,6 +68,9 @@ CASES = {
     "camera_shift": ("closed", {"camera_shift": {"x": 0.004, "z": -0.003}}),
     "clamp_offset": ("closed", {"clamp_offset": {"end": (0.01, 0.015)}}),
     "clamp_offset of control points": ("pinned", {"clamp_offset": {"start": (-0.008, 0.01)}}),
+    "grip_offset": ("waved", {"grip_offset": {"start": (0.01, 0.015)}}),
+    "grip_offset, both held": (
+        "closed", {"grip_offset": {"start": (0.0, 0.01), "end": (0.01, 0.015)}}),
     "obstacle": ("waved", {"obstacle": {"x": 0.15, "z": -0.06, "radius": 0.01}}),
     "constant_force": ("waved", {"constant_force": {"x": 0.05, "z": 0.03}}),
     "many": (

@@ -21,6 +21,8 @@ TOLERANCES = {
     "clamp_angle.end": math.radians(3.0),
     "clamp_offset.start": 0.005 * ROD.length,
     "clamp_offset.end": 0.005 * ROD.length,
+    "grip_offset.start": 0.005 * ROD.length,
+    "grip_offset.end": 0.005 * ROD.length,
     "gravity_tilt.angle": math.radians(1.0),
     "length_error.difference": 0.005 * ROD.length,
     "camera_scale.ratio": 0.005,
@@ -139,7 +141,7 @@ def test_only_impacts_leave_no_derivatives():
 
 def test_what_an_effect_acts_on_is_found_from_what_it_overrides():
     found = {name: set(effect.acts_on) for name, effect in effects().items()}
-    assert found["clamp_angle"] == found["clamp_offset"] == {"command"}
+    assert found["clamp_angle"] == found["clamp_offset"] == found["grip_offset"] == {"command"}
     assert found["camera_shift"] == found["command_delay"] == {"measurement"}
     assert found["length_error"] == found["obstacle"] == {"rod"}
     for name, effect in effects().items():

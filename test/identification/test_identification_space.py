@@ -7,6 +7,7 @@ import yaml
 from ordinary import some_of
 
 from dlo_ros.cli.loading import load_manipulation
+from dlo_ros.diagnosis import diagnose
 from dlo_ros.identification import identify
 from dlo_ros.inference.scene import scene
 from dlo_ros.parameters import Settings
@@ -66,3 +67,50 @@ def test_shapes_out_of_the_board_s_plane_make_a_scene_in_space(aside, spatial):
     shapes[..., 2] = -0.1 * np.sin(np.linspace(0.0, 3.0, n))
     shapes[..., 1] = np.random.default_rng(0).normal(0.0, aside, (20, n))
     assert scene(settings, ["start"], [shapes]).spatial == spatial
+
+
+def test_a_rope_held_beside_where_turning_hands_say_is_found(tmp_path):
+    """As the mounting of a robot's grips is off; the delay of the camera is told beside it."""
+    tree = yaml.safe_load(find_experiment("two_grippers").read_text())
+    off = {"start": [0.003, -0.002, 0.002], "end": [-0.001, 0.004, 0.002]}
+    tree["parameters"]["effects"] = {"grip_offset": off}
+    made = read_experiment(tree, "space", "space.yaml")
+    synthesize(made, tmp_path / "bag", seed=31, images=False, edges=60, step=4e-3)
+    given = Settings.load(tmp_path / "bag" / "params.yaml")
+    assert given.command.source == "tf"
+    recording = load_manipulation(tmp_path / "bag", given)
+    found = identify([recording], given)
+    ratio, told = made.truth.rod.specific_modulus, found.estimate
+    assert told.specific_modulus == pytest.approx(ratio, rel=0.02)
+    assert abs(told.specific_modulus - ratio) < 2.0 * told.specific_modulus_std
+    for end, offset in off.items():
+        for k, true in enumerate(offset):
+            value, std = found.set_up[f"effects.grip_offset.{end}[{k}]"]
+            assert std < 0.5e-3 and abs(value - true) < 3.0 * std
+    delay, std = found.set_up["effects.command_delay.delay"]
+    assert abs(delay) < max(3.0 * std, 1e-3) and 0.0 < std < 1e-3
+    diagnosis = diagnose([recording], given)
+    assert [e.name for e in diagnosis.effects] == ["grip_offset"]
+    assert diagnosis.verdict == "adequate" and not diagnosis.effects[0].rivals
+    for end, offset in off.items():
+        assert diagnosis.effects[0].parameters[end].value == pytest.approx(offset, abs=2e-4)
+
+
+def test_hands_that_do_not_turn_do_not_separate_the_axes(tmp_path):
+    """An offset in the hand is then one along the board's axes, and the std of both says so."""
+    tree = yaml.safe_load(find_experiment("two_grippers").read_text())
+    for points in tree["motion"].values():
+        for point in points:
+            point.update({key: points[0].get(key, 0.0) for key in ("angle", "swing", "turn")})
+    tree["parameters"]["effects"] = {"grip_offset": {"start": [0.003, -0.002, 0.002]}}
+    made = read_experiment(tree, "space", "space.yaml")
+    synthesize(made, tmp_path / "bag", seed=32, images=False, edges=60, step=4e-3)
+    given = Settings.load(tmp_path / "bag" / "params.yaml")
+    found = identify([load_manipulation(tmp_path / "bag", given)], given)
+    ratio = made.truth.rod.specific_modulus
+    assert found.estimate.specific_modulus == pytest.approx(ratio, rel=0.02)
+    for end in ("start", "end"):
+        for k in range(3):
+            for effect in ("grip_offset", "clamp_offset"):
+                value, std = found.set_up[f"effects.{effect}.{end}[{k}]"]
+                assert abs(value) < 3.0 * std and std > 1e-3

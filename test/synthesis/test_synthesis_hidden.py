@@ -10,6 +10,7 @@ import yaml
 from elastica import Cantilever
 from hidden_experiments import LENGTH, TREE, experiment, run
 from ordinary import some_of
+from scipy.spatial.transform import Rotation
 
 from dlo_ros.errors import InputError
 from dlo_ros.parameters import DampingParameters, RodParameters, Settings
@@ -126,6 +127,28 @@ def test_clamp_offset_adds_to_the_commanded_position():
         point["position"] = [x + 0.01, *y, z - 0.02]
     moved, commanded = run({"clamp_offset": {"start": [0.01, -0.02]}}), run(motion=tree["motion"])
     np.testing.assert_allclose(moved.nodes, commanded.nodes, atol=1e-9)
+
+
+def test_grip_offset_is_added_in_the_hands_own_axes():
+    """As a robot's frame whose clamp lies beside the one that is told."""
+    tree = copy.deepcopy(TREE)
+    turn = float(tree["motion"]["start"][0]["angle"])
+    for point in tree["motion"]["start"]:
+        point["angle"] = turn
+    still = tree["motion"]
+    aside = [0.01 * np.cos(turn) - 0.02 * np.sin(turn), -0.01 * np.sin(turn) - 0.02 * np.cos(turn)]
+    found = run({"grip_offset": {"start": [0.01, -0.02]}}, motion=still)
+    same = run({"clamp_offset": {"start": [float(v) for v in aside]}}, motion=still)
+    np.testing.assert_allclose(found.nodes, same.nodes, atol=1e-9)
+    made = experiment({"grip_offset": {"start": [0.01, -0.02]}})
+    end = made.command.times[-1] + 1.0
+    rotation = Rotation.from_quat(made.command.rotations[-1, 0])
+    simulation, _ = build_simulation(made, edges=40)
+    grips = Grips(made)
+    grips.attach(simulation.rod)
+    (place,) = grips.boundary(end).positions.values()
+    there = made.command.positions[-1, 0] + rotation.apply([0.01, 0.0, -0.02])
+    np.testing.assert_allclose(place, there[[0, 2]], atol=1e-12)
 
 
 def test_tilted_gravity_is_the_turned_experiment():
@@ -276,6 +299,7 @@ def test_every_effect_changes_what_is_measured(name, plain):
         "camera_rotation": {"angle": 0.02},
         "camera_shift": {"x": 0.004, "z": -0.003},
         "clamp_offset": {"start": [0.004, -0.003]},
+        "grip_offset": {"start": [0.004, -0.003]},
         "obstacle": {"x": 0.2, "z": -0.1, "radius": 0.01},
         "constant_force": {"x": 0.03},
         "gusts": {"force": 0.05},

@@ -39,6 +39,7 @@ IN_PLANE = {
     "kink": (WAVE, {"intrinsic_curvature": {"kink": 0.25, "position": 0.15}}),
     "clamp_angle": (CLOSE, {"clamp_angle": {"start": 0.2, "end": -0.1}}),
     "clamp_offset": (CLOSE, {"clamp_offset": {"end": [0.01, 0.015]}}),
+    "grip_offset": (WAVE, {"grip_offset": {"start": [0.01, 0.015]}}),
     "clamp_compliance": (WAVE, {"clamp_compliance": {"start": 6.0}}),
     "connector": (WAVE, {"connector": {"mass": 0.004, "extent": 0.05}}),
     "gravity_tilt": (WAVE, {"gravity_tilt": {"angle": 0.15}}),

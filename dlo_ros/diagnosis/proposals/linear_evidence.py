@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dlo_ros.command import END, START
 from dlo_ros.effects import Start, damping_effect
 from dlo_ros.inference import priors
 from dlo_ros.inference.joint import Evaluation, Field, Simulated
@@ -84,8 +85,8 @@ def freed(model: ParametricModel) -> list[Proposal]:
     for p in model.parameters:
         if p.tolerated:
             key = p.key.partition("[")[0]
-            several = p.effect.startswith("clamp")  # each clamp by itself
-            groups.setdefault((p.effect, key if several else ""), []).append(p)
+            end = key if key in (START, END) else ""  # each end by itself
+            groups.setdefault((p.effect, end), []).append(p)
         elif p.guessed and (effect := reported_effect(p)):
             groups[effect, ""] = [p]
     return [
