@@ -14,7 +14,7 @@ from dlo_ros.errors import ParameterError
 from dlo_ros.report.elements import measured, millimetres, number
 
 AXES = {2: "xz", 3: "xyz"}
-"""Names of the components of a vector, by their number."""
+"""Names of the components of a vector, by their number, where its parameter has none."""
 ENDS = ("start", "end")
 SIZES = ("size", "angle", "ratio")
 """Roles of the numbers that say how much there is of an effect."""
@@ -127,7 +127,8 @@ def label(name: str, count: int = 1) -> str:
 
 def _component(q: Quantity | None, index: int, count: int) -> str:
     if q is not None and q.counts:
-        return AXES[count][index] if count in AXES else str(index + 1)
+        axes = q.axes or AXES.get(count, "")
+        return axes[index] if axes else str(index + 1)
     return f"{index + 1} of {count} along u"
 
 

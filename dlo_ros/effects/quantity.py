@@ -102,6 +102,7 @@ class Quantity:
             is then left alone where recordings stay there.
         sides: words for a value above neutral and for one below it, such as longer and shorter; of
             a vector for each of the board's axes; empty: there are none.
+        axes: letters of the components of a vector; empty: x and z of two, x, y and z of three.
     """
 
     name: str
@@ -120,6 +121,7 @@ class Quantity:
     stated_by: str = ""
     spatial: bool = False
     sides: tuple[tuple[str, str], ...] = ()
+    axes: str = ""
 
     @property
     def bracketed(self) -> str:
@@ -257,12 +259,13 @@ def quantity(
     stated_by: str = "",
     spatial: bool = False,
     sides: tuple[tuple[str, str], ...] = (),
+    axes: str = "",
 ) -> Any:
     """A dataclass field that is a parameter of an effect; see `Quantity`.
 
     Args:
         neutral, unit, lower, upper, description, array, counts, tolerance, natural, search,
-            adds_to, stated_by, spatial, sides: as there.
+            adds_to, stated_by, spatial, sides, axes: as there.
         role: as in `Quantity`; default: `angle` in radians, else `size`.
 
     Raises:
@@ -277,7 +280,7 @@ def quantity(
         "unit": unit, "lower": lower, "upper": upper, "description": description, "array": array,
         "counts": counts, "role": role or ("angle" if unit == "rad" else "size"),
         "tolerance": tolerance, "natural": natural, "search": search, "adds_to": adds_to,
-        "stated_by": stated_by, "spatial": spatial, "sides": sides,
+        "stated_by": stated_by, "spatial": spatial, "sides": sides, "axes": axes,
     }  # fmt: skip
     several = bool(counts) and counts[0] > 1
     return field(default=(neutral,) * counts[0] if several else neutral, metadata=data)

@@ -71,6 +71,10 @@ EFFECTS: Mapping[str, Mapping[str, Key]] = {
         "start": Key("m", -1e2, 1e2, 0.0, counts=(2, 3)),
         "end": Key("m", -1e2, 1e2, 0.0, counts=(2, 3)),
     },
+    "grip_angle": {
+        "start": Key("rad", -PI, PI, 0.0, counts=(2,)),
+        "end": Key("rad", -PI, PI, 0.0, counts=(2,)),
+    },
     "clamp_compliance": {
         "start": Key("rad/(N m)", 0.0, 1e6, 0.0),
         "end": Key("rad/(N m)", 0.0, 1e6, 0.0),
@@ -211,10 +215,15 @@ class HiddenEffects:
         given = np.atleast_1d(self.effects.get(name, {}).get(key, 0.0))
         return np.array(given) if len(given) == 3 else np.array([0.0, given[0], 0.0])
 
+    def tilt(self, name: str, key: str) -> FloatArray:
+        """A rotation vector [rad] of which y and z have been given, shape (3,)."""
+        return np.array([0.0, *np.broadcast_to(self.effects.get(name, {}).get(key, 0.0), 2)])
+
     @property
     def sideways(self) -> bool:
         """Whether something makes a rope that moves in the plane y = 0 leave it."""
         turns = [self.turn("clamp_angle", end)[[0, 2]] for end in ENDS]
+        turns += [self.tilt("grip_angle", end)[2:] for end in ENDS]
         offsets = [
             self.vector(name, end)[1:2] for name in ("clamp_offset", "grip_offset") for end in ENDS
         ]

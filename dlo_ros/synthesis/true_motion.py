@@ -129,7 +129,10 @@ class Grips:
             for end, tip in ((START, f"{CONTROL_POINT}1"), (END, f"{CONTROL_POINT}{n}"))
             for name in (end, tip)
         }
-        self._in_hand = {end: hidden.vector("grip_offset", end) for end in (START, END)}
+        self._in_hand = {
+            end: (hidden.vector("grip_offset", end), hidden.tilt("grip_angle", end))
+            for end in (START, END)
+        }
         steps = np.linalg.norm(np.diff(self._command.positions, axis=0), axis=2).sum(axis=1)
         self._way = np.concatenate([[0.0], np.cumsum(steps)])
 
@@ -167,8 +170,10 @@ class Grips:
         }
         turned = {}
         for name, hand in hands.items():
-            at[name] = at[name] + hand.apply(self._in_hand[name])
-            turned[name] = Rotation.from_rotvec(self._turned[name]) * hand
+            offset, tilt = self._in_hand[name]
+            at[name] = at[name] + hand.apply(offset)
+            held = hand * Rotation.from_rotvec(tilt)
+            turned[name] = Rotation.from_rotvec(self._turned[name]) * held
         return at, turned
 
     def _directions(

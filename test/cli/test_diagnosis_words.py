@@ -51,6 +51,7 @@ def test_every_effect_says_what_it_is():
         (off_by(-1 * DEGREE, DEGREE, "clamp_angle", "end", 2, 3), "-1.0 +- 1.0 degrees"),
         (off_by(0.0, 0.001, "length_error", "difference"), "0.0 +- 1.0 mm"),
         (label("intrinsic_curvature.curvature[1]", 5), "curvature at rest, 2 of 5 along u"),
+        (label("grip_angle.end[1]", 2), "direction of a grip in the hand, at the end, z"),
         (label("clamp_offset.end[1]", 2), "place of a clamp, at the end, z"),
         (label("gravity_tilt.angle"), "tilt of the board"),
         (percent(0.999), "over 99 %"),

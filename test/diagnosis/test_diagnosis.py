@@ -80,6 +80,7 @@ def test_every_effect_is_looked_for():
         "obstacle",
         "clamp_offset",
         "grip_offset",
+        "grip_angle",
         "camera_shift",
         "anisotropy",
     }

@@ -18,7 +18,7 @@ NAMES = {
     "internal_damping", "command_delay", "clamp_slip", "length_error", "camera_scale",
     "camera_rotation", "obstacle", "constant_force", "clamp_offset", "camera_shift",
     "clamp_compliance", "connector", "quadratic_drag", "wall",
-    "hysteresis", "viscoelasticity", "anisotropy", "grip_offset",
+    "hysteresis", "viscoelasticity", "anisotropy", "grip_offset", "grip_angle",
 }  # fmt: skip
 
 
@@ -64,6 +64,7 @@ def test_neutral_values_do_nothing(name):
         ({"effects.clamp_offset.start": 0.01}, "it must be 2 or 3 numbers"),
         ({"effects.clamp_offset.start": [0.1] * 4}, "it must be 2 or 3 numbers"),
         ({"effects.grip_offset.end": 0.01}, "it must be 2 or 3 numbers"),
+        ({"effects.grip_angle.end": [0.1] * 3}, "it must be 2 numbers"),
         ({"effects.grip_offset.hand": [0.0, 0.0]}, "has no parameter 'hand'; it has start, end"),
         ({"effects.clamp_offset.start": [0.1, 2.0]}, "it must be a number from -1 to 1"),
         (

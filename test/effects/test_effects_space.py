@@ -34,6 +34,7 @@ CASES = {
         "twisted", {"clamp_angle": {"start": (0.0, 0.1, 0.2), "end": (0.2, -0.1, 0.1)}}),
     "clamp_offset": ("twisted", {"clamp_offset": {"end": (0.01, 0.015, -0.01)}}),
     "grip_offset": ("swung", {"grip_offset": {"start": (0.01, -0.01, 0.015)}}),
+    "grip_angle": ("twisted", {"grip_angle": {"start": (0.1, 0.2), "end": (-0.1, 0.1)}}),
     "gravity_tilt": ("swung", {"gravity_tilt": {"angle": 0.1, "across": 0.2}}),
     "intrinsic_curvature": (
         "swung", {"intrinsic_curvature": {"curvature": 2.0, "across": (-3.0, 2.0, 3.0)}}),
@@ -59,7 +60,7 @@ def without(manipulation):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("case", some_of(CASES, ["anisotropy", "grip_offset"]))
+@pytest.mark.parametrize("case", some_of(CASES, ["anisotropy", "grip_offset", "grip_angle"]))
 def test_it_moves_as_the_discrete_rod_does(case):
     manipulation, given = CASES[case]
     found, _ = compare(

@@ -23,6 +23,8 @@ TOLERANCES = {
     "clamp_offset.end": 0.005 * ROD.length,
     "grip_offset.start": 0.005 * ROD.length,
     "grip_offset.end": 0.005 * ROD.length,
+    "grip_angle.start": math.radians(3.0),
+    "grip_angle.end": math.radians(3.0),
     "gravity_tilt.angle": math.radians(1.0),
     "length_error.difference": 0.005 * ROD.length,
     "camera_scale.ratio": 0.005,

@@ -112,6 +112,8 @@ ACROSS = [
     ("effects.grip_offset.end[2]",
      {"clamp_angle": {"end": (0.1, 0.05, 0.2)}, "grip_offset": {"end": (0.002, 0.0, 0.004)}},
      SMOOTH),
+    ("effects.grip_angle.start[0]", {"grip_angle": {"start": (0.0, 0.0)}}, SMOOTH),
+    ("effects.grip_angle.end[1]", {"grip_angle": {"end": (0.1, 0.2)}}, SMOOTH),
     ("effects.gravity_tilt.across", {"gravity_tilt": {"angle": 0.1, "across": 0.0}}, SMOOTH),
     ("effects.gravity_tilt.angle", {"gravity_tilt": {"angle": 0.1, "across": 0.2}}, SMOOTH),
     ("effects.constant_force.y", {"constant_force": {"x": 0.02, "y": 0.0}}, SMOOTH),

@@ -300,6 +300,7 @@ def test_every_effect_changes_what_is_measured(name, plain):
         "camera_shift": {"x": 0.004, "z": -0.003},
         "clamp_offset": {"start": [0.004, -0.003]},
         "grip_offset": {"start": [0.004, -0.003]},
+        "grip_angle": {"start": [0.04, 0.0]},
         "obstacle": {"x": 0.2, "z": -0.1, "radius": 0.01},
         "constant_force": {"x": 0.03},
         "gusts": {"force": 0.05},

@@ -94,6 +94,7 @@ def test_in_the_plane_it_moves_as_the_planar_rod_does(case):
     {"constant_force": {"x": 0.0, "y": 0.2, "z": -0.1}},
     {"gravity_tilt": {"across": 0.3}},
     {"clamp_angle": {"start": [0.0, 0.0, 0.4]}},
+    {"grip_angle": {"start": [0.0, 0.4]}},
     {"clamp_offset": {"start": [0.0, 0.05, 0.0]}},
     {"intrinsic_curvature": {"across": 2.0}},
     {"anisotropy": {"ratio": 4.0, "angle": 0.6}},
@@ -106,7 +107,7 @@ def test_effects_that_leave_the_plane(effects):
     along = simulation.x[:, 0]
     if "clamp_offset" in effects:
         np.testing.assert_allclose(y, 0.05, atol=1e-9)
-    elif "clamp_angle" in effects:
+    elif "clamp_angle" in effects or "grip_angle" in effects:
         np.testing.assert_allclose(y, np.tan(0.4) * along, atol=1e-6)  # it hangs in one plane
     elif "gravity_tilt" in effects:  # from y towards z: what hangs along -z comes to +y
         plane = -np.tan(0.3) * simulation.x[:, 2]

@@ -1,10 +1,11 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
-"""A hand holds the DLO beside where its frame says, and takes this offset along as it turns."""
+"""A hand holds the DLO beside where its frame says, or askew, and takes that along as it turns."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from lifted_rods import shapes, simulate
 from rods import PAPER, SECOND, command, held_start
 from scipy.spatial.transform import Rotation
 
@@ -92,11 +93,14 @@ def test_two_numbers_are_along_the_dlo_and_across_it_in_the_plane():
 def test_it_is_the_commanded_frame_whatever_turns_the_clamp_besides():
     turned = {"clamp_angle": {"start": (0.1, 0.2, 0.3)}}
     own = {"grip_offset": {"start": tuple(OFFSET)}}
+    askew = {"grip_angle": {"start": (0.2, 0.1)}}
     found = []
-    for given in (turned | own, own | turned):
+    for given in (turned | askew | own, own | askew | turned):
         model, _ = build_rod(PAPER.with_effects(given), held_start(), 14)
         found.append(true_command(model, turning()))
     np.testing.assert_array_equal(found[0].positions, found[1].positions)
+    same = np.abs(np.einsum("tkc,tkc->tk", found[0].rotations, found[1].rotations))
+    np.testing.assert_allclose(same, 1.0, atol=1e-14)
     np.testing.assert_array_equal(
         found[0].positions, moved_by(turning(), start=tuple(OFFSET)).positions
     )
@@ -128,3 +132,31 @@ def test_it_is_a_part_of_the_set_up_where_a_robots_frames_command(source, spatia
     assert own.setup(view) == (nothing if source != "topic" else {})
     assert own.starts(view) == []
     assert effects()["clamp_offset"].setup(view) == nothing
+    askew = effects()["grip_angle"]
+    assert askew.setup(view) == ({"start": (0.0, 0.0)} if spatial and source != "topic" else {})
+    assert askew.starts(view) == []
+
+
+def test_a_grip_that_is_askew_in_the_hand_stays_so_as_it_turns():
+    (effect,) = build({"grip_angle": {"start": (0.2, -0.1)}})
+    imposed = turning()
+    true = effect.impose(imposed)
+    hands, grips = (Rotation.from_quat(c.rotations[:, 0]) for c in (imposed, true))
+    np.testing.assert_allclose(
+        (hands.inv() * grips).as_rotvec(), [[0.0, 0.2, -0.1]] * 5, atol=1e-14
+    )
+    np.testing.assert_array_equal(true.positions, imposed.positions)
+
+
+def test_about_the_dlo_a_hand_may_be_anyhow():
+    """That is why there is no such number: the DLO begins free of twist."""
+    twisting = command(
+        ["start"], [0.0, 0.2], [[0.0] * 3, [0.02, 0.05, 0.03]],
+        Rotation.from_rotvec([[0.0] * 3, [0.5, 0.2, 0.3]]).as_quat(),
+    )  # fmt: skip
+    rolled = Rotation.from_quat(twisting.rotations[:, 0]) * Rotation.from_rotvec([0.7, 0.0, 0.0])
+    stamps = range(SECOND // 20, SECOND // 4, SECOND // 20)
+    plain, _ = simulate(PAPER, twisting, stamps)
+    other, _ = simulate(PAPER, replace(twisting, rotations=rolled.as_quat()[:, None]), stamps)
+    assert np.abs(shapes(plain)[..., 1]).max() > 0.01
+    np.testing.assert_allclose(shapes(other), shapes(plain), atol=1e-7)
