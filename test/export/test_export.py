@@ -134,7 +134,9 @@ def test_an_effect_is_in_the_chain_or_told_by_name(name):
     told = [line for line in found.lines if line.startswith(f"effects.{name} (")]
     assert bool(told) == (name not in found.settings.effects)
     if not told:
-        start = given.get("clamp_angle", {}).get("start", 0.0)  # the shape is held as it is
+        # The shape is held as it is.
+        start = given.get("grip_angle", given.get("clamp_angle", {})).get("start", 0.0)
+        start = start[0] if isinstance(start, tuple) else start
         shape = straight(angle=start)
         assert not same(chain_of(given, shape=shape), chain_of())
 
