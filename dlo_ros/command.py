@@ -20,6 +20,9 @@ START = "start"
 END = "end"
 CONTROL_POINT = "control_point_"
 NANOSECONDS = 1_000_000_000
+NORM = 0.1
+"""By which a quaternion's norm may differ from 1: rounding, and no other representation."""
+UNIT = "a unit quaternion x, y, z, w is needed, (0, 0, 0, 1) where nothing is turned"
 CLOSEST = NANOSECONDS // 1000
 """Commands that lie closer [ns] to the one before the last replace the last."""
 
@@ -88,9 +91,12 @@ class Command:
         for k, name in enumerate(self.names):
             if name in (START, END):
                 norms = np.linalg.norm(self.rotations[:, k], axis=-1)
-                if not np.all(np.abs(norms - 1.0) < 0.1):
+                wrong = ~(np.abs(norms - 1.0) < NORM)
+                if wrong.any():
+                    at = int(np.argmax(wrong))
                     raise CommandError(
-                        f"dlo/command: a rotation of '{name}' is no unit quaternion (x, y, z, w)"
+                        f"dlo/command: the rotation of '{name}' at point {at} has norm "
+                        f"{norms[at]:.3g}; {UNIT}"
                     )
 
     def sample(self, stamp: int) -> tuple[FloatArray, FloatArray]:

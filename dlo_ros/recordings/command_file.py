@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
-from dlo_ros.command import END, NANOSECONDS, START, Command, check_names
+from dlo_ros.command import END, NANOSECONDS, NORM, START, UNIT, Command, check_names
 from dlo_ros.errors import CommandError, InputError
 from dlo_ros.files import read_yaml
 from dlo_ros.parameters import Settings
@@ -164,8 +164,9 @@ def _turned(track: _Track, given: Mapping[str, Any], where: str, *, clamp: bool)
         return Rotation.from_euler("y", angle)
     if "rotation" in given:
         values = _numbers(given["rotation"], 4, f"{where}: rotation")
-        if not 0.9 < math.hypot(*values) < 1.1:
-            raise CommandError(f"{where}: rotation is no unit quaternion x y z w")
+        norm = math.hypot(*values)
+        if abs(norm - 1.0) > NORM:
+            raise CommandError(f"{where}: the rotation has norm {norm:.3g}; {UNIT}")
         return Rotation.from_quat(values)
     if "direction" in given:
         values = _numbers(given["direction"], 3, f"{where}: direction")

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import importlib
 import json
+import logging
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -19,12 +20,15 @@ from typing import Any
 import numpy as np
 
 from dlo_ros.command import NANOSECONDS, Command, Motion
-from dlo_ros.errors import InputError
+from dlo_ros.errors import CommandError, InputError
 from dlo_ros.files import write_text
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
-from dlo_ros.recordings.tables import ORIGIN, POSE, STAMP, spline_columns
+from dlo_ros.recordings.table_rows import ORIGIN, STAMP
+from dlo_ros.recordings.tables import POSE, spline_columns
 from dlo_ros.spline import FloatArray
+
+LOG = logging.getLogger(__name__)
 
 STATE, ACTION, TIMESTAMP = "observation.state", "action", "timestamp"
 VERSION = "v2.1"
@@ -135,7 +139,17 @@ def read_lerobot(
     }
     at = _stamps(path, columns)
     shapes = _column(path, columns, names, spline_columns(settings.rod.control_points))
-    observations = tuple(Observation(s, v.reshape(-1, 4)) for s, v in zip(at, shapes, strict=True))
+    usable = np.all(np.isfinite(shapes), axis=1)
+    if not usable.any():
+        raise InputError(f"{path}: no frame has control points that are finite numbers")
+    if not usable.all():
+        LOG.warning(
+            "%s: %d of %d frames are left out, whose control points are no finite numbers, the "
+            "first one frame %d", path, np.sum(~usable), len(at), np.argmin(usable),
+        )  # fmt: skip
+    observations = tuple(
+        Observation(s, v.reshape(-1, 4)) for s, v, u in zip(at, shapes, usable, strict=True) if u
+    )
     return (_command(path, columns, names, at, settings),), observations
 
 
@@ -156,11 +170,14 @@ def _command(
     wanted = [f"{name}.{c}" for name in imposed for c in POSE]
     values = _column(path, columns, names, wanted).reshape(len(at), len(imposed), len(POSE))
     times = np.array([(s - at[0]) / NANOSECONDS for s in at])
-    return Command(
-        at[0], tuple(imposed), times, values[:, :, :3], values[:, :, 3:],
-        np.full((len(at), len(imposed), 3), np.nan), settings.rod.control_points,
-        settings.frame_id,
-    )  # fmt: skip
+    try:
+        return Command(
+            at[0], tuple(imposed), times, values[:, :, :3], values[:, :, 3:],
+            np.full((len(at), len(imposed), 3), np.nan), settings.rod.control_points,
+            settings.frame_id,
+        )  # fmt: skip
+    except CommandError as err:
+        raise InputError(f"{path}: {err}") from err
 
 
 def _column(
@@ -174,8 +191,8 @@ def _column(
                 values = np.array(columns[column], dtype=np.float64)
             except (TypeError, ValueError):
                 values = np.zeros((0, 0))
-            if values.ndim != 2 or values.shape[1] != len(own) or not np.all(np.isfinite(values)):
-                raise InputError(f"{path}: {column} must have {len(own)} finite numbers a frame")
+            if values.ndim != 2 or values.shape[1] != len(own):
+                raise InputError(f"{path}: {column} must have {len(own)} numbers a frame")
             return np.asarray(values[:, [own.index(name) for name in wanted]])
     raise InputError(
         f"{path}: no column has the names {wanted[0]} ... {wanted[-1]} in {INFO}; "
@@ -184,11 +201,16 @@ def _column(
 
 
 def _stamps(path: Path, columns: Mapping[str, list[Any]]) -> list[int]:
-    if columns.get(STAMP):
-        return [int(s) for s in columns[STAMP]]
-    if not columns.get(TIMESTAMP):
+    name = STAMP if columns.get(STAMP) else TIMESTAMP
+    if not columns.get(name):
         raise InputError(f"{path}: has no frames with {TIMESTAMP}")
-    return [ORIGIN + round(float(s) * NANOSECONDS) for s in columns[TIMESTAMP]]
+    try:
+        if name == STAMP:
+            return [int(s) for s in columns[STAMP]]
+        return [ORIGIN + round(float(s) * NANOSECONDS) for s in columns[TIMESTAMP]]
+    except (TypeError, ValueError, OverflowError) as err:
+        unit = "nanoseconds" if name == STAMP else "seconds"
+        raise InputError(f"{path}: {name} must be a number of {unit} for each frame") from err
 
 
 def _imposed(commands: Sequence[Command], stamp: int) -> FloatArray:

@@ -7,35 +7,32 @@ states them, `u` and `std` [m]. Lines of one instant are one list, in any order.
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from dlo_ros.command import NANOSECONDS, Command
+from dlo_ros.command import Command
 from dlo_ros.errors import InputError
 from dlo_ros.observation import PointList
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.lerobot import library
 from dlo_ros.recordings.message_building import BAG_MESSAGES, cloud_message, command_message
-from dlo_ros.recordings.tables import (
-    LONGEST,
-    ORIGIN,
+from dlo_ros.recordings.table_rows import (
+    PLACE,
     STAMP,
     TIME,
-    numbers,
-    read_commands,
+    Row,
+    check_clocks,
+    measured,
     rows_of,
-    stamps,
-    write_by_stamp,
 )
+from dlo_ros.recordings.tables import read_commands, write_by_stamp
 from dlo_ros.recordings.write import BagWriter
-from dlo_ros.spline import FloatArray
 
-PLACE = ("x", "y", "z")
 OPTIONAL = ("u", "std")
 """Columns that a tracker may leave away."""
 
@@ -55,77 +52,76 @@ def read_point_tables(
     commands: list[Command] = []
     lists: list[PointList] = []
     for path in inputs:
-        if path.suffix != ".parquet" and "name" in rows_of(path, ())[0]:
+        rows = parquet_rows(path) if path.suffix.lower() == ".parquet" else rows_of(path, ())
+        if "name" in rows[0]:
             commands += read_commands(path, settings)
         else:
-            lists += _lists(path, *(_parquet if path.suffix == ".parquet" else _csv)(path))
+            lists += _lists(path, rows)
     if not lists:
         named = ", ".join(map(str, inputs))
         raise InputError(f"{named}: no file has points; columns {TIME}, {', '.join(PLACE)}")
-    at = [c.stamp for c in commands] + [points.stamp for points in lists]
-    if max(at) - min(at) > LONGEST * NANOSECONDS:
-        raise InputError(
-            f"{', '.join(map(str, inputs))}: the times are of different clocks, more than "
-            f"{LONGEST:.0e} s apart; give absolute times in every file, or relative ones in every"
-        )
+    check_clocks(inputs, [c.stamp for c in commands] + [points.stamp for points in lists])
     return (
         tuple(sorted(commands, key=lambda c: c.stamp)),
         tuple(sorted(lists, key=lambda points: points.stamp)),
     )
 
 
-def _csv(path: Path) -> tuple[NDArray[np.int64], dict[str, FloatArray]]:
-    rows = rows_of(path, PLACE)
-    names = (*PLACE, *(name for name in OPTIONAL if name in rows[0]))
-    table = numbers(path, rows, names)
-    at = np.array(stamps(path, rows), dtype=np.int64)
-    return at, {name: table[:, k] for k, name in enumerate(names)}
+def parquet_rows(path: Path) -> list[Row]:
+    """The rows of a Parquet file as those of a CSV file; dates and durations become stamps.
 
-
-def _parquet(path: Path) -> tuple[NDArray[np.int64], dict[str, FloatArray]]:
-    parquet = library()
+    Raises:
+        InputError: it cannot be read, or has no row.
+    """
+    parquet, arrow = library(), importlib.import_module("pyarrow")
     try:
         table: Any = parquet.read_table(path)
-    except (OSError, ValueError) as err:
+        columns = [
+            _cells(arrow, name, column)
+            for name, column in zip(table.column_names, table.columns, strict=True)
+        ]
+    except (OSError, ValueError, NotImplementedError) as err:  # pyarrow's own errors are such
         raise InputError(f"{path}: cannot be read as Parquet ({err})") from err
-    held = set(table.column_names)
-    missing = [name for name in PLACE if name not in held]
-    if missing or not held & {STAMP, TIME}:
+    if not len(table):
+        raise InputError(f"{path}: has no row")
+    names = [name for name, _ in columns]
+    return [
+        Row(f"row {k}", dict(zip(names, cells, strict=True)))
+        for k, cells in enumerate(zip(*(cells for _, cells in columns), strict=True))
+    ]
+
+
+def _cells(arrow: Any, name: str, column: Any) -> tuple[str, list[str]]:
+    """Name and cells of a column of pyarrow as a CSV file would have them, '' where there is none.
+
+    Dates are nanoseconds, durations seconds, and stamps that pandas holds as floats whole numbers.
+    """
+    form, kind = "{}", column.type
+    if arrow.types.is_timestamp(kind):
+        name = STAMP if name == TIME else name
+        column = column.cast(arrow.timestamp("ns", kind.tz)).cast("int64")
+    elif arrow.types.is_duration(kind):
+        form, column = "{}e-9", column.cast(arrow.duration("ns")).cast("int64")
+    elif arrow.types.is_floating(kind) and name == STAMP:
+        form = "{:.0f}"
+    return name, ["" if v is None else form.format(v) for v in column.to_pylist()]
+
+
+def _lists(path: Path, rows: Sequence[Row]) -> list[PointList]:
+    missing = [name for name in PLACE if name not in rows[0]]
+    if missing:
         raise InputError(
-            f"{path}: has no column {', '.join(missing) or TIME}; it must have {STAMP} or {TIME}, "
-            f"{', '.join(PLACE)}"
+            f"{path}: has no column {', '.join(missing)} (it has {', '.join(rows[0])}); it must "
+            f"have {STAMP} or {TIME}, {', '.join(PLACE)}"
         )
-    columns = {}
-    for name in (*PLACE, *(n for n in OPTIONAL if n in held)):
-        try:
-            columns[name] = np.array(table.column(name).to_numpy(), dtype=np.float64)
-        except (TypeError, ValueError) as err:
-            raise InputError(f"{path}: column {name} holds no numbers") from err
-        if not np.all(np.isfinite(columns[name])):
-            line = int(np.argmax(~np.isfinite(columns[name])))
-            raise InputError(f"{path}: row {line}: {name} is no number")
-    if STAMP in held:
-        return np.array(table.column(STAMP).to_numpy(), dtype=np.int64), columns
-    seconds = np.array(table.column(TIME).to_numpy(), dtype=np.float64)
-    if not np.all(np.isfinite(seconds)):
-        raise InputError(f"{path}: {TIME} holds what is no number")
-    before = ORIGIN if np.abs(seconds).max(initial=0.0) < LONGEST else 0
-    return before + np.rint(seconds * NANOSECONDS).astype(np.int64), columns
-
-
-def _lists(path: Path, at: NDArray[np.int64], columns: dict[str, FloatArray]) -> list[PointList]:
-    if "std" in columns and np.any(columns["std"] <= 0.0):
-        line = int(np.argmax(columns["std"] <= 0.0)) + 2
-        raise InputError(f"{path}: line {line}: std must be positive")
+    names = (*PLACE, *(name for name in OPTIONAL if name in rows[0]))
+    at, values = measured(path, rows, names)
     order = np.argsort(at, kind="stable")
-    at = at[order]
-    place = np.column_stack([columns[name] for name in PLACE])[order]
-    optional = {name: columns[name][order] for name in OPTIONAL if name in columns}
-    edges = np.flatnonzero(np.diff(at)) + 1
+    at, values = at[order], values[order]
     result = []
-    for part in np.split(np.arange(len(at)), edges):
-        own = {name: values[part] for name, values in optional.items()}
-        result.append(PointList(int(at[part[0]]), place[part], own.get("u"), own.get("std")))
+    for part in np.split(np.arange(len(at)), np.flatnonzero(np.diff(at)) + 1):
+        own = dict(zip(names[3:], values[part, 3:].T, strict=True))
+        result.append(PointList(int(at[part[0]]), values[part, :3], own.get("u"), own.get("std")))
     return result
 
 

@@ -12,14 +12,14 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from dlo_ros.command import NANOSECONDS, Command
+from dlo_ros.command import END, NANOSECONDS, NORM, START, UNIT, Command
 from dlo_ros.errors import InputError
 from dlo_ros.files import write_text
 from dlo_ros.observation import CentrelinePoints, Observation, Wrenches
@@ -32,95 +32,27 @@ from dlo_ros.recordings.message_building import (
     observation_messages,
 )
 from dlo_ros.recordings.messages import stamp_of
+from dlo_ros.recordings.table_rows import (
+    PLACE,
+    STAMP,
+    Row,
+    check_clocks,
+    measured,
+    numbers,
+    rows_of,
+    stamps,
+)
 from dlo_ros.recordings.wrenches import wrench_messages
 from dlo_ros.recordings.write import BagWriter
 from dlo_ros.spline import FloatArray
 
-STAMP, TIME = "stamp_ns", "time_s"
-COORDINATES = ("x", "y", "z", "theta")
-POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")
+COORDINATES = (*PLACE, "theta")
+POSE = (*PLACE, "qx", "qy", "qz", "qw")
 VELOCITY = ("vx", "vy", "vz")
 POINT = ("u", "x", "y", "z", "std")
 WRENCH = ("end", "fx", "fy", "fz", "tx", "ty", "tz")
 OBSERVED_FILE, COMMAND_FILE, POINTS_FILE = "observed.csv", "command.csv", "points.csv"
 WRENCH_FILE = "wrench.csv"
-ORIGIN = 1_750_000_000 * NANOSECONDS
-"""Stamp [ns] of the time 0 where times count from the beginning of a recording."""
-LONGEST = 1e6  # [s] longest recording; later times are those of a clock
-LATEST = 2**31 * NANOSECONDS  # [ns] a message's stamp has seconds of 32 bits
-Row = Mapping[str, str]
-
-
-def rows_of(path: Path, needed: Sequence[str]) -> list[dict[str, str]]:
-    """The lines of a CSV file by the names in its first line.
-
-    Raises:
-        InputError: it cannot be read, has no line, or lacks a column.
-    """
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.DictReader(file, restval="", skipinitialspace=True)
-            missing = [name for name in needed if name not in (reader.fieldnames or ())]
-            if missing:
-                raise InputError(
-                    f"{path}: its first line has no {', '.join(missing)}; it must name "
-                    f"{', '.join(needed)}"
-                )
-            rows = [{str(k): v for k, v in row.items() if k is not None} for row in reader]
-    except OSError as err:
-        raise InputError(f"{path}: cannot be read ({err.strerror})") from err
-    except (UnicodeDecodeError, csv.Error) as err:
-        raise InputError(f"{path}: is no CSV file in UTF-8 ({err})") from err
-    if not rows:
-        raise InputError(f"{path}: has no line but the first")
-    return rows
-
-
-def numbers(path: Path, rows: Sequence[Row], names: Sequence[str]) -> FloatArray:
-    """Columns as numbers, shape (rows, names).
-
-    Raises:
-        InputError: one is no finite number; with its line and column.
-    """
-    result = np.empty((len(rows), len(names)))
-    for k, row in enumerate(rows):
-        for j, name in enumerate(names):
-            try:
-                result[k, j] = float(row[name])
-            except ValueError:
-                result[k, j] = math.nan
-            if not math.isfinite(result[k, j]):
-                raise InputError(f"{path}: line {k + 2}: {name} is '{row[name]}', no number")
-    return result
-
-
-def stamps(path: Path, rows: Sequence[Row]) -> list[int]:
-    """Stamps of lines [ns]; times from the beginning of a recording are given a date.
-
-    Raises:
-        InputError: there is neither `stamp_ns` nor `time_s`, or one is no number.
-    """
-    if STAMP in rows[0]:
-        try:
-            return _within_range(path, [int(row[STAMP]) for row in rows])
-        except ValueError as err:
-            raise InputError(f"{path}: {STAMP} must be whole numbers of nanoseconds") from err
-    if TIME not in rows[0]:
-        raise InputError(f"{path}: its first line has neither {STAMP} nor {TIME}")
-    seconds = numbers(path, rows, (TIME,))[:, 0]
-    before = ORIGIN if np.abs(seconds).max() < LONGEST else 0
-    return _within_range(path, [before + round(s * NANOSECONDS) for s in seconds.tolist()])
-
-
-def _within_range(path: Path, found: list[int]) -> list[int]:
-    """The stamps [ns] of lines, if messages can carry them all."""
-    for k, stamp in enumerate(found):
-        if abs(stamp) >= LATEST:
-            raise InputError(
-                f"{path}: line {k + 2}: the stamp {stamp:.3g} ns lies after 2038; {STAMP} counts "
-                f"nanoseconds, {TIME} seconds"
-            )
-    return found
 
 
 def spline_columns(control_points: int) -> list[str]:
@@ -157,6 +89,7 @@ def read_csv(
         raise InputError(f"{named}: no file has observed splines, as {OBSERVED_FILE} of export has")
     if not commands:
         raise InputError(f"{named}: no file has commands, as {COMMAND_FILE} of export has")
+    check_clocks(inputs, [c.stamp for c in commands] + list(observations))
     seen = [
         replace(observations[stamp], points=points.get(stamp)) for stamp in sorted(observations)
     ]
@@ -191,15 +124,15 @@ def _observations(path: Path, settings: Settings) -> list[Observation]:
             f"{path}: has more control points than rod.control_points, "
             f"{settings.rod.control_points}"
         )
-    values = numbers(path, rows, names).reshape(len(rows), -1, len(COORDINATES))
-    return [Observation(s, v) for s, v in zip(stamps(path, rows), values, strict=True)]
+    at, values = measured(path, rows, names)
+    shapes = values.reshape(len(at), -1, len(COORDINATES))
+    return [Observation(int(s), v) for s, v in zip(at, shapes, strict=True)]
 
 
 def _points(path: Path) -> dict[int, CentrelinePoints]:
     rows = rows_of(path, POINT)
     along = STD_ALONG in rows[0]
-    values = numbers(path, rows, (*POINT, STD_ALONG) if along else POINT)
-    at = np.array(stamps(path, rows))
+    at, values = measured(path, rows, (*POINT, STD_ALONG) if along else POINT)
     found = {}
     for stamp in np.unique(at):
         own = values[at == stamp]
@@ -214,6 +147,10 @@ def read_commands(path: Path, settings: Settings) -> list[Command]:
     rows = rows_of(path, ("name", *POSE))
     at, after = _starts(path, rows)
     values = numbers(path, rows, POSE)
+    for row, quaternion in zip(rows, values[:, 3:], strict=True):
+        norm = float(np.linalg.norm(quaternion))
+        if row["name"] in (START, END) and abs(norm - 1.0) > NORM:
+            raise InputError(f"{path}: {row.place}: qx, qy, qz, qw have norm {norm:.3g}; {UNIT}")
     fast = np.full((len(rows), 3), math.nan)
     for k, row in enumerate(rows):
         if all(row.get(name, "") for name in VELOCITY):

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from dlo_ros.command import NORM, UNIT
 from dlo_ros.errors import InputError
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.bag import Bag, deserialise
@@ -25,9 +26,6 @@ Pose = tuple[FloatArray, FloatArray]
 
 LATE = 500_000_000
 """Nanoseconds beyond the first and the last known instant for which a pose is taken to hold."""
-
-NORM = 0.1
-"""By which a quaternion's norm may differ from 1."""
 
 
 def same_frame(one: str, other: str) -> bool:
@@ -212,10 +210,7 @@ def _pose(frame: str, position: Any, rotation: Any) -> Pose:
     )
     norm = float(np.linalg.norm(turned))
     if abs(norm - 1.0) > NORM:
-        raise InputError(
-            f"the rotation of {frame[:60]} has norm {norm:.3g}; "
-            "a unit quaternion x, y, z, w is needed"
-        )
+        raise InputError(f"the rotation of {frame[:60]} has norm {norm:.3g}; {UNIT}")
     place = array((position.x, position.y, position.z), f"the position of {frame[:60]}")
     if float(np.abs(place).max()) > MAX_DISTANCE:
         raise InputError(f"{frame[:60]} is more than {MAX_DISTANCE:g} m away; metres are meant")

@@ -11,7 +11,8 @@ import numpy as np
 from dlo_ros.command import END, START
 from dlo_ros.errors import InputError
 from dlo_ros.observation import Wrenches
-from dlo_ros.recordings.tables import STAMP, WRENCH, WRENCH_FILE, files, numbers, rows_of, stamps
+from dlo_ros.recordings.table_rows import STAMP, measured, rows_of
+from dlo_ros.recordings.tables import WRENCH, WRENCH_FILE, files
 from dlo_ros.recordings.tables import write_table as write
 
 
@@ -26,13 +27,14 @@ def read_wrench_tables(inputs: Sequence[Path]) -> tuple[Wrenches, ...]:
         lines = rows_of(path, ())
         if not set(WRENCH) <= set(lines[0]):
             continue
-        values = numbers(path, lines, WRENCH[1:])
-        for k, (stamp, line) in enumerate(zip(stamps(path, lines), lines, strict=True)):
+        for line in lines:
             if line["end"] not in (START, END):
                 raise InputError(
-                    f"{path}: line {k + 2}: end is '{line['end']}'; it must be {START} or {END}"
+                    f"{path}: {line.place}: end is '{line['end']}'; it must be {START} or {END}"
                 )
-            rows.setdefault(line["end"], {})[stamp] = values[k]
+        for end in dict.fromkeys(line["end"] for line in lines):
+            at, values = measured(path, [r for r in lines if r["end"] == end], WRENCH[1:])
+            rows.setdefault(end, {}).update(zip(at.tolist(), values, strict=True))
     result = []
     for end, own in rows.items():
         at = np.array(sorted(own), dtype=np.int64)

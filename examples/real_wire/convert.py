@@ -11,7 +11,8 @@ from dlo_ros.command import Command
 from dlo_ros.errors import InputError
 from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
-from dlo_ros.recordings.tables import numbers, rows_of, write_bag
+from dlo_ros.recordings.table_rows import numbers, rows_of
+from dlo_ros.recordings.tables import write_bag
 from dlo_ros.spline import FloatArray, SplineBasis
 
 STAMP = 1_750_000_000_000_000_000  # [ns] of every shape; when they were taken is not known

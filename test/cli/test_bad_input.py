@@ -99,7 +99,7 @@ def test_commands_are_checked():
         replace(good, positions=wrong)
     with pytest.raises(CommandError, match="velocity that is infinite"):
         replace(good, velocities=np.full((1, 1, 3), np.inf))
-    with pytest.raises(CommandError, match="'start' is no unit quaternion"):
+    with pytest.raises(CommandError, match="rotation of 'start' at point 0 has norm nan"):
         replace(good, rotations=np.full((1, 1, 4), np.nan))
     with pytest.raises(CommandError, match="time that is not finite"):
         replace(good, times=np.array([np.nan]))

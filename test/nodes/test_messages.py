@@ -66,7 +66,7 @@ def set_path(message, path: str, value) -> None:
         ("points.1.transforms.0.translation.x", math.inf, "m away"),
         ("points.1.transforms.0.translation.x", 250000.0, "positions are in metres"),
         ("points.1.transforms.0.rotation.w", NAN, "rotation that is not finite"),
-        ("points.1.transforms.0.rotation.w", 0.0, "'start' is no unit quaternion"),
+        ("points.1.transforms.0.rotation.w", 0.0, "the rotation of 'start' at point 1 has norm"),
         ("points.1.velocities.1.linear.y", NAN, "velocity 1 of point 1"),
         ("points.1.velocities.0.angular.z", math.inf, "velocity 0 of point 1"),
     ],

@@ -11,7 +11,8 @@ from dlo_ros.command import Command
 from dlo_ros.observation import CentrelinePoints, Observation
 from dlo_ros.parameters import RodParameters, Settings
 from dlo_ros.recordings.read import read_recording
-from dlo_ros.recordings.tables import ORIGIN, spline_columns, write_bag
+from dlo_ros.recordings.table_rows import ORIGIN
+from dlo_ros.recordings.tables import spline_columns, write_bag
 from dlo_ros.spline import SplineBasis
 
 N = 6
@@ -171,6 +172,13 @@ def test_a_robots_own_tables_with_seconds(params, tmp_path):
             "time_s,name,x,y,z,qx,qy,qz,qw\n0,start,0,0,0,0,0,0,1\n1,end,0,0,0,0,0,0,1\n",
             "one line for each",
         ),
+        (
+            None,
+            "time_s,name,x,y,z,qx,qy,qz,qw\n0,start,0,0,0,0,0,0,1\n1,start,0,0,0,0,0,0,0\n",
+            "line 3: qx, qy, qz, qw have norm 0; a unit quaternion x, y, z, w is needed, (0, 0, 0",
+        ),
+        (None, "time_s,name,x,y,z,qx,qy,qz,qw\n0,end,0,0,0,0,3,0,4\n", "line 2: qx, qy, qz, qw"),
+        (None, "time_s,name,x,y,z,qx,qy,qz,qw\n1.76e9,start,0,0,0,0,0,0,1\n", "different clocks"),
         (None, "name,x,y,z,qx,qy,qz,qw\nstart,0,0,0,0,0,0,1\n", "neither stamp_ns nor time_s"),
         ("", None, "no line"),
     ],
@@ -186,6 +194,39 @@ def test_tables_that_cannot_be_used(params, tmp_path, capsys, observed, command,
     assert main(call) == 2
     text = capsys.readouterr().err
     assert text.count("\n") == 1 and words in text and not out.exists()
+
+
+def test_quaternions_are_normalised_and_those_of_control_points_mean_nothing(params, tmp_path):
+    a, b = observed_csv(tmp_path / "a.csv"), tmp_path / "b.csv"
+    b.write_text(
+        "time_s,name,x,y,z,qx,qy,qz,qw\n0,start,0,0,0,0,0.62,0,0.82\n"
+        f"0,control_point_{N},0,0,0.3,0,0,0,0\n"
+    )
+    out = tmp_path / "bag"
+    call = ["import", "--format", "csv", "--params", params, "--output", str(out), str(a), str(b)]
+    assert main(call) == 0
+    [command] = read_recording(out, SETTINGS).commands
+    turned = command.sample(ORIGIN)[1]
+    assert np.allclose(turned[0], np.array([0.0, 0.62, 0.0, 0.82]) / np.hypot(0.62, 0.82))
+    assert np.allclose(turned[1], [0.0, 0.0, 0.0, 1.0])
+
+
+def test_measured_lines_without_numbers_are_left_out_and_told_of(params, tmp_path, caplog):
+    tables, out = tmp_path / "tables", tmp_path / "back"
+    call = ["export", "--params", params, "--recording", bag(tmp_path), "--format", "csv"]
+    assert main([*call, "--output", str(tables)]) == 0
+    for name, line, last in (("observed", 3, "nan"), ("points", 5, ""), ("points", 6, "-1")):
+        path = tables / f"{name}.csv"
+        lines = path.read_text().splitlines()
+        lines[line - 1] = lines[line - 1].rpartition(",")[0] + "," + last
+        path.write_text("\n".join(lines) + "\n")
+    call = ["import", "--format", "csv", "--params", params, "--output", str(out), str(tables)]
+    assert main(call) == 0
+    assert f"line 3: control_point_{N}.theta is 'nan', no number (1 of {FRAMES}" in caplog.text
+    assert f"line 5: std is '', no number (2 of {7 * FRAMES} lines" in caplog.text
+    found = read_recording(out, SETTINGS).observations
+    assert len(found) == FRAMES - 1
+    assert [len(o.points.u) for o in found] == [5, *[7] * (FRAMES - 2)]
 
 
 def test_other_control_points_and_missing_parts(params, tmp_path, capsys):
@@ -225,6 +266,43 @@ def test_data_sets_that_cannot_be_used(params, tmp_path, capsys):
     (folder / "meta/info.json").write_text("{")
     assert main(call) == 2 and "no JSON" in capsys.readouterr().err
     assert main([*call[:-1], str(tmp_path)]) == 2 and "info.json" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("column", "frame", "value", "status", "words"),
+    [
+        ("observation.state", 1, [np.nan] * 4 * N, 0, "1 of 5 frames are left out"),
+        ("observation.state", None, [np.nan] * 4 * N, 2, "no frame has control points"),
+        ("observation.state", None, [0.0], 2, f"must have {4 * N} numbers a frame"),
+        ("action", 1, [np.nan] * 14, 2, "position that is not finite"),
+        ("action", 2, [0.0] * 14, 2, "the rotation of 'start' at point 2 has norm 0"),
+        ("stamp_ns", 1, None, 2, "stamp_ns must be a number of nanoseconds"),
+        ("stamp_ns", None, "late", 2, "stamp_ns must be a number of nanoseconds"),
+        ("timestamp", 1, None, 2, "timestamp must be a number of seconds"),
+    ],
+)
+def test_frames_of_a_data_set_that_hold_no_numbers(
+    params, tmp_path, capsys, caplog, column, frame, value, status, words
+):
+    arrow = pytest.importorskip("pyarrow", reason="pyarrow is not installed: make test-export")
+    parquet = pytest.importorskip("pyarrow.parquet")
+    folder = tmp_path / "set"
+    call = ["export", "--params", params, "--recording", bag(tmp_path), "--format", "parquet"]
+    assert main([*call, "--output", str(folder)]) == 0
+    [path] = folder.rglob("*.parquet")
+    columns = {
+        name: cells
+        for name, cells in parquet.read_table(path).to_pydict().items()
+        if column != "timestamp" or name != "stamp_ns"
+    }
+    for k in range(FRAMES) if frame is None else (frame,):
+        columns[column][k] = value
+    parquet.write_table(arrow.table(columns), path)
+    out = tmp_path / "back"
+    call = ["import", "--format", "parquet", "--params", params, "--output", str(out), str(folder)]
+    assert main(call) == status
+    assert words in caplog.text + capsys.readouterr().err
+    assert out.exists() is not bool(status)
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from dlo_ros.recordings.bag import deserialise, open_bag
 from dlo_ros.recordings.images import read_camera_info, read_image
 from dlo_ros.recordings.messages import read_point_list, stamp_of
 from dlo_ros.recordings.read import read_recording
-from dlo_ros.recordings.tables import ORIGIN
+from dlo_ros.recordings.table_rows import ORIGIN
 
 NOETIC = get_typestore(Stores.ROS1_NOETIC)
 TF = "tf2_msgs/msg/TFMessage"
@@ -78,19 +78,115 @@ def test_a_table_may_be_parquet(tmp_path, params):
     whole = arrow.table({"time_s": np.zeros(len(seen.positions)), **columns})
     parquet.write_table(whole, tmp_path / "points.parquet")
     assert run(params, tmp_path, "points", str(tmp_path / "points.parquet"))[0] == 0
-    parquet.write_table(whole.drop_columns(["z"]), tmp_path / "points.parquet")
-    assert run(params, tmp_path, "points", "--force", str(tmp_path / "points.parquet"))[0] == 2
+
+
+INSTANTS = np.array([1_750_000_000_000_000_000, 1_750_000_000_033_333_333])
+SECONDS = np.array([0.0, 1.0 / 30.0])
+
+
+@pytest.mark.parametrize(
+    ("name", "cells", "kind", "first", "told"),
+    [
+        ("stamp_ns", INSTANTS, "int64", INSTANTS[0], ""),
+        ("stamp_ns", INSTANTS.astype(float), "float64", INSTANTS[0], ""),
+        ("stamp_ns", INSTANTS.astype(str), "string", INSTANTS[0], ""),
+        ("time_s", INSTANTS, "timestamp[ns]", INSTANTS[0], ""),
+        ("time_s", INSTANTS // 1000, "timestamp[us, tz=UTC]", INSTANTS[0], ""),
+        ("time_s", INSTANTS - INSTANTS[0], "duration[ns]", ORIGIN, ""),
+        ("time_s", [None, 0.0], "float64", ORIGIN, "row 0: time_s is '', no number (1 of 2"),
+        ("stamp_ns", [None, INSTANTS[1]], "int64", INSTANTS[1], "row 0: stamp_ns is ''"),
+        ("x", [np.nan, 0.0], "float64", ORIGIN + 33_333_333, "row 0: x is 'nan', no number (1 of"),
+        ("x", [1e9, 0.0], "float64", ORIGIN + 33_333_333, "row 0: x is '1000000000.0', more than"),
+        ("std", [0.0, 0.1], "float64", ORIGIN + 33_333_333, "row 0: std is '0.0'; it must be posi"),
+        ("note", ["a", None], "string", ORIGIN, ""),
+    ],
+)  # fmt: skip
+def test_a_parquet_column_is_read_as_its_type_says(
+    name, cells, kind, first, told, tmp_path, params, caplog
+):
+    status, output = parquet_run(params, tmp_path, name, cells, kind)
+    assert status == 0
+    assert told in caplog.text if told else not caplog.text
+    with open_bag(output) as made:
+        stamps = [stamp_of(deserialise(m)) for m in made.messages()]
+    assert len(stamps) == 2 - bool(told)
+    assert abs(stamps[0] - first) <= 256  # as a float64 it is rounded to that
+
+
+@pytest.mark.parametrize(
+    ("name", "cells", "kind", "told"),
+    [
+        ("time_s", [], "float64", "has no row"),
+        ("time_s", ["a", "b"], "string", "row 0: time_s is 'a', no number (none of its 2 lines"),
+        ("stamp_ns", ["a", "b"], "string", "row 0: stamp_ns is 'a', no whole number of nanosec"),
+        ("time_s", [1e30, 0.0], "float64", "row 0: the stamp 1e+39 ns lies after 2038"),
+        ("stamp_ns", [-5, -5], "int64", "row 0: the stamp -5 ns lies before 1970"),
+        ("x", [None, None], "null", "row 0: x is '', no number"),
+        ("x", [[1.0], [2.0]], "list", "row 0: x is '[1.0]', no number"),
+        ("x", None, "", "has no column x (it has y, z, time_s)"),
+    ],
+)
+def test_parquet_files_that_hold_no_points_are_refused(
+    name, cells, kind, told, tmp_path, params, capsys
+):
+    status, output = parquet_run(params, tmp_path, name, cells, kind)
+    assert status == 2 and told in capsys.readouterr().err
+    assert not output.exists()
+
+
+def parquet_run(params, tmp_path, name, cells, kind):
+    """Import of a Parquet file of two points, one column of which is replaced."""
+    arrow, parquet = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
+    types = {
+        "list": arrow.list_(arrow.float64()), "timestamp[us, tz=UTC]": arrow.timestamp("us", "UTC"),
+        "timestamp[ns]": arrow.timestamp("ns"), "duration[ns]": arrow.duration("ns"),
+    }  # fmt: skip
+    columns = {c: arrow.array([0.0, 0.1]) for c in "xyz"} | {"time_s": arrow.array(SECONDS)}
+    if name == "stamp_ns":
+        del columns["time_s"]
+    if cells is None:
+        del columns[name]
+    else:
+        kind = types.get(kind) or arrow.type_for_alias(kind)
+        columns[name] = arrow.array(list(cells), from_pandas=False).cast(kind)
+        columns = {c: v[: len(cells)] for c, v in columns.items()}
+    parquet.write_table(arrow.table(columns), tmp_path / "points.PARQUET")
+    return run(params, tmp_path, "points", str(tmp_path / "points.PARQUET"))
+
+
+def test_a_file_that_is_no_parquet_is_refused(tmp_path, params, capsys):
+    pytest.importorskip("pyarrow")
+    (tmp_path / "points.parquet").write_text("time_s,x,y,z\n0,0,0,0\n")
+    assert run(params, tmp_path, "points", str(tmp_path / "points.parquet"))[0] == 2
+    assert "points.parquet: cannot be read as Parquet" in capsys.readouterr().err
+
+
+def test_lines_without_a_point_are_left_out_and_told_of(tmp_path, params, capsys, caplog):
+    path, _ = table(tmp_path)
+    lines = path.read_text().splitlines()
+    lines[3] = lines[3].rpartition(",")[0] + ",nan"
+    lines[5] = lines[5].partition(",")[0] + ",,,"
+    lines.insert(4, "")
+    path.write_text("\n".join(lines) + "\n0.2,lost,0,0\n0.3,1e9,0,0\n,0,0,0\n")
+    status, output = run(params, tmp_path, "points", str(path))
+    assert status == 0 and "3 lists of 149 points" in capsys.readouterr().out
+    assert "points.csv: line 4: z is 'nan', no number (5 of 453 lines are left out" in caplog.text
+    with open_bag(output) as made:
+        seen = [read_point_list(deserialise(m)) for m in made.messages(made.find(topics.POINTS))]
+    assert sum(len(s.positions) for s in seen) == 448
 
 
 @pytest.mark.parametrize(
     ("text", "word"),
     [
-        ("time_s,x,y\n0,0,0\n", "has no z"),
+        ("time_s,x,y\n0,0,0\n", "has no column z"),
         ("x,y,z\n0,0,0\n", "neither stamp_ns nor time_s"),
         ("time_s,x,y,z\n1e30,0,0,0\n", "line 2: the stamp 1e+39 ns lies after 2038"),
         (f"stamp_ns,x,y,z\n{10**23},0,0,0\n", "line 2: the stamp 1e+23 ns lies after 2038"),
         ("time_s,x,y,z\n0,0,0,nan\n", "line 2: z is 'nan'"),
-        ("time_s,x,y,z,std\n0,0,0,0,0\n", "std must be positive"),
+        ("time_s,x,y,z,std\n0,0,0,0,0\n", "line 2: std is '0'; it must be positive (none of"),
+        ("time_s,X,Y,Z\n0,0,0,0\n", "has no column x, y, z (it has time_s, X, Y, Z)"),
+        ("stamp_ns,x,y,z\n1e18,0,0,0\n", "stamp_ns is '1e18', no whole number of nanoseconds"),
     ],
 )
 def test_tables_that_are_none_are_refused(text, word, tmp_path, params, capsys):
