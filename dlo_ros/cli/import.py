@@ -57,7 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.topic and arguments.format != "ros1":
         raise InputError("--topic is for --format ros1")
     if arguments.format == "ros1":
-        return _ros1(arguments)
+        return _ros1(arguments, settings)
     if arguments.format == "points":
         return _points(arguments, settings)
     wrenches: tuple[Wrenches, ...] = ()
@@ -90,11 +90,13 @@ def _points(arguments: argparse.Namespace, settings: Settings) -> int:
     return 0
 
 
-def _ros1(arguments: argparse.Namespace) -> int:
+def _ros1(arguments: argparse.Namespace, settings: Settings) -> int:
     topics = dict(text.partition("=")[::2] for text in arguments.topic)
     if not all(topics.values()):
         raise InputError("--topic is written OURS=THEIRS, such as dlo/points=/tracker/cloud")
-    names, left = import_ros1(arguments.inputs, arguments.output, topics, force=arguments.force)
+    names, left = import_ros1(
+        arguments.inputs, arguments.output, topics, tuple(settings.cameras), force=arguments.force
+    )
     print(f"{arguments.output}: {', '.join(f'{a} from {b}' for b, a in sorted(names.items()))}")
     if left:
         print(f"  not taken: {', '.join(left)}")

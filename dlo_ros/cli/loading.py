@@ -17,7 +17,7 @@ from rich.progress import track
 
 from dlo_ros.cli.control_points import with_control_points
 from dlo_ros.cli.observe import observe_recording
-from dlo_ros.cli.observe_points import ObservedPoints, observe_points
+from dlo_ros.cli.observe_points import ObservedPoints, observe_points, observes_points
 from dlo_ros.cli.observe_space import ObservedFrame
 from dlo_ros.command import Motion
 from dlo_ros.compilation import compile_first
@@ -143,8 +143,8 @@ def load_manipulation(path: Path, settings: Settings) -> Manipulation:
     recording = read_recording(path, settings)
     observations = recording.observations
     if not observations:
-        images = recording.has_images
-        observations = tuple((_observe if images else _observe_points)(path, settings))
+        observe = _observe_points if observes_points(path) else _observe
+        observations = tuple(observe(path, settings))
     motion = Motion(list(recording.commands))
     swapped = sum(runs_backwards(o, motion) for o in observations)
     if swapped:

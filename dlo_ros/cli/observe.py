@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 
 from dlo_ros.cli.control_points import CHOSEN_BY, chosen, with_control_points
-from dlo_ros.cli.observe_points import observe_points_bag
+from dlo_ros.cli.observe_points import observe_points_bag, observes_points
 from dlo_ros.cli.observe_space import ObservedFrame, observe_together, watches_space
 from dlo_ros.cli.progress import progress_bar
 from dlo_ros.cli.results import check_results_folder
@@ -27,7 +27,6 @@ from dlo_ros.errors import DloError, InputError, RecordingError, VisionError
 from dlo_ros.files import write_bytes, write_text
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
-from dlo_ros.recordings.bag import open_bag
 from dlo_ros.recordings.camera_bags import count_images
 from dlo_ros.recordings.images import Image
 from dlo_ros.recordings.message_building import observation_messages
@@ -80,6 +79,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="bag only: control points of the splines instead of rod.control_points; "
         "'auto' chooses them by cross-validation, as is done where the file does not say",
     )
+    parser.add_argument(
+        "--points",
+        action="store_true",
+        help=f"bag only: observe {topics.POINTS} of another tracker where there are images, too",
+    )
     parser.add_argument("--force", action="store_true", help="replace an existing bag")
 
 
@@ -92,17 +96,19 @@ def run(arguments: argparse.Namespace) -> int:
     inputs: list[Path] = arguments.inputs
     bags = [p for p in inputs if p.is_dir() or p.suffix in BAG_SUFFIXES]
     if not bags:
+        if arguments.points:
+            raise InputError(f"{inputs[0]}: is no bag; --points is for bags with {topics.POINTS}")
         return _observe_files(inputs, arguments.output, arguments.params)
     if len(inputs) > 1:
         raise InputError(f"{bags[0]}: is a bag; give one bag, or image files only")
     if arguments.params is None:
         raise InputError(f"{bags[0]}: is a bag; give its parameter file with --params")
     settings = Settings.load(arguments.params)
-    if _only_points(bags[0]):
+    if observes_points(bags[0], wanted=arguments.points):
         if arguments.control_points is not None or arguments.overlays is not None:
             raise InputError(
-                f"{bags[0]}: has {topics.POINTS} and no images; --overlays and --control-points "
-                "are for images"
+                f"{bags[0]}: its {topics.POINTS} are observed, and no images; --overlays and "
+                "--control-points are for images"
             )
         return observe_points_bag(bags[0], settings, arguments.output, force=arguments.force)
     if arguments.control_points is None:
@@ -114,13 +120,6 @@ def run(arguments: argparse.Namespace) -> int:
     return _observe_bag(
         bags[0], settings, arguments.output, arguments.overlays, force=arguments.force
     )
-
-
-def _only_points(path: Path) -> bool:
-    """Whether a bag has another tracker's points, and no images."""
-    with open_bag(path) as bag:
-        images = any(bag.holds(topic) for topic in (topics.IMAGE, topics.COMPRESSED))
-        return bag.holds(topics.POINTS) and not images
 
 
 def _with_control_points(path: Path, settings: Settings, wanted: str) -> Settings:

@@ -41,6 +41,30 @@ class ObservedPoints:
     reason: str = ""
 
 
+def observes_points(path: Path, *, wanted: bool = False) -> bool:
+    """Whether the points of a bag are observed, and not its images.
+
+    Args:
+        path: rosbag2 folder.
+        wanted: whether they are where the bag has images, too.
+
+    Raises:
+        RecordingError: no bag, damaged, or without the points that are wanted.
+    """
+    with open_bag(path) as bag:
+        points = bag.holds(topics.POINTS)
+        images = bag.holds(topics.IMAGE) or bag.holds(topics.COMPRESSED)
+    if wanted and not points:
+        raise RecordingError(f"{path}: has no {topics.POINTS}; leave --points away")
+    if points and images and not wanted:
+        LOG.warning(
+            "%s: has images and %s of another tracker; the images are observed. To use the points, "
+            "observe the bag with --points first",
+            path, topics.POINTS,
+        )  # fmt: skip
+    return points and (wanted or not images)
+
+
 def observe_points(path: Path | str, settings: Settings) -> Iterator[ObservedPoints]:
     """Turn a recording's lists of points into observed splines, one after the other.
 

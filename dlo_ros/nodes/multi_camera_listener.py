@@ -115,6 +115,7 @@ class MultiCameraListener:
         motion: the imposed motion, as it is known so far.
         publish: function that is called with the observation of each instant.
         predicted: function that returns the predicted control points near a stamp [ns], or None.
+        seen_by: function that is called with the frame and the name of a camera of several.
     """
 
     def __init__(
@@ -123,9 +124,10 @@ class MultiCameraListener:
         motion: Motion,
         publish: Callable[[VisionResult], None],
         predicted: Callable[[int], FloatArray | None],
+        seen_by: Callable[[str, str], None],
     ) -> None:
         self._node, self._motion = node, motion
-        self._publish, self._predicted = publish, predicted
+        self._publish, self._predicted, self._seen_by = publish, predicted, seen_by
         self.cameras = tuple(node.settings.cameras)
         self._infos: dict[str, CameraInfo] = {}
         self._observer: SpaceObserver | None = None
@@ -196,6 +198,7 @@ class MultiCameraListener:
         if self._infos.get(name) != info:
             self._infos[name] = info
             self.build()
+            self._seen_by(info.frame_id, name)
 
     def _on_depth(self, message: Any) -> None:
         if self._node.ready and not self._node.is_earlier(stamp_of(message)):

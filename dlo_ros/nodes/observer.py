@@ -76,7 +76,9 @@ class ObserverNode(DloNode):
         self._transform = BoardTransform(self)
         self._markers = Markers(self, "observed", (0.2, 0.9, 0.3))
         self._command_subscription = CommandSubscription(self, self._on_command)
-        self._views = MultiCameraListener(self, self._motion, self._publish, self._predictions.at)
+        self._views = MultiCameraListener(
+            self, self._motion, self._publish, self._predictions.at, self._transform.seen_by
+        )
         if not self._views.cameras:
             self.subscribe(topics.CAMERA_INFO, self._on_camera_info, qos.SENSOR)
         self.subscribe(topics.MASK, self._on_mask, qos.SENSOR)

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -13,6 +13,7 @@ from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
+from dlo_ros.command import NANOSECONDS
 from dlo_ros.errors import RecordingError
 from dlo_ros.recordings import topics
 
@@ -62,7 +63,7 @@ class Bag:
 
     def holds(self, topic: str) -> bool:
         """Whether there are messages of a topic, in whatever namespace."""
-        return any(topics.is_topic(c.topic, topic) and c.msgcount for c in self.connections)
+        return bool(self._called(topic))
 
     def find(self, topic: str, near: str = "") -> list[Connection]:
         """The connections of a topic, in whatever namespace; empty where the bag has none.
@@ -74,10 +75,7 @@ class Bag:
         Raises:
             RecordingError: several namespaces have it, or it is of another type.
         """
-        found = [c for c in self.connections if topics.is_topic(c.topic, topic) and c.msgcount]
-        if topic in (topics.IMAGE, topics.CAMERA_INFO):
-            # A depth image is no picture, though its topic ends like one's.
-            found = [c for c in found if not topics.is_topic(c.topic, f"depth/{topic}")]
+        found = self._called(topic)
         names = sorted({c.topic for c in found})
         sibling = near.removesuffix(topics.relative(near) or "") + topic
         preferred = next((n for n in (sibling, f"/{topic}") if n in names), None)
@@ -95,11 +93,39 @@ class Bag:
             )
         return found
 
-    def messages(self, connections: Collection[Connection] | None = None) -> Iterator[RawMessage]:
+    def _called(self, topic: str) -> list[Connection]:
+        """The connections with messages of a topic, in all namespaces."""
+        found = [c for c in self.connections if topics.is_topic(c.topic, topic) and c.msgcount]
+        if topic in (topics.IMAGE, topics.CAMERA_INFO):
+            # A depth image is no picture, though its topic ends like one's.
+            found = [c for c in found if not topics.is_topic(c.topic, f"depth/{topic}")]
+        return found
+
+    def ends(self, topic: str) -> dict[str, tuple[RawMessage, RawMessage]]:
+        """First and last message of a topic in each namespace, without those between them.
+
+        Raises:
+            RecordingError: the file is damaged.
+        """
+        result = {}
+        for name in dict.fromkeys(c.topic for c in self._called(topic)):
+            own = [c for c in self.connections if c.topic == name]
+            first, back = next(self.messages(own)), NANOSECONDS
+            last: deque[RawMessage] = deque(maxlen=1)
+            while not last:  # the index leads to a time, but to no last message of a topic
+                last.extend(self.messages(own, since=max(self.start, self.end - back)))
+                back *= 4
+            result[name] = (first, last[0])
+        return result
+
+    def messages(
+        self, connections: Collection[Connection] | None = None, since: int | None = None
+    ) -> Iterator[RawMessage]:
         """Messages in the order of recording.
 
         Args:
             connections: connections whose messages are read; default: all.
+            since: time of recording from which on messages are read [ns]; default: all.
 
         Raises:
             RecordingError: the file is damaged, or holds fewer messages than its index says.
@@ -107,8 +133,8 @@ class Bag:
         wanted = self.connections if connections is None else list(connections)
         if not wanted:
             return
-        expected, found = sum(c.msgcount for c in wanted), 0
-        iterator = self._reader.messages(wanted)
+        expected, found = 0 if since else sum(c.msgcount for c in wanted), 0
+        iterator = self._reader.messages(wanted, start=since)
         while True:
             # A damaged file surfaces as whatever the parser meets first, so everything is caught;
             # what the consumer raises is not, since the loop is not around the yield.

@@ -16,7 +16,7 @@ from dlo_ros.command import END, NANOSECONDS, START, Command
 from dlo_ros.errors import CommandError, InputError
 from dlo_ros.parameters import Offset, Settings
 from dlo_ros.recordings import topics
-from dlo_ros.recordings.bag import Bag, RawMessage, deserialise
+from dlo_ros.recordings.bag import Bag, deserialise
 from dlo_ros.recordings.messages import stamp_of
 from dlo_ros.recordings.transforms import Transforms, common_instants, transforms_of
 from dlo_ros.spline import FloatArray
@@ -187,12 +187,8 @@ def unframed(bag: Bag, named: str, first: int, last: int) -> list[str]:
 
 def _spans(bag: Bag, topic: str) -> list[tuple[str, int, int]]:
     """Name of each topic of a kind in a bag, with its first and its last stamp [ns]."""
-    ends: dict[str, list[RawMessage]] = {}
-    found = [c for c in bag.connections if topics.is_topic(c.topic, topic) and c.msgcount]
-    for raw in bag.messages(found):
-        ends.setdefault(raw.topic, [])[1:] = [raw]
     spans = []
-    for name, both in ends.items():
+    for name, both in bag.ends(topic).items():
         try:
             stamps = [stamp_of(deserialise(raw)) for raw in both]
         except InputError:  # told by whoever reads it

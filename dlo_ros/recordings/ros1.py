@@ -17,6 +17,7 @@ from rosbags.rosbag1 import Reader
 from rosbags.typesys import Stores, get_typestore
 
 from dlo_ros.errors import InputError, RecordingError
+from dlo_ros.parameter_cameras import CAMERAS
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.bag import TYPESTORE, brief, deserialise, open_bag
 from dlo_ros.recordings.write import BagWriter
@@ -31,12 +32,8 @@ IMPORTED_TOPICS = (
 )  # fmt: skip
 """Topics that a recording of an experiment may have."""
 
-KINDS = topics.TYPES | {
-    topics.DEPTH: topics.TYPES[topics.IMAGE],
-    topics.DEPTH_INFO: topics.TYPES[topics.CAMERA_INFO],
-    topics.TRANSFORMS: topics.TRANSFORMS_TYPE,
-    topics.MOVING_TRANSFORMS: topics.TRANSFORMS_TYPE,
-}
+OF_CAMERAS = (topics.IMAGE, topics.COMPRESSED, topics.CAMERA_INFO)
+"""Topics that each of several cameras has."""
 
 BY_TYPE = (
     topics.IMAGE, topics.COMPRESSED, topics.CAMERA_INFO, topics.POINTS, topics.COMMAND,
@@ -44,59 +41,107 @@ BY_TYPE = (
 """Topics that are recognised by their type where only one topic of the bag has it."""
 
 
-def chosen(held: Mapping[str, str], named: Mapping[str, str]) -> dict[str, str]:
+def imported_topics(cameras: Sequence[str]) -> tuple[str, ...]:
+    """Topics that a recording with these cameras may have, by the interface's names."""
+    if not cameras:
+        return IMPORTED_TOPICS
+    own = [topics.of_camera(name, topic) for name in cameras for topic in OF_CAMERAS]
+    depth = (topics.DEPTH, topics.DEPTH_INFO, topics.MASK)
+    return (*own, *(t for t in IMPORTED_TOPICS if t not in (*OF_CAMERAS, *depth)))
+
+
+def kind_of(topic: str) -> str:
+    """Message type of a topic that is imported."""
+    fixed = topic in (topics.TRANSFORMS, topics.MOVING_TRANSFORMS)
+    return topics.TRANSFORMS_TYPE if fixed else topics.type_of(topic)
+
+
+def chosen(
+    held: Mapping[str, str], named: Mapping[str, str], cameras: Sequence[str] = ()
+) -> dict[str, str]:
     """The topic of a bag for each topic of the interface.
 
     Args:
         held: type of each topic of the bag.
         named: the user's choice: name of the interface to name in the bag.
+        cameras: names of several cameras, as `vision.cameras`; empty: one camera.
 
     Returns:
         Our name by the bag's.
 
     Raises:
-        InputError: what the user says does not fit, or several topics could be one of ours.
+        InputError: what the user says does not fit, several topics could be one of ours, or images
+            of some of the cameras are missing.
     """
     result: dict[str, str] = {}
+    ours = imported_topics(cameras)
     for own, name in named.items():
-        if own.lstrip("/") not in {t.lstrip("/") for t in IMPORTED_TOPICS}:
-            raise InputError(
-                f"--topic {own}={name}: '{own}' is none of {', '.join(IMPORTED_TOPICS)}"
-            )
-        own = next(t for t in IMPORTED_TOPICS if t.lstrip("/") == own.lstrip("/"))
+        if own.lstrip("/") not in {t.lstrip("/") for t in ours}:
+            raise InputError(f"--topic {own}={name}: '{own}' is none of {', '.join(ours)}")
+        own = next(t for t in ours if t.lstrip("/") == own.lstrip("/"))
         if name not in held:
             raise InputError(f"--topic {own}={name}: the bag has {', '.join(sorted(held))}")
-        if held[name] != KINDS[own]:
+        if held[name] != kind_of(own):
             raise InputError(
-                f"--topic {own}={name}: is of type {held[name]}, {KINDS[own]} is needed"
+                f"--topic {own}={name}: is of type {held[name]}, {kind_of(own)} is needed"
             )
         result[name] = own
     free = {name: kind for name, kind in held.items() if name not in result}
-    for own in (t for t in IMPORTED_TOPICS if t not in result.values()):
-        same = [n for n, kind in free.items() if kind == KINDS[own]]
+    for own in (t for t in ours if t not in result.values()):
+        same = [n for n, kind in free.items() if kind == kind_of(own) and _seen(n, own)]
         found = [n for n in same if topics.is_topic(n, own.lstrip("/"))]
         # camera/depth/image_raw is no camera/image_raw.
-        longer = [t for t in IMPORTED_TOPICS if t != own and t.endswith(own)]
+        longer = [t for t in ours if t != own and t.endswith(own)]
         found = [n for n in found if not any(topics.is_topic(n, t) for t in longer)]
         if len(found) > 1:
             _several(own, found)
         for name in found:
             result[name] = own
             del free[name]
-    for own in (t for t in BY_TYPE if t not in result.values()):
-        found = [n for n, kind in free.items() if kind == KINDS[own] and "depth" not in n]
+    for own in (t for t in BY_TYPE if t in ours and t not in result.values()):
+        found = [n for n, kind in free.items() if kind == kind_of(own) and _seen(n, own)]
         if len(found) > 1 and own != topics.CAMERA_INFO:
             _several(own, found)
         if len(found) == 1:
             result[found[0]] = own
             del free[found[0]]
+    _check_cameras(held, result, cameras)
     return result
 
 
+def _seen(name: str, own: str) -> bool:
+    """Whether a topic may be one of ours: one of depth images is none of a camera's."""
+    return "depth" not in name or "depth" in own or kind_of(own) not in topics.CAMERA_TYPES
+
+
 def _several(own: str, found: Sequence[str]) -> None:
+    cameras = f", or name the cameras in {CAMERAS}" if own in OF_CAMERAS else ""
     raise InputError(
         f"{', '.join(sorted(found))} may each be {own}; say which, as --topic {own}={found[0]}"
+        f"{cameras}"
     )
+
+
+def _check_cameras(
+    held: Mapping[str, str], result: Mapping[str, str], cameras: Sequence[str]
+) -> None:
+    """Refuse a bag with images that has none of one of several cameras, or no intrinsics."""
+    ours = set(result.values())
+    images = [n for n, kind in held.items() if kind in topics.IMAGE_TYPES]
+    for name in cameras if images else ():
+        own = [topics.of_camera(name, topic) for topic in OF_CAMERAS]
+        for needed in (own[:2], own[2:]):
+            if not ours & set(needed):
+                kinds = {kind_of(t) for t in needed}
+                left = [
+                    n for n, kind in held.items()
+                    if kind in kinds and n not in result and _seen(n, needed[0])
+                ]  # fmt: skip
+                raise InputError(
+                    f"no topic is {' or '.join(needed)} of the camera '{name}' ({CAMERAS}); say "
+                    f"which, as --topic {needed[0]}={(sorted(left) or ['/NAME'])[0]} (not taken: "
+                    f"{', '.join(sorted(left)) or 'none of that type'})"
+                )
 
 
 def held_topics(path: Path) -> dict[str, str]:
@@ -118,7 +163,12 @@ def held_topics(path: Path) -> dict[str, str]:
 
 
 def import_ros1(
-    inputs: Sequence[Path], output: Path, named: Mapping[str, str], *, force: bool = False
+    inputs: Sequence[Path],
+    output: Path,
+    named: Mapping[str, str],
+    cameras: Sequence[str] = (),
+    *,
+    force: bool = False,
 ) -> tuple[dict[str, str], list[str]]:
     """Convert ROS 1 bags of one recording to one rosbag2.
 
@@ -126,6 +176,7 @@ def import_ros1(
         inputs: the bags.
         output: the bag to write.
         named: topics as the user names them, our name to the bag's.
+        cameras: names of several cameras, as `vision.cameras`; empty: one camera.
         force: whether an older bag is replaced.
 
     Returns:
@@ -137,7 +188,7 @@ def import_ros1(
     held: dict[str, str] = {}
     for path in inputs:
         held |= held_topics(path)
-    names = chosen(held, named)
+    names = chosen(held, named, cameras)
     if not names:
         listed = ", ".join(f"{n} ({k})" for n, k in sorted(held.items())) or "no messages"
         raise InputError(

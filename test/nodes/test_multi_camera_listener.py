@@ -29,7 +29,7 @@ class FakeNode:
     def __init__(self, **values):
         self.settings = Settings.from_mapping({**ROD, **values})
         self.published, self.topics, self.warnings = {"dlo/command"}, {}, []
-        self.counts, self.queues = Counter(), {}
+        self.counts, self.queues, self.frames = Counter(), {}, []
         self.health = SimpleNamespace(
             values={}, solved=lambda what: None, warn=lambda what, text: self.warnings.append(text),
             count=lambda what: self.counts.update([what]),
@@ -91,8 +91,12 @@ def listener(monkeypatch):
         node = FakeNode(**values)
         motion = Motion()
         motion.commands.append(None)
+
+        def seen_by(*frame_and_name):
+            node.frames.append(frame_and_name)
+
         return node, views.MultiCameraListener(
-            node, motion, lambda result: None, lambda stamp: None
+            node, motion, lambda result: None, lambda stamp: None, seen_by
         )
 
     return make
@@ -120,6 +124,7 @@ def test_images_of_two_cameras_go_to_the_observer_in_pairs(listener):
     assert any("right/camera_info" in text for text in node.warnings)
     for name in ("left", "right"):
         node.topics[f"{name}/camera_info"](info())
+    assert node.frames == [("eye", "left"), ("eye", "right")]
     node.topics["left/image_raw"](image(133 * MS))
     node.topics["right/image_raw"](image(136 * MS))
     (frames,) = views._observer.seen

@@ -25,6 +25,7 @@ from dlo_ros.parameters import CameraPose
 from dlo_ros.recordings import BAG_MESSAGES, topics
 from dlo_ros.recordings.bag import TYPESTORE
 from dlo_ros.recordings.message_building import metric_message, transform_message
+from dlo_ros.recordings.transforms import Transforms
 from dlo_ros.vision.camera.pinhole import Camera
 
 STAMP = samples.START + 123
@@ -179,6 +180,38 @@ def test_the_transform_is_sent_again_only_where_it_changes():
     board.seen_by("two")
     parents = [m.transforms[0].header.frame_id for m in node.published[topics.TRANSFORMS]]
     assert parents == ["one", "one", "two"] and not node.warnings
+
+
+def test_the_board_joins_the_frames_of_several_cameras():
+    """The chain of transforms leads from one camera to the other, and through the board."""
+    pair = {"left": POSE, "right": CameraPose((0.1, -0.2, 1.5), (0.5, 0.5, 0.5, 0.5))}
+    node = Node(replace(samples.SETTINGS, cameras=pair))
+    board = transform_broadcaster.BoardTransform(node)
+    board.seen_by("right_eye", "right")
+    board.seen_by("left_eye", "left")
+    first, both = node.published[topics.TRANSFORMS]
+    assert [(t.header.frame_id, t.child_frame_id) for t in first.transforms] == [
+        ("board", "right_eye")
+    ]
+    tree = Transforms()
+    tree.add(both, fixed=True)
+    assert tree.parents == {"board": "left_eye", "right_eye": "board"}
+    for name, pose in pair.items():
+        turned, origin = tree.lookup("board", f"{name}_eye", [STAMP])
+        assert np.allclose(origin[0], pose.translation)
+        assert np.allclose(turned[0], Rotation.from_quat(pose.rotation).as_matrix())
+
+
+def test_cameras_with_one_frame_are_told_of():
+    node = Node(replace(samples.SETTINGS, cameras={"left": POSE, "right": POSE}))
+    board = transform_broadcaster.BoardTransform(node)
+    board.seen_by("eye", "left")
+    board.seen_by("eye", "right")
+    assert len(node.published[topics.TRANSFORMS]) == 1
+    assert node.warnings == [
+        "no transform on /tf_static: the cameras left, right have the frames eye, eye; give each "
+        "camera_info a frame of its own"
+    ]
 
 
 @pytest.mark.parametrize("frame", ["", "board"])

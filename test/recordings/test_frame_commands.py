@@ -14,9 +14,11 @@ from dlo_ros.cli.main import main
 from dlo_ros.errors import ParameterError, RecordingError
 from dlo_ros.parameters import CommandParameters, Settings
 from dlo_ros.recordings import topics
+from dlo_ros.recordings.bag import deserialise, open_bag
 from dlo_ros.recordings.message_building import (
     BAG_MESSAGES,
     cloud_message,
+    float_message,
     header,
     transform_message,
 )
@@ -160,6 +162,24 @@ def test_gaps_of_the_frames_are_told_and_other_clocks_refused(tmp_path, caplog, 
     for late in (3600 * 10**9, -3600 * 10**9):
         with pytest.raises(RecordingError, match=r"dlo/points, .* outside the time of start_"):
             read_recording(bag(tmp_path / str(late), late=late), settings())
+
+
+def test_the_ends_of_a_topic_are_read_without_what_lies_between(tmp_path):
+    """Ten seconds of shapes; a namespace of its own that is silent for the last nine."""
+    with BagWriter(tmp_path / "bag") as writer:
+        for k in range(101):
+            stamp = BEGIN + k * 100_000_000
+            writer.write("dlo/err", float_message(BAG_MESSAGES, float(k)), stamp)
+            if k < 10:
+                writer.write("left/dlo/err", float_message(BAG_MESSAGES, -float(k)), stamp)
+    with open_bag(tmp_path / "bag") as opened:
+        ends = opened.ends("dlo/err")
+        values = {n: [deserialise(m).data for m in both] for n, both in ends.items()}
+        assert values == {"/dlo/err": [0.0, 100.0], "/left/dlo/err": [0.0, -9.0]}
+        own = [c for c in opened.connections if c.topic == "/dlo/err"]
+        late = list(opened.messages(own, since=opened.end - 1_000_000_000))
+        assert [deserialise(m).data for m in late] == [float(k) for k in range(90, 101)]
+        assert opened.ends("dlo/points") == {}
 
 
 def test_observe_says_why_there_is_no_command_and_needs_none(tmp_path, caplog, capsys):

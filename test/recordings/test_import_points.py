@@ -8,8 +8,10 @@ from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from dlo_ros.cli.main import main
+from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.bag import deserialise, open_bag
+from dlo_ros.recordings.camera_bags import iterate_together
 from dlo_ros.recordings.images import read_camera_info, read_image
 from dlo_ros.recordings.messages import read_point_list, stamp_of
 from dlo_ros.recordings.read import read_recording
@@ -289,10 +291,74 @@ def test_a_ros_1_bag_is_converted_and_its_topics_named(tmp_path, params, capsys)
     assert read["/tf"].transforms[0].child_frame_id == "hand"
 
 
+POSES = {"translation": [0.0, 0.0, 1.2], "rotation": [2**-0.5, 0.0, 0.0, 2**-0.5]}
+STEREO = {"vision.cameras": ["left", "right"]} | {
+    f"camera_{name}.{key}": value for name in ("left", "right") for key, value in POSES.items()
+}
+LEFT = (("/rig/left/image_raw", image(20)), ("/rig/left/camera_info", camera_info()))
+RIGHT = (("/rig/right/image_color", image(30)), ("/rig/right/camera_info", camera_info()))
+
+
+@pytest.fixture
+def stereo(tmp_path):
+    Settings.from_mapping({**SETTINGS.flat(), **STEREO}).dump(tmp_path / "stereo.yaml")
+    return str(tmp_path / "stereo.yaml")
+
+
+def test_a_ros_1_bag_of_two_cameras_has_the_topics_of_both(tmp_path, stereo, capsys):
+    depth = (("/rig/depth/image_raw", image()), ("/rig/depth/camera_info", camera_info()))
+    source = bag(tmp_path, *LEFT, *RIGHT, *depth, ("/dlo/points", cloud()))
+    words = ("--topic", "right/image_raw=/rig/right/image_color", source)
+    status, output = run(stereo, tmp_path, "ros1", *words)
+    assert status == 0
+    assert "not taken: /rig/depth/camera_info, /rig/depth/image_raw" in capsys.readouterr().out
+    pictures = next(iterate_together(output, ["left", "right"]))
+    assert [pictures[name].image[0, 0, 0] for name in ("left", "right")] == [20, 30]
+
+
+@pytest.mark.parametrize(
+    ("messages", "told"),
+    [
+        ((*LEFT, *RIGHT), "of the camera 'right' (vision.cameras); say which, as --topic right/imag"
+                          "e_raw=/rig/right/image_color (not taken: /rig/right/image_color)"),
+        (LEFT, "of the camera 'right' (vision.cameras); say which, as --topic right/image_raw=/NAME"
+               " (not taken: none of that type)"),
+        ((*LEFT, ("/right/image_raw", image())), "no topic is right/camera_info of the camera 'ri"),
+        ((*LEFT, ("/other/left/image_raw", image())), "may each be left/image_raw; say which"),
+    ],
+)  # fmt: skip
+def test_a_ros_1_bag_without_one_of_the_cameras_is_refused(
+    messages, told, tmp_path, stereo, capsys
+):
+    assert run(stereo, tmp_path, "ros1", bag(tmp_path, *messages))[0] == 2
+    assert told in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_points_of_a_ros_1_bag_need_no_images_of_the_cameras(tmp_path, stereo):
+    assert run(stereo, tmp_path, "ros1", bag(tmp_path, ("/dlo/points", cloud())))[0] == 0
+
+
+def test_a_depth_image_of_a_ros_1_bag_is_no_picture(tmp_path, params, capsys):
+    source = bag(
+        tmp_path, ("/camera/color/image_raw", image()),
+        ("/camera/color/camera_info", camera_info()),
+        ("/camera/aligned_depth_to_color/image_raw", image()),
+        ("/camera/aligned_depth_to_color/camera_info", camera_info()),
+    )  # fmt: skip
+    assert run(params, tmp_path, "ros1", source)[0] == 0
+    assert "image_raw from /camera/color/image_raw" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(
     ("messages", "words", "told"),
     [
-        ((("/a", image()), ("/b", image())), (), "/a, /b may each be image_raw; say which"),
+        (
+            (("/a", image()), ("/b", image())),
+            (),
+            "/a, /b may each be image_raw; say which, as --topic"
+            " image_raw=/a, or name the cameras in vision.cameras",
+        ),
         ((("/left/pose", pose()),), (), "has no topic that can be used (/left/pose"),
         ((("/a", image()),), ("--topic", "dlo/points=/a"), "PointCloud2 is needed"),
         ((("/a", image()),), ("--topic", "dlo/points=/b"), "the bag has /a"),

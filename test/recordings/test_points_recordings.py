@@ -12,6 +12,7 @@ from dlo_ros.cli.loading import load_manipulation
 from dlo_ros.cli.main import main
 from dlo_ros.errors import InputError
 from dlo_ros.recordings import topics
+from dlo_ros.recordings.image_building import image_message
 from dlo_ros.recordings.message_building import (
     BAG_MESSAGES,
     cloud_message,
@@ -22,7 +23,7 @@ from dlo_ros.recordings.messages import read_point_list
 from dlo_ros.recordings.point_lists import points_on_board
 from dlo_ros.recordings.read import read_recording
 from dlo_ros.recordings.transforms import Transforms
-from dlo_ros.recordings.write import BagWriter
+from dlo_ros.recordings.write import BagWriter, copy_topics
 from dlo_ros.spline import SplineBasis
 
 BEGIN = 1_750_000_000_000_000_000
@@ -83,6 +84,52 @@ def test_observe_writes_what_the_points_show(frame, tmp_path, params, capsys):
 def test_tools_observe_points_by_themselves(tmp_path):
     manipulation = load_manipulation(bag(tmp_path / "bag"), SETTINGS)
     assert len(manipulation.observations) == 3
+
+
+def with_images(path, topic="image_raw", **options):
+    """A bag of points, and of images that show nothing."""
+    bag(path.parent / "points", **options)
+    nothing = image_message(BAG_MESSAGES, BEGIN, "camera", np.zeros((48, 64, 3), dtype=np.uint8))
+    with BagWriter(path) as writer:
+        copy_topics(path.parent / "points", writer)
+        writer.write(topic, nothing, BEGIN)
+    return path
+
+
+def test_where_there_are_images_too_the_user_chooses(tmp_path, params, capsys, caplog):
+    source, seen = with_images(tmp_path / "both"), tmp_path / "seen"
+    call = ["observe", "--params", params, "--output", str(seen), str(source)]
+    assert main(call) == 2 and "camera_info" in capsys.readouterr().err
+    told = f"{source}: has images and dlo/points of another tracker; the images are observed"
+    assert told in caplog.text and "with --points first" in caplog.text
+    caplog.clear()
+    with pytest.raises(InputError, match="camera_info"):
+        load_manipulation(source, SETTINGS)
+    assert told in caplog.text
+    caplog.clear()
+    assert main([*call, "--points"]) == 0 and not caplog.text
+    assert "3 of 3 lists of points" in capsys.readouterr().out
+    assert len(load_manipulation(seen, SETTINGS).observations) == 3 and not caplog.text
+    assert main([*call, "--points", "--force", "--overlays", str(tmp_path)]) == 2
+    assert "its dlo/points are observed, and no images" in capsys.readouterr().err
+
+
+def test_depth_images_beside_points_are_no_images(tmp_path, params, capsys, caplog):
+    source = with_images(tmp_path / "both", topics.DEPTH)
+    call = ["observe", "--params", params, "--output", str(tmp_path / "seen"), str(source)]
+    assert main(call) == 0 and not caplog.text
+    assert "3 of 3 lists of points" in capsys.readouterr().out
+
+
+def test_points_that_are_not_there_cannot_be_chosen(tmp_path, params, capsys):
+    source = tmp_path / "bag"
+    with BagWriter(source) as writer:
+        writer.write(topics.COMMAND, command_message(BAG_MESSAGES, bent(1).motion().commands[0]), 1)
+    call = ["observe", "--points", "--params", params, "--output", str(tmp_path / "seen")]
+    assert main([*call, str(source)]) == 2
+    assert "has no dlo/points; leave --points away" in capsys.readouterr().err
+    assert main([*call, str(tmp_path / "picture.png")]) == 2
+    assert "is no bag; --points is for bags" in capsys.readouterr().err
 
 
 def test_a_frame_that_nothing_leads_to_is_named(tmp_path, params, capsys):
