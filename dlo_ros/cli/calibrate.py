@@ -79,7 +79,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "and find the board with it",
     )
     parser.add_argument(
-        "--camera-name", default="camera", metavar="NAME", help="camera_name in camera_info.yaml"
+        "--camera-name",
+        default="camera",
+        metavar="NAME",
+        help="camera_name in camera_info.yaml; of a bag with several cameras, NAME/image_raw",
     )
     parser.add_argument(
         "--cameras",
@@ -126,7 +129,7 @@ def run(arguments: argparse.Namespace) -> int:
         return 0
     given = None if arguments.camera_info is None else read_camera_file(arguments.camera_info)
     picture = None if arguments.board is None else read_picture(arguments.board)
-    found, skipped = _calibration(arguments.inputs, pattern, given)
+    found, skipped = _calibration(arguments.inputs, pattern, given, arguments.camera_name)
     board = None
     if picture is not None:
         try:
@@ -172,13 +175,13 @@ def _make_folder(output: Path) -> None:
 
 
 def _calibration(
-    inputs: Sequence[Path], pattern: Pattern, given: Intrinsics | None
+    inputs: Sequence[Path], pattern: Pattern, given: Intrinsics | None, camera: str
 ) -> tuple[Calibration, list[Skipped]]:
     """First all pictures, then the optimisation; nothing of the first reaches into the second."""
     if not inputs and given is not None:
         return Calibration(given, None, (), (), None, ()), []
     collector = ViewCollector(pattern)
-    total = sum(count_pictures(path) for path in inputs)
+    total = sum(count_pictures(path, camera) for path in inputs)
     columns = (
         TextColumn("{task.description}"),
         BarColumn(bar_width=20),
@@ -188,7 +191,7 @@ def _calibration(
     with progress_bar(*columns) as bar:
         task = bar.add_task("Finding the pattern", total=total, hint="")
         for path in inputs:
-            for picture in pictures(path, LOG.warning, lambda: bar.advance(task)):
+            for picture in pictures(path, camera, LOG.warning, lambda: bar.advance(task)):
                 if collector.offer(picture.name, picture.image, picture.moving):
                     bar.update(task, hint=_still_missing(collector))
         views = collector.views()

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from dlo_ros.errors import DloError, InputError
@@ -12,7 +12,7 @@ from dlo_ros.files import write_text
 from dlo_ros.parameter_cameras import flat_cameras
 from dlo_ros.parameter_text import parameter_lines
 from dlo_ros.parameters import Vector
-from dlo_ros.recordings.calibration_pictures import SUFFIXES, read_picture
+from dlo_ros.recordings.calibration_pictures import SUFFIXES, is_bag, read_picture
 from dlo_ros.vision.calibration.camera_file import read_camera_file
 from dlo_ros.vision.calibration.camera_network import CalibratedCameras, calibrate_cameras
 from dlo_ros.vision.calibration.pattern_search import PatternView, find_pattern
@@ -49,29 +49,43 @@ def calibrate_together(
             raise InputError(f"--cameras {name}: give NAME=CAMERA_INFO for each, as left=left.yaml")
     if len({name for name, _, _ in given}) != len(given) or len(given) < 2:
         raise InputError("--cameras needs two cameras or more, with names of their own")
+    bag = next((path for path in folders if is_bag(path)), None)
+    if bag is not None:
+        raise InputError(
+            f"{bag}: is a bag; --cameras needs one folder of pictures for each camera, in their "
+            "order, with equal names for the pictures of one instant"
+        )
     if len(folders) != len(given) or not all(path.is_dir() for path in folders):
-        raise InputError("--cameras needs one folder of pictures for each camera, in their order")
+        raise InputError(
+            f"--cameras names {len(given)} cameras, and there are "
+            f"{sum(path.is_dir() for path in folders)} folders; give one folder of pictures for "
+            "each camera, in their order"
+        )
     if board is None:
         raise InputError(
             "--board is missing; name the picture, in every folder, with the pattern on the board"
         )
     intrinsics = {name: read_camera_file(Path(file)) for name, _, file in given}
-    names = sorted(
-        {path.name for folder in folders for path in folder.iterdir()
-         if path.suffix.lower() in SUFFIXES}
-    )  # fmt: skip
-    if board.name not in names:
-        raise InputError(f"--board {board.name}: is in none of the folders")
+    names = sorted(set().union(*map(_pictures, folders)))
+    folder_of = dict(zip(intrinsics, folders, strict=True))
+    first, *others = folder_of
+    if not (folder_of[first] / board.name).is_file():
+        raise InputError(
+            f"--board {board.name}: is not in {folder_of[first]}, the folder of the camera "
+            f"'{first}', from which the board's pose comes"
+        )
+    seen: dict[str, list[str]] = {name: [] for name in intrinsics}
     instants: list[dict[str, PatternView]] = []
     lying = -1
     for picture in names:
         views: dict[str, PatternView] = {}
-        for name, folder in zip(intrinsics, folders, strict=True):
+        for name, folder in folder_of.items():
             path = folder / picture
             if not path.is_file():
                 continue
             try:
                 views[name] = find_pattern(read_picture(path), pattern, str(path))
+                seen[name].append(picture)
             except DloError as err:
                 if picture == board.name:
                     raise InputError(f"{path}: {err}") from err
@@ -80,7 +94,49 @@ def calibrate_together(
             lying = len(instants)
         if len(views) > 1 or picture == board.name:
             instants.append(views)
+    for name in others:
+        _check_common(first, name, seen, folder_of)
     return calibrate_cameras(instants, lying, intrinsics, pattern, pattern_at, up)
+
+
+def _pictures(folder: Path) -> set[str]:
+    """Names of the pictures in a folder."""
+    return {path.name for path in folder.iterdir() if path.suffix.lower() in SUFFIXES}
+
+
+def _check_common(
+    first: str, name: str, seen: Mapping[str, Sequence[str]], folders: Mapping[str, Path]
+) -> None:
+    """Refuse a camera that sees the pattern in no picture in which the first one does.
+
+    Args:
+        first: name of the first camera.
+        name: name of another one.
+        seen: names of the pictures in which each camera sees the pattern.
+        folders: folder of each camera's pictures.
+
+    Raises:
+        InputError: it is so; with what is missing, and in which folder.
+    """
+    if set(seen[first]) & set(seen[name]):
+        return
+    blind = next((camera for camera in (first, name) if not seen[camera]), None)
+    if blind is not None:
+        count = len(_pictures(folders[blind]))
+        raise InputError(
+            f"{folders[blind]}: none of the {count} pictures of the camera '{blind}' shows the "
+            "pattern; is it the one of --pattern, wholly in the picture and sharp?"
+        )
+    if not _pictures(folders[first]) & _pictures(folders[name]):
+        raise InputError(
+            f"{folders[name]}: no picture of the camera '{name}' has the name of one of '{first}' "
+            f"({folders[first]}); give those of one instant equal names"
+        )
+    raise InputError(
+        f"cameras '{first}' and '{name}' never see the pattern at the same time: '{first}' in "
+        f"{', '.join(seen[first][:4])}, '{name}' in {', '.join(seen[name][:4])}; show it where "
+        "their views overlap, wholly in both pictures"
+    )
 
 
 def write_cameras(found: CalibratedCameras, path: Path) -> str:

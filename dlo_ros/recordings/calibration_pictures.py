@@ -10,10 +10,11 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from rosbags.interfaces import Connection
 
 from dlo_ros.errors import InputError, RecordingError
 from dlo_ros.recordings import topics
-from dlo_ros.recordings.bag import deserialise, open_bag
+from dlo_ros.recordings.bag import Bag, deserialise, open_bag
 from dlo_ros.recordings.images import MAX_PIXELS, Image, read_image
 
 LOG = logging.getLogger(__name__)
@@ -67,20 +68,25 @@ def is_bag(path: Path) -> bool:
     return path.suffix in (".mcap", ".db3")
 
 
-def count_pictures(path: Path) -> int:
+def count_pictures(path: Path, camera: str = "") -> int:
     """Upper bound of the number of pictures in an input; the images of a bag count all.
+
+    Args:
+        path: the input.
+        camera: name of the camera, which matters where a bag has images of several.
 
     Raises:
         InputError: there is no such file, or it has none.
     """
     if is_bag(path):
         with open_bag(path) as bag:
-            return sum(c.msgcount for c in bag.find(topics.COMPRESSED) or bag.find(topics.IMAGE))
+            return sum(c.msgcount for c in _images(bag, camera))
     return len(_files(path))
 
 
 def pictures(
     path: Path,
+    camera: str = "",
     on_skip: Callable[[str], None] = LOG.warning,
     on_seen: Callable[[], None] = lambda: None,
 ) -> Iterator[Picture]:
@@ -88,6 +94,7 @@ def pictures(
 
     Args:
         path: the input. Of a bag, pictures at least `INTERVAL` apart are taken.
+        camera: name of the camera, which matters where a bag has images of several.
         on_skip: function that is called with one line for each unusable picture of a folder or bag.
         on_seen: function that is called for each picture that was read, used or not.
 
@@ -95,7 +102,7 @@ def pictures(
         InputError: nothing there, or a file that was named is no image.
     """
     if is_bag(path):
-        yield from _of_bag(path, on_skip, on_seen)
+        yield from _of_bag(path, camera, on_skip, on_seen)
         return
     usable = 0
     for file in _files(path):
@@ -124,11 +131,35 @@ def _files(path: Path) -> list[Path]:
     return files
 
 
+def _images(bag: Bag, camera: str) -> list[Connection]:
+    """The images of a bag; where it has those of several cameras, of the one that is named."""
+    names = sorted(
+        {c.topic for c in bag.connections if c.msgcount and c.msgtype in topics.IMAGE_TYPES}
+    )
+    own = topics.of_camera(camera, "")
+    if camera and any(f"/{own}" in f"/{c.topic}" for c in bag.connections):
+        found = bag.find(own + topics.COMPRESSED) or bag.find(own + topics.IMAGE)
+        if not found:
+            raise RecordingError(
+                f"{bag.path}: has no images of the camera '{camera}' (it has "
+                f"{', '.join(names) or 'none'}); record {own}{topics.IMAGE}, or name another "
+                "camera with --camera-name"
+            )
+        return found
+    try:
+        return bag.find(topics.COMPRESSED) or bag.find(topics.IMAGE)
+    except RecordingError as err:
+        raise RecordingError(
+            f"{bag.path}: has images of several cameras ({', '.join(names)}); say which of them is "
+            "calibrated, as --camera-name left for left/image_raw"
+        ) from err
+
+
 def _of_bag(
-    path: Path, on_skip: Callable[[str], None], on_seen: Callable[[], None]
+    path: Path, camera: str, on_skip: Callable[[str], None], on_seen: Callable[[], None]
 ) -> Iterator[Picture]:
     with open_bag(path) as bag:
-        found = bag.find(topics.COMPRESSED) or bag.find(topics.IMAGE)
+        found = _images(bag, camera)
         if not found:
             raise RecordingError(
                 f"{path}: has no images; record {topics.IMAGE} or {topics.COMPRESSED}"

@@ -28,7 +28,13 @@ from scipy.spatial.transform import Rotation
 from dlo_ros.cli import main as cli
 from dlo_ros.parameter_file import read_parameter_file
 from dlo_ros.parameters import Settings
-from dlo_ros.recordings import BAG_MESSAGES, BagWriter, compressed_message
+from dlo_ros.recordings import (
+    BAG_MESSAGES,
+    BagWriter,
+    compressed_message,
+    float_message,
+    image_message,
+)
 from dlo_ros.vision.calibration.camera_file import read_camera_file
 from dlo_ros.vision.calibration.patterns import parse_pattern
 
@@ -222,6 +228,25 @@ def test_views_of_a_bag(capsys, tmp_path, views):
     camera = read_camera_file(tmp_path / "out" / "camera_info.yaml")
     assert camera.matrix[0, 0] == pytest.approx(MATRIX[0, 0], rel=2e-3)
     assert re.search(r"over [78] of (9|10) views", out) and "like recording" in out
+
+
+def test_the_camera_of_a_bag_with_several_is_chosen(capsys, tmp_path):
+    bag, nothing = tmp_path / "recording", np.full((48, 64, 3), 128, dtype=np.uint8)
+    with BagWriter(bag) as writer:
+        for k, name in enumerate(("left", "right")):
+            for stamp in range(10**9, (2 + k) * 10**9, 10**9):
+                image = image_message(BAG_MESSAGES, stamp, name, nothing)
+                writer.write(f"{name}/image_raw", image, stamp)
+        writer.write("top/dlo/err", float_message(BAG_MESSAGES, 0.0), 10**9)
+    words = ("--pattern", PATTERN, "--output", tmp_path / "out", bag)
+    said = refused(capsys, *words)
+    assert "has images of several cameras (/left/image_raw, /right/image_raw); say which" in said
+    assert "--camera-name left for left/image_raw" in said
+    assert "in none of 1 images" in refused(capsys, "--camera-name", "left", *words)
+    assert "in none of 2 images" in refused(capsys, "--camera-name", "right", *words)
+    said = refused(capsys, "--camera-name", "top", *words)
+    assert "has no images of the camera 'top' (it has /left/image_raw, /right/image_raw)" in said
+    assert "record top/image_raw" in said
 
 
 @pytest.mark.slow

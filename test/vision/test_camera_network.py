@@ -92,26 +92,67 @@ def test_what_the_tool_refuses(tmp_path, capsys):
     for words, message in (
         ([*folders, "--cameras", "left"], "give NAME=CAMERA_INFO"),
         ([*folders, "--cameras", f"left={info}"], "two cameras or more"),
-        ([folders[0], "--cameras", f"left={info}", f"right={info}"], "one folder of pictures"),
+        ([folders[0], "--cameras", f"left={info}", f"right={info}"],
+         "names 2 cameras, and there are 1 folders; give one folder of pictures for each"),
         ([*folders, "--cameras", f"left={info}", f"right={info}"], "--board is missing"),
         ([*folders, "--board", "b.png", "--cameras", f"left={info}", f"right={info}"],
-         "in none of the folders"),
+         f"b.png: is not in {tmp_path / 'l'}, the folder of the camera 'left'"),
     ):  # fmt: skip
         assert main([*call, *words]) == 2
         assert message in capsys.readouterr().err
 
 
+def pictures(folder, count, side="left"):
+    """Pictures of the pattern from one of the cameras, in a folder."""
+    lens, rng = Lens(), np.random.default_rng(3)
+    for k, (rotation, translation) in list(enumerate(sights()))[:count]:
+        pose = rotation, translation
+        if side == "right":
+            pose = ACROSS @ rotation, ACROSS @ translation + ASIDE
+        folder.mkdir(exist_ok=True)
+        image = lens.picture(chessboard(7, 5), 0.02 / 24, *pose, rng)
+        cv2.imwrite(str(folder / f"{k}.png"), image)
+
+
+def test_cameras_that_see_no_common_pattern_are_named(tmp_path, capsys):
+    left, right = tmp_path / "l", tmp_path / "r"
+    pictures(left, 2)
+    right.mkdir()
+    (tmp_path / "info.yaml").write_text(camera_file(LENS))
+    cameras = [f"{name}={tmp_path / 'info.yaml'}" for name in ("left", "right")]
+    call = ["calibrate", "--pattern", "chessboard:7x5:0.02", "--output", str(tmp_path / "out")]
+    call += ["--board", "0.png", "--cameras", *cameras, "--", str(left), str(right)]
+
+    def refused():
+        assert main(call) == 2
+        return capsys.readouterr().err
+
+    assert f"{right}: none of the 0 pictures of the camera 'right' shows the pattern" in refused()
+    cv2.imwrite(str(right / "1.png"), np.full((600, 800, 3), 128, dtype=np.uint8))
+    assert f"{right}: none of the 1 pictures of the camera 'right' shows the pattern" in refused()
+    (right / "1.png").write_bytes((left / "1.png").read_bytes())
+    (right / "1.png").rename(right / "other.png")
+    assert f"{right}: no picture of the camera 'right' has the name of one of 'left'" in refused()
+    cv2.imwrite(str(right / "1.png"), np.full((600, 800, 3), 128, dtype=np.uint8))
+    told = refused()
+    assert "'left' and 'right' never see the pattern at the same time: 'left' in 0.png" in told
+    assert "'right' in other.png; show it where their views overlap" in told
+    (right / "metadata.yaml").write_text("")
+    assert f"{right}: is a bag; --cameras needs one folder of pictures for each" in refused()
+
+
+def test_the_pictures_that_fit_worst_are_named():
+    mixed = instants(np.random.default_rng(2))
+    broken = mixed[2]["right"]
+    moved = PatternView("r2", *SIZE, broken.corners, broken.pixels + 30.0, 2.0)
+    with pytest.raises(InputError, match="most in l2 and r2; were the pictures of equal name"):
+        calibrate_cameras([*mixed[:2], {**mixed[2], "right": moved}, mixed[3]], 0, BOTH, PATTERN)
+
+
 @pytest.mark.slow
 def test_from_pictures_to_a_parameter_file(tmp_path, capsys):
-    lens, rng = Lens(), np.random.default_rng(3)
-    texture = chessboard(7, 5)
-    for k, (rotation, translation) in enumerate(sights()):
-        for name, pose in (
-            ("l", (rotation, translation)), ("r", (ACROSS @ rotation, ACROSS @ translation + ASIDE))
-        ):  # fmt: skip
-            (tmp_path / name).mkdir(exist_ok=True)
-            image = lens.picture(texture, 0.02 / 24, *pose, rng)
-            cv2.imwrite(str(tmp_path / name / f"{k}.png"), image)
+    pictures(tmp_path / "l", 4)
+    pictures(tmp_path / "r", 4, "right")
     (tmp_path / "info.yaml").write_text(camera_file(LENS))
     call = ["calibrate", "--pattern", "chessboard:7x5:0.02", "--output", str(tmp_path / "out")]
     cameras = [f"{name}={tmp_path / 'info.yaml'}" for name in ("left", "right")]

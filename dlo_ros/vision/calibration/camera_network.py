@@ -50,6 +50,7 @@ class CalibratedCameras:
 class _Sight:
     """A camera's corners at an instant; `flat` are their places in the pattern [m]."""
 
+    name: str
     camera: int
     instant: int
     flat: FloatArray
@@ -103,7 +104,7 @@ def calibrate_cameras(
             camera = names.index(name)
             turn = _turn(relative[camera], rotation, found[name][0])
             flat = pattern.points[view.corners] @ turn
-            sights.append(_Sight(camera, len(start), flat, view.pixels))
+            sights.append(_Sight(view.name, camera, len(start), flat, view.pixels))
         start.append(np.concatenate([Rotation.from_matrix(rotation).as_rotvec(), translation]))
     lenses = [intrinsics[name].camera() for name in names]
     further = 6 * (len(names) - 1)
@@ -127,9 +128,13 @@ def calibrate_cameras(
     left = residual(solved.x)
     rms = float(np.sqrt(2.0 * np.mean(left**2)))
     if rms > POOR:
+        at = np.repeat([s.instant for s in sights], [s.pixels.size for s in sights])
+        worst = int(np.argmax(np.bincount(at, left**2) / np.bincount(at)))
+        named = " and ".join(sight.name for sight in sights if sight.instant == worst)
         raise InputError(
-            f"the corners lie {rms:.1f} px beside their computed places; were the pictures of "
-            "equal name taken at the same instant, and is each camera's calibration right?"
+            f"the corners lie {rms:.1f} px beside their computed places, most in {named}; "
+            "were the pictures of equal name taken at the same instant, and is each camera's "
+            "calibration right?"
         )
     information = solved.jac.T @ solved.jac
     covariance = np.linalg.pinv(information) * float(np.mean(left**2))
