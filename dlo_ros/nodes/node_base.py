@@ -27,6 +27,7 @@ from dlo_ros.nodes.message_factory import installed, message_class
 from dlo_ros.nodes.playback_passes import PlaybackPasses
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
+from dlo_ros.recordings.messages import check_stamped
 
 PROGRESS = 0.2
 """Seconds between two looks at whether the kernels are compiled and loaded."""
@@ -140,9 +141,9 @@ class DloNode(Node, ABC):
         """Refuse what claims to come from the future, since it would make all else look old.
 
         Raises:
-            InputError: the stamp [ns] lies too far ahead of the clock.
+            InputError: the stamp [ns] lies too far ahead of the clock, or is none.
         """
-        now = self.now()
+        now, stamp = self.now(), check_stamped(stamp, what)
         ahead = (stamp - now) / NANOSECONDS
         if now and ahead > topics.FUTURE:
             raise InputError(

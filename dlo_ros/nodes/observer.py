@@ -191,6 +191,7 @@ class ObserverNode(DloNode):
         if not self.ready:
             self.health.count("images before the node was ready")
             return
+        self.check_stamp(stamp_of(message), "image")
         if self.is_earlier(stamp_of(message)):
             return
         self.health.count("images")

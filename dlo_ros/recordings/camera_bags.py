@@ -21,7 +21,7 @@ from dlo_ros.recordings.images import (
     read_depth,
     read_image,
 )
-from dlo_ros.recordings.messages import stamp_of
+from dlo_ros.recordings.messages import instant_of
 from dlo_ros.recordings.synchronisation import ApproximateTime
 
 LOG = logging.getLogger(__name__)
@@ -106,7 +106,7 @@ def iterate_together(
             name = wanted[raw.topic]
             try:
                 message = deserialise(raw)
-                stamp = stamp_of(message)
+                stamp = instant_of(message, "the image")
                 picture: Any = read_depth(message) if name == DEPTH else read_image(message)
                 info = infos[cameras[0] if name == DEPTH else name]
                 check_image_size(picture, info)

@@ -17,7 +17,7 @@ from dlo_ros.errors import CommandError, InputError
 from dlo_ros.parameters import Offset, Settings
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.bag import Bag, deserialise
-from dlo_ros.recordings.messages import stamp_of
+from dlo_ros.recordings.command_spans import seen_spans
 from dlo_ros.recordings.transforms import Transforms, common_instants, transforms_of
 from dlo_ros.spline import FloatArray
 
@@ -167,31 +167,18 @@ def unframed(bag: Bag, named: str, first: int, last: int) -> list[str]:
         InputError: the DLO is seen at other times alone, as where clocks differ.
     """
     lines = []
-    for topic in (topics.OBSERVED, topics.COMPRESSED, topics.IMAGE, topics.POINTS):
-        for name, begin, end in _spans(bag, topic):
-            early, late = first - begin, end - last
-            if end < first - LONGEST_SILENCE or begin > last + LONGEST_SILENCE:
-                raise InputError(
-                    f"{name}, {begin / NANOSECONDS:.3f} to {end / NANOSECONDS:.3f} s, lies outside "
-                    f"the time of {named}, {first / NANOSECONDS:.3f} to {last / NANOSECONDS:.3f} "
-                    "s; record both together, with clocks that agree"
+    for name, begin, end in seen_spans(bag):
+        early, late = first - begin, end - last
+        if end < first - LONGEST_SILENCE or begin > last + LONGEST_SILENCE:
+            raise InputError(
+                f"{name}, {begin / NANOSECONDS:.3f} to {end / NANOSECONDS:.3f} s, lies outside "
+                f"the time of {named}, {first / NANOSECONDS:.3f} to {last / NANOSECONDS:.3f} "
+                "s; record both together, with clocks that agree"
+            )
+        for apart, where in ((early, "before the first"), (late, "after the last")):
+            if apart > LONGEST_SILENCE:
+                lines.append(
+                    f"{name}: seen up to {apart / NANOSECONDS:.1f} s {where} frame of {named}; "
+                    "the clamps are taken to rest there; record both together"
                 )
-            for apart, where in ((early, "before the first"), (late, "after the last")):
-                if apart > LONGEST_SILENCE:
-                    lines.append(
-                        f"{name}: seen up to {apart / NANOSECONDS:.1f} s {where} frame of {named}; "
-                        "the clamps are taken to rest there; record both together"
-                    )
     return lines
-
-
-def _spans(bag: Bag, topic: str) -> list[tuple[str, int, int]]:
-    """Name of each topic of a kind in a bag, with its first and its last stamp [ns]."""
-    spans = []
-    for name, both in bag.ends(topic).items():
-        try:
-            stamps = [stamp_of(deserialise(raw)) for raw in both]
-        except InputError:  # told by whoever reads it
-            continue
-        spans.append((name, stamps[0], stamps[-1]))
-    return spans

@@ -60,11 +60,10 @@ def read_point_tables(
     if not lists:
         named = ", ".join(map(str, inputs))
         raise InputError(f"{named}: no file has points; columns {TIME}, {', '.join(PLACE)}")
-    check_clocks(inputs, [c.stamp for c in commands] + [points.stamp for points in lists])
-    return (
-        tuple(sorted(commands, key=lambda c: c.stamp)),
-        tuple(sorted(lists, key=lambda points: points.stamp)),
-    )
+    commands.sort(key=lambda c: c.stamp)
+    lists.sort(key=lambda points: points.stamp)
+    check_clocks(inputs, commands, [points.stamp for points in lists])
+    return tuple(commands), tuple(lists)
 
 
 def parquet_rows(path: Path) -> list[Row]:

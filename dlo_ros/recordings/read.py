@@ -17,6 +17,7 @@ from dlo_ros.observation import CentrelinePoints, Observation, Wrenches
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.bag import Bag, deserialise, open_bag
+from dlo_ros.recordings.command_spans import seen_spans, unseen_motion
 from dlo_ros.recordings.frame_commands import commands_from_frames
 from dlo_ros.recordings.images import (
     CameraInfo,
@@ -26,6 +27,7 @@ from dlo_ros.recordings.images import (
     read_image,
 )
 from dlo_ros.recordings.messages import (
+    instant_of,
     read_command,
     read_observation,
     read_points,
@@ -87,6 +89,7 @@ def read_recording(
     with open_bag(path) as bag:
         try:
             commands = _commands(bag, settings, skipped)
+            skipped += unseen_motion(commands, seen_spans(bag))
         except CommandError as err:
             if require_command:
                 raise RecordingError(str(err)) from err
@@ -148,7 +151,7 @@ def iterate_images(
         for raw in bag.messages(images):
             try:
                 message = deserialise(raw)
-                picture, stamp = read_image(message), stamp_of(message)
+                picture, stamp = read_image(message), instant_of(message, "the image")
                 info = infos[max(int(np.searchsorted(stamps, stamp, side="right")) - 1, 0)]
                 check_image_size(picture, info)
             except InputError as err:

@@ -12,8 +12,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from dlo_ros.command import NANOSECONDS
+from dlo_ros.command import NANOSECONDS, Command
 from dlo_ros.errors import InputError
+from dlo_ros.recordings.command_spans import Span, unseen_motion
 from dlo_ros.recordings.message_building import STD_ALONG
 from dlo_ros.recordings.messages import MAX_DISTANCE
 from dlo_ros.spline import FloatArray
@@ -179,14 +180,22 @@ def _within_range(path: Path, rows: Sequence[Row], found: list[int]) -> list[int
     return found
 
 
-def check_clocks(inputs: Sequence[Path], found: Sequence[int]) -> None:
-    """Refuse stamps [ns] of several files that are of different clocks.
+def check_clocks(inputs: Sequence[Path], commands: Sequence[Command], seen: Sequence[int]) -> None:
+    """Refuse commands and shapes of different clocks; tell of a motion that no shape shows.
+
+    Args:
+        inputs: the files.
+        commands: commands by growing stamp.
+        seen: stamps of the shapes [ns].
 
     Raises:
-        InputError: they are farther apart than any recording is long.
+        InputError: the stamps are farther apart than any recording is long.
     """
+    found = [*seen, *(c.stamp for c in commands)]
     if max(found) - min(found) > LONGEST * NANOSECONDS:
         raise InputError(
             f"{', '.join(map(str, inputs))}: the times are of different clocks, more than "
             f"{LONGEST:.0e} s apart; give absolute times in every file, or relative ones in every"
         )
+    for line in unseen_motion(commands, [Span("what is seen", min(seen), max(seen))]):
+        LOG.warning("%s: %s", ", ".join(map(str, inputs)), line)

@@ -89,11 +89,12 @@ def read_csv(
         raise InputError(f"{named}: no file has observed splines, as {OBSERVED_FILE} of export has")
     if not commands:
         raise InputError(f"{named}: no file has commands, as {COMMAND_FILE} of export has")
-    check_clocks(inputs, [c.stamp for c in commands] + list(observations))
+    commands.sort(key=lambda c: c.stamp)
+    check_clocks(inputs, commands, list(observations))
     seen = [
         replace(observations[stamp], points=points.get(stamp)) for stamp in sorted(observations)
     ]
-    return tuple(sorted(commands, key=lambda c: c.stamp)), tuple(seen)
+    return tuple(commands), tuple(seen)
 
 
 def files(inputs: Sequence[Path]) -> list[Path]:

@@ -357,3 +357,15 @@ def test_the_observer_gives_the_prediction_of_the_image_to_the_search():
     later = image_message(ROS_MESSAGES, 2000 * MS, "camera", np.zeros((8, 8, 3), np.uint8))
     ObserverNode._see(node, later)
     assert search.observe.call_args.args[2] is None
+
+
+def test_stamps_that_are_none_or_of_another_clock_are_refused():
+    pytest.importorskip("rclpy")
+    from dlo_ros.nodes.node_base import DloNode
+
+    node = SimpleNamespace(now=lambda: 100 * 10**9)
+    DloNode.check_stamp(node, 100 * 10**9, "image")
+    with pytest.raises(InputError, match=r"image has no stamp \(header.stamp is zero\)"):
+        DloNode.check_stamp(node, 0, "image")
+    with pytest.raises(InputError, match=r"image is stamped 60\.0 s ahead of the clock"):
+        DloNode.check_stamp(node, 160 * 10**9, "image")
