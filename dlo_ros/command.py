@@ -147,6 +147,12 @@ class Command:
             self, times=times, positions=positions, rotations=rotations, velocities=velocities
         )
 
+    def later(self, seconds: float) -> Command:
+        """The command with a delay [s]."""
+        if not seconds:
+            return self
+        return replace(self, stamp=self.stamp + round(seconds * NANOSECONDS))
+
     def held(self, end: str, control_points: int) -> int | None:
         """Index of what imposes the place of an end, `start` or `end`; None: it is free.
 

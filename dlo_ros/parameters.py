@@ -205,6 +205,12 @@ class Settings(RodSettings):
         return f"{HEADER}\n{lines}{parameter_lines(self.flat())}{END}\n"
 
     @property
+    def command_delay(self) -> float:
+        """Delay of the DLO's motion behind its commands that the file states [s]."""
+        delay = self.effects.get("command_delay", {}).get("delay", 0.0)
+        return delay if isinstance(delay, float) else 0.0
+
+    @property
     def camera_poses(self) -> dict[str, CameraPose]:
         """Poses of the board in all cameras by their names; that of the only one is empty."""
         return dict(self.cameras) or {"": self.camera}

@@ -15,8 +15,9 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 
+from dlo_ros.cli.clock_check import tell_delay, tell_delay_of_images
 from dlo_ros.cli.control_points import with_control_points
-from dlo_ros.cli.observe import observe_recording
+from dlo_ros.cli.observe import observe_recording, uncommanded_shapes
 from dlo_ros.cli.observe_points import ObservedPoints, observe_points, observes_points
 from dlo_ros.cli.observe_space import ObservedFrame
 from dlo_ros.command import Motion
@@ -30,7 +31,8 @@ from dlo_ros.parameter_file import parameter_values
 from dlo_ros.parameter_table import TABLE
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
-from dlo_ros.recordings.read import read_recording
+from dlo_ros.recordings.camera_bags import count_images
+from dlo_ros.recordings.read import BagContents, read_recording
 from dlo_ros.rod.boundary.shape_orientation import all_along, runs_backwards
 from dlo_ros.rod.compile_rod import compile_kernels
 from dlo_ros.spline import FloatArray
@@ -145,6 +147,8 @@ def load_manipulation(path: Path, settings: Settings) -> Manipulation:
     if not observations:
         observe = _observe_points if observes_points(path) else _observe
         observations = tuple(observe(path, settings))
+        if observe is _observe:
+            _doubt_commands(recording, settings, observations)
     motion = Motion(list(recording.commands))
     swapped = sum(runs_backwards(o, motion) for o in observations)
     if swapped:
@@ -167,7 +171,21 @@ def load_manipulation(path: Path, settings: Settings) -> Manipulation:
             "splines are compared instead",
             path, topics.OBSERVED_POINTS, unfit, len(usable),
         )  # fmt: skip
-    return Manipulation(recording.name, recording.commands, usable, recording.wrenches)
+    result = Manipulation(recording.name, recording.commands, usable, recording.wrenches)
+    tell_delay(result, settings)
+    return result
+
+
+def _doubt_commands(
+    recording: BagContents, settings: Settings, found: tuple[Observation, ...]
+) -> None:
+    """Warn where the images show another motion than the commanded one."""
+    path = recording.path
+    total = count_images(path, next(iter(settings.cameras), ""))
+    tell_delay_of_images(
+        Manipulation(recording.name, recording.commands, found), settings, total - len(found),
+        lambda: uncommanded_shapes(path, settings),
+    )  # fmt: skip
 
 
 def _observe_points(path: Path, settings: Settings) -> list[Observation]:

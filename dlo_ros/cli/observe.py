@@ -7,7 +7,7 @@ import argparse
 import logging
 import sys
 from collections import Counter, deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from operator import itemgetter
@@ -16,6 +16,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from dlo_ros.cli.clock_check import tell_delay_of_images
 from dlo_ros.cli.control_points import CHOSEN_BY, chosen, with_control_points
 from dlo_ros.cli.observe_points import observe_points_bag, observes_points
 from dlo_ros.cli.observe_space import ObservedFrame, observe_together, watches_space
@@ -25,6 +26,8 @@ from dlo_ros.command import Motion
 from dlo_ros.compilation import compile_first
 from dlo_ros.errors import DloError, InputError, RecordingError, VisionError
 from dlo_ros.files import write_bytes, write_text
+from dlo_ros.inference.forecast import Manipulation
+from dlo_ros.observation import Observation
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.camera_bags import count_images
@@ -138,8 +141,19 @@ def _with_control_points(path: Path, settings: Settings, wanted: str) -> Setting
     return replace(settings, rod=replace(settings.rod, control_points=number))
 
 
+def uncommanded_shapes(path: Path, settings: Settings) -> Iterator[Observation]:
+    """The shapes in a recording's images, observed as if nothing had been commanded."""
+    for frame in observe_recording(path, settings, LOG.debug, commanded=False):
+        if frame.result is not None:
+            yield frame.result.observation
+
+
 def observe_recording(
-    path: Path | str, settings: Settings, on_skip: Callable[[str], None] = LOG.warning
+    path: Path | str,
+    settings: Settings,
+    on_skip: Callable[[str], None] = LOG.warning,
+    *,
+    commanded: bool = True,
 ) -> Iterator[ObservedFrame]:
     """Run the observer on a recording's images, one after the other.
 
@@ -147,6 +161,7 @@ def observe_recording(
         path: rosbag2 folder with images, camera_info and, where motion was imposed, commands.
         settings: parameter file of the recording.
         on_skip: function that is called with one line for each unusable image.
+        commanded: whether the commands say where the DLO is held.
 
     Yields:
         Every image that could be decoded, with what was found.
@@ -156,8 +171,8 @@ def observe_recording(
     """
     recording = read_recording(path, settings, require_command=False)
     motion = Motion()
-    for command in recording.commands:
-        motion.add(command)
+    for command in recording.commands if commanded else ():
+        motion.add(command.later(settings.command_delay))
     if watches_space(Path(path), settings):
         _prepare()
         yield from observe_together(Path(path), settings, motion, on_skip)
@@ -226,6 +241,7 @@ def _observe_bag(
                 writer.write(topic, message, frame.stamp)
             found.append(frame.result)
         if not found:
+            _doubt_commands(path, settings, found, sum(reasons.values()))
             reason = reasons.most_common(1)[0][0]
             raise InputError(f"{path}: no image shows a credible DLO ({reason})")
         copy_topics(path, writer, exclude=(topics.OBSERVED, topics.OBSERVED_POINTS))
@@ -244,10 +260,23 @@ def _observe_bag(
         )
     for reason, count in reasons.most_common(5):
         print(f"  {count} without: {reason}")
+    _doubt_commands(path, settings, found, sum(reasons.values()))
     advice = _advice(found, settings)
     if advice:
         print(f"  {advice}")
     return 0
+
+
+def _doubt_commands(
+    path: Path, settings: Settings, found: Sequence[VisionResult], missed: int
+) -> None:
+    """Warn where the images show another motion than the commanded one."""
+    recording = read_recording(path, settings, require_command=False)
+    shapes = tuple(result.observation for result in found)
+    tell_delay_of_images(
+        Manipulation(recording.name, recording.commands, shapes), settings, missed,
+        lambda: uncommanded_shapes(path, settings),
+    )  # fmt: skip
 
 
 def _advice(found: list[VisionResult], settings: Settings) -> str:

@@ -76,7 +76,7 @@ def observe_points(path: Path | str, settings: Settings) -> Iterator[ObservedPoi
         RecordingError: the bag is unusable.
     """
     recording = read_recording(path, settings, require_command=False)
-    motion = Motion(list(recording.commands))
+    motion = Motion([c.later(settings.command_delay) for c in recording.commands])
     observer = PointObserver(settings, motion)
     for seen in iterate_points(path, settings):
         try:

@@ -143,7 +143,7 @@ class ObserverNode(DloNode):
         self.health.values["image transport"] = wanted
 
     def _on_command(self, command: Command) -> None:
-        self._motion.add(command)
+        self._motion.add(command.later(self.settings.command_delay))
         del self._motion.commands[:-500]
         self._release()
         self._views.release()
