@@ -27,7 +27,6 @@ from dlo_ros.nodes.message_factory import installed, message_class
 from dlo_ros.nodes.playback_passes import PlaybackPasses
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
-from dlo_ros.recordings.messages import check_stamped
 
 PROGRESS = 0.2
 """Seconds between two looks at whether the kernels are compiled and loaded."""
@@ -143,8 +142,13 @@ class DloNode(Node, ABC):
         Raises:
             InputError: the stamp [ns] lies too far ahead of the clock, or is none.
         """
-        now, stamp = self.now(), check_stamped(stamp, what)
+        now = self.now()
         ahead = (stamp - now) / NANOSECONDS
+        if not stamp and -ahead > topics.FUTURE:  # simulated time may begin at zero
+            raise InputError(
+                f"{what} has no stamp (header.stamp is zero); let its driver stamp it with the "
+                "instant that it shows, by the clock of the commands"
+            )
         if now and ahead > topics.FUTURE:
             raise InputError(
                 f"{what} is stamped {ahead:.1f} s ahead of the clock; "

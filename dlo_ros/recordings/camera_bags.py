@@ -12,6 +12,7 @@ from typing import Any
 from dlo_ros.errors import InputError, RecordingError
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.bag import Bag, deserialise, open_bag
+from dlo_ros.recordings.command_spans import check_stamped
 from dlo_ros.recordings.images import (
     CameraInfo,
     DepthImage,
@@ -21,7 +22,7 @@ from dlo_ros.recordings.images import (
     read_depth,
     read_image,
 )
-from dlo_ros.recordings.messages import instant_of
+from dlo_ros.recordings.messages import stamp_of
 from dlo_ros.recordings.synchronisation import ApproximateTime
 
 LOG = logging.getLogger(__name__)
@@ -92,6 +93,7 @@ def iterate_together(
                     f"{path}: has no images of camera '{name}'; record {topic} "
                     f"or {topic}/compressed"
                 )
+            check_stamped(bag, found[0].topic)
             wanted[found[0].topic] = name
             connections += found
         if depth:
@@ -106,7 +108,7 @@ def iterate_together(
             name = wanted[raw.topic]
             try:
                 message = deserialise(raw)
-                stamp = instant_of(message, "the image")
+                stamp = stamp_of(message)
                 picture: Any = read_depth(message) if name == DEPTH else read_image(message)
                 info = infos[cameras[0] if name == DEPTH else name]
                 check_image_size(picture, info)

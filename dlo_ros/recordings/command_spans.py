@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dlo_ros.command import NANOSECONDS, Command
-from dlo_ros.errors import InputError
+from dlo_ros.errors import InputError, RecordingError
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.bag import Bag, deserialise
 from dlo_ros.recordings.messages import stamp_of
@@ -32,9 +32,31 @@ def seen_spans(bag: Bag) -> list[Span]:
                 first, last = (stamp_of(deserialise(raw)) for raw in both)
             except InputError:  # told by whoever reads it
                 continue
-            if first and last:  # likewise
+            if last:  # likewise
                 spans.append(Span(name, first, last))
     return spans
+
+
+def check_stamped(bag: Bag, topic: str) -> None:
+    """Refuse a topic whose messages have no stamp; simulated time may begin at zero.
+
+    Args:
+        bag: an open bag.
+        topic: its full name.
+
+    Raises:
+        RecordingError: all its messages, of several, have none.
+    """
+    for first, last in bag.ends(topic.lstrip("/")).values():
+        try:
+            stamped = any(stamp_of(deserialise(raw)) for raw in (first, last))
+        except InputError:  # told by whoever reads it
+            continue
+        if not stamped and first.stamp != last.stamp:
+            raise RecordingError(
+                f"{bag.path}: messages on {topic} have no stamp (header.stamp is zero); let their "
+                "driver stamp them with the instant that they show, by the clock of the commands"
+            )
 
 
 def unseen_motion(commands: Sequence[Command], spans: Iterable[Span]) -> list[str]:

@@ -48,33 +48,6 @@ def stamp_of(message: Any) -> int:
     return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
 
 
-def instant_of(message: Any, what: str) -> int:
-    """Stamp of a message that shows an instant [ns].
-
-    Args:
-        message: the message.
-        what: name of it, for people.
-
-    Raises:
-        InputError: it has none.
-    """
-    return check_stamped(stamp_of(message), what)
-
-
-def check_stamped(stamp: int, what: str) -> int:
-    """A stamp [ns] that is one.
-
-    Raises:
-        InputError: it is zero, which says no instant.
-    """
-    if not stamp:
-        raise InputError(
-            f"{what} has no stamp (header.stamp is zero); let its driver stamp it with the instant "
-            "that it shows, by the clock of the commands"
-        )
-    return stamp
-
-
 def array(values: Any, what: str, size: int | None = None) -> FloatArray:
     """Finite numbers as a new array.
 
@@ -245,7 +218,7 @@ def read_point_list(message: Any) -> PointList:
         )
     optional = {name: columns[name][usable].copy() for name in ("u", "std") if name in columns}
     return PointList(
-        instant_of(message, what), table[usable, :3].copy(), optional.get("u"), optional.get("std")
+        stamp_of(message), table[usable, :3].copy(), optional.get("u"), optional.get("std")
     )
 
 
@@ -328,7 +301,7 @@ def read_observation(message: Any, settings: Settings, points: Any | None = None
             f"dlo/observed is {stretch * length:.3g} m long; rod.length is {length:g} m"
         )
     return Observation(
-        stamp=instant_of(message, "dlo/observed"),
+        stamp=stamp_of(message),
         control_points=control_points,
         points=None if points is None else read_points(points, settings),
     )

@@ -14,6 +14,7 @@ from dlo_ros.observation import PointList
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.bag import deserialise, open_bag
+from dlo_ros.recordings.command_spans import check_stamped
 from dlo_ros.recordings.messages import read_point_list
 from dlo_ros.recordings.transforms import Transforms, same_frame, transforms_of
 
@@ -58,7 +59,10 @@ def iterate_points(
     """
     with open_bag(path) as bag:
         transforms, usable, last = transforms_of(bag), 0, "it has none"
-        for raw in bag.messages(bag.find(topics.POINTS)):
+        found = bag.find(topics.POINTS)
+        if found:
+            check_stamped(bag, found[0].topic)
+        for raw in bag.messages(found):
             try:
                 seen = points_on_board(deserialise(raw), settings, transforms)
             except InputError as err:

@@ -17,7 +17,7 @@ from dlo_ros.observation import CentrelinePoints, Observation, Wrenches
 from dlo_ros.parameters import Settings
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.bag import Bag, deserialise, open_bag
-from dlo_ros.recordings.command_spans import seen_spans, unseen_motion
+from dlo_ros.recordings.command_spans import check_stamped, seen_spans, unseen_motion
 from dlo_ros.recordings.frame_commands import commands_from_frames
 from dlo_ros.recordings.images import (
     CameraInfo,
@@ -27,7 +27,6 @@ from dlo_ros.recordings.images import (
     read_image,
 )
 from dlo_ros.recordings.messages import (
-    instant_of,
     read_command,
     read_observation,
     read_points,
@@ -146,12 +145,13 @@ def iterate_images(
             raise RecordingError(
                 f"{path}: has no images; record {topics.IMAGE} or {topics.COMPRESSED}"
             )
+        check_stamped(bag, images[0].topic)
         stamps, infos = _camera_infos(bag, images[0].topic)
         usable = 0
         for raw in bag.messages(images):
             try:
                 message = deserialise(raw)
-                picture, stamp = read_image(message), instant_of(message, "the image")
+                picture, stamp = read_image(message), stamp_of(message)
                 info = infos[max(int(np.searchsorted(stamps, stamp, side="right")) - 1, 0)]
                 check_image_size(picture, info)
             except InputError as err:
@@ -258,6 +258,11 @@ def _commands(bag: Bag, settings: Settings, skipped: list[str]) -> list[Command]
 def _observations(bag: Bag, settings: Settings, skipped: list[str]) -> list[Observation]:
     found = bag.find(topics.OBSERVED)
     if not found:
+        return []
+    try:
+        check_stamped(bag, found[0].topic)
+    except RecordingError as err:
+        skipped.append(str(err))
         return []
     clouds: dict[int, CentrelinePoints] = {}
     for raw in bag.messages(bag.find(topics.OBSERVED_POINTS, near=found[0].topic)):
