@@ -92,7 +92,7 @@ def read_recording(
         except CommandError as err:
             if require_command:
                 raise RecordingError(str(err)) from err
-            skipped.append(str(err))
+            skipped.append(str(err).removeprefix(f"{path}: "))
             commands = []
         if require_command and not commands:
             _refuse(bag, topics.COMMAND, skipped, "record the imposed motion on it")
@@ -262,7 +262,7 @@ def _observations(bag: Bag, settings: Settings, skipped: list[str]) -> list[Obse
     try:
         check_stamped(bag, found[0].topic)
     except RecordingError as err:
-        skipped.append(str(err))
+        skipped.append(str(err).removeprefix(f"{bag.path}: "))
         return []
     clouds: dict[int, CentrelinePoints] = {}
     for raw in bag.messages(bag.find(topics.OBSERVED_POINTS, near=found[0].topic)):

@@ -3,6 +3,7 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 import yaml
@@ -335,6 +336,16 @@ def test_empty_pictures_say_which_camera_sees_nothing():
         observer.observe(frames)
     with pytest.raises(VisionError, match="no picture of camera right"):
         observer.observe({"left": frames["left"]})
+
+
+def test_lengths_in_a_picture_are_pixels():
+    """A strand of a seventh of the length, in both pictures."""
+    settings = Settings(RodParameters(LENGTH, DIAMETER, 1e6, 1e3))
+    observer = SpaceObserver(settings, {"left": LEFT, "right": RIGHT})
+    picture = np.full((720, 1280, 3), 200, dtype=np.uint8)
+    cv2.line(picture, (600, 300), (660, 330), (20, 20, 20), 6, cv2.LINE_AA)
+    with pytest.raises(VisionError, match=r"left: no .* length \d+ px .* piece is [\d.]+ px\)"):
+        observer.observe({name: Frame(1, picture) for name in ("left", "right")})
 
 
 def short(tmp_path, change=lambda tree: None):

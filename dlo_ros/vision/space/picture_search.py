@@ -35,7 +35,7 @@ from dlo_ros.vision.tracing.metric_lengths import PlaneGrid
 from dlo_ros.vision.tracing.ridge_snapping import follow
 from dlo_ros.vision.tracing.ridge_tracing import find_chains
 
-RULE = LengthRule(0.25, 1.3, np.inf)
+RULE = LengthRule(0.25, 1.3, np.inf, "px")
 """Shares of the length, in pixels at the distance of the clamps, that a course may have: a DLO that
 runs towards the camera looks short."""
 MOST_COURSES = 3  # that are looked at in one picture

@@ -50,11 +50,13 @@ class LengthRule:
     Args:
         shortest, longest: limits of the length; a course beyond them is dropped.
         std: standard deviation of the length; infinite where the length is no criterion.
+        unit: unit of the plane in which lengths are taken, for people.
     """
 
     shortest: float = 1.0 - LENGTH_LIMIT
     longest: float = 1.0 + LENGTH_LIMIT
     std: float = LENGTH_STD
+    unit: str = "m"
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,8 +198,8 @@ class PathSearch:
         if not complete:
             where = "between the clamps" if self.start and self.end else "in the picture"
             raise VisionError(
-                f"no continuous DLO of the length {self.length:.3g} m found {where} "
-                f"(the longest piece is {longest:.3g} m)"
+                f"no continuous DLO of the length {self.length:.3g} {self.rule.unit} found {where} "
+                f"(the longest piece is {longest:.3g} {self.rule.unit})"
             )
         complete.sort(key=lambda item: item[0])
         best = complete[0]
