@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import csv
 import io
+import logging
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -20,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from dlo_ros.command import END, NANOSECONDS, NORM, START, UNIT, Command
-from dlo_ros.errors import InputError
+from dlo_ros.errors import CommandError, InputError
 from dlo_ros.files import write_text
 from dlo_ros.observation import CentrelinePoints, Observation, Wrenches
 from dlo_ros.parameters import Settings
@@ -31,8 +32,9 @@ from dlo_ros.recordings.message_building import (
     command_message,
     observation_messages,
 )
-from dlo_ros.recordings.messages import stamp_of
+from dlo_ros.recordings.messages import MAX_DISTANCE, stamp_of
 from dlo_ros.recordings.table_rows import (
+    LONGEST,
     PLACE,
     STAMP,
     Row,
@@ -45,6 +47,8 @@ from dlo_ros.recordings.table_rows import (
 from dlo_ros.recordings.wrenches import wrench_messages
 from dlo_ros.recordings.write import BagWriter
 from dlo_ros.spline import FloatArray
+
+LOG = logging.getLogger(__name__)
 
 COORDINATES = (*PLACE, "theta")
 POSE = (*PLACE, "qx", "qy", "qz", "qw")
@@ -82,13 +86,24 @@ def read_csv(
         elif set(POINT) <= columns:
             points.update(_points(path))
         elif not set(WRENCH) <= columns:  # see `wrench_table`
-            for observation in _observations(path, settings):
-                observations[observation.stamp] = observation
+            shapes = _observations(path, settings)
+            before = len(observations)
+            for observation in shapes:
+                observations.setdefault(observation.stamp, observation)
+            twice = before + len(shapes) - len(observations)
+            if twice:
+                LOG.warning("%s: %d splines are left out that have a stamp of others", path, twice)
     named = ", ".join(map(str, inputs))
     if not observations:
         raise InputError(f"{named}: no file has observed splines, as {OBSERVED_FILE} of export has")
     if not commands:
         raise InputError(f"{named}: no file has commands, as {COMMAND_FILE} of export has")
+    alone = len(points.keys() - observations.keys())
+    if alone:
+        LOG.warning(
+            "%s: measured points at %d of %d stamps are left out: no spline has them",
+            named, alone, len(points),
+        )  # fmt: skip
     commands.sort(key=lambda c: c.stamp)
     check_clocks(inputs, commands, list(observations))
     seen = [
@@ -148,8 +163,11 @@ def read_commands(path: Path, settings: Settings) -> list[Command]:
     rows = rows_of(path, ("name", *POSE))
     at, after = _starts(path, rows)
     values = numbers(path, rows, POSE)
-    for row, quaternion in zip(rows, values[:, 3:], strict=True):
-        norm = float(np.linalg.norm(quaternion))
+    for row, pose, seconds in zip(rows, values, after.tolist(), strict=True):
+        norm, far = float(np.linalg.norm(pose[3:])), float(np.abs(pose[:3]).max())
+        if far > MAX_DISTANCE or abs(seconds) > LONGEST:
+            what = f"{seconds:g} s from its start" if far <= MAX_DISTANCE else f"{far:g} m away"
+            raise InputError(f"{path}: {row.place}: is {what}; metres and seconds are meant")
         if row["name"] in (START, END) and abs(norm - 1.0) > NORM:
             raise InputError(f"{path}: {row.place}: qx, qy, qz, qw have norm {norm:.3g}; {UNIT}")
     fast = np.full((len(rows), 3), math.nan)
@@ -171,9 +189,12 @@ def read_commands(path: Path, settings: Settings) -> list[Command]:
         places, turns = np.split(values[grid], [3], axis=2)
         n, frame_id = settings.rod.control_points, settings.frame_id
         imposed = tuple(names)
-        commands.append(
-            Command(stamp, imposed, np.array(times), places, turns, fast[grid], n, frame_id)
-        )
+        try:
+            commands.append(
+                Command(stamp, imposed, np.array(times), places, turns, fast[grid], n, frame_id)
+            )
+        except CommandError as err:
+            raise InputError(f"{path}: {err}") from err
     return commands
 
 

@@ -166,7 +166,17 @@ def test_a_robots_own_tables_with_seconds(params, tmp_path):
         ("time_s,x\n0,1\n", None, "control_point_1.x"),
         (None, "time_s,name,x,y,z,qx,qy,qz,qw\n0,start,a,0,0,0,0,0,1\n", "line 2: x is 'a'"),
         (None, "time_s,name,x\n0,start,0\n", "qx"),
-        (None, "time_s,name,x,y,z,qx,qy,qz,qw\n0,middle,0,0,0,0,0,0,1\n", "middle"),
+        (None, "time_s,name,x,y,z,qx,qy,qz,qw\n0,middle,0,0,0,0,0,0,1\n", "b.csv: dlo/command na"),
+        (
+            None,
+            "time_s,name,x,y,z,qx,qy,qz,qw\n0,start,9e9,0,0,0,0,0,1\n",
+            "line 2: is 9e+09 m away",
+        ),
+        (
+            None,
+            "time_s,time_from_start,name,x,y,z,qx,qy,qz,qw\n0,9e9,start,0,0,0,0,0,0,1\n",
+            "line 2: is 9e+09 s from its start; metres and seconds are meant",
+        ),
         (
             None,
             "time_s,name,x,y,z,qx,qy,qz,qw\n0,start,0,0,0,0,0,0,1\n1,end,0,0,0,0,0,0,1\n",
@@ -227,6 +237,23 @@ def test_measured_lines_without_numbers_are_left_out_and_told_of(params, tmp_pat
     found = read_recording(out, SETTINGS).observations
     assert len(found) == FRAMES - 1
     assert [len(o.points.u) for o in found] == [5, *[7] * (FRAMES - 2)]
+
+
+def test_points_of_no_spline_and_second_splines_are_told_of(params, tmp_path, caplog):
+    tables, out = tmp_path / "tables", tmp_path / "back"
+    call = ["export", "--params", params, "--recording", bag(tmp_path), "--format", "csv"]
+    assert main([*call, "--output", str(tables)]) == 0
+    observed, points = tables / "observed.csv", tables / "points.csv"
+    observed.write_text(observed.read_text() + observed.read_text().splitlines()[1] + "\n")
+    points.write_text(points.read_text().replace(f"{BEGIN},", f"{BEGIN + 7},"))
+    call = ["import", "--format", "csv", "--params", params, "--output", str(out), str(tables)]
+    assert main(call) == 0
+    assert "observed.csv: 1 splines are left out that have a stamp of others" in caplog.text
+    assert (
+        f"measured points at 1 of {FRAMES} stamps are left out: no sp" in caplog.text
+    )
+    found = read_recording(out, SETTINGS).observations
+    assert [o.points is None for o in found] == [True, *[False] * (FRAMES - 1)]
 
 
 def test_other_control_points_and_missing_parts(params, tmp_path, capsys):
