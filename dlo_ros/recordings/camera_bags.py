@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from dlo_ros.command import NANOSECONDS
 from dlo_ros.errors import InputError, RecordingError
 from dlo_ros.recordings import topics
 from dlo_ros.recordings.bag import Bag, deserialise, open_bag
@@ -104,6 +105,8 @@ def iterate_together(
         infos = {name: _info(bag, name, topic) for topic, name in names.items()}
         together: ApproximateTime[Any] = ApproximateTime([*cameras, *([DEPTH] if depth else [])])
         used = 0
+        begun: dict[str, int] = {}
+        reasons: dict[str, str] = {}
         for raw in bag.messages(connections):
             name = wanted[raw.topic]
             try:
@@ -114,7 +117,9 @@ def iterate_together(
                 check_image_size(picture, info)
             except InputError as err:
                 on_skip(f"{path}: {raw.topic} at {raw.stamp / 1e9:.3f} s skipped: {err}")
+                reasons[raw.topic] = str(err)
                 continue
+            begun.setdefault(raw.topic, stamp)
             for one in together.add(name, stamp, picture):
                 used += 1
                 yield _frames(one, infos)
@@ -124,9 +129,13 @@ def iterate_together(
         if together.unmatched:
             on_skip(f"{path}: {together.unmatched} images have no partner of about their stamp")
         if not used:
+            for topic, reason in reasons.items():
+                if topic not in begun:
+                    raise RecordingError(f"{path}: no message on {topic} is usable ({reason})")
+            starts = ", ".join(f"{t} from {s / NANOSECONDS:.3f} s on" for t, s in begun.items())
             raise RecordingError(
                 f"{path}: no images of {', '.join(filter(None, cameras)) or 'camera and depth'} "
-                "were taken at about one time; are the cameras' clocks the same?"
+                f"were taken at about one time ({starts}); are the cameras' clocks the same?"
             )
 
 

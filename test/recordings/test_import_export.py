@@ -249,9 +249,7 @@ def test_points_of_no_spline_and_second_splines_are_told_of(params, tmp_path, ca
     call = ["import", "--format", "csv", "--params", params, "--output", str(out), str(tables)]
     assert main(call) == 0
     assert "observed.csv: 1 splines are left out that have a stamp of others" in caplog.text
-    assert (
-        f"measured points at 1 of {FRAMES} stamps are left out: no sp" in caplog.text
-    )
+    assert f"measured points at 1 of {FRAMES} stamps are left out: no sp" in caplog.text
     found = read_recording(out, SETTINGS).observations
     assert [o.points is None for o in found] == [True, *[False] * (FRAMES - 1)]
 
