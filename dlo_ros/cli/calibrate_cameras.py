@@ -55,12 +55,14 @@ def calibrate_together(
             f"{bag}: is a bag; --cameras needs one folder of pictures for each camera, in their "
             "order, with equal names for the pictures of one instant"
         )
-    if len(folders) != len(given) or not all(path.is_dir() for path in folders):
+    if len(folders) != len(given):
         raise InputError(
-            f"--cameras names {len(given)} cameras, and there are "
-            f"{sum(path.is_dir() for path in folders)} folders; give one folder of pictures for "
-            "each camera, in their order"
+            f"--cameras names {len(given)} cameras, and there are {len(folders)} folders; give one "
+            "folder of pictures for each camera, in their order"
         )
+    missing = next((path for path in folders if not path.is_dir()), None)
+    if missing is not None:
+        raise InputError(f"{missing}: is no folder; give one of pictures for each camera")
     if board is None:
         raise InputError(
             "--board is missing; name the picture, in every folder, with the pattern on the board"

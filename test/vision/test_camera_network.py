@@ -94,6 +94,8 @@ def test_what_the_tool_refuses(tmp_path, capsys):
         ([*folders, "--cameras", f"left={info}"], "two cameras or more"),
         ([folders[0], "--cameras", f"left={info}", f"right={info}"],
          "names 2 cameras, and there are 1 folders; give one folder of pictures for each"),
+        ([folders[0], str(tmp_path / "none"), "--cameras", f"left={info}", f"right={info}"],
+         "none: is no folder"),
         ([*folders, "--cameras", f"left={info}", f"right={info}"], "--board is missing"),
         ([*folders, "--board", "b.png", "--cameras", f"left={info}", f"right={info}"],
          f"b.png: is not in {tmp_path / 'l'}, the folder of the camera 'left'"),
@@ -147,6 +149,13 @@ def test_the_pictures_that_fit_worst_are_named():
     moved = PatternView("r2", *SIZE, broken.corners, broken.pixels + 30.0, 2.0)
     with pytest.raises(InputError, match="most in l2 and r2; were the pictures of equal name"):
         calibrate_cameras([*mixed[:2], {**mixed[2], "right": moved}, mixed[3]], 0, BOTH, PATTERN)
+
+
+def test_one_camera_given_twice_is_refused():
+    views = instants(np.random.default_rng(2))
+    twice = [{"left": views[k]["left"], "right": views[k]["left"]} for k in range(len(views))]
+    with pytest.raises(InputError, match=r"'left' and 'right' are found at one place, 0\.0 mm"):
+        calibrate_cameras(twice, 0, BOTH, PATTERN)
 
 
 @pytest.mark.slow

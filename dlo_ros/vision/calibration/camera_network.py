@@ -26,6 +26,7 @@ from dlo_ros.vision.calibration.patterns import Pattern
 ROBUST = 1.0  # [px] beyond which a corner counts less
 STEPS = 30  # at most; from poses of single views a few suffice
 POOR = 1.0  # [px] root mean square distance of the corners, beyond which something is wrong
+NEAREST = 2e-3  # [m] two lenses are no nearer to each other than they are wide
 TURNED = np.radians(45.0)  # cameras are not turned about their axes by more, to one another
 
 
@@ -151,6 +152,11 @@ def calibrate_cameras(
         result[name] = _pose(turn @ rotation, turn @ origin + own[3:])
         if k:
             distance = float(np.linalg.norm(own[3:]))
+            if distance < NEAREST:
+                raise InputError(
+                    f"cameras '{first}' and '{name}' are found at one place, "
+                    f"{1e3 * distance:.1f} mm apart; are their pictures one camera's?"
+                )
             axis = own[3:] / max(distance, 1e-12)
             part = covariance[6 * k - 3 : 6 * k, 6 * k - 3 : 6 * k]
             distances[name] = distance, float(np.sqrt(max(axis @ part @ axis, 0.0)))
