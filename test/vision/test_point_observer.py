@@ -113,7 +113,7 @@ def straight(count=150, length=LENGTH):
     [
         (cloud(np.zeros((5, 3))), "5 points; 12 are needed"),
         (cloud(np.zeros((50, 3))), "lie|scatter|points"),
-        (cloud(1000.0 * straight()), "lie|scatter|points"),
+        (cloud(1000.0 * straight()), "more than 201 m from their middle.*are they in metres"),
         (cloud(straight(length=0.3)), "rod.length is 0.8 m"),
         (cloud(np.random.default_rng(1).uniform(0.0, 0.8, (200, 3))), "lie|scatter|points"),
         (replace(cloud(straight()), u=np.linspace(0.0, 800.0, 150)), "in metres"),

@@ -103,6 +103,14 @@ class PointObserver:
         length = self._settings.rod.length
         if len(seen.positions) < FEWEST:
             raise VisionError(f"{len(seen.positions)} points; {FEWEST} are needed at least")
+        middle = np.median(seen.positions, axis=0)
+        away = float(np.median(np.linalg.norm(seen.positions - middle, axis=1)))
+        # A DLO lies within L / 2 of its middle, and the median of its points within sqrt(3) L / 2.
+        if away > 1.5 * length:
+            raise VisionError(
+                f"half of the points lie more than {away:.3g} m from their middle, and rod.length "
+                f"is {length:.3g} m; are they in metres?"
+            )
         grips = clamps_at(self._motion, seen.stamp)
         tracked = self._tracked(seen, grips)
         if tracked is not None:
