@@ -1,7 +1,6 @@
 # Copyright 2026 dlo_ros maintainers, SPDX-License-Identifier: Apache-2.0
 """The observer in space: the fit through several views, what it states, and when it is silent."""
 
-import re
 from dataclasses import replace
 
 import cv2
@@ -12,15 +11,12 @@ from scipy.spatial import cKDTree
 from vision_space_strands import outcome
 
 from dlo_ros.cli.main import main
-from dlo_ros.errors import InputError, ParameterError, RecordingError, VisionError
+from dlo_ros.errors import InputError, ParameterError, VisionError
 from dlo_ros.parameters import CameraPose, RodParameters, Settings, VisionParameters
-from dlo_ros.recordings.camera_bags import iterate_together
-from dlo_ros.recordings.image_building import camera_info_message, depth_message, image_message
-from dlo_ros.recordings.images import CameraInfo, read_depth
+from dlo_ros.recordings.image_building import depth_message
+from dlo_ros.recordings.images import read_depth
 from dlo_ros.recordings.message_building import BAG_MESSAGES
 from dlo_ros.recordings.read import read_recording
-from dlo_ros.recordings.synchronisation import ApproximateTime
-from dlo_ros.recordings.write import BagWriter
 from dlo_ros.spline import SplineBasis
 from dlo_ros.synthesis.experiment import find_experiment
 from dlo_ros.vision.camera.pinhole import Camera
@@ -267,29 +263,6 @@ def test_depth_messages():
         read_depth(message)
 
 
-def test_images_meet_by_approximate_stamps():
-    together = ApproximateTime(["left", "right"])
-    period, sets = 33_000_000, []
-    for k in range(20):
-        sets += together.add("left", k * period, f"l{k}")
-        if k != 7:  # one image of the right camera is lost
-            sets += together.add("right", k * period + 6_000_000, f"r{k}")
-    sets += together.rest()
-    assert [(s["left"][1], s["right"][1]) for s in sets] == [
-        (f"l{k}", f"r{k}") for k in range(20) if k != 7
-    ]
-    assert together.unmatched == 1
-
-
-def test_a_camera_that_stops_blocks_nothing():
-    together = ApproximateTime(["left", "right"])
-    for k in range(100):
-        assert together.add("left", k * 10_000_000, k) == []
-    found = together.add("right", 99 * 10_000_000, 99)
-    assert [s["left"][1] for s in found] == [99]
-    assert together.unmatched > 90
-
-
 ROD = {"rod.length": 0.4, "rod.diameter": 0.004, "rod.young_modulus": 1e6, "rod.density": 1e3}
 POSE = {"translation": [0.0, 0.0, 1.2], "rotation": [2**-0.5, 0.0, 0.0, 2**-0.5]}
 BOTH = {f"camera_{n}.{k}": v for n in ("left", "right") for k, v in POSE.items()}
@@ -339,32 +312,6 @@ def test_empty_pictures_say_which_camera_sees_nothing():
         observer.observe(frames)
     with pytest.raises(VisionError, match="no picture of camera right"):
         observer.observe({"left": frames["left"]})
-
-
-@pytest.mark.parametrize(
-    ("late", "width", "told"),
-    [
-        (0, 1280, ""),
-        (5, 1280, "left/image_raw from 1.000 s on, /right/image_raw from 6.000 s on); are the"),
-        (0, 640, "no message on /right/image_raw is usable (image of 1280 x 720 pixels; came"),
-    ],
-)
-def test_pictures_without_a_partner_are_told_with_the_reason(late, width, told, tmp_path):
-    second, picture = 10**9, np.full((720, 1280, 3), 200, dtype=np.uint8)
-    k = (1500.0, 0.0, 640.0, 0.0, 1500.0, 360.0, 0.0, 0.0, 1.0)
-    with BagWriter(tmp_path / "bag") as writer:
-        for at in (second, 2 * second):
-            for name, stamp, wide in (("left", at, 1280), ("right", at + late * second, width)):
-                info = CameraInfo(wide, 720, "plumb_bob", (0.0,) * 5, k, name)
-                writer.write(f"{name}/camera_info", camera_info_message(BAG_MESSAGES, 1, info), at)
-                image = image_message(BAG_MESSAGES, stamp, name, picture)
-                writer.write(f"{name}/image_raw", image, at)
-    pairs = iterate_together(tmp_path / "bag", ["left", "right"], on_skip=lambda line: None)
-    if not told:
-        assert len(list(pairs)) == 2
-        return
-    with pytest.raises(RecordingError, match=re.escape(told)):
-        list(pairs)
 
 
 def test_lengths_in_a_picture_are_pixels():
